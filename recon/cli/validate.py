@@ -40,7 +40,9 @@ app = typer.Typer(
 
 @app.command("sphere")
 def validate_sphere(
-    clouds: Annotated[list[Path], typer.Argument(help="PLY, or text with x y z; one file per sensor and placed ball.")],
+    clouds: Annotated[
+        list[Path], typer.Argument(help="PLY, OBJ, glTF, or text with x y z; one file per sensor and placed ball.")
+    ],
     radius: Annotated[float, typer.Option(help="Radius of the ball, mm.")],
     out: ReportOption,
     sensor: SensorsOption = None,
@@ -102,7 +104,7 @@ def validate_sphere(
 @app.command("cuboid")
 def validate_cuboid(
     clouds: Annotated[
-        list[Path], typer.Argument(help="PLY, or text with x y z; one file per sensor and placed cuboid.")
+        list[Path], typer.Argument(help="PLY, OBJ, glTF, or text with x y z; one file per sensor and placed cuboid.")
     ],
     size: Annotated[str, typer.Option(help="The cuboid's edges in mm, AxBxC.")],
     out: ReportOption,
@@ -140,8 +142,8 @@ def validate_cuboid(
 
 @app.command("object")
 def validate_object(
-    model: Annotated[Path, typer.Argument(help="PLY of the known object's mesh.")],
-    cloud: Annotated[Path, typer.Argument(help="Reconstruction of the object: PLY, or text with x y z.")],
+    model: Annotated[Path, typer.Argument(help="The known object's mesh: PLY, OBJ or glTF.")],
+    cloud: Annotated[Path, typer.Argument(help="Reconstruction of the object: PLY, OBJ, glTF, or text with x y z.")],
     out: ReportOption,
     thresholds: ThresholdsOption = "5:100",
     delta: Annotated[
@@ -213,8 +215,8 @@ def validate_views(
 
 @app.command("mesh")
 def validate_mesh(
-    mesh: Annotated[Path, typer.Argument(help="PLY of a mesh or cloud, mm.")],
-    truth: Annotated[Path, typer.Option(help="PLY of the true mesh or cloud, in the same coordinates.")],
+    mesh: Annotated[Path, typer.Argument(help="Mesh or cloud: PLY, OBJ or glTF; mm.")],
+    truth: Annotated[Path, typer.Option(help="True mesh or cloud, in the same coordinates: PLY, OBJ or glTF.")],
     out: ReportOption,
     thresholds: Annotated[str, typer.Option(help="Thresholds of the F-score, mm: FROM:TO or FROM:TO:STEP.")] = "1:20:1",
     threshold: Annotated[
@@ -259,11 +261,11 @@ def validate_cloud(
     clouds: Annotated[
         list[Path],
         typer.Argument(
-            help="For each approach a PLY of a cloud or mesh, or a folder with FRAME.ply for every frame; or a run."
+            help="For each approach a cloud or mesh (PLY, OBJ, glTF), or a folder of one for every frame; or a run."
         ),
     ],
     reference: Annotated[
-        Path, typer.Option(help="PLY of the reference, or its folder of frames, such as CAPTURE/truth.")
+        Path, typer.Option(help="The reference (PLY, OBJ, glTF), or its folder of frames, such as CAPTURE/truth.")
     ],
     out: ReportOption,
     approach: Annotated[

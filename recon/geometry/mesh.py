@@ -81,6 +81,14 @@ class Texture:
             raise ValueError(f"pixels are {self.pixels.dtype} {self.pixels.shape}, expected uint8 (H, W, 3) in sRGB")
         object.__setattr__(self, "uv", finite_rows(self.uv, "uv", columns=2))
 
+    def at_vertices(self) -> NDArray[np.uint8]:
+        """Return the texel at each vertex, uint8 (N, 3), sRGB."""
+        height, width = self.pixels.shape[:2]
+        is_beyond = (self.uv < 0) | (self.uv > 1)
+        uv = np.where(is_beyond, self.uv - np.floor(self.uv), self.uv)
+        columns, rows = np.floor(uv * (width, -height)).astype(int).T
+        return np.asarray(self.pixels[np.clip(rows + height, 0, height - 1), np.clip(columns, 0, width - 1)], np.uint8)
+
 
 @dataclass(frozen=True, eq=False)
 class Mesh:

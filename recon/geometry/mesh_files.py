@@ -202,10 +202,7 @@ def _mesh_of_glb(path: Path) -> Mesh:
     if pixels is None:
         raise ValueError("its texture is not readable as PNG")
     texture = Texture(np.asarray(pixels, np.uint8), colours.astype(np.float32))
-    height, width = pixels.shape[:2]
-    columns, rows = np.floor(texture.uv * (width, -height)).astype(int).T
-    texels = pixels[np.clip(rows + height, 0, height - 1), np.clip(columns, 0, width - 1)]
-    return Mesh(vertices, faces, normals, texels, texture)
+    return Mesh(vertices, faces, normals, texture.at_vertices(), texture)
 
 
 def _check_suffix(path: Path, suffixes: tuple[str, ...]) -> None:

@@ -76,8 +76,8 @@ def read_model(path: Path, placement: Placement) -> ReadModel:
     ValueError
         If a file is missing or damaged, or there is nothing that can be drawn; the message begins with the path.
     """
+    contents = read_contents(path)
     try:
-        contents = READERS[path.suffix.lower()](path)
         parts = [part for part in contents.parts if len(part.faces)]
         if parts:
             if len(parts) < len(contents.parts):
@@ -86,11 +86,25 @@ def read_model(path: Path, placement: Placement) -> ReadModel:
         else:
             clouds = [_placed(part, placement) for part in contents.parts if len(part.vertices)]
             model = _splats(clouds, contents, placement.splat_mm)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    return ReadModel(model, _digest(contents.files), tuple(contents.warnings))
+
+
+def read_contents(path: Path) -> Contents:
+    """Read what a model's file holds, in its own unit and axes.
+
+    Raises
+    ------
+    ValueError
+        If a file is missing or damaged; the message begins with the path.
+    """
+    try:
+        return READERS[path.suffix.lower()](path)
     except OSError as error:
         raise refused(path, error) from error
     except ValueError as error:
         raise ValueError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from error
-    return ReadModel(model, _digest(contents.files), tuple(contents.warnings))
 
 
 def _mesh(parts: list[Part], contents: Contents) -> Mesh:

@@ -1,4 +1,4 @@
-"""Clouds to be measured, from this backend or from anything else: PLY, or text with x, y, z in the first columns."""
+"""Clouds to be measured, from this backend or from anything else: PLY, OBJ, glTF, or text with x, y, z in front."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh_files import read_points
+from recon.models.shape import GLTF_SUFFIXES, SHAPE_SUFFIXES, read_model_shape
 
 MIN_POINTS = 50
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "in": 25.4, "m": 1000.0}
@@ -65,14 +66,22 @@ def named_clouds(paths: Sequence[Path], sensors: Sequence[str]) -> tuple[CloudFi
 
 
 def read_measured(path: Path, unit: str = "mm") -> NDArray[np.float32]:
-    """Read the points (N, 3) of a cloud, mm.
+    """Read the points (N, 3) of a cloud, or the vertices of a mesh, mm; glTF is in metres whatever the unit.
 
     A ValueError says that the file is missing or unreadable, holds no points, or that the unit is unknown.
     """
+    suffix, scale = path.suffix.lower(), unit_mm(path, unit)
+    if suffix in TEXT_SUFFIXES:
+        return np.asarray(_read_text(path) * scale, dtype=np.float32)
+    points = read_model_shape(path).points if suffix in SHAPE_SUFFIXES else read_points(path)
+    return np.asarray(points * scale, dtype=np.float32)
+
+
+def unit_mm(path: Path, unit: str) -> float:
+    """Return what brings a file's points to mm, once read: 1 for glTF, whatever the unit; a ValueError if unknown."""
     if unit not in UNITS_MM:
         raise ValueError(f"there is no unit {unit!r}; expected one of {', '.join(UNITS_MM)}")
-    points = _read_text(path) if path.suffix.lower() in TEXT_SUFFIXES else read_points(path)
-    return np.asarray(points * UNITS_MM[unit], dtype=np.float32)
+    return 1.0 if path.suffix.lower() in GLTF_SUFFIXES else UNITS_MM[unit]
 
 
 def checked_points(points: NDArray[np.floating], length: float, name: str) -> NDArray[np.float32]:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from plyfile import PlyData
 
-from recon.geometry.mesh_files import read_mesh
 from recon.geometry.ply import FACE_LISTS, FLOAT_NORMAL, UINT8_COLOUR, point_columns, read_ply, triangles
+from recon.models.shape import SHAPE_SUFFIXES, read_model_shape
 from recon.validation.cloud_quality.points import PointSet
 from recon.validation.clouds import TEXT_SUFFIXES, read_measured
 from recon.validation.sampling import spread_over_triangles, triangle_areas
@@ -52,7 +52,7 @@ class Shape:
 
 
 def read_shape(path: Path) -> Shape:
-    """Read a PLY, a GLB of ours, or a text file with x, y, z in the first columns.
+    """Read a PLY, an OBJ or glTF (in mm) with textures beside it, or a text file with x, y, z in the first columns.
 
     Raises
     ------
@@ -62,9 +62,9 @@ def read_shape(path: Path) -> Shape:
     none = np.zeros((0, 3), np.int32)
     if path.suffix.lower() in TEXT_SUFFIXES:
         return Shape(PointSet(str(path), read_measured(path)), none)
-    if path.suffix.lower() == ".glb":  # a run's, with a texture
-        mesh = read_mesh(path)
-        return Shape(PointSet(str(path), mesh.vertices, mesh.normals, mesh.colours), mesh.faces)
+    if path.suffix.lower() in SHAPE_SUFFIXES:
+        model = read_model_shape(path)
+        return Shape(PointSet(str(path), model.points, model.normals, model.colours), model.faces)
     ply = read_ply(path)
     normals, colours = (_optional(path, ply, names) for names in (FLOAT_NORMAL, UINT8_COLOUR))
     if normals is not None and not normals.any():

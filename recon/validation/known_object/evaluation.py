@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.validation.clouds import UNITS_MM, read_measured
+from recon.validation.clouds import read_measured, unit_mm
 from recon.validation.known_object.registration import Placement, RegistrationParameters, place_model
 from recon.validation.measures import (
     COMBINED,
@@ -81,12 +81,11 @@ def measure_object(model: Path, cloud: Path, settings: ObjectSettings) -> tuple[
     """
     if not settings.thresholds or min(settings.thresholds) <= 0:
         raise ValueError(f"thresholds are {settings.thresholds}, expected positive lengths in mm")
-    if settings.model_unit not in UNITS_MM:
-        raise ValueError(f"there is no unit {settings.model_unit!r}; expected one of {', '.join(UNITS_MM)}")
+    to_mm = unit_mm(model, settings.model_unit)
     shape = read_shape(model)
     if not len(shape.faces):
         raise ValueError(f"{model}: has no triangles, expected the mesh of the known object")
-    vertices = shape.points * UNITS_MM[settings.model_unit]
+    vertices = shape.points * to_mm
     points = read_measured(cloud, settings.unit)
     try:
         placement = place_model(vertices, shape.faces, points, settings.registration)

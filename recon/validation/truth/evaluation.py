@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh_files import read_surface
+from recon.models.shape import SHAPE_SUFFIXES, read_model_shape
 from recon.validation.clouds import TEXT_SUFFIXES, read_measured
 from recon.validation.measures import LESS, MORE, Subject, joined, measure_rows
 from recon.validation.sampling import cell_means, order_by_cells, spread_over_triangles
@@ -55,6 +56,9 @@ def read_shape(path: Path) -> Shape:
     """
     if path.suffix.lower() in TEXT_SUFFIXES:
         return Shape(read_measured(path).astype(np.float64), np.zeros((0, 3), np.int32))
+    if path.suffix.lower() in SHAPE_SUFFIXES:
+        model = read_model_shape(path)
+        return Shape(model.points.astype(np.float64), model.faces)
     points, faces = read_surface(path)
     return Shape(points.astype(np.float64), faces)
 
