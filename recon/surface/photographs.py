@@ -21,13 +21,13 @@ from recon.geometry.mesh import Mesh
 from recon.rig import Camera
 from recon.surface.colours import MAD_TO_SIGMA, MIN_SHARED_PLACES, SATURATED
 
-COARSE_SIGMA_PX = 4.0  # what a photograph loses by this blur is fine detail
+COARSE_SIGMA_PX = 2.0  # what a photograph loses by this blur is fine detail
 EDGE_PX = 8.0  # a place that far from edges counts fully
 LEAST_FACING = 0.1  # cosine to the surface, below which a camera does not count
-SHARPNESS = 3  # power of the quality by which detail is averaged
+SHARPNESS = 2  # power of the quality by which detail is averaged
 FALLBACK = 1e-4  # quality of the mesh's own colours
 MARGIN_PX = 16  # around the mesh in a photograph: room for the blur
-GAIN_SIGMA = 0.1  # of the logarithm of a gain: cameras of one studio are exposed alike
+GAIN_SIGMA = 0.05  # of the logarithm of a gain: cameras of one studio are exposed alike
 LEAST_SPREAD = 0.02  # of logarithms of ratios: what pixels round off
 ROW = 1024  # places a row, as OpenCV maps images only
 

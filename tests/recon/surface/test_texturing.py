@@ -128,6 +128,14 @@ def test_a_camera_of_another_exposure_leaves_no_seam() -> None:
     assert unevenness(balanced) < 1.08
 
 
+def test_light_that_moves_with_the_camera_is_not_taken_for_its_exposure() -> None:
+    mesh, even = ball(), photographs(broad)
+    ramp = np.linspace(0.5, 1, even[2].pixels.shape[1])[:, None]  # from the left of the picture to its right
+    lit = [replace(one, pixels=(one.pixels * ramp).astype(np.uint8)) for one in even[2:4]]
+    estimated = compare_exposures(mesh, [*even[:2], *lit, *even[4:]], TOLERANCE)
+    assert np.abs(np.log(estimated)).max() < 0.12  # the light is 0.29 on average
+
+
 def test_cameras_that_share_nothing_keep_their_exposure() -> None:
     opposite = [photograph(camera_at(azimuth), broad) for azimuth in (0, 180)]
     assert np.allclose(compare_exposures(ball(), opposite, TOLERANCE), 1)
