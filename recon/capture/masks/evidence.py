@@ -13,7 +13,7 @@ SMOOTHING_PX = 1.0  # standard deviation: takes the noise of single pixels away,
 NOISE_FACTOR = 6.0  # standard deviations of the smoothed background's difference that its noise does not reach
 QUIET_SHARE = 0.25  # of the pixels show background in every picture
 QUIET_DEVIATIONS = 0.9  # that quantile of the largest of three normal deviations
-MIN_PLATE_DIFFERENCE = 5.0  # grey levels: compression and flicker stay below
+MIN_DIFFERENCE = 5.0  # grey levels: compression and flicker stay below
 SHADE = (0.66, 1.05)  # of the plate's brightness: soft shadows and light thrown back by the actors
 HISTOGRAM_SMOOTHING = 3.0  # grey levels
 VALLEY_EDGE = 1.25  # the valley begins where the histogram has come down to this multiple of its lowest point
@@ -65,7 +65,7 @@ def found_threshold(capture: Capture, stream: SensorStream, method: str) -> floa
     if method == "threshold":
         return dark_background_threshold(np.bincount(evidence.astype(np.uint8), minlength=256))
     noise = float(np.quantile(evidence, QUIET_SHARE)) / QUIET_DEVIATIONS
-    return max(MIN_PLATE_DIFFERENCE, NOISE_FACTOR * noise)
+    return max(MIN_DIFFERENCE, NOISE_FACTOR * noise)
 
 
 def smoothed(image: NDArray[np.uint8]) -> NDArray[np.float32]:

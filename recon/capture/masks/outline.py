@@ -11,11 +11,10 @@ NEIGHBOURHOOD_PX = 4  # from which the object's typical evidence is taken
 HALF = 0.5  # a blurred edge is where half of the object's evidence is left
 REACH_PX = 16  # how far from the mask GrabCut may add, at 1000 pixels of picture height
 ROUNDS = 2  # of GrabCut
-RELIEF_PX = 3.0  # standard deviation; texture is what is finer
-RELIEF_WINDOW_PX = 5
-RELIEF_FACTOR = 7.0  # times that of an unchanged background, measured in bench/capture.py
-MIN_RELIEF = 2.5  # grey levels, where there is no noise
-RELIEF_HALO_PX = 4  # how far an outline's step reaches beyond it
+PATTERN_PX = 3.0  # standard deviation; a background's pattern is what is finer
+PATTERN_WINDOW_PX = 9  # in which two pictures are compared
+KEPT = 0.7  # correlation with the plate from which a place shows the plate's pattern
+REPLACED = 0.2  # below which it shows something else
 MARGIN_PX = 20  # of background around, for GrabCut's colours
 Models = tuple[NDArray[np.float64], NDArray[np.float64]]
 """GrabCut's colours of background and foreground."""
@@ -51,26 +50,46 @@ def grown(picture: NDArray[np.uint8], mask: NDArray[np.bool_], doubtful: NDArray
     return cut(picture, seeds, ROUNDS)[0] if (near & doubtful & ~mask).any() else mask
 
 
-def repatterned(
-    picture: NDArray[np.float32], plate: NDArray[np.float32], changed: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
-    """Keep changed pixels that do not show the plate's own pattern: a soft shadow keeps it, a dark object does not.
+def likeness(
+    picture: NDArray[np.float32], plate: NDArray[np.float32], left_out: NDArray[np.bool_], changed: NDArray[np.bool_]
+) -> NDArray[np.float32]:
+    """Correlate the fine pattern of a picture with that of the clean plate around each pixel.
+
+    A shadow keeps the plate's pattern, however dark it is; an object hides it.
 
     Parameters
     ----------
     picture, plate : float32 (H, W, 3), smoothed
-    changed : bool (H, W), where they differ
+    left_out : bool (H, W), where the object is known to be, whose edges are no pattern
+    changed : bool (H, W), where the two differ; the noise is measured elsewhere
+
+    Returns
+    -------
+    float32 (H, W), -1 to 1, NaN where the plate's pattern is fainter than the noise
     """
-    background = plate.mean(axis=2)
-    ratio = picture.mean(axis=2) / np.maximum(background, 1.0)
-    fine = (ratio - cv2.GaussianBlur(ratio, (0, 0), RELIEF_PX)) * background
-    relief = np.sqrt(cv2.blur(fine * fine, (RELIEF_WINDOW_PX, RELIEF_WINDOW_PX)))
-    quiet = relief[~changed]
-    if quiet.size == 0:
-        return np.zeros_like(changed)
-    differs = (changed & (relief > max(MIN_RELIEF, RELIEF_FACTOR * float(np.median(quiet))))).astype(np.uint8)
-    closed = cv2.morphologyEx(differs, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * RELIEF_HALO_PX + 1, 2 * RELIEF_HALO_PX + 1))
+    weight = (~left_out).astype(np.float32)
+    near = np.maximum(cv2.GaussianBlur(weight, (0, 0), PATTERN_PX), 1e-3)
+
+    def fine(shades: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.asarray(weight * (shades - cv2.GaussianBlur(weight * shades, (0, 0), PATTERN_PX) / near))
+
+    def around(values: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.asarray(cv2.blur(values, (PATTERN_WINDOW_PX, PATTERN_WINDOW_PX)))
+
+    a, b = fine(picture.mean(axis=2)), fine(plate.mean(axis=2))
+    strength, noise = around(b * b), around((a - b) ** 2)[~(changed | left_out)]
+    faintest = float(np.median(noise)) if noise.size else np.inf
+    alike = around(a * b) / np.sqrt(np.maximum(around(a * a) * strength, 1e-6))
+    return np.where(strength > np.maximum(faintest, 1e-3), alike, np.float32(np.nan))
+
+
+def hides_plate(
+    picture: NDArray[np.float32], plate: NDArray[np.float32], changed: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Keep changed pixels, bool (H, W), around which the plate's pattern is gone; parameters as `likeness`."""
+    other = (changed & (likeness(picture, plate, np.zeros_like(changed), changed) < REPLACED)).astype(np.uint8)
+    closed = cv2.morphologyEx(other, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (PATTERN_WINDOW_PX, PATTERN_WINDOW_PX))
     return np.asarray(cv2.erode(closed, disc) > 0)
 
 

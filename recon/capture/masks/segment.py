@@ -23,12 +23,19 @@ from recon.capture.format import (
     frame_pictures,
     image_path,
     read_capture,
+    read_frame,
     read_picture,
     read_plates,
     write_capture,
 )
-from recon.capture.masks.evidence import evidence_of, found_threshold, smoothed
-from recon.capture.masks.outline import grown, repatterned, tightened
+from recon.capture.masks.evidence import (
+    MIN_DIFFERENCE,
+    dark_background_threshold,
+    evidence_of,
+    found_threshold,
+    smoothed,
+)
+from recon.capture.masks.outline import KEPT, grown, hides_plate, likeness, tightened
 from recon.capture.masks.scribbles import Strokes, mask_of_key_frame, propagated, read_scribbles
 from recon.workers import Progress, no_progress
 
@@ -139,31 +146,45 @@ def _by_evidence(capture: Capture, method: str, threshold: float | None) -> Iter
     clean_up = METHODS[method]
     for stream in capture.sensors:
         limit = found_threshold(capture, stream, method) if threshold is None else threshold
+        plates = read_plates(capture, stream.id) if method == "plate" else None
         for frame in range(capture.n_frames):
-            for side, evidence in enumerate(evidence_of(capture, stream, frame, method)):
-                mask = clean_mask(evidence > limit, clean_up)
-                if method == "plate" and mask.any():
-                    mask = _refined(capture, stream, (frame, side), tightened(mask, evidence), limit, clean_up)
+            pictures, evidences = read_frame(capture, stream.id, frame), evidence_of(capture, stream, frame, method)
+            for side, (picture, evidence) in enumerate(zip(pictures, evidences, strict=True)):
+                mask = tightened(clean_mask(evidence > limit, clean_up), evidence)
+                if mask.any():
+                    mask, doubtful = (
+                        (mask, _not_background(mask, evidence))
+                        if plates is None
+                        else _with_dark(picture, plates[side], mask, limit)
+                    )
+                    mask = clean_mask(grown(picture, mask, doubtful), clean_up)
                 yield stream, side, frame, mask
 
 
-def _refined(
-    capture: Capture,
-    stream: SensorStream,
-    place: tuple[int, int],
-    mask: NDArray[np.bool_],
-    limit: float,
-    clean_up: CleanUp,
-) -> NDArray[np.bool_]:
-    """Refine a mask where a shadow or a dark part of the object is possible: GrabCut decides by the colours."""
-    frame, side = place
-    picture = read_picture(frame_pictures(capture.folder, stream, frame)[side])
-    plates = read_plates(capture, stream.id)
-    assert plates is not None, "the method was chosen with plates"
-    smooth, plate = smoothed(picture), smoothed(plates[side])
-    changed = np.abs(smooth - plate).max(axis=2) > limit
-    with_dark = clean_mask(mask | repatterned(smooth, plate, changed), clean_up)
-    return clean_mask(grown(picture, with_dark, changed), clean_up)
+def mask_on_dark(picture: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Mask the object of a picture, uint8 (H, W, 3), before a dark background, as the method "threshold" does."""
+    evidence = smoothed(picture).max(axis=2)
+    threshold = dark_background_threshold(np.bincount(evidence.astype(np.uint8).ravel(), minlength=256))
+    mask = tightened(clean_mask(evidence > threshold, METHODS["threshold"]), evidence)
+    return clean_mask(grown(picture, mask, _not_background(mask, evidence)), METHODS["threshold"])
+
+
+def _not_background(mask: NDArray[np.bool_], evidence: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Mark what is brighter than most of the background: the object's own shadows, and what stray light falls on."""
+    background = evidence[~mask]
+    if not background.size:
+        return np.zeros_like(mask)
+    return np.asarray(evidence > float(np.median(background)) + MIN_DIFFERENCE)
+
+
+def _with_dark(
+    picture: NDArray[np.uint8], plate: NDArray[np.uint8], mask: NDArray[np.bool_], limit: float
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Add parts that hide the plate's pattern to a mask; also mark what may be the object's and shows no shadow."""
+    smooth, background = smoothed(picture), smoothed(plate)
+    changed = np.abs(smooth - background).max(axis=2) > limit
+    added = clean_mask(mask | hides_plate(smooth, background, changed), METHODS["plate"])
+    return added, changed & ~(likeness(smooth, background, added, changed) > KEPT)
 
 
 def _by_scribbles(capture: Capture, strokes: Strokes) -> Iterator[_Mask]:

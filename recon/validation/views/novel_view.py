@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from recon.capture.depth_maps import sensor_view
 from recon.capture.format import Capture, CaptureError, Picture, read_frame, read_held_out, read_mask, read_masks
-from recon.capture.masks.evidence import SMOOTHING_PX, dark_background_threshold
-from recon.capture.masks.segment import METHODS, clean_mask
+from recon.capture.masks.segment import mask_on_dark
 from recon.capture.rectify import Rectification, rectify_left, undistort
 from recon.cloud import CloudParameters, cloud_from_disparity, crop_cloud
 from recon.fusion import FUSIONS
@@ -65,7 +64,7 @@ def photographs(capture: Capture, frames: Sequence[int]) -> Iterator[Photograph]
             pixels = read_held_out(capture, held_out)
             mask = _true_mask(capture, held_out.image, held_out.camera, held_out.frame)
             if mask is None and dark:
-                mask = _bright(pixels)
+                mask = mask_on_dark(pixels)
             name = held_out.image.removeprefix("held_out/")
             yield _undistorted(Photograph(name, HELD_OUT, held_out.frame, held_out.camera, pixels, mask))
     for frame in frames:
@@ -240,15 +239,8 @@ def _dark_background(capture: Capture) -> bool:
     masks = read_masks(capture, stream.id, 0)
     if masks is None:
         return False
-    bright = _bright(read_frame(capture, stream.id, 0)[0])
+    bright = mask_on_dark(read_frame(capture, stream.id, 0)[0])
     return float((bright & masks[0]).sum()) >= LEAST_AGREEMENT * float((bright | masks[0]).sum())
-
-
-def _bright(pixels: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Mask what is brighter than a dark background, by a threshold from this picture, cleaned as other masks are."""
-    brightest = cv2.GaussianBlur(pixels, (0, 0), SMOOTHING_PX).max(axis=2)
-    threshold = dark_background_threshold(np.bincount(brightest.ravel(), minlength=256))
-    return clean_mask(brightest > threshold, METHODS["threshold"])
 
 
 def _undistorted(photograph: Photograph) -> Photograph:

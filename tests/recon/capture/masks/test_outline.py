@@ -3,7 +3,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from recon.capture.masks.outline import grown, repatterned, tightened
+from recon.capture.masks.outline import KEPT, grown, hides_plate, likeness, tightened
 
 SIZE = (120, 160)
 
@@ -32,11 +32,21 @@ def test_a_shadow_keeps_the_floors_pattern_and_a_dark_shoe_does_not() -> None:
     noise = np.random.default_rng(1).normal(0, 0.3, floor.shape)
     shade = 1 - 0.3 * cv2.GaussianBlur(disc(30).astype(np.float64), (0, 0), 6)[..., None]
     shadow, shoe = floor * shade + noise, np.where(disc(30)[..., None], 77.0, floor) + noise
-    for picture, at_least, at_most in ((shadow, 0.0, 0.02), (shoe, 0.5, 1.0)):
+    for picture, at_least, at_most in ((shadow, 0.0, 0.02), (shoe, 0.4, 1.0)):
         changed = np.abs(picture - floor).max(axis=2) > 4
-        found = repatterned(picture.astype(np.float32), floor.astype(np.float32), changed)
+        found = hides_plate(picture.astype(np.float32), floor.astype(np.float32), changed)
         assert at_least <= (found & disc(30)).sum() / disc(30).sum() <= at_most
         assert not (found & ~disc(30)).any()
+
+
+def test_the_floor_between_two_legs_keeps_its_pattern_in_their_shadow() -> None:
+    floor = speckled_floor()
+    legs = disc(30) & ~(np.abs(np.arange(SIZE[1]) - SIZE[1] // 2) < 5)
+    between = disc(30) & ~legs
+    shadow = floor * np.where(between, 0.5, 1.0)[..., None]
+    picture = np.where(legs[..., None], 77.0, shadow) + np.random.default_rng(1).normal(0, 0.3, floor.shape)
+    alike = likeness(picture.astype(np.float32), floor.astype(np.float32), legs, disc(30))
+    assert (alike[between] > KEPT).mean() > 0.7
 
 
 def test_grabcut_adds_doubtful_pixels_of_the_objects_colour_only() -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from recon.capture.format import Capture, CaptureError, image_path, read_capture, read_masks
 from recon.capture.importing.middlebury import import_middlebury
 from recon.capture.masks.evidence import dark_background_threshold
-from recon.capture.masks.segment import CleanUp, clean_mask, segment_capture
+from recon.capture.masks.segment import CleanUp, clean_mask, mask_on_dark, segment_capture
 from recon.studio import SynthParameters, synthesise
 from tests.recon.capture.calibration.board_geometry import BOARD_BOUNDS, SIZE, board_view, record_board
 from tests.recon.capture.masks.drawn_scribbles import intersection_over_union, write_strokes
@@ -157,9 +157,31 @@ def test_the_threshold_lies_between_a_dark_background_and_the_object(
     assert ((values > threshold) != is_object).mean() < 0.01
 
 
+def test_before_a_dark_background_an_outline_lies_where_half_of_the_contrast_is_left() -> None:
+    statue, cloth = np.zeros((200, 240), np.uint8), np.zeros((200, 240), np.uint8)
+    cv2.circle(statue, (120, 90), 50, 1, -1)
+    cv2.rectangle(cloth, (0, 170), (240, 200), 1, -1)
+    clean = np.full((*statue.shape, 3), 4.0)
+    clean[cloth > 0] = (46, 46, 48)
+    clean[statue > 0] = (190, 160, 100)
+    noise = np.random.default_rng(0).normal(0, 1.5, clean.shape)
+    mask = mask_on_dark((cv2.GaussianBlur(clean, (0, 0), 1.2) + noise).clip(0, 255).astype(np.uint8))
+    assert overlap(mask, statue > 0) > 0.98  # a pixel all around would be 0.96
+    assert not mask[cloth > 0].any()
+
+
 def test_a_picture_of_one_brightness_has_no_threshold() -> None:
     with pytest.raises(CaptureError, match="equally bright"):
         dark_background_threshold(np.bincount([7] * 100, minlength=256))
+
+
+def test_the_temples_own_shadows_belong_to_it(real_data: Path) -> None:
+    """The pediment's recess and the shadow beside the capital are no brighter than the cloth under the temple."""
+    picture = cv2.imread(str(real_data / "temple" / "templeR0030.png"))[..., ::-1].copy()
+    mask = mask_on_dark(picture)
+    assert mask[138, 523]
+    assert mask[172, 448]
+    assert not mask[:, :60].any()
 
 
 def test_the_temple_is_whole_and_the_cloth_is_gone(real_data: Path, tmp_path: Path) -> None:
