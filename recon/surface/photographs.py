@@ -3,7 +3,8 @@
 A camera counts for a place by its quality: 0 where something hides the place or the mask leaves it out, else more the
 nearer it is, the more it faces the surface, and the farther the place lies from edges of the mask and of the depth.
 Coarse shades are averaged by quality, so that no seam shows where another camera takes over. Fine detail, which an
-average would blur, comes almost wholly from the best camera.
+average would blur, comes almost wholly from the best camera. A camera whose shade most others contradict hardly counts:
+it sees something that the mesh lacks, such as a hand before a chest.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from recon.surface.colours import MAD_TO_SIGMA, MIN_SHARED_PLACES, SATURATED
 COARSE_SIGMA_PX = 2.0  # what a photograph loses by this blur is fine detail
 EDGE_PX = 8.0  # a place that far from edges counts fully
 LEAST_FACING = 0.1  # cosine to the surface, below which a camera does not count
+CONTRADICTED = 40.0  # grey levels from the median of at least three cameras, where a camera counts half
 SHARPNESS = 2  # power of the quality by which detail is averaged
 FALLBACK = 1e-4  # quality of the mesh's own colours
 MARGIN_PX = 16  # around the mesh in a photograph: room for the blur
@@ -158,18 +160,22 @@ def colours_at(
     -------
     uint8 (N, 3), sRGB
     """
-    coarse, coarse_weight = FALLBACK * fallback, np.full(len(points), FALLBACK)
-    best = np.maximum(quality.max(axis=0, initial=0), FALLBACK)
-    fine, fine_weight = np.zeros((len(points), 3)), (FALLBACK / best) ** SHARPNESS
-    for view, seen_as in zip(views, quality, strict=True):
-        seen = np.flatnonzero(seen_as)
+    shades, colours = np.zeros((2, len(views), len(points), 3), np.uint8)
+    for number, view in enumerate(views):
+        seen = np.flatnonzero(quality[number])
         pixels = view.photograph.camera.project(points[seen])
-        shade, colour = _sampled(view.coarse, pixels), _sampled(view.photograph.pixels, pixels)
-        share = (seen_as[seen] / best[seen]) ** SHARPNESS
-        coarse[seen] += seen_as[seen, None] * shade
-        coarse_weight[seen] += seen_as[seen]
-        fine[seen] += share[:, None] * (colour.astype(np.float64) - shade)
-        fine_weight[seen] += share
+        shades[number, seen] = _sampled(view.coarse, pixels)
+        colours[number, seen] = _sampled(view.photograph.pixels, pixels)
+    weights = _uncontradicted(shades, quality)
+    coarse, coarse_weight = FALLBACK * fallback, np.full(len(points), FALLBACK)
+    best = np.maximum(weights.max(axis=0, initial=0), FALLBACK)
+    fine, fine_weight = np.zeros((len(points), 3)), (FALLBACK / best) ** SHARPNESS
+    for shade, colour, weight in zip(shades, colours, weights, strict=True):
+        share = (weight / best) ** SHARPNESS
+        coarse += weight[:, None] * shade
+        coarse_weight += weight
+        fine += share[:, None] * (colour.astype(np.float64) - shade)
+        fine_weight += share
     blended = coarse / coarse_weight[:, None] + fine / fine_weight[:, None]
     return np.asarray(np.rint(np.clip(blended, 0, 255)), np.uint8)
 
@@ -324,3 +330,28 @@ def _judge(points, normals, projection, centre, trust, nearness, nearest, tolera
         upper, lower = trust[y, x] * (1 - s) + trust[y, after] * s, trust[below, x] * (1 - s) + trust[below, after] * s
         resolution = facing / (depth * nearest)
         quality[i] = (upper * (1 - t) + lower * t) * resolution * resolution
+
+
+@njit(cache=True, nogil=True)
+def _uncontradicted(shades: NDArray[np.uint8], quality: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Lower the quality (V, N) of views whose shades (V, N, 3) lie far from the median of all that see a place."""
+    n_views, n_places = quality.shape
+    weights, seen, middle = quality.copy(), np.empty(n_views), np.empty(3)
+    for i in range(n_places):
+        n_seen = 0
+        for channel in range(3):
+            n_seen = 0
+            for view in range(n_views):
+                if quality[view, i] > 0:
+                    seen[n_seen] = shades[view, i, channel]
+                    n_seen += 1
+            seen[:n_seen].sort()
+            middle[channel] = (seen[(n_seen - 1) // 2] + seen[n_seen // 2]) / 2 if n_seen else 0.0
+        if n_seen < 3:
+            continue
+        for view in range(n_views):
+            distance = 0.0
+            for channel in range(3):
+                distance = max(distance, abs(shades[view, i, channel] - middle[channel]))
+            weights[view, i] /= 1 + (distance / CONTRADICTED) ** 4
+    return weights
