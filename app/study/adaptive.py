@@ -98,8 +98,9 @@ def choose_pairs(wins: Array, ties: Array, n_pairs: int, rng: np.random.Generato
     ------
     Chaloner and Verdinelli, "Bayesian experimental design: a review" (1995), A-optimality: the pair that lowers the
     expected sum of the scores' variances most. Mikhailiuk, Wilmot, Perez-Ortiz, Yue and Mantiuk, "Active sampling for
-    pairwise comparisons" (2020), choose by the gain in information about the scores. That was tried first: it prefers
-    chains of close neighbours, which made the scale of all scores less certain than random pairs did.
+    pairwise comparisons via approximate message passing and information gain maximization" (2020), choose by the gain
+    in information about the scores. That was tried first: it prefers chains of close neighbours, which made the scale
+    of all scores less certain than random pairs did.
     """
     n = len(wins)
     most = n * (n - 1) // 2

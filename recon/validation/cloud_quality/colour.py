@@ -43,8 +43,8 @@ def colours(pair: Pair) -> list[Value]:
 
     Source
     ------
-    N18665 (2019), annex on metrics; R. Mekuria, Z. Li, C. Tulvan, P. Chou, "Evaluation criteria for point cloud
-    compression", ISO/IEC MPEG N16332 (2016); mpeg-pcc-dmetric 0.14.1.
+    N18665 (2019), annex on metrics; R. Mekuria, Z. Li, C. Tulvan, P. Chou, "Evaluation criteria for PCC
+    (Point Cloud Compression)", ISO/IEC MPEG N16332 (2016); mpeg-pcc-dmetric 0.14.1.
     """
     real, distorted = _colours(pair.reference), _colours(pair.distorted)
     forward = _differences(pair.to_distorted, real, distorted)

@@ -36,7 +36,8 @@ def excess_change(
     Source
     ------
     Ours. Related: Chu, Xie, Mayer, Leal-Taixe, Thuerey, "Learning temporal coherence via self-supervision for GAN-based
-    video generation" (2020), section 5; ITU-T P.910 (2008), section 5.3.2, temporal information.
+    video generation" (2020), section 5; ITU-T P.910 (2008), section 5.3.2, temporal information
+    (clause 7.8.3 of the edition of 10/2023).
     """
     changes = [cv2.absdiff(later, earlier).astype(np.float32) for later, earlier in zip(now, before, strict=True)]
     excess = cv2.GaussianBlur(changes[0] - changes[1], (WINDOW_PX, WINDOW_PX), SIGMA_PX)
