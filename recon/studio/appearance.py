@@ -330,7 +330,7 @@ def _person(
         if ax > 150.0 and y > 1260.0:
             seam *= 1.0 - 0.22 * _step(1.2 - abs(ax - 178.0 + 0.06 * (y - 1400.0)), -soft, soft)  # of the sleeve
         if inside < 15.0 and y > 1380.0:
-            cr, cg, cb = 0.25 * cr + 0.68 * look[4], 0.25 * cg + 0.68 * look[5], 0.25 * cb + 0.68 * look[6]
+            cr, cg, cb = 0.1 * cr + 0.8 * look[4], 0.1 * cg + 0.8 * look[5], 0.1 * cb + 0.8 * look[6]
         r, g, b = r + shirt * (cr * seam - r), g + shirt * (cg * seam - g), b + shirt * (cb * seam - b)
         gloss *= 1.0 - shirt
     if below > 0.0:
@@ -434,22 +434,26 @@ def person_folds(
         along = _along_arm(ax, y)
         if y > 1508.0 or (shirt == 0.0 and (ax > 260.0 or y > 905.0)):
             continue
-        if ax > 200.0 and y > 905.0:
+        sleeve = _step(ax, 170.0, 215.0)
+        if sleeve > 0.0 and y > 905.0:
             around = 0.73 * ax + 0.683 * y
             rings = _crease(volume, around / 60.0 + s, (along + 0.35 * around) / 21.0, z / 60.0)
             crook = 0.45 + 0.55 * _step(z, -30.0, 25.0)
-            folds[i, right] = 11.0 * shirt * crook * rings * np.exp(-(((along - 290.0) / 62.0) ** 2))
-            folds[i, 9] = 4.5 * shirt * rings * (_step(along, 380.0, 440.0) + 0.5 * _step(300.0 - along, 0.0, 120.0))
+            folds[i, right] = 11.0 * shirt * sleeve * crook * rings * np.exp(-(((along - 290.0) / 62.0) ** 2))
+            folds[i, 9] = (
+                4.5 * shirt * sleeve * rings * (_step(along, 380.0, 440.0) + 0.5 * _step(300.0 - along, 0.0, 120.0))
+            )
         pit = (ax - 165.0) ** 2 + (y - 1325.0) ** 2 + 0.6 * z * z
         if pit < 40000.0:
             fan = _crease(volume, (0.80 * ax + 0.60 * y) / 22.0, (0.60 * ax - 0.80 * y) / 95.0 + s, z / 70.0)
             folds[i, 2 + right] = 13.0 * shirt * fan * np.exp(-pit / 13000.0)
-        if ax < 200.0 and y > 880.0:
+        shirt *= 1.0 - sleeve
+        if sleeve < 1.0 and y > 880.0:
             belt = _crease(volume, x / 80.0 + s, (y + 0.25 * x) / 24.0, z / 80.0)
             folds[i, 4] = 11.0 * shirt * belt * np.exp(-(((y - 1015.0) / 65.0) ** 2))
             drape = _noise(volume, x / 42.0, y / 150.0 + s, z / 42.0) * _step(1360.0 - y, 0.0, 160.0)
             slant = _crease(volume, (x + 0.5 * y) / 48.0, (y - 0.5 * x) / 120.0, z / 60.0)
-            folds[i, 9] = shirt * (16.0 * drape + 5.5 * slant + 3.0 * belt * np.exp(-(((y - 960.0) / 50.0) ** 2)))
+            folds[i, 9] += shirt * (16.0 * drape + 5.5 * slant + 3.0 * belt * np.exp(-(((y - 960.0) / 50.0) ** 2)))
         elif y <= 905.0 and ax < 260.0:
             legs = _step(905.0 - y, 0.0, 25.0) * _step(y, 75.0, 95.0)
             rings = _crease(volume, x / 60.0, (y + 0.35 * x) / 23.0 + s, z / 60.0)

@@ -43,12 +43,13 @@ class Stage:
     ----------
     faces : int32 (M, 3)
     owners : int64 (M,), the body of each face
+    places : float64 (N, 3), mm, of the vertices at rest, where the colours are
     """
 
     def __init__(
         self, scene: Scene, *, cell: float, noise: NDArray[np.float32], towards_key: NDArray[np.float64]
     ) -> None:
-        self._scene, self._towards_key = scene, towards_key
+        self._scene, self._towards_key, self._noise = scene, towards_key, noise
         self._people = [
             rest_body(person_parts(actor.build), look_row(actor.look), cell=cell, noise=noise) for actor in scene.actors
         ]
@@ -58,14 +59,14 @@ class Stage:
         places = [body.places for body in self._people] + [vertices for vertices, _ in self._things]
         faces = [body.faces for body in self._people] + [faces for _, faces in self._things]
         starts = np.cumsum([0, *map(len, places)])
-        self._places = np.concatenate(places)
+        self.places = np.concatenate(places)
         self._openness = np.concatenate(
             [*(body.openness for body in self._people), np.ones(sum(len(v) for v, _ in self._things))]
         )
         self.faces = np.concatenate([f + start for f, start in zip(faces, starts[:-1], strict=True)]).astype(np.int32)
         self.owners = np.repeat(np.arange(len(faces)), [len(f) for f in faces])
         body_of_vertex = np.repeat(np.arange(len(places)), [len(p) for p in places])
-        self._albedo = vertex_albedo(self._places, body_of_vertex, self._looks, noise, cell)
+        self._albedo = vertex_albedo(self.places, body_of_vertex, self._looks, noise, cell)
 
     def at(self, phase: float) -> Staged:
         """Return the scene at a phase, 0 to 1."""
@@ -75,7 +76,7 @@ class Stage:
         vertices = np.concatenate([*self._moved_people(transforms, folds), *self._moved_things(moment)])
         normals = vertex_normals(vertices, self.faces)
         surface = np.empty((len(vertices), 11), np.float32)
-        surface[:, 0:3] = self._places
+        surface[:, 0:3] = self.places
         surface[:, 3:6] = normals
         surface[:, 6:9] = vertices
         surface[:, 9] = self._openness
@@ -88,8 +89,20 @@ class Stage:
 
     def mesh(self, staged: Staged) -> Mesh:
         """Return the ground truth at an instant, coloured as under white light from everywhere."""
-        colours = np.rint(255 * np.clip(self._albedo, 0, 1) ** (1 / 2.2)).astype(np.uint8)
+        colours = _display(self._albedo)
         return Mesh(staged.vertices.astype(np.float32), self.faces, staged.surface[:, 3:6].copy(), colours)
+
+    def colours(
+        self, staged: Staged, places: NDArray[np.float64], owners: NDArray[np.int64], footprint: float
+    ) -> NDArray[np.uint8]:
+        """Return the colours, uint8 (H, W, 3), of places (H, W, 3) on bodies (H, W) at rest, as under white light.
+
+        Parameters
+        ----------
+        footprint : mm, features below this size are averaged away
+        """
+        albedo = vertex_albedo(places.reshape(-1, 3), owners.ravel(), staged.looks, self._noise, footprint)
+        return _display(albedo).reshape(places.shape)
 
     def _moved_people(
         self, transforms: list[NDArray[np.float64]], folds: list[NDArray[np.float64]]
@@ -102,6 +115,10 @@ class Stage:
     def _moved_things(self, moment: Moment) -> list[NDArray[np.float64]]:
         things = zip(self._things, moment.poses, strict=True)
         return [vertices @ world[:3, :3].T + world[:3, 3] for (vertices, _), world in things]
+
+
+def _display(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
+    return np.rint(255 * np.clip(linear, 0, 1) ** (1 / 2.2)).astype(np.uint8)
 
 
 def _placed(actor: Actor, vertices: NDArray[np.float64]) -> NDArray[np.float64]:
