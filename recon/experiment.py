@@ -35,7 +35,7 @@ from recon.storage.files import read_json, write_json
 from recon.studio import SynthParameters, synthesise
 from recon.studio.scenes import CUBOID_SIZE_MM, SPHERE_RADIUS_MM
 from recon.studio.truth import MESH as TRUE_MESH
-from recon.studio.truth import SCENE_FILE, TRUTH, write_truth_models
+from recon.studio.truth_models import SCENE_FILE, TRUTH, write_truth_models
 from recon.validation.cloud_quality import CloudSettings, Sampling, find_compared, measure_clouds
 from recon.validation.cloud_quality.report import write_cloud_report
 from recon.validation.clouds import named_clouds

@@ -111,7 +111,7 @@ def _demo_steps(
     from recon.pipeline.run import read_run
     from recon.pipeline.stages import ReconstructOptions
     from recon.studio import SynthParameters, synthesise
-    from recon.studio.truth import SCENE_FILE, TRUTH, write_truth_models
+    from recon.studio.truth_models import SCENE_FILE, TRUTH, write_truth_models
     from recon.surface import SurfaceParameters
     from recon.validation.films.evaluation import FilmSettings, measure_films
     from recon.validation.films.report import write_films_report

@@ -82,7 +82,7 @@ def capture_truth(
 ) -> None:
     """Lay out the true meshes as the approach `truth`, which `render` films like any other."""
     from recon.capture.format import read_capture
-    from recon.studio.truth import TRUTH, write_truth_models
+    from recon.studio.truth_models import TRUTH, write_truth_models
 
     written = write_truth_models(read_capture(capture), out, parse_frames(frames))
     result = {"models": str(out), "approach": TRUTH, "frames": written}

@@ -36,7 +36,7 @@ def one_texture(parts: Sequence[Part]) -> Texture | None:
         return Texture(first.picture, np.concatenate([part.uv for part in parts if part.uv is not None]))
     tiles = [_tile(part) for part in parts]
     pictures = list({id(part.picture): part.picture for part in tiles}.values())
-    corners, (height, width) = _packed([_size(picture) for picture in pictures])
+    corners, (height, width) = packed([_size(picture) for picture in pictures])
     if max(height, width) > LARGEST:
         raise ValueError(
             f"its textures together need {width}x{height} texels, at most {LARGEST}x{LARGEST} are possible; make them "
@@ -88,7 +88,7 @@ def _size(picture: NDArray[np.uint8] | None) -> tuple[int, int]:
     return picture.shape[0] + 2 * MARGIN, picture.shape[1] + 2 * MARGIN
 
 
-def _packed(sizes: Sequence[tuple[int, int]]) -> tuple[list[tuple[int, int]], tuple[int, int]]:
+def packed(sizes: Sequence[tuple[int, int]]) -> tuple[list[tuple[int, int]], tuple[int, int]]:
     """Lay boxes on shelves, the highest first; returns their corners (row, column) and the height and width of all.
 
     Parameters

@@ -12,6 +12,11 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+# Middles of the nails of the left hand at rest, mm: the right one's are mirrored.
+NAILS = (
+    (651.2, 875.3, 46.4), (658.8, 863.0, 16.1), (657.2, 866.7, -16.9), (646.4, 885.3, -45.2), (607.6, 921.8, 69.6),
+)  # fmt: skip
+
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _noise(volume: NDArray[np.float32], x: float, y: float, z: float) -> float:
@@ -67,37 +72,72 @@ def _skin(
 ) -> tuple[float, float, float]:
     s = look[20]
     broad = _layer(volume, x, y + s, z, 22.0, fp)
-    tone = 1.0 + 0.07 * broad + 0.08 * _layer(volume, x, y + s, z, 9.0, fp)
-    tone += 0.09 * _layer(volume, x, y, z + s, 3.1, fp) + 0.10 * _layer(volume, x + s, y, z, 1.3, fp)
+    tone = 1.0 + 0.06 * broad + 0.07 * _layer(volume, x, y + s, z, 9.0, fp)
+    tone += 0.08 * _layer(volume, x, y, z + s, 3.1, fp) + 0.10 * _layer(volume, x + s, y, z, 1.3, fp)
     red = 0.10 * broad
+    ax = abs(x)
+    if ax > 560.0:
+        return _hand(look, ax, y, z, fp, tone, red)
     r, g, b = look[1] * tone * (1.0 + 0.3 * red), look[2] * tone * (1.0 - red), look[3] * tone * (1.0 - red)
     if y < 1540.0 or z < 30.0:
+        if ax > 66.0 and y > 1600.0:  # ears are redder
+            g, b = g * 0.90, b * 0.90
         return r, g, b
-    ax = abs(x)
     if ax < 80.0 and abs(y - 1635.0) < 50.0:  # cheeks and nose are redder
-        flush = np.exp(-((ax - 38.0) ** 2 + (y - 1637.0) ** 2) / 500.0) + np.exp(-(x * x + (y - 1629.0) ** 2) / 150.0)
-        g, b = g * (1.0 - 0.16 * flush), b * (1.0 - 0.16 * flush)
-    # Lips, and the dark line between them.
-    width = 25.0
-    if ax < width + 3.0 and z > 60.0:
-        arch = np.sqrt(max(0.0, 1.0 - (ax / width) ** 2))
-        upper = 1595.5 + (9.0 - 1.5 * np.exp(-x * x / 16.0)) * arch
-        lower = 1595.5 - 11.0 * arch
-        lips = _step(upper - y, -0.8 - 0.4 * fp, 0.8 + 0.4 * fp) * _step(y - lower, -0.8 - 0.4 * fp, 0.8 + 0.4 * fp)
-        r, g, b = r * (1.0 - 0.12 * lips), g * (1.0 - 0.42 * lips), b * (1.0 - 0.36 * lips)
-        gap = _step(1.5 - abs(y - 1595.5), -0.4 - 0.5 * fp, 0.4 + 0.5 * fp) * arch
-        r, g, b = r * (1.0 - 0.80 * gap), g * (1.0 - 0.86 * gap), b * (1.0 - 0.86 * gap)
-    # Brows.
-    brow = 1686.0 - 0.012 * (ax - 30.0) ** 2 + 0.08 * (ax - 30.0)
-    if abs(y - brow) > 6.0 or ax < 11.0 or ax > 52.0:
+        flush = np.exp(-((ax - 40.0) ** 2 + (y - 1636.0) ** 2) / 520.0) + np.exp(-(x * x + (y - 1629.0) ** 2) / 150.0)
+        g, b = g * (1.0 - 0.13 * flush), b * (1.0 - 0.13 * flush)
+        nostril = np.exp(-((ax - 5.5) ** 2 / 9.0 + (y - 1620.5) ** 2 / 5.0)) * _step(z, 92.0, 97.0)
+        r, g, b = r * (1.0 - 0.6 * nostril), g * (1.0 - 0.7 * nostril), b * (1.0 - 0.7 * nostril)
+    # Lips, and the dark line between them, which rises at the corners.
+    width = 24.0
+    if ax < width + 4.0 and z > 60.0 and abs(y - 1596.0) < 18.0:
+        side = ax / width
+        arch = np.sqrt(max(0.0, 1.0 - side * side))
+        middle = 1595.5 + 2.6 * side * side
+        upper = middle + (7.2 - 1.6 * np.exp(-x * x / 14.0)) * arch
+        lower = middle - 9.0 * arch
+        edge = 0.9 + 0.4 * fp
+        lips = _step(upper - y, -edge, edge) * _step(y - lower, -edge, edge)
+        lips *= 1.0 + 0.25 * _layer(volume, 2.2 * x, 0.4 * y, z, 2.2, fp)
+        r, g, b = r * (1.0 - 0.10 * lips), g * (1.0 - 0.34 * lips), b * (1.0 - 0.28 * lips)
+        gap = _step(1.2 - abs(y - middle), -0.4 - 0.5 * fp, 0.4 + 0.5 * fp) * _step(width + 1.0 - ax, 0.0, 7.0)
+        r, g, b = r * (1.0 - 0.72 * gap), g * (1.0 - 0.84 * gap), b * (1.0 - 0.82 * gap)
+    if 9.0 < ax < 56.0 and y > 1650.0:
         r, g, b = _eye(look, ax, x, y, z, fp, r, g, b)
-        return r, g, b
-    hairs = _step(4.2 - abs(y - brow), -1.5, 1.5) * _step(ax, 11.0, 17.0) * _step(52.0 - ax, 0.0, 9.0)
-    hairs *= 0.75 + 0.5 * _layer(volume, x * 3.0, y, z, 2.0, fp)
-    hairs = min(1.0, max(0.0, hairs))
-    r, g, b = r + hairs * (look[13] - r), g + hairs * (look[14] - g), b + hairs * (look[15] - b)
-    r, g, b = _eye(look, ax, x, y, z, fp, r, g, b)
+        brow = 1690.5 - 0.0085 * (ax - 34.0) ** 2 - 0.05 * (ax - 34.0)
+        thick = 3.4 * _step(ax, 8.0, 20.0) * (1.0 - 0.6 * _step(ax, 34.0, 53.0))
+        if abs(y - brow) < thick + 2.5:
+            hairs = _step(thick - abs(y - brow), -1.8, 1.4) * _step(ax, 10.0, 15.0) * _step(54.0 - ax, 0.0, 8.0)
+            hairs *= 0.72 + 0.7 * _layer(volume, 1.4 * x - y * np.sign(x), 0.3 * y, z, 1.1, fp)
+            hairs = min(0.9, max(0.0, hairs))
+            r, g, b = r + hairs * (look[13] - r), g + hairs * (look[14] - g), b + hairs * (look[15] - b)
     return r, g, b
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _hand(
+    look: NDArray[np.float64], ax: float, y: float, z: float, fp: float, tone: float, red: float
+) -> tuple[float, float, float]:
+    """Colour a hand: knuckles are redder, nails paler with a darker rim."""
+    along, back = (ax - 552.0) * 0.683 - (y - 1014.0) * 0.730, (ax - 552.0) * 0.73 + (y - 1014.0) * 0.683
+    for joint in (92.0, 135.0, 158.0):
+        red += 0.10 * np.exp(-((along - joint) ** 2) / 40.0) * _step(back, -24.0, -6.0)
+    red += 0.10 * _step(along, 140.0, 180.0)
+    r, g, b = look[1] * tone * (1.0 + 0.2 * red), look[2] * tone * (1.0 - red), look[3] * tone * (1.0 - red)
+    if along < 98.0:
+        return r, g, b
+    nearest = 99.0
+    for nx, ny, nz in NAILS:
+        nearest = min(nearest, (ax - nx) ** 2 + (y - ny) ** 2 + (z - nz) ** 2)
+    nearest = np.sqrt(nearest)
+    soft = 0.4 + 0.5 * fp
+    nail, rim = _step(5.2 - nearest, -soft, soft), _step(1.0 - abs(nearest - 5.4), -soft, soft)
+    dark = 1.0 - 0.22 * rim
+    return (
+        (r + nail * (1.12 * look[1] - r)) * dark,
+        (g + nail * (1.06 * look[2] - g)) * dark,
+        (b + nail * (1.10 * look[3] - b)) * dark,
+    )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
@@ -106,30 +146,35 @@ def _eye(
 ) -> tuple[float, float, float]:
     """Colour an eye: white, iris, pupil and lids; look[19] is how far the lids are closed."""
     ex, ey = ax - 32.0, y - 1666.5
-    if abs(ex) > 17.0 or abs(ey) > 12.0 or z < 60.0:
+    if abs(ex) > 20.0 or abs(ey) > 14.0 or z < 60.0:
         return r, g, b
-    arch = max(0.0, 1.0 - (ex / 13.5) ** 2)
-    top = arch * (3.7 - 8.1 * look[19])  # the upper lid covers the iris's edge, or the look is a stare
-    bottom = -4.4 * arch
-    soft = 0.5 + 0.5 * fp
-    opened = _step(top - ey, -soft, soft) * _step(ey - bottom, -soft, soft) * _step(arch, 0.02, 0.2)
-    white = 0.46
-    radius = np.sqrt((x - np.sign(x) * 32.0) ** 2 + (ey - 0.5) ** 2)
-    iris = _step(5.8 - radius, -soft, soft)
-    pupil = _step(2.4 - radius, -soft, soft)
-    glint = _step(1.1 - np.sqrt((x - np.sign(x) * 32.0 + 1.8) ** 2 + (ey - 2.4) ** 2), -0.6, 0.6)
+    arch = max(0.0, 1.0 - (ex / 14.5) ** 2)
+    tilt = 0.05 * ex  # outer corners are higher
+    top = tilt + arch * (4.7 - 9.1 * look[19])  # the upper lid covers the iris's edge, or the look is a stare
+    bottom = tilt - 4.5 * arch
+    soft = 0.4 + 0.5 * fp
+    opened = _step(top - ey, -soft, soft) * _step(ey - bottom, -soft, soft) * _step(arch, 0.02, 0.15)
+    shade = 1.0 - 0.35 * _step(ey - top, -3.5, 0.0) - 0.25 * _step(abs(ex), 8.0, 14.0)  # by the lid, in the corners
+    white = 0.50 * shade
+    radius = np.sqrt((x - np.sign(x) * 32.0) ** 2 + (ey - 0.4) ** 2)
+    iris = _step(5.9 - radius, -soft, soft)
+    ring = 0.55 + 0.45 * _step(5.2 - radius, -0.6 - soft, 0.6 + soft)
+    pupil = _step(2.3 - radius, -soft, soft)
+    glint = _step(1.1 - np.sqrt((x - np.sign(x) * 32.0 + 1.8) ** 2 + (ey - 2.2) ** 2), -0.6, 0.6)
+    blue = 0.5 + 0.5 * np.sin(0.9 * look[20])  # people's irises differ, brown to grey
+    er = white + iris * ((0.11 - 0.03 * blue) * ring - white)
+    eg = white * 0.96 + iris * ((0.06 + 0.05 * blue) * ring - white)
+    eb = white * 0.92 + iris * ((0.03 + 0.09 * blue) * ring - white)
     er, eg, eb = (
-        white + iris * (0.10 - white),
-        white * 0.95 + iris * (0.10 - white),
-        white * 0.9 + iris * (0.08 - white),
+        er * (1.0 - 0.88 * pupil) + 0.5 * glint,
+        eg * (1.0 - 0.88 * pupil) + 0.5 * glint,
+        eb * (1.0 - 0.88 * pupil) + 0.5 * glint,
     )
-    er, eg, eb = (
-        er * (1.0 - 0.85 * pupil) + 0.5 * glint,
-        eg * (1.0 - 0.85 * pupil) + 0.5 * glint,
-        eb * (1.0 - 0.85 * pupil) + 0.5 * glint,
-    )
-    lash = (1.0 - opened) * _step(1.3 - abs(ey - top), -soft, soft) * arch
-    r, g, b = r * (1.0 - 0.8 * lash), g * (1.0 - 0.8 * lash), b * (1.0 - 0.8 * lash)
+    lash = (1.0 - opened) * _step(1.3 - abs(ey - top), -soft, soft) * _step(arch, 0.0, 0.2)
+    crease = 0.25 * _step(1.2 - abs(ey - tilt - 4.4 - 3.6 * arch), -soft, soft) * _step(arch, 0.0, 0.3)
+    lower = 0.15 * _step(1.0 - abs(ey - bottom), -soft, soft) * arch
+    dark = (1.0 - 0.75 * lash) * (1.0 - crease) * (1.0 - lower)
+    r, g, b = r * dark, g * dark, b * dark
     return r + opened * (er - r), g + opened * (eg - g), b + opened * (eb - b)
 
 
@@ -144,10 +189,9 @@ def _shirt(
         u, v = 0.85 * x + 0.5 * z, y
     mix = 0.0
     if look[16] == 0.0:
-        mix = (
-            0.30 * _wave(u, 62.0, fp) + 0.30 * _wave(v, 62.0, fp) + 0.22 * _wave(u + 9.0, 20.7, fp) * _wave(v, 31.0, fp)
-        )
-        mix = 0.5 + mix
+        mix = 0.5 + 0.25 * _wave(u, 58.0, fp) + 0.25 * _wave(v, 58.0, fp)
+        line = max(_step(abs(_zigzag(u / 58.0)), 0.16, 0.06), _step(abs(_zigzag(v / 58.0)), 0.16, 0.06))
+        mix -= 0.45 * line * _step(6.0 / fp, 1.0, 2.5)
     elif look[16] == 1.0:
         mix = 0.5 + 0.5 * _wave(v, 46.0, fp)
     elif look[16] == 2.0:
@@ -185,70 +229,253 @@ def _trousers(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _strand(look: NDArray[np.float64], x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return where on the head a hair at a place comes from, and how far it has come: mm, mm, mm.
+
+    Hairs leave a parting that runs from the crown to the forehead, and fall down the sides. The first two numbers stay
+    the same along a hair.
+    """
+    parting, swept = (6.0, 0.25) if look[18] > 0.0 else (26.0, 0.6)
+    dx = x - parting
+    along = min(max(z + swept * abs(dx), -20.0), 130.0)
+    dz = z + swept * abs(dx) - along
+    reach = np.sqrt(dx * dx + dz * dz) + 0.5
+    return parting + 70.0 * dx / reach, along + 70.0 * dz / reach, reach - y
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _lock(volume: NDArray[np.float32], a: float, b: float, way: float) -> float:
+    """Return the groove between locks of hair, 0 on a lock to 1 in the groove."""
+    wave = 5.0 * _noise(volume, a / 40.0, way / 60.0, b / 40.0)
+    return float(max(0.0, 1.0 - 3.6 * abs(_noise(volume, (a + wave) / 16.0, way / 110.0, (b - wave) / 16.0))))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _hair_inside(look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float) -> float:
+    """Return how far a place of the head lies inside the hair, mm; its line is ragged by locks."""
+    ax = abs(x)
+    if ax > 125.0:
+        return -99.0
+    a, b, way = _strand(look, x, y, z)
+    ragged = 8.0 * _noise(volume, a / 9.0, way / 60.0, b / 9.0) + 4.0 * _noise(volume, a / 3.0, way / 30.0, b / 3.0)
+    line = 1742.0 + 6.0 * np.exp(-(((ax - 42.0) / 14.0) ** 2)) - 94.0 * _step(46.0 - z + 0.6 * ragged, 0.0, 24.0)
+    line = max(line, 1586.0 + 100.0 * (_step(z, -52.0, -26.0) - 0.38 * _step(z, 10.0, 22.0)) * _step(ax, 50.0, 62.0))
+    if z < 0.0:
+        line = min(line, 1648.0 - 62.0 * _step(-z, 0.0, 40.0) + 100.0 * _step(z, -52.0, -26.0) * _step(ax, 50.0, 62.0))
+    if look[18] > 0.0:
+        beside = max(1.6 * (ax - 58.0) - max(0.0, z - 2.0), -56.0 - z) + 0.7 * ragged
+        line = min(line - 0.5 * max(0.0, ax - 14.0), 1830.0 - 322.0 * _step(beside, -6.0, 8.0))
+    return y - line + ragged
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _hair(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
-) -> tuple[float, float, float]:
-    tone = 1.0 + 0.5 * _layer(volume, x, 0.25 * y, z, 4.0, fp) + 0.5 * _layer(volume, x + 7.0, 0.2 * y, z, 1.8, fp)
-    tone += 0.25 * _layer(volume, x, 0.5 * y + 3.0, z, 12.0, fp) + 0.4 * _layer(volume, x, 0.2 * y, z + 5.0, 0.9, fp)
-    tone = max(0.25, tone)
-    return look[13] * tone, look[14] * tone, look[15] * tone
+) -> tuple[float, float, float, float]:
+    """Return colour and gloss of hair: locks, strands of several widths, darker grooves and roots."""
+    a, b, way = _strand(look, x, y, z)
+    groove = _lock(volume, a, b, way)
+    fine = 0.55 * _layer(volume, a, way * 0.06, b, 2.2, fp) + 0.5 * _layer(volume, a, way * 0.05, b, 1.0, fp)
+    fine += 0.35 * _layer(volume, a + 9.0, way * 0.08, b, 5.0, fp)
+    tone = (1.0 - 0.5 * groove) * (1.0 + fine) + 0.25 * _layer(volume, a, way * 0.4, b, 20.0, fp)
+    tone *= 0.7 + 0.3 * _step(way + 1800.0, 10.0, 45.0)
+    tone = max(0.18, tone)
+    gloss = 0.10 * max(0.0, 1.0 + 1.4 * fine) * (1.0 - 0.8 * groove)
+    return look[13] * tone, look[14] * tone, look[15] * (0.9 + 0.1 * tone) * tone, gloss
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _shirt_inside(look: NDArray[np.float64], x: float, y: float, z: float) -> float:
+    """Return how far a place of trunk or arms lies inside the shirt, mm: from collar, cuff or hem."""
+    ax = abs(x)
+    inside = max(1452.0 - 0.5 * z - y, np.sqrt(x * x + (z + 18.0) ** 2) - 84.0)
+    if ax > 250.0:
+        return float(min(inside, look[17] - _along_arm(ax, y)))
+    return float(min(inside, y - 905.0))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _along_arm(ax: float, y: float) -> float:
+    return (ax - 180.0) * 0.683 - (y - 1412.0) * 0.730
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _person(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
 ) -> tuple[float, float, float, float]:
-    """Return colour and gloss of a person at a place of the rest body; borders as in `person.cloth_thickness`."""
+    """Return colour and gloss of a person at a place of the rest body."""
     ax = abs(x)
-    along = (ax - 180.0) * 0.683 - (y - 1412.0) * 0.730
     soft = 0.5 + 0.5 * fp
-    cover = 0.0
     gloss = 0.10
     r, g, b = 0.0, 0.0, 0.0
-    if y > 1508.0:
-        line = 1731.0 - 0.004 * x * x - 1.15 * max(0.0, 42.0 - z) - 0.35 * max(0.0, -10.0 - z)
-        around_ears = 1588.0 + 102.0 * (_step(z, -50.0, -28.0) - 0.3 * _step(z, 14.0, 26.0)) * _step(ax, 52.0, 62.0)
-        line = max(line, around_ears)
-        if look[18] > 0.0:
-            line = min(line, 1830.0 - 322.0 * _step(max(1.6 * (ax - 62.0) - max(0.0, z - 4.0), -58.0 - z), -3.0, 6.0))
-        above = y - line
-        if abs(above) < 15.0 + soft:
-            above += 4.0 * _noise(volume, x / 4.0, y / 9.0, z / 4.0) + 2.5 * _noise(volume, x / 1.3, y / 4.0, z / 1.3)
-        cover = _step(above, -3.0 - soft, 5.0 + soft) if ax < 125.0 else 0.0
+    if y > 1508.0 and ax < 250.0:
+        inside = _hair_inside(look, volume, x, y, z)
+        cover = _step(inside, -2.5 - soft, 4.0 + soft)
         if cover > 0.0:
-            r, g, b = _hair(look, volume, x, y, z, fp)
-            gloss = 0.11
+            r, g, b, gloss = _hair(look, volume, x, y, z, fp)
         if cover < 1.0:
             sr, sg, sb = _skin(look, volume, x, y, z, fp)
             r, g, b = sr + cover * (r - sr), sg + cover * (g - sg), sb + cover * (b - sb)
+            gloss = 0.08 + cover * (gloss - 0.08)
         return r, g, b, gloss
-    collar = max(1452.0 - 0.5 * z - y, np.sqrt(x * x + (z + 18.0) ** 2) - 84.0)
-    shirt = _step(collar, -soft, soft)
-    if ax > 250.0:
-        shirt *= _step(look[17] - along, -soft, soft)
-    if y < 925.0 and ax < 260.0:
-        shirt *= _step(y - 905.0, -soft, soft)
+    inside = _shirt_inside(look, x, y, z)
+    shirt = _step(inside + 3.5, -soft, soft)  # the edge's thickness is cloth, too
     below = 1.0 - shirt if y < 925.0 and ax < 260.0 else 0.0
     if shirt + below < 1.0:
         r, g, b = _skin(look, volume, x, y, z, fp)
+        gloss = 0.08
     if shirt > 0.0:
-        cr, cg, cb = _shirt(look, volume, x, y, z, along, fp)
-        hem = _step(abs(collar - 9.0) - 7.0, -soft, soft)
-        cr, cg, cb = cr * (0.75 + 0.25 * hem), cg * (0.75 + 0.25 * hem), cb * (0.75 + 0.25 * hem)
-        r, g, b = r + shirt * (cr - r), g + shirt * (cg - g), b + shirt * (cb - b)
-        gloss = 0.0
+        cr, cg, cb = _shirt(look, volume, x, y, z, _along_arm(ax, y), fp)
+        seam = 1.0 - 0.28 * _step(1.1 - abs(inside - 15.0), -soft, soft)  # of cuff, collar and hem
+        if ax > 150.0 and y > 1260.0:
+            seam *= 1.0 - 0.22 * _step(1.2 - abs(ax - 178.0 + 0.06 * (y - 1400.0)), -soft, soft)  # of the sleeve
+        if inside < 15.0 and y > 1380.0:
+            cr, cg, cb = 0.1 * cr + 0.8 * look[4], 0.1 * cg + 0.8 * look[5], 0.1 * cb + 0.8 * look[6]
+        r, g, b = r + shirt * (cr * seam - r), g + shirt * (cg * seam - g), b + shirt * (cb * seam - b)
+        gloss *= 1.0 - shirt
     if below > 0.0:
         tr, tg, tb = _trousers(look, volume, x, y, z, fp)
         r, g, b = r + below * (tr - r), g + below * (tg - g), b + below * (tb - b)
         gloss = 0.0
         if y < 85.0:
-            shoe = _step(78.0 - y, -soft, soft)
+            shoe = _step(70.0 + 0.10 * (z + 20.0) - y, -soft, soft)
             sole = _step(16.0 - y, -soft, soft)
             tone = 1.0 + 0.3 * _layer(volume, x, y, z, 8.0, fp) + 0.3 * _layer(volume, x, y, z, 2.0, fp)
+            lace = _step(z, 20.0, 26.0) * _step(88.0 - z, 0.0, 6.0) * _step(11.0 - abs(ax - 121.0), -1.0, 1.0)
+            sole += 0.7 * lace * _step(_zigzag(z / 11.0), 0.0, 0.3) * _step(y, 50.0, 55.0)
             lr, lg, lb = (0.05 + 0.5 * sole) * tone, (0.045 + 0.48 * sole) * tone, (0.045 + 0.44 * sole) * tone
             r, g, b = r + shoe * (lr - r), g + shoe * (lg - g), b + shoe * (lb - b)
-            gloss = 0.12
+            gloss = 0.12 * shoe
     return r, g, b, gloss
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def person_relief(
+    places: NDArray[np.float64], look: NDArray[np.float64], volume: NDArray[np.float32]
+) -> NDArray[np.float64]:
+    """Compute how far clothes and hair stand off a person's parts: float64 (N,), mm along the normal.
+
+    Parameters
+    ----------
+    places : float64 (N, 3), mm, on the parts' surface at rest
+    look : float64 (N_LOOK,), the person's
+    volume : float32 (S, S, S), noise
+    """
+    relief = np.empty(len(places))
+    for i in range(len(places)):
+        x, y, z = places[i, 0], places[i, 1], places[i, 2]
+        ax = abs(x)
+        if y > 1508.0 and ax < 250.0:
+            relief[i] = _hair_relief(look, volume, x, y, z)
+            continue
+        inside = _shirt_inside(look, x, y, z)
+        along = _along_arm(ax, y)
+        off = 4.5 + 2.0 * _step(15.0 - inside, 0.0, 2.0)  # cuff, collar and hem are thicker
+        if ax > 190.0:
+            off += 8.0 * _step(along, look[17] - 170.0, look[17]) if look[17] < 350.0 else 0.0
+            off += 5.0 * _step(along, 180.0, 300.0) * _step(495.0 - along, 0.0, 45.0) if look[17] > 350.0 else 0.0
+        else:
+            off += 5.0 * _step(1010.0 - y, 0.0, 80.0)
+        off *= _step(inside, -4.0, -1.0)
+        if ax < 260.0 and y < 915.0:
+            cuff = y - 70.0 - 0.10 * (z + 20.0)
+            off = max(off, 2.0 * _step(cuff, -1.5, 2.5) + 4.0 * _step(150.0 - y, 0.0, 90.0) * _step(cuff, -1.5, 2.5))
+            off += 2.5 * _step(16.0 - y, -2.0, 2.0)
+        relief[i] = off
+    return relief
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _hair_relief(look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float) -> float:
+    inside = _hair_inside(look, volume, x, y, z)
+    if inside < -3.0:
+        return 0.0
+    a, b, way = _strand(look, x, y, z)
+    thick = 3.5 + 13.0 * _step(y, 1700.0, 1775.0) if look[18] == 0.0 else 9.0
+    tousled = 5.0 * _noise(volume, a / 32.0, way / 50.0, b / 32.0) + 2.0 * _noise(
+        volume, a / 12.0, way / 40.0, b / 12.0
+    )
+    tousled -= 4.0 * _lock(volume, a, b, way)
+    if look[18] > 0.0:  # it waves, and ends in tips
+        tousled += 4.0 * _noise(volume, a / 26.0, way / 38.0, b / 26.0)
+        tousled += 14.0 * _step(1570.0 - y, 0.0, 45.0) * _noise(volume, a / 11.0, 0.5, b / 11.0)
+    parted = 1.0 - 0.6 * _step(14.0 - (way + y), 0.0, 9.0) * _step(y, 1700.0, 1740.0)
+    return float(_step(inside, -3.0, 22.0) * parted * (thick + min(1.0, thick / 8.0) * tousled))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _crease(volume: NDArray[np.float32], x: float, y: float, z: float) -> float:
+    """Return folds, -1 in the wide valleys to 1 on the narrow crests."""
+    return float(max(-1.0, 1.0 - 4.5 * abs(_noise(volume, x, y, z))))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def person_folds(
+    places: NDArray[np.float64], look: NDArray[np.float64], volume: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Compute folds of cloth as bent joints make them: float32 (N, 10), mm along the normal.
+
+    The columns are those of `person.FOLDING`: elbows, shoulders, waist, hips, knees, left before right; the last one
+    holds the folds that cloth always has.
+
+    Parameters
+    ----------
+    places : float64 (N, 3), mm, at rest
+    look : float64 (N_LOOK,), the person's
+    volume : float32 (S, S, S), noise
+    """
+    folds = np.zeros((len(places), 10), np.float32)
+    for i in range(len(places)):
+        x, y, z = places[i, 0], places[i, 1], places[i, 2]
+        ax, right = abs(x), 1 if x < 0.0 else 0
+        s = look[20] + 40.0 * right
+        inside = _shirt_inside(look, x, y, z)
+        shirt = _step(inside, 4.0, 26.0)
+        along = _along_arm(ax, y)
+        if y > 1508.0 or (shirt == 0.0 and (ax > 260.0 or y > 905.0)):
+            continue
+        sleeve = _step(ax, 170.0, 215.0)
+        if sleeve > 0.0 and y > 905.0:
+            around = 0.73 * ax + 0.683 * y
+            rings = _crease(volume, around / 60.0 + s, (along + 0.35 * around) / 21.0, z / 60.0)
+            crook = 0.45 + 0.55 * _step(z, -30.0, 25.0)
+            folds[i, right] = 11.0 * shirt * sleeve * crook * rings * np.exp(-(((along - 290.0) / 62.0) ** 2))
+            folds[i, 9] = (
+                4.5 * shirt * sleeve * rings * (_step(along, 380.0, 440.0) + 0.5 * _step(300.0 - along, 0.0, 120.0))
+            )
+        pit = (ax - 165.0) ** 2 + (y - 1325.0) ** 2 + 0.6 * z * z
+        if pit < 40000.0:
+            fan = _crease(volume, (0.80 * ax + 0.60 * y) / 22.0, (0.60 * ax - 0.80 * y) / 95.0 + s, z / 70.0)
+            folds[i, 2 + right] = 13.0 * shirt * fan * np.exp(-pit / 13000.0)
+        shirt *= 1.0 - sleeve
+        if sleeve < 1.0 and y > 880.0:
+            belt = _crease(volume, x / 80.0 + s, (y + 0.25 * x) / 24.0, z / 80.0)
+            folds[i, 4] = 11.0 * shirt * belt * np.exp(-(((y - 1015.0) / 65.0) ** 2))
+            drape = _noise(volume, x / 42.0, y / 150.0 + s, z / 42.0) * _step(1360.0 - y, 0.0, 160.0)
+            slant = _crease(volume, (x + 0.5 * y) / 48.0, (y - 0.5 * x) / 120.0, z / 60.0)
+            folds[i, 9] += shirt * (16.0 * drape + 5.5 * slant + 3.0 * belt * np.exp(-(((y - 960.0) / 50.0) ** 2)))
+        elif y <= 905.0 and ax < 260.0:
+            legs = _step(905.0 - y, 0.0, 25.0) * _step(y, 75.0, 95.0)
+            rings = _crease(volume, x / 60.0, (y + 0.35 * x) / 23.0 + s, z / 60.0)
+            groin = np.exp(-((ax - 60.0) ** 2) / 9000.0 - (y - 850.0) ** 2 / 4500.0) * _step(z, -40.0, 30.0)
+            rays = _crease(volume, (0.75 * ax - 0.66 * y) / 20.0 + s, (0.66 * ax + 0.75 * y) / 90.0, z / 80.0)
+            folds[i, 5 + right] = 11.0 * legs * groin * rays
+            folds[i, 7 + right] = 11.0 * legs * rings * np.exp(-(((y - 500.0) / 75.0) ** 2))
+            stacked = _step(250.0 - y, 0.0, 130.0) + 0.35 * np.exp(-(((y - 480.0) / 90.0) ** 2)) + 0.4 * groin
+            hanging = _noise(volume, x / 40.0 + s, y / 170.0, z / 40.0)
+            folds[i, 9] = legs * (6.5 * rings * stacked + 11.0 * hanging)
+    return folds
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def garment_edges(places: NDArray[np.float64], look: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute how far places (N, 3) at rest are from the nearest collar, cuff or hem: float64 (N,), mm."""
+    away = np.full(len(places), 999.0)
+    for i in range(len(places)):
+        x, y, z = places[i, 0], places[i, 1], places[i, 2]
+        if y < 1508.0:
+            away[i] = abs(_shirt_inside(look, x, y, z)) if y > 850.0 else abs(y - 70.0 - 0.10 * (z + 20.0))
+    return away
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)

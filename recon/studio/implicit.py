@@ -17,6 +17,11 @@ N_COLUMNS = 21
 CONE, ELLIPSOID = 0.0, 1.0
 JOIN, CARVE = 1.0, -1.0
 MAX_REFINEMENTS = 4
+REACH_MM = 66.0  # parts farther from a place on the surface cannot blend into it: no `blend` is wider
+
+Grid = tuple[
+    NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], float
+]
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,27 @@ class Part:
         return Part(bone, tuple(flip * self.a), b, self.radii, self.blend, turn, self.carve)
 
 
+@dataclass(frozen=True)
+class FineCells:
+    """Where cells are smaller than elsewhere: beyond |x|, for hands, and above y, for a head.
+
+    Cells shrink towards the axis of the hands and that of the head, so the grid stays one block of cells: beside hands
+    and head it leaves out the air far away.
+
+    Parameters
+    ----------
+    beyond_x, above_y : mm, where cells begin to shrink, and where they are at their smallest
+    hand_y : mm, the height towards which they shrink beyond x
+    hand_share, head_share : edge of the smallest cells over that of the others
+    """
+
+    beyond_x: tuple[float, float]
+    above_y: tuple[float, float]
+    hand_y: float
+    hand_share: float
+    head_share: float
+
+
 def part_table(parts: Sequence[Part]) -> NDArray[np.float64]:
     """Convert parts to the rows, float64 (P, N_COLUMNS), that the kernels read."""
     table = np.zeros((len(parts), N_COLUMNS))
@@ -65,7 +91,10 @@ def part_table(parts: Sequence[Part]) -> NDArray[np.float64]:
 
 
 def body_mesh(
-    table: NDArray[np.float64], cell: float, wanted_edge: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    table: NDArray[np.float64],
+    cell: float,
+    wanted_edge: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    fine: FineCells | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Triangulate the zero level: marching cubes on a coarse grid, then refinement where it is wanted.
 
@@ -74,16 +103,16 @@ def body_mesh(
     table : float64 (P, N_COLUMNS)
     cell : mm, edge of the coarse grid's cells
     wanted_edge : longest edge wanted (N,) at places (N, 3), mm
+    fine : where cells are smaller: what is thinner than a cell, or nearer to its neighbour, is lost
 
     Returns
     -------
     vertices : float64 (N, 3), mm, on the surface to a hundredth of a millimetre where it is smooth
     faces : int32 (M, 3), counter-clockwise seen from outside
     """
-    low, high = _extent(table)
-    axes = [np.arange(low[i] - 1.5 * cell, high[i] + 2.5 * cell, cell) for i in range(3)]
-    indices, faces, _, _ = marching_cubes(grid_distance(table, *axes), 0.0, gradient_direction="ascent")
-    vertices = project_to_surface(table, indices.astype(np.float64) * cell + [axis[0] for axis in axes])
+    grid = _grid(table, cell, fine)
+    indices, faces, _, _ = marching_cubes(grid_distance(table, *grid), 0.0, gradient_direction="ascent")
+    vertices = project_to_surface(table, _places(indices.astype(np.float64), *grid))
     faces = faces[:, ::-1].astype(np.int32)
     for _ in range(MAX_REFINEMENTS):
         n_before = len(vertices)
@@ -92,6 +121,44 @@ def body_mesh(
             break
         vertices[n_before:] = project_to_surface(table, vertices[n_before:])
     return vertices, faces
+
+
+def _grid(table: NDArray[np.float64], cell: float, fine: FineCells | None) -> Grid:
+    """Return the grid's coordinates (X,), (Y,), (Z,), how much it shrinks at each x and each y, and towards which y."""
+    low, high = _extent(table)
+    low, high = low - 1.5 * cell, high + 2.5 * cell
+    if fine is None:
+        xs, ys, zs = (np.arange(a, b, cell) for a, b in zip(low, high, strict=True))
+        return xs, ys, zs, np.ones(len(xs)), np.ones(len(ys)), 0.0
+    half = _axis(0.0, high[0], cell, fine.beyond_x, fine.hand_share)
+    xs, ys = np.concatenate([-half[:0:-1], half]), _axis(low[1], high[1], cell, fine.above_y, fine.head_share)
+    zs = np.arange(low[2] / fine.head_share, high[2] / fine.head_share, cell)
+    shrink_x = np.interp(np.abs(xs), fine.beyond_x, (1.0, fine.hand_share))
+    return xs, ys, zs, shrink_x, np.interp(ys, fine.above_y, (1.0, fine.head_share)), fine.hand_y
+
+
+def _axis(low: float, high: float, cell: float, beyond: tuple[float, float], share: float) -> NDArray[np.float64]:
+    """Return coordinates from `low` to `high`, `cell` apart and closer `beyond`."""
+    coordinates = [low]
+    while coordinates[-1] < high:
+        coordinates.append(coordinates[-1] + cell * float(np.interp(coordinates[-1], beyond, (1.0, share))))
+    return np.array(coordinates)
+
+
+def _places(
+    indices: NDArray[np.float64],
+    xs: NDArray[np.float64],
+    ys: NDArray[np.float64],
+    zs: NDArray[np.float64],
+    shrink_x: NDArray[np.float64],
+    shrink_y: NDArray[np.float64],
+    hand_y: float,
+) -> NDArray[np.float64]:
+    """Return places, float64 (N, 3), mm, of fractional indices (N, 3) into a grid; see `_place`."""
+    i, j, k = indices.T
+    x, y, z = (np.interp(n, np.arange(len(axis)), axis) for n, axis in ((i, xs), (j, ys), (k, zs)))
+    a, b = np.interp(i, np.arange(len(xs)), shrink_x), np.interp(j, np.arange(len(ys)), shrink_y)
+    return np.stack([x * b, hand_y + (y - hand_y) * a, z * a * b], axis=1)
 
 
 def split_long_edges(
@@ -201,12 +268,46 @@ def distance(table: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray
 
 
 @numba.njit(cache=True, nogil=True)
-def part_distances(table: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute distances, float64 (N, P), of points (N, 3) to every part alone, mm."""
-    result = np.empty((len(points), len(table)))
+def clearances(
+    table: NDArray[np.float64],
+    points: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    reaches: tuple[float, float, float],
+) -> NDArray[np.float64]:
+    """Compute distances, float64 (N, 3), mm, from three places along unit directions (N, 3) from surface points (N, 3).
+
+    Convention: parts farther than twice the last and longest reach count as absent.
+    """
+    near = np.empty(len(table), np.int64)
+    result = np.empty((len(points), 3))
+    for i in range(len(points)):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        n = 0
+        for part in range(len(table)):
+            if _part_distance(table[part], x, y, z) < 2.0 * reaches[2]:
+                near[n] = part
+                n += 1
+        for j in range(3):
+            reach = reaches[j]
+            x, y, z = points[i] + reach * directions[i]
+            result[i, j] = _distance(table, near, n, x, y, z)
+    return result
+
+
+@numba.njit(cache=True, nogil=True)
+def group_distances(
+    table: NDArray[np.float64], groups: NDArray[np.int64], n_groups: int, points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Compute distances, float64 (N, n_groups), mm, of points (N, 3) to the nearest part of each group alone.
+
+    `groups`, int64 (P,), says to which group each part belongs; parts of group -1 count nowhere.
+    """
+    result = np.full((len(points), n_groups), np.inf)
     for i in range(len(points)):
         for j in range(len(table)):
-            result[i, j] = _part_distance(table[j], points[i, 0], points[i, 1], points[i, 2])
+            if groups[j] >= 0:
+                away = _part_distance(table[j], points[i, 0], points[i, 1], points[i, 2])
+                result[i, groups[j]] = min(result[i, groups[j]], away)
     return result
 
 
@@ -220,7 +321,7 @@ def project_to_surface(table: NDArray[np.float64], points: NDArray[np.float64]) 
         x, y, z = result[i, 0], result[i, 1], result[i, 2]
         n = 0
         for part in range(len(table)):
-            if _part_distance(table[part], x, y, z) < 90.0:
+            if _part_distance(table[part], x, y, z) < REACH_MM:
                 near[n] = part
                 n += 1
         for _ in range(3):
@@ -236,17 +337,28 @@ def project_to_surface(table: NDArray[np.float64], points: NDArray[np.float64]) 
 
 
 @numba.njit(cache=True, nogil=True)
+def _place(x: float, y: float, z: float, shrink_x: float, shrink_y: float, hand_y: float) -> tuple[float, float, float]:
+    return x * shrink_y, hand_y + (y - hand_y) * shrink_x, z * shrink_x * shrink_y
+
+
+@numba.njit(cache=True, nogil=True)
 def grid_distance(
-    table: NDArray[np.float64], xs: NDArray[np.float64], ys: NDArray[np.float64], zs: NDArray[np.float64]
+    table: NDArray[np.float64],
+    xs: NDArray[np.float64],
+    ys: NDArray[np.float64],
+    zs: NDArray[np.float64],
+    shrink_x: NDArray[np.float64],
+    shrink_y: NDArray[np.float64],
+    hand_y: float,
 ) -> NDArray[np.float32]:
-    """Compute distances, float32 (X, Y, Z), mm, negative inside, on a rectilinear grid.
+    """Compute distances, float32 (X, Y, Z), mm, negative inside, on a grid.
 
     Blocks far from the surface hold one rough value.
 
     Parameters
     ----------
     table : float64 (P, N_COLUMNS), see `part_table`
-    xs, ys, zs : float64 (X,), (Y,), (Z,), the grid's coordinates, mm
+    xs, ys, zs, shrink_x, shrink_y, hand_y : the grid, as from `_grid`
     """
     result = np.empty((len(xs), len(ys), len(zs)), np.float32)
     n = len(table)
@@ -256,11 +368,20 @@ def grid_distance(
         for j0 in range(0, len(ys), 8):
             for k0 in range(0, len(zs), 8):
                 i1, j1, k1 = min(i0 + 8, len(xs)), min(j0 + 8, len(ys)), min(k0 + 8, len(zs))
-                cx, cy, cz = 0.5 * (xs[i0] + xs[i1 - 1]), 0.5 * (ys[j0] + ys[j1 - 1]), 0.5 * (zs[k0] + zs[k1 - 1])
-                hx, hy, hz = xs[i1 - 1] - cx, ys[j1 - 1] - cy, zs[k1 - 1] - cz
-                radius = np.sqrt(hx * hx + hy * hy + hz * hz)
-                centre = _distance(table, everything, n, cx, cy, cz)
-                if abs(centre) > 1.8 * radius + 40.0:
+                low, high = np.full(3, np.inf), np.full(3, -np.inf)
+                for i in (i0, i1 - 1):
+                    for j in (j0, j1 - 1):
+                        for k in (k0, k1 - 1):
+                            corner = _place(xs[i], ys[j], zs[k], shrink_x[i], shrink_y[j], hand_y)
+                            for axis in range(3):
+                                low[axis], high[axis] = min(low[axis], corner[axis]), max(high[axis], corner[axis])
+                middle = 0.5 * (low + high)
+                radius = 0.5 * np.sqrt(np.sum((high - low) ** 2))
+                centre = _distance(table, everything, n, middle[0], middle[1], middle[2])
+                beside_both = shrink_x[i0] * shrink_x[i1 - 1] < 1.0 and shrink_y[j0] * shrink_y[j1 - 1] < 1.0
+                if beside_both:  # the grid overlaps itself in the air beside the head
+                    centre = 1e3
+                if beside_both or abs(centre) > 1.8 * radius + 40.0:
                     for i in range(i0, i1):
                         for j in range(j0, j1):
                             for k in range(k0, k1):
@@ -268,11 +389,12 @@ def grid_distance(
                     continue
                 n_near = 0
                 for p in range(n):
-                    if _part_distance(table[p], cx, cy, cz) < 2.5 * radius + 90.0:
+                    if _part_distance(table[p], middle[0], middle[1], middle[2]) < 2.2 * radius + REACH_MM:
                         near[n_near] = p
                         n_near += 1
                 for i in range(i0, i1):
                     for j in range(j0, j1):
                         for k in range(k0, k1):
-                            result[i, j, k] = _distance(table, near, n_near, xs[i], ys[j], zs[k])
+                            x, y, z = _place(xs[i], ys[j], zs[k], shrink_x[i], shrink_y[j], hand_y)
+                            result[i, j, k] = _distance(table, near, n_near, x, y, z)
     return result

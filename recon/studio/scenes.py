@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.rig import rigid
+from recon.studio.anatomy import Build
 from recon.studio.looks import BALL, BOX, CUBOID, KNIT, PERSON, PRINT, SPHERE, STRIPES, Look
-from recon.studio.person import Build
 from recon.studio.rigs import Field
 from recon.studio.skeleton import Controls, Vector, rotation
 
@@ -138,7 +138,7 @@ def _ball_moment(phase: float) -> Moment:
     centre = np.array([165.0 * swing, 1160.0 + 50.0 * abs(swing) + dip, 390.0])
     ball = centre + np.array([0.0, 330.0 * thrown, 0.0])
     hold = centre + np.array([0.0, min(40.0, 99.0 * thrown) - 25.0, -75.0])
-    aside = np.array([BALL_RADIUS_MM + 8.0 + 45.0 * thrown, 0.0, 0.0])
+    aside = np.array([BALL_RADIUS_MM + 18.0 + 45.0 * thrown, 0.0, 0.0])
     controls = Controls(
         pelvis=(26.0 * swing, -22.0 - 8.0 * _wave(phase, 2), 0.0),
         pelvis_turn=(2.0, 7.0 * swing, 0.0),
@@ -146,6 +146,7 @@ def _ball_moment(phase: float) -> Moment:
         head_turn=(12.0 - 22.0 * thrown, 6.0 * swing, 0.0),
         hands={"l": hold + aside, "r": hold - aside},
         palms={"l": ball, "r": ball},
+        curl={"l": -12.0, "r": -12.0},
         feet={"l": (35.0, 0.0, 25.0), "r": (-35.0, 0.0, -15.0)},
     )
     spin = rotation((360.0 * phase, 20.0, 40.0 * swing))
@@ -173,6 +174,7 @@ def _box_moment(phase: float) -> Moment:
         head_turn=(20.0 - 14.0 * lift, 5.0 * _wave(phase, 2), 3.0 * _wave(phase)),
         hands=hands,
         palms={"l": centre, "r": centre},
+        curl={"l": -4.0, "r": -4.0},
         feet={"l": (25.0, 0.0, -10.0), "r": (-25.0, 0.0, 30.0)},
     )
     return Moment((controls,), (rigid(turn, centre * (CARRIER.build.height / 1780.0)),), (_blink(phase, 0.12),))
@@ -197,6 +199,7 @@ def _people_moment(phase: float) -> Moment:
         palms={"l": (0.0, 1350.0, 420.0), "r": (0.0, 1350.0, 420.0)},
         feet={"l": (20.0, 0.0, 20.0), "r": (-20.0, 0.0, 0.0)},
         jaw=2.0 + 2.0 * _wave(phase, 5),
+        curl={"l": 10.0 + 8.0 * beat, "r": 12.0 - 6.0 * _wave(phase, 2, 0.3)},
     )
     raised = 0.5 - 0.5 * float(np.cos(TAU * phase))
     listener = Controls(
@@ -205,6 +208,7 @@ def _people_moment(phase: float) -> Moment:
         head_turn=(4.0 + 7.0 * _wave(phase, 3), -20.0 + 6.0 * _wave(phase, shift=0.4), 4.0),
         hands={"l": (330.0 + 70.0 * raised * _wave(phase, 3), 960.0 + 470.0 * raised, 60.0 + 230.0 * raised)},
         feet={"l": (10.0, 0.0, -15.0), "r": (-30.0, 0.0, 25.0)},
+        curl={"l": 14.0 - 10.0 * raised, "r": 16.0},
     )
     return Moment((talker, listener), (), (_blink(phase, 0.42), _blink(phase, 0.77)))
 

@@ -28,21 +28,30 @@ JOINTS: dict[str, tuple[float, float, float]] = {
     "upper_arm_l": (180.0, 1412.0, -15.0),
     "forearm_l": (378.0, 1200.0, -20.0),
     "hand_l": (552.0, 1014.0, -6.0),
+    "fingers_l": (615.0, 947.0, -3.0),
+    "tips_l": (638.0, 908.0, -2.0),
     "thigh_l": (92.0, 925.0, -5.0),
     "shin_l": (108.0, 500.0, 8.0),
     "foot_l": (114.0, 88.0, -22.0),
     "upper_arm_r": (-180.0, 1412.0, -15.0),
     "forearm_r": (-378.0, 1200.0, -20.0),
     "hand_r": (-552.0, 1014.0, -6.0),
+    "fingers_r": (-615.0, 947.0, -3.0),
+    "tips_r": (-638.0, 908.0, -2.0),
     "thigh_r": (-92.0, 925.0, -5.0),
     "shin_r": (-108.0, 500.0, 8.0),
     "foot_r": (-114.0, 88.0, -22.0),
 }
+ARM = np.array([0.683, -0.730, 0.03])  # direction of the left arm at rest
+BACK_OF_HAND = np.array([0.73, 0.683, 0.0])
+ACROSS = np.array([-0.02, 0.022, 1.0])  # over the left hand, towards the thumb
+KNUCKLES_MM = 92.0  # from the wrist, along the arm
 BONES = tuple(JOINTS)
 REST = {bone: np.array(joint) for bone, joint in JOINTS.items()}
 PALM = {"l": np.array([-0.73, -0.68, 0.0]), "r": np.array([0.73, -0.68, 0.0])}  # the palm's outward normal at rest
 MAX_TWIST = 1.75  # radians, of a hand about the forearm
 FULL_TWIST_SINE = 0.5  # of the angle between forearm and target; nearer to the axis the hand turns less
+RELAXED_CURL_DEG = 14.0  # of a hand that does nothing
 FULL_REACH = 0.985  # of the limb's length: a knee or elbow never locks
 
 
@@ -59,6 +68,7 @@ class Controls:
     palms : a point that the palm faces, by side, mm
     feet : displacement of the feet from standing by side, mm
     jaw : degrees that the mouth is open
+    curl : degrees that the fingers bend at the knuckles, and as much again at the middle joints, by side
     """
 
     pelvis: ArrayLike = (0.0, 0.0, 0.0)
@@ -69,6 +79,7 @@ class Controls:
     palms: Mapping[str, ArrayLike] = field(default_factory=dict)
     feet: Mapping[str, ArrayLike] = field(default_factory=dict)
     jaw: float = 0.0
+    curl: Mapping[str, float] = field(default_factory=dict)
 
 
 def rotation(turn_deg: ArrayLike) -> Vector:
@@ -145,6 +156,10 @@ def _pose_arm(controls: Controls, side: str, turns: dict[str, Vector], joints: d
         turns[hand] = axis_rotation(wrist - elbow, twist) @ turns[fore]
         turns[fore] = axis_rotation(wrist - elbow, 0.5 * twist) @ turns[fore]
     joints[upper], joints[fore], joints[hand] = shoulder, elbow, wrist
+    bend = axis_rotation(ACROSS * (-1.0, -out, -out), np.radians(controls.curl.get(side, RELAXED_CURL_DEG)))
+    for bone, parent in ((f"fingers_{side}", hand), (f"tips_{side}", f"fingers_{side}")):
+        turns[bone] = turns[parent] @ bend
+        joints[bone] = joints[parent] + turns[parent] @ (REST[bone] - REST[parent])
 
 
 def _pose_leg(controls: Controls, side: str, turns: dict[str, Vector], joints: dict[str, Vector]) -> None:

@@ -129,15 +129,21 @@ def synthesise(out: Path, parameters: SynthParameters, *, progress: Progress = n
     return replace(capture, folder=out)
 
 
+def restaged(parameters: SynthParameters) -> tuple[Stage, float]:
+    """Return the bodies of a recording as they stood in it, and the size of a sensor's pixel on them, mm."""
+    recording = _Recording(Path(), parameters)
+    return recording.stage(), _pixel(recording.rig)
+
+
 class _Recording:
     """One scene, its rig and its light, from which frames are recorded independently of each other."""
 
     def __init__(self, folder: Path, parameters: SynthParameters) -> None:
         self._folder, self._parameters = folder, parameters
         self._scene: Scene = SCENES[parameters.scene](np.asarray(parameters.position, dtype=np.float64))
-        self._rig = arc_rig(self._scene.shown, n_sensors=parameters.n_sensors, size=parameters.size, rng=self._rng(1))
+        self.rig = arc_rig(self._scene.shown, n_sensors=parameters.n_sensors, size=parameters.size, rng=self._rng(1))
         if parameters.distortion:
-            self._rig = distorted(self._rig, parameters.distortion, self._rng(6))
+            self.rig = distorted(self.rig, parameters.distortion, self._rng(6))
         self._noise = noise_volume(self._rng(2))
         self._lights, self._curve = light_table(), display_curve()
         self._towards_key = self._lights[2, :3]
@@ -145,7 +151,7 @@ class _Recording:
     def make(self, progress: Progress) -> Capture:
         n_frames = self._parameters.n_frames
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            self._stage = Stage(self._scene, cell=_cell(self._rig), noise=self._noise, towards_key=self._towards_key)
+            self._stage = self.stage()
             self._views = list(pool.map(self._empty_view, self._cameras().items()))
             extents = []
             for done, extent in enumerate(pool.map(self._record_frame, range(n_frames)), start=1):
@@ -154,16 +160,19 @@ class _Recording:
         self._write_truth()
         return self._write_capture(_bounds(extents, self._scene))
 
+    def stage(self) -> Stage:
+        return Stage(self._scene, cell=_cell(self.rig), noise=self._noise, towards_key=self._towards_key)
+
     def _rng(self, stream: int, *more: int) -> np.random.Generator:
         return np.random.default_rng((self._parameters.seed, stream, *more))
 
     def _cameras(self) -> dict[str, Camera]:
         """Return every camera by the name of its folder: the sensors, then one half way between each two neighbours."""
         sides = SIDES[:1] if self._parameters.depth_maps else SIDES
-        cameras = {f"{sensor.id}/{side}": getattr(sensor, side) for sensor in self._rig.sensors for side in sides}
+        cameras = {f"{sensor.id}/{side}": getattr(sensor, side) for sensor in self.rig.sensors for side in sides}
         return cameras | {
             f"held_out/{first.id}_{second.id}": between(first, second, self._scene.shown)
-            for first, second in zip(self._rig.sensors, self._rig.sensors[1:], strict=False)
+            for first, second in zip(self.rig.sensors, self.rig.sensors[1:], strict=False)
         }
 
     def _empty_view(self, named: tuple[str, Camera]) -> View:
@@ -232,7 +241,7 @@ class _Recording:
         write_json(self._folder / truth.FACTS, content)
 
     def _write_capture(self, bounds: NDArray[np.float64]) -> Capture:
-        scene, parameters, rig = self._scene, self._parameters, self._rig
+        scene, parameters, rig = self._scene, self._parameters, self.rig
         if parameters.calibration_error_px > 0:
             rig = disturbed(rig, parameters.calibration_error_px, self._rng(5))
         capture = Capture(
@@ -259,11 +268,15 @@ def _depth_stream(sensor: Sensor) -> SensorStream:
     return SensorStream(sensor.id, camera, None, plate=(f"{sensor.id}/left/plate.png",), depth=depth)
 
 
+def _pixel(rig: Rig) -> float:
+    """Return the size of a pixel at the actors, mm."""
+    camera = rig.sensors[0].left
+    return float(np.linalg.norm(camera.centre)) / float(camera.K[0, 0])
+
+
 def _cell(rig: Rig) -> float:
     """Choose the edge of the actors' triangles on the trunk, mm."""
-    camera = rig.sensors[0].left
-    per_pixel = float(np.linalg.norm(camera.centre)) / camera.K[0, 0]
-    return float(np.clip(CELL_PX * per_pixel, *CELLS_MM))
+    return float(np.clip(CELL_PX * _pixel(rig), *CELLS_MM))
 
 
 def _bounds(extents: list[NDArray[np.float64]], scene: Scene) -> NDArray[np.float64]:

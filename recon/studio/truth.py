@@ -3,13 +3,11 @@
 `truth/depth/<sensor>/<side>/<frame>.png` holds the depth z in the camera's frame at each pixel's centre, 16 bit:
 0 where no actor is, else z = DEPTH_FROM_MM + DEPTH_STEP_MM * value. `truth/mask/...` is 255 where an actor is at the
 pixel's centre. `truth/mesh/<frame>.ply` is what was rendered. `truth/truth.json` holds the true cameras and poses.
-`write_truth_models` lays the meshes out as an approach, so that they are filmed as reconstructions are.
+`truth_models` lays the meshes out as an approach, so that they are filmed as reconstructions are.
 """
 
 from __future__ import annotations
 
-import os
-import shutil
 from pathlib import Path
 
 import cv2
@@ -18,16 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.format import Capture, CaptureError
-from recon.capture.importing.folder import new_folder
-from recon.storage.files import write_json
 from recon.studio.rasterise import Visibility
 
 DEPTH = "truth/depth/{view}/{frame:04d}.png"
 MASK = "truth/mask/{view}/{frame:04d}.png"
 MESH = "truth/mesh/{frame:04d}.ply"
 FACTS = "truth/truth.json"
-TRUTH = "truth"  # the approach whose models are true
-SCENE_FILE = "scene.json"
 DEPTH_FROM_MM = 1000.0
 DEPTH_STEP_MM = 0.05
 DEPTH_MAP_STEP_MM = 0.1  # up to 6.5 m
@@ -106,51 +100,3 @@ def read_depth(capture: Capture, sensor_id: str, side: str, frame: int) -> NDArr
     if values is None:
         raise CaptureError(f"{path}: there is no such depth; only synthetic captures have one")
     return np.where(values > 0, DEPTH_FROM_MM + DEPTH_STEP_MM * values, np.nan).astype(np.float32)
-
-
-def write_truth_models(capture: Capture, out: Path, frames: range | None = None) -> list[int]:
-    """Write the true meshes as a folder of models, which `render` films on the path of the capture's sensors.
-
-    Parameters
-    ----------
-    capture : a synthetic one
-    out : the folder, which is made; `scene.json` names the capture by its path from there
-    frames : those to write; None for all
-
-    Returns
-    -------
-    numbers of the frames
-
-    Raises
-    ------
-    CaptureError
-        If the capture has no true meshes, none of the frames is in it, or `out` is not an empty folder.
-    """
-    meshes = {frame: capture.folder / MESH.format(frame=frame) for frame in range(capture.n_frames)}
-    missing = [path for path in meshes.values() if not path.is_file()]
-    if missing:
-        raise CaptureError(f"{missing[0]}: there is no such mesh; only synthetic captures have true meshes")
-    wanted = range(capture.n_frames) if frames is None else frames
-    chosen = [frame for frame in meshes if frame in wanted]
-    if not chosen:
-        raise CaptureError(
-            f"{capture.folder}: has frames 0 to {capture.n_frames - 1}, none of them in {wanted.start}:{wanted.stop}"
-        )
-    with new_folder(out) as folder:
-        (folder / TRUTH).mkdir()
-        for frame in chosen:
-            shutil.copyfile(meshes[frame], folder / TRUTH / meshes[frame].name)
-        write_json(folder / SCENE_FILE, _scene(capture, out))
-    return chosen
-
-
-def _scene(capture: Capture, out: Path) -> dict[str, object]:
-    """Describe a folder of models that are in the world of a capture."""
-    return {
-        "schema_version": 1,
-        "dataset": capture.name,
-        "fps": capture.fps,
-        "units": "mm",
-        "up": "y",
-        "path": {"sensors_of": Path(os.path.relpath(capture.folder.resolve(), out.resolve())).as_posix()},
-    }

@@ -7,20 +7,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
+from recon.studio.anatomy import Build, person_parts
+from recon.studio.appearance import NAILS
 from recon.studio.implicit import Part, body_mesh, distance, part_table, split_long_edges
-from recon.studio.looks import noise_volume
+from recon.studio.looks import look_row, noise_volume
 from recon.studio.objects import ball, box
-from recon.studio.person import Build, RestBody, person_parts, rest_body
+from recon.studio.person import RestBody, fold_depths, rest_body
 from recon.studio.scenes import SCENES
-from recon.studio.skeleton import BONES, REST, Controls, pose, rotation, skin, vertex_normals
+from recon.studio.skeleton import BONES, PALM, REST, Controls, pose, rotation, skin, vertex_normals
 
 Faces = NDArray[np.int32]
 
 
 @pytest.fixture(scope="module")
 def person() -> RestBody:
-    return rest_body(person_parts(Build()), cell=13.0, noise=noise_volume(np.random.default_rng(0)))
+    look = look_row(SCENES["standing"](np.zeros(3)).actors[0].look)
+    return rest_body(person_parts(Build()), look, cell=13.0, noise=noise_volume(np.random.default_rng(0)))
 
 
 def is_closed(faces: Faces) -> bool:
@@ -39,6 +44,41 @@ def test_a_person_is_closed_and_faces_outwards(person: RestBody) -> None:
     assert is_closed(person.faces)
     litres = volume(person.vertices, person.faces) / 1e6
     assert 60 < litres < 110  # with clothes
+
+
+def test_nothing_of_a_person_is_webbed_or_loose(person: RestBody) -> None:
+    edges = np.sort(np.concatenate([person.faces[:, [0, 1]], person.faces[:, [1, 2]], person.faces[:, [2, 0]]]), axis=1)
+    n_edges = len(np.unique(edges, axis=0))
+    assert len(person.vertices) - n_edges + len(person.faces) == 2  # one piece without a handle: fingers, ears, chin
+    links = coo_array((np.ones(len(edges)), edges.T), shape=(len(person.vertices),) * 2)
+    assert connected_components(links)[0] == 1
+
+
+def test_nails_lie_on_the_fingers() -> None:
+    table = part_table(person_parts(Build()))
+    assert np.abs(distance(table, np.array(NAILS))).max() < 0.3
+    assert np.abs(distance(table, np.array(NAILS) * (-1, 1, 1))).max() < 0.3
+
+
+def test_a_bent_elbow_folds_its_sleeve_and_nothing_else(person: RestBody) -> None:
+    straight = np.tile(np.eye(4)[:3], (len(BONES), 1, 1))
+    bent = straight.copy()
+    bent[[BONES.index(bone) for bone in ("forearm_l", "hand_l", "fingers_l", "tips_l")], :, :3] = rotation((0, 0, 80))
+    moved = np.abs(fold_depths(person, bent) - fold_depths(person, straight))
+    assert moved.max() > 4.0
+    from_elbow = np.linalg.norm(person.places - REST["forearm_l"], axis=1)
+    assert moved[from_elbow < 90].mean() > 1.0
+    assert moved[from_elbow > 240].max() < 0.1
+
+
+def test_curled_fingers_approach_the_palm() -> None:
+    hand = BONES.index("hand_l")
+    heights = []
+    for curl in (0.0, 15.0, 30.0):
+        transforms = pose(Controls(curl={"l": curl}))
+        tip = transforms[BONES.index("tips_l")] @ (655.0, 866.0, 0.0, 1.0)
+        heights.append(PALM["l"] @ transforms[hand, :, :3].T @ (tip - transforms[hand, :, 3]))
+    assert heights[0] + 15 < heights[1] < heights[2] - 15
 
 
 def test_a_person_is_as_tall_as_the_rest_pose_says(person: RestBody) -> None:
