@@ -8,33 +8,27 @@ Source: the study's Tables 1 and 2.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.depth.bands import in_bands, in_both
-from recon.depth.census import WINDOW, WINDOWS, grey_image
+from recon.depth.census import WINDOW, WINDOWS
 from recon.depth.consistency import consistent, lands_inside
 from recon.depth.hierarchy import TILE_BITS, search_windows
 from recon.depth.lanes import N_LANES
-from recon.depth.pair import MIN_SIDE, StereoPair
+from recon.depth.pair import MIN_SIDE, StereoPair, has_texture
 from recon.depth.permeability import WORST, aggregate_and_choose, rows_held
 from recon.depth.refinement import filled, local_planes, without_specks
 from recon.depth.slanted import SURFACE_STEP, aggregate_along_surface
 from recon.depth.slopes import tile_slopes
 from recon.depth.views import View, views_of
 
-MIN_GREY_RANGE = 2  # grey levels: with fewer there is nothing to match
 WHOLE_IMAGE_BITS = 30  # a tile larger than any image
 COARSE_THRESHOLD = 1  # pixels by which the views may differ on levels that only say where to search
 Tiles = tuple[list[NDArray[np.int32]], tuple[NDArray[np.float32], NDArray[np.float32]], int]
 """Where each window begins in every tile, how the surface rises there, and the tiles' size in bits."""
-
-
-class NoTextureWarning(UserWarning):
-    """A pair in which nothing can be matched."""
 
 
 @dataclass(frozen=True)
@@ -139,17 +133,16 @@ def refined(
     valid : bool (H, W), False where the right view contradicts
     """
     n_disparities = views[0].level.n_disparities
-    surface = without_specks(filled(left.vertex, left.valid, in_bands), in_bands)
+    surface = without_specks(filled(left.vertex, left.valid))
     surface = aggregate_along_surface(
         views[0].codes,
         views[1].framed_codes,
         views[1].origin,
         views[0].passages,
-        local_planes(surface, left.valid, n_disparities, in_bands),
+        local_planes(surface, left.valid, n_disparities),
         n_disparities,
-        in_bands,
     )
-    surface = local_planes(without_specks(surface, in_bands), left.valid, n_disparities, in_bands)
+    surface = local_planes(without_specks(surface), left.valid, n_disparities)
     valid = _kept(surface, left, right, views[0].level.min_disparity, parameters)
     return surface, valid if views[0].mask is None else valid & views[0].mask
 
@@ -172,17 +165,6 @@ def _kept(
     return valid
 
 
-def has_texture(pair: StereoPair) -> bool:
-    """Tell whether both images have anything to match; warn if not."""
-    for image, mask in ((pair.left, pair.left_mask), (pair.right, pair.right_mask)):
-        grey = grey_image(image)
-        if np.ptp(grey if mask is None else grey[mask]) < MIN_GREY_RANGE:
-            reason = "the images have no texture: nothing can be matched, every disparity is NaN"
-            warnings.warn(reason, NoTextureWarning, stacklevel=3)
-            return False
-    return True
-
-
 def match_views(views: tuple[View, View], parameters: IdParameters) -> tuple[Matches, Matches]:
     """Match both views, from the coarsest level of the hierarchy to the finest."""
     level = views[0].level
@@ -191,7 +173,7 @@ def match_views(views: tuple[View, View], parameters: IdParameters) -> tuple[Mat
         coarse = replace(parameters, levels=parameters.levels - 1, consistency_threshold=COARSE_THRESHOLD)
         halves = (views[0].halved(), views[1].halved())
         coarser = list(zip(halves, match_views(halves, coarse), strict=True))
-    in_both(lambda side: views[side].framed_codes)
+    in_both(lambda side: views[side].framed_codes)  # kept by the views: both searches read both
     vertices = in_both(lambda side: _search(views[side], views[1 - side], coarser[side]))
     index = [np.rint(vertex).astype(np.int32) for vertex in vertices]
     valid = [_confirmed(views[side], index[side], index[1 - side], parameters) for side in (0, 1)]
@@ -216,8 +198,8 @@ def _full_search(view: View) -> Tiles:
     """Search every disparity: one tile, whose windows overlap by the two lanes that only serve as neighbours."""
     last = max(view.level.n_disparities - N_LANES, 0)
     starts = [np.full((1, 1), first, np.int32) for first in (*range(0, last, N_LANES - 2), last)]
-    level = np.zeros((1, 1), np.float32)
-    return starts, (level, level), WHOLE_IMAGE_BITS
+    no_rise = np.zeros((1, 1), np.float32)
+    return starts, (no_rise, no_rise), WHOLE_IMAGE_BITS
 
 
 def _guided_search(view: View, half: View, matches: Matches) -> Tiles:

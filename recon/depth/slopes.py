@@ -16,9 +16,7 @@ from recon.depth.hierarchy import TILE
 SPAN = 2  # coarse pixels: a rise is measured from here before a pixel to here behind it
 MAX_RISE = 1.5  # coarse pixels of disparity over that distance; what rises more belongs to two surfaces
 FADE = np.float32(np.exp(-1 / 32))  # passes a pixel of a plain picture: a bent surface has other slopes far away
-LEVEL_PIXELS = np.float32(
-    20
-)  # that count as level in every mean, because a few rises tell little; with 8, steep walls gain
+LEVEL_PIXELS = np.float32(20)  # that count as level in every mean: a few rises tell little; with 8, steep walls gain
 
 
 def tile_slopes(
