@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from recon.capture.calibration.board import Board, Corners
 from recon.capture.calibration.solve import (
-    SIDES,
     CameraCalibration,
     PairCalibration,
     calibrate_camera,
@@ -37,6 +36,7 @@ from recon.capture.images import (
 from recon.capture.importing.folder import new_folder
 from recon.capture.importing.opencv import SUFFIXES, write_calibration
 from recon.capture.pictures import steady_rate
+from recon.capture.recording import SIDES, evenly_chosen
 from recon.rig import Rig, Sensor
 from recon.storage.files import write_json
 from recon.workers import Progress, no_progress
@@ -179,9 +179,8 @@ def _sides(folder: Path) -> tuple[Path, Path] | None:
 def _shots(source: Path) -> dict[str, _Shot]:
     if is_video(source):
         steady_rate(source)
-        n_frames = len(video_times(source))
-        frames = np.unique(np.linspace(0, n_frames - 1, min(n_frames, MAX_VIDEO_FRAMES)).round().astype(int))
-        return {f"{frame:06d}": _Shot(source, int(frame)) for frame in frames}
+        frames = evenly_chosen(len(video_times(source)), MAX_VIDEO_FRAMES)
+        return {f"{frame:06d}": _Shot(source, frame) for frame in frames}
     files = (path for path in sorted(source.glob("*")) if path.suffix.lower() in IMAGE_SUFFIXES)
     return {path.stem: _Shot(path) for path in files}
 
@@ -265,7 +264,7 @@ def _draw(folder: Path, pair: PairCalibration, cameras: tuple[_Camera, _Camera])
 def _rectified(sensor: Sensor, pictures: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
     """Put both pictures side by side, with lines on which matching points have to lie."""
     left, right = sensor.left, sensor.right
-    relative = right.cam_from_world @ np.linalg.inv(left.cam_from_world)
+    relative = sensor.right_from_left
     turns = cv2.stereoRectify(
         left.K, left.dist, right.K, right.dist, left.size, relative[:3, :3], relative[:3, 3:], alpha=0
     )[:4]

@@ -72,7 +72,7 @@ def epipolar_errors(sensor: Sensor, matches: Matches) -> NDArray[np.float64]:
 
     Source of Sampson's distance: Hartley, Zisserman, "Multiple view geometry", 2nd edition, equation 11.9.
     """
-    relative = sensor.right.cam_from_world @ np.linalg.inv(sensor.left.cam_from_world)
+    relative = sensor.right_from_left
     x, y, z = relative[:3, 3]
     essential = np.array([[0.0, -z, y], [z, 0, -x], [-y, x, 0]]) @ relative[:3, :3]
     left, right = _rays(sensor.left, matches.left), _rays(sensor.right, matches.right)

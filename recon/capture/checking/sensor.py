@@ -16,6 +16,7 @@ from recon.capture.checking.diagnosis import MIN_MATCHES, diagnose
 from recon.capture.checking.matches import Matches, epipolar_errors, joined, match_pictures
 from recon.capture.checking.sensor_report import Rows, SensorReport
 from recon.capture.format import CaptureError, SensorStream, frame_pictures, mask_pictures, read_mask, read_picture
+from recon.capture.recording import evenly_chosen
 from recon.capture.rectify import Rectification, rectify, rectify_images, rectify_masks
 from recon.rig import Sensor
 
@@ -154,7 +155,7 @@ def _listed(frames: Sequence[int]) -> str:
 
 def measured_frames(n_frames: int) -> list[int]:
     """Choose the frames that are measured closely."""
-    return sorted({round(frame) for frame in np.linspace(0, n_frames - 1, min(n_frames, MEASURED_FRAMES))})
+    return evenly_chosen(n_frames, MEASURED_FRAMES)
 
 
 def _look(

@@ -26,9 +26,10 @@ from recon.capture.exporting.views import (
 )
 from recon.capture.format import Capture
 from recon.capture.importing.folder import new_folder
-from recon.capture.importing.nerfstudio import DISTORTION, HALF_PIXEL, OPENGL, TRANSFORMS
+from recon.capture.importing.nerfstudio import DISTORTION, HALF_PIXEL, TRANSFORMS
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import write_cloud
+from recon.rig import OPENGL
 from recon.storage.files import write_json
 
 Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # nerfstudio's world from the capture's

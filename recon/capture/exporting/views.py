@@ -23,6 +23,7 @@ from recon.capture.format import (
     frame_pictures,
     image_path,
     mask_pictures,
+    read_mask,
     read_picture,
 )
 from recon.capture.images import is_video
@@ -73,8 +74,7 @@ def exported_views(capture: Capture, frame: int) -> list[ExportedView]:
     CaptureError
         If there is no such frame.
     """
-    if not 0 <= frame < capture.n_frames:
-        raise CaptureError(f"{capture.folder}: there is no frame {frame}, frames are 0 to {capture.n_frames - 1}")
+    capture.check_frame(frame)
     views = []
     for stream in capture.sensors:
         masks = mask_pictures(capture.folder, stream, frame)
@@ -111,7 +111,7 @@ def read_view_mask(view: ExportedView) -> NDArray[np.uint8]:
     """Return a view's mask, uint8 (H, W), 255 on the foreground; all of it where the view has none."""
     if view.mask is None:
         return np.full(view.camera.size[::-1], WHITE, np.uint8)
-    return np.where(read_picture(view.mask)[..., 1] > WHITE // 2, WHITE, 0).astype(np.uint8)
+    return np.where(read_mask(view.mask), np.uint8(WHITE), np.uint8(0))
 
 
 def read_view_depth(capture: Capture, view: ExportedView) -> NDArray[np.float32]:

@@ -25,12 +25,11 @@ from recon.capture.importing.sources import DepthSource, ImportOptions, parse_un
 from recon.capture.importing.views import View, bounds_of_points, choose_sensors
 from recon.capture.pictures import find_pictures
 from recon.geometry.mesh_files import read_points
-from recon.rig import Camera, rigid
+from recon.rig import OPENGL, Camera, rigid
 from recon.storage.files import allowed, read_json
 
 TRANSFORMS = "transforms.json"
 HALF_PIXEL = 0.5
-OPENGL = np.array([1.0, -1.0, -1.0])  # per camera axis: OpenGL's y points up and its z backwards, OpenCV's do not
 PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 DISTORTION = ("k1", "k2", "p1", "p2", "k3")  # in OpenCV's order
 DEPTHS_IN_UNIT = 1000.0  # nerfstudio's depth_unit_scale_factor

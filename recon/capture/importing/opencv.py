@@ -84,14 +84,13 @@ def write_calibration(path: Path, rig: Rig) -> None:
 
 
 def _write_sensor(storage: Any, sensor: Sensor) -> None:
-    right_from_left = sensor.right.cam_from_world @ np.linalg.inv(sensor.left.cam_from_world)
     storage.write("id", sensor.id)
     storage.write("image_size", np.array([sensor.left.size], dtype=np.int32))
     for number, camera in ((1, sensor.left), (2, sensor.right)):
         storage.write(f"K{number}", camera.K)
         storage.write(f"D{number}", camera.dist[None] if camera.dist.size else np.zeros((1, 5)))
-    storage.write("R", right_from_left[:3, :3])
-    storage.write("T", right_from_left[:3, 3:])
+    storage.write("R", sensor.right_from_left[:3, :3])
+    storage.write("T", sensor.right_from_left[:3, 3:])
     storage.write("cam_from_world", sensor.left.cam_from_world)
 
 
