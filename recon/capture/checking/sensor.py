@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.capture.checking.continuity import DARK_LEVELS
 from recon.capture.checking.depth import bounds_area, check_depth_maps
 from recon.capture.checking.diagnosis import MIN_MATCHES, diagnose
 from recon.capture.checking.matches import Matches, epipolar_errors, joined, match_pictures
@@ -27,7 +28,6 @@ MATCHED_PX = 0.25  # what disparities are good to: root mean square on benchmark
 TEXTURE_WINDOW = 9  # pixels, about a matcher's
 MIN_TEXTURE = 2.5  # grey levels of local standard deviation, the noise's taken off
 MAX_LEFT_TO_RIGHT = 1.15  # of the brightness of matched points
-DARK_LEVELS = 8.0  # below, ratios of brightness mean nothing
 NOISE_KERNEL = np.array([[1.0, -2, 1], [-2, 4, -2], [1, -2, 1]]) / 6.0  # Immerkaer, 1996: keeps noise, drops edges
 MOST_LISTED = 5  # frames in a sentence
 NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal distribution
