@@ -134,8 +134,8 @@ def given_disparity(depth: NDArray[np.float32], stream: SensorStream, view: Rect
 
 def rays(camera: Camera) -> NDArray[np.float64]:
     """Return the point of depth 1 that each pixel shows, float64 (H, W, 3), in the camera's frame; with distortion."""
-    columns, rows = np.meshgrid(np.arange(camera.size[0], dtype=np.float64), np.arange(camera.size[1]))
-    pixels = np.stack([columns, rows], axis=2).reshape(-1, 2)
+    columns, rows = np.meshgrid(np.arange(camera.size[0]), np.arange(camera.size[1]))
+    pixels = np.stack([columns, rows], axis=2).reshape(-1, 2).astype(np.float64)
     return viewing_directions(camera, pixels).reshape(*columns.shape, 3)
 
 

@@ -67,7 +67,7 @@ class StereoPair:
         return int(self.left.shape[1])
 
     def foreground(self) -> tuple[slice, slice]:
-        """Rows and columns that hold the left foreground, all that it can match, and a census window around."""
+        """Bound the left foreground, all that it can match, and a census window around: rows and columns."""
         if self.left_mask is None:
             return slice(0, self.height), slice(0, self.width)
         rows, columns = (np.flatnonzero(self.left_mask.any(axis=axis)) for axis in (1, 0))

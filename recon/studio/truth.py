@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.format import Capture, CaptureError
-from recon.capture.importing.folder import new_folder
-from recon.storage.files import write_json
+from recon.storage.files import new_folder, write_json
 from recon.studio.rasterise import Visibility
 
 DEPTH = "truth/depth/{view}/{frame:04d}.png"

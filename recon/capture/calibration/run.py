@@ -32,13 +32,13 @@ from recon.capture.images import (
     read_image,
     read_video_frame,
     video_times,
+    write_picture,
 )
-from recon.capture.importing.folder import new_folder
 from recon.capture.importing.opencv import SUFFIXES, write_calibration
 from recon.capture.pictures import steady_rate
 from recon.capture.recording import SIDES, evenly_chosen
 from recon.rig import Rig, Sensor
-from recon.storage.files import write_json
+from recon.storage.files import new_folder, write_json
 from recon.workers import Progress, no_progress
 
 SCHEMA_VERSION = 1
@@ -252,13 +252,13 @@ def _sensor_json(pair: PairCalibration) -> dict[str, Any]:
 def _draw(folder: Path, pair: PairCalibration, cameras: tuple[_Camera, _Camera]) -> None:
     for camera, side in zip(cameras, SIDES, strict=True):
         for name, corners in camera.views.items():
-            picture = _bgr(camera.shots[name])
+            picture = camera.shots[name].read()
             for x, y in corners.pixels:
                 cv2.circle(picture, (round(x), round(y)), DOT_PX, GREEN, 1, cv2.LINE_AA)
-            _write(folder / f"corners/{pair.sensor.id}/{side}/{name}.jpg", picture)
+            write_picture(folder / f"corners/{pair.sensor.id}/{side}/{name}.jpg", picture)
     fullest = max(pair.errors, key=lambda name: len(cameras[0].views[name]))
-    pictures = [_bgr(camera.shots[fullest]) for camera in cameras]
-    _write(folder / f"rectified/{pair.sensor.id}.jpg", _rectified(pair.sensor, pictures))
+    pictures = [camera.shots[fullest].read() for camera in cameras]
+    write_picture(folder / f"rectified/{pair.sensor.id}.jpg", _rectified(pair.sensor, pictures))
 
 
 def _rectified(sensor: Sensor, pictures: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
@@ -276,13 +276,3 @@ def _rectified(sensor: Sensor, pictures: Sequence[NDArray[np.uint8]]) -> NDArray
     for row in np.linspace(0, both.shape[0] - 1, N_LINES + 2)[1:-1]:
         cv2.line(both, (0, round(row)), (both.shape[1] - 1, round(row)), GREEN, 1)
     return np.asarray(both, dtype=np.uint8)
-
-
-def _bgr(shot: _Shot) -> NDArray[np.uint8]:
-    return np.ascontiguousarray(shot.read()[..., ::-1])
-
-
-def _write(path: Path, picture: NDArray[np.uint8]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if not cv2.imwrite(str(path), picture):
-        raise CaptureError(f"{path}: cannot be written")

@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,10 +25,9 @@ from recon.capture.format import (
     read_mask,
     read_picture,
 )
-from recon.capture.images import is_video
+from recon.capture.images import is_video, write_picture
 from recon.capture.pictures import copy_file
 from recon.rig import Camera
-from recon.storage.files import whole_file
 from recon.storage.remote import fetched
 
 MM_PER_METRE = 1000.0
@@ -102,7 +100,7 @@ def write_images(folder: Path, views: Sequence[ExportedView]) -> None:
     for view in views:
         pixels = read_picture(view.picture)
         if is_video(view.picture.path):
-            write_png(folder / view.name, pixels[..., ::-1])
+            write_picture(folder / view.name, pixels)
         else:
             copy_file(fetched(view.picture.path), folder / view.name)
 
@@ -125,14 +123,6 @@ def read_view_depth(capture: Capture, view: ExportedView) -> NDArray[np.float32]
     if view.depth_stream is None:
         return np.zeros(view.camera.size[::-1], np.float32)
     return np.nan_to_num(read_depth_map(capture.folder, view.depth_stream, view.picture.frame))
-
-
-def write_png(path: Path, pixels: NDArray[np.uint8]) -> None:
-    """Write a PNG, uint8 (H, W) or (H, W, 3) BGR, making its folder."""
-    done, encoded = cv2.imencode(".png", pixels)
-    assert done  # an image in memory can always be encoded
-    with whole_file(path) as temporary:
-        temporary.write_bytes(encoded.tobytes())
 
 
 def check_lens(view: ExportedView, places: Sequence[int], form: str) -> NDArray[np.float64]:

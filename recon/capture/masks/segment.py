@@ -27,6 +27,7 @@ from recon.capture.format import (
     read_plates,
     write_capture,
 )
+from recon.capture.images import write_picture
 from recon.capture.masks.evidence import evidence_of, found_threshold, smoothed
 from recon.capture.masks.outline import grown, repatterned, tightened
 from recon.capture.masks.scribbles import Strokes, mask_of_key_frame, propagated, read_scribbles
@@ -220,9 +221,7 @@ def _mask_patterns(stream: SensorStream) -> tuple[str, ...]:
 
 
 def _write_mask(path: Path, mask: NDArray[np.bool_]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if not cv2.imwrite(str(path), mask.astype(np.uint8) * 255):
-        raise CaptureError(f"{path}: cannot be written")
+    write_picture(path, np.where(mask, np.uint8(255), np.uint8(0)))
 
 
 @contextmanager
