@@ -8,6 +8,7 @@ Source: the study's Tables 1 and 2.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -166,47 +167,73 @@ def _kept(
 
 
 def match_views(views: tuple[View, View], parameters: IdParameters) -> tuple[Matches, Matches]:
-    """Match both views, from the coarsest level of the hierarchy to the finest."""
-    level = views[0].level
-    coarser: list[tuple[View, Matches]] | tuple[None, None] = (None, None)
-    if parameters.levels > 0 and level.n_disparities > N_LANES and min(views[0].shape) >= 2 * MIN_SIDE:
-        coarse = replace(parameters, levels=parameters.levels - 1, consistency_threshold=COARSE_THRESHOLD)
-        halves = (views[0].halved(), views[1].halved())
-        coarser = list(zip(halves, match_views(halves, coarse), strict=True))
+    """Match both views, from the coarsest level of the hierarchy to the finest.
+
+    The coarsest level of several is searched twice, the second time along the slopes that it found.
+    """
+    if not _is_halved(views[0], parameters):
+        return _matched(views, parameters, lambda side: _full_search(views[side]))
+    coarse = replace(parameters, levels=parameters.levels - 1, consistency_threshold=COARSE_THRESHOLD)
+    halves = (views[0].halved(), views[1].halved())
+    coarser = match_views(halves, coarse)
+    if not _is_halved(halves[0], coarse):
+        coarser = _matched(halves, coarse, lambda side: _full_search_along(halves[side], coarser[side]))
+    return _matched(views, parameters, lambda side: _guided_search(views[side], halves[side], coarser[side]))
+
+
+def _is_halved(view: View, parameters: IdParameters) -> bool:
+    """Tell whether a coarser level says where to search."""
+    return parameters.levels > 0 and view.level.n_disparities > N_LANES and min(view.shape) >= 2 * MIN_SIDE
+
+
+def _matched(
+    views: tuple[View, View], parameters: IdParameters, tiles_of: Callable[[int], Tiles]
+) -> tuple[Matches, Matches]:
+    """Match both views at one level, each where its tiles say; they are computed when asked for, left (0) and right."""
     in_both(lambda side: views[side].framed_codes)  # kept by the views: both searches read both
-    vertices = in_both(lambda side: _search(views[side], views[1 - side], coarser[side]))
+    vertices = in_both(lambda side: _search(views[side], views[1 - side], tiles_of(side)))
     index = [np.rint(vertex).astype(np.int32) for vertex in vertices]
     valid = [_confirmed(views[side], index[side], index[1 - side], parameters) for side in (0, 1)]
     return Matches(vertices[0], index[0], valid[0]), Matches(vertices[1], index[1], valid[1])
 
 
-def _search(view: View, other: View, coarser: tuple[View, Matches] | None) -> NDArray[np.float32]:
+def _search(view: View, other: View, tiles: Tiles) -> NDArray[np.float32]:
     """Search every pixel's cheapest disparity index; return its parabola's vertex, float32 (H, W)."""
     # a tie, where nothing is known, is broken to opposite ends in the two views and fails the consistency check
     flip = N_LANES - 1 if view.is_right else 0
     best, vertex = np.full(view.shape, WORST, np.int32), np.zeros(view.shape, np.float32)
     facing, n_disparities = (other.framed_codes, other.origin), view.level.n_disparities
     n_held = rows_held(*view.shape)
-    starts, slopes, tile_bits = _full_search(view) if coarser is None else _guided_search(view, *coarser)
+    starts, slopes, tile_bits = tiles
     for start in starts[:: -1 if view.is_right else 1]:  # from far to near, in the right view from near to far
-        tiles = (start, slopes, tile_bits)
-        aggregate_and_choose(view.codes, *facing, view.passages, *tiles, n_disparities, flip, n_held, best, vertex)
+        along = (start, slopes, tile_bits)
+        aggregate_and_choose(view.codes, *facing, view.passages, *along, n_disparities, flip, n_held, best, vertex)
     return vertex
 
 
 def _full_search(view: View) -> Tiles:
-    """Search every disparity: one tile, whose windows overlap by the two lanes that only serve as neighbours."""
-    last = max(view.level.n_disparities - N_LANES, 0)
-    starts = [np.full((1, 1), first, np.int32) for first in (*range(0, last, N_LANES - 2), last)]
+    """Search every disparity at no slope: one tile."""
     no_rise = np.zeros((1, 1), np.float32)
-    return starts, (no_rise, no_rise), WHOLE_IMAGE_BITS
+    return _every_window(view, (1, 1)), (no_rise, no_rise), WHOLE_IMAGE_BITS
+
+
+def _full_search_along(view: View, matches: Matches) -> Tiles:
+    """Search every disparity along the slopes of the view's own matches."""
+    slopes = tile_slopes(matches.vertex, matches.valid)
+    return _every_window(view, slopes[0].shape), slopes, TILE_BITS - 1  # a tile of the finer level, half as large here
+
+
+def _every_window(view: View, shape: tuple[int, ...]) -> list[NDArray[np.int32]]:
+    """Return windows over all disparities for tiles; they overlap by the two lanes that only serve as neighbours."""
+    last = max(view.level.n_disparities - N_LANES, 0)
+    return [np.full(shape, first, np.int32) for first in (*range(0, last, N_LANES - 2), last)]
 
 
 def _guided_search(view: View, half: View, matches: Matches) -> Tiles:
     """Search around the coarser level's disparities, along its slopes."""
     n_disparities, shift = view.level.n_disparities, 2 * half.level.min_disparity - view.level.min_disparity
     starts = search_windows(matches.index, matches.valid, view.shape, n_disparities, shift=shift)
-    return [*starts], tile_slopes(matches.vertex, matches.valid, half.passages), TILE_BITS
+    return [*starts], tile_slopes(matches.vertex, matches.valid), TILE_BITS
 
 
 def _confirmed(
