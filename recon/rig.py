@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 ROTATION_TOLERANCE = 1e-3  # published calibrations carry about four digits
 MIN_BASELINE_MM = 1e-3
 UP = np.array([0.0, 1.0, 0.0])
+OPENGL = np.array([1.0, -1.0, -1.0])  # per camera axis: OpenGL's y points up and its z backwards, OpenCV's do not
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +92,11 @@ class Sensor:
         """Distance between the optical centres, mm."""
         return float(np.linalg.norm(self.right.centre - self.left.centre))
 
+    @property
+    def right_from_left(self) -> NDArray[np.float64]:
+        """float64 (4, 4), mm: the right camera's frame from the left one's."""
+        return np.asarray(self.right.cam_from_world @ np.linalg.inv(self.left.cam_from_world))
+
 
 @dataclass(frozen=True, eq=False)
 class Rig:
@@ -107,6 +113,22 @@ class Rig:
             raise ValueError("a rig needs at least one sensor, found none")
         if len(set(ids)) != len(ids):
             raise ValueError(f"sensor ids must differ, found {ids}")
+
+
+def checked_bounds(bounds: ArrayLike) -> NDArray[np.float64]:
+    """Check bounds, mm, and return them as float64 (2, 3).
+
+    A ValueError says that they are not two corners, the lowest one first, of a box that has a volume.
+    """
+    try:
+        box = np.array(bounds, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"bounds is {bounds!r}, expected numbers") from error
+    if box.shape != (2, 3) or not np.isfinite(box).all():
+        raise ValueError(f"bounds is {box.tolist()}, expected [[x, y, z] lowest, [x, y, z] highest] in mm")
+    if not (box[0] < box[1]).all():
+        raise ValueError(f"bounds: the lowest corner {box[0].tolist()} is not below the highest {box[1].tolist()}")
+    return box
 
 
 def bounds_corners(bounds: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 
 from recon.capture.format import DepthMaps, SensorStream, depth_path
 from recon.capture.images import CaptureError, read_stored_image
-from recon.capture.rectify import Rectification, rectify, rectify_depth, scaled_camera, undistortion_maps
+from recon.capture.rectify import (
+    Rectification,
+    is_straight,
+    rectify,
+    rectify_depth,
+    scaled_camera,
+    undistortion_maps,
+    viewing_directions,
+)
 from recon.rig import Camera
 from recon.storage.npy import read_npy
 from recon.storage.remote import fetched
@@ -118,7 +126,7 @@ def given_disparity(depth: NDArray[np.float32], stream: SensorStream, view: Rect
     """
     camera = scaled_camera(stream.left.camera, view.left.size)
     inverse = 1.0 / depth
-    if camera.dist.any() or camera.K[0, 1]:
+    if not is_straight(camera):
         maps = undistortion_maps(camera, view.left)
         inverse = cv2.remap(inverse, *maps, cv2.INTER_LINEAR, borderValue=float("nan"))
     return np.asarray(view.focal * view.baseline * inverse + view.offset, dtype=np.float32)
@@ -126,11 +134,9 @@ def given_disparity(depth: NDArray[np.float32], stream: SensorStream, view: Rect
 
 def rays(camera: Camera) -> NDArray[np.float64]:
     """Return the point of depth 1 that each pixel shows, float64 (H, W, 3), in the camera's frame; with distortion."""
-    columns, rows = np.meshgrid(np.arange(camera.size[0], dtype=np.float64), np.arange(camera.size[1]))
-    columns -= camera.K[0, 1] * (rows - camera.K[1, 2]) / camera.K[1, 1]  # OpenCV knows no skew
-    pixels = np.stack([columns, rows], axis=2).reshape(-1, 1, 2)
-    slopes = cv2.undistortPoints(pixels, camera.K, camera.dist).reshape(*columns.shape, 2)
-    return np.concatenate([slopes, np.ones((*columns.shape, 1))], axis=2)
+    columns, rows = np.meshgrid(np.arange(camera.size[0]), np.arange(camera.size[1]))
+    pixels = np.stack([columns, rows], axis=2).reshape(-1, 2).astype(np.float64)
+    return viewing_directions(camera, pixels).reshape(*columns.shape, 3)
 
 
 def _read_png(path: Path) -> NDArray[np.generic]:

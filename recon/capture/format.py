@@ -102,7 +102,7 @@ def read_frame(capture: Capture, sensor_id: str, frame: int) -> tuple[NDArray[np
     CaptureError
         If there is no such sensor or frame, or an image is missing, unreadable, or not of its camera's size.
     """
-    _check_frame(capture, frame)
+    capture.check_frame(frame)
     return tuple(map(read_picture, frame_pictures(capture.folder, capture.stream(sensor_id), frame)))
 
 
@@ -117,7 +117,7 @@ def read_masks(capture: Capture, sensor_id: str, frame: int) -> tuple[NDArray[np
     sensor_id : such as S1
     frame : number, from 0
     """
-    _check_frame(capture, frame)
+    capture.check_frame(frame)
     return tuple(map(read_mask, mask_pictures(capture.folder, capture.stream(sensor_id), frame))) or None
 
 
@@ -210,8 +210,3 @@ def _picture(folder: Path, pattern: str, frame: int, camera: Camera) -> Picture:
 
 def _held_out_picture(folder: Path, photograph: HeldOut) -> Picture:
     return _picture(folder, photograph.image, photograph.frame, photograph.camera)
-
-
-def _check_frame(capture: Capture, frame: int) -> None:
-    if not 0 <= frame < capture.n_frames:
-        raise CaptureError(f"{capture.folder}: there is no frame {frame}, frames are 0 to {capture.n_frames - 1}")

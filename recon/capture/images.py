@@ -1,4 +1,4 @@
-"""The one reader of recorded images and videos, which raises where OpenCV would fail softly."""
+"""Recorded images and videos, by a reader that raises where OpenCV would fail softly; and pictures, written whole."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from threading import Lock
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from recon.storage.files import whole_file
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v")
@@ -33,10 +35,7 @@ def read_image(path: Path) -> NDArray[np.uint8]:
 
     A CaptureError says that the file is missing, is not an image, or is cut off.
     """
-    pixels = cv2.imdecode(_image_bytes(path), cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION)
-    if pixels is None:
-        raise CaptureError(f"{path}: is not readable as an image (PNG or JPEG expected)")
-    return np.asarray(pixels)
+    return np.asarray(_decoded(path, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION), np.uint8)
 
 
 def read_stored_image(path: Path) -> NDArray[np.generic]:
@@ -44,10 +43,15 @@ def read_stored_image(path: Path) -> NDArray[np.generic]:
 
     For callers that must not take a grey or a 16-bit image for a colour image of 8 bits; raises as `read_image` does.
     """
-    pixels = cv2.imdecode(_image_bytes(path), cv2.IMREAD_UNCHANGED)
-    if pixels is None:
-        raise CaptureError(f"{path}: is not readable as an image (PNG or JPEG expected)")
+    pixels = _decoded(path, cv2.IMREAD_UNCHANGED)
     return np.ascontiguousarray(pixels if pixels.ndim == 2 else pixels[..., 2::-1])
+
+
+def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
+    """Write a picture, uint8 (H, W, 3) RGB or (H, W), as PNG or JPEG by its suffix, whole or not at all."""
+    _, encoded = cv2.imencode(path.suffix, picture if picture.ndim == 2 else picture[..., ::-1])
+    with whole_file(path) as temporary:
+        temporary.write_bytes(encoded.tobytes())
 
 
 def read_video_frame(path: Path, frame: int) -> NDArray[np.uint8]:
@@ -58,10 +62,7 @@ def read_video_frame(path: Path, frame: int) -> NDArray[np.uint8]:
 
     A CaptureError says that the file is missing, cannot be decoded, or ends before the frame.
     """
-    if not path.is_file():
-        raise CaptureError(f"{path}: there is no such video")
-    facts = path.stat()
-    return _open_video(path, facts.st_mtime_ns, facts.st_size, os.getpid()).read(frame)
+    return _open_video(path, *_version(path), os.getpid()).read(frame)
 
 
 def video_times(path: Path) -> NDArray[np.float64]:
@@ -69,13 +70,18 @@ def video_times(path: Path) -> NDArray[np.float64]:
 
     A CaptureError says that the file is missing or holds no frame that can be decoded.
     """
-    if not path.is_file():
-        raise CaptureError(f"{path}: there is no such video")
-    facts = path.stat()
-    times = np.array(_times(path, facts.st_mtime_ns, facts.st_size))
+    times = np.array(_times(path, *_version(path)))
     if len(times) == 0:
         raise CaptureError(f"{path}: is not a video that can be decoded")
     return times
+
+
+def _version(path: Path) -> tuple[int, int]:
+    """Return when a video was changed, ns, and its bytes: what is known of it holds while these do."""
+    if not path.is_file():
+        raise CaptureError(f"{path}: there is no such video")
+    facts = path.stat()
+    return facts.st_mtime_ns, facts.st_size
 
 
 @lru_cache(maxsize=MAX_OPEN_VIDEOS)
@@ -123,6 +129,13 @@ class _Video:
 @lru_cache(maxsize=MAX_OPEN_VIDEOS)
 def _open_video(path: Path, _changed_ns: int, _n_bytes: int, _process: int) -> _Video:
     return _Video(path)  # keyed by the process too: a forked decoder shares its file position with its parent
+
+
+def _decoded(path: Path, flags: int) -> NDArray[np.generic]:
+    pixels = cv2.imdecode(_image_bytes(path), flags)
+    if pixels is None:
+        raise CaptureError(f"{path}: is not readable as an image (PNG or JPEG expected)")
+    return np.asarray(pixels)
 
 
 def _image_bytes(path: Path) -> NDArray[np.uint8]:

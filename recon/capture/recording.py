@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.images import IMAGE_SUFFIXES, VIDEO_SUFFIXES, CaptureError, is_video
-from recon.rig import Camera, Rig, Sensor, rigid
+from recon.rig import Camera, Rig, Sensor, checked_bounds, rigid
 
 KINDS = ("scene", "sphere", "cuboid")
 GIVEN = "given"  # the depth method that takes the depth maps of the capture
@@ -185,6 +185,11 @@ class Capture:
         """Return the sensors that a depth method uses: those with depth maps if it is `GIVEN`, else all."""
         return tuple(stream for stream in self.sensors if method != GIVEN or stream.depth is not None)
 
+    def check_frame(self, frame: int) -> None:
+        """Raise a CaptureError if there is no such frame."""
+        if not 0 <= frame < self.n_frames:
+            raise CaptureError(f"{self.folder}: there is no frame {frame}, frames are 0 to {self.n_frames - 1}")
+
     def stream(self, sensor_id: str) -> SensorStream:
         """Return the sensor of an id, or raise a CaptureError if there is none."""
         for stream in self.sensors:
@@ -192,6 +197,11 @@ class Capture:
                 return stream
         ids = ", ".join(stream.id for stream in self.sensors)
         raise CaptureError(f"{self.folder}: there is no sensor {sensor_id!r}, there are {ids}")
+
+
+def evenly_chosen(n: int, most: int) -> list[int]:
+    """Choose at most so many of the numbers 0 to n - 1, evenly, the first and the last among them."""
+    return sorted({round(number) for number in np.linspace(0, n - 1, min(n, most))})
 
 
 def image_path(folder: Path, pattern: str, frame: int) -> Path:
@@ -244,14 +254,9 @@ def check_count(count: Any, name: str, *, at_least: int) -> int:
 def check_bounds(bounds: Any) -> NDArray[np.float64]:
     """Return float64 (2, 3), each lowest value below its highest, or raise a CaptureError."""
     try:
-        box = np.array(bounds, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise CaptureError(f"bounds is {bounds!r}, expected numbers") from error
-    if box.shape != (2, 3) or not np.isfinite(box).all():
-        raise CaptureError(f"bounds is {box.tolist()}, expected [[x, y, z] lowest, [x, y, z] highest] in mm")
-    if not (box[0] < box[1]).all():
-        raise CaptureError(f"bounds: the lowest corner {box[0].tolist()} is not below the highest {box[1].tolist()}")
-    return box
+        return checked_bounds(bounds)
+    except ValueError as error:
+        raise CaptureError(str(error)) from error
 
 
 def check_object(facts: Any) -> dict[str, Any]:

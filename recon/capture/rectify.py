@@ -117,16 +117,13 @@ def rectify_depth(sensor: Sensor, depth_size: tuple[int, int], bounds: NDArray[n
     depth_size : (width, height) of the depth maps, pixels
     bounds : float64 (2, 3), mm, lowest and highest corner of the space to be seen
     """
-    scaled = scaled_camera(sensor.left, depth_size)
-    K = scaled.K.copy()
-    K[0, 1] = 0.0  # OpenCV knows no skew
-    left = Camera(K, depth_size, scaled.cam_from_world)
+    left = _straightened(scaled_camera(sensor.left, depth_size))
     distance = float(np.linalg.norm(left.centre - bounds.mean(axis=0)))
     radius = float(np.linalg.norm(bounds[1] - bounds[0])) / 2  # of bounds around the camera, such as a room
     baseline = IMAGINED_BASELINE * max(distance, radius)
     right = replace(left, cam_from_world=rigid(np.eye(3), (-baseline, 0.0, 0.0)) @ left.cam_from_world)
     near = max(float(left.points_in_camera(bounds_corners(bounds))[:, 2].min()), baseline)
-    n_disparities = int(np.ceil(K[0, 0] * baseline / near)) + 1
+    n_disparities = int(np.ceil(left.K[0, 0] * baseline / near)) + 1
     maps = undistortion_maps(sensor.left, left)
     return Rectification(sensor.id, left, right, n_disparities, maps, maps)
 
@@ -154,6 +151,16 @@ def undistortion_maps(original: Camera, rectified: Camera) -> Maps:
     return columns + np.float32(skew) * (rows - np.float32(original.K[1, 2])), rows
 
 
+def viewing_directions(camera: Camera, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the point of depth 1 that each pixel (N, 2) shows, float64 (N, 3), in the camera's frame."""
+    if len(pixels) == 0:  # OpenCV answers with None
+        return np.zeros((0, 3))
+    straight = pixels.copy()
+    straight[:, 0] -= camera.K[0, 1] * (pixels[:, 1] - camera.K[1, 2]) / camera.K[1, 1]  # OpenCV knows no skew
+    slopes = cv2.undistortPoints(straight[:, None], camera.K, camera.dist)[:, 0]
+    return np.column_stack([slopes, np.ones(len(slopes))])
+
+
 def undistort(
     camera: Camera, picture: NDArray[np.uint8], mask: NDArray[np.bool_] | None
 ) -> tuple[Camera, NDArray[np.uint8], NDArray[np.bool_] | None]:
@@ -165,13 +172,16 @@ def undistort(
     picture : uint8 (H, W, 3), as recorded
     mask : bool (H, W), as recorded; None where there is none
     """
-    K = camera.K.copy()
-    K[0, 1] = 0.0  # OpenCV knows no skew
-    if not camera.dist.any() and not camera.K[0, 1]:
+    if is_straight(camera):
         return camera, picture, mask
-    straight = Camera(K, camera.size, camera.cam_from_world)
+    straight = _straightened(camera)
     maps = undistortion_maps(camera, straight)
     return straight, _remap(picture, maps), None if mask is None else _remap_mask(mask, maps)
+
+
+def is_straight(camera: Camera) -> bool:
+    """Tell whether a camera has neither distortion nor skew."""
+    return not camera.dist.any() and not camera.K[0, 1]
 
 
 def rectify_left(rectification: Rectification, left: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -222,6 +232,13 @@ def rectify_masks(
     return _remap_mask(left_mask, rectification.left_maps), _remap_mask(right_mask, rectification.right_maps)
 
 
+def _straightened(camera: Camera) -> Camera:
+    """Return a camera without its distortion and skew."""
+    K = camera.K.copy()
+    K[0, 1] = 0.0
+    return Camera(K, camera.size, camera.cam_from_world)
+
+
 def _rotation(sensor: Sensor) -> NDArray[np.float64]:
     x = (sensor.right.centre - sensor.left.centre) / sensor.baseline
     forward = sensor.left.rotation[2] + sensor.right.rotation[2]
@@ -268,9 +285,7 @@ def _outline(original: Camera, camera: Camera) -> NDArray[np.float64]:
         [np.stack(edge, axis=1) for edge in ((along, zeros), (along, ones), (zeros, along), (ones, along))]
     )
     pixels = border * (width - 1, height - 1)
-    pixels[:, 0] -= original.K[0, 1] * (pixels[:, 1] - original.K[1, 2]) / original.K[1, 1]  # OpenCV knows no skew
-    slopes = cv2.undistortPoints(pixels[:, None], original.K, original.dist)[:, 0]
-    rays = np.column_stack([slopes, np.ones(len(slopes))]) @ (camera.rotation @ original.rotation.T).T
+    rays = viewing_directions(original, pixels) @ (camera.rotation @ original.rotation.T).T
     depth = np.maximum(rays[:, 2:], np.linalg.norm(rays, axis=1, keepdims=True) / FARTHEST_SLOPE)
     return np.asarray(rays[:, :2] / depth * camera.K[0, 0])
 

@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.depth.cvf import DrParameters, IdParameters, NoTextureWarning, match_dr, match_id
-from recon.depth.pair import StereoPair, rectified_pair
+from recon.depth.cvf import DrParameters, IdParameters, match_dr, match_id
+from recon.depth.pair import NoTextureWarning, StereoPair, rectified_pair
 from recon.depth.patchmatch import PmParameters, match_pm
 from recon.depth.semi_global import SgmParameters, match_sgm
 from recon.depth.temporal import match_sequence

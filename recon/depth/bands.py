@@ -13,7 +13,6 @@ import numba
 import numpy as np
 
 Result = TypeVar("Result")
-Bands = Callable[[int, Callable[[int, int], None]], None]
 
 
 def in_bands(length: int, work: Callable[[int, int], None]) -> None:

@@ -8,33 +8,28 @@ Source: the study's Tables 1 and 2.
 
 from __future__ import annotations
 
-import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.depth.bands import in_bands, in_both
-from recon.depth.census import WINDOW, WINDOWS, grey_image
+from recon.depth.census import WINDOW, WINDOWS
 from recon.depth.consistency import consistent, lands_inside
 from recon.depth.hierarchy import TILE_BITS, search_windows
 from recon.depth.lanes import N_LANES
-from recon.depth.pair import MIN_SIDE, StereoPair
+from recon.depth.pair import MIN_SIDE, StereoPair, has_texture
 from recon.depth.permeability import WORST, aggregate_and_choose, rows_held
 from recon.depth.refinement import filled, local_planes, without_specks
 from recon.depth.slanted import SURFACE_STEP, aggregate_along_surface
 from recon.depth.slopes import tile_slopes
 from recon.depth.views import View, views_of
 
-MIN_GREY_RANGE = 2  # grey levels: with fewer there is nothing to match
 WHOLE_IMAGE_BITS = 30  # a tile larger than any image
 COARSE_THRESHOLD = 1  # pixels by which the views may differ on levels that only say where to search
 Tiles = tuple[list[NDArray[np.int32]], tuple[NDArray[np.float32], NDArray[np.float32]], int]
 """Where each window begins in every tile, how the surface rises there, and the tiles' size in bits."""
-
-
-class NoTextureWarning(UserWarning):
-    """A pair in which nothing can be matched."""
 
 
 @dataclass(frozen=True)
@@ -139,17 +134,16 @@ def refined(
     valid : bool (H, W), False where the right view contradicts
     """
     n_disparities = views[0].level.n_disparities
-    surface = without_specks(filled(left.vertex, left.valid, in_bands), in_bands)
+    surface = without_specks(filled(left.vertex, left.valid))
     surface = aggregate_along_surface(
         views[0].codes,
         views[1].framed_codes,
         views[1].origin,
         views[0].passages,
-        local_planes(surface, left.valid, n_disparities, in_bands),
+        local_planes(surface, left.valid, n_disparities),
         n_disparities,
-        in_bands,
     )
-    surface = local_planes(without_specks(surface, in_bands), left.valid, n_disparities, in_bands)
+    surface = local_planes(without_specks(surface), left.valid, n_disparities)
     valid = _kept(surface, left, right, views[0].level.min_disparity, parameters)
     return surface, valid if views[0].mask is None else valid & views[0].mask
 
@@ -172,59 +166,74 @@ def _kept(
     return valid
 
 
-def has_texture(pair: StereoPair) -> bool:
-    """Tell whether both images have anything to match; warn if not."""
-    for image, mask in ((pair.left, pair.left_mask), (pair.right, pair.right_mask)):
-        grey = grey_image(image)
-        if np.ptp(grey if mask is None else grey[mask]) < MIN_GREY_RANGE:
-            reason = "the images have no texture: nothing can be matched, every disparity is NaN"
-            warnings.warn(reason, NoTextureWarning, stacklevel=3)
-            return False
-    return True
-
-
 def match_views(views: tuple[View, View], parameters: IdParameters) -> tuple[Matches, Matches]:
-    """Match both views, from the coarsest level of the hierarchy to the finest."""
-    level = views[0].level
-    coarser: list[tuple[View, Matches]] | tuple[None, None] = (None, None)
-    if parameters.levels > 0 and level.n_disparities > N_LANES and min(views[0].shape) >= 2 * MIN_SIDE:
-        coarse = replace(parameters, levels=parameters.levels - 1, consistency_threshold=COARSE_THRESHOLD)
-        halves = (views[0].halved(), views[1].halved())
-        coarser = list(zip(halves, match_views(halves, coarse), strict=True))
-    in_both(lambda side: views[side].framed_codes)
-    vertices = in_both(lambda side: _search(views[side], views[1 - side], coarser[side]))
+    """Match both views, from the coarsest level of the hierarchy to the finest.
+
+    The coarsest level of several is searched twice, the second time along the slopes that it found.
+    """
+    if not _is_halved(views[0], parameters):
+        return _matched(views, parameters, lambda side: _full_search(views[side]))
+    coarse = replace(parameters, levels=parameters.levels - 1, consistency_threshold=COARSE_THRESHOLD)
+    halves = (views[0].halved(), views[1].halved())
+    coarser = match_views(halves, coarse)
+    if not _is_halved(halves[0], coarse):
+        coarser = _matched(halves, coarse, lambda side: _full_search_along(halves[side], coarser[side]))
+    return _matched(views, parameters, lambda side: _guided_search(views[side], halves[side], coarser[side]))
+
+
+def _is_halved(view: View, parameters: IdParameters) -> bool:
+    """Tell whether a coarser level says where to search."""
+    return parameters.levels > 0 and view.level.n_disparities > N_LANES and min(view.shape) >= 2 * MIN_SIDE
+
+
+def _matched(
+    views: tuple[View, View], parameters: IdParameters, tiles_of: Callable[[int], Tiles]
+) -> tuple[Matches, Matches]:
+    """Match both views at one level, each where its tiles say; they are computed when asked for, left (0) and right."""
+    in_both(lambda side: views[side].framed_codes)  # kept by the views: both searches read both
+    vertices = in_both(lambda side: _search(views[side], views[1 - side], tiles_of(side)))
     index = [np.rint(vertex).astype(np.int32) for vertex in vertices]
     valid = [_confirmed(views[side], index[side], index[1 - side], parameters) for side in (0, 1)]
     return Matches(vertices[0], index[0], valid[0]), Matches(vertices[1], index[1], valid[1])
 
 
-def _search(view: View, other: View, coarser: tuple[View, Matches] | None) -> NDArray[np.float32]:
+def _search(view: View, other: View, tiles: Tiles) -> NDArray[np.float32]:
     """Search every pixel's cheapest disparity index; return its parabola's vertex, float32 (H, W)."""
     # a tie, where nothing is known, is broken to opposite ends in the two views and fails the consistency check
     flip = N_LANES - 1 if view.is_right else 0
     best, vertex = np.full(view.shape, WORST, np.int32), np.zeros(view.shape, np.float32)
     facing, n_disparities = (other.framed_codes, other.origin), view.level.n_disparities
     n_held = rows_held(*view.shape)
-    starts, slopes, tile_bits = _full_search(view) if coarser is None else _guided_search(view, *coarser)
+    starts, slopes, tile_bits = tiles
     for start in starts[:: -1 if view.is_right else 1]:  # from far to near, in the right view from near to far
-        tiles = (start, slopes, tile_bits)
-        aggregate_and_choose(view.codes, *facing, view.passages, *tiles, n_disparities, flip, n_held, best, vertex)
+        along = (start, slopes, tile_bits)
+        aggregate_and_choose(view.codes, *facing, view.passages, *along, n_disparities, flip, n_held, best, vertex)
     return vertex
 
 
 def _full_search(view: View) -> Tiles:
-    """Search every disparity: one tile, whose windows overlap by the two lanes that only serve as neighbours."""
+    """Search every disparity at no slope: one tile."""
+    no_rise = np.zeros((1, 1), np.float32)
+    return _every_window(view, (1, 1)), (no_rise, no_rise), WHOLE_IMAGE_BITS
+
+
+def _full_search_along(view: View, matches: Matches) -> Tiles:
+    """Search every disparity along the slopes of the view's own matches."""
+    slopes = tile_slopes(matches.vertex, matches.valid)
+    return _every_window(view, slopes[0].shape), slopes, TILE_BITS - 1  # a tile of the finer level, half as large here
+
+
+def _every_window(view: View, shape: tuple[int, ...]) -> list[NDArray[np.int32]]:
+    """Return windows over all disparities for tiles; they overlap by the two lanes that only serve as neighbours."""
     last = max(view.level.n_disparities - N_LANES, 0)
-    starts = [np.full((1, 1), first, np.int32) for first in (*range(0, last, N_LANES - 2), last)]
-    level = np.zeros((1, 1), np.float32)
-    return starts, (level, level), WHOLE_IMAGE_BITS
+    return [np.full(shape, first, np.int32) for first in (*range(0, last, N_LANES - 2), last)]
 
 
 def _guided_search(view: View, half: View, matches: Matches) -> Tiles:
     """Search around the coarser level's disparities, along its slopes."""
     n_disparities, shift = view.level.n_disparities, 2 * half.level.min_disparity - view.level.min_disparity
     starts = search_windows(matches.index, matches.valid, view.shape, n_disparities, shift=shift)
-    return [*starts], tile_slopes(matches.vertex, matches.valid, half.passages), TILE_BITS
+    return [*starts], tile_slopes(matches.vertex, matches.valid), TILE_BITS
 
 
 def _confirmed(

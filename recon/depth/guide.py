@@ -12,6 +12,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from recon.capture.noise import noise_deviation
+
 CLOSED = 255  # a change of the guide that nothing passes
 GUIDE_WINDOW = 5  # pixels, of the bilateral filter
 GUIDE_REACH = 2.0  # pixels, its spatial deviation
@@ -19,21 +21,11 @@ STRONG_NOISE = 2.0  # grey levels, from which the filter is applied twice
 ONE_PASS, TWO_PASSES = (2.5,), (1.5, 1.5)  # its deviations in grey levels, in units of the image's noise
 MIN_NOISE = 0.1  # grey levels; a rendered image has none, the filter needs some
 MAX_NOISE = 8.0  # grey levels; what varies more is texture
-NOISE_KERNEL = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
-NOISE_GAIN = 6 * 0.6745  # the kernel's norm; a normal distribution's median absolute deviation
 
 
 def noise_level(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None = None) -> float:
-    """Estimate the standard deviation of the noise of an image, uint8 (H, W): grey levels, between 0.1 and 8.
-
-    Source: Immerkaer, Fast noise variance estimation, Computer Vision and Image Understanding 64, 1996, with the
-    median in place of the mean, so that texture counts little.
-    """
-    response = np.abs(cv2.filter2D(grey, cv2.CV_16S, NOISE_KERNEL))
-    inside = response if mask is None else response[mask]
-    histogram = np.bincount(inside.ravel())
-    half = np.searchsorted(np.cumsum(histogram), inside.size / 2)
-    return min(max(float(half) / NOISE_GAIN, MIN_NOISE), MAX_NOISE)
+    """Estimate the standard deviation of the noise of an image, uint8 (H, W): grey levels, between 0.1 and 8."""
+    return min(max(noise_deviation(grey, mask), MIN_NOISE), MAX_NOISE)
 
 
 def guide_image(image: NDArray[np.uint8], noise: float) -> NDArray[np.uint8]:

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture import Capture, Rectification, read_frame, read_masks, rectify_images, rectify_masks
+from recon.depth.channels import grey_image
 
-FRAME = 4  # pixels of background around the foreground: the census window of a pixel on its rim, blurred
+CONTEXT = 4  # pixels of background around the foreground: the census window of a pixel on its rim, blurred
 MIN_SIDE = 7  # pixels: a 5x5 census window with a pixel to spare on each side
+MIN_GREY_RANGE = 2  # grey levels: with fewer there is nothing to match
+
+
+class NoTextureWarning(UserWarning):
+    """A pair in which nothing can be matched."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,15 +67,15 @@ class StereoPair:
         return int(self.left.shape[1])
 
     def foreground(self) -> tuple[slice, slice]:
-        """Rows and columns that hold the left foreground, all that it can match, and a census window around."""
+        """Bound the left foreground, all that it can match, and a census window around: rows and columns."""
         if self.left_mask is None:
             return slice(0, self.height), slice(0, self.width)
         rows, columns = (np.flatnonzero(self.left_mask.any(axis=axis)) for axis in (1, 0))
         nearest = self.min_disparity + self.n_disparities - 1
-        first = min(columns[0], columns[0] - nearest) - FRAME
-        last = max(columns[-1], columns[-1] - self.min_disparity) + FRAME
+        first = min(columns[0], columns[0] - nearest) - CONTEXT
+        last = max(columns[-1], columns[-1] - self.min_disparity) + CONTEXT
         return (
-            slice(max(int(rows[0]) - FRAME, 0), min(int(rows[-1]) + FRAME + 1, self.height)),
+            slice(max(int(rows[0]) - CONTEXT, 0), min(int(rows[-1]) + CONTEXT + 1, self.height)),
             slice(max(int(first), 0), min(int(last) + 1, self.width)),
         )
 
@@ -96,6 +103,17 @@ def rectified_pair(capture: Capture, rectification: Rectification, frame: int) -
         return None
     left, right = rectify_images(rectification, *read_frame(capture, sensor_id, frame))
     return StereoPair(left, right, rectification.n_disparities, left_mask=left_mask, right_mask=right_mask)
+
+
+def has_texture(pair: StereoPair) -> bool:
+    """Tell whether both images have anything to match; a NoTextureWarning says if not."""
+    for image, mask in ((pair.left, pair.left_mask), (pair.right, pair.right_mask)):
+        grey = grey_image(image)
+        if np.ptp(grey if mask is None else grey[mask]) < MIN_GREY_RANGE:
+            reason = "the images have no texture: nothing can be matched, every disparity is NaN"
+            warnings.warn(reason, NoTextureWarning, stacklevel=3)
+            return False
+    return True
 
 
 def within_pair(pair: StereoPair, disparity: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from recon.depth.bands import in_bands
 from recon.depth.consistency import consistent, lands_inside
-from recon.depth.cvf import DrParameters, has_texture, match_views, refined
-from recon.depth.pair import StereoPair
+from recon.depth.cvf import DrParameters, match_views, refined
+from recon.depth.pair import StereoPair, has_texture
 from recon.depth.plane_search import SLOPE_SHARE, Settings, sweep
 from recon.depth.refinement import filled, without_specks
 from recon.depth.texture import GREY_SCALE, MAX_DISTANCE, texture_of
@@ -87,7 +87,7 @@ def match_pm(pair: StereoPair, parameters: PmParameters = PmParameters()) -> NDA
         if views[0].mask is not None:
             valid &= views[0].mask
         if valid.any():
-            surface = without_specks(filled(left, valid, in_bands), in_bands)
+            surface = without_specks(filled(left, valid))
             disparity[pair.foreground()] = np.where(valid & lands_inside(surface), surface, np.nan)
     return disparity
 

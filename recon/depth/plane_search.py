@@ -29,9 +29,9 @@ from recon.depth.lanes import (
     upper_half,
     zeros,
 )
-from recon.depth.texture import FINE, PAD, REACH
+from recon.depth.texture import FINE, PAD, WINDOW_REACH
 
-N_ROWS = REACH + 1
+N_ROWS = WINDOW_REACH + 1
 TAPS = N_ROWS * N_LANES
 MAX_SLOPE = 0.9  # pixels of disparity a pixel; at 1 a surface is seen edge-on
 SLOPE_SHARE = 0.3  # slopes are changed by this share of what the disparity is changed by
@@ -134,10 +134,10 @@ def _take_window(seen, y, x, taps):  # type: ignore[no-untyped-def]  # tuples
     centre = colours[y, (x + PAD) & 1, (x + PAD) >> 1]
     sum_ = zeros()
     for row in range(N_ROWS):
-        line = y + 2 * row - REACH
+        line = y + 2 * row - WINDOW_REACH
         if line < 0 or line >= height:
             continue
-        column = x + PAD - REACH + (row & 1)
+        column = x + PAD - WINDOW_REACH + (row & 1)
         place = (line * 2 + (column & 1)) * half + (column >> 1)
         weight = look_up(affinity, byte_distance(centre, load(flat_colours, place)))
         word = load(flat_words, place)
@@ -158,11 +158,11 @@ def _window_cost(taps, target, plane, place, settings, enough):  # type: ignore[
     sum_ = zeros()
     for order in range(N_ROWS):
         row = N_ROWS // 2 + ((order + 1) // 2 if order & 1 else -(order // 2))
-        line = y + 2 * row - REACH
+        line = y + 2 * row - WINDOW_REACH
         if line < 0 or line >= height:
             continue
-        u = np.float32(-REACH + (row & 1))
-        disparity = plane[0] + plane[1] * u + plane[2] * np.float32(2 * row - REACH)
+        u = np.float32(-WINDOW_REACH + (row & 1))
+        disparity = plane[0] + plane[1] * u + plane[2] * np.float32(2 * row - WINDOW_REACH)
         begin = np.float32(FINE) * (np.float32(width - 1 - x) - u + disparity)
         seen = gather(target, begin, step, pitch - 1, line * pitch)
         grey = truncated_difference(load(taps, TAPS + row * N_LANES), lower_half(seen), settings.grey_limit)
@@ -225,7 +225,7 @@ def _signed_unit(state):  # type: ignore[no-untyped-def]  # tuples
 
 @njit(cache=True, nogil=True)
 def _roughness(planes, plane, passages, place, settings):  # type: ignore[no-untyped-def]  # tuples
-    """How far a plane is from those of the four neighbours, where the picture is smooth."""
+    """Sum the distances of a plane from those of the four neighbours, where the picture is smooth."""
     across, down, passage = passages
     y, x, height, width, _ = place
     limit, rough = settings.distance_limit, np.float32(0)

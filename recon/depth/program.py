@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.capture.images import write_picture
 from recon.depth.disparity_io import read_disparity, read_disparity_png16
 from recon.depth.pair import StereoPair, within_pair
 from recon.programs import Program, ProgramError, Value, check_written, workplace
-from recon.storage.files import whole_file
 
 READERS = {
     "npy": (".npy", read_disparity),
@@ -69,22 +68,16 @@ def match_by_program(pair: StereoPair, program: DepthProgram, folder: Path) -> N
     }
     masks = {"left_mask": pair.left_mask, "right_mask": pair.right_mask}
     with workplace(folder):
-        _write_picture(left, pair.left)
-        _write_picture(right, pair.right)
+        write_picture(left, pair.left)
+        write_picture(right, pair.right)
         for name, mask in masks.items():
             values[name] = str(folder / f"{name}.png")
             if program.asks_for(name):
                 is_foreground = np.ones(pair.left.shape[:2], np.bool_) if mask is None else mask
-                _write_picture(folder / f"{name}.png", np.where(is_foreground, np.uint8(255), np.uint8(0)))
+                write_picture(folder / f"{name}.png", np.where(is_foreground, np.uint8(255), np.uint8(0)))
         program.run(values, folder)
         disparity = _read_result(out, read, pair)
     return within_pair(pair, disparity)
-
-
-def _write_picture(path: Path, image: NDArray[np.uint8]) -> None:
-    with whole_file(path) as temporary:
-        if not cv2.imwrite(str(temporary), image[..., ::-1] if image.ndim == 3 else image):
-            raise OSError(f"{path}: could not be written")
 
 
 def _read_result(out: Path, read: Callable[[Path], NDArray[np.float32]], pair: StereoPair) -> NDArray[np.float32]:

@@ -1,7 +1,7 @@
 """Depth refinement: from confirmed disparities with holes to a smooth, slanted, dense surface.
 
 Holes take the farther of the two surfaces beside them, a median removes what stands alone, and a local plane gives
-the slant along which `permeability.aggregate_along_surface` then gathers its costs.
+the slant along which `slanted.aggregate_along_surface` then gathers its costs.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.depth.bands import Bands
+from recon.depth.bands import in_bands
 
 PLANE_OFFSETS = (-4, -1, 1, 4)  # pixels: planes are fitted to 16 places of a 9x9 window; all 81 do no better
 PLANE_RADIUS = max(PLANE_OFFSETS)
@@ -22,7 +22,7 @@ MIN_SUPPORT = 6  # pixels, twice what determines a plane
 RIDGE = 1e-2  # pixels squared, towards fronto-parallel where the support is a line
 
 
-def filled(disparity: NDArray[np.float32], valid: NDArray[np.bool_], in_bands: Bands) -> NDArray[np.float32]:
+def filled(disparity: NDArray[np.float32], valid: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Fill holes by the smaller of the nearest valid disparities left and right, as what is hidden lies behind.
 
     A row without any takes the row above, the first rows the first that has one; the result is dense, float32 (H, W).
@@ -31,7 +31,6 @@ def filled(disparity: NDArray[np.float32], valid: NDArray[np.bool_], in_bands: B
     ----------
     disparity : float32 (H, W)
     valid : bool (H, W), at least one pixel of it True
-    in_bands : see `bands.in_bands`
     """
     rows = np.flatnonzero(valid.any(axis=1))
     dense = np.empty(disparity.shape, np.float32)
@@ -60,22 +59,20 @@ def _fill_kernel(
             dense[y, x] = min(dense[y, x], nearest)
 
 
-def without_specks(disparity: NDArray[np.float32], in_bands: Bands) -> NDArray[np.float32]:
+def without_specks(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
     """Filter a disparity map, float32 (H, W), by a median of 3x3 pixels."""
     smooth = np.empty(disparity.shape, np.float32)
 
-    def smoothe(first: int, last: int) -> None:
+    def smooth_rows(first: int, last: int) -> None:
         begin = max(first - 1, 0)
         with_rim = np.ascontiguousarray(disparity[begin : last + 1], np.float32)
         smooth[first:last] = cv2.medianBlur(with_rim, 3)[first - begin : last - begin]
 
-    in_bands(len(smooth), smoothe)
+    in_bands(len(smooth), smooth_rows)
     return smooth
 
 
-def local_planes(
-    disparity: NDArray[np.float32], valid: NDArray[np.bool_], n_disparities: int, in_bands: Bands
-) -> NDArray[np.float32]:
+def local_planes(disparity: NDArray[np.float32], valid: NDArray[np.bool_], n_disparities: int) -> NDArray[np.float32]:
     """Fit a plane to each pixel's surroundings and return its disparity there.
 
     Parameters
@@ -83,7 +80,6 @@ def local_planes(
     disparity : float32 (H, W), disparity indices, dense
     valid : bool (H, W), the pixels that planes are fitted to
     n_disparities : planes are cut to 0 and this less one
-    in_bands : see `bands.in_bands`
 
     Returns
     -------

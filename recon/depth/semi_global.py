@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.depth.channels import colour_image, on_black
 from recon.depth.consistency import lands_inside
-from recon.depth.cvf import has_texture
-from recon.depth.pair import StereoPair
+from recon.depth.pair import StereoPair, has_texture, within_pair
 
 STEPS = 16  # OpenCV searches a multiple of 16 disparities, and gives sixteenths of a pixel
 
@@ -58,23 +58,15 @@ def match_sgm(pair: StereoPair, parameters: SgmParameters = SgmParameters()) -> 
     if has_texture(pair):
         box = pair.foreground()
         left, right = (
-            _on_black(image[box], None if mask is None else mask[box])
+            on_black(colour_image(image[box]), None if mask is None else mask[box])
             for image, mask in ((pair.left, pair.left_mask), (pair.right, pair.right_mask))
         )
         values = _searched(left, right, pair, parameters)
-        is_match = (values <= pair.min_disparity + pair.n_disparities - 0.5) & lands_inside(values)
-        if pair.left_mask is not None:
-            is_match &= pair.left_mask[box]
+        is_match = lands_inside(values)
         if pair.right_mask is not None:
             is_match &= _seen_by(values, pair.right_mask[box])
         disparity[box] = np.where(is_match, values, np.nan)
-    return disparity
-
-
-def _on_black(image: NDArray[np.uint8], mask: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
-    """Return an image with three channels, so that one pair of costs suits all, and its background black."""
-    colour = image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
-    return np.ascontiguousarray(colour if mask is None else np.where(mask[..., None], colour, np.uint8(0)))
+    return within_pair(pair, disparity)
 
 
 def _searched(

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.depth.bands import Bands
+from recon.depth.bands import in_bands
 from recon.depth.guide import Passages
 from recon.depth.lanes import (
     N_LANES,
@@ -29,9 +29,9 @@ from recon.depth.subpixel import vertex
 
 N_KEPT = N_LANES // 2  # lanes that are held: all that a winner and its parabola may need
 CENTRE = 3  # the lane that stands for the surface itself
-REACH = 2  # pixels of disparity by which a surface may move
+MOST_MOVED = 2  # pixels of disparity by which a surface may move
 SURFACE_STEP = 1.5  # pixels of disparity between neighbours of one surface
-FRAME = N_LANES - CENTRE + 1  # places before the first and after the last disparity that may be looked at
+SPARE = N_LANES - CENTRE + 1  # places before the first and after the last disparity that may be looked at
 STRIP = 64  # columns whose flows stay near the processor on their way down and up: 2 MiB at full HD
 
 
@@ -42,7 +42,6 @@ def aggregate_along_surface(
     passages: Passages,
     surface: NDArray[np.float32],
     n_disparities: int,
-    in_bands: Bands,
 ) -> NDArray[np.float32]:
     """Refine a surface, float32 (H, W): aggregate costs around it along its slant, move it to the parabola's vertex.
 
@@ -54,7 +53,6 @@ def aggregate_along_surface(
     codes, facing_codes, origin, passages : as in `aggregate_and_choose`
     surface : float32 (H, W), disparity indices
     n_disparities : how many are searched
-    in_bands : see `bands.in_bands`
     """
     height, width = surface.shape
     flows = np.empty(height * width * N_KEPT, np.float32)
@@ -84,8 +82,8 @@ def _flow_along_rows(
     open_ = np.zeros(width + 1, np.float32)
     for y in range(first, last):
         for x in range(1, width):
-            is_one = abs(surface[y, x] - surface[y, x - 1]) <= np.float32(SURFACE_STEP)
-            open_[x] = passage[across[y, x - 1]] if is_one else np.float32(0)
+            is_same_surface = abs(surface[y, x] - surface[y, x - 1]) <= np.float32(SURFACE_STEP)
+            open_[x] = passage[across[y, x - 1]] if is_same_surface else np.float32(0)
         flow = zeros()
         for x in range(width):
             whole = np.int64(np.floor(surface[y, x]))
@@ -139,7 +137,7 @@ def _flow_along_columns(
                     above = load_eight(held, place - STRIP * N_KEPT)
                     without_above = add_scaled(total, -passage[down[y - 1, x]], above)
                 store_eight(upward, (x - begin) * N_KEPT, without_above)
-                lane = lowest(total, CENTRE - REACH, CENTRE + REACH, 0) & np.int32(N_LANES - 1)
+                lane = lowest(total, CENTRE - MOST_MOVED, CENTRE + MOST_MOVED, 0) & np.int32(N_LANES - 1)
                 store(scratch, 0, total)
                 moved = surface[y, x] + np.float32(lane - CENTRE) + vertex(scratch, lane)
                 refined[y, x] = min(max(moved, np.float32(0)), np.float32(n_disparities - 1))

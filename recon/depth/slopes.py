@@ -1,7 +1,8 @@
 """How the surfaces that a coarser level found rise, so that the costs of a finer level flow along them.
 
 On a slanted wall, costs that flow at one disparity soon leave the wall; where its texture is weak they flow far, and
-the wall turns into steps. So each tile takes the mean rise of the surface around it, gathered as far as costs flow.
+the wall turns into steps. So each tile takes the mean rise of the surface around it, as far as this goes without a
+jump. Edges of the picture do not end it: strong texture has them all over a surface.
 """
 
 from __future__ import annotations
@@ -10,19 +11,17 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.depth.guide import Passages
 from recon.depth.hierarchy import TILE
 
 SPAN = 2  # coarse pixels: a rise is measured from here before a pixel to here behind it
-MAX_RISE = 1.5  # coarse pixels of disparity over that distance; what rises more belongs to two surfaces
-FADE = np.float32(np.exp(-1 / 32))  # passes a pixel of a plain picture: a bent surface has other slopes far away
-LEVEL_PIXELS = np.float32(
-    20
-)  # that count as level in every mean, because a few rises tell little; with 8, steep walls gain
+MAX_RISE = 2.5  # coarse pixels of disparity over that distance; what rises more belongs to two surfaces
+MAX_STEP = 1.0  # coarse pixels of disparity from one pixel of a surface to the next
+FADE = np.float32(np.exp(-1 / 16))  # share that passes from pixel to pixel: a bent surface has other slopes far away
+LEVEL_PIXELS = np.float32(5)  # that count as level in every mean, because a few rises tell little
 
 
 def tile_slopes(
-    disparity: NDArray[np.float32], valid: NDArray[np.bool_], passages: Passages
+    disparity: NDArray[np.float32], valid: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Measure how the disparities of a coarser level rise in each tile of the finer level.
 
@@ -30,7 +29,6 @@ def tile_slopes(
     ----------
     disparity : float32 (h, w), disparity indices of the coarser level
     valid : bool (h, w), where they count
-    passages : of the coarser level; slopes are averaged as far as costs pass
 
     Returns
     -------
@@ -39,9 +37,8 @@ def tile_slopes(
     """
     rises = np.zeros((*disparity.shape, 3), np.float32)  # across, down, and how many
     _rise_kernel(disparity, valid, rises)
-    for change in (passages.across, passages.down.T):
-        passage = np.ascontiguousarray(passages.passage[change] * FADE)
-        rises = np.ascontiguousarray(_gathered_along_rows(rises, passage).transpose(1, 0, 2))
+    for surface in (disparity, np.ascontiguousarray(disparity.T)):
+        rises = np.ascontiguousarray(_gathered_along_rows(rises, surface).transpose(1, 0, 2))
     across, down, n = np.moveaxis(rises[::TILE, ::TILE], 2, 0)
     distance = 2 * SPAN * (n + LEVEL_PIXELS)
     return np.ascontiguousarray(across / distance), np.ascontiguousarray(down / distance)
@@ -61,18 +58,20 @@ def _rise_kernel(disparity: NDArray[np.float32], valid: NDArray[np.bool_], rises
 
 
 @njit(cache=True, nogil=True)
-def _gathered_along_rows(values: NDArray[np.float32], passage: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Add to the values, float32 (H, W, 3), of each pixel those that pass to it along its row from both sides."""
+def _gathered_along_rows(values: NDArray[np.float32], surface: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Add to the values, float32 (H, W, 3), of each pixel those on both sides in its row, as far as no jump ends it."""
     height, width, n_values = values.shape
     gathered = values.copy()
     from_right = np.empty(n_values, np.float32)
     for y in range(height):
         for x in range(1, width):
-            for k in range(n_values):
-                gathered[y, x, k] += passage[y, x - 1] * gathered[y, x - 1, k]
+            if abs(surface[y, x] - surface[y, x - 1]) <= np.float32(MAX_STEP):
+                for k in range(n_values):
+                    gathered[y, x, k] += FADE * gathered[y, x - 1, k]
         from_right[:] = 0
         for x in range(width - 2, -1, -1):
+            is_same_surface = abs(surface[y, x + 1] - surface[y, x]) <= np.float32(MAX_STEP)
             for k in range(n_values):
-                from_right[k] = passage[y, x] * (from_right[k] + values[y, x + 1, k])
+                from_right[k] = FADE * (from_right[k] + values[y, x + 1, k]) if is_same_surface else np.float32(0)
                 gathered[y, x, k] += from_right[k]
     return gathered

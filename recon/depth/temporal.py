@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.depth.census import grey_image
+from recon.depth.channels import grey_image
 from recon.depth.guide import guide_image, noise_level
 from recon.depth.pair import StereoPair
 
@@ -191,10 +191,8 @@ def _remember_kernel(
                 weight *= np.exp(-gap / sigma)
                 value = (seen + weight * value) / (ONE_FRAME + weight)
                 weight = min(ONE_FRAME + weight, memory)
-            elif weight > ONE_FRAME and passage[y, x] > np.float32(
-                STILL
-            ):  # another disparity, or none: the memory holds, weaker
-                weight -= ONE_FRAME
+            elif weight > ONE_FRAME and passage[y, x] > np.float32(STILL):
+                weight -= ONE_FRAME  # another disparity, or none: the memory holds, weaker
             elif np.isnan(seen):
                 value, weight = np.float32(np.nan), np.float32(0)
             else:

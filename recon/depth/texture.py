@@ -9,11 +9,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.depth.channels import colour_image
 from recon.depth.lanes import N_LANES
 from recon.depth.views import View
 
-REACH = 16  # pixels: a window spans 33 rows and columns (Bleyer et al.: 35), of which every other one is looked at
-PAD = REACH  # columns repeated left and right, flagged in the colours' fourth byte
+WINDOW_REACH = (
+    16  # pixels: a window spans 33 rows and columns (Bleyer et al.: 35), of which every other one is looked at
+)
+PAD = WINDOW_REACH  # columns repeated left and right, flagged in the colours' fourth byte
 FINE = 4  # places a pixel at which the other view is sampled
 GREY_SCALE = 256  # grey levels are held in 256ths
 MAX_DISTANCE = 4 * 255  # of two packed colours
@@ -49,9 +52,8 @@ def texture_of(view: View) -> Texture:
 
 
 def _packed(image: NDArray[np.uint8], mask: NDArray[np.bool_] | None) -> NDArray[np.uint32]:
-    colour = image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
     outside = np.zeros(image.shape[:2], np.uint8) if mask is None else np.where(mask, np.uint8(0), np.uint8(255))
-    framed = [cv2.copyMakeBorder(colour, 0, 0, PAD, PAD, cv2.BORDER_REPLICATE)]
+    framed = [cv2.copyMakeBorder(colour_image(image), 0, 0, PAD, PAD, cv2.BORDER_REPLICATE)]
     framed.append(cv2.copyMakeBorder(outside, 0, 0, PAD, PAD, cv2.BORDER_CONSTANT, value=255)[..., None])
     return np.ascontiguousarray(np.concatenate(framed, axis=2)).view(np.uint32)[..., 0]
 

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.depth.census import BEHIND, WINDOW, census_pair, fine_grey_image, grey_image
+from recon.depth.census import BEHIND, WINDOW, census_pair
+from recon.depth.channels import fine_grey_image, grey_image, on_black
 from recon.depth.guide import Passages, guide_image, noise_level, permeabilities
 from recon.depth.hierarchy import halved, halved_mask
 from recon.depth.lanes import N_LANES
 from recon.depth.pair import StereoPair
-from recon.depth.slanted import FRAME
+from recon.depth.slanted import SPARE
 
 
 @dataclass(frozen=True)
@@ -36,12 +37,12 @@ class Level:
     @property
     def before(self) -> int:
         """Columns of padding before a row of the other view."""
-        return max(-self.min_disparity, 0) + FRAME
+        return max(-self.min_disparity, 0) + SPARE
 
     @property
     def after(self) -> int:
         """Columns of padding after a row of the other view."""
-        return max(self.min_disparity + max(self.n_disparities, N_LANES), 0) + FRAME
+        return max(self.min_disparity + max(self.n_disparities, N_LANES), 0) + SPARE
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,10 +125,8 @@ def views_of(pair: StereoPair, sigma: float, window: int = WINDOW) -> tuple[View
     box, level = pair.foreground(), Level(pair.n_disparities, pair.min_disparity)
 
     def view(image: NDArray[np.uint8], mask: NDArray[np.bool_] | None, *, is_right: bool) -> View:
-        image = image[box]
-        if mask is not None:
-            mask = mask[box]
-            image = np.where(mask if image.ndim == 2 else mask[..., None], image, np.uint8(0))
+        mask = None if mask is None else mask[box]
+        image = on_black(image[box], mask)
         noise = noise_level(grey_image(image), mask)
         return View(image, fine_grey_image(image), mask, noise, sigma, window, level, is_right)
 

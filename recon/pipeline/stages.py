@@ -210,7 +210,7 @@ def match_frame(job: Job, view: View) -> list[str]:
     key = {
         "pictures": picture_key(job.capture, view),
         "method": depth_key(method),
-        "code": code_version("depth", "capture/rectify.py"),
+        "code": code_version("depth", "capture/noise.py", "capture/rectify.py"),
     }
 
     def write(path: Path) -> list[str]:
@@ -246,7 +246,7 @@ def filter_sequence(job: Job, views: Sequence[View]) -> list[str]:
             "before": before,
             "matched": job.artefacts.digest(view.matched),
             "parameters": None if parameters is None else asdict(parameters),
-            "code": code_version("depth"),
+            "code": code_version("depth", "capture/noise.py"),
         }
         before = key_of(keys[view])
     missing = {view for view in views if not job.artefacts.has(view.depth, keys[view])}

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from recon.rig import Camera, Rig, bounds_corners, look_at
+from recon.rig import Camera, Rig, bounds_corners, checked_bounds, look_at
 
 FINE_STEPS = 2000  # of the path's arc length; a step is far below what an eye sees
 POLE_DEG = 85.0  # nearer to straight above or below, "world y is up" says nothing about the picture
@@ -50,7 +50,7 @@ class Spherical:
         )
 
 
-Path = Callable[[Spherical, int, PathParameters], Spherical]
+PathKind = Callable[[Spherical, int, PathParameters], Spherical]
 
 
 def camera_path(
@@ -149,26 +149,10 @@ def swing(stations: Spherical, n_frames: int, parameters: PathParameters) -> Sph
     return Spherical(stations.azimuth[0] + turn, level * stations.elevation[0], level * float(stations.distance[0]))
 
 
-PATHS: dict[str, Path] = {"sensors": along_sensors, "orbit": orbit, "swing": swing}
+PATHS: dict[str, PathKind] = {"sensors": along_sensors, "orbit": orbit, "swing": swing}
 
 
-def checked_bounds(bounds: ArrayLike) -> NDArray[np.float64]:
-    """Check bounds, mm, and return them as float64 (2, 3).
-
-    Raises
-    ------
-    ValueError
-        If they are not two corners, the lower one first, of a box that has a volume.
-    """
-    corners = np.asarray(bounds, dtype=np.float64)
-    if corners.shape != (2, 3) or not np.isfinite(corners).all() or not (corners[0] < corners[1]).all():
-        raise ValueError(
-            f"bounds are {corners.tolist()}, expected [[x0, y0, z0], [x1, y1, z1]] in mm with each second value larger"
-        )
-    return corners
-
-
-def _path_named(kind: str, rig: Rig) -> Path:
+def _path_named(kind: str, rig: Rig) -> PathKind:
     if kind == "auto":
         kind = "sensors" if len(rig.sensors) > 1 else "swing"
     if kind not in PATHS:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from recon.geometry.mesh import Texture
 from recon.render.scene import LitMesh, LitModel, LitSplats, Shot
 from recon.render.splats import LEAST_RADIUS
-from recon.rig import Camera
+from recon.rig import OPENGL, Camera
 
 # In the order in which they are tried, with the Debian packages that hold them.
 PLATFORMS = {"egl": "libegl1 libegl-mesa0 libgl1-mesa-dri", "osmesa": "libosmesa6"}
@@ -225,7 +225,7 @@ def _drawn(pyrender: Any, renderer: Any, scene: Any, shot: Shot, top: int, scale
 
 def _world_from_gl_camera(camera: Camera) -> NDArray[np.float64]:
     """Convert a pose to OpenGL's camera, which looks along -z with y up."""
-    return np.asarray(np.linalg.inv(camera.cam_from_world) @ np.diag([1.0, -1.0, -1.0, 1.0]))
+    return np.asarray(np.linalg.inv(camera.cam_from_world) @ np.diag([*OPENGL, 1.0]))
 
 
 @njit(cache=True, nogil=True)

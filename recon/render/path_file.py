@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.rig import Camera
+from recon.rig import OPENGL, Camera
 from recon.storage.files import read_json, write_json
 from recon.storage.remote import address_of, fetched
 
-OPENGL = np.array([1.0, -1.0, -1.0])  # per camera axis: OpenGL's y points up and its z backwards, OpenCV's do not
 FIXED = {
     "camera_type": ("perspective", "films are made by pinhole cameras"),
     "units": ("mm", "bring the cameras into the world of the capture, and say so by this key"),

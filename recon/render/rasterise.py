@@ -30,9 +30,7 @@ SAMPLE_STEP, SAMPLE_REACH = 64, 96  # from one column to the next; of a pixel's 
 SAMPLE_X = np.array([-96, -32, 32, 96], dtype=np.int64)
 SAMPLE_Y = np.array([32, -96, 96, -32], dtype=np.int64)
 NEAREST = 1e-3  # mm; a face that reaches behind the camera is not drawn
-FARTHEST_PIXEL = (
-    2.0**21
-)  # corners beyond are too far outside for exact 64-bit edge functions; their faces are not drawn
+FARTHEST_PIXEL = 2.0**21  # a face with a corner beyond is not drawn: edge functions would not be exact in 64 bits
 
 
 def draw_model(
@@ -93,7 +91,7 @@ def in_threads(work: Callable[[int], None], threads: int) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _snapped(projected):  # type: ignore[no-untyped-def]  # numba
-    """Corners int64 (N, 2) in 1/256 pixel and inverse depth float32 (N,), zero where a vertex cannot be drawn."""
+    """Snap corners, int64 (N, 2) in 1/256 pixel; return inverse depths too, float32 (N,), 0 where none can be drawn."""
     n = projected.shape[0]
     corners = np.zeros((n, 2), dtype=np.int64)
     inverse_depth = np.zeros(n, dtype=np.float32)
@@ -108,19 +106,19 @@ def _snapped(projected):  # type: ignore[no-untyped-def]  # numba
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _sample_columns(low, high):  # type: ignore[no-untyped-def]  # numba
-    """First and last column of samples (four a pixel, from the left of pixel 0) in low … high (1/256 pixel)."""
+    """Find the first and last column of samples (four a pixel, from pixel 0's left) in low … high (1/256 pixel)."""
     return (low + SAMPLE_REACH + SAMPLE_STEP - 1) // SAMPLE_STEP, (high + SAMPLE_REACH) // SAMPLE_STEP
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _pixel_rows(low, high):  # type: ignore[no-untyped-def]  # numba
-    """First and last row of pixels with samples in low … high (1/256 pixel)."""
+    """Find the first and last row of pixels with samples in low … high (1/256 pixel)."""
     return (low - SAMPLE_REACH + SUBPIXELS - 1) // SUBPIXELS, (high + SAMPLE_REACH) // SUBPIXELS
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _binned(corners, inverse_depth, faces, height, width, tile_rows, tile_columns):  # type: ignore[no-untyped-def]  # numba
-    """Which faces touch which tile: `members[starts[t] : starts[t + 1]]`, ascending."""
+    """List the faces that touch each tile t, ascending: `members[starts[t] : starts[t + 1]]`."""
     counts = np.zeros(tile_rows * tile_columns + 1, dtype=np.int64)
     ranges = np.empty((faces.shape[0], 4), dtype=np.int16)
     for f in range(faces.shape[0]):
@@ -136,12 +134,8 @@ def _binned(corners, inverse_depth, faces, height, width, tile_rows, tile_column
         top, bottom = max(top, 0), min(bottom, height - 1)
         if first > last or left > right or top > bottom:
             continue
-        ranges[f, 0], ranges[f, 1], ranges[f, 2], ranges[f, 3] = (
-            top // TILE,
-            bottom // TILE,
-            left // TILE,
-            right // TILE,
-        )
+        ranges[f, 0], ranges[f, 1] = top // TILE, bottom // TILE
+        ranges[f, 2], ranges[f, 3] = left // TILE, right // TILE
         for row in range(ranges[f, 0], ranges[f, 1] + 1):
             for column in range(ranges[f, 2], ranges[f, 3] + 1):
                 counts[row * tile_columns + column + 1] += 1
@@ -223,7 +217,7 @@ def _see_face(corners, inverse_depth, faces, face, nearest, seen, y0, x0, y1, x1
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _kept_out(x_step, y_step):  # type: ignore[no-untyped-def]  # numba
-    """1 for an edge whose own points belong to the triangle beyond it (neither a top nor a left edge), else 0."""
+    """Return 1 for an edge whose own points belong to the triangle beyond it (neither top nor left edge), else 0."""
     return 0 if x_step > 0 or (x_step == 0 and y_step > 0) else 1
 
 

@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Texture
-from recon.render.camera_path import checked_bounds
-from recon.rig import Camera, bounds_corners, look_at
+from recon.rig import Camera, bounds_corners, checked_bounds, look_at
 
 KEY_AZIMUTH_DEG = 35.0  # the light stands to the left behind the camera, as in a portrait
 KEY_ELEVATION_DEG = 55.0
 SHADOW_TEXELS = 1024  # of the shadow map's longer side
 FLOOR_TEXELS = 256  # of the map of shadows on the floor
-
 
 Real = TypeVar("Real", np.float32, np.float64)
 

@@ -41,10 +41,7 @@ class Encoding:
 
 DELIVERED = Encoding(18)  # measured 51 to 56 dB on rendered people, 3 to 6 MB for 15 s of full HD
 MASTER = Encoding(4, "veryfast")  # 61 dB and more; medium takes 2.4 times as long for a file of the same size
-
-
 SILHOUETTE = Encoding(0, "veryfast")  # lossless; 0.2 to 0.6 MB for 4 s of full HD
-
 
 # ffmpeg opens the file alone, as what it is: a playlist that is called a film would lead it to other files and servers.
 FILE_ALONE = ("-protocol_whitelist", "file", "-format_whitelist", "mov,matroska,webm,avi")
@@ -135,7 +132,10 @@ def probe_video(path: Path) -> VideoFacts:
     VideoError
         If the file is missing or holds no video that ffmpeg can read.
     """
-    lines = _run(path, ["-map", "0:v:0", "-c", "copy", "-f", "framecrc", "-"]).decode("utf-8", "replace").splitlines()
+    if not path.is_file():
+        raise VideoError(f"{path}: there is no such file")
+    command = [*_reader(path), "-map", "0:v:0", "-c", "copy", "-f", "framecrc", "-"]
+    lines = _run(command, f"{path}: cannot be read as a video").decode("utf-8", "replace").splitlines()
     header = dict(line[1:].split(": ", 1) for line in lines if line.startswith("#") and ": " in line)
     packets = [line.split(",") for line in lines if line and not line.startswith("#")]
     if "dimensions 0" not in header or not packets:
@@ -190,10 +190,7 @@ def join_videos(path: Path, parts: Sequence[Path]) -> VideoFacts:
         listing.flush()
         source = ("-f", "concat", "-safe", "0", "-i", listing.name)
         command = [imageio_ffmpeg.get_ffmpeg_exe(), *QUIET, "-xerror", *source, "-c", "copy", *CONTAINER, str(target)]
-        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True)
-        if done.returncode != 0:
-            words = done.stderr.decode("utf-8", "replace").strip().splitlines()
-            raise VideoError(f"{path}: could not be joined: {words[-1] if words else 'ffmpeg gave no reason'}")
+        _run(command, f"{path}: could not be joined")
         facts = probe_video(target)
         if facts.n_frames != n_frames:
             raise VideoError(f"{path}: its parts have {n_frames} frames, {facts.n_frames} came out")
@@ -240,7 +237,7 @@ def _encoder(path: Path, target: Path, size: tuple[int, int], fps: float, encodi
         finally:
             code = process.wait()
         if code != 0:
-            raise VideoError(f"{path}: could not be encoded: {_last_words(complaints, code)}")
+            raise VideoError(f"{path}: could not be encoded: {_last_words(_read_again(complaints), code)}")
 
 
 def _feed(pipes: list[IO[bytes]], path: Path, frames: Iterable[NDArray[np.uint8]], size: tuple[int, int]) -> int:
@@ -276,18 +273,15 @@ def _decoded(path: Path, facts: VideoFacts, pixels: str, n_bytes: int) -> Iterat
             process.stdout.close()
             process.wait()
         if code != 0 or n_frames != facts.n_frames:
-            words = _last_words(complaints, code)
+            words = _last_words(_read_again(complaints), code)
             raise VideoError(f"{path}: {n_frames} of {facts.n_frames} frames could be decoded: {words}")
 
 
-def _run(path: Path, arguments: list[str]) -> bytes:
-    """Run ffmpeg on a file and return its standard output."""
-    if not path.is_file():
-        raise VideoError(f"{path}: there is no such file")
-    done = subprocess.run([*_reader(path), *arguments], stdin=subprocess.DEVNULL, capture_output=True)
+def _run(command: list[str], failure: str) -> bytes:
+    """Run ffmpeg and return its standard output; a VideoError begins with `failure`."""
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True)
     if done.returncode != 0:
-        words = done.stderr.decode("utf-8", "replace").strip().splitlines()
-        raise VideoError(f"{path}: cannot be read as a video: {words[-1] if words else 'ffmpeg gave no reason'}")
+        raise VideoError(f"{failure}: {_last_words(done.stderr, done.returncode)}")
     return done.stdout
 
 
@@ -303,7 +297,11 @@ def _reader(path: Path) -> list[str]:
     return [exe, *strict, *FILE_ALONE, "-i", f"file:{path}"]
 
 
-def _last_words(complaints: IO[bytes], code: int) -> str:
-    complaints.seek(0)
-    lines = complaints.read().decode("utf-8", "replace").strip().splitlines()
+def _read_again(file: IO[bytes]) -> bytes:
+    file.seek(0)
+    return file.read()
+
+
+def _last_words(complaints: bytes, code: int) -> str:
+    lines = complaints.decode("utf-8", "replace").strip().splitlines()
     return lines[-1] if lines else f"ffmpeg stopped with code {code} and gave no reason"

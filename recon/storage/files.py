@@ -1,4 +1,4 @@
-"""Files that are whole or absent: everything is written under a temporary name and renamed at the end."""
+"""Files and folders that are whole or absent: all is written under a temporary name and renamed at the end."""
 
 from __future__ import annotations
 
@@ -55,6 +55,23 @@ def whole_file(path: Path) -> Iterator[Path]:
         raise
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def new_folder(out: Path) -> Iterator[Path]:
+    """Yield a temporary folder beside `out` that becomes `out` if the block ends without an error.
+
+    A ValueError says that `out` exists and is not an empty folder.
+    """
+    if out.exists() and not (out.is_dir() and not any(out.iterdir())):
+        raise ValueError(f"{out}: exists already; choose another folder or remove it first")
+    temporary = out.with_name(f".{out.name}.{os.getpid()}.part")
+    temporary.mkdir(parents=True)
+    try:
+        yield temporary
+        temporary.rename(out)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def remove_leftovers(folder: Path) -> None:

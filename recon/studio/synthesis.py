@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.format import CameraStream, Capture, DepthMaps, HeldOut, SensorStream, image_path, write_capture
-from recon.capture.importing.folder import new_folder
 from recon.capture.recording import SIDES
 from recon.geometry.mesh_files import write_mesh
 from recon.rig import Camera, Rig, Sensor
-from recon.storage.files import write_json
+from recon.storage.files import new_folder, write_json
 from recon.studio import truth
 from recon.studio.appearance import shade
 from recon.studio.exposure import display_curve, expose

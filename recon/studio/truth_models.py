@@ -13,10 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from recon.capture.format import Capture, CaptureError
-from recon.capture.importing.folder import new_folder
 from recon.geometry.mesh import Mesh, Texture
 from recon.geometry.mesh_files import read_mesh, write_mesh
-from recon.storage.files import read_json, write_json
+from recon.storage.files import new_folder, read_json, write_json
 from recon.studio.atlas import lay_out
 from recon.studio.synthesis import SynthParameters, restaged
 from recon.studio.truth import FACTS, MESH

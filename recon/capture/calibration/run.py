@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from recon.capture.calibration.board import Board, Corners
 from recon.capture.calibration.solve import (
-    SIDES,
     CameraCalibration,
     PairCalibration,
     calibrate_camera,
@@ -33,12 +32,13 @@ from recon.capture.images import (
     read_image,
     read_video_frame,
     video_times,
+    write_picture,
 )
-from recon.capture.importing.folder import new_folder
 from recon.capture.importing.opencv import SUFFIXES, write_calibration
 from recon.capture.pictures import steady_rate
+from recon.capture.recording import SIDES, evenly_chosen
 from recon.rig import Rig, Sensor
-from recon.storage.files import write_json
+from recon.storage.files import new_folder, write_json
 from recon.workers import Progress, no_progress
 
 SCHEMA_VERSION = 1
@@ -179,9 +179,8 @@ def _sides(folder: Path) -> tuple[Path, Path] | None:
 def _shots(source: Path) -> dict[str, _Shot]:
     if is_video(source):
         steady_rate(source)
-        n_frames = len(video_times(source))
-        frames = np.unique(np.linspace(0, n_frames - 1, min(n_frames, MAX_VIDEO_FRAMES)).round().astype(int))
-        return {f"{frame:06d}": _Shot(source, int(frame)) for frame in frames}
+        frames = evenly_chosen(len(video_times(source)), MAX_VIDEO_FRAMES)
+        return {f"{frame:06d}": _Shot(source, frame) for frame in frames}
     files = (path for path in sorted(source.glob("*")) if path.suffix.lower() in IMAGE_SUFFIXES)
     return {path.stem: _Shot(path) for path in files}
 
@@ -253,19 +252,19 @@ def _sensor_json(pair: PairCalibration) -> dict[str, Any]:
 def _draw(folder: Path, pair: PairCalibration, cameras: tuple[_Camera, _Camera]) -> None:
     for camera, side in zip(cameras, SIDES, strict=True):
         for name, corners in camera.views.items():
-            picture = _bgr(camera.shots[name])
+            picture = camera.shots[name].read()
             for x, y in corners.pixels:
                 cv2.circle(picture, (round(x), round(y)), DOT_PX, GREEN, 1, cv2.LINE_AA)
-            _write(folder / f"corners/{pair.sensor.id}/{side}/{name}.jpg", picture)
+            write_picture(folder / f"corners/{pair.sensor.id}/{side}/{name}.jpg", picture)
     fullest = max(pair.errors, key=lambda name: len(cameras[0].views[name]))
-    pictures = [_bgr(camera.shots[fullest]) for camera in cameras]
-    _write(folder / f"rectified/{pair.sensor.id}.jpg", _rectified(pair.sensor, pictures))
+    pictures = [camera.shots[fullest].read() for camera in cameras]
+    write_picture(folder / f"rectified/{pair.sensor.id}.jpg", _rectified(pair.sensor, pictures))
 
 
 def _rectified(sensor: Sensor, pictures: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
     """Put both pictures side by side, with lines on which matching points have to lie."""
     left, right = sensor.left, sensor.right
-    relative = right.cam_from_world @ np.linalg.inv(left.cam_from_world)
+    relative = sensor.right_from_left
     turns = cv2.stereoRectify(
         left.K, left.dist, right.K, right.dist, left.size, relative[:3, :3], relative[:3, 3:], alpha=0
     )[:4]
@@ -277,13 +276,3 @@ def _rectified(sensor: Sensor, pictures: Sequence[NDArray[np.uint8]]) -> NDArray
     for row in np.linspace(0, both.shape[0] - 1, N_LINES + 2)[1:-1]:
         cv2.line(both, (0, round(row)), (both.shape[1] - 1, round(row)), GREEN, 1)
     return np.asarray(both, dtype=np.uint8)
-
-
-def _bgr(shot: _Shot) -> NDArray[np.uint8]:
-    return np.ascontiguousarray(shot.read()[..., ::-1])
-
-
-def _write(path: Path, picture: NDArray[np.uint8]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if not cv2.imwrite(str(path), picture):
-        raise CaptureError(f"{path}: cannot be written")

@@ -18,6 +18,7 @@ from recon.capture.calibration.board import Board, Corners
 from recon.capture.calibration.bundle_adjustment import Poses, Sighting, adjusted, reprojection_error
 from recon.capture.images import CaptureError
 from recon.capture.importing.opencv import CAMERA_FROM_WORLD
+from recon.capture.recording import SIDES
 from recon.rig import Camera, Sensor, rigid
 
 MIN_IMAGES = 6
@@ -29,7 +30,6 @@ MAX_FOCAL_DEVIATION = 0.01  # share; a larger standard deviation means that the 
 FLAGS = cv2.CALIB_FIX_K3  # one radial coefficient less: lenses of studios are mild, and k3 is ill determined
 TANGENTIAL = slice(6, 8)  # p1 and p2 among OpenCV's intrinsics
 MIN_SIGNIFICANCE = 3.0  # standard deviations; tangential distortion below is noise, and would move the principal point
-SIDES = ("left", "right")
 
 Views = Mapping[str, Corners]
 """The corners that a camera found, by the image's name; equal names mean the same instant."""

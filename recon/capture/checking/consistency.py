@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from recon.capture.checking.matches import Matches, epipolar_errors
+from recon.capture.checking.matches import NO_MATCHES, Matches, epipolar_errors, joined
+from recon.capture.rectify import viewing_directions
 from recon.rig import Camera, Sensor, rigid
 
 SAME_FEATURE_PX = 1.0  # a feature of one matching found again in another
@@ -25,7 +26,8 @@ MIN_KEPT = 0.5  # of the points that the best explanation brings together; below
 FACTORS = np.geomspace(0.8, 1.25, 91)  # of focal lengths: half a per cent apart
 MIN_FOCAL_CHANGE = 0.01
 TOE_INS_DEG = np.concatenate([-np.arange(2.0, 0.0, -0.05), np.arange(0.05, 2.01, 0.05)])
-ROUNDS = 300  # of three random points: finds a move that a fifth of the points follow with 90 % probability
+N_CHOSEN = 3  # random points, which determine a move: as many follow any
+ROUNDS = 300  # of these: finds a move that a fifth of the points follow with 90 % probability
 POLISHING = 3
 MAX_BRIGHTNESS = 1.25  # of a sensor's points as a multiple of another's; half the light gives 1.4 in sRGB
 SEED = 0
@@ -86,12 +88,10 @@ def shared_points(first: Matches, second: Matches, between: Matches) -> Shared:
     between : matches of the first's right picture with the second's left
     """
     if min(len(first), len(second), len(between)) == 0:
-        none = Matches(np.zeros((0, 2)), np.zeros((0, 2)))
-        return Shared(none, none)
-    in_first, in_second = _found(first.right, between.left), _found(second.left, between.right)
+        return Shared(NO_MATCHES, NO_MATCHES)
+    in_first, in_second = _places(first.right, between.left), _places(second.left, between.right)
     kept = (in_first >= 0) & (in_second >= 0)
-    a, b = in_first[kept], in_second[kept]
-    return Shared(Matches(first.left[a], first.right[a]), Matches(second.left[b], second.right[b]))
+    return Shared(first[in_first[kept]], second[in_second[kept]])
 
 
 def compared(first: Sensor, second: Sensor, shared: Sequence[Shared], tolerance_mm: float) -> Comparison | None:
@@ -103,33 +103,36 @@ def compared(first: Sensor, second: Sensor, shared: Sequence[Shared], tolerance_
     shared : points that both see
     tolerance_mm : how far apart two sensors may see the same point
     """
-    a, b = (
-        Matches(*(np.concatenate([getattr(getattr(s, side), eye) for s in shared]) for eye in ("left", "right")))
-        for side in ("first", "second")
-    )
-    right = (np.abs(epipolar_errors(first, a)) < MAX_EPIPOLAR_PX) & (
-        np.abs(epipolar_errors(second, b)) < MAX_EPIPOLAR_PX
-    )
-    a, b = (Matches(matches.left[right], matches.right[right]) for matches in (a, b))
-    if len(a) < MIN_AGREEING:
+    in_first, in_second = joined([points.first for points in shared]), joined([points.second for points in shared])
+    is_right = np.ones(len(in_first), np.bool_)
+    for sensor, matches in ((first, in_first), (second, in_second)):
+        is_right &= np.abs(epipolar_errors(sensor, matches)) < MAX_EPIPOLAR_PX
+    in_first, in_second = in_first[is_right], in_second[is_right]
+    if len(in_first) < MIN_AGREEING:
         return None
-    count = _counter(tolerance_mm)
-    seen = triangulated(first, a), triangulated(second, b)
-    n_agreeing = count(*seen)
+    points = triangulated(first, in_first), triangulated(second, in_second)
+
+    def n_with_first(changed: Sensor) -> int:
+        return _n_together(triangulated(changed, in_first), points[1], tolerance_mm)
+
+    def n_with_second(changed: Sensor) -> int:
+        return _n_together(points[0], triangulated(changed, in_second), tolerance_mm)
+
+    n_agreeing = _n_together(*points, tolerance_mm)
     best = max(
         (
-            _focal(second, lambda sensor: count(seen[0], triangulated(sensor, b))),
-            _focal(first, lambda sensor: count(triangulated(sensor, a), seen[1])),
-            _toed_in(second, lambda sensor: count(seen[0], triangulated(sensor, b))),
-            _toed_in(first, lambda sensor: count(triangulated(sensor, a), seen[1])),
-            _moved(*seen, tolerance_mm),
+            _focal(second, n_with_second),
+            _focal(first, n_with_first),
+            _toed_in(second, n_with_second),
+            _toed_in(first, n_with_first),
+            _moved(*points, tolerance_mm),
         ),
         key=lambda explanation: explanation.n_agreeing,
     )
     is_apart = best.n_agreeing >= MIN_AGREEING and n_agreeing < MIN_KEPT * best.n_agreeing
     if not is_apart and n_agreeing < MIN_AGREEING:
         return None
-    return Comparison((first.id, second.id), len(a), n_agreeing, tolerance_mm, best if is_apart else None)
+    return Comparison((first.id, second.id), len(in_first), n_agreeing, tolerance_mm, best if is_apart else None)
 
 
 def disagreements(comparisons: Sequence[Comparison]) -> Iterator[str]:
@@ -187,8 +190,8 @@ def _third_sensors(name: str, beside: str, comparisons: Sequence[Comparison], *,
 def triangulated(sensor: Sensor, matches: Matches) -> NDArray[np.float64]:
     """Triangulate matches: world points, float64 (N, 3), mm."""
     slopes = [
-        cv2.undistortPoints(pixels[:, None], camera.K, camera.dist)[:, 0].T
-        for pixels, camera in ((matches.left, sensor.left), (matches.right, sensor.right))
+        viewing_directions(camera, pixels)[:, :2].T
+        for camera, pixels in ((sensor.left, matches.left), (sensor.right, matches.right))
     ]
     poses = [camera.cam_from_world[:3] for camera in (sensor.left, sensor.right)]
     points = cv2.triangulatePoints(*poses, *slopes)
@@ -200,14 +203,15 @@ def with_focal(camera: Camera, factor: float) -> Camera:
     return replace(camera, K=camera.K * np.array([[factor, factor, 1.0], [1.0, factor, 1.0], [1.0, 1.0, 1.0]]))
 
 
-def _found(known: NDArray[np.float64], asked: NDArray[np.float64]) -> NDArray[np.int64]:
+def _places(known: NDArray[np.float64], asked: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return the index of the known feature at each place asked for, -1 where there is none."""
     distance, index = cKDTree(known).query(asked)
     return np.where(np.asarray(distance) < SAME_FEATURE_PX, np.asarray(index, dtype=np.int64), -1)
 
 
-def _counter(tolerance_mm: float) -> Callable[[NDArray[np.float64], NDArray[np.float64]], int]:
-    return lambda a, b: int((np.linalg.norm(a - b, axis=1) < tolerance_mm).sum())
+def _n_together(first: NDArray[np.float64], second: NDArray[np.float64], tolerance_mm: float) -> int:
+    """Count the points (N, 3) that two sensors see at the same place."""
+    return int(np.count_nonzero(np.linalg.norm(first - second, axis=1) < tolerance_mm))
 
 
 def _focal(sensor: Sensor, count: Callable[[Sensor], int]) -> Explanation:
@@ -218,9 +222,8 @@ def _focal(sensor: Sensor, count: Callable[[Sensor], int]) -> Explanation:
         for factor in FACTORS
         if abs(factor - 1.0) > MIN_FOCAL_CHANGE
     }
-    best = max(counts.values())
-    factor = float(np.median([factor for factor, n in counts.items() if n == best]))
-    return Explanation(best, f"the focal lengths of both cameras of {sensor.id} are {factor:.2f} times as long")
+    factor, n_agreeing = _middle_of_best(counts)
+    return Explanation(n_agreeing, f"the focal lengths of both cameras of {sensor.id} are {factor:.2f} times as long")
 
 
 def _toed_in(sensor: Sensor, count: Callable[[Sensor], int]) -> Explanation:
@@ -231,11 +234,17 @@ def _toed_in(sensor: Sensor, count: Callable[[Sensor], int]) -> Explanation:
         float(angle): count(replace(sensor, right=_turned(sensor.right, axis * np.deg2rad(angle))))
         for angle in TOE_INS_DEG
     }
-    best = max(counts.values())
-    angle = float(np.median([angle for angle, n in counts.items() if n == best]))
+    angle, n_agreeing = _middle_of_best(counts)
     return Explanation(
-        best, f"the cameras of {sensor.id} were turned towards or away from each other by {abs(angle):.2f} degrees"
+        n_agreeing,
+        f"the cameras of {sensor.id} were turned towards or away from each other by {abs(angle):.2f} degrees",
     )
+
+
+def _middle_of_best(counts: Mapping[float, int]) -> tuple[float, int]:
+    """Return the median of the values with the highest count, and that count."""
+    best = max(counts.values())
+    return float(np.median([value for value, n in counts.items() if n == best])), best
 
 
 def _turned(camera: Camera, turn: NDArray[np.float64]) -> Camera:
@@ -256,24 +265,24 @@ def _moved(
     rng = np.random.default_rng(SEED)
     best, move = 0, np.eye(4)
     for _ in range(ROUNDS):
-        chosen = rng.choice(len(first), 3, replace=False)
+        chosen = rng.choice(len(first), N_CHOSEN, replace=False)
         tried = _rigid_move(second[chosen], first[chosen])
-        n = int(np.count_nonzero(_apart(first, second, tried) < tolerance_mm))
+        n = _n_together(first, _moved_points(second, tried), tolerance_mm)
         if n > best:
             best, move = n, tried
     for _ in range(POLISHING):
-        follows = _apart(first, second, move) < tolerance_mm
+        follows = np.linalg.norm(first - _moved_points(second, move), axis=1) < tolerance_mm
         move = _rigid_move(second[follows], first[follows]) if np.count_nonzero(follows) >= MIN_AGREEING else move
-    best = max(best, int(np.count_nonzero(_apart(first, second, move) < tolerance_mm)))
+    best = max(best, _n_together(first, _moved_points(second, move), tolerance_mm))
     angle = float(np.rad2deg(np.linalg.norm(cv2.Rodrigues(move[:3, :3])[0])))
-    off = float(np.median(np.linalg.norm(second @ (move[:3, :3] - np.eye(3)).T + move[:3, 3], axis=1)))
+    off = float(np.median(np.linalg.norm(_moved_points(second, move) - second, axis=1)))
     what = f"turned by about {angle:.1f} degrees, and what it sees is {off:.0f} mm off"
-    return Explanation(best - 3, f"{{}} was moved as a whole: {what}")
+    return Explanation(best - N_CHOSEN, f"{{}} was moved as a whole: {what}")
 
 
-def _apart(first: NDArray[np.float64], second: NDArray[np.float64], move: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return distances (N,) of the first sensor's points from the second's moved ones, mm."""
-    return np.asarray(np.linalg.norm(first - second @ move[:3, :3].T - move[:3, 3], axis=1))
+def _moved_points(points: NDArray[np.float64], move: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Move points (N, 3) by a rigid transform (4, 4)."""
+    return np.asarray(points @ move[:3, :3].T + move[:3, 3])
 
 
 def _rigid_move(source: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from recon.capture.checking.consistency import with_focal
+from recon.capture.checking.consistency import MIN_FOCAL_CHANGE, with_focal
 from recon.capture.checking.matches import Matches, epipolar_errors
 from recon.rig import Sensor, rigid
 
@@ -19,7 +19,6 @@ MIN_ERROR_PX = 0.15  # median; features are found to about 0.1 px, and a smaller
 MIN_GAIN = 0.65  # of the error is left by an explanation that is believed
 SAME_GAIN = 1.5  # times the best explanation's error: the one with fewer unknowns is taken
 MIN_TURN_DEG = 0.1
-MIN_FOCAL_CHANGE = 0.01
 MIN_COMMON_CHANGE = 0.05  # both focal lengths alike hardly move epipolar lines
 MAX_ASPECT = 0.02  # fx and fy of a camera with square pixels are equal
 INLIER_PX = 0.3  # scale of the robust cost in fits

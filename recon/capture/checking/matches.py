@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.rig import Camera, Sensor
+from recon.capture.rectify import viewing_directions
+from recon.rig import Sensor
 
 MAX_RATIO = 0.8  # Lowe, "Distinctive image features from scale-invariant keypoints", 2004, section 7.1
 MAX_FEATURES = 4000
@@ -24,6 +26,13 @@ class Matches:
 
     def __len__(self) -> int:
         return len(self.left)
+
+    def __getitem__(self, which: NDArray[np.integer] | NDArray[np.bool_]) -> Matches:
+        """Select matches by their indices or a mask (N,)."""
+        return Matches(self.left[which], self.right[which])
+
+
+NO_MATCHES = Matches(np.zeros((0, 2)), np.zeros((0, 2)))
 
 
 def match_pictures(
@@ -46,7 +55,7 @@ def match_pictures(
         _features(sift, image, area) for image, area in zip((left, right), areas, strict=True)
     )
     if min(len(left_points), len(right_points)) < 2:
-        return Matches(np.zeros((0, 2)), np.zeros((0, 2)))
+        return NO_MATCHES
     matcher = cv2.BFMatcher(cv2.NORM_L2)
     back = {match.queryIdx: match.trainIdx for match in matcher.match(right_features, left_features)}
     kept = [
@@ -58,10 +67,10 @@ def match_pictures(
     return Matches(left_points[pairs[:, 0]], right_points[pairs[:, 1]])
 
 
-def joined(several: list[Matches]) -> Matches:
+def joined(several: Sequence[Matches]) -> Matches:
     """Join the matches of several pictures of the same cameras."""
     if not several:
-        return Matches(np.zeros((0, 2)), np.zeros((0, 2)))
+        return NO_MATCHES
     return Matches(
         np.concatenate([matches.left for matches in several]), np.concatenate([matches.right for matches in several])
     )
@@ -72,21 +81,14 @@ def epipolar_errors(sensor: Sensor, matches: Matches) -> NDArray[np.float64]:
 
     Source of Sampson's distance: Hartley, Zisserman, "Multiple view geometry", 2nd edition, equation 11.9.
     """
-    relative = sensor.right.cam_from_world @ np.linalg.inv(sensor.left.cam_from_world)
+    relative = sensor.right_from_left
     x, y, z = relative[:3, 3]
     essential = np.array([[0.0, -z, y], [z, 0, -x], [-y, x, 0]]) @ relative[:3, :3]
-    left, right = _rays(sensor.left, matches.left), _rays(sensor.right, matches.right)
+    left, right = viewing_directions(sensor.left, matches.left), viewing_directions(sensor.right, matches.right)
     on_right, on_left = left @ essential.T, right @ essential
     slope = np.sqrt((on_right[:, :2] ** 2).sum(axis=1) + (on_left[:, :2] ** 2).sum(axis=1))
     focal = float(np.mean([np.diag(camera.K)[:2] for camera in (sensor.left, sensor.right)]))
     return np.asarray((right * on_right).sum(axis=1) / slope * focal)
-
-
-def _rays(camera: Camera, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
-    if len(pixels) == 0:  # OpenCV answers with None
-        return np.zeros((0, 3))
-    slopes = cv2.undistortPoints(pixels[:, None], camera.K, camera.dist)[:, 0]
-    return np.column_stack([slopes, np.ones(len(slopes))])
 
 
 def _features(

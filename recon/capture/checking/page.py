@@ -12,6 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from recon.capture.checking.check import CheckReport
 from recon.capture.checking.continuity import Glance
+from recon.capture.recording import evenly_chosen
 from recon.storage.files import whole_file, write_json
 
 MAX_THUMBNAILS = 12  # of a camera, evenly over its frames
@@ -37,9 +38,8 @@ def check_page(report: CheckReport) -> str:
 
 
 def _thumbnails(by_frame: Mapping[int, Glance]) -> Iterator[tuple[int, str]]:
-    """Frames of a camera, evenly chosen, each with its picture as JPEG in base64."""
+    """Yield frames of a camera, evenly chosen, each with its picture as JPEG in base64."""
     frames = sorted(by_frame)
-    for index in np.linspace(0, len(frames) - 1, min(len(frames), MAX_THUMBNAILS)):
-        frame = frames[round(index)]
+    for frame in (frames[index] for index in evenly_chosen(len(frames), MAX_THUMBNAILS)):
         jpeg = cv2.imencode(".jpg", by_frame[frame].thumbnail.astype(np.uint8))[1].tobytes()
         yield frame, b64encode(jpeg).decode()

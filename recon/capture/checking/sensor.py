@@ -11,11 +11,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.capture.checking.depth import bounds_area, check_depth_maps
+from recon.capture.checking.continuity import DARK_LEVELS
+from recon.capture.checking.depth import DepthCheck, bounds_area, check_depth_maps
 from recon.capture.checking.diagnosis import MIN_MATCHES, diagnose
 from recon.capture.checking.matches import Matches, epipolar_errors, joined, match_pictures
 from recon.capture.checking.sensor_report import Rows, SensorReport
 from recon.capture.format import CaptureError, SensorStream, frame_pictures, mask_pictures, read_mask, read_picture
+from recon.capture.noise import noise_deviation
+from recon.capture.recording import evenly_chosen
 from recon.capture.rectify import Rectification, rectify, rectify_images, rectify_masks
 from recon.rig import Sensor
 
@@ -26,10 +29,7 @@ MATCHED_PX = 0.25  # what disparities are good to: root mean square on benchmark
 TEXTURE_WINDOW = 9  # pixels, about a matcher's
 MIN_TEXTURE = 2.5  # grey levels of local standard deviation, the noise's taken off
 MAX_LEFT_TO_RIGHT = 1.15  # of the brightness of matched points
-DARK_LEVELS = 8.0  # below, ratios of brightness mean nothing
-NOISE_KERNEL = np.array([[1.0, -2, 1], [-2, 4, -2], [1, -2, 1]]) / 6.0  # Immerkaer, 1996: keeps noise, drops edges
 MOST_LISTED = 5  # frames in a sentence
-NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal distribution
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,20 +78,32 @@ def check_sensor(folder: Path, stream: SensorStream, n_frames: int, bounds: NDAr
     """
     baseline = None if stream.right is None else stream.sensor.baseline
     coverage, problems, warnings = _check_masks(folder, stream, n_frames)
-    report = SensorReport(stream.id, baseline, mask_coverage=coverage)
-    if bounds is None:
-        return SensorCheck(report, tuple(problems), tuple(warnings))
-    if stream.depth is not None:
-        checked = check_depth_maps(folder, stream, n_frames, bounds)
-        report = replace(report, depth_coverage=checked.coverage, depth_mm=checked.median_mm)
-        problems += checked.problems
-        warnings += checked.warnings
-    if stream.right is None:
-        return SensorCheck(report, tuple(problems), tuple(warnings))
+    check = SensorCheck(SensorReport(stream.id, baseline, mask_coverage=coverage), tuple(problems), tuple(warnings))
+    if bounds is not None and stream.depth is not None:
+        check = _with_depth_maps(check, check_depth_maps(folder, stream, n_frames, bounds))
+    if bounds is not None and stream.right is not None:
+        check = _with_pair(check, folder, stream, n_frames, bounds)
+    return check
+
+
+def _with_depth_maps(check: SensorCheck, depth: DepthCheck) -> SensorCheck:
+    """Add what the check of a sensor's depth maps says."""
+    return replace(
+        check,
+        report=replace(check.report, depth_coverage=depth.coverage, depth_mm=depth.median_mm),
+        problems=(*check.problems, *depth.problems),
+        warnings=(*check.warnings, *depth.warnings),
+    )
+
+
+def _with_pair(
+    check: SensorCheck, folder: Path, stream: SensorStream, n_frames: int, bounds: NDArray[np.float64]
+) -> SensorCheck:
+    """Add what the pictures of a sensor's pair say."""
     try:
         rectification = rectify(stream.sensor, bounds)
     except ValueError as error:
-        return SensorCheck(report, (*problems, str(error)))
+        return replace(check, problems=(*check.problems, str(error)))
     by_frame = {}
     for frame in measured_frames(n_frames):
         with suppress(CaptureError):  # its pictures are listed already
@@ -102,11 +114,10 @@ def check_sensor(folder: Path, stream: SensorStream, n_frames: int, bounds: NDAr
     faults = diagnose(stream.sensor, matches)
     misfit = _misfit(stream.sensor, matches, rows)
     textured = [look.textured for look in looks if look.textured is not None]
-    problems += faults or _row_problems(rectification, rows, misfit)
     depth = rectification.left.points_in_camera(bounds.mean(axis=0, keepdims=True))[0, 2]
     per_pixel = float(depth**2 / (rectification.focal * rectification.baseline))
     report = replace(
-        report,
+        check.report,
         rectified_size=rectification.left.size,
         n_disparities=rectification.n_disparities,
         depth_per_disparity_mm=per_pixel,
@@ -114,19 +125,12 @@ def check_sensor(folder: Path, stream: SensorStream, n_frames: int, bounds: NDAr
         textured=float(np.mean(textured)) if textured else None,
         rows=rows,
     )
-    warnings += [*_exposure_warnings(stream.id, looks), *_texture_warnings(report)]
     return SensorCheck(
-        report, tuple(problems), tuple(warnings), {frame: look.matches for frame, look in by_frame.items()}
+        report,
+        (*check.problems, *(faults or _row_problems(rectification, rows, misfit))),
+        (*check.warnings, *_exposure_warnings(stream.id, looks), *_texture_warnings(report)),
+        {frame: look.matches for frame, look in by_frame.items()},
     )
-
-
-def noise_level(grey: NDArray[np.floating]) -> float:
-    """Estimate the standard deviation of a picture's noise, (H, W), grey levels; edges hardly count.
-
-    Source: Immerkaer, "Fast noise variance estimation", 1996, with a median in place of the mean.
-    """
-    residue = cv2.filter2D(np.asarray(grey, dtype=np.float32), -1, NOISE_KERNEL)
-    return float(np.median(np.abs(residue))) / NORMAL_MEDIAN
 
 
 def _check_masks(
@@ -154,7 +158,7 @@ def _listed(frames: Sequence[int]) -> str:
 
 def measured_frames(n_frames: int) -> list[int]:
     """Choose the frames that are measured closely."""
-    return sorted({round(frame) for frame in np.linspace(0, n_frames - 1, min(n_frames, MEASURED_FRAMES))})
+    return evenly_chosen(n_frames, MEASURED_FRAMES)
 
 
 def _look(
@@ -196,12 +200,12 @@ def brightness_ratios(left: NDArray[np.uint8], right: NDArray[np.uint8], matches
 
 def _textured(image: NDArray[np.uint8], area: NDArray[np.bool_]) -> float | None:
     """Return the share of an area whose structure stands out of the noise; None of an empty one."""
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
-    window = (TEXTURE_WINDOW, TEXTURE_WINDOW)
-    variance = cv2.blur(grey * grey, window) - cv2.blur(grey, window) ** 2
     if not area.any():
         return None
-    return float((variance[area] - noise_level(grey) ** 2 > MIN_TEXTURE**2).mean())
+    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
+    levels, window = grey.astype(np.float32), (TEXTURE_WINDOW, TEXTURE_WINDOW)
+    variance = cv2.blur(levels * levels, window) - cv2.blur(levels, window) ** 2
+    return float((variance[area] - noise_deviation(grey) ** 2 > MIN_TEXTURE**2).mean())
 
 
 def _rows(looks: list[_Look], rectification: Rectification) -> Rows:

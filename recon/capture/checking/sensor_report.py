@@ -60,7 +60,7 @@ class SensorReport:
         )
 
     def verdict(self) -> str:
-        """Accuracy to expect, in plain words."""
+        """Say which accuracy to expect, in plain words."""
         if self.baseline_mm is None:
             if self.depth_coverage is None:
                 return f"{self.id}: nothing can be expected before the problems are solved"

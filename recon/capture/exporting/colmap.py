@@ -21,12 +21,12 @@ from recon.capture.exporting.views import (
     names_of,
     read_view_mask,
     write_images,
-    write_png,
 )
 from recon.capture.format import Capture
+from recon.capture.images import write_picture
 from recon.capture.importing.colmap_model import HALF_PIXEL, MODEL_NAMES, MODELS
-from recon.capture.importing.folder import new_folder
 from recon.geometry.mesh import Cloud
+from recon.storage.files import new_folder
 
 MODEL = "sparse/0"
 
@@ -54,7 +54,7 @@ def export_colmap(capture: Capture, out: Path, *, frame: int = 0, points: Cloud 
         write_images(folder / "images", views)
         for view in views:
             if view.mask is not None:
-                write_png(folder / f"masks/{view.name}.png", read_view_mask(view))
+                write_picture(folder / f"masks/{view.name}.png", read_view_mask(view))
         model = folder / MODEL
         model.mkdir(parents=True)
         (model / "cameras.bin").write_bytes(_cameras(views))

@@ -22,14 +22,14 @@ from recon.capture.exporting.views import (
     read_view_depth,
     read_view_mask,
     write_images,
-    write_png,
 )
 from recon.capture.format import Capture
-from recon.capture.importing.folder import new_folder
-from recon.capture.importing.nerfstudio import DISTORTION, HALF_PIXEL, OPENGL, TRANSFORMS
+from recon.capture.images import write_picture
+from recon.capture.importing.nerfstudio import DISTORTION, HALF_PIXEL, TRANSFORMS
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import write_cloud
-from recon.storage.files import write_json
+from recon.rig import OPENGL
+from recon.storage.files import new_folder, write_json
 
 Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # nerfstudio's world from the capture's
 PLACES = (0, 1, 2, 3, 4)  # of DISTORTION in OpenCV's numbers
@@ -61,7 +61,7 @@ def export_nerfstudio(capture: Capture, out: Path, *, frame: int = 0, points: Cl
         if any(view.mask for view in views):
             for entry, view in zip(entries, views, strict=True):
                 entry["mask_path"] = f"masks/{Path(view.name).stem}.png"
-                write_png(folder / entry["mask_path"], read_view_mask(view))
+                write_picture(folder / entry["mask_path"], read_view_mask(view))
         if any(view.depth_stream for view in views):
             (folder / "depths").mkdir()
             for entry, view in zip(entries, views, strict=True):

@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,12 +22,12 @@ from recon.capture.format import (
     frame_pictures,
     image_path,
     mask_pictures,
+    read_mask,
     read_picture,
 )
-from recon.capture.images import is_video
+from recon.capture.images import is_video, write_picture
 from recon.capture.pictures import copy_file
 from recon.rig import Camera
-from recon.storage.files import whole_file
 from recon.storage.remote import fetched
 
 MM_PER_METRE = 1000.0
@@ -73,8 +72,7 @@ def exported_views(capture: Capture, frame: int) -> list[ExportedView]:
     CaptureError
         If there is no such frame.
     """
-    if not 0 <= frame < capture.n_frames:
-        raise CaptureError(f"{capture.folder}: there is no frame {frame}, frames are 0 to {capture.n_frames - 1}")
+    capture.check_frame(frame)
     views = []
     for stream in capture.sensors:
         masks = mask_pictures(capture.folder, stream, frame)
@@ -102,7 +100,7 @@ def write_images(folder: Path, views: Sequence[ExportedView]) -> None:
     for view in views:
         pixels = read_picture(view.picture)
         if is_video(view.picture.path):
-            write_png(folder / view.name, pixels[..., ::-1])
+            write_picture(folder / view.name, pixels)
         else:
             copy_file(fetched(view.picture.path), folder / view.name)
 
@@ -111,7 +109,7 @@ def read_view_mask(view: ExportedView) -> NDArray[np.uint8]:
     """Return a view's mask, uint8 (H, W), 255 on the foreground; all of it where the view has none."""
     if view.mask is None:
         return np.full(view.camera.size[::-1], WHITE, np.uint8)
-    return np.where(read_picture(view.mask)[..., 1] > WHITE // 2, WHITE, 0).astype(np.uint8)
+    return np.where(read_mask(view.mask), np.uint8(WHITE), np.uint8(0))
 
 
 def read_view_depth(capture: Capture, view: ExportedView) -> NDArray[np.float32]:
@@ -125,14 +123,6 @@ def read_view_depth(capture: Capture, view: ExportedView) -> NDArray[np.float32]
     if view.depth_stream is None:
         return np.zeros(view.camera.size[::-1], np.float32)
     return np.nan_to_num(read_depth_map(capture.folder, view.depth_stream, view.picture.frame))
-
-
-def write_png(path: Path, pixels: NDArray[np.uint8]) -> None:
-    """Write a PNG, uint8 (H, W) or (H, W, 3) BGR, making its folder."""
-    done, encoded = cv2.imencode(".png", pixels)
-    assert done  # an image in memory can always be encoded
-    with whole_file(path) as temporary:
-        temporary.write_bytes(encoded.tobytes())
 
 
 def check_lens(view: ExportedView, places: Sequence[int], form: str) -> NDArray[np.float64]:

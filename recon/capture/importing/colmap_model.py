@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from recon.capture.images import CaptureError
+from recon.capture.importing.sources import faults_at
 from recon.rig import Camera, rigid
 
 HALF_PIXEL = 0.5
@@ -142,13 +143,11 @@ def _read_cameras_bin(path: Path) -> dict[int, Camera]:
         number, model, width, height = map(int, reader.numbers("IiQQ"))
         if not 0 <= model < len(MODEL_NAMES):
             raise reader.fault(f"camera {number} has the unknown model {model}")
-        try:
-            values = reader.numbers(f"{_n_numbers(MODEL_NAMES[model])}d")
-            cameras[number] = _camera(MODEL_NAMES[model], (width, height), np.array(values, np.float64))
-        except CaptureError:
-            raise
-        except ValueError as error:
-            raise CaptureError(f"{path}: camera {number}: {error}") from error
+        with faults_at(f"{path}: camera {number}"):
+            n_numbers = _n_numbers(MODEL_NAMES[model])
+        values = np.array(reader.numbers(f"{n_numbers}d"), np.float64)
+        with faults_at(f"{path}: camera {number}"):
+            cameras[number] = _camera(MODEL_NAMES[model], (width, height), values)
     return cameras
 
 
@@ -159,10 +158,8 @@ def _read_images_bin(path: Path) -> dict[int, ColmapImage]:
         number, *values, camera = reader.numbers("I7dI")
         name = reader.text()
         reader.skip(24 * reader.whole("Q"))  # two numbers of 8 bytes and the point's for each feature
-        try:
+        with faults_at(f"{path}: image {number} {name}"):
             images[int(number)] = ColmapImage(name, int(camera), _pose(np.array(values)))
-        except ValueError as error:
-            raise CaptureError(f"{path}: image {number} {name}: {error}") from error
     return images
 
 
@@ -193,34 +190,28 @@ def _read_cameras_txt(path: Path) -> dict[int, Camera]:
     for number, words in _rows(path):
         if not words:
             continue
-        try:
+        with faults_at(f"{path}, line {number}"):
             size = (int(words[2]), int(words[3]))
             cameras[int(words[0])] = _camera(words[1], size, np.array(words[4:], dtype=np.float64))
-        except (ValueError, IndexError) as error:
-            raise CaptureError(f"{path}, line {number}: {error}") from error
     return cameras
 
 
 def _read_images_txt(path: Path) -> dict[int, ColmapImage]:
     images = {}
     for number, words in _rows(path)[::2]:  # every second line lists the image's points
-        try:
+        with faults_at(f"{path}, line {number}"):
             if len(words) < 10:
                 raise ValueError(f"{len(words)} words, expected IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME")
             pose = _pose(np.array(words[1:8], dtype=np.float64))
             images[int(words[0])] = ColmapImage(" ".join(words[9:]), int(words[8]), pose)
-        except ValueError as error:
-            raise CaptureError(f"{path}, line {number}: {error}") from error
     return images
 
 
 def _read_points_txt(path: Path) -> NDArray[np.float64]:
     if not path.is_file():
         return np.zeros((0, 3))
-    try:
+    with faults_at(path):
         return np.array([words[1:4] for _, words in _rows(path) if words], dtype=np.float64).reshape(-1, 3)
-    except ValueError as error:
-        raise CaptureError(f"{path}: {error}") from error
 
 
 def _pose(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -32,6 +32,7 @@ from recon.capture.importing.sources import (
     ImportOptions,
     Recording,
     SensorSource,
+    faults_at,
     parse_unit,
     write_recording,
 )
@@ -80,7 +81,7 @@ def import_json(
     content = read_json(source)
     unit = options.unit_mm or parse_unit(str(content.get("units", "mm")))
     described = _Description(source, content, unit)
-    try:
+    with faults_at(source):
         sensors = _sensors(described) if "sensors" in content else (_short_form(described, shots),)
         recording = Recording(
             str(content.get("name", source.resolve().parent.name)),
@@ -91,8 +92,6 @@ def import_json(
             bounds=described.length("bounds"),
             up=str(content.get("up", "y")),
         )
-    except ValueError as error:
-        raise CaptureError(f"{source}: {error}") from error
     return write_recording(out, recording, options)
 
 
@@ -128,7 +127,7 @@ def _sensors(described: _Description) -> tuple[SensorSource, ...]:
 
 def _sensor(described: _Description, entry: Mapping[str, Any], number: int) -> SensorSource:
     name = str(entry.get("id", f"S{number + 1}"))
-    try:
+    with faults_at(f"sensor {name}"):
         sides = SIDES[:1] if "depth" in entry and "right" not in entry else SIDES
         pictures = tuple(_pictures(described.path.parent, entry[side]) for side in sides)
         left_pose = _pose(described, entry["left"], None if number else CAMERA_FROM_WORLD)
@@ -138,11 +137,7 @@ def _sensor(described: _Description, entry: Mapping[str, Any], number: int) -> S
             for side, picture, pose in zip(sides, pictures, poses, strict=True)
         )
         depth = _depth(described.path.parent, entry["depth"]) if "depth" in entry else None
-    except KeyError as error:
-        raise CaptureError(f"sensor {name}: {error.args[0]} is missing") from error
-    except ValueError as error:
-        raise CaptureError(f"sensor {name}: {error}") from error
-    return SensorSource(name, left, right[0] if right else None, pictures, depth)
+        return SensorSource(name, left, right[0] if right else None, pictures, depth)
 
 
 def _depth(folder: Path, entry: Mapping[str, Any]) -> DepthSource:

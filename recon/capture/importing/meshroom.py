@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from recon.capture.format import Capture
 from recon.capture.images import CaptureError
-from recon.capture.importing.sources import ImportOptions, write_recording
+from recon.capture.importing.sources import ImportOptions, faults_at, write_recording
 from recon.capture.importing.views import View, bounds_of_points, choose_sensors
 from recon.rig import Camera, rigid
 from recon.storage.files import read_json
@@ -59,12 +59,9 @@ def import_meshroom(
     if options.unit_mm is None:
         raise CaptureError(f"{path}: Meshroom's scale is arbitrary; give the length of its unit in mm by --units")
     content = read_json(path)
-    try:
+    with faults_at(path):
         views = _views(path, content, options.unit_mm)
         points = np.array([point["X"] for point in content.get("structure", ())], np.float64).reshape(-1, 3)
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        missing = f"{error.args[0]} is missing" if isinstance(error, KeyError) else str(error)
-        raise CaptureError(f"{path}: {missing}") from error
     bounds = bounds_of_points(points * options.unit_mm)
     return write_recording(out, choose_sensors(source, views, pairs or (), bounds), options)
 
@@ -91,17 +88,13 @@ def _views(path: Path, content: Mapping[str, Any], unit_mm: float) -> dict[int, 
         number, name = int(entry["viewId"]), Path(str(entry["path"]).replace("\\", "/")).name
         if entry.get("poseId") not in poses or entry.get("intrinsicId") not in intrinsics:
             continue  # Meshroom could not place it
-        try:
+        with faults_at(f"view {number} {name}"):
             if entry.get("isPoseIndependant", "true") in ("false", "0", False):
                 raise CaptureError(
                     "is placed by a rig, expected a pose of its own; reconstruct without rig constraints"
                 )
             pose = _pose(poses[entry["poseId"]], unit_mm)
             camera = _camera(version, intrinsics[entry["intrinsicId"]], pose)
-        except KeyError as error:
-            raise CaptureError(f"view {number} {name}: {error.args[0]} is missing") from error
-        except (TypeError, ValueError) as error:
-            raise CaptureError(f"view {number} {name}: {error}") from error
         views[number] = View(name, camera, _image(path.parent, str(entry["path"]), name))
     return views
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from recon.capture.format import Capture, CaptureError
 from recon.capture.images import read_image
-from recon.capture.importing.sources import ImportOptions, Recording, SensorSource, write_recording
+from recon.capture.importing.sources import ImportOptions, Recording, SensorSource, faults_at, write_recording
 from recon.capture.pictures import Pictures
 from recon.capture.recording import check_bounds
 from recon.rig import Camera, bounds_corners, rigid
@@ -127,12 +127,10 @@ def _read_view(listing: Path, line: int, row: list[str]) -> tuple[int, _View]:
         )
     path = listing.parent / row[0]
     height, width = read_image(path).shape[:2]
-    try:
+    with faults_at(f"{listing}, line {line}"):
         values = np.array(row[1:], dtype=np.float64)
         pose = rigid(values[9:18].reshape(3, 3), values[18:21] * MM_PER_METRE)
         return int(ending[1]), _View(path, Camera(values[:9].reshape(3, 3), (width, height), pose))
-    except ValueError as error:
-        raise CaptureError(f"{listing}, line {line}: {error}") from error
 
 
 def _check_listed(listing: Path, views: Mapping[int, _View], pairs: Sequence[tuple[int, int]], n_frames: int) -> None:
@@ -179,10 +177,8 @@ def _published_bounds(listing: Path) -> NDArray[np.float64]:
     for path in sorted(listing.parent.glob("*.txt")):
         corners = CORNER.findall(path.read_text(encoding="utf-8", errors="replace"))
         if path != listing and len(corners) == 2:
-            try:
+            with faults_at(path):
                 return check_bounds(np.array(corners, dtype=np.float64) * MM_PER_METRE)
-            except ValueError as error:
-                raise CaptureError(f"{path}: {error}") from error
     raise CaptureError(f"{listing.parent}: no text file holds a bounding box, two lines of (x y z); give the bounds")
 
 

@@ -21,16 +21,15 @@ from numpy.typing import NDArray
 from recon.capture.depth_maps import read_depth_values
 from recon.capture.format import Capture
 from recon.capture.images import IMAGE_SUFFIXES, CaptureError
-from recon.capture.importing.sources import DepthSource, ImportOptions, parse_unit, write_recording
+from recon.capture.importing.sources import DepthSource, ImportOptions, faults_at, parse_unit, write_recording
 from recon.capture.importing.views import View, bounds_of_points, choose_sensors
 from recon.capture.pictures import find_pictures
 from recon.geometry.mesh_files import read_points
-from recon.rig import Camera, rigid
+from recon.rig import OPENGL, Camera, rigid
 from recon.storage.files import allowed, read_json
 
 TRANSFORMS = "transforms.json"
 HALF_PIXEL = 0.5
-OPENGL = np.array([1.0, -1.0, -1.0])  # per camera axis: OpenGL's y points up and its z backwards, OpenCV's do not
 PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 DISTORTION = ("k1", "k2", "p1", "p2", "k3")  # in OpenCV's order
 DEPTHS_IN_UNIT = 1000.0  # nerfstudio's depth_unit_scale_factor
@@ -82,13 +81,10 @@ def import_nerfstudio(
     options, content = options or ImportOptions(), read_json(path)
     if options.unit_mm is None and "units" not in content:
         raise CaptureError(f"{path}: the scale is arbitrary; give the length of its unit in mm by --units")
-    try:
+    with faults_at(path):
         dataset = _dataset(path.parent, content, options.unit_mm)
         views = {number: _view(dataset, frame, number) for number, frame in enumerate(_frames(content), start=1)}
         bounds = _bounds(dataset)
-    except (KeyError, TypeError, ValueError) as error:
-        missing = f"{error.args[0]} is missing" if isinstance(error, KeyError) else str(error)
-        raise CaptureError(f"{path}: {missing}") from error
     return write_recording(out, choose_sensors(source, views, pairs or (), bounds, dataset.up), options)
 
 
@@ -112,7 +108,7 @@ def _frames(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 def _view(dataset: _Dataset, frame: Mapping[str, Any], number: int) -> View:
     name = str(frame.get("file_path", ""))
-    try:
+    with faults_at(f"frame {number} {name}"):
         if not name:
             raise CaptureError("file_path is missing")
         image = dataset.folder / name
@@ -121,11 +117,7 @@ def _view(dataset: _Dataset, frame: Mapping[str, Any], number: int) -> View:
         camera = _camera({**dataset.content, **frame}, image, _pose(dataset, frame))
         is_test = name in dataset.content.get("test_filenames", ())
         depth = None if is_test else _depth(dataset, frame, camera)
-    except KeyError as error:
-        raise CaptureError(f"frame {number} {name}: {error.args[0]} is missing") from error
-    except (TypeError, ValueError) as error:
-        raise CaptureError(f"frame {number} {name}: {error}") from error
-    return View(name, camera, image, depth, is_test)
+        return View(name, camera, image, depth, is_test)
 
 
 def _pose(dataset: _Dataset, frame: Mapping[str, Any]) -> NDArray[np.float64]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from recon.capture.format import Capture
 from recon.capture.images import CaptureError
-from recon.capture.importing.sources import UPWARDS, ImportOptions, Recording, SensorSource, write_recording
+from recon.capture.importing.sources import UPWARDS, ImportOptions, Recording, SensorSource, faults_at, write_recording
 from recon.capture.pictures import find_pictures
 from recon.rig import Camera, Rig, Sensor, rigid
 from recon.storage.files import whole_file
@@ -84,14 +84,13 @@ def write_calibration(path: Path, rig: Rig) -> None:
 
 
 def _write_sensor(storage: Any, sensor: Sensor) -> None:
-    right_from_left = sensor.right.cam_from_world @ np.linalg.inv(sensor.left.cam_from_world)
     storage.write("id", sensor.id)
     storage.write("image_size", np.array([sensor.left.size], dtype=np.int32))
     for number, camera in ((1, sensor.left), (2, sensor.right)):
         storage.write(f"K{number}", camera.K)
         storage.write(f"D{number}", camera.dist[None] if camera.dist.size else np.zeros((1, 5)))
-    storage.write("R", right_from_left[:3, :3])
-    storage.write("T", right_from_left[:3, 3:])
+    storage.write("R", sensor.right_from_left[:3, :3])
+    storage.write("T", sensor.right_from_left[:3, 3:])
     storage.write("cam_from_world", sensor.left.cam_from_world)
 
 
@@ -151,15 +150,13 @@ def _source(base: Path, name: str, entry: Mapping[str, Any], options: ImportOpti
 def _sensor(name: str, entry: Mapping[str, Any], size: tuple[int, int], unit_mm: float) -> Sensor:
     matrices = {key: _matrix(entry, key) for key in KEYS}
     told = _size(entry) or size
-    try:
+    with faults_at(f"{entry['']}: sensor {name}"):
         rotation = matrices["R"] if matrices["R"].shape == (3, 3) else cv2.Rodrigues(matrices["R"])[0]
         right_from_left = rigid(rotation, matrices["T"].ravel() * unit_mm)
         pose = np.asarray(entry.get("cam_from_world", CAMERA_FROM_WORLD), dtype=np.float64).copy()
         pose[:3, 3] *= unit_mm
         left = Camera(matrices["K1"], told, pose, matrices["D1"])
         return Sensor(name, left, Camera(matrices["K2"], told, right_from_left @ pose, matrices["D2"]))
-    except (ValueError, cv2.error) as error:
-        raise CaptureError(f"{entry['']}: sensor {name}: {error}") from error
 
 
 def _matrix(entry: Mapping[str, Any], key: str) -> NDArray[np.float64]:

@@ -6,11 +6,13 @@ and the world is turned so that y is up.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -26,10 +28,10 @@ from recon.capture.format import (
     write_capture,
 )
 from recon.capture.images import video_times
-from recon.capture.importing.folder import new_folder
 from recon.capture.pictures import DEFAULT_FPS, Pictures, copy_file, steady_rate
 from recon.capture.recording import SIDES, check_bounds
 from recon.rig import Camera, rigid
+from recon.storage.files import new_folder
 
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 UPWARDS = {
@@ -117,6 +119,22 @@ class Recording:
 
     def __post_init__(self) -> None:
         _check_up(self.up)
+
+
+@contextmanager
+def faults_at(place: object) -> Iterator[None]:
+    """Turn what fails on the content of a source into a CaptureError that names the place.
+
+    Parameters
+    ----------
+    place : a file, or words for a place in it
+    """
+    try:
+        yield
+    except KeyError as error:
+        raise CaptureError(f"{place}: {error.args[0]} is missing") from error
+    except (AttributeError, IndexError, TypeError, ValueError, cv2.error) as error:
+        raise CaptureError(f"{place}: {error}") from error
 
 
 def parse_unit(text: str) -> float:

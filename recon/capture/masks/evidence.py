@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from recon.capture.format import Capture, CaptureError, SensorStream, read_frame, read_plates
+from recon.capture.recording import evenly_chosen
 
 SMOOTHING_PX = 1.0  # standard deviation: takes the noise of single pixels away, keeps edges within a pixel
 NOISE_FACTOR = 6.0  # standard deviations of the smoothed background's difference that its noise does not reach
@@ -58,7 +59,7 @@ def found_threshold(capture: Capture, stream: SensorStream, method: str) -> floa
     stream : a sensor of it
     method : "threshold" or "plate"
     """
-    frames = sorted({round(frame) for frame in np.linspace(0, capture.n_frames - 1, SAMPLED_FRAMES)})
+    frames = evenly_chosen(capture.n_frames, SAMPLED_FRAMES)
     evidence = np.concatenate(
         [side.ravel() for frame in frames for side in evidence_of(capture, stream, frame, method)]
     )

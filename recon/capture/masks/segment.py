@@ -28,6 +28,7 @@ from recon.capture.format import (
     read_plates,
     write_capture,
 )
+from recon.capture.images import write_picture
 from recon.capture.masks.evidence import (
     MIN_DIFFERENCE,
     dark_background_threshold,
@@ -241,9 +242,7 @@ def _mask_patterns(stream: SensorStream) -> tuple[str, ...]:
 
 
 def _write_mask(path: Path, mask: NDArray[np.bool_]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if not cv2.imwrite(str(path), mask.astype(np.uint8) * 255):
-        raise CaptureError(f"{path}: cannot be written")
+    write_picture(path, np.where(mask, np.uint8(255), np.uint8(0)))
 
 
 @contextmanager

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.depth.guide import Passages, permeabilities
-from recon.depth.slanted import FRAME
+from recon.depth.slanted import SPARE
 
 HEIGHT, WIDTH, N_DISPARITIES = 13, 21, 16
 LEVEL = np.zeros((HEIGHT, WIDTH), np.float32)
-ROOM = FRAME  # places of the other view before the first disparity and after the last
+ROOM = SPARE  # places of the other view before the first disparity and after the last
 
 
 def some_passages(seed: int) -> Passages:

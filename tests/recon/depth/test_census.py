@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from recon.depth.census import WINDOWS, census_pair, fine_grey_image, grey_image
+from recon.depth.census import WINDOWS, census_pair
+from recon.depth.channels import fine_grey_image, grey_image
 
 
 def plain_census(grey: NDArray[np.uint16], window: int = 5) -> NDArray[np.uint32]:

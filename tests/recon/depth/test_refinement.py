@@ -10,12 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from recon.depth import refinement
 from recon.depth.refinement import MIN_SUPPORT, PLANE_OFFSETS, SAME_SURFACE, filled, local_planes, without_specks
-
-
-def at_once(length: int, work: Callable[[int, int], None]) -> None:
-    work(0, length // 2)
-    work(length // 2, length)
 
 
 def plain_fill(row: NDArray[np.float32], valid: NDArray[np.bool_]) -> list[float]:
@@ -32,13 +28,13 @@ def test_a_hole_takes_the_farther_of_its_neighbours_in_the_row(seed: int, share:
     valid = rng.random((4, 12)) < share
     valid[:, 5] = True
     expected = [plain_fill(row, known) for row, known in zip(disparity, valid, strict=True)]
-    np.testing.assert_array_equal(filled(disparity, valid, at_once), np.array(expected, np.float32))
+    np.testing.assert_array_equal(filled(disparity, valid), np.array(expected, np.float32))
 
 
 def test_an_empty_row_takes_the_row_above_and_the_first_rows_the_first_that_has_one() -> None:
     disparity = np.arange(12, dtype=np.float32).reshape(4, 3)
     valid = np.array([[False] * 3, [True] * 3, [False] * 3, [True] * 3])
-    np.testing.assert_array_equal(filled(disparity, valid, at_once), disparity[[1, 1, 1, 3]])
+    np.testing.assert_array_equal(filled(disparity, valid), disparity[[1, 1, 1, 3]])
 
 
 def plain_plane(disparity: NDArray[np.float32], valid: NDArray[np.bool_], y: int, x: int) -> float:
@@ -60,18 +56,18 @@ def test_local_planes_are_those_of_least_squares(share: float) -> None:
     surface[:, 10:] += 20
     disparity, valid = surface.astype(np.float32), rng.random((height, width)) < share
     expected = [[plain_plane(disparity, valid, y, x) for x in range(width)] for y in range(height)]
-    np.testing.assert_allclose(local_planes(disparity, valid, 64, at_once), expected, atol=0.02)
+    np.testing.assert_allclose(local_planes(disparity, valid, 64), expected, atol=0.02)
 
 
 def test_a_plane_is_its_own_local_plane() -> None:
     plane = np.add.outer(0.15 * np.arange(20), 0.1 * np.arange(25)).astype(np.float32)
-    smoothed = local_planes(plane, np.ones(plane.shape, np.bool_), 64, at_once)
+    smoothed = local_planes(plane, np.ones(plane.shape, np.bool_), 64)
     np.testing.assert_allclose(smoothed[4:-4, 4:-4], plane[4:-4, 4:-4], atol=1e-4)
 
 
 def test_planes_stay_among_the_disparities_searched() -> None:
     plane = np.add.outer(np.zeros(12), 0.3 * np.arange(20)).astype(np.float32)
-    bent = local_planes(np.clip(plane, 0.5, 3.2), np.ones(plane.shape, np.bool_), 4, at_once)
+    bent = local_planes(np.clip(plane, 0.5, 3.2), np.ones(plane.shape, np.bool_), 4)
     assert bent.min() >= 0
     assert bent.max() <= 3
 
@@ -81,8 +77,9 @@ def in_parts(length: int, work: Callable[[int, int], None]) -> None:
         work(edge, min(edge + 5, length))
 
 
-def test_a_speck_goes_and_an_edge_stays() -> None:
+def test_a_speck_goes_and_an_edge_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(refinement, "in_bands", in_parts)
     disparity = np.repeat(np.repeat([[3.0, 9.0]], 8, axis=1), 12, axis=0).astype(np.float32)
     specked = disparity.copy()
     specked[5, 4] = 50  # on the first row of a part
-    np.testing.assert_array_equal(without_specks(specked, in_parts), disparity)
+    np.testing.assert_array_equal(without_specks(specked), disparity)

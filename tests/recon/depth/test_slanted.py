@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from recon.depth.slanted import CENTRE, REACH, SURFACE_STEP, aggregate_along_surface
+from recon.depth import slanted
+from recon.depth.slanted import CENTRE, MOST_MOVED, SURFACE_STEP, aggregate_along_surface
 from tests.recon.depth.reference_cost_volume import (
     HEIGHT,
     N_DISPARITIES,
@@ -21,7 +22,7 @@ from tests.recon.depth.reference_cost_volume import (
 )
 
 
-def bands(length: int, work: Callable[[int, int], None]) -> None:
+def in_parts(length: int, work: Callable[[int, int], None]) -> None:
     """Three uneven parts."""
     work(0, 1)
     work(1, length // 2)
@@ -30,13 +31,14 @@ def bands(length: int, work: Callable[[int, int], None]) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
-def test_a_surface_is_refined_as_by_the_plain_reference(seed: int) -> None:
+def test_a_surface_is_refined_as_by_the_plain_reference(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(slanted, "in_bands", in_parts)
     rng = np.random.default_rng(seed)
     codes, facing = some_codes(seed)
     passages = some_passages(seed)
     surface = rng.uniform(6, 9, (HEIGHT, WIDTH)).astype(np.float32)
     surface[:, WIDTH // 2 :] += np.float32(0.5)
-    refined = aggregate_along_surface(codes, facing, ROOM, passages, surface, N_DISPARITIES, bands)
+    refined = aggregate_along_surface(codes, facing, ROOM, passages, surface, N_DISPARITIES)
     whole = np.floor(surface).astype(int)[..., None] + np.arange(-CENTRE, 8 - CENTRE)
     part = (surface - np.floor(surface))[..., None]
     costs = (1 - part) * costs_of(codes, facing, whole) + part * costs_of(codes, facing, whole + 1)
@@ -44,7 +46,7 @@ def test_a_surface_is_refined_as_by_the_plain_reference(seed: int) -> None:
     across[:, :-1][np.abs(np.diff(surface, axis=1)) > SURFACE_STEP] = 0
     down[:-1][np.abs(np.diff(surface, axis=0)) > SURFACE_STEP] = 0
     total = aggregated(costs, across, down)
-    lane = CENTRE - REACH + total[..., CENTRE - REACH : CENTRE + REACH + 1].argmin(axis=2)
+    lane = CENTRE - MOST_MOVED + total[..., CENTRE - MOST_MOVED : CENTRE + MOST_MOVED + 1].argmin(axis=2)
     before, here, after = (np.take_along_axis(total, (lane + step)[..., None], 2)[..., 0] for step in (-1, 0, 1))
     bend = before - 2 * here + after
     offset = np.where(bend > 0, 0.5 * (before - after) / np.where(bend > 0, bend, 1), 0)

@@ -110,8 +110,8 @@ def test_a_sensor_too_near_for_the_widest_view_is_backed_away_from() -> None:
     [
         ({"kind": "spiral"}, "no camera path 'spiral'"),
         ({"n_frames": 0}, "0 frames"),
-        ({"bounds": BOUNDS[::-1]}, "bounds are"),
-        ({"bounds": np.zeros((2, 3))}, "bounds are"),
+        ({"bounds": BOUNDS[::-1]}, "bounds"),
+        ({"bounds": np.zeros((2, 3))}, "bounds"),
         ({"rig": rig_at([0], distance=1e-9, height=4000.0)}, "90 degrees above the horizon"),
         ({"rig": rig_at([0]), "kind": "sensors"}, "choose the path"),
     ],

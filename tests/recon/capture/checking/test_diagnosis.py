@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from recon.capture.checking.check import check_capture
+from recon.capture.checking.consistency import triangulated
 from recon.capture.checking.diagnosis import diagnose
 from recon.capture.checking.matches import Matches, epipolar_errors
 from recon.capture.format import Capture, write_capture
@@ -56,6 +57,17 @@ BROKEN: dict[str, tuple[Callable[[Sensor], Sensor], str]] = {
     ),
     "one axis": (lambda s: replace(s, left=with_focal(s.left, 1.1, 1.0)), "the left camera's focal length is wrong"),
 }
+
+
+def test_a_calibration_with_skew_fits_its_pictures() -> None:
+    K = SENSOR.left.K.copy()
+    K[0, 1] = 30.0
+    skewed = replace(SENSOR, left=replace(SENSOR.left, K=K))
+    seen = matches(noise=0.0)
+    points = triangulated(SENSOR, seen)
+    seen = Matches(skewed.left.project(points), seen.right)
+    np.testing.assert_allclose(epipolar_errors(skewed, seen), 0.0, atol=1e-6)
+    np.testing.assert_allclose(triangulated(skewed, seen), points, atol=1e-3)
 
 
 @pytest.mark.parametrize("fault", BROKEN)

@@ -141,7 +141,7 @@ def test_nothing_is_overwritten_and_nothing_half_written_is_left(
     source, out = ring(tmp_path / "ring"), tmp_path / "capture"
     out.mkdir()
     (out / "mine.txt").write_text("keep")
-    with pytest.raises(CaptureError, match="exists already"):
+    with pytest.raises(ValueError, match="exists already"):
         import_middlebury(source, out, pairs=PAIRS, n_frames=1)
     (out / "mine.txt").unlink()
 
