@@ -45,7 +45,6 @@ from recon.validation.films.evaluation import FilmSettings, measure_films
 from recon.validation.films.report import write_films_report
 from recon.validation.films.stimuli import MANIFEST
 from recon.validation.measures import Subject
-from recon.validation.page import write_report_json
 from recon.validation.sphere.evaluation import measure_spheres
 from recon.validation.sphere.model import SphereSettings
 from recon.validation.sphere.report import write_sphere_report
@@ -338,7 +337,7 @@ def _compare_model(experiment: Experiment, name: str, mesh: Artefact, subject: S
     settings = MeshSettings(MESH_THRESHOLDS, MESH_THRESHOLD, subject, SEED)
 
     def write(path: Path) -> None:
-        write_report_json(path.parent, measure_mesh(run / file, truth, settings))
+        write_json(path, measure_mesh(run / file, truth, settings))
 
     _make_report(experiment, f"truth/{subject.dataset}_{name}", [mesh], asdict(settings), write)
 

@@ -15,7 +15,7 @@ from typing import ClassVar
 from recon.geometry.ply import FLOAT_NORMAL, UINT8_COLOUR, ply_bytes, vector_columns
 from recon.methods_file import Table, read_tables
 from recon.programs import LOG, Program, ProgramError, workplace
-from recon.storage.files import whole_file
+from recon.storage.files import write_bytes
 from recon.validation.cloud_quality.compared import Pair, Value
 from recon.validation.cloud_quality.measures import MEASURES, Measure, Scale
 from recon.validation.cloud_quality.points import PointSet
@@ -136,5 +136,4 @@ def _write(path: Path, cloud: PointSet) -> None:
         columns |= vector_columns(FLOAT_NORMAL, cloud.normals)
     if cloud.colours is not None:
         columns |= vector_columns(UINT8_COLOUR, cloud.colours)
-    with whole_file(path) as temporary:
-        temporary.write_bytes(ply_bytes(columns))
+    write_bytes(path, ply_bytes(columns))

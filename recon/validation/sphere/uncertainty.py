@@ -46,11 +46,6 @@ class Uncertainty:
     inliers: float
     n_sectors: int
 
-    @property
-    def factor(self) -> float:
-        """The coverage factor of 95 % intervals: Student's t with one degree of freedom fewer than sectors."""
-        return float(stdtrit(self.n_sectors - 1, (1 + CONFIDENCE) / 2))
-
     def columns(self) -> dict[str, object]:
         """Return the numbers in the report's words."""
         return {
@@ -60,8 +55,13 @@ class Uncertainty:
             "u_scale_mm": self.scale,
             "u_rms_inliers_mm": self.rms_inliers,
             "u_inliers": self.inliers,
-            "coverage_factor": self.factor,
+            "coverage_factor": coverage_factor(self.n_sectors - 1),
         }
+
+
+def coverage_factor(degrees_of_freedom: int) -> float:
+    """Return what a standard uncertainty is multiplied by for a 95 % interval: Student's t."""
+    return float(stdtrit(degrees_of_freedom, (1 + CONFIDENCE) / 2))
 
 
 def fit_uncertainty(points: NDArray[np.float32], fit: SphereFit, cap: Cap, seed: int) -> Uncertainty | None:
