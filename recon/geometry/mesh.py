@@ -39,7 +39,7 @@ class Cloud:
         points = finite_rows(self.points, "points")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "normals", finite_rows(self.normals, "normals", len(points)))
-        object.__setattr__(self, "colours", _colours(self.colours, len(points)))
+        object.__setattr__(self, "colours", colour_rows(self.colours, len(points)))
         if self.sigma is not None:
             sigma = np.ascontiguousarray(self.sigma, dtype=np.float32)
             if sigma.shape != (len(points),) or not (np.isfinite(sigma) & (sigma > 0)).all():
@@ -121,8 +121,26 @@ class Mesh:
             raise ValueError(f"the texture has places for {len(self.texture.uv)} vertices, expected {len(vertices)}")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "normals", finite_rows(self.normals, "normals", len(vertices)))
-        object.__setattr__(self, "colours", _colours(self.colours, len(vertices)))
+        object.__setattr__(self, "colours", colour_rows(self.colours, len(vertices)))
         object.__setattr__(self, "faces", face_indices(self.faces, len(vertices)))
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A surface to be measured: points, with what a file of any program says of them.
+
+    Parameters
+    ----------
+    points : floating (N, 3), mm; vertices, or a cloud's points
+    faces : int32 (M, 3); M is 0 for a cloud
+    normals : floating (N, 3), of any length; None where the file does not give all of them
+    colours : uint8 (N, 3), sRGB, of the vertices or of their texels; None where the file does not give all of them
+    """
+
+    points: NDArray[np.floating]
+    faces: NDArray[np.int32]
+    normals: NDArray[np.floating] | None = None
+    colours: NDArray[np.uint8] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +235,8 @@ def finite_rows(values: ArrayLike, name: str, length: int | None = None, columns
     return array
 
 
-def _colours(values: ArrayLike, length: int) -> NDArray[np.uint8]:
+def colour_rows(values: ArrayLike, length: int) -> NDArray[np.uint8]:
+    """Return colours as uint8 (length, 3), or raise a ValueError if they have another type or shape."""
     array = np.asarray(values)
     if array.shape != (length, 3) or array.dtype != np.uint8:
         raise ValueError(f"colours are {array.dtype} {array.shape}, expected uint8 ({length}, 3) in sRGB")

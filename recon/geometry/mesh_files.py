@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.glb import glb_bytes, read_glb, textured_glb_bytes
-from recon.geometry.mesh import Cloud, Mesh, Texture, face_indices, finite_rows
+from recon.geometry.mesh import Cloud, Mesh, Shape, Texture, face_indices, finite_rows
 from recon.geometry.obj import mtl_text, obj_text
 from recon.geometry.ply import (
     FLOAT_NORMAL,
     UINT8_COLOUR,
+    face_list,
+    optional_columns,
     ply_bytes,
     point_columns,
     read_ply,
@@ -184,12 +186,30 @@ def read_surface(path: Path) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     ValueError
         If the file is missing, empty or damaged, a coordinate is not a number, or a face is no triangle.
     """
+    shape = read_ply_shape(path)
+    return shape.points.astype(np.float32), shape.faces
+
+
+def read_ply_shape(path: Path) -> Shape:
+    """Read the points of any PLY, float32, with triangles, normals and colours where it has them.
+
+    Normals that are all 0, which programs write that know none, and colours that are no bytes, whose range nobody
+    states, are left out.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing, empty or damaged, a coordinate is not a number, or a face is no triangle.
+    """
     ply = read_ply(path)
     with _named(path):
         points = finite_rows(point_columns(path, ply, "xyz"), "points")
-        if "face" not in ply or not ply["face"].count:
-            return points, np.zeros((0, 3), np.int32)
-        return points, face_indices(triangles(path, ply), len(points))
+        faces = np.zeros((0, 3), np.int32)
+        if face_list(ply) is not None:
+            faces = face_indices(triangles(path, ply), len(points))
+        normals, colours = (optional_columns(path, ply, names) for names in (FLOAT_NORMAL, UINT8_COLOUR))
+    has_normals, has_colours = normals is not None and normals.any(), colours is not None and colours.dtype == np.uint8
+    return Shape(points, faces, normals if has_normals else None, colours if has_colours else None)
 
 
 def _mesh_of_glb(path: Path) -> Mesh:

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.geometry.mesh_files import read_points
+from recon.geometry.mesh import Shape
+from recon.geometry.mesh_files import read_ply_shape, read_points
 from recon.models.shape import GLTF_SUFFIXES, SHAPE_SUFFIXES, read_model_shape
 
 MIN_POINTS = 50
@@ -29,7 +30,7 @@ class CloudFile:
 
     Parameters
     ----------
-    path : PLY, or text
+    path : of the file
     sample : which of the placed objects it shows, counted from 1
     sensor : name of the sensor that saw it
     """
@@ -75,6 +76,17 @@ def read_measured(path: Path, unit: str = "mm") -> NDArray[np.float32]:
         return np.asarray(_read_text(path) * scale, dtype=np.float32)
     points = read_model_shape(path).points if suffix in SHAPE_SUFFIXES else read_points(path)
     return np.asarray(points * scale, dtype=np.float32)
+
+
+def read_shape(path: Path) -> Shape:
+    """Read points, float32, with triangles, normals and colours where the file has them; glTF in mm.
+
+    A ValueError says that the file is missing or unreadable, holds no points, or has faces that are no triangles.
+    """
+    suffix = path.suffix.lower()
+    if suffix in TEXT_SUFFIXES:
+        return Shape(_read_text(path).astype(np.float32), np.zeros((0, 3), np.int32))
+    return read_model_shape(path) if suffix in SHAPE_SUFFIXES else read_ply_shape(path)
 
 
 def unit_mm(path: Path, unit: str) -> float:

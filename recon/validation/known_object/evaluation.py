@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.validation.clouds import read_measured, unit_mm
+from recon.validation.clouds import read_measured, read_shape, unit_mm
 from recon.validation.known_object.registration import Placement, RegistrationParameters, place_model
 from recon.validation.measures import (
     COMBINED,
@@ -23,7 +23,6 @@ from recon.validation.measures import (
     measure_rows,
 )
 from recon.validation.triangles import TriangleTree
-from recon.validation.truth.evaluation import read_shape
 
 PERCENTILES = (5, 25, 50, 75, 95)
 
@@ -85,7 +84,7 @@ def measure_object(model: Path, cloud: Path, settings: ObjectSettings) -> tuple[
     shape = read_shape(model)
     if not len(shape.faces):
         raise ValueError(f"{model}: has no triangles, expected the mesh of the known object")
-    vertices = shape.points * to_mm
+    vertices = shape.points.astype(np.float64) * to_mm
     points = read_measured(cloud, settings.unit)
     try:
         placement = place_model(vertices, shape.faces, points, settings.registration)

@@ -11,12 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.geometry.mesh import Shape
 from recon.rig import bounds_corners
 from recon.validation.clouds import UNITS_MM, FitError, checked_points
 from recon.validation.sampling import subsample
 from recon.validation.super4pcs import Super4PCSParameters, super4pcs
 from recon.validation.triangles import TriangleTree
-from recon.validation.truth.evaluation import Shape, sample_evenly
+from recon.validation.truth.evaluation import sample_evenly
 
 DELTA_SHARE = 0.02  # of the model's diagonal, how far a point may lie from it in the search
 COARSE_POINTS = 1_500

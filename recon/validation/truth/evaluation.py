@@ -20,9 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.geometry.mesh_files import read_surface
-from recon.models.shape import SHAPE_SUFFIXES, read_model_shape
-from recon.validation.clouds import TEXT_SUFFIXES, read_measured
+from recon.geometry.mesh import Shape
+from recon.validation.clouds import read_shape
 from recon.validation.measures import LESS, MORE, Subject, joined, measure_rows
 from recon.validation.sampling import cell_means, order_by_cells, spread_over_triangles
 from recon.validation.triangles import TriangleTree
@@ -30,37 +29,6 @@ from recon.validation.truth.eth3d import VOXEL_MM, eth3d_scores
 
 N_SAMPLES = 250_000
 PERCENTILES = (50, 90, 95)
-
-
-@dataclass(frozen=True, eq=False)
-class Shape:
-    """A surface as points, with its triangles where it has any.
-
-    Parameters
-    ----------
-    points : float64 (N, 3), mm; vertices, or a cloud's points
-    faces : int32 (M, 3); empty for a cloud
-    """
-
-    points: NDArray[np.float64]
-    faces: NDArray[np.int32]
-
-
-def read_shape(path: Path) -> Shape:
-    """Read a mesh, or a cloud where the file has no faces.
-
-    Raises
-    ------
-    ValueError
-        If the file cannot be read as either.
-    """
-    if path.suffix.lower() in TEXT_SUFFIXES:
-        return Shape(read_measured(path).astype(np.float64), np.zeros((0, 3), np.int32))
-    if path.suffix.lower() in SHAPE_SUFFIXES:
-        model = read_model_shape(path)
-        return Shape(model.points.astype(np.float64), model.faces)
-    points, faces = read_surface(path)
-    return Shape(points.astype(np.float64), faces)
 
 
 def sample_evenly(shape: Shape, n: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -82,7 +50,7 @@ def sample_evenly(shape: Shape, n: int, rng: np.random.Generator) -> NDArray[np.
         If the triangles have no area.
     """
     if not len(shape.faces):
-        return shape.points
+        return shape.points.astype(np.float64)
     chosen, weights = spread_over_triangles(shape.points, shape.faces, n, rng)
     return np.asarray(np.einsum("nc,nci->ni", weights, shape.points[shape.faces[chosen]]))
 
@@ -211,7 +179,7 @@ def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, A
     return report | {"measures": _measures(report, settings)}
 
 
-def distances_to(shape: Shape, points: NDArray[np.float64]) -> NDArray[np.float64]:
+def distances_to(shape: Shape, points: NDArray[np.floating]) -> NDArray[np.float64]:
     """Compute the distance (N,) of points (N, 3) to a shape, mm: to its triangles where it has any, else to points."""
     if not len(shape.faces):
         return nearest_distances(points, shape.points)

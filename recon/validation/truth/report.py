@@ -10,9 +10,10 @@ import numpy as np
 
 from recon.geometry.mesh import LIMIT_SHARE, error_colours, error_limit
 from recon.geometry.mesh_files import write_coloured
+from recon.validation.clouds import read_shape
 from recon.validation.page import PALETTE, Section, percent, write_figure, write_numbers, write_page
 from recon.validation.pictures import error_picture, write_picture
-from recon.validation.truth.evaluation import read_shape, sample_evenly, signed_distances_to
+from recon.validation.truth.evaluation import sample_evenly, signed_distances_to
 
 MEASURES = ("precision", "recall", "f_score")
 COLOURED = "errors.ply"

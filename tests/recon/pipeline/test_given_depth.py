@@ -18,7 +18,8 @@ from recon.pipeline.run import View, read_run
 from recon.pipeline.stages import ReconstructOptions
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH, read_depth
-from recon.validation.truth.evaluation import read_shape, signed_distances_to
+from recon.validation.clouds import read_shape
+from recon.validation.truth.evaluation import signed_distances_to
 from recon.validation.views.evaluation import ViewSettings, measure_views
 
 pytestmark = pytest.mark.slow

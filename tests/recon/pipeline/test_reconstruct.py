@@ -33,7 +33,8 @@ from recon.storage.files import read_json, write_json
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH
 from recon.surface import SurfaceParameters
-from recon.validation.truth.evaluation import read_shape, signed_distances_to
+from recon.validation.clouds import read_shape
+from recon.validation.truth.evaluation import signed_distances_to
 from recon.workers import ThisProcess
 from tests.command_line import Command, command_line
 
