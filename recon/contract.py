@@ -275,7 +275,7 @@ def _ball_colours(points: NDArray[np.floating]) -> NDArray[np.float64]:
 
 
 def _seen_area() -> float:
-    """Area of the ball that a sensor sees, mm^2, by counting directions."""
+    """Estimate the area of the ball that a sensor sees, mm^2, by counting directions."""
     directions = np.random.default_rng(0).normal(size=(20000, 3))
     points = BALL_MM * directions / np.linalg.norm(directions, axis=1, keepdims=True)
     is_seen = np.zeros(len(points), np.bool_)

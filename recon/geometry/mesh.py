@@ -182,13 +182,18 @@ def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
     textured = [number for number, mesh in enumerate(meshes, 1) if mesh.texture is not None]
     if textured:
         raise ValueError(f"mesh {textured[0]} of {len(meshes)} has a texture; only meshes without can be merged")
-    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
     return Mesh(
         np.concatenate([mesh.vertices for mesh in meshes]),
-        np.concatenate([mesh.faces + np.int32(start) for mesh, start in zip(meshes, starts, strict=True)]),
+        stacked_faces([mesh.faces for mesh in meshes], [len(mesh.vertices) for mesh in meshes]),
         np.concatenate([mesh.normals for mesh in meshes]),
         np.concatenate([mesh.colours for mesh in meshes]),
     )
+
+
+def stacked_faces(faces: Sequence[NDArray[np.integer]], n_vertices: Sequence[int]) -> NDArray[np.int32]:
+    """Number the triangles (M, 3) of several meshes, int32, as those of one that has their vertices in turn."""
+    starts = np.cumsum([0, *n_vertices[:-1]])
+    return np.concatenate([(part + start).astype(np.int32) for part, start in zip(faces, starts, strict=True)])
 
 
 def error_colours(errors: NDArray[np.floating], limit: float) -> NDArray[np.uint8]:

@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from recon.geometry.glb import GLB_BINARY, GLB_JSON, GLB_MAGIC
 from recon.models.part import Contents, Part, check_finite, decode_picture
+from recon.rig import transformed
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
@@ -160,7 +161,7 @@ class _Reader:
         if "NORMAL" in attributes:
             normals = self._accessor(attributes["NORMAL"]) @ np.linalg.pinv(world[:3, :3])
         colours, uv, picture = self._look(primitive, attributes, len(positions))
-        return Part(positions @ world[:3, :3].T + world[:3, 3], faces, normals, colours, uv, picture)
+        return Part(transformed(positions, world), faces, normals, colours, uv, picture)
 
     def _look(
         self, primitive: Mapping[str, Any], attributes: Mapping[str, int], n_vertices: int

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.geometry.mesh import Shape, Texture
+from recon.geometry.mesh import Shape, Texture, stacked_faces
 from recon.models.part import Part
 from recon.models.read import read_contents
 
@@ -27,13 +27,12 @@ def read_model_shape(path: Path) -> Shape:
     parts = [part for part in read_contents(path).parts if len(part.vertices)]
     if not parts:
         raise ValueError(f"{path}: holds neither faces nor points")
-    starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
     scale = GLTF_MM if path.suffix.lower() in GLTF_SUFFIXES else 1.0
     normals = [part.normals for part in parts if part.normals is not None]
     colours = [shades for part in parts if (shades := _colours(part)) is not None]
     return Shape(
         (np.concatenate([part.vertices for part in parts]) * scale).astype(np.float32),
-        np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)]).astype(np.int32),
+        stacked_faces([part.faces for part in parts], [len(part.vertices) for part in parts]),
         np.concatenate(normals).astype(np.float32) if len(normals) == len(parts) else None,
         np.concatenate(colours) if len(colours) == len(parts) else None,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -127,6 +127,28 @@ def checked_points(points: NDArray[np.floating], length: float, name: str) -> ND
             "single precision; move the cloud to its origin, or look for a wrong unit"
         )
     return np.ascontiguousarray(points, dtype=np.float32)
+
+
+def with_fitting_unit(
+    error: FitError, points: NDArray[np.float32], fit: Callable[[NDArray[np.float32]], object]
+) -> FitError:
+    """Return the error of a fit, with the unit in which it would find its shape, if there is such a unit.
+
+    Parameters
+    ----------
+    error : of the fit to the points as they are
+    points : float32 (N, 3), taken to be in mm
+    fit : fits to points in mm, or raises a FitError
+    """
+    for unit, length in UNITS_MM.items():
+        if length == 1.0:
+            continue
+        try:
+            fit(points * np.float32(length))
+        except FitError:
+            continue
+        return FitError(f"{error}; it would fit if the cloud were in {unit}: say so with --unit {unit}")
+    return error
 
 
 def _read_text(path: Path) -> NDArray[np.float64]:

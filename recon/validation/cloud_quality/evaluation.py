@@ -19,7 +19,7 @@ from recon.validation.cloud_quality.reading import USUAL_POINTS, Sampling, area_
 from recon.validation.cloud_quality.remarks import remarks_on
 from recon.validation.cloud_quality.sequences import Compared
 from recon.validation.clouds import read_shape
-from recon.validation.measures import LESS, MORE, Measured, Subject, joined, measure_rows
+from recon.validation.measures import LESS, MORE, Measured, Subject, measure_rows
 from recon.workers import Progress, no_progress
 
 SOURCE, REFERENCE = "validate cloud", "reference"
@@ -253,18 +253,10 @@ def _report(
 def _with_scores(values: Sequence[Measured]) -> list[dict[str, Any]]:
     """List the main measures of whole sequences, as a study takes them: finite ones, of both directions together."""
     ours = {value.measure for value in values if value.source == SOURCE}
-    return joined(
-        [
-            measure_rows(
-                Subject(value.dataset, (value.approach,)),
-                value.measure,
-                value.value,
-                direction=LESS if value.better == "lower" else MORE,
-                unit=value.unit,
-            )
-            for value in values
-            if value.frame is None
-            and value.direction in ("", SYMMETRIC)
-            and (value.measure in WITH_SCORES or value.measure not in ours)
-        ]
-    )
+    rows = []
+    for value in values:
+        is_whole = value.frame is None and value.direction in ("", SYMMETRIC)
+        if is_whole and (value.measure in WITH_SCORES or value.measure not in ours):
+            subject, direction = Subject(value.dataset, (value.approach,)), LESS if value.better == "lower" else MORE
+            rows += measure_rows(subject, value.measure, value.value, direction=direction, unit=value.unit)
+    return rows

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.rig import transformed
 from recon.validation.clouds import read_measured, read_shape, unit_mm
 from recon.validation.known_object.registration import Placement, RegistrationParameters, place_model
 from recon.validation.measures import (
@@ -16,10 +17,11 @@ from recon.validation.measures import (
     LESS,
     TABLE_THRESHOLD,
     Subject,
+    check_thresholds,
     inlier_measures,
     inlier_ratios,
+    inlier_rms,
     inlier_tables,
-    joined,
     measure_rows,
 )
 from recon.validation.triangles import TriangleTree
@@ -78,8 +80,7 @@ def measure_object(model: Path, cloud: Path, settings: ObjectSettings) -> tuple[
     ValueError
         If a file cannot be read, or the model is not found in the cloud.
     """
-    if not settings.thresholds or min(settings.thresholds) <= 0:
-        raise ValueError(f"thresholds are {settings.thresholds}, expected positive lengths in mm")
+    check_thresholds(settings.thresholds)
     to_mm = unit_mm(model, settings.model_unit)
     shape = read_shape(model)
     if not len(shape.faces):
@@ -90,8 +91,7 @@ def measure_object(model: Path, cloud: Path, settings: ObjectSettings) -> tuple[
         placement = place_model(vertices, shape.faces, points, settings.registration)
     except ValueError as error:
         raise type(error)(f"{cloud}: {error}") from error
-    model_from_cloud = np.linalg.inv(placement.cloud_from_model)
-    moved = points @ model_from_cloud[:3, :3].T + model_from_cloud[:3, 3]
+    moved = transformed(points, np.linalg.inv(placement.cloud_from_model))
     errors = TriangleTree(vertices, shape.faces).nearest(moved).signed
     return _report(model, cloud, placement, errors, settings), MeasuredObject(moved, errors)
 
@@ -101,8 +101,7 @@ def _report(
 ) -> dict[str, Any]:
     groups = {("all", COMBINED): [inlier_ratios(errors, settings.thresholds)]}
     table, curve = inlier_tables(groups, settings.thresholds, settings.registration.seed)
-    near = np.abs(errors[np.abs(errors) <= TABLE_THRESHOLD])
-    rms = float(np.sqrt(np.mean(near**2))) if len(near) else None
+    rms = inlier_rms(errors)
     return {
         "schema_version": 1,
         "kind": "object",
@@ -133,10 +132,8 @@ def _report(
         },
         "table": table,
         "curve": curve,
-        "measures": joined(
-            [
-                inlier_measures("object", table, settings.subject),
-                measure_rows(settings.subject, "object error", rms, direction=LESS, unit="mm"),
-            ]
-        ),
+        "measures": [
+            *inlier_measures("object", table, settings.subject),
+            *measure_rows(settings.subject, "object error", rms, direction=LESS, unit="mm"),
+        ],
     }

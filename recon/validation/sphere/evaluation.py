@@ -16,7 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.validation.clouds import CloudFile, FitError
-from recon.validation.measures import COMBINED, N_REPLICATES, TABLE_THRESHOLD, inlier_measures, inlier_tables
+from recon.validation.measures import (
+    COMBINED,
+    N_REPLICATES,
+    TABLE_THRESHOLD,
+    check_thresholds,
+    inlier_measures,
+    inlier_tables,
+)
 from recon.validation.sphere.error_sources import CellErrors, error_sources
 from recon.validation.sphere.exclusion import (
     Finding,
@@ -141,8 +148,7 @@ def _check(clouds: Sequence[CloudFile], settings: SphereSettings) -> None:
         raise ValueError(f"there is no method {settings.method!r}; expected one of {', '.join(METHODS)}")
     if not (np.isfinite(settings.radius) and settings.radius > 0):
         raise ValueError(f"the radius is {settings.radius:g} mm, expected a positive number")
-    if not settings.thresholds or min(settings.thresholds) <= 0:
-        raise ValueError(f"thresholds are {settings.thresholds}, expected positive lengths in mm")
+    check_thresholds(settings.thresholds)
     strangers = set(settings.viewpoints) - {cloud.sensor for cloud in clouds}
     if strangers:
         raise ValueError(f"viewpoints are given for {', '.join(sorted(strangers))}, of which there is no cloud")

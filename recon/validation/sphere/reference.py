@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri  # scipy.stats takes half a second to import
 
+from recon.rig import rigid, transformed
 from recon.validation.clouds import MIN_POINTS, FitError, read_measured
 from recon.validation.sampling import subsample
 from recon.validation.sphere.cells import cap_of
@@ -109,7 +110,7 @@ def agreement(references: Sequence[Centre], measured: Mapping[int, Centre], fram
         [measured[sample] for sample in samples], [references[sample - 1] for sample in samples]))  # fmt: skip
     motion, n_free = (np.eye(4), 0) if frame == SENSORS else (_motion(theirs, ours), 6)
     turn, dof = motion[:3, :3], 3 * len(samples) - n_free
-    residuals = ours - (theirs @ turn.T + motion[:3, 3])
+    residuals = ours - transformed(theirs, motion)
     rows, squares = [], []
     for sample, residual in zip(samples, residuals, strict=True):
         covariance = measured[sample].covariance + turn @ references[sample - 1].covariance @ turn.T
@@ -159,7 +160,8 @@ def _motion(theirs: NDArray[np.float64], ours: NDArray[np.float64]) -> NDArray[n
         spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
         if spread[1] < THIN * spread[0]:
             raise FitError(f"the {name} centres lie on a line, about which any turn fits: place a ball off that line")
-    return np.vstack([rigid_motions(theirs, ours[None])[0], (0.0, 0.0, 0.0, 1.0)])
+    motion = rigid_motions(theirs, ours[None])[0]
+    return rigid(motion[:, :3], motion[:, 3])
 
 
 def _scale(theirs: NDArray[np.float64], ours: NDArray[np.float64]) -> dict[str, float]:

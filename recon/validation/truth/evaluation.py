@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from recon.geometry.mesh import Shape
 from recon.validation.clouds import read_shape
-from recon.validation.measures import LESS, MORE, Subject, joined, measure_rows
+from recon.validation.measures import LESS, MORE, Subject, check_thresholds, measure_rows
 from recon.validation.sampling import cell_means, order_by_cells, spread_over_triangles
 from recon.validation.triangles import TriangleTree
 from recon.validation.truth.eth3d import VOXEL_MM, eth3d_scores
@@ -141,8 +141,7 @@ def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, A
         If a file cannot be read or a threshold is not positive.
     """
     thresholds = settings.thresholds
-    if not thresholds or not min(thresholds) > 0:
-        raise ValueError(f"thresholds are {list(thresholds)}, expected positive lengths in mm")
+    check_thresholds(thresholds)
     if settings.chosen not in thresholds:
         raise ValueError(f"the threshold {settings.chosen:g} mm is none of {', '.join(f'{t:g}' for t in thresholds)}")
     for name, width in (("cells", settings.cell), ("voxels", settings.voxel)):
@@ -197,13 +196,11 @@ def _measures(report: dict[str, Any], settings: MeshSettings) -> list[dict[str, 
     subject = settings.subject
     score = next(row for row in report["scores"] if row["threshold_mm"] == settings.chosen)
     at = f"at {settings.chosen:g} mm"
-    return joined(
-        [
-            measure_rows(subject, "accuracy", report["accuracy"]["mean_mm"], direction=LESS, unit="mm"),
-            measure_rows(subject, "completeness", report["completeness"]["mean_mm"], direction=LESS, unit="mm"),
-            measure_rows(subject, f"F-score {at}", score["f_score"], direction=MORE, unit="share"),
-        ]
-    )
+    return [
+        *measure_rows(subject, "accuracy", report["accuracy"]["mean_mm"], direction=LESS, unit="mm"),
+        *measure_rows(subject, "completeness", report["completeness"]["mean_mm"], direction=LESS, unit="mm"),
+        *measure_rows(subject, f"F-score {at}", score["f_score"], direction=MORE, unit="share"),
+    ]
 
 
 def _score(to_truth: NDArray[np.float64], to_measured: NDArray[np.float64], threshold: float) -> dict[str, float]:
