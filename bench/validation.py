@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from recon.capture.masks.segment import segment_capture
 from recon.geometry.mesh import Shape
+from recon.pipeline.job import ReconstructOptions
 from recon.pipeline.reconstruct import reconstruct
 from recon.pipeline.run import View
-from recon.pipeline.stages import ReconstructOptions
 from recon.studio import SynthParameters, synthesise
 from recon.studio.objects import ball
 from recon.surface import SurfaceParameters

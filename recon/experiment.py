@@ -25,11 +25,11 @@ from recon.geometry.mesh import Mesh
 from recon.geometry.mesh_files import write_mesh
 from recon.models.read import ReadModel, read_model
 from recon.pipeline.film import RenderOptions
+from recon.pipeline.job import ReconstructOptions
 from recon.pipeline.methods import Methods
 from recon.pipeline.reconstruct import reconstruct, render
 from recon.pipeline.run import View, mesh_name, read_run
 from recon.pipeline.sources import Source, read_sources
-from recon.pipeline.stages import ReconstructOptions
 from recon.storage.artefacts import Artefacts, code_version
 from recon.storage.files import read_json, write_json
 from recon.studio import SynthParameters, synthesise

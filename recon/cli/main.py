@@ -129,8 +129,8 @@ def reconstruct(
     """Make depth maps, clouds and meshes of a capture by every approach."""
     from recon.cloud import CloudParameters
     from recon.depth.temporal import TemporalParameters
+    from recon.pipeline.job import ReconstructOptions
     from recon.pipeline.reconstruct import reconstruct as run_reconstruction
-    from recon.pipeline.stages import ReconstructOptions
     from recon.surface import SurfaceParameters
 
     options = ReconstructOptions(

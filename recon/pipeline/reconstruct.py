@@ -27,6 +27,7 @@ from recon.depth.disparity_io import write_disparity
 from recon.geometry.mesh import Cloud, Mesh
 from recon.pipeline.film import PARTS, WHERE, Film, RenderOptions, is_finished, make_film, make_part, make_path
 from recon.pipeline.film_plan import check_loops, check_path_is_read_only, planned_films
+from recon.pipeline.job import Job, ReconstructOptions, check_sensors, default_depths
 from recon.pipeline.manifest import write_manifest
 from recon.pipeline.methods import Methods, depth_key, fuse, fusion_key, match, with_limit
 from recon.pipeline.preview import make_preview
@@ -42,11 +43,7 @@ from recon.pipeline.run import (
 )
 from recon.pipeline.sources import Source, read_sources
 from recon.pipeline.stages import (
-    Job,
-    ReconstructOptions,
-    check_sensors,
     compare_colours,
-    default_depths,
     filter_sequence,
     frames_without_points,
     make_cloud,

@@ -21,10 +21,10 @@ from recon.export_models import write_models
 from recon.geometry.mesh_files import read_mesh
 from recon.pipeline.film import Film, RenderOptions, make_part, make_path, shown_frames
 from recon.pipeline.film_plan import planned_films
+from recon.pipeline.job import ReconstructOptions
 from recon.pipeline.reconstruct import reconstruct, render
 from recon.pipeline.run import mesh_name, read_run, recorded_in
 from recon.pipeline.sources import run_source
-from recon.pipeline.stages import ReconstructOptions
 from recon.render.camera_path import camera_path
 from recon.render.path_file import read_path
 from recon.render.video import probe_video, read_luma
@@ -45,7 +45,7 @@ import sys
 from pathlib import Path
 from recon.pipeline.film import RenderOptions
 from recon.pipeline.reconstruct import reconstruct, render
-from recon.pipeline.stages import ReconstructOptions
+from recon.pipeline.job import ReconstructOptions
 
 capture, run, stimuli = map(Path, sys.argv[1:4])
 n_left = int(sys.argv[4])

@@ -18,9 +18,9 @@ from recon.cli.main import app
 from recon.cloud import CloudParameters
 from recon.geometry.mesh import Shape, Texture
 from recon.geometry.mesh_files import read_mesh
+from recon.pipeline.job import ReconstructOptions
 from recon.pipeline.reconstruct import reconstruct
 from recon.pipeline.run import mesh_name, read_run, recorded_in
-from recon.pipeline.stages import ReconstructOptions
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH, read_depth
 from recon.surface import SurfaceParameters
