@@ -122,7 +122,7 @@ def rigid(rotation: ArrayLike, translation: ArrayLike) -> NDArray[np.float64]:
     return transform
 
 
-def transformed(points: NDArray[np.floating], transform: NDArray[np.float64]) -> NDArray[np.float64]:
+def transformed(points: NDArray[np.floating], transform: NDArray[np.floating]) -> NDArray[np.float64]:
     """Apply an affine transform (4, 4) to points (N, 3)."""
     return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from recon.geometry.normals import area_vectors
 
 Value = TypeVar("Value", bound=np.generic)
 
@@ -65,8 +67,21 @@ def spread_over_triangles(
 
 def triangle_areas(points: NDArray[np.floating], faces: NDArray[np.integer]) -> NDArray[np.float64]:
     """Compute the areas (M,) of triangles (M, 3) between points (N, 3), in the squared unit of length."""
-    a, b, c = (points[faces[:, corner]].astype(np.float64) for corner in range(3))
-    return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+    return np.asarray(np.linalg.norm(area_vectors(points, faces), axis=1))
+
+
+def between_corners(
+    values: NDArray[Any], corners: NDArray[np.integer], weights: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Interpolate values (N, C) of vertices at places on triangles: float64 (n, C).
+
+    Parameters
+    ----------
+    values : of any numbers
+    corners : integer (n, 3), the vertices of each place's triangle
+    weights : float64 (n, 3), from `spread_over_triangles`
+    """
+    return np.asarray(sum(weights[:, corner, None] * values[corners[:, corner]] for corner in range(3)))
 
 
 def thinned(points: NDArray[np.floating], cell: float) -> NDArray[np.floating]:

@@ -19,6 +19,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from recon.geometry.normals import area_vectors
 from recon.validation.sampling import order_by_cells
 
 LEAF_FACES = 4
@@ -62,12 +63,10 @@ class TriangleTree:
     def __init__(self, vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> None:
         places, same = np.unique(np.asarray(vertices, dtype=np.float64), axis=0, return_inverse=True)
         faces = same.reshape(-1)[np.asarray(faces, dtype=np.int64)]
-        corners = places[faces]
-        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        has_area = np.linalg.norm(across, axis=1) > 0
+        has_area = np.linalg.norm(area_vectors(places, faces), axis=1) > 0
         if not has_area.any():
             raise ValueError(f"none of the mesh's {len(faces)} triangles has an area")
-        self._corners = np.ascontiguousarray(corners[has_area])
+        self._corners = places[faces[has_area]]
         self._normals, self._features = _pseudonormals(places, faces[has_area])
         self._original = np.flatnonzero(has_area)
         self._order, self._boxes, self._ranges = _tree(self._corners)
@@ -100,7 +99,7 @@ def _pseudonormals(
     A face's are numbered in the order of the features: itself, corners a, b, c, edges ab, bc, ca.
     """
     corners = places[faces]
-    inside = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inside = area_vectors(places, faces)
     inside /= np.linalg.norm(inside, axis=1, keepdims=True)
     angles, edges = np.empty(faces.shape), np.empty(faces.shape, np.int64)
     for corner in range(3):

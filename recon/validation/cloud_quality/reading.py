@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from recon.geometry.mesh import Shape
+from recon.geometry.normals import area_vectors, unit_normals
 from recon.validation.cloud_quality.points import PointSet
 from recon.validation.clouds import read_shape
-from recon.validation.sampling import spread_over_triangles, triangle_areas
+from recon.validation.sampling import between_corners, spread_over_triangles, triangle_areas
 
 USUAL_POINTS = 100_000  # on a mesh for which no density is given; a figure is then some millimetres between points
 MOST_POINTS = 20_000_000  # on a mesh; more would not fit into memory
@@ -76,17 +76,9 @@ def sampled(shape: Shape, name: str, sampling: Sampling) -> PointSet:
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from error
     corners = faces[chosen]
-
-    def between(values: NDArray[np.generic]) -> NDArray[np.float64]:
-        return np.asarray(sum(weights[:, c, None] * values[corners[:, c]] for c in range(3)))
-
-    normals = _face_normals(vertices.points, corners) if vertices.normals is None else between(vertices.normals)
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    colours = None if vertices.colours is None else np.rint(between(vertices.colours)).astype(np.uint8)
-    points = between(vertices.points).astype(np.float32)
-    return PointSet(vertices.name, points, (normals / np.where(lengths > 0, lengths, 1)).astype(np.float32), colours)
-
-
-def _face_normals(points: NDArray[np.float32], corners: NDArray[np.integer]) -> NDArray[np.float64]:
-    a, b, c = (points[corners[:, corner]].astype(np.float64) for corner in range(3))
-    return np.asarray(np.cross(b - a, c - a))
+    points, normals, colours = vertices.points, vertices.normals, vertices.colours
+    directions = area_vectors(points, corners) if normals is None else between_corners(normals, corners, weights)
+    if colours is not None:
+        colours = np.rint(between_corners(colours, corners, weights)).astype(np.uint8)
+    places = between_corners(points, corners, weights).astype(np.float32)
+    return PointSet(name, places, unit_normals(directions, np.zeros_like(directions)), colours)

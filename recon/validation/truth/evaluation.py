@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from recon.geometry.mesh import Shape
 from recon.validation.clouds import read_shape
 from recon.validation.measures import LESS, MORE, Subject, check_thresholds, measure_rows
-from recon.validation.sampling import cell_means, order_by_cells, spread_over_triangles
+from recon.validation.sampling import between_corners, cell_means, order_by_cells, spread_over_triangles
 from recon.validation.triangles import TriangleTree
 from recon.validation.truth.eth3d import VOXEL_MM, eth3d_scores
 
@@ -52,7 +52,7 @@ def sample_evenly(shape: Shape, n: int, rng: np.random.Generator) -> NDArray[np.
     if not len(shape.faces):
         return shape.points.astype(np.float64)
     chosen, weights = spread_over_triangles(shape.points, shape.faces, n, rng)
-    return np.asarray(np.einsum("nc,nci->ni", weights, shape.points[shape.faces[chosen]]))
+    return between_corners(shape.points, shape.faces[chosen], weights)
 
 
 def compare_points(
