@@ -26,8 +26,10 @@ from recon.geometry.mesh_files import write_mesh
 from recon.models.read import ReadModel, read_model
 from recon.pipeline.film import RenderOptions
 from recon.pipeline.job import ReconstructOptions
+from recon.pipeline.manifest import MANIFEST
 from recon.pipeline.methods import Methods
-from recon.pipeline.reconstruct import reconstruct, render
+from recon.pipeline.reconstruct import reconstruct
+from recon.pipeline.render import render
 from recon.pipeline.run import View, mesh_name, read_run
 from recon.pipeline.sources import Source, read_sources
 from recon.storage.artefacts import Artefacts, code_version
@@ -43,7 +45,6 @@ from recon.validation.cuboid.evaluation import CuboidSettings, measure_cuboids
 from recon.validation.cuboid.report import write_cuboid_report
 from recon.validation.films.evaluation import FilmSettings, measure_films
 from recon.validation.films.report import write_films_report
-from recon.validation.films.stimuli import MANIFEST
 from recon.validation.measures import Subject
 from recon.validation.sphere.evaluation import measure_spheres
 from recon.validation.sphere.model import SphereSettings

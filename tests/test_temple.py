@@ -26,7 +26,8 @@ from recon.geometry.mesh import Mesh
 from recon.geometry.mesh_files import read_mesh
 from recon.pipeline.film import RenderOptions
 from recon.pipeline.job import ReconstructOptions
-from recon.pipeline.reconstruct import reconstruct, render
+from recon.pipeline.reconstruct import reconstruct
+from recon.pipeline.render import render
 from recon.pipeline.run import mesh_name
 from recon.render.frames import render_frames
 from recon.render.scene import scene_around

@@ -108,7 +108,8 @@ def _demo_steps(
     from recon.pipeline.film import RenderOptions
     from recon.pipeline.job import ReconstructOptions
     from recon.pipeline.preview import write_stage_pictures
-    from recon.pipeline.reconstruct import reconstruct, render
+    from recon.pipeline.reconstruct import reconstruct
+    from recon.pipeline.render import render
     from recon.pipeline.run import read_run
     from recon.studio import SynthParameters, synthesise
     from recon.studio.truth import SCENE_FILE, TRUTH, write_truth_models

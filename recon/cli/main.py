@@ -297,7 +297,7 @@ def render(
 ) -> None:
     """Render fly-through videos of every approach of every run and models folder, as a stimulus set."""
     from recon.pipeline.film import RenderOptions
-    from recon.pipeline.reconstruct import render as render_folders
+    from recon.pipeline.render import render as render_folders
     from recon.render.camera_path import PATHS
     from recon.storage.files import read_json
 

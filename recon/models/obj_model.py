@@ -91,15 +91,15 @@ def read_obj_model(path: Path) -> Contents:
         has_places, has_normals = bool((used[:, 1] >= 0).all()), bool((used[:, 2] >= 0).all())
         if material.picture is not None and not has_places:
             raise ValueError(f"faces of its textured material {name!r} have no texture coordinates (vt)")
-        own_colours = None if colours is None else colours[used[:, 0]]
-        if material.picture is None and own_colours is None and material.colour is not None:
-            own_colours = np.tile(colours_from(np.array([material.colour])), (len(used), 1))
+        shades = None if colours is None else colours[used[:, 0]]
+        if material.picture is None and shades is None and material.colour is not None:
+            shades = np.tile(colours_from(np.array([material.colour])), (len(used), 1))
         contents.parts.append(
             Part(
                 positions[used[:, 0]],
                 triangles,
                 normals[used[:, 2]] if has_normals else None,
-                own_colours if material.picture is None else None,
+                shades if material.picture is None else None,
                 places[used[:, 1], :2] if material.picture is not None else None,
                 material.picture,
             )

@@ -3,7 +3,8 @@
 from recon.pipeline.film import RenderOptions
 from recon.pipeline.job import ReconstructOptions
 from recon.pipeline.methods import Methods, read_methods
-from recon.pipeline.reconstruct import match_files, reconstruct, render
+from recon.pipeline.reconstruct import match_files, reconstruct
+from recon.pipeline.render import render
 from recon.pipeline.run import Run, read_run
 
 __all__ = [

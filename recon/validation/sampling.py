@@ -1,13 +1,16 @@
-"""Samples of clouds, evenly drawn or evenly spread; directions evenly spread over a sphere; axes of a view."""
+"""Samples of clouds and meshes, evenly drawn or spread; orders and trees to search them; axes of a view."""
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.normals import area_vectors
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 Value = TypeVar("Value", bound=np.generic)
 
@@ -105,6 +108,13 @@ def order_by_cells(points: NDArray[np.floating]) -> NDArray[np.int64]:
     cells = np.minimum((points - low) * (CELLS_A_SIDE / length), CELLS_A_SIDE - 1).astype(np.uint16)
     keys = (cells[:, 0] * CELLS_A_SIDE + cells[:, 1]) * CELLS_A_SIDE + cells[:, 2]
     return np.argsort(keys, kind="stable")  # 16 bits are sorted by their digits, in linear time
+
+
+def search_tree(points: NDArray[np.floating]) -> cKDTree:
+    """Build a search tree of points (N, 3) of a surface: without balance it takes half the time there."""
+    from scipy.spatial import cKDTree
+
+    return cKDTree(points.astype(np.float64), balanced_tree=False, compact_nodes=False)
 
 
 def cell_means(points: NDArray[np.floating], cell: float) -> NDArray[np.float64]:

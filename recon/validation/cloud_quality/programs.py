@@ -63,14 +63,14 @@ class MeasureProgram(Program):
 
     def value(self, printed: str) -> float:
         """Find the value in what the program printed; a ProgramError says that it is not there."""
-        found_texts = re.findall(self.pattern or NUMBER, printed)
-        if not found_texts:
+        matches = re.findall(self.pattern or NUMBER, printed)
+        if not matches:
             wanted = f"matches {self.pattern!r}" if self.pattern else "is a number"
             raise ProgramError(f"the program printed nothing that {wanted}")
         try:
-            value = float(found_texts[-1])
+            value = float(matches[-1])
         except ValueError as error:
-            raise ProgramError(f"the program printed {found_texts[-1]!r}, expected a number") from error
+            raise ProgramError(f"the program printed {matches[-1]!r}, expected a number") from error
         if isnan(value):
             raise ProgramError("the program printed no number as its value: nan")
         return value

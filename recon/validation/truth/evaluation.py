@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from recon.geometry.mesh import Shape
 from recon.validation.clouds import read_shape
 from recon.validation.measures import LESS, MORE, Subject, check_thresholds, measure_rows
-from recon.validation.sampling import between_corners, cell_means, order_by_cells, spread_over_triangles
+from recon.validation.sampling import between_corners, cell_means, order_by_cells, search_tree, spread_over_triangles
 from recon.validation.triangles import TriangleTree
 from recon.validation.truth.eth3d import VOXEL_MM, eth3d_scores
 
@@ -88,9 +88,7 @@ def compared(
 
 def nearest_distances(points: NDArray[np.floating], others: NDArray[np.floating]) -> NDArray[np.float64]:
     """Compute the exact distance float64 (N,), mm, of each point (N, 3) to the nearest of the others (M, 3)."""
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(others, balanced_tree=False, compact_nodes=False)  # half the time on points of a surface
+    tree = search_tree(others)
     order = order_by_cells(points)
     distances = np.empty(len(points))
     distances[order] = tree.query(points[order], workers=-1)[0]  # neighbours find the tree's leaves in the cache

@@ -22,7 +22,8 @@ from recon.geometry.mesh_files import read_mesh
 from recon.pipeline.film import Film, RenderOptions, make_part, make_path, shown_frames
 from recon.pipeline.film_plan import planned_films
 from recon.pipeline.job import ReconstructOptions
-from recon.pipeline.reconstruct import reconstruct, render
+from recon.pipeline.reconstruct import reconstruct
+from recon.pipeline.render import render
 from recon.pipeline.run import mesh_name, read_run, recorded_in
 from recon.pipeline.sources import run_source
 from recon.render.camera_path import camera_path
@@ -44,7 +45,8 @@ import signal
 import sys
 from pathlib import Path
 from recon.pipeline.film import RenderOptions
-from recon.pipeline.reconstruct import reconstruct, render
+from recon.pipeline.reconstruct import reconstruct
+from recon.pipeline.render import render
 from recon.pipeline.job import ReconstructOptions
 
 capture, run, stimuli = map(Path, sys.argv[1:4])
