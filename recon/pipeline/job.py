@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
-from recon.approaches import DEPTH_METHODS, FUSION_METHODS, VERTICES, Approach, approaches
+import numpy as np
+
+from recon.approaches import DEPTH_METHODS, FUSION_METHODS, VERTICES, Approach, approaches, check_colours
+from recon.capture.depth_maps import depth_view
 from recon.capture.format import Capture, CaptureError
 from recon.capture.recording import GIVEN
 from recon.cloud import CloudParameters
@@ -14,6 +18,7 @@ from recon.pipeline.methods import Methods
 from recon.pipeline.run import View
 from recon.storage.artefacts import Artefacts
 from recon.surface import SurfaceParameters
+from recon.surface.outlines import widened
 
 
 @dataclass(frozen=True)
@@ -123,6 +128,32 @@ class Job:
         return [View(method, stream.id, frame).cloud for stream in self.capture.sensors_for(method)]
 
 
+def planned_job(capture: Capture, run: Path, options: ReconstructOptions) -> Job:
+    """Complete the options for a capture, and check them.
+
+    Parameters
+    ----------
+    capture : the recording
+    run : folder of the run
+    options : what to make; what they leave open follows from the capture
+
+    Raises
+    ------
+    ValueError
+        If a method, the colours or the frames are wrong, or a depth method cannot be used for a sensor.
+    """
+    options = replace(options, depths=options.depths or default_depths(capture))
+    options.methods.check(options.depth_methods, options.fusion_methods)
+    check_colours(options.colours)
+    check_sensors(capture, options.depth_methods)
+    voxel = options.surface.voxel_mm or depth_resolution(capture)
+    options = replace(options, surface=replace(options.surface, voxel_mm=voxel))
+    options = replace(options, outlines=options.outlines and any(stream.mask for stream in capture.sensors))
+    if options.outlines:
+        options = replace(options, surface=widened(options.surface))
+    return Job(capture, _chosen_frames(capture, options.frames), options, Artefacts(run))
+
+
 def default_depths(capture: Capture) -> tuple[str, ...]:
     """Return the paper's depth methods, or the given depth of a capture that holds only depth maps."""
     return DEPTH_METHODS if any(stream.right is not None for stream in capture.sensors) else (GIVEN,)
@@ -146,3 +177,26 @@ def check_sensors(capture: Capture, depths: Sequence[str]) -> None:
                 f"{capture.folder}: depth method {method} needs stereo pairs, and sensor {single[0]} has one camera "
                 f"with depth maps; use --depth {GIVEN}"
             )
+
+
+def depth_resolution(capture: Capture) -> float:
+    """Return a voxel size that loses neither depth nor picture resolution at the middle of the bounds, mm.
+
+    A third of the depth step of one pixel of disparity, so that a slice of whole disparities still meets the next,
+    and not less than the width of a pixel; for depth maps without a pair, the width of a pixel. The coarsest decides.
+    """
+    centre = capture.bounds.mean(axis=0)
+    sizes: list[float] = []
+    for stream in capture.sensors:
+        camera = stream.left.camera if stream.right else depth_view(stream, capture.bounds).left
+        distance = float(np.linalg.norm(camera.centre - centre))
+        pixel = distance / float(camera.K[0, 0])
+        sizes.append(max(pixel, pixel * distance / stream.sensor.baseline / 3) if stream.right else pixel)
+    return round(max(sizes), 3)
+
+
+def _chosen_frames(capture: Capture, wanted: range | None) -> list[int]:
+    frames = [frame for frame in range(capture.n_frames) if wanted is None or frame in wanted]
+    if not frames:
+        raise ValueError(f"{capture.folder}: has frames 0 to {capture.n_frames - 1}, none of them in {wanted}")
+    return frames

@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -18,15 +18,14 @@ from typing import Any
 
 import numpy as np
 
-from recon.approaches import VERTICES, check_colours
-from recon.capture.depth_maps import depth_view
-from recon.capture.format import Capture, read_capture
+from recon.approaches import VERTICES
+from recon.capture.format import read_capture
 from recon.capture.images import read_stored_image
 from recon.depth import StereoPair
 from recon.depth.disparity_io import write_disparity
 from recon.geometry.mesh import Cloud, Mesh
 from recon.pipeline.film import WHERE
-from recon.pipeline.job import Job, ReconstructOptions, check_sensors, default_depths
+from recon.pipeline.job import Job, ReconstructOptions, planned_job
 from recon.pipeline.methods import Methods, depth_key, fuse, fusion_key, match, with_limit
 from recon.pipeline.preview import make_preview
 from recon.pipeline.run import (
@@ -52,7 +51,6 @@ from recon.programs import ProgramError
 from recon.storage.artefacts import Artefacts
 from recon.storage.files import remove_leftovers
 from recon.surface import SurfaceParameters
-from recon.surface.outlines import widened
 from recon.workers import Pool, Progress, no_progress, open_pool
 
 PLACE_VOXELS = 3  # width of the places where sensors' colours are compared
@@ -145,18 +143,9 @@ def reconstruct(
         If the capture, a method or the frames are wrong, or no sensor sees anything in a frame; `run` then holds only
         whole files.
     """
-    capture, run = read_capture(capture_folder.resolve()), run.resolve()
-    options = replace(options, depths=options.depths or default_depths(capture))
-    options.methods.check(options.depth_methods, options.fusion_methods)
-    check_colours(options.colours)
-    check_sensors(capture, options.depth_methods)
-    voxel = options.surface.voxel_mm or depth_resolution(capture)
-    options = replace(options, surface=replace(options.surface, voxel_mm=voxel))
-    options = replace(options, outlines=options.outlines and any(stream.mask for stream in capture.sensors))
-    if options.outlines:
-        options = replace(options, surface=widened(options.surface))
-    job = Job(capture, _chosen_frames(capture, options.frames), options, Artefacts(run))
-    views, models = list(chain.from_iterable(job.sequences)), job.models
+    run = run.resolve()
+    job = planned_job(read_capture(capture_folder.resolve()), run, options)
+    options, views, models = job.options, list(chain.from_iterable(job.sequences)), job.models
 
     timings: dict[str, float] = {}
     with open_pool(options.workers, options.cluster) as pool:
@@ -172,14 +161,14 @@ def reconstruct(
         make("clouds", [partial(make_cloud, job, view) for view in views])
         _check_points(job)
         if options.balance_colours:
-            make("colours", [partial(compare_colours, job, PLACE_VOXELS * voxel)])
+            make("colours", [partial(compare_colours, job, PLACE_VOXELS * job.voxel_mm)])
         make("meshes", [partial(make_mesh, job, *surface) for surface in job.surfaces])
         if pictured := [model for model in models if model[0].colour != VERTICES]:
             make("exposures", [partial(compare_photographs, job)])
             make("textures", [partial(make_textured, job, *model) for model in pictured])
         remove_leftovers(run)  # of workers that were lost
     names = tuple(dict.fromkeys(str(approach) for approach, _ in models))
-    finished = Run(run, capture, names, tuple(job.frames), versions(), address_from(run, capture.folder))
+    finished = Run(run, job.capture, names, tuple(job.frames), versions(), address_from(run, job.capture.folder))
     files = [view.cloud for view in views] + [mesh_name(str(approach), frame) for approach, frame in job.surfaces]
     content = write_run(
         finished,
@@ -219,29 +208,6 @@ def _described(options: ReconstructOptions) -> dict[str, Any]:
     }
     content = {name: value for name, value in asdict(options).items() if name not in ("frames", "methods", *WHERE)}
     return content | {"methods": {"depth": depths, "fusion": fusions}}
-
-
-def depth_resolution(capture: Capture) -> float:
-    """Return a voxel size that loses neither depth nor picture resolution at the middle of the bounds, mm.
-
-    A third of the depth step of one pixel of disparity, so that a slice of whole disparities still meets the next,
-    and not less than the width of a pixel; for depth maps without a pair, the width of a pixel. The coarsest decides.
-    """
-    centre = capture.bounds.mean(axis=0)
-    sizes: list[float] = []
-    for stream in capture.sensors:
-        camera = stream.left.camera if stream.right else depth_view(stream, capture.bounds).left
-        distance = float(np.linalg.norm(camera.centre - centre))
-        pixel = distance / float(camera.K[0, 0])
-        sizes.append(max(pixel, pixel * distance / stream.sensor.baseline / 3) if stream.right else pixel)
-    return round(max(sizes), 3)
-
-
-def _chosen_frames(capture: Capture, wanted: range | None) -> list[int]:
-    frames = [frame for frame in range(capture.n_frames) if wanted is None or frame in wanted]
-    if not frames:
-        raise ValueError(f"{capture.folder}: has frames 0 to {capture.n_frames - 1}, none of them in {wanted}")
-    return frames
 
 
 def _check_points(job: Job) -> None:

@@ -145,14 +145,7 @@ def measure_cuboids(
     report = {
         "schema_version": 1,
         "kind": "cuboid",
-        "settings": {
-            "size_mm": list(settings.size),
-            "thresholds_mm": list(settings.thresholds),
-            "table_threshold_mm": TABLE_THRESHOLD,
-            "unit": settings.unit,
-            "seed": settings.seed,
-            "replicates": N_REPLICATES,
-        },
+        "settings": _described(settings),
         "reconstructions": rows["reconstructions"],
         "failed": [row["name"] for row in rows["reconstructions"] if row["failure"]],
         "faces": rows["faces"],
@@ -162,6 +155,18 @@ def measure_cuboids(
         "curve": curve,
     }
     return report | {"measures": _measures(report, settings)}, pictured
+
+
+def _described(settings: CuboidSettings) -> dict[str, Any]:
+    """Return the settings in the report's words."""
+    return {
+        "size_mm": list(settings.size),
+        "thresholds_mm": list(settings.thresholds),
+        "table_threshold_mm": TABLE_THRESHOLD,
+        "unit": settings.unit,
+        "seed": settings.seed,
+        "replicates": N_REPLICATES,
+    }
 
 
 def _check(clouds: Sequence[CloudFile], settings: CuboidSettings) -> None:

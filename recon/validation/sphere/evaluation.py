@@ -62,7 +62,7 @@ class _Sample:
 
 
 @dataclass(frozen=True, eq=False)
-class _Judge:
+class _Baselines:
     """What all samples together say of each sensor: what is usual in its parts, and its constant offset (3,), mm."""
 
     usual: Mapping[str, Parts]
@@ -97,8 +97,8 @@ def measure_spheres(
     if not spheres:
         reason = samples[0].results[0].failure
         raise FitError(f"no sphere was found in any of {len(clouds)} clouds; the first: {reason}")
-    judge = _judge_of(samples, spheres)
-    rows = [row for sample in samples for row in _rows(sample.results, settings, judge)]
+    baselines = _baselines(samples, spheres)
+    rows = [row for sample in samples for row in _rows(sample.results, settings, baselines)]
     left_out = {row["name"] for row in rows if row["is_excluded"]}
     used = [sphere for sphere in spheres if sphere.file.name not in left_out]
     table, curve = inlier_tables(_groups(samples, left_out, settings), settings.thresholds, settings.seed)
@@ -116,7 +116,7 @@ def measure_spheres(
         "flagged": [{"name": row["name"], "remarks": row["remarks"]} for row in rows if row["remarks"]],
         "table": table,
         "curve": curve,
-        "error_sources": _sources(used or spheres, judge.offsets, settings.seed),
+        "error_sources": _sources(used or spheres, baselines.offsets, settings.seed),
         "reference": _agreement(used, references, settings),
         "measures": inlier_measures("sphere", table, settings.subject),
     }
@@ -179,13 +179,13 @@ def _samples(results: Iterable[MeasuredSphere], settings: SphereSettings) -> lis
     return samples
 
 
-def _judge_of(samples: Sequence[_Sample], spheres: Sequence[MeasuredSphere]) -> _Judge:
+def _baselines(samples: Sequence[_Sample], spheres: Sequence[MeasuredSphere]) -> _Baselines:
     parts: dict[str, list[Parts]] = {}
     for sphere in spheres:
         if sphere.parts is not None:
             parts.setdefault(sphere.file.sensor, []).append(sphere.parts)
     usual = {sensor: known for sensor, seen in parts.items() if (known := usual_parts(seen)) is not None}
-    return _Judge(usual, sensor_offsets([_centres(sample.spheres) for sample in samples]))
+    return _Baselines(usual, sensor_offsets([_centres(sample.spheres) for sample in samples]))
 
 
 def _centres(spheres: Iterable[MeasuredSphere]) -> dict[str, NDArray[np.float64]]:
@@ -255,11 +255,11 @@ def _groups(
     return groups
 
 
-def _rows(results: Sequence[MeasuredSphere], settings: SphereSettings, judge: _Judge) -> list[dict[str, Any]]:
+def _rows(results: Sequence[MeasuredSphere], settings: SphereSettings, baselines: _Baselines) -> list[dict[str, Any]]:
     """Return the rows of one sample, judged by what is usual for each sensor."""
     fits = {result.file.sensor: result.fit for result in results if result.fit is not None}
     parts = {result.file.sensor: result.parts for result in results if result.parts is not None}
-    by_sensor = findings(fits, parts, judge.usual, judge.offsets)
+    by_sensor = findings(fits, parts, baselines.usual, baselines.offsets)
     return [_row(result, by_sensor.get(result.file.sensor, []), settings) for result in results]
 
 
