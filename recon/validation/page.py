@@ -18,6 +18,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from recon.storage.files import write_bytes, write_json
 from recon.validation.measures import Measured, measured_rows
 
+MOST_DECIMALS = 6  # in tables; with more, numbers have an exponent
 FONT = "Liberation Sans, Arial, sans-serif"
 # Okabe and Ito (2008), "Color universal design"; black first, yellow left out (too pale on white).
 PALETTE = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -185,15 +186,15 @@ def _column(key: str, values: Sequence[Any]) -> Column:
 
 
 def _decimals(values: Sequence[float]) -> int | None:
-    """Return with how many decimals a column's largest number has four digits, without needless zeros.
+    """Return the decimals of a column's numbers: four digits for the largest, two for the smallest, no needless zeros.
 
-    None where another number would vanish.
+    None where that would take more than six, so that each number is better written by itself.
     """
     sizes = [abs(value) for value in values if math.isfinite(value) and value]
     if not sizes:
         return None
-    decimals = max(3 - math.floor(math.log10(max(sizes))), 0)
-    if min(sizes) < 0.5 * 10**-decimals:
+    decimals = max(3 - math.floor(math.log10(max(sizes))), 1 - math.floor(math.log10(min(sizes))), 0)
+    if decimals > MOST_DECIMALS:
         return None
     while decimals and all(round(size, decimals - 1) == round(size, decimals) for size in sizes):
         decimals -= 1

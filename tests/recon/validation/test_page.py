@@ -31,14 +31,16 @@ def test_long_paths_break_between_folders(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("values", "cells"),
     [
-        ((220.0, 319.8123, -0.5), ("220.0", "319.8", "-0.5")),
+        ((220.0, 319.8123, -5.0), ("220.0", "319.8", "-5.0")),
+        ((138.1623, 0.396), ("138.16", "0.40")),
         ((5.0, 7.5, 10.0), ("5.0", "7.5", "10.0")),
         ((0.02168, 0.0), ("0.02168", "0.00000")),
+        ((5.181e-05, 3.7e-05), ("5.181e-05", "3.7e-05")),
         ((1e6, 2e-6), ("1e+06", "2e-06")),
         ((float("inf"), 3.25), ("inf", "3.25")),
     ],
 )
-def test_the_numbers_of_a_column_have_as_many_decimals_unless_one_would_vanish(
+def test_the_numbers_of_a_column_have_as_many_decimals_unless_they_differ_too_much(
     tmp_path: Path, values: tuple[float, ...], cells: tuple[str, ...]
 ) -> None:
     rows = [{"length_mm": value} for value in values]
