@@ -24,10 +24,7 @@ def surface_normals(vertices: NDArray[np.floating], faces: NDArray[np.integer]) 
     """
     place = _places(vertices)
     areas = area_vectors(vertices, faces)
-    at, n_places = place[faces].ravel(), int(place.max()) + 1
-    sums = np.empty((n_places, 3))
-    for axis in range(3):
-        sums[:, axis] = np.bincount(at, np.repeat(areas[:, axis], 3), n_places)
+    sums = vector_sums(np.repeat(areas, 3, axis=0), place[faces].ravel(), int(place.max()) + 1)
     return unit_normals(sums, np.broadcast_to(UPWARDS, sums.shape))[place]
 
 
@@ -41,6 +38,18 @@ def area_vectors(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> 
     """
     a, b, c = (vertices[faces[:, corner]].astype(np.float64) for corner in range(3))
     return np.asarray(np.cross(b - a, c - a) / 2)
+
+
+def vector_sums(vectors: NDArray[np.floating], groups: NDArray[np.integer], n: int) -> NDArray[np.float64]:
+    """Add up the vectors (L, 3) of each of n groups, float64 (n, 3).
+
+    Parameters
+    ----------
+    vectors : floating (L, 3)
+    groups : integer (L,), the group of each, from 0
+    n : number of groups
+    """
+    return np.stack([np.bincount(groups, vectors[:, axis], n) for axis in range(3)], axis=1)
 
 
 def unit_normals(vectors: NDArray[np.floating], otherwise: NDArray[np.floating]) -> NDArray[np.float32]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.geometry.normals import area_vectors
+from recon.geometry.normals import area_vectors, vector_sums
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -126,9 +126,7 @@ def cell_means(points: NDArray[np.floating], cell: float) -> NDArray[np.float64]
     low = points.min(axis=0) - cell / 2
     cells = np.floor((points - low) / cell).astype(np.int64)
     _, place, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
-    sums = np.zeros((len(counts), 3))
-    np.add.at(sums, place.reshape(-1), points)
-    return sums / counts[:, None]
+    return vector_sums(points, place.reshape(-1), len(counts)) / counts[:, None]
 
 
 def fibonacci_sphere(n: int) -> NDArray[np.float64]:
