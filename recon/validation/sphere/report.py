@@ -57,8 +57,8 @@ def write_sphere_report(report: Mapping[str, Any], pictured: Sequence[MeasuredSp
     subset = "used" if any(row["subset"] == "used" for row in report["curve"]) else "all"
     curve = write_figure(out / "curve", curve_chart([row for row in report["curve"] if row["subset"] == subset]))
     sections = [_summary(report), _sensors(report), _curve(subset, curve), _fits(report), _sources(report)]
-    sections += [_reference(report), _verdicts(report), _reasons(report), _pictures(report, pictured, out)]
-    sections += [_inputs(report)]
+    sections += [_reference(report), _verdicts(report), _reasons(report)]
+    sections += [_pictures(report, pictured, out), _inputs(report)]
     return write_page(out / "report.html", "Reconstruction of a sphere", sections)
 
 
@@ -80,8 +80,8 @@ def _sensors(report: Mapping[str, Any]) -> Section:
     text = (
         f"Mean over samples at a threshold of {report['settings']['table_threshold_mm']:g} mm, with 95 % intervals "
         f"from {report['settings']['replicates']} bootstrap replicates over samples. Combined are all sensors' points "
-        "against one sphere. The rows “all” include what the exclusion rule leaves out. Of few samples these "
-        "intervals are too narrow: they hold the mean in 80 % of cases of four samples, in 90 % of ten."
+        "against one sphere. The rows “all” include what the exclusion rule leaves out. With few samples these "
+        "intervals are too narrow: with four they hold the mean in 80 % of cases, with ten in 90 %."
     )
     return Section("Sensors", text, curve_columns(report["table"]))
 
@@ -96,14 +96,14 @@ def _fits(report: Mapping[str, Any]) -> Section:
         {
             "name": row["name"],
             "used": not row["is_excluded"],
-            "x mm": _with_uncertainty(row, "centre_mm", "u_centre_mm", 0),
-            "y mm": _with_uncertainty(row, "centre_mm", "u_centre_mm", 1),
-            "z mm": _with_uncertainty(row, "centre_mm", "u_centre_mm", 2),
-            "free radius mm": _with_uncertainty(row, "free_radius_mm", "u_free_radius_mm"),
-            "median error mm": _with_uncertainty(row, "median_error_mm", "u_median_error_mm"),
-            "scatter mm": _with_uncertainty(row, "scale_mm", "u_scale_mm"),
-            "RMS of inliers mm": _with_uncertainty(row, "rms_inliers_mm", "u_rms_inliers_mm"),
-            "inliers %": _with_uncertainty(row, "inliers", "u_inliers", unit=0.01),
+            "x mm": _with_uncertainty(row, "centre_mm", 0),
+            "y mm": _with_uncertainty(row, "centre_mm", 1),
+            "z mm": _with_uncertainty(row, "centre_mm", 2),
+            "free radius mm": _with_uncertainty(row, "free_radius_mm"),
+            "median error mm": _with_uncertainty(row, "median_error_mm"),
+            "scatter mm": _with_uncertainty(row, "scale_mm"),
+            "RMS of inliers mm": _with_uncertainty(row, "rms_inliers_mm"),
+            "inliers %": _with_uncertainty(row, "inliers", unit=0.01),
         }
         for row in report["reconstructions"]
         if not row["failure"]
@@ -119,11 +119,9 @@ def _fits(report: Mapping[str, Any]) -> Section:
     return Section("Measurement results", text, rows)
 
 
-def _with_uncertainty(
-    row: Mapping[str, Any], name: str, u_name: str, part: int | None = None, unit: float = 1.0
-) -> str:
+def _with_uncertainty(row: Mapping[str, Any], name: str, part: int | None = None, unit: float = 1.0) -> str:
     """Write a value of a row with its expanded uncertainty, to the uncertainty's second digit."""
-    value, u = row.get(name), row.get(u_name)
+    value, u = row.get(name), row.get(f"u_{name}")
     if value is None:
         return "–"
     value, u = (value, u) if part is None else (value[part], u and u[part])
@@ -188,10 +186,10 @@ def _sources(report: Mapping[str, Any]) -> Section:
         {
             "sensor": row["sensor"],
             "shots": row["n_shots"],
-            "calibration mm": _with_uncertainty(row, "calibration_mm", "u_calibration_mm"),
-            "single shots mm": _with_uncertainty(row, "shot_mm", "u_shot_mm"),
-            "both together mm": _with_uncertainty(row, "smooth_mm", "u_smooth_mm"),
-            "matching mm": _with_uncertainty(row, "matching_mm", "u_matching_mm"),
+            "calibration mm": _with_uncertainty(row, "calibration_mm"),
+            "single shots mm": _with_uncertainty(row, "shot_mm"),
+            "both together mm": _with_uncertainty(row, "smooth_mm"),
+            "matching mm": _with_uncertainty(row, "matching_mm"),
             "offset x, y, z mm": "–" if row["offset_mm"] is None else " ".join(f"{v:+.2f}" for v in row["offset_mm"]),
         }
         for row in report["error_sources"]
