@@ -28,10 +28,11 @@ from distributed import LocalCluster
 from recon.capture.format import Capture, read_capture
 from recon.cli.options import parse_size
 from recon.pipeline.film import Film, RenderOptions, make_part
+from recon.pipeline.job import ReconstructOptions
 from recon.pipeline.reconstruct import reconstruct
 from recon.pipeline.run import read_run
 from recon.pipeline.sources import run_source
-from recon.pipeline.stages import ReconstructOptions, match_frame
+from recon.pipeline.stages import match_frame
 from recon.storage.artefacts import file_digest
 from recon.studio import SynthParameters, synthesise
 from recon.workers import LocalProcesses, Pool, open_pool

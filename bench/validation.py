@@ -23,9 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.masks.segment import segment_capture
+from recon.geometry.mesh import Shape
+from recon.pipeline.job import ReconstructOptions
 from recon.pipeline.reconstruct import reconstruct
 from recon.pipeline.run import View
-from recon.pipeline.stages import ReconstructOptions
 from recon.studio import SynthParameters, synthesise
 from recon.studio.objects import ball
 from recon.surface import SurfaceParameters
@@ -39,7 +40,7 @@ from recon.validation.sphere.exclusion import Parts, examine_parts, findings, us
 from recon.validation.sphere.methods import METHODS
 from recon.validation.sphere.model import SphereFit, SphereSettings
 from recon.validation.triangles import TriangleTree
-from recon.validation.truth.evaluation import Shape, compare_points, sample_evenly
+from recon.validation.truth.evaluation import compare_points, sample_evenly
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 from tests.recon.validation.sphere.simulated_caps import SPOILS, UNSEEN_SPOILS, CapParameters, simulate_cap

@@ -24,7 +24,7 @@ from recon.geometry.mesh_files import write_cloud
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH
 from recon.validation.cloud_quality.evaluation import CloudSettings, measure_clouds
-from recon.validation.cloud_quality.reading import Sampling, read_shape, sampled
+from recon.validation.cloud_quality.reading import Sampling, read_point_set
 from recon.validation.cloud_quality.sequences import find_compared
 from recon.validation.pictures import png
 
@@ -117,7 +117,7 @@ def main() -> None:
 def distorted_clouds(folder: Path) -> dict[str, Cloud]:
     """The reference and each distortion of it, by what to call them."""
     synthesise(folder / "capture", SynthParameters(scene="standing", n_sensors=1, n_frames=1, size=(64, 48)))
-    samples = sampled(read_shape(folder / "capture" / MESH.format(frame=0)), Sampling(DENSITY, 1))
+    samples = read_point_set(folder / "capture" / MESH.format(frame=0), Sampling(DENSITY, 1))
     assert samples.normals is not None
     assert samples.colours is not None
     reference = Cloud(samples.points, samples.normals, samples.colours)

@@ -157,7 +157,7 @@ def _check(disparity: NDArray[np.float32], image: NDArray[np.uint8], rectificati
 
 
 def _surface_pixels(relative: NDArray[np.float32], parameters: CloudParameters) -> NDArray[np.bool_]:
-    """bool (H, W): pixels that belong to a surface; `relative` counts from infinity, NaN where invalid."""
+    """Mark pixels that belong to a surface, bool (H, W); `relative` counts from infinity, NaN where invalid."""
     kept: NDArray[np.bool_] = support(relative, parameters.jump_px) >= parameters.min_support
     kept &= ~_rim(~kept, parameters)
     return kept & _in_large_cluster(np.where(kept, relative, np.nan), parameters)
@@ -171,7 +171,7 @@ def _disparity_sigma(disparity: NDArray[np.float32], parameters: CloudParameters
 
 
 def _rim(invalid: NDArray[np.bool_], parameters: CloudParameters) -> NDArray[np.bool_]:
-    """bool (H, W): pixels within `erode_px` of an invalid region that is more than a gap."""
+    """Mark pixels within `erode_px` of an invalid region that is more than a gap, bool (H, W)."""
     _, labels, statistics, _ = cv2.connectedComponentsWithStats(invalid.astype(np.uint8), connectivity=4)
     large = statistics[:, cv2.CC_STAT_AREA] > parameters.gap_px
     large[0] = False  # label 0 is what is valid
@@ -181,7 +181,7 @@ def _rim(invalid: NDArray[np.bool_], parameters: CloudParameters) -> NDArray[np.
 
 
 def _in_large_cluster(relative: NDArray[np.float32], parameters: CloudParameters) -> NDArray[np.bool_]:
-    """bool (H, W): pixels in clusters of at least the smallest size that is kept."""
+    """Mark pixels in clusters of at least the smallest size that is kept, bool (H, W)."""
     valid = np.isfinite(relative)
     if not valid.any():
         return valid

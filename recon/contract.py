@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from recon.depth import Matcher, StereoPair
 from recon.fusion import DepthView, Fusion, fused, view_of_cloud
 from recon.geometry.mesh import Cloud, Mesh
+from recon.geometry.normals import area_vectors
 from recon.plugins import default_parameters
 from recon.rig import Camera
 from recon.surface import NoSurfaceError
@@ -156,14 +157,13 @@ def _check_near(disparity: NDArray[np.float32], shift: int) -> None:
 def _check_ball(mesh: Mesh, clouds: Sequence[Cloud]) -> None:
     error = float(np.abs(np.linalg.norm(mesh.vertices, axis=1) - BALL_MM).mean())
     _expect(error < MEAN_ERROR_MM, f"the mesh is {error:.2f} mm from the ball on average, expected {MEAN_ERROR_MM} mm")
-    a, b, c = mesh.vertices[mesh.faces].transpose(1, 0, 2).astype(np.float64)
-    areas = np.cross(b - a, c - a) / 2
+    areas = area_vectors(mesh.vertices, mesh.faces)
     share = float(np.linalg.norm(areas, axis=1).sum()) / _seen_area()
     _expect(
         LEAST_AREA < share < MOST_AREA,
         f"the mesh has {share:.2f} times the area that the sensors see, expected {LEAST_AREA} to {MOST_AREA}",
     )
-    outwards = float(np.mean((areas * (a + b + c)).sum(axis=1) > 0))
+    outwards = float(np.mean((areas * mesh.vertices[mesh.faces].sum(axis=1)).sum(axis=1) > 0))
     _expect(outwards > 0.98, f"{outwards:.0%} of the faces are counter-clockwise seen from outside, expected all")
     agree = float(np.mean((mesh.normals * mesh.vertices).sum(axis=1) > 0))
     _expect(agree > 0.98, f"{agree:.0%} of the normals point outwards, expected all")
@@ -275,7 +275,7 @@ def _ball_colours(points: NDArray[np.floating]) -> NDArray[np.float64]:
 
 
 def _seen_area() -> float:
-    """Area of the ball that a sensor sees, mm^2, by counting directions."""
+    """Estimate the area of the ball that a sensor sees, mm^2, by counting directions."""
     directions = np.random.default_rng(0).normal(size=(20000, 3))
     points = BALL_MM * directions / np.linalg.norm(directions, axis=1, keepdims=True)
     is_seen = np.zeros(len(points), np.bool_)

@@ -25,11 +25,13 @@ from recon.geometry.mesh import Mesh
 from recon.geometry.mesh_files import write_mesh
 from recon.models.read import ReadModel, read_model
 from recon.pipeline.film import RenderOptions
+from recon.pipeline.job import ReconstructOptions
+from recon.pipeline.manifest import MANIFEST
 from recon.pipeline.methods import Methods
-from recon.pipeline.reconstruct import reconstruct, render
+from recon.pipeline.reconstruct import reconstruct
+from recon.pipeline.render import render
 from recon.pipeline.run import View, mesh_name, read_run
 from recon.pipeline.sources import Source, read_sources
-from recon.pipeline.stages import ReconstructOptions
 from recon.storage.artefacts import Artefacts, code_version
 from recon.storage.files import read_json, write_json
 from recon.studio import SynthParameters, synthesise
@@ -43,9 +45,7 @@ from recon.validation.cuboid.evaluation import CuboidSettings, measure_cuboids
 from recon.validation.cuboid.report import write_cuboid_report
 from recon.validation.films.evaluation import FilmSettings, measure_films
 from recon.validation.films.report import write_films_report
-from recon.validation.films.stimuli import MANIFEST
 from recon.validation.measures import Subject
-from recon.validation.page import write_report_json
 from recon.validation.sphere.evaluation import measure_spheres
 from recon.validation.sphere.model import SphereSettings
 from recon.validation.sphere.report import write_sphere_report
@@ -338,7 +338,7 @@ def _compare_model(experiment: Experiment, name: str, mesh: Artefact, subject: S
     settings = MeshSettings(MESH_THRESHOLDS, MESH_THRESHOLD, subject, SEED)
 
     def write(path: Path) -> None:
-        write_report_json(path.parent, measure_mesh(run / file, truth, settings))
+        write_json(path, measure_mesh(run / file, truth, settings))
 
     _make_report(experiment, f"truth/{subject.dataset}_{name}", [mesh], asdict(settings), write)
 

@@ -62,7 +62,7 @@ class Camera:
 
     def points_in_camera(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
         """Transform world points (N, 3) into this camera's frame, mm."""
-        return np.asarray(points @ self.rotation.T + self.cam_from_world[:3, 3])
+        return transformed(points, self.cam_from_world)
 
     def project(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
         """Project world points (N, 3) to pixels (N, 2), without distortion."""
@@ -142,6 +142,11 @@ def rigid(rotation: ArrayLike, translation: ArrayLike) -> NDArray[np.float64]:
     transform[:3, :3] = rotation
     transform[:3, 3] = translation
     return transform
+
+
+def transformed(points: NDArray[np.floating], transform: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Apply an affine transform (4, 4) to points (N, 3)."""
+    return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])
 
 
 def look_at(centre: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:

@@ -25,9 +25,10 @@ from recon.capture.masks.segment import METHODS, clean_mask, segment_capture
 from recon.geometry.mesh import Mesh
 from recon.geometry.mesh_files import read_mesh
 from recon.pipeline.film import RenderOptions
-from recon.pipeline.reconstruct import reconstruct, render
+from recon.pipeline.job import ReconstructOptions
+from recon.pipeline.reconstruct import reconstruct
+from recon.pipeline.render import render
 from recon.pipeline.run import mesh_name
-from recon.pipeline.stages import ReconstructOptions
 from recon.render.frames import render_frames
 from recon.render.scene import scene_around
 from recon.rig import Camera

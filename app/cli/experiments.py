@@ -106,10 +106,11 @@ def _demo_steps(
     from recon.capture.format import CAPTURE_FILE, read_capture
     from recon.capture.masks.segment import segment_capture
     from recon.pipeline.film import RenderOptions
+    from recon.pipeline.job import ReconstructOptions
     from recon.pipeline.preview import write_stage_pictures
-    from recon.pipeline.reconstruct import reconstruct, render
+    from recon.pipeline.reconstruct import reconstruct
+    from recon.pipeline.render import render
     from recon.pipeline.run import read_run
-    from recon.pipeline.stages import ReconstructOptions
     from recon.studio import SynthParameters, synthesise
     from recon.studio.truth_models import SCENE_FILE, TRUTH, write_truth_models
     from recon.surface import SurfaceParameters

@@ -129,8 +129,8 @@ def reconstruct(
     """Make depth maps, clouds and meshes of a capture by every approach."""
     from recon.cloud import CloudParameters
     from recon.depth.temporal import TemporalParameters
+    from recon.pipeline.job import ReconstructOptions
     from recon.pipeline.reconstruct import reconstruct as run_reconstruction
-    from recon.pipeline.stages import ReconstructOptions
     from recon.surface import SurfaceParameters
 
     options = ReconstructOptions(
@@ -208,9 +208,9 @@ def export(
     as_json: JsonOption = False,
 ) -> None:
     """Convert a mesh; a GLB file opens in any 3D viewer."""
-    from recon.geometry.mesh import error_colours, error_limit
+    from recon.geometry.mesh import Shape, error_colours, error_limit
     from recon.geometry.mesh_files import read_mesh, write_mesh
-    from recon.validation.truth.evaluation import Shape, signed_distances_to
+    from recon.validation.truth.evaluation import signed_distances_to
 
     if limit is not None and truth is None:
         raise typer.BadParameter("--limit is about errors: it needs --truth")
@@ -219,7 +219,7 @@ def export(
     sentence = f"Wrote {result['vertices']} vertices and {result['faces']} faces: {out}"
     if truth is not None:
         true = read_mesh(truth)
-        errors = signed_distances_to(Shape(true.vertices.astype("float64"), true.faces), model.vertices)
+        errors = signed_distances_to(Shape(true.vertices, true.faces), model.vertices)
         limit = error_limit(errors) if limit is None else limit
         model = replace(model, colours=error_colours(errors, limit), texture=None)
         result |= {"mean_mm": float(abs(errors).mean()), "limit_mm": limit}
@@ -297,7 +297,7 @@ def render(
 ) -> None:
     """Render fly-through videos of every approach of every run and models folder, as a stimulus set."""
     from recon.pipeline.film import RenderOptions
-    from recon.pipeline.reconstruct import render as render_folders
+    from recon.pipeline.render import render as render_folders
     from recon.render.camera_path import PATHS
     from recon.storage.files import read_json
 

@@ -13,6 +13,7 @@ import typer
 from typer.core import TyperCommand, TyperOption
 
 from recon.approaches import Approach, parse_approach
+from recon.plugins import DEPTH_GROUP, FUSION_GROUP
 from recon.storage.remote import is_there, place
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ FurtherOption = Annotated[
 ]
 
 PLUGIN_NAMES = "installed plug-ins"  # in the help of an option: what stands for the names of those that are installed
-PLUGIN_GROUPS = {"method": "reconstudy.depth", "depth": "reconstudy.depth", "fusion": "reconstudy.fusion"}
+PLUGIN_GROUPS = {"method": DEPTH_GROUP, "depth": DEPTH_GROUP, "fusion": FUSION_GROUP}
 
 
 class MethodsCommand(TyperCommand):

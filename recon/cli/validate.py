@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -13,6 +14,8 @@ from recon.cli.validation_sentences import (
     cloud_sentences,
     cuboid_sentences,
     film_sentences,
+    mesh_sentences,
+    object_sentences,
     sphere_sentences,
     view_sentences,
 )
@@ -30,7 +33,7 @@ ThresholdsOption = Annotated[str, typer.Option(help="Thresholds of the inlier cu
 SeedOption = Annotated[
     int, typer.Option(min=0, help="Seed of the random samples; the same seed gives the same report.")
 ]
-UnitOption = Annotated[str, typer.Option(help="Unit of the clouds: mm, cm, m or in.")]
+UnitOption = Annotated[str, typer.Option(help="Unit of PLY, OBJ and text: mm, cm, m or in.")]
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -98,7 +101,7 @@ def validate_sphere(
     report, pictured = measure_spheres(named_clouds(clouds, sensor or ()), settings, progress)
     progress.close()
     page = write_sphere_report(report, pictured, out)
-    print_result({"report": str(page), **report}, sphere_sentences(report, page), as_json=as_json)
+    print_report(report, page, sphere_sentences(report), as_json=as_json)
 
 
 @app.command("cuboid")
@@ -137,7 +140,7 @@ def validate_cuboid(
     report, measured = measure_cuboids(named_clouds(clouds, sensor or ()), settings, progress)
     progress.close()
     page = write_cuboid_report(report, measured, out)
-    print_result({"report": str(page), **report}, cuboid_sentences(report, page), as_json=as_json)
+    print_report(report, page, cuboid_sentences(report), as_json=as_json)
 
 
 @app.command("object")
@@ -151,7 +154,7 @@ def validate_object(
         typer.Option(help="How far from the model points may lie during the search, mm; default: 2 % of its diagonal."),
     ] = None,
     trim: Annotated[float, typer.Option(help="Share of the points, nearest first, that the refinement uses.")] = 0.8,
-    unit: Annotated[str, typer.Option(help="Unit of the cloud: mm, cm, m or in.")] = "mm",
+    unit: UnitOption = "mm",
     model_unit: Annotated[str, typer.Option(help="Unit of the model: mm, cm, m or in.")] = "mm",
     dataset: DatasetOption = EVERY_DATASET,
     approach: ApproachOption = None,
@@ -161,7 +164,7 @@ def validate_object(
     """Find a known mesh in a cloud, and report signed distances and inlier ratios."""
     from recon.validation.known_object.evaluation import ObjectSettings, measure_object
     from recon.validation.known_object.registration import RegistrationParameters
-    from recon.validation.known_object.report import ambiguity_text, write_object_report
+    from recon.validation.known_object.report import write_object_report
     from recon.validation.measures import Subject
 
     settings = ObjectSettings(
@@ -173,13 +176,7 @@ def validate_object(
     )
     report, measured = measure_object(model, cloud, settings)
     page = write_object_report(report, measured, out)
-    registration, row = report["registration"], report["table"][0]
-    sentence = (
-        f"{registration['overlap']:.1%} of the cloud within {registration['delta_mm']:.3g} mm of the model; "
-        f"{row['inliers']:.2%} within {row['threshold_mm']:g} mm: {page}"
-    )
-    doubt = f"\n{ambiguity_text(report)}" if registration["is_ambiguous"] else ""
-    print_result({"report": str(page), **report}, sentence + doubt, as_json=as_json)
+    print_report(report, page, object_sentences(report), as_json=as_json)
 
 
 @app.command("views")
@@ -210,7 +207,7 @@ def validate_views(
     )
     progress.close()
     page = write_views_report(report, shown, out)
-    print_result({"report": str(page), **report}, view_sentences(report, page), as_json=as_json)
+    print_report(report, page, view_sentences(report), as_json=as_json)
 
 
 @app.command("mesh")
@@ -235,7 +232,7 @@ def validate_mesh(
             help="x,y,z in mm from where the truth was scanned; ETH3D then counts what was visible from there."
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the samples on the surfaces.")] = 1,
+    seed: SeedOption = 1,
     as_json: JsonOption = False,
 ) -> None:
     """Report accuracy, completeness and F-score against the truth."""
@@ -248,12 +245,7 @@ def validate_mesh(
     settings = MeshSettings(parse_thresholds(thresholds), threshold, subject, seed, cell, voxel, place)
     report = measure_mesh(mesh, truth, settings)
     page = write_mesh_report(report, out)
-    best = next(row for row in report["scores"] if row["threshold_mm"] == settings.chosen)
-    sentence = (
-        f"accuracy {report['accuracy']['mean_mm']:.3g} mm, completeness {report['completeness']['mean_mm']:.3g} mm, "
-        f"F-score {best['f_score']:.2%} at {best['threshold_mm']:g} mm: {page}"
-    )
-    print_result({"report": str(page), **report}, sentence, as_json=as_json)
+    print_report(report, page, mesh_sentences(report), as_json=as_json)
 
 
 @app.command("cloud")
@@ -289,14 +281,15 @@ def validate_cloud(
         ),
     ] = None,
     threshold: Annotated[
-        float | None, typer.Option(help="Of the F-score; default: a hundredth of the reference's longest side.")
+        float | None,
+        typer.Option(help="Threshold of the F-score; default: a hundredth of the reference's longest side."),
     ] = None,
     density: Annotated[
         float | None,
         typer.Option(help="Samples of meshes per squared unit; default: what puts 100 000 on the reference."),
     ] = None,
     unit: Annotated[str, typer.Option(help="Unit of all clouds, for the tables; nothing is converted.")] = "mm",
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the samples on meshes.")] = 1,
+    seed: SeedOption = 1,
     methods: Annotated[Path | None, typer.Option(help="TOML file of measures by other programs, such as PCQM.")] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -321,7 +314,7 @@ def validate_cloud(
     comparison = measure_clouds(files, settings, progress)
     progress.close()
     page = write_cloud_report(comparison, out)
-    print_result({"report": str(page), **comparison.report}, cloud_sentences(comparison.report, page), as_json=as_json)
+    print_report(comparison.report, page, cloud_sentences(comparison.report), as_json=as_json)
 
 
 @app.command("films")
@@ -346,7 +339,12 @@ def validate_films(
     report, films = measure_films(stimulus_set, FilmSettings(reference, masters, every, workers), progress)
     progress.close()
     page = write_films_report(report, films, out)
-    print_result({"report": str(page), **report}, film_sentences(report, page), as_json=as_json)
+    print_report(report, page, film_sentences(report), as_json=as_json)
+
+
+def print_report(report: Mapping[str, Any], page: Path, sentences: Sequence[str], *, as_json: bool) -> None:
+    """Print a report: as one JSON object, or as the sentences that a person reads, and where its page lies."""
+    print_result({"report": str(page), **report}, "\n".join([*sentences, f"Report: {page}"]), as_json=as_json)
 
 
 def parse_thresholds(text: str) -> tuple[float, ...]:
@@ -376,10 +374,4 @@ def parse_edges(text: str) -> tuple[float, float, float]:
 def parse_viewpoint(text: str) -> tuple[str, tuple[float, float, float]]:
     """Read a sensor and its place from "SENSOR=x,y,z", or from "x,y,z" for the only sensor, S1."""
     name, _, place = text.rpartition("=")
-    try:
-        x, y, z = (float(value) for value in place.split(","))
-    except ValueError as error:
-        raise typer.BadParameter(
-            f"{text!r} is no viewpoint; expected SENSOR=x,y,z in mm, for example S1=0,0,0"
-        ) from error
-    return name or "S1", (x, y, z)
+    return name or "S1", parse_position(place)

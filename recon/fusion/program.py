@@ -8,16 +8,13 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
-from plyfile import PlyData
 from scipy.spatial import cKDTree
 
 from recon.cloud import merge_clouds
 from recon.fusion.views import check_clouds
 from recon.geometry.mesh import Cloud, Mesh
-from recon.geometry.mesh_files import read_surface, write_cloud
+from recon.geometry.mesh_files import read_ply_shape, write_cloud
 from recon.geometry.normals import surface_normals
-from recon.geometry.ply import FLOAT_NORMAL, UINT8_COLOUR, point_columns, read_ply
 from recon.programs import Program, ProgramError, Value, check_written, workplace
 
 
@@ -65,21 +62,13 @@ def fuse_by_program(clouds: Sequence[Cloud], program: FusionProgram, voxel_mm: f
 
 
 def _read_mesh(path: Path, cloud: Cloud) -> Mesh:
-    vertices, faces = read_surface(path)
-    if not len(faces):
+    shape = read_ply_shape(path)
+    if not len(shape.faces):
         raise ValueError(f"{path}: holds no faces")
-    ply = read_ply(path)
-    return Mesh(vertices, faces, _normals(path, ply, vertices, faces), _colours(path, ply, vertices, cloud))
-
-
-def _normals(path: Path, ply: PlyData, vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> NDArray[np.float32]:
-    if any(name not in ply["vertex"] for name in FLOAT_NORMAL):
-        return surface_normals(vertices, faces)
-    return np.asarray(point_columns(path, ply, FLOAT_NORMAL), dtype=np.float32)
-
-
-def _colours(path: Path, ply: PlyData, vertices: NDArray[np.float32], cloud: Cloud) -> NDArray[np.uint8]:
-    if any(name not in ply["vertex"] for name in UINT8_COLOUR):
-        _, nearest = cKDTree(cloud.points).query(vertices)
-        return cloud.colours[nearest]
-    return point_columns(path, ply, UINT8_COLOUR)
+    points = shape.points.astype(np.float32)
+    normals, colours = shape.normals, shape.colours
+    if normals is None:
+        normals = surface_normals(points, shape.faces)
+    if colours is None:
+        colours = cloud.colours[cKDTree(cloud.points).query(points)[1]]
+    return Mesh(points, shape.faces, normals.astype(np.float32), colours)

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.geometry.srgb import light_of_bytes
+
 GLB_MAGIC, GLB_JSON, GLB_BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942  # glTF 2.0, section 4.4
 GENERATOR = "reconstudy"
 COMPONENTS = {5123: "<u2", 5125: "<u4", 5126: "<f4"}  # section 3.6.2
@@ -156,7 +158,5 @@ def read_glb(
 
 
 def _linear_from_srgb() -> NDArray[np.uint16]:
-    """Tabulate the linear light of each sRGB byte, uint16 (256,); IEC 61966-2-1."""
-    encoded = np.arange(256) / 255
-    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-    return np.asarray(np.rint(linear * 65535), dtype=np.uint16)
+    """Tabulate the linear light of each sRGB byte, uint16 (256,)."""
+    return np.asarray(np.rint(light_of_bytes() * 65535), dtype=np.uint16)

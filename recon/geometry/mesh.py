@@ -39,7 +39,7 @@ class Cloud:
         points = finite_rows(self.points, "points")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "normals", finite_rows(self.normals, "normals", len(points)))
-        object.__setattr__(self, "colours", _colours(self.colours, len(points)))
+        object.__setattr__(self, "colours", colour_rows(self.colours, len(points)))
         if self.sigma is not None:
             sigma = np.ascontiguousarray(self.sigma, dtype=np.float32)
             if sigma.shape != (len(points),) or not (np.isfinite(sigma) & (sigma > 0)).all():
@@ -121,8 +121,26 @@ class Mesh:
             raise ValueError(f"the texture has places for {len(self.texture.uv)} vertices, expected {len(vertices)}")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "normals", finite_rows(self.normals, "normals", len(vertices)))
-        object.__setattr__(self, "colours", _colours(self.colours, len(vertices)))
+        object.__setattr__(self, "colours", colour_rows(self.colours, len(vertices)))
         object.__setattr__(self, "faces", face_indices(self.faces, len(vertices)))
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A surface to be measured: points, with what a file of any program says of them.
+
+    Parameters
+    ----------
+    points : floating (N, 3), mm; vertices, or a cloud's points
+    faces : int32 (M, 3); M is 0 for a cloud
+    normals : floating (N, 3), of any length; None where the file does not give all of them
+    colours : uint8 (N, 3), sRGB, of the vertices or of their texels; None where the file does not give all of them
+    """
+
+    points: NDArray[np.floating]
+    faces: NDArray[np.int32]
+    normals: NDArray[np.floating] | None = None
+    colours: NDArray[np.uint8] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,13 +182,18 @@ def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
     textured = [number for number, mesh in enumerate(meshes, 1) if mesh.texture is not None]
     if textured:
         raise ValueError(f"mesh {textured[0]} of {len(meshes)} has a texture; only meshes without can be merged")
-    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
     return Mesh(
         np.concatenate([mesh.vertices for mesh in meshes]),
-        np.concatenate([mesh.faces + np.int32(start) for mesh, start in zip(meshes, starts, strict=True)]),
+        stacked_faces([mesh.faces for mesh in meshes], [len(mesh.vertices) for mesh in meshes]),
         np.concatenate([mesh.normals for mesh in meshes]),
         np.concatenate([mesh.colours for mesh in meshes]),
     )
+
+
+def stacked_faces(faces: Sequence[NDArray[np.integer]], n_vertices: Sequence[int]) -> NDArray[np.int32]:
+    """Number the triangles (M, 3) of several meshes, int32, as those of one that has their vertices in turn."""
+    starts = np.cumsum([0, *n_vertices[:-1]])
+    return np.concatenate([(part + start).astype(np.int32) for part, start in zip(faces, starts, strict=True)])
 
 
 def error_colours(errors: NDArray[np.floating], limit: float) -> NDArray[np.uint8]:
@@ -217,7 +240,8 @@ def finite_rows(values: ArrayLike, name: str, length: int | None = None, columns
     return array
 
 
-def _colours(values: ArrayLike, length: int) -> NDArray[np.uint8]:
+def colour_rows(values: ArrayLike, length: int) -> NDArray[np.uint8]:
+    """Return colours as uint8 (length, 3), or raise a ValueError if they have another type or shape."""
     array = np.asarray(values)
     if array.shape != (length, 3) or array.dtype != np.uint8:
         raise ValueError(f"colours are {array.dtype} {array.shape}, expected uint8 ({length}, 3) in sRGB")

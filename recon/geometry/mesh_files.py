@@ -13,18 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.glb import glb_bytes, read_glb, textured_glb_bytes
-from recon.geometry.mesh import Cloud, Mesh, Texture, face_indices, finite_rows
+from recon.geometry.mesh import Cloud, Mesh, Shape, Texture, face_indices, finite_rows
 from recon.geometry.obj import mtl_text, obj_text
 from recon.geometry.ply import (
     FLOAT_NORMAL,
     UINT8_COLOUR,
+    face_list,
+    optional_columns,
     ply_bytes,
     point_columns,
     read_ply,
     triangles,
     vector_columns,
 )
-from recon.storage.files import whole_file
+from recon.storage.files import write_bytes
 
 
 def write_cloud(path: Path, cloud: Cloud) -> Path:
@@ -39,17 +41,17 @@ def write_cloud(path: Path, cloud: Cloud) -> Path:
     if not len(cloud):
         raise ValueError(f"{path}: the cloud is empty, nothing to write")
     sigma = {} if cloud.sigma is None else {"sigma": cloud.sigma}
-    return _write(path, ply_bytes(_oriented(cloud.points, cloud.normals, cloud.colours) | sigma))
+    return write_bytes(path, ply_bytes(_oriented(cloud.points, cloud.normals, cloud.colours) | sigma))
 
 
 def write_no_cloud(path: Path) -> Path:
     """Write the PLY of a cloud without points, which `read_cloud` refuses: ask `holds_points` first."""
     _check_suffix(path, (".ply",))
-    return _write(path, _no_cloud())
+    return write_bytes(path, _no_cloud())
 
 
 def no_cloud_digest() -> str:
-    """SHA-256, hexadecimal, of the file that `write_no_cloud` writes."""
+    """Return the SHA-256, hexadecimal, of the file that `write_no_cloud` writes."""
     return sha256(_no_cloud()).hexdigest()
 
 
@@ -80,9 +82,9 @@ def write_mesh(path: Path, mesh: Mesh) -> Path:
     if path.suffix.lower() == ".obj":
         return _write_obj(path, mesh)
     if path.suffix.lower() == ".glb":
-        return _write(path, _glb_of(mesh))
+        return write_bytes(path, _glb_of(mesh))
     _check_no_texture(path, mesh)
-    return _write(path, ply_bytes(_oriented(mesh.vertices, mesh.normals, mesh.colours), mesh.faces))
+    return write_bytes(path, ply_bytes(_oriented(mesh.vertices, mesh.normals, mesh.colours), mesh.faces))
 
 
 def write_measured(path: Path, model: Mesh | Cloud, errors: NDArray[np.floating]) -> Path:
@@ -103,7 +105,7 @@ def write_measured(path: Path, model: Mesh | Cloud, errors: NDArray[np.floating]
         _check_no_texture(path, model)
     points, faces = (model.vertices, model.faces) if isinstance(model, Mesh) else (model.points, None)
     _check_points(path, points)
-    return _write(path, ply_bytes(_oriented(points, model.normals, model.colours) | {"error": errors}, faces))
+    return write_bytes(path, ply_bytes(_oriented(points, model.normals, model.colours) | {"error": errors}, faces))
 
 
 def write_coloured(
@@ -125,7 +127,7 @@ def write_coloured(
     """
     _check_points(path, points)
     columns = vector_columns("xyz", points) | vector_columns(UINT8_COLOUR, colours)
-    return _write(path, ply_bytes(columns, faces if len(faces) else None))
+    return write_bytes(path, ply_bytes(columns, faces if len(faces) else None))
 
 
 def read_cloud(path: Path) -> Cloud:
@@ -184,12 +186,30 @@ def read_surface(path: Path) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     ValueError
         If the file is missing, empty or damaged, a coordinate is not a number, or a face is no triangle.
     """
+    shape = read_ply_shape(path)
+    return shape.points.astype(np.float32), shape.faces
+
+
+def read_ply_shape(path: Path) -> Shape:
+    """Read the points of any PLY, float32, with triangles, normals and colours where it has them.
+
+    Normals that are all 0, which programs write that know none, and colours that are no bytes, whose range nobody
+    states, are left out.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing, empty or damaged, a coordinate is not a number, or a face is no triangle.
+    """
     ply = read_ply(path)
     with _named(path):
         points = finite_rows(point_columns(path, ply, "xyz"), "points")
-        if "face" not in ply or not ply["face"].count:
-            return points, np.zeros((0, 3), np.int32)
-        return points, face_indices(triangles(path, ply), len(points))
+        faces = np.zeros((0, 3), np.int32)
+        if face_list(ply) is not None:
+            faces = face_indices(triangles(path, ply), len(points))
+        normals, colours = (optional_columns(path, ply, names) for names in (FLOAT_NORMAL, UINT8_COLOUR))
+    has_normals, has_colours = normals is not None and normals.any(), colours is not None and colours.dtype == np.uint8
+    return Shape(points, faces, normals if has_normals else None, colours if has_colours else None)
 
 
 def _mesh_of_glb(path: Path) -> Mesh:
@@ -244,20 +264,14 @@ def _write_obj(path: Path, mesh: Mesh) -> Path:
         raise ValueError(f"{path}: OBJ holds colours as a texture, and the mesh has none; write it as .ply or .glb")
     stem = "_".join(path.stem.split())  # many readers end a name at a space
     picture, material = path.with_name(f"{stem}.png"), path.with_name(f"{stem}.mtl")
-    _write(picture, _png(mesh.texture))
-    _write(material, mtl_text(picture.name).encode())
+    write_bytes(picture, _png(mesh.texture))
+    write_bytes(material, mtl_text(picture.name).encode())
     text = obj_text(mesh.vertices, mesh.faces, mesh.normals, mesh.texture.uv, material.name)
-    return _write(path, text.encode())
+    return write_bytes(path, text.encode())
 
 
 def _png(texture: Texture) -> bytes:
     return bytes(cv2.imencode(".png", texture.pixels[..., ::-1])[1].tobytes())
-
-
-def _write(path: Path, content: bytes) -> Path:
-    with whole_file(path) as temporary:
-        temporary.write_bytes(content)
-    return path
 
 
 @contextmanager

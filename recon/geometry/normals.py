@@ -23,13 +23,33 @@ def surface_normals(vertices: NDArray[np.floating], faces: NDArray[np.integer]) 
     float32 (N, 3), unit length; straight up where no face has an area
     """
     place = _places(vertices)
-    a, b, c = np.asarray(vertices, dtype=np.float64)[faces].transpose(1, 0, 2)
-    areas = np.cross(b - a, c - a)  # (M, 3), twice the triangle's area long
-    at, n_places = place[faces].ravel(), int(place.max()) + 1
-    sums = np.empty((n_places, 3))
-    for axis in range(3):
-        sums[:, axis] = np.bincount(at, np.repeat(areas[:, axis], 3), n_places)
+    areas = area_vectors(vertices, faces)
+    sums = vector_sums(np.repeat(areas, 3, axis=0), place[faces].ravel(), int(place.max()) + 1)
     return unit_normals(sums, np.broadcast_to(UPWARDS, sums.shape))[place]
+
+
+def area_vectors(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Return the normal of each triangle, float64 (M, 3), as long as its area.
+
+    Parameters
+    ----------
+    vertices : floating (N, 3)
+    faces : integer (M, 3), counter-clockwise seen from outside
+    """
+    a, b, c = (vertices[faces[:, corner]].astype(np.float64) for corner in range(3))
+    return np.asarray(np.cross(b - a, c - a) / 2)
+
+
+def vector_sums(vectors: NDArray[np.floating], groups: NDArray[np.integer], n: int) -> NDArray[np.float64]:
+    """Add up the vectors (L, 3) of each of n groups, float64 (n, 3).
+
+    Parameters
+    ----------
+    vectors : floating (L, 3)
+    groups : integer (L,), the group of each, from 0
+    n : number of groups
+    """
+    return np.stack([np.bincount(groups, vectors[:, axis], n) for axis in range(3)], axis=1)
 
 
 def unit_normals(vectors: NDArray[np.floating], otherwise: NDArray[np.floating]) -> NDArray[np.float32]:

@@ -98,6 +98,19 @@ def point_columns(path: Path, ply: PlyData, names: Sequence[str]) -> NDArray[Any
     return columns
 
 
+def optional_columns(path: Path, ply: PlyData, *choices: Sequence[str]) -> NDArray[Any] | None:
+    """Copy the properties by the first of these names that are all there, (N, P); None where no choice is."""
+    chosen = next((names for names in choices if all(name in ply["vertex"] for name in names)), None)
+    return None if chosen is None else point_columns(path, ply, chosen)
+
+
+def face_list(ply: PlyData) -> str | None:
+    """Return the name of the property that holds the corners of faces; None where there are no faces."""
+    if "face" not in ply or not ply["face"].count:
+        return None
+    return next((name for name in FACE_LISTS if name in ply["face"]), None)
+
+
 def triangles(path: Path, ply: PlyData) -> NDArray[np.integer]:
     """Copy the triangles (M, 3).
 
@@ -106,8 +119,8 @@ def triangles(path: Path, ply: PlyData) -> NDArray[np.integer]:
     ValueError
         If there are no faces, or faces with more or fewer than three corners.
     """
-    name = next((name for name in FACE_LISTS if "face" in ply and name in ply["face"]), None)
-    if name is None or not ply["face"].count:
+    name = face_list(ply)
+    if name is None:
         raise ValueError(f"{path}: holds no faces")
     corners = ply["face"][name]
     if corners.dtype == object:  # a text file's, or one with lists of other lengths beside

@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from recon.geometry.glb import GLB_BINARY, GLB_JSON, GLB_MAGIC
+from recon.geometry.srgb import light_of_bytes, srgb_bytes
 from recon.models.part import Contents, Part, check_finite, decode_picture
+from recon.rig import transformed
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
@@ -63,13 +65,6 @@ def read_gltf_model(path: Path) -> Contents:
     except BROKEN as error:
         raise ValueError(f"is not whole glTF: {type(error).__name__} {error}") from error
     return contents
-
-
-def srgb_bytes(linear: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Encode linear light (..., 3), from 0 to 1, as sRGB bytes, uint8 (..., 3); IEC 61966-2-1."""
-    light = np.clip(linear, 0, 1)
-    encoded = np.where(light <= 0.0031308, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055)
-    return np.asarray(np.rint(encoded * 255), dtype=np.uint8)
 
 
 def _chunks(content: bytes) -> tuple[bytes, bytes | None]:
@@ -160,7 +155,7 @@ class _Reader:
         if "NORMAL" in attributes:
             normals = self._accessor(attributes["NORMAL"]) @ np.linalg.pinv(world[:3, :3])
         colours, uv, picture = self._look(primitive, attributes, len(positions))
-        return Part(positions @ world[:3, :3].T + world[:3, 3], faces, normals, colours, uv, picture)
+        return Part(transformed(positions, world), faces, normals, colours, uv, picture)
 
     def _look(
         self, primitive: Mapping[str, Any], attributes: Mapping[str, int], n_vertices: int
@@ -206,9 +201,7 @@ class _Reader:
                 content, name = self._resource(image["uri"], "texture"), image["uri"][:80]
             pixels = decode_picture(content, name)
             if not np.allclose(factor, 1):
-                light = np.arange(256) / 255
-                light = np.where(light <= 0.04045, light / 12.92, ((light + 0.055) / 1.055) ** 2.4)
-                tables = [srgb_bytes(light * share) for share in factor]
+                tables = [srgb_bytes(light_of_bytes() * share) for share in factor]
                 pixels = np.stack([table[pixels[..., channel]] for channel, table in enumerate(tables)], axis=-1)
             self._pictures[key] = pixels
         return self._pictures[key]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -79,9 +79,9 @@ def read_obj_model(path: Path) -> Contents:
         contents.parts.append(Part(positions, np.zeros((0, 3), np.int64), None, colours))
         return contents
     for name in dict.fromkeys(faces.material for faces in lines.faces):
-        material = materials.get(name, _Material())
         if name and lines.libraries and name not in materials:
             raise ValueError(f"it uses the material {name!r}, which {', '.join(lines.libraries)} does not define")
+        material = materials.get(name, _Material())
         corners, counts = _corners(
             [faces for faces in lines.faces if faces.material == name], (len(vertices), len(places), len(normals))
         )
@@ -89,22 +89,25 @@ def read_obj_model(path: Path) -> Contents:
             corners[:, 1] = -1  # so that a seam does not part its vertices
         triangles, used = _merged(corners, counts)
         has_places, has_normals = bool((used[:, 1] >= 0).all()), bool((used[:, 2] >= 0).all())
-        if material.picture is not None and not has_places:
+        part = Part(positions[used[:, 0]], triangles, normals[used[:, 2]] if has_normals else None)
+        if material.picture is None:
+            contents.parts.append(replace(part, colours=_shades(material, colours, used[:, 0])))
+        elif not has_places:
             raise ValueError(f"faces of its textured material {name!r} have no texture coordinates (vt)")
-        own_colours = None if colours is None else colours[used[:, 0]]
-        if material.picture is None and own_colours is None and material.colour is not None:
-            own_colours = np.tile(colours_from(np.array([material.colour])), (len(used), 1))
-        contents.parts.append(
-            Part(
-                positions[used[:, 0]],
-                triangles,
-                normals[used[:, 2]] if has_normals else None,
-                own_colours if material.picture is None else None,
-                places[used[:, 1], :2] if material.picture is not None else None,
-                material.picture,
-            )
-        )
+        else:
+            contents.parts.append(replace(part, uv=places[used[:, 1], :2], picture=material.picture))
     return contents
+
+
+def _shades(
+    material: _Material, colours: NDArray[np.uint8] | None, used: NDArray[np.int64]
+) -> NDArray[np.uint8] | None:
+    """Return the colours of the vertices used, uint8 (N, 3): the file's own, else the material's, else None."""
+    if colours is not None:
+        return colours[used]
+    if material.colour is None:
+        return None
+    return np.tile(colours_from(np.array([material.colour])), (len(used), 1))
 
 
 def _lines(path: Path) -> _Lines:

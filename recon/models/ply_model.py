@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from plyfile import PlyData
 
-from recon.geometry.ply import FACE_LISTS, FLOAT_NORMAL, UINT8_COLOUR, point_columns, read_ply
+from recon.geometry.ply import FLOAT_NORMAL, UINT8_COLOUR, face_list, optional_columns, point_columns, read_ply
 from recon.models.part import Contents, Part, colours_from, decode_picture, fan
 
 COLOURS = (UINT8_COLOUR, ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
@@ -36,10 +34,10 @@ def read_ply_model(path: Path) -> Contents:
             "and bring the video in by `reconstudy stimuli import`"
         )
     vertices = np.asarray(point_columns(path, ply, "xyz"), dtype=np.float64)
-    normals = _columns(path, ply, (FLOAT_NORMAL,))
-    colours = _columns(path, ply, COLOURS)
+    normals = optional_columns(path, ply, FLOAT_NORMAL)
+    colours = optional_columns(path, ply, *COLOURS)
     shades = None if colours is None else colours_from(colours)
-    uv = _columns(path, ply, PLACES)
+    uv = optional_columns(path, ply, *PLACES)
     faces, corner_uv = _faces(ply)
     pictures = [
         comment.split(None, 1)[1].strip()
@@ -59,18 +57,10 @@ def read_ply_model(path: Path) -> Contents:
     return contents
 
 
-def _columns(path: Path, ply: PlyData, choices: Sequence[Sequence[str]]) -> NDArray[Any] | None:
-    """Return the properties of the points by the first of these names that are all there."""
-    for names in choices:
-        if all(name in ply["vertex"] for name in names):
-            return point_columns(path, ply, names)
-    return None
-
-
 def _faces(ply: PlyData) -> tuple[NDArray[np.int64], NDArray[np.floating] | None]:
     """Return the triangles (M, 3) and, where faces have them, the texture coordinates (M, 3, 2) of their corners."""
-    name = next((name for name in FACE_LISTS if "face" in ply and name in ply["face"]), None)
-    if name is None or not ply["face"].count:
+    name = face_list(ply)
+    if name is None:
         return np.zeros((0, 3), np.int64), None
     lists = ply["face"][name]
     if lists.dtype != object:

@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.geometry.mesh import Cloud, Mesh, Model, Splats
+from recon.geometry.mesh import Cloud, Mesh, Model, Splats, stacked_faces
 from recon.geometry.normals import UPWARDS, surface_normals, unit_normals
 from recon.models.atlas import one_texture
 from recon.models.gltf_model import read_gltf_model
 from recon.models.obj_model import read_obj_model
 from recon.models.part import Contents, Part
 from recon.models.ply_model import read_ply_model
+from recon.rig import transformed
 from recon.storage.artefacts import file_digest
 from recon.storage.files import refused
 
@@ -112,14 +113,13 @@ def _mesh(parts: list[Part], contents: Contents) -> Mesh:
         contents.warn("has no colours and is shown in neutral grey")
     parts = [_coloured(part) for part in parts]
     vertices = np.concatenate([part.vertices for part in parts])
-    starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
-    faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)])
+    faces = stacked_faces([part.faces for part in parts], [len(part.vertices) for part in parts])
     colours = np.concatenate([_shades(part) for part in parts])
     texture = one_texture(parts)
     normals = surface_normals(vertices, faces)
     if all(part.normals is not None for part in parts):
         normals = unit_normals(np.concatenate([part.normals for part in parts if part.normals is not None]), normals)
-    return Mesh(vertices.astype(np.float32), faces.astype(np.int32), normals, colours, texture)
+    return Mesh(vertices.astype(np.float32), faces, normals, colours, texture)
 
 
 def _splats(parts: list[Part], contents: Contents, radius_mm: float | None) -> Splats:
@@ -145,7 +145,7 @@ def _placed(part: Part, placement: Placement) -> Part:
     matrix = np.array(placement.world_from_model)
     if len(part.faces):
         part = _named_vertices(part)
-    vertices = part.vertices @ matrix[:3, :3].T + matrix[:3, 3]
+    vertices = transformed(part.vertices, matrix)
     normals = None
     if part.normals is not None:  # one that is no number is computed later
         is_usable = np.isfinite(part.normals).all(axis=1, keepdims=True)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.geometry.mesh import Texture
+from recon.geometry.mesh import Shape, Texture, stacked_faces
 from recon.models.part import Part
 from recon.models.read import read_contents
 
@@ -17,26 +16,8 @@ SHAPE_SUFFIXES = (".obj", *GLTF_SUFFIXES)
 GLTF_MM = 1000.0  # glTF's unit is the metre (glTF 2.0, section 3.4)
 
 
-@dataclass(frozen=True, eq=False)
-class ModelShape:
-    """Points, and triangles between them.
-
-    Parameters
-    ----------
-    points : float32 (N, 3), in the file's unit; of glTF in mm
-    faces : int32 (M, 3); M is 0 for a cloud
-    normals : float32 (N, 3), of any length; None where the file does not give all of them
-    colours : uint8 (N, 3), sRGB, of the vertices or of their texels; None where the file does not give all of them
-    """
-
-    points: NDArray[np.float32]
-    faces: NDArray[np.int32]
-    normals: NDArray[np.float32] | None
-    colours: NDArray[np.uint8] | None
-
-
-def read_model_shape(path: Path) -> ModelShape:
-    """Read all parts of an OBJ, GLB or glTF as one shape.
+def read_model_shape(path: Path) -> Shape:
+    """Read all parts of an OBJ, GLB or glTF as one shape, float32, in the file's unit; glTF in mm.
 
     Raises
     ------
@@ -46,13 +27,12 @@ def read_model_shape(path: Path) -> ModelShape:
     parts = [part for part in read_contents(path).parts if len(part.vertices)]
     if not parts:
         raise ValueError(f"{path}: holds neither faces nor points")
-    starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
     scale = GLTF_MM if path.suffix.lower() in GLTF_SUFFIXES else 1.0
     normals = [part.normals for part in parts if part.normals is not None]
     colours = [shades for part in parts if (shades := _colours(part)) is not None]
-    return ModelShape(
+    return Shape(
         (np.concatenate([part.vertices for part in parts]) * scale).astype(np.float32),
-        np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)]).astype(np.int32),
+        stacked_faces([part.faces for part in parts], [len(part.vertices) for part in parts]),
         np.concatenate(normals).astype(np.float32) if len(normals) == len(parts) else None,
         np.concatenate(colours) if len(colours) == len(parts) else None,
     )

@@ -13,6 +13,7 @@ from recon.storage.files import write_json
 from recon.storage.remote import fetched, stored
 
 SCHEMA_VERSION = 1
+MANIFEST = "manifest.json"
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def write_manifest(
         twice = sorted({key for key in keys if keys.count(key) > 1})
         raise ValueError(f"{folder}: more than one video for {twice}; give every capture a name of its own")
     compared = [stimulus for stimulus in stimuli if stimulus.dataset != practice]
-    path = folder / "manifest.json"
+    path = folder / MANIFEST
     write_json(
         path,
         {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from recon.render.scene import scene_around
 from recon.render.sheet import contact_sheet
 from recon.rig import Camera
 from recon.storage.artefacts import Artefacts, code_version
-from recon.storage.files import whole_file
+from recon.storage.files import write_bytes
 
 SIZE = (480, 480)  # of each picture, pixels
 PATH_FRAMES = 5  # the camera stands where the path is a quarter over, so that depth is seen from a new side
@@ -35,10 +35,7 @@ def make_preview(run: Run, frame: int) -> Path:
     """Write ``previews/<frame>.png`` of a run, unless it is there already, and return its path."""
 
     def write(path: Path) -> None:
-        done, encoded = cv2.imencode(".png", _sheet(run, frame)[..., ::-1])
-        assert done  # an image in memory can always be encoded
-        with whole_file(path) as temporary:
-            temporary.write_bytes(encoded.tobytes())
+        write_bytes(path, _encoded(".png", _sheet(run, frame)))
 
     name = f"previews/{frame:04d}.png"
     run.artefacts.make(name, _key(run, frame), write)
@@ -69,15 +66,18 @@ def write_stage_pictures(run: Run, frame: int, folder: Path) -> None:
 
     def write(paths: list[Path]) -> None:
         for path in paths:
-            with whole_file(path) as temporary:
-                temporary.write_bytes(webp(pictures[path.stem]()))
+            write_bytes(path, webp(pictures[path.stem]()))
 
     Artefacts(folder).make_together([f"{name}.webp" for name in pictures], _key(run, frame), write)
 
 
 def webp(picture: NDArray[np.uint8], quality: int = 85) -> bytes:
     """Encode a picture, uint8 (H, W, 3), sRGB, as WebP."""
-    done, encoded = cv2.imencode(".webp", picture[..., ::-1], (cv2.IMWRITE_WEBP_QUALITY, quality))
+    return _encoded(".webp", picture, (cv2.IMWRITE_WEBP_QUALITY, quality))
+
+
+def _encoded(suffix: str, picture: NDArray[np.uint8], options: Sequence[int] = ()) -> bytes:
+    done, encoded = cv2.imencode(suffix, picture[..., ::-1], options)
     assert done  # an image in memory can always be encoded
     return bytes(encoded.tobytes())
 

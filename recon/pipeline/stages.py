@@ -6,7 +6,7 @@ Every function makes only what is not finished, and returns the names of the fil
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -15,172 +15,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.approaches import DEPTH_METHODS, FUSION_METHODS, VERTICES, Approach, approaches
+from recon.approaches import Approach
 from recon.capture.depth_maps import depth_view, given_disparity, read_depth_map
-from recon.capture.format import (
-    Capture,
-    CaptureError,
-    mask_pictures,
-    read_frame,
-    read_masks,
-)
+from recon.capture.format import Capture, mask_pictures, read_frame, read_masks
 from recon.capture.recording import GIVEN
-from recon.capture.rectify import (
-    Rectification,
-    rectify,
-    rectify_left,
-    rectify_left_mask,
-)
-from recon.cloud import CloudParameters, NothingSeenError, cloud_from_disparity, crop_cloud
+from recon.capture.rectify import Rectification, rectify, rectify_left, rectify_left_mask
+from recon.cloud import NothingSeenError, cloud_from_disparity, crop_cloud
 from recon.depth import StereoPair, rectified_pair
 from recon.depth.disparity_io import read_disparity, write_disparity
 from recon.depth.temporal import TemporalParameters, match_sequence
 from recon.fusion import DepthView, view_of_cloud
 from recon.geometry.mesh import Cloud, Mesh
 from recon.geometry.mesh_files import no_cloud_digest, write_cloud, write_mesh, write_no_cloud
+from recon.pipeline.job import Job
 from recon.pipeline.keys import camera_key, digest_once, picture_key
-from recon.pipeline.methods import Methods, depth_key, fuse, fusion_key, match, needs_views
+from recon.pipeline.methods import depth_key, fuse, fusion_key, match, needs_views
 from recon.pipeline.run import COLOURS_NAME, View, fusion_folder, mesh_name, read_clouds
 from recon.plugins import PluginError
 from recon.programs import LOG, ProgramError
 from recon.storage.artefacts import Artefacts, code_version, key_of
 from recon.storage.files import read_json, write_json
 from recon.storage.remote import fetched, stored
-from recon.surface import NoSurfaceError, SurfaceParameters
+from recon.surface import NoSurfaceError
 from recon.surface.colours import SensorColours, balance_colours, estimate_colours
 from recon.surface.outlines import read_sights, with_outlines
-
-
-@dataclass(frozen=True)
-class ReconstructOptions:
-    """What to make of a capture.
-
-    Parameters
-    ----------
-    depths, fusions : names of methods; every combination, with each of `colours`, is an approach. Without depths,
-        `default_depths`
-    further : approaches beside these combinations
-    colours : where models take their colours from, of `recon.approaches.COLOURS`
-    methods : what these names stand for
-    frames : which frames; None for all
-    temporal : of the filter over a sensor's frames; None for none
-    cloud, surface : parameters of these stages; without a voxel size, one that suits the depth resolution
-    balance_colours : whether to make the sensors' colours agree, as estimated from what several of them saw
-    outlines : whether the surfaces' outlines follow the masks, where the capture has masks
-    workers : local processes, each on one thread; 1 works in this process with all threads
-    cluster : address of a Dask scheduler whose workers do the work instead; None for none
-    """
-
-    depths: tuple[str, ...] = ()
-    fusions: tuple[str, ...] = FUSION_METHODS
-    further: tuple[Approach, ...] = ()
-    colours: tuple[str, ...] = (VERTICES,)
-    methods: Methods = field(default_factory=Methods)
-    frames: range | None = None
-    temporal: TemporalParameters | None = field(default_factory=TemporalParameters)
-    cloud: CloudParameters = field(default_factory=CloudParameters)
-    surface: SurfaceParameters = field(default_factory=SurfaceParameters)
-    balance_colours: bool = False
-    outlines: bool = True
-    workers: int = 1
-    cluster: str | None = None
-
-    @property
-    def models(self) -> tuple[Approach, ...]:
-        """All approaches."""
-        return tuple(dict.fromkeys((*approaches(self.depths, self.fusions, self.colours), *self.further)))
-
-    @property
-    def surfaces(self) -> tuple[Approach, ...]:
-        """Those whose meshes have coloured vertices; textures are put on copies of these."""
-        further = (Approach(approach.depth, approach.fusion) for approach in self.further)
-        return tuple(dict.fromkeys((*approaches(self.depths, self.fusions), *further)))
-
-    @property
-    def depth_methods(self) -> tuple[str, ...]:
-        """The depth methods of all approaches."""
-        return tuple(dict.fromkeys((*self.depths, *(approach.depth for approach in self.further))))
-
-    @property
-    def fusion_methods(self) -> tuple[str, ...]:
-        """The fusions of all approaches."""
-        return tuple(dict.fromkeys((*self.fusions, *(approach.fusion for approach in self.further))))
-
-
-@dataclass(frozen=True, eq=False)
-class Job:
-    """A reconstruction to be made.
-
-    Parameters
-    ----------
-    capture : the recording
-    frames : which of its frames
-    options : how to make it, with a voxel size
-    artefacts : the run's files
-    """
-
-    capture: Capture
-    frames: Sequence[int]
-    options: ReconstructOptions
-    artefacts: Artefacts
-
-    @property
-    def sequences(self) -> list[list[View]]:
-        """The views of each sensor by each depth method, frame by frame."""
-        return [
-            [View(method, stream.id, frame) for frame in self.frames]
-            for method in self.options.depth_methods
-            for stream in self.capture.sensors_for(method)
-        ]
-
-    @property
-    def voxel_mm(self) -> float:
-        """Distance of the surfaces' samples."""
-        assert self.options.surface.voxel_mm is not None
-        return self.options.surface.voxel_mm
-
-    @property
-    def models(self) -> list[tuple[Approach, int]]:
-        """The approach and the frame of every model."""
-        return [(approach, frame) for approach in self.options.models for frame in self.frames]
-
-    @property
-    def surfaces(self) -> list[tuple[Approach, int]]:
-        """The approach and the frame of every mesh with coloured vertices."""
-        return [(approach, frame) for approach in self.options.surfaces for frame in self.frames]
-
-    def temporal(self, method: str) -> TemporalParameters | None:
-        """Return how the disparity maps of a depth method are filtered in time; None for not at all."""
-        return self.options.methods.temporal_of(method, self.options.temporal)
-
-    def clouds(self, method: str, frame: int) -> list[str]:
-        """Name the clouds of all sensors that the depth method uses."""
-        return [View(method, stream.id, frame).cloud for stream in self.capture.sensors_for(method)]
-
-
-def default_depths(capture: Capture) -> tuple[str, ...]:
-    """Return the paper's depth methods, or the given depth of a capture that holds only depth maps."""
-    return DEPTH_METHODS if any(stream.right is not None for stream in capture.sensors) else (GIVEN,)
-
-
-def check_sensors(capture: Capture, depths: Sequence[str]) -> None:
-    """Raise a CaptureError if a depth method cannot be used for a sensor: matchers need pairs, given depth depth maps.
-
-    Parameters
-    ----------
-    capture : the recording
-    depths : names of methods
-    """
-    single = [stream.id for stream in capture.sensors if stream.right is None]
-    for method in depths:
-        if method == GIVEN and not capture.sensors_for(GIVEN):
-            ids = ", ".join(stream.id for stream in capture.sensors)
-            raise CaptureError(f"{capture.folder}: depth method {GIVEN} needs depth maps, and sensors {ids} have none")
-        if method != GIVEN and single:
-            raise CaptureError(
-                f"{capture.folder}: depth method {method} needs stereo pairs, and sensor {single[0]} has one camera "
-                f"with depth maps; use --depth {GIVEN}"
-            )
 
 
 def take_frame(job: Job, view: View) -> list[str]:

@@ -12,9 +12,9 @@ from recon.approaches import VERTICES, Approach
 from recon.capture.format import read_frame, read_masks
 from recon.capture.rectify import undistort
 from recon.geometry.mesh_files import read_mesh, write_mesh
+from recon.pipeline.job import Job
 from recon.pipeline.keys import files_key
 from recon.pipeline.run import EXPOSURES_NAME, View, mesh_name
-from recon.pipeline.stages import Job
 from recon.storage.artefacts import code_version
 from recon.storage.files import read_json, write_json
 from recon.surface.photographs import Photograph, compare_exposures, exposed
@@ -79,9 +79,7 @@ def _photographs(job: Job, frame: int) -> list[Photograph]:
 
 def _tolerance(job: Job) -> float:
     """Return how far surfaces may lie behind each other and count as one, mm: about a pixel of disparity."""
-    voxel = job.options.surface.voxel_mm
-    assert voxel is not None
-    return TOLERANCE_VOXELS * voxel
+    return TOLERANCE_VOXELS * job.voxel_mm
 
 
 def _all_pictures_key(job: Job, frame: int) -> list[dict[str, Any]]:

@@ -16,8 +16,6 @@ from typing import Any
 
 FULL = 2**16  # bytes; with less left on the disk, that is why writing failed
 STALE_S = 3600.0  # after so long without a write, a temporary file of another host has no writer any more
-
-
 FILES_BELOW = "RECONSTUDY_FILES_BELOW"  # folders with : between, as a job of the server has it; unset: any folder
 
 
@@ -26,9 +24,9 @@ class DiskFullError(OSError):
 
 
 def allowed(path: Path) -> Path:
-    """Return the path of what a file names; a job of the server follows names to the server's own folders alone.
+    """Return a path that a file names, if it may be read; a ValueError says that it may not.
 
-    Else who uploads a file could have others of the server read. A ValueError says that the path leads elsewhere.
+    A job of the server reads the server's own folders alone, so that no upload has other files read.
     """
     below = os.environ.get(FILES_BELOW)
     if below is not None and not any(path.resolve().is_relative_to(folder) for folder in below.split(os.pathsep)):
@@ -78,14 +76,20 @@ def remove_leftovers(folder: Path) -> None:
     """Remove the temporary files below `folder` whose process was killed before it could rename them."""
     for path in folder.rglob(".*.part*"):
         name = re.fullmatch(r"\..+\.(\w+)-(\d+)\.part(\..+)?", path.name)
-        if name and _is_left(path, host=name[1], process=int(name[2])):
+        if name and _is_abandoned(path, host=name[1], process=int(name[2])):
             path.unlink(missing_ok=True)
+
+
+def write_bytes(path: Path, content: bytes) -> Path:
+    """Write a file, whole or not at all, and return its path."""
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content)
+    return path
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write a JSON object, indented, whole or not at all."""
-    with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    write_bytes(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode())
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -104,7 +108,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def refused(path: Path, error: OSError) -> ValueError:
-    """Make the sentence for a file that the system does not give."""
+    """Return the ValueError for a file that the system refuses to read."""
     return ValueError(f"{path}: cannot be read: {(error.strerror or str(error)).lower()}")
 
 
@@ -122,8 +126,8 @@ def _host() -> str:
     return re.sub(r"\W", "_", socket.gethostname())
 
 
-def _is_left(path: Path, *, host: str, process: int) -> bool:
-    """Whether the process that wrote a temporary file is gone."""
+def _is_abandoned(path: Path, *, host: str, process: int) -> bool:
+    """Tell whether the process that wrote a temporary file is gone."""
     if host == _host():
         return not _is_running(process)
     try:

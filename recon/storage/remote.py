@@ -16,7 +16,7 @@ from functools import cache
 from pathlib import Path, PurePath
 from typing import Any
 
-from recon.storage.files import whole_file
+from recon.storage.files import whole_file, write_bytes
 
 COPIES = "reconstudy-copies-"
 LOCAL = ("file", "local")
@@ -163,8 +163,7 @@ def _is_copy_of(path: Path, version: str) -> bool:
 
 
 def _note_copy(path: Path, version: str) -> None:
-    with whole_file(_note_of(path)) as temporary:
-        temporary.write_text(_state(path, version), encoding="utf-8")
+    write_bytes(_note_of(path), _state(path, version).encode())
 
 
 def _note_of(path: Path) -> Path:

@@ -6,7 +6,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from recon.validation.clouds import CloudFile, named_clouds
+    from recon.geometry.mesh import Shape
+    from recon.validation.clouds import CloudFile, named_clouds, read_shape
     from recon.validation.cuboid.evaluation import CuboidSettings, measure_cuboids
     from recon.validation.known_object.evaluation import ObjectSettings, measure_object
     from recon.validation.measures import Subject
@@ -14,16 +15,14 @@ if TYPE_CHECKING:
     from recon.validation.sphere.model import SphereSettings
     from recon.validation.truth.evaluation import (
         MeshSettings,
-        Shape,
         compare_points,
         measure_mesh,
-        read_shape,
         signed_distances_to,
     )
     from recon.validation.views.evaluation import ViewSettings, measure_views
 
 _MODULES = {
-    "clouds": ("CloudFile", "named_clouds"),
+    "clouds": ("CloudFile", "Shape", "named_clouds", "read_shape"),
     "cuboid.evaluation": ("CuboidSettings", "measure_cuboids"),
     "known_object.evaluation": ("ObjectSettings", "measure_object"),
     "measures": ("Subject",),
@@ -31,10 +30,8 @@ _MODULES = {
     "sphere.model": ("SphereSettings",),
     "truth.evaluation": (
         "MeshSettings",
-        "Shape",
         "compare_points",
         "measure_mesh",
-        "read_shape",
         "signed_distances_to",
     ),
     "views.evaluation": ("ViewSettings", "measure_views"),

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.geometry.mesh_files import read_points
+from recon.geometry.mesh import Shape
+from recon.geometry.mesh_files import read_ply_shape, read_points
 from recon.models.shape import GLTF_SUFFIXES, SHAPE_SUFFIXES, read_model_shape
 
 MIN_POINTS = 50
@@ -29,7 +30,7 @@ class CloudFile:
 
     Parameters
     ----------
-    path : PLY, or text
+    path : of the file
     sample : which of the placed objects it shows, counted from 1
     sensor : name of the sensor that saw it
     """
@@ -77,6 +78,17 @@ def read_measured(path: Path, unit: str = "mm") -> NDArray[np.float32]:
     return np.asarray(points * scale, dtype=np.float32)
 
 
+def read_shape(path: Path) -> Shape:
+    """Read points, float32, with triangles, normals and colours where the file has them; glTF in mm.
+
+    A ValueError says that the file is missing or unreadable, holds no points, or has faces that are no triangles.
+    """
+    suffix = path.suffix.lower()
+    if suffix in TEXT_SUFFIXES:
+        return Shape(_read_text(path).astype(np.float32), np.zeros((0, 3), np.int32))
+    return read_model_shape(path) if suffix in SHAPE_SUFFIXES else read_ply_shape(path)
+
+
 def unit_mm(path: Path, unit: str) -> float:
     """Return what brings a file's points to mm, once read: 1 for glTF, whatever the unit; a ValueError if unknown."""
     if unit not in UNITS_MM:
@@ -115,6 +127,28 @@ def checked_points(points: NDArray[np.floating], length: float, name: str) -> ND
             "single precision; move the cloud to its origin, or look for a wrong unit"
         )
     return np.ascontiguousarray(points, dtype=np.float32)
+
+
+def with_fitting_unit(
+    error: FitError, points: NDArray[np.float32], fit: Callable[[NDArray[np.float32]], object]
+) -> FitError:
+    """Return the error of a fit, with the unit in which it would find its shape, if there is such a unit.
+
+    Parameters
+    ----------
+    error : of the fit to the points as they are
+    points : float32 (N, 3), taken to be in mm
+    fit : fits to points in mm, or raises a FitError
+    """
+    for unit, length in UNITS_MM.items():
+        if length == 1.0:
+            continue
+        try:
+            fit(points * np.float32(length))
+        except FitError:
+            continue
+        return FitError(f"{error}; it would fit if the cloud were in {unit}: say so with --unit {unit}")
+    return error
 
 
 def _read_text(path: Path) -> NDArray[np.float64]:

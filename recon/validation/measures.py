@@ -102,9 +102,16 @@ def measure_rows(
     return [{"dataset": subject.dataset, "approach": approach, **row} for approach in subject.approaches]
 
 
-def joined(parts: Sequence[list[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """Return the rows of several lists as one list."""
-    return [row for part in parts for row in part]
+def check_thresholds(thresholds: Sequence[float]) -> None:
+    """Raise a ValueError if there are no thresholds, or one is no positive length."""
+    if not thresholds or not min(thresholds) > 0:
+        raise ValueError(f"thresholds are {list(thresholds)}, expected positive lengths in mm")
+
+
+def inlier_rms(errors: NDArray[np.floating]) -> float | None:
+    """Return the root mean square, mm, of the errors (N,) within TABLE_THRESHOLD; None where there are none."""
+    inliers = errors[np.abs(errors) <= TABLE_THRESHOLD].astype(np.float64)
+    return float(np.sqrt(np.mean(inliers**2))) if len(inliers) else None
 
 
 def inlier_ratios(errors: NDArray[np.floating], thresholds: Sequence[float]) -> NDArray[np.float64]:

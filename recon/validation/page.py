@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import re
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from recon.storage.files import whole_file, write_json
-from recon.validation.measures import Measured
+from recon.storage.files import write_bytes, write_json
+from recon.validation.measures import Measured, measured_rows
 
+MOST_DECIMALS = 6  # in tables; with more, numbers have an exponent
 FONT = "Liberation Sans, Arial, sans-serif"
 # Okabe and Ito (2008), "Color universal design"; black first, yellow left out (too pale on white).
 PALETTE = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -44,14 +47,14 @@ class Column:
 
     Parameters
     ----------
-    key : of the rows
-    heading : the key in words
+    heading : its title
     is_words : whether the cells are words, which stand on the left, or numbers, which stand on the right
+    cells : a text for each row
     """
 
-    key: str
     heading: str
     is_words: bool
+    cells: Sequence[str]
 
 
 def write_page(path: Path, title: str, sections: Sequence[Section]) -> Path:
@@ -70,8 +73,10 @@ def write_page(path: Path, title: str, sections: Sequence[Section]) -> Path:
         trim_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters.update(columns=_columns, cell=_cell, base64=_base64)
-    page = environment.get_template("report.html").render(title=title, sections=sections, font=FONT)
+    environment.filters.update(columns=_columns, base64=_base64)
+    page = environment.get_template("report.html").render(
+        title=title, sections=sections, font=FONT, program=f"reconstudy {version('reconstudy')}"
+    )
     return write_bytes(path, page.encode("utf-8"))
 
 
@@ -92,16 +97,29 @@ def write_table(path: Path, rows: Sequence[Mapping[str, Any]], columns: Sequence
     return write_bytes(path, text.getvalue().encode("utf-8"))
 
 
-def write_measures(folder: Path, values: Sequence[Measured]) -> Path:
-    """Write `measures.csv` into a report's folder, with all columns even if there is no value."""
-    columns = [field.name for field in fields(Measured)]
-    return write_table(folder / "measures.csv", [asdict(value) for value in values], columns)
+def write_numbers(
+    folder: Path,
+    report: Mapping[str, Any],
+    tables: Mapping[str, Sequence[Mapping[str, Any]]],
+    values: Sequence[Measured] | None = None,
+) -> None:
+    """Write report.json, the tables as NAME.csv, and measures.csv, with all its columns even if there is no value.
 
-
-def write_report_json(folder: Path, report: Mapping[str, Any]) -> Path:
-    """Write report.json into the report's folder."""
+    Parameters
+    ----------
+    folder : of the report
+    report : content of report.json
+    tables : rows of each table by its name
+    values : of measures.csv; None for the report's measures
+    """
+    if values is None:
+        values = measured_rows(report["measures"], f"validate {report['kind']}")
     write_json(folder / "report.json", report)
-    return folder / "report.json"
+    for name, rows in tables.items():
+        write_table(folder / f"{name}.csv", rows)
+    write_table(
+        folder / "measures.csv", [asdict(value) for value in values], [field.name for field in fields(Measured)]
+    )
 
 
 def write_figure(stem: Path, chart: Any) -> str:
@@ -110,9 +128,9 @@ def write_figure(stem: Path, chart: Any) -> str:
 
     spec = chart.configure(font=FONT).configure_view(stroke=None).to_dict()
     svg = str(vl_convert.vegalite_to_svg(spec))
-    write_bytes(stem.with_suffix(".svg"), svg.encode("utf-8"))
-    write_bytes(stem.with_suffix(".png"), bytes(vl_convert.vegalite_to_png(spec, scale=2.0)))
-    write_bytes(stem.with_suffix(".pdf"), bytes(vl_convert.vegalite_to_pdf(spec)))
+    write_bytes(stem.with_name(f"{stem.name}.svg"), svg.encode("utf-8"))
+    write_bytes(stem.with_name(f"{stem.name}.png"), bytes(vl_convert.vegalite_to_png(spec, scale=2.0)))
+    write_bytes(stem.with_name(f"{stem.name}.pdf"), bytes(vl_convert.vegalite_to_pdf(spec)))
     return svg
 
 
@@ -140,8 +158,8 @@ def curve_columns(table: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             "samples": row["n_samples"],
             "inliers %": percent(row["inliers"]),
             "outliers %": percent(row["outliers"]),
-            "from %": percent(row["ci_low"]),
-            "to %": percent(row["ci_high"]),
+            "95 % from": percent(row["ci_low"]),
+            "95 % to": percent(row["ci_high"]),
         }
         for row in table
     ]
@@ -152,23 +170,35 @@ def percent(share: float | None) -> str:
     return "–" if share is None else f"{100 * share:.2f}"
 
 
-def write_bytes(path: Path, content: bytes) -> Path:
-    """Write a file, whole or not at all."""
-    with whole_file(path) as temporary:
-        temporary.write_bytes(content)
-    return path
-
-
 def plain_name(name: str) -> str:
     """Return a name as a part of a file's name: what is no letter, digit, dot or hyphen becomes an underscore."""
     return re.sub(r"[^A-Za-z0-9.-]", "_", name)
 
 
 def _columns(rows: Sequence[Mapping[str, Any]]) -> list[Column]:
-    return [
-        Column(key, key.removeprefix("n_").replace("_", " "), any(_is_words(row.get(key)) for row in rows))
-        for key in _keys(rows)
-    ]
+    return [_column(key, [row.get(key) for row in rows]) for key in _keys(rows)]
+
+
+def _column(key: str, values: Sequence[Any]) -> Column:
+    decimals = _decimals([value for value in values if isinstance(value, float)])
+    cells = [_cell(value, decimals) for value in values]
+    return Column(key.removeprefix("n_").replace("_", " "), any(map(_is_words, values)), cells)
+
+
+def _decimals(values: Sequence[float]) -> int | None:
+    """Return the decimals of a column's numbers: four digits for the largest, two for the smallest, no needless zeros.
+
+    None where that would take more than six, so that each number is better written by itself.
+    """
+    sizes = [abs(value) for value in values if math.isfinite(value) and value]
+    if not sizes:
+        return None
+    decimals = max(3 - math.floor(math.log10(max(sizes))), 1 - math.floor(math.log10(min(sizes))), 0)
+    if decimals > MOST_DECIMALS:
+        return None
+    while decimals and all(round(size, decimals - 1) == round(size, decimals) for size in sizes):
+        decimals -= 1
+    return decimals
 
 
 def _base64(picture: bytes) -> str:
@@ -180,16 +210,16 @@ def _keys(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _is_words(value: Any) -> bool:
-    return isinstance(value, list) or (isinstance(value, str) and any(letter.isalpha() for letter in value))
+    return isinstance(value, list | bool) or (isinstance(value, str) and any(letter.isalpha() for letter in value))
 
 
-def _cell(value: Any) -> str:
+def _cell(value: Any, decimals: int | None) -> str:
     if value is None:
         return "–"
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return f"{value:.4g}"
+        return f"{value:.4g}" if decimals is None else f"{value:.{decimals}f}"
     if isinstance(value, int):
         return f"{value:_}".replace("_", "\u202f")
     return "; ".join(map(str, value)) if isinstance(value, list) else str(value)

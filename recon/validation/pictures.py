@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import error_colours
+from recon.storage.files import write_bytes
 from recon.validation.sampling import axes_facing, subsample
 
 SIDE_PX = 360  # of each of the four squares
@@ -16,6 +18,8 @@ MAP_CELLS, TITLE_PX = 60, 22  # at most, along the longer edge of a face; above 
 POINTS_A_CELL = 4  # of a face, on average, or its map is full of holes
 BACKGROUND = 205  # grey, on which white is seen
 SCALE_PX, SCALE_WIDTH_PX = 32, 240  # of the strip of colours under a picture
+TILE_PX = 300
+AROUND = 0.05  # of a mask's longer side: what is shown around it
 AXIS_VIEWS = tuple(
     np.array(axes, dtype=np.float64)
     for axes in (
@@ -89,8 +93,7 @@ def error_picture(
     offsets = np.asarray(points, dtype=np.float64) - middle
     reach = 1.05 * max(float(np.abs(offsets @ axes[:2].T).max()) for axes in views) or 1.0  # of a single point
     squares = [_splats(offsets @ axes.T, colours, reach, BACKGROUND) for axes in views]
-    picture = np.concatenate(squares, axis=1)
-    return np.concatenate([picture, _colour_scale(limit, picture.shape[1], unit)])
+    return with_colour_scale(np.concatenate(squares, axis=1), limit, unit)
 
 
 def face_map(places: NDArray[np.float64], errors: NDArray[np.float64], limit: float, title: str) -> NDArray[np.uint8]:
@@ -132,8 +135,9 @@ def in_a_row(pictures: Sequence[NDArray[np.uint8]], gap: int = 12) -> NDArray[np
     return np.concatenate(parts, axis=1)[:, :-gap]
 
 
-def _colour_scale(limit: float, width: int, unit: str) -> NDArray[np.uint8]:
-    """Draw the colours from -limit to limit with the numbers beside them, uint8 (SCALE_PX, width, 3)."""
+def with_colour_scale(picture: NDArray[np.uint8], limit: float, unit: str = "mm") -> NDArray[np.uint8]:
+    """Set below a picture, uint8 (H, W, 3), the colours from -limit to limit with the numbers beside them."""
+    width = picture.shape[1]
     strip = np.full((SCALE_PX, width, 3), 255, np.uint8)
     left, right = width // 2 - SCALE_WIDTH_PX // 2, width // 2 + SCALE_WIDTH_PX // 2
     strip[8 : SCALE_PX - 8, left:right] = error_colours(np.linspace(-limit, limit, right - left), limit)
@@ -141,12 +145,39 @@ def _colour_scale(limit: float, width: int, unit: str) -> NDArray[np.uint8]:
     offset = cv2.getTextSize(low, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)[0][0]
     for text, column in ((low, left - offset - 8), (high, right + 8)):
         cv2.putText(strip, text, (column, SCALE_PX - 11), cv2.FONT_HERSHEY_SIMPLEX, 0.45, CIRCLE, 1, cv2.LINE_AA)
-    return strip
+    return np.concatenate([picture, strip])
+
+
+def tile(pixels: NDArray[np.uint8], title: str) -> NDArray[np.uint8]:
+    """Draw a picture, uint8 (H, W, 3), under its title, its longer side TILE_PX."""
+    scale = TILE_PX / max(pixels.shape[:2])
+    size = (max(1, round(pixels.shape[1] * scale)), max(1, round(pixels.shape[0] * scale)))
+    scaled = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_NEAREST)
+    drawn = np.full((scaled.shape[0] + TITLE_PX + 6, max(scaled.shape[1], TILE_PX // 2) + 8, 3), 255, np.uint8)
+    drawn[TITLE_PX : TITLE_PX + scaled.shape[0], : scaled.shape[1]] = scaled
+    cv2.putText(drawn, title, (0, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.4, CIRCLE, 1, cv2.LINE_AA)
+    return drawn
+
+
+def window_around(mask: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """Return the rows and columns of a picture around its mask, bool (H, W); all of them if the mask is empty."""
+    if not mask.any():
+        return slice(None), slice(None)
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    margin = round(AROUND * max(np.ptp(rows), np.ptp(columns))) + 1
+    return slice(max(rows[0] - margin, 0), rows[-1] + margin), slice(max(columns[0] - margin, 0), columns[-1] + margin)
 
 
 def png(picture: NDArray[np.uint8]) -> bytes:
     """Encode an RGB picture uint8 (H, W, 3) as PNG."""
     return bytes(cv2.imencode(".png", picture[..., ::-1])[1].tobytes())
+
+
+def write_picture(path: Path, picture: NDArray[np.uint8]) -> bytes:
+    """Write an RGB picture uint8 (H, W, 3) as a PNG file, and return its bytes for the page."""
+    content = png(picture)
+    write_bytes(path, content)
+    return content
 
 
 def _square(places: NDArray[np.floating], colours: NDArray[np.integer], radius: float) -> NDArray[np.uint8]:

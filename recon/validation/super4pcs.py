@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.rig import rigid
 from recon.validation.congruent import congruent_bases, overlaps, pairs_at_distance
 
 MOST_PAIRS = 20_000
@@ -87,7 +88,7 @@ def super4pcs(
             f"no base of the cloud is congruent to one of the model in {parameters.n_trials} trials; delta "
             f"{parameters.delta:g} mm may be too small, or the model is not in the cloud"
         )
-    return np.stack([np.linalg.inv(np.vstack([motion, (0, 0, 0, 1)])) for _, motion in best[:N_CANDIDATES]])
+    return np.stack([np.linalg.inv(rigid(motion[:, :3], motion[:, 3])) for _, motion in best[:N_CANDIDATES]])
 
 
 def _motions(

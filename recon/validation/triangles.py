@@ -14,14 +14,15 @@ Ericson, "Real-Time Collision Detection" (2005), section 5.1.5, for the nearest 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from recon.geometry.normals import area_vectors
+from recon.validation.sampling import order_by_cells
+
 LEAF_FACES = 4
-PLACES = 64  # along the longest side of the cloud that is asked about
 MOST_PENDING = 64  # boxes that wait while a tree of depth 32 is searched
 
 
@@ -62,12 +63,10 @@ class TriangleTree:
     def __init__(self, vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> None:
         places, same = np.unique(np.asarray(vertices, dtype=np.float64), axis=0, return_inverse=True)
         faces = same.reshape(-1)[np.asarray(faces, dtype=np.int64)]
-        corners = places[faces]
-        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        has_area = np.linalg.norm(across, axis=1) > 0
+        has_area = np.linalg.norm(area_vectors(places, faces), axis=1) > 0
         if not has_area.any():
             raise ValueError(f"none of the mesh's {len(faces)} triangles has an area")
-        self._corners = np.ascontiguousarray(corners[has_area])
+        self._corners = places[faces[has_area]]
         self._normals, self._features = _pseudonormals(places, faces[has_area])
         self._original = np.flatnonzero(has_area)
         self._order, self._boxes, self._ranges = _tree(self._corners)
@@ -75,9 +74,10 @@ class TriangleTree:
     def nearest(self, points: NDArray[np.floating]) -> Nearest:
         """Find the nearest point of the mesh for each of points (N, 3), mm."""
         wanted = np.asarray(points, dtype=np.float64)
-        together = _order_by_place(wanted)
-        results = _nearest(wanted[together], self._corners, self._order, self._boxes, self._ranges)
-        feet, faces, features = (_put_back(values, together) for values in results)
+        order = order_by_cells(wanted)  # neighbours follow each other: the boxes of the last search are in the cache
+        back = np.argsort(order, kind="stable")
+        results = _nearest(wanted[order], self._corners, self._order, self._boxes, self._ranges)
+        feet, faces, features = (values[back] for values in results)
         normals = self._unit_normals(faces, features)
         apart = wanted - feet
         distances = np.linalg.norm(apart, axis=1)
@@ -85,24 +85,10 @@ class TriangleTree:
         return Nearest(feet, normals, distances, signed, self._original[faces])
 
     def _unit_normals(self, faces: NDArray[np.int64], features: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Pseudonormals (N, 3) of features (N,); the face's own where two faces lie back to back."""
+        """Return the pseudonormals (N, 3) of features (N,); the face's own where two faces lie back to back."""
         normals = self._normals[self._features[faces, features]]
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         return np.where(length > 1e-12, normals / np.maximum(length, 1e-12), self._normals[faces])
-
-
-def _order_by_place(points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Order points so that neighbours follow each other: the boxes of the last search are still in the cache."""
-    low = points.min(axis=0)
-    cells = (points - low) / max(float((points.max(axis=0) - low).max()), 1e-9) * PLACES
-    x, y, z = cells.astype(np.int64).T
-    return np.argsort((x * (PLACES + 1) + y) * (PLACES + 1) + z, kind="stable")
-
-
-def _put_back(values: NDArray[Any], order: NDArray[np.int64]) -> NDArray[Any]:
-    placed = np.empty_like(values)
-    placed[order] = values
-    return placed
 
 
 def _pseudonormals(
@@ -113,7 +99,7 @@ def _pseudonormals(
     A face's are numbered in the order of the features: itself, corners a, b, c, edges ab, bc, ca.
     """
     corners = places[faces]
-    inside = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inside = area_vectors(places, faces)
     inside /= np.linalg.norm(inside, axis=1, keepdims=True)
     angles, edges = np.empty(faces.shape), np.empty(faces.shape, np.int64)
     for corner in range(3):

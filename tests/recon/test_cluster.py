@@ -17,9 +17,10 @@ from s3fs import S3FileSystem
 
 from recon.cli.console import ProgressLine
 from recon.pipeline.film import RenderOptions
-from recon.pipeline.reconstruct import reconstruct, render
+from recon.pipeline.job import ReconstructOptions
+from recon.pipeline.reconstruct import reconstruct
+from recon.pipeline.render import render
 from recon.pipeline.run import LOG_FILE
-from recon.pipeline.stages import ReconstructOptions
 from recon.storage.artefacts import file_digest
 from recon.storage.remote import place
 from recon.studio import SynthParameters, synthesise

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.validation.cloud_quality.neighbours import NearestGroups, lowest_first, nearest_groups, tree_of
+from recon.validation.cloud_quality.neighbours import NearestGroups, lowest_first, nearest_groups
 from recon.validation.cloud_quality.points import Places, PointSet, merged
+from recon.validation.sampling import search_tree
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -52,7 +53,7 @@ class Prepared:
     @cached_property
     def tree(self) -> cKDTree:
         """A search tree of its places."""
-        return tree_of(self.places.points)
+        return search_tree(self.places.points)
 
 
 @dataclass(frozen=True, eq=False)

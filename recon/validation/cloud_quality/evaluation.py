@@ -15,10 +15,11 @@ from recon.validation.cloud_quality.compared import SYMMETRIC, Pair, Prepared
 from recon.validation.cloud_quality.geometry import THRESHOLD_SHARE, intrinsic_peak
 from recon.validation.cloud_quality.measures import MEASURES, WITH_SCORES, Measure, Scale, chosen
 from recon.validation.cloud_quality.points import longest_side
-from recon.validation.cloud_quality.reading import USUAL_POINTS, Sampling, read_shape, sampled
+from recon.validation.cloud_quality.reading import USUAL_POINTS, Sampling, area_of, read_point_set, sampled
 from recon.validation.cloud_quality.remarks import remarks_on
 from recon.validation.cloud_quality.sequences import Compared
-from recon.validation.measures import LESS, MORE, Measured, Subject, joined, measure_rows
+from recon.validation.clouds import read_shape
+from recon.validation.measures import LESS, MORE, Measured, Subject, measure_rows
 from recon.workers import Progress, no_progress
 
 SOURCE, REFERENCE = "validate cloud", "reference"
@@ -156,16 +157,17 @@ def measure_clouds(compared: Compared, settings: CloudSettings, progress: Progre
 
 def _completed(settings: CloudSettings, compared: Compared) -> CloudSettings:
     """Take the density and the threshold that were not given from the first frame's reference, for all frames."""
-    shape = read_shape(compared.reference_of(compared.frames[0]))
-    sampling = settings.sampling
-    if sampling.density is None and shape.area > 0:
-        sampling = Sampling(USUAL_POINTS / shape.area, sampling.seed)
-    threshold = settings.threshold or THRESHOLD_SHARE * longest_side(sampled(shape, sampling)) or None
+    reference = compared.reference_of(compared.frames[0])
+    shape, sampling = read_shape(reference), settings.sampling
+    if sampling.density is None and (area := area_of(shape)) > 0:
+        sampling = Sampling(USUAL_POINTS / area, sampling.seed)
+    side = longest_side(sampled(shape, str(reference), sampling))
+    threshold = settings.threshold or THRESHOLD_SHARE * side or None
     return replace(settings, sampling=sampling, threshold=threshold)
 
 
 def _prepared(path: Path, settings: CloudSettings) -> Prepared:
-    return Prepared(sampled(read_shape(path), settings.sampling))
+    return Prepared(read_point_set(path, settings.sampling))
 
 
 def _pair_name(approach: str, frame: int | None) -> str:
@@ -251,18 +253,10 @@ def _report(
 def _with_scores(values: Sequence[Measured]) -> list[dict[str, Any]]:
     """List the main measures of whole sequences, as a study takes them: finite ones, of both directions together."""
     ours = {value.measure for value in values if value.source == SOURCE}
-    return joined(
-        [
-            measure_rows(
-                Subject(value.dataset, (value.approach,)),
-                value.measure,
-                value.value,
-                direction=LESS if value.better == "lower" else MORE,
-                unit=value.unit,
-            )
-            for value in values
-            if value.frame is None
-            and value.direction in ("", SYMMETRIC)
-            and (value.measure in WITH_SCORES or value.measure not in ours)
-        ]
-    )
+    rows = []
+    for value in values:
+        is_whole = value.frame is None and value.direction in ("", SYMMETRIC)
+        if is_whole and (value.measure in WITH_SCORES or value.measure not in ours):
+            subject, direction = Subject(value.dataset, (value.approach,)), LESS if value.better == "lower" else MORE
+            rows += measure_rows(subject, value.measure, value.value, direction=direction, unit=value.unit)
+    return rows

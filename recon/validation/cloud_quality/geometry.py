@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.geometry.normals import vector_sums
 from recon.validation.cloud_quality.compared import Pair, Prepared, Value, both_ways, psnr
 from recon.validation.cloud_quality.neighbours import NearestGroups
 from recon.validation.truth.evaluation import compared
@@ -98,10 +99,10 @@ def derived_normals(pair: Pair, normals: NDArray[np.float32]) -> NDArray[np.floa
     given, receivers = forward.rows[forward.is_exact], forward.members[forward.is_exact]
     n = len(backward.counts)
     n_given = np.bincount(receivers, minlength=n)
-    sums = _summed(normals[given], receivers, n)
+    sums = vector_sums(normals[given], receivers, n)
     takers, sources = backward.rows[backward.is_exact], backward.members[backward.is_exact]
     has_none = n_given[takers] == 0
-    sums += _summed(normals[sources[has_none]], takers[has_none], n)
+    sums += vector_sums(normals[sources[has_none]], takers[has_none], n)
     n_given = n_given + np.bincount(takers[has_none], minlength=n)
     return np.asarray(sums / n_given[:, None], np.float32)
 
@@ -183,8 +184,3 @@ def _of_every_point(pair: Pair) -> tuple[NDArray[np.float64], NDArray[np.float64
         np.repeat(np.sqrt(pair.to_reference.squared), pair.distorted.places.counts),
         np.repeat(np.sqrt(pair.to_distorted.squared), pair.reference.places.counts),
     )
-
-
-def _summed(values: NDArray[np.floating], places: NDArray[np.int64], n: int) -> NDArray[np.float64]:
-    """Add up values (L, 3) by place, (n, 3)."""
-    return np.stack([np.bincount(places, values[:, axis], n) for axis in range(3)], axis=1)

@@ -21,13 +21,6 @@ JOINED_WITHIN = 1e-8  # squared unit of length; pc_error's threshold, absolute w
 SPARE = 4  # neighbours looked up beyond those needed, to see whether the last has others equally far
 
 
-def tree_of(points: NDArray[np.floating]) -> cKDTree:
-    """Build a search tree of points (N, 3)."""
-    from scipy.spatial import cKDTree
-
-    return cKDTree(points.astype(np.float64), balanced_tree=False, compact_nodes=False)  # half the time on a surface
-
-
 @dataclass(frozen=True, eq=False)
 class NearestGroups:
     """For each of N points, the group of the other cloud's points that count as its nearest.

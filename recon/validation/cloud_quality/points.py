@@ -7,10 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.geometry.mesh import colour_rows, finite_rows
+
 
 @dataclass(frozen=True, eq=False)
 class PointSet:
-    """Points with what is known of them; `read_point_set` reads them from a file.
+    """Points with what is known of them; `reading.read_point_set` reads them from a file.
 
     Parameters
     ----------
@@ -31,33 +33,19 @@ class PointSet:
     colours: NDArray[np.uint8] | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "points", np.ascontiguousarray(self.points, np.float32))
         if not len(self.points):
             raise ValueError(f"{self.name}: holds no points")
-        self._check("points", self.points)
-        if self.normals is not None:
-            object.__setattr__(self, "normals", np.ascontiguousarray(self.normals, np.float32))
-            self._check("normals", self.normals)
-        if self.colours is not None:
-            if self.colours.dtype != np.uint8:
-                raise ValueError(f"{self.name}: colours are {self.colours.dtype}, expected uint8")
-            self._check("colours", self.colours)
+        try:
+            object.__setattr__(self, "points", finite_rows(self.points, "points"))
+            if self.normals is not None:
+                object.__setattr__(self, "normals", finite_rows(self.normals, "normals", len(self.points)))
+            if self.colours is not None:
+                object.__setattr__(self, "colours", colour_rows(self.colours, len(self.points)))
+        except ValueError as error:
+            raise ValueError(f"{self.name}: {error}") from error
 
     def __len__(self) -> int:
         return len(self.points)
-
-    def _check(self, what: str, values: NDArray[np.generic]) -> None:
-        if values.shape != (len(self.points), 3):
-            raise ValueError(f"{self.name}: {what} have shape {values.shape}, expected ({len(self.points)}, 3)")
-        is_finite = np.isfinite(values).all(axis=1)
-        if not is_finite.all():
-            row = int(np.argmin(is_finite))
-            n_wrong = int(np.count_nonzero(~is_finite))
-            raise ValueError(
-                f"{self.name}: its {what} hold values that are not finite numbers in {n_wrong} "
-                f"{'row' if n_wrong == 1 else 'rows'}, the first in row {row} (counted from 0): "
-                f"{values[row].tolist()}; remove such points first"
-            )
 
 
 def longest_side(cloud: PointSet) -> float:

@@ -15,7 +15,7 @@ from typing import ClassVar
 from recon.geometry.ply import FLOAT_NORMAL, UINT8_COLOUR, ply_bytes, vector_columns
 from recon.methods_file import Table, read_tables
 from recon.programs import LOG, Program, ProgramError, workplace
-from recon.storage.files import whole_file
+from recon.storage.files import write_bytes
 from recon.validation.cloud_quality.compared import Pair, Value
 from recon.validation.cloud_quality.measures import MEASURES, Measure, Scale
 from recon.validation.cloud_quality.points import PointSet
@@ -63,14 +63,14 @@ class MeasureProgram(Program):
 
     def value(self, printed: str) -> float:
         """Find the value in what the program printed; a ProgramError says that it is not there."""
-        found_texts = re.findall(self.pattern or NUMBER, printed)
-        if not found_texts:
+        matches = re.findall(self.pattern or NUMBER, printed)
+        if not matches:
             wanted = f"matches {self.pattern!r}" if self.pattern else "is a number"
             raise ProgramError(f"the program printed nothing that {wanted}")
         try:
-            value = float(found_texts[-1])
+            value = float(matches[-1])
         except ValueError as error:
-            raise ProgramError(f"the program printed {found_texts[-1]!r}, expected a number") from error
+            raise ProgramError(f"the program printed {matches[-1]!r}, expected a number") from error
         if isnan(value):
             raise ProgramError("the program printed no number as its value: nan")
         return value
@@ -136,5 +136,4 @@ def _write(path: Path, cloud: PointSet) -> None:
         columns |= vector_columns(FLOAT_NORMAL, cloud.normals)
     if cloud.colours is not None:
         columns |= vector_columns(UINT8_COLOUR, cloud.colours)
-    with whole_file(path) as temporary:
-        temporary.write_bytes(ply_bytes(columns))
+    write_bytes(path, ply_bytes(columns))

@@ -10,18 +10,8 @@ from recon.geometry.mesh import LIMIT_SHARE, error_limit
 from recon.validation.cloud_quality.compared import SYMMETRIC
 from recon.validation.cloud_quality.evaluation import SOURCE, Comparison
 from recon.validation.cloud_quality.measures import WITH_SCORES
-from recon.validation.page import (
-    PALETTE,
-    Section,
-    plain_name,
-    write_bytes,
-    write_figure,
-    write_measures,
-    write_page,
-    write_report_json,
-    write_table,
-)
-from recon.validation.pictures import error_picture, png
+from recon.validation.page import PALETTE, Section, plain_name, write_figure, write_numbers, write_page
+from recon.validation.pictures import error_picture, write_picture
 
 MOST_PICTURES = 6
 WHOLE = ("", SYMMETRIC)  # directions of values that hold for both
@@ -43,10 +33,7 @@ CHART_COLUMNS, CHART_WIDTH = 3, 210
 def write_cloud_report(comparison: Comparison, out: Path) -> Path:
     """Write report.json, tables, figures and report.html; returns the HTML's path."""
     report = comparison.report
-    out.mkdir(parents=True, exist_ok=True)
-    write_report_json(out, report)
-    write_table(out / "clouds.csv", report["clouds"])
-    write_measures(out, comparison.values)
+    write_numbers(out, report, {"clouds": report["clouds"]}, comparison.values)
     has_choice = len({value["approach"] for value in report["values"]}) > 1 or len(report["settings"]["frames"]) > 1
     sections = [
         *_tables(report),
@@ -125,8 +112,8 @@ def _pictures(comparison: Comparison, out: Path) -> Section:
     limit = max(error_limit(shown.errors) for shown in comparison.shown)
     unit = comparison.report["settings"]["unit"]
     for shown in comparison.shown[:MOST_PICTURES]:
-        picture = png(error_picture(shown.points, shown.errors, limit, unit=unit))
-        write_bytes(out / f"errors_{plain_name(shown.name)}.png", picture)
+        name = f"errors_{plain_name(shown.name)}.png"
+        picture = write_picture(out / name, error_picture(shown.points, shown.errors, limit, unit=unit))
         figures.append((f"{shown.name}, along each of the three axes of the world.", picture))
     kind = (
         "Blue lies behind the reference's surface, red before it, by the normals of the nearest points"

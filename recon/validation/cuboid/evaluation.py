@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.validation.clouds import CloudFile, FitError, read_measured
-from recon.validation.cuboid.fit import fit_cuboid
+from recon.validation.cuboid.fit import check_size, fit_cuboid
 from recon.validation.cuboid.model import AXIS_NAMES, CuboidFit, Face, band_of
 from recon.validation.measures import (
     COMBINED,
@@ -22,10 +22,10 @@ from recon.validation.measures import (
     N_REPLICATES,
     TABLE_THRESHOLD,
     Subject,
+    check_thresholds,
     inlier_measures,
     inlier_ratios,
     inlier_tables,
-    joined,
     measure_rows,
 )
 from recon.workers import Progress, no_progress
@@ -44,7 +44,7 @@ class CuboidSettings:
     thresholds : mm, of the inlier curve
     unit : of the clouds' coordinates
     positions : mm, where the middle of the box is known to be, one for each sample; empty where it is not known
-    subject : what the clouds are of, in a study's words
+    subject : what the clouds show, in a study's words
     seed : of the fits and the bootstrap
     """
 
@@ -145,14 +145,7 @@ def measure_cuboids(
     report = {
         "schema_version": 1,
         "kind": "cuboid",
-        "settings": {
-            "size_mm": list(settings.size),
-            "thresholds_mm": list(settings.thresholds),
-            "table_threshold_mm": TABLE_THRESHOLD,
-            "unit": settings.unit,
-            "seed": settings.seed,
-            "replicates": N_REPLICATES,
-        },
+        "settings": _described(settings),
         "reconstructions": rows["reconstructions"],
         "failed": [row["name"] for row in rows["reconstructions"] if row["failure"]],
         "faces": rows["faces"],
@@ -164,11 +157,21 @@ def measure_cuboids(
     return report | {"measures": _measures(report, settings)}, pictured
 
 
+def _described(settings: CuboidSettings) -> dict[str, Any]:
+    """Return the settings in the report's words."""
+    return {
+        "size_mm": list(settings.size),
+        "thresholds_mm": list(settings.thresholds),
+        "table_threshold_mm": TABLE_THRESHOLD,
+        "unit": settings.unit,
+        "seed": settings.seed,
+        "replicates": N_REPLICATES,
+    }
+
+
 def _check(clouds: Sequence[CloudFile], settings: CuboidSettings) -> None:
-    if np.shape(settings.size) != (3,) or not min(settings.size) > 0:
-        raise ValueError(f"the size is {settings.size}, expected three positive lengths in mm")
-    if not settings.thresholds or min(settings.thresholds) <= 0:
-        raise ValueError(f"thresholds are {settings.thresholds}, expected positive lengths in mm")
+    check_size(settings.size)
+    check_thresholds(settings.thresholds)
     n_samples = len({cloud.sample for cloud in clouds})
     if settings.positions and len(settings.positions) != n_samples:
         raise ValueError(f"{len(settings.positions)} positions are given for {n_samples} samples, expected as many")
@@ -287,7 +290,7 @@ def _groups(
 
 
 def _measures(report: Mapping[str, Any], settings: CuboidSettings) -> list[dict[str, Any]]:
-    """Of all sensors together, or of each reconstruction where there is but one sensor."""
+    """Return the measures of all sensors together, or of each reconstruction where there is but one sensor."""
     names = [row["name"] for row in report["reconstructions"]]
     chosen = {name for name in names if name.endswith(f"/{COMBINED}")} or set(names)
 
@@ -296,11 +299,9 @@ def _measures(report: Mapping[str, Any], settings: CuboidSettings) -> list[dict[
         return float(np.mean(values)) if values else None
 
     subject = settings.subject
-    return joined(
-        [
-            inlier_measures("cuboid", report["table"], subject),
-            measure_rows(subject, "cuboid flatness", mean("faces", "flatness_rms_mm"), direction=LESS, unit="mm"),
-            measure_rows(subject, "cuboid angle error", mean("angles", "error_deg"), direction=LESS, unit="degrees"),
-            measure_rows(subject, "cuboid edge error", mean("edges", "error_mm"), direction=LESS, unit="mm"),
-        ]
-    )
+    return [
+        *inlier_measures("cuboid", report["table"], subject),
+        *measure_rows(subject, "cuboid flatness", mean("faces", "flatness_rms_mm"), direction=LESS, unit="mm"),
+        *measure_rows(subject, "cuboid angle error", mean("angles", "error_deg"), direction=LESS, unit="degrees"),
+        *measure_rows(subject, "cuboid edge error", mean("edges", "error_mm"), direction=LESS, unit="mm"),
+    ]

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.validation.clouds import UNITS_MM, FitError, checked_points
+from recon.validation.clouds import FitError, checked_points, with_fitting_unit
 from recon.validation.cuboid.model import CuboidFit, Face, band_of
 from recon.validation.cuboid.planes import Plane, plane_sequence
 from recon.validation.cuboid.refinement import measured_edges, refined
@@ -52,16 +52,20 @@ def fit_cuboid(points: NDArray[np.floating], size: Size, seed: int = 1) -> Cuboi
     FitError
         If no such cuboid is there. The message says what was found instead.
     """
-    if np.shape(size) != (3,) or not all(np.isfinite(length) and length > 0 for length in size):
-        raise ValueError(f"the size is {size}, expected three positive lengths in mm")
+    check_size(size)
     checked = checked_points(points, min(size), "shortest edge")
     try:
         return _fit(checked, size, seed)
     except FitError as error:
-        unit = _fitting_unit(checked, size, seed)
-        if unit is None:
+        if np.ptp(checked, axis=0).max() > min(size):  # large enough already
             raise
-        raise FitError(f"{error}; it would fit if the cloud were in {unit}: say so with --unit {unit}") from error
+        raise with_fitting_unit(error, checked, lambda scaled: _fit(scaled, size, seed)) from error
+
+
+def check_size(size: Size) -> None:
+    """Raise a ValueError if a size is not three positive lengths."""
+    if np.shape(size) != (3,) or not all(np.isfinite(length) and length > 0 for length in size):
+        raise ValueError(f"the size is {size}, expected three positive lengths in mm")
 
 
 def _fit(points: NDArray[np.float32], size: Size, seed: int) -> CuboidFit:
@@ -200,17 +204,3 @@ def _filled(points: NDArray[np.float64], fit: CuboidFit, face: Face) -> float:
     halves = [fit.size[axis] / 2 for axis in across]
     cells = np.floor((places / halves + 1) / 2 * FILL_CELLS).astype(np.int64).clip(0, FILL_CELLS - 1)
     return len(np.unique(cells, axis=0)) / FILL_CELLS**2
-
-
-def _fitting_unit(points: NDArray[np.float32], size: Size, seed: int) -> str | None:
-    """Return the unit in which the cloud would hold the cuboid, if there is one."""
-    if np.ptp(points, axis=0).max() > min(size):  # large enough already
-        return None
-    for unit, length in UNITS_MM.items():
-        if length != 1.0:
-            try:
-                _fit(points * np.float32(length), size, seed)
-            except FitError:
-                continue
-            return unit
-    return None

@@ -9,22 +9,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.geometry.mesh import error_limit
 from recon.validation.cuboid.evaluation import FLATNESS_CUT, MeasuredCuboid, MeasuredFace
-from recon.validation.measures import measured_rows
 from recon.validation.page import (
     Section,
     curve_chart,
     curve_columns,
-    write_bytes,
+    percent,
+    plain_name,
     write_figure,
-    write_measures,
+    write_numbers,
     write_page,
-    write_report_json,
-    write_table,
 )
-from recon.validation.pictures import error_picture, face_map, in_a_row, png
+from recon.validation.pictures import error_picture, face_map, in_a_row, write_picture
 
-COLOUR_SHARE = 98  # percentile of the errors at which the colours end, if that is within the table's threshold
 EDGES = (
     "An end is measured at a visible face, or where the points of the other faces end (outline); at an outline, "
     "what the reconstruction loses along the silhouette counts as error."
@@ -45,11 +43,7 @@ def write_cuboid_report(report: Mapping[str, Any], pictured: Sequence[MeasuredCu
     report, pictured : from `measure_cuboids`
     out : the report's folder
     """
-    out.mkdir(parents=True, exist_ok=True)
-    write_report_json(out, report)
-    for name in TABLES:
-        write_table(out / f"{name}.csv", report[name])
-    write_measures(out, measured_rows(report["measures"], "validate cuboid"))
+    write_numbers(out, report, {name: report[name] for name in TABLES})
     curve = write_figure(out / "curve", curve_chart(report["curve"]))
     size = " x ".join(f"{length:g}" for length in report["settings"]["size_mm"])
     what = (
@@ -85,6 +79,7 @@ def _overview(report: Mapping[str, Any]) -> list[dict[str, Any]]:
         if "faces" in shown:
             shown["faces"] = "\u00a0".join(shown["faces"])
             shown["centre_mm"] = ",\u00a0".join(f"{value:.2f}" for value in shown["centre_mm"])
+            shown["inliers %"] = percent(shown.pop("inliers"))
         rows.append(shown)
     return rows
 
@@ -93,13 +88,11 @@ def _pictures(report: Mapping[str, Any], pictured: Sequence[MeasuredCuboid], out
     most, figures = report["settings"]["table_threshold_mm"], []
     for cuboid in pictured:
         assert cuboid.fit is not None, "only those with a fit are pictured"
-        stem = cuboid.name.replace("/", "_")
+        stem = plain_name(cuboid.name)
         views = [np.roll(cuboid.fit.axes, shift, axis=0) for shift in range(3)]
-        limit = min(most, max(float(np.percentile(np.abs(cuboid.errors), COLOUR_SHARE)), 1e-3))
-        picture = png(error_picture(cuboid.points, cuboid.errors, limit, views))
-        maps = png(in_a_row([_face_map(measured) for measured in cuboid.faces]))
-        write_bytes(out / f"cuboid_{stem}.png", picture)
-        write_bytes(out / f"faces_{stem}.png", maps)
+        limit = min(most, error_limit(cuboid.errors))
+        picture = write_picture(out / f"cuboid_{stem}.png", error_picture(cuboid.points, cuboid.errors, limit, views))
+        maps = write_picture(out / f"faces_{stem}.png", in_a_row([_face_map(measured) for measured in cuboid.faces]))
         figures += [
             (f"Reconstruction {cuboid.name} along the box's three edges; colours are signed errors.", picture),
             (f"Faces of {cuboid.name}: median signed distance to the planes fitted to them, place by place.", maps),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,17 +10,8 @@ import numpy as np
 
 from recon.validation.films.film import ACTOR, MeasuredFilm
 from recon.validation.films.tables import measured_values
-from recon.validation.page import (
-    PALETTE,
-    Section,
-    write_bytes,
-    write_figure,
-    write_measures,
-    write_page,
-    write_report_json,
-    write_table,
-)
-from recon.validation.pictures import png
+from recon.validation.page import PALETTE, Section, plain_name, write_figure, write_numbers, write_page
+from recon.validation.pictures import write_picture
 
 TITLES = {
     "psnr_y": "PSNR-Y, dB",
@@ -41,10 +31,7 @@ def write_films_report(report: Mapping[str, Any], films: Sequence[MeasuredFilm],
     report, films : as from `measure_films`
     out : folder
     """
-    out.mkdir(parents=True, exist_ok=True)
-    write_report_json(out, report)
-    write_table(out / "films.csv", report["films"])
-    write_measures(out, measured_values(films))
+    write_numbers(out, report, {"films": report["films"]}, measured_values(films))
     datasets = list(dict.fromkeys(film.pair.film.dataset for film in films))
     sections = [
         Section("Films", _films_text(report)),
@@ -73,19 +60,13 @@ def _dataset_section(report: Mapping[str, Any], films: Sequence[MeasuredFilm], o
         "“Actor” is what the film or its reference shows of the model, “frame” the whole picture. Flicker is "
         f"{'the actor' if has_masks else 'the frame'}'s."
     )
-    svg = write_figure(out / _stem(dataset, "frames"), frames_chart(films))
+    svg = write_figure(out / plain_name(f"{dataset}_frames"), frames_chart(films))
     figures: list[tuple[str, str | bytes]] = [("Each frame of each film, over time.", svg)]
     for film in films:
-        picture = png(film.worst.picture)
-        write_bytes(out / f"{_stem(dataset, film.pair.film.approach, 'worst')}.png", picture)
+        picture = write_picture(out / plain_name(f"{dataset}_{film.pair.film.approach}_worst.png"), film.worst.picture)
         caption = f"{film.pair.film.approach}: its worst frame, {film.worst.number}, by SSIM ({film.worst.ssim:.3f})"
         figures.append((f"{caption}{'; in orange the outline of the actor' if has_masks else ''}.", picture))
     return Section(dataset, text, _wide(rows), figures)
-
-
-def _stem(*names: str) -> str:
-    """Name a file after a scene and an approach, whatever letters they have."""
-    return re.sub(r"[^A-Za-z0-9_-]+", "-", "_".join(names))
 
 
 def _wide(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.validation.films.film import ACTOR, MeasuredFilm
-from recon.validation.measures import BETTER, LESS, MORE, Measured, Subject, joined, measure_rows
+from recon.validation.measures import BETTER, LESS, MORE, Measured, Subject, measure_rows
 
 WORST_PERCENT = 5  # this share of the frames is worse than the worst percentile
 DIRECTIONS = {"psnr_y": MORE, "ssim": MORE, "ms_ssim": MORE, "vmaf": MORE, "flicker": LESS}
@@ -77,14 +77,14 @@ def pooled_rows(film: MeasuredFilm) -> Iterator[dict[str, Any]]:
 
 def study_measures(films: Sequence[MeasuredFilm]) -> list[dict[str, Any]]:
     """List the means that are finite for a study that attaches the report."""
-    parts = []
+    rows = []
     for film in films:
         subject = Subject(film.pair.film.dataset, (film.pair.film.approach,))
         for measure, values in film.values.items():
             direction, unit = _kind(measure)
             mean = pooled_measures(values, measure).get(measure)
-            parts.append(measure_rows(subject, measure, mean, direction=direction, unit=unit))
-    return joined(parts)
+            rows += measure_rows(subject, measure, mean, direction=direction, unit=unit)
+    return rows
 
 
 def _percentile(values: NDArray[np.float64], percent: float) -> float:

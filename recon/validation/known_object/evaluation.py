@@ -9,21 +9,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.validation.clouds import read_measured, unit_mm
+from recon.rig import transformed
+from recon.validation.clouds import read_measured, read_shape, unit_mm
 from recon.validation.known_object.registration import Placement, RegistrationParameters, place_model
 from recon.validation.measures import (
     COMBINED,
     LESS,
     TABLE_THRESHOLD,
     Subject,
+    check_thresholds,
     inlier_measures,
     inlier_ratios,
+    inlier_rms,
     inlier_tables,
-    joined,
     measure_rows,
 )
 from recon.validation.triangles import TriangleTree
-from recon.validation.truth.evaluation import read_shape
 
 PERCENTILES = (5, 25, 50, 75, 95)
 
@@ -79,20 +80,18 @@ def measure_object(model: Path, cloud: Path, settings: ObjectSettings) -> tuple[
     ValueError
         If a file cannot be read, or the model is not found in the cloud.
     """
-    if not settings.thresholds or min(settings.thresholds) <= 0:
-        raise ValueError(f"thresholds are {settings.thresholds}, expected positive lengths in mm")
+    check_thresholds(settings.thresholds)
     to_mm = unit_mm(model, settings.model_unit)
     shape = read_shape(model)
     if not len(shape.faces):
         raise ValueError(f"{model}: has no triangles, expected the mesh of the known object")
-    vertices = shape.points * to_mm
+    vertices = shape.points.astype(np.float64) * to_mm
     points = read_measured(cloud, settings.unit)
     try:
         placement = place_model(vertices, shape.faces, points, settings.registration)
     except ValueError as error:
         raise type(error)(f"{cloud}: {error}") from error
-    model_from_cloud = np.linalg.inv(placement.cloud_from_model)
-    moved = points @ model_from_cloud[:3, :3].T + model_from_cloud[:3, 3]
+    moved = transformed(points, np.linalg.inv(placement.cloud_from_model))
     errors = TriangleTree(vertices, shape.faces).nearest(moved).signed
     return _report(model, cloud, placement, errors, settings), MeasuredObject(moved, errors)
 
@@ -102,8 +101,7 @@ def _report(
 ) -> dict[str, Any]:
     groups = {("all", COMBINED): [inlier_ratios(errors, settings.thresholds)]}
     table, curve = inlier_tables(groups, settings.thresholds, settings.registration.seed)
-    near = np.abs(errors[np.abs(errors) <= TABLE_THRESHOLD])
-    rms = float(np.sqrt(np.mean(near**2))) if len(near) else None
+    rms = inlier_rms(errors)
     return {
         "schema_version": 1,
         "kind": "object",
@@ -134,10 +132,8 @@ def _report(
         },
         "table": table,
         "curve": curve,
-        "measures": joined(
-            [
-                inlier_measures("object", table, settings.subject),
-                measure_rows(settings.subject, "object error", rms, direction=LESS, unit="mm"),
-            ]
-        ),
+        "measures": [
+            *inlier_measures("object", table, settings.subject),
+            *measure_rows(settings.subject, "object error", rms, direction=LESS, unit="mm"),
+        ],
     }

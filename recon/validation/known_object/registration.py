@@ -11,12 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.rig import bounds_corners
+from recon.geometry.mesh import Shape
+from recon.rig import bounds_corners, rigid, transformed
 from recon.validation.clouds import UNITS_MM, FitError, checked_points
 from recon.validation.sampling import subsample
 from recon.validation.super4pcs import Super4PCSParameters, super4pcs
 from recon.validation.triangles import TriangleTree
-from recon.validation.truth.evaluation import Shape, sample_evenly
+from recon.validation.truth.evaluation import sample_evenly
 
 DELTA_SHARE = 0.02  # of the model's diagonal, how far a point may lie from it in the search
 COARSE_POINTS = 1_500
@@ -166,7 +167,7 @@ def refine(
     rms, n_steps = float("inf"), 0
     while n_steps < most:
         n_steps += 1
-        moved = points @ model_from_cloud[:3, :3].T + model_from_cloud[:3, 3]
+        moved = transformed(points, model_from_cloud)
         nearest = tree.nearest(moved)
         used = np.argpartition(nearest.distances, n_used - 1)[:n_used]
         middle = moved[used].mean(axis=0)
@@ -178,7 +179,7 @@ def refine(
         rms = float(np.sqrt(np.mean(nearest.distances[used] ** 2)))
         if np.abs(solution[3:]).max() + np.abs(solution[:3]).max() * delta < STEP_SHARE * delta / DELTA_SHARE:
             break
-    distances = tree.nearest(points @ model_from_cloud[:3, :3].T + model_from_cloud[:3, 3]).distances
+    distances = tree.nearest(transformed(points, model_from_cloud)).distances
     return Placement(np.linalg.inv(model_from_cloud), delta, float(np.mean(distances < delta)), rms, n_steps)
 
 
@@ -200,7 +201,7 @@ def _candidates(
 
 
 def _is_near(place: NDArray[np.float64], others: list[NDArray[np.float64]], diagonal: float) -> bool:
-    """Whether a starting place (4, 4) is nearly one of the others, so that the refinement ends where theirs does."""
+    """Tell whether a start (4, 4) is nearly one of the others, so that the refinement ends where theirs does."""
     return any(
         np.abs(place[:3, :3] - other[:3, :3]).max() < SAME_START
         and np.linalg.norm(place[:3, 3] - other[:3, 3]) < SAME_START * diagonal
@@ -225,10 +226,8 @@ def _motion(solution: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArr
     """Return the rigid motion (4, 4) of a small turn about `middle` and a shift."""
     from scipy.spatial.transform import Rotation
 
-    motion = np.eye(4)
-    motion[:3, :3] = Rotation.from_rotvec(solution[:3]).as_matrix()
-    motion[:3, 3] = middle + solution[3:] - motion[:3, :3] @ middle
-    return motion
+    turn = Rotation.from_rotvec(solution[:3]).as_matrix()
+    return rigid(turn, middle + solution[3:] - turn @ middle)
 
 
 def _fitting_unit(diagonal: float, points: NDArray[np.float32]) -> str | None:

@@ -8,26 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from recon.geometry.mesh import error_colours
+from recon.geometry.mesh import error_colours, error_limit
 from recon.geometry.mesh_files import write_coloured
 from recon.validation.known_object.evaluation import MeasuredObject
-from recon.validation.measures import measured_rows
 from recon.validation.page import (
     PALETTE,
     Section,
     curve_chart,
     curve_columns,
-    write_bytes,
     write_figure,
-    write_measures,
+    write_numbers,
     write_page,
-    write_report_json,
-    write_table,
 )
-from recon.validation.pictures import error_picture, png
+from recon.validation.pictures import error_picture, write_picture
 
 COLOURED = "errors.ply"
-COLOUR_SHARE = 98  # percentile of the errors at which the colours end
 HISTOGRAM_BINS = 80
 
 
@@ -39,16 +34,11 @@ def write_object_report(report: Mapping[str, Any], measured: MeasuredObject, out
     report, measured : from `measure_object`
     out : the report's folder
     """
-    out.mkdir(parents=True, exist_ok=True)
-    write_report_json(out, report)
-    for name in ("table", "curve"):
-        write_table(out / f"{name}.csv", report[name])
-    write_measures(out, measured_rows(report["measures"], "validate object"))
+    write_numbers(out, report, {name: report[name] for name in ("table", "curve")})
     curve = write_figure(out / "curve", curve_chart(report["curve"]))
-    limit = max(float(np.percentile(np.abs(measured.errors), COLOUR_SHARE)), 1e-3)
+    limit = error_limit(measured.errors)
     histogram = write_figure(out / "errors", _histogram(measured, limit))
-    picture = png(error_picture(measured.points, measured.errors, limit))
-    write_bytes(out / "cloud.png", picture)
+    picture = write_picture(out / "cloud.png", error_picture(measured.points, measured.errors, limit))
     write_coloured(out / COLOURED, measured.points, np.zeros((0, 3), np.int32), error_colours(measured.errors, limit))
     sections = [
         Section("Where the model lies", _placement_text(report)),

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import error_colours
-from recon.validation.pictures import BACKGROUND, CIRCLE
+from recon.validation.pictures import BACKGROUND, CIRCLE, with_colour_scale
 from recon.validation.sampling import subsample
 from recon.validation.sphere.cells import N_RINGS, N_SECTORS, cap_of
 from recon.validation.sphere.exclusion import COHERENT_CELLS
@@ -16,10 +16,11 @@ from recon.validation.sphere.model import SphereFit
 SIDE_PX, BLOCK_PX = 540, 5  # of the picture, and of the map
 REACH = 1.04  # of the radius: half the picture
 OUTLINED = (213, 94, 0)
+TEXT_SIZE = 0.45
 
 
 def cell_picture(points: NDArray[np.float32], fit: SphereFit, limit: float) -> NDArray[np.uint8]:
-    """Draw a ball's median errors as colours, uint8 (S, S, 3) RGB, with each cell's own in mm.
+    """Draw a ball's mean errors as colours, uint8 (H, W, 3) RGB, with each cell's median in mm, and the scale below.
 
     The cells whose medians are largest, a sixth of all, are outlined: their smallest is the rule's coherent error.
 
@@ -47,7 +48,7 @@ def cell_picture(points: NDArray[np.float32], fit: SphereFit, limit: float) -> N
         if np.isfinite(medians[cell]):
             middle = (0.62 * ends[ring] + 0.38 * ends[ring + 1]) * _unit(turns[12:13])
             _write(picture, f"{medians[cell]:+.1f}", _pixels(middle)[0])
-    return picture
+    return with_colour_scale(picture, limit)
 
 
 def _map(places: NDArray[np.float64], errors: NDArray[np.float32], limit: float) -> NDArray[np.uint8]:
@@ -74,7 +75,7 @@ def _pixels(places: NDArray[np.float64]) -> NDArray[np.int32]:
 
 
 def _write(picture: NDArray[np.uint8], text: str, at: NDArray[np.int32]) -> None:
-    (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.42, 1)
-    place = (int(at[0]) - width // 2, int(at[1]) + height // 2)
-    cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.42, (255, 255, 255), 3, cv2.LINE_AA)
-    cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.42, CIRCLE, 1, cv2.LINE_AA)
+    (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, TEXT_SIZE, 1)
+    left, base = int(at[0]) - width // 2, int(at[1]) + height // 2
+    cv2.rectangle(picture, (left - 3, base + 4), (left + width + 3, base - height - 4), (255, 255, 255), cv2.FILLED)
+    cv2.putText(picture, text, (left, base), cv2.FONT_HERSHEY_SIMPLEX, TEXT_SIZE, CIRCLE, 1, cv2.LINE_AA)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.validation.clouds import UNITS_MM, FitError, checked_points
+from recon.validation.clouds import FitError, checked_points, with_fitting_unit
 from recon.validation.sampling import first_in_cells, subsample, thinned
 from recon.validation.sphere.kernels import local_consensus
 from recon.validation.sphere.model import SphereFit, band_of
@@ -52,7 +52,7 @@ def fit_sphere(points: NDArray[np.floating], radius: float, seed: int = 1) -> Sp
     except TwoSpheresError:
         raise
     except FitError as error:
-        raise with_fitting_unit(error, points, radius, seed) from error
+        raise with_unit_of_sphere(error, points, radius, seed) from error
 
 
 def check_alone(points: NDArray[np.float32], fit: SphereFit, seed: int) -> None:
@@ -69,7 +69,7 @@ def check_alone(points: NDArray[np.float32], fit: SphereFit, seed: int) -> None:
     _check_single([fit, *(other for other in spheres if _are_apart(fit, other))])
 
 
-def with_fitting_unit(error: FitError, points: NDArray[np.float32], radius: float, seed: int) -> FitError:
+def with_unit_of_sphere(error: FitError, points: NDArray[np.float32], radius: float, seed: int) -> FitError:
     """Return the error that no sphere was found, with the unit in which there would be one, if there is such a unit.
 
     Parameters
@@ -79,8 +79,10 @@ def with_fitting_unit(error: FitError, points: NDArray[np.float32], radius: floa
     radius : mm
     seed : of the search
     """
-    unit = _fitting_unit(subsample(points, seed), radius, seed)
-    return FitError(f"{error}; it would fit if the cloud were in {unit}: say so with --unit {unit}") if unit else error
+    sample = subsample(points, seed)
+    if np.ptp(sample, axis=0).min() > WIDE * radius:  # larger than a ball already
+        return error
+    return with_fitting_unit(error, sample, lambda scaled: _fit(scaled, scaled, radius, seed, N_TRIALS_PER_UNIT))
 
 
 def _fit(
@@ -142,19 +144,3 @@ def _candidates(
         if all(np.linalg.norm(centres[index] - other) > radius / 2 for other, _ in chosen):
             chosen.append((centres[index], float(scores[index])))
     return chosen
-
-
-def _fitting_unit(sample: NDArray[np.float32], radius: float, seed: int) -> str | None:
-    """Return the unit in which the cloud would hold a sphere of the radius, if there is one."""
-    if np.ptp(sample, axis=0).min() > WIDE * radius:  # larger than a ball already
-        return None
-    for unit, length in UNITS_MM.items():
-        if length == 1.0:
-            continue
-        scaled = sample * np.float32(length)
-        try:
-            _fit(scaled, scaled, radius, seed, N_TRIALS_PER_UNIT)
-        except FitError:
-            continue
-        return unit
-    return None

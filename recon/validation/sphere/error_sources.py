@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.validation.sphere.cells import N_RINGS, N_SECTORS, Cap
-from recon.validation.sphere.model import CUTOFF, SphereFit, band_of
+from recon.validation.sphere.model import SphereFit
+from recon.validation.sphere.uncertainty import coverage_factor
 
 N_DRAWS = 200  # of sectors, for the uncertainties
 MIN_SHOTS = 2
@@ -35,7 +36,7 @@ class CellErrors:
 
 def cell_errors(cap: Cap, fit: SphereFit) -> CellErrors:
     """Return the errors of a cap's points that lie on the surface, by cell."""
-    on_surface = np.abs(cap.errors) < max(band_of(fit.radius), CUTOFF * fit.scale)
+    on_surface = np.abs(cap.errors) < fit.band
     cell, errors = cap.cell[on_surface], cap.errors[on_surface].astype(np.float64)
     counts, sums, squares = (np.bincount(cell, weights, N_SECTORS * N_RINGS) for weights in (None, errors, errors**2))
     n = np.where(counts >= MIN_CELL_POINTS, counts, np.nan)
@@ -53,7 +54,7 @@ def error_sources(shots: Sequence[CellErrors], seed: int) -> dict[str, float | i
     Returns
     -------
     row : n_shots; calibration_mm, shot_mm and matching_mm with u_...; the first two are None with a single shot, where
-        smooth_mm is both together
+        smooth_mm is both together; coverage_factor for 95 % intervals
     """
     means, variances = (np.stack([getattr(shot, name) for shot in shots]) for name in ("means", "variances"))
     n_shots = len(shots)
@@ -62,7 +63,7 @@ def error_sources(shots: Sequence[CellErrors], seed: int) -> dict[str, float | i
     draws = np.random.default_rng(seed).integers(0, N_SECTORS, (N_DRAWS, N_SECTORS))
     drawn = np.stack([_sources(*(part[:, draw].reshape(n_shots, -1) for part in by_sector)) for draw in draws])
     spreads = np.std(drawn[np.isfinite(drawn[:, -1])], axis=0) * np.sqrt(N_SECTORS / (N_SECTORS - 1))
-    row: dict[str, float | int | None] = {"n_shots": n_shots}
+    row: dict[str, float | int | None] = {"n_shots": n_shots, "coverage_factor": coverage_factor(N_SECTORS - 1)}
     for name, value, spread in zip(("calibration", "shot", "matching", "smooth"), values, spreads, strict=True):
         is_known = np.isfinite(value)
         row |= {f"{name}_mm": float(value) if is_known else None, f"u_{name}_mm": float(spread) if is_known else None}

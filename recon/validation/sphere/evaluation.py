@@ -16,7 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.validation.clouds import CloudFile, FitError
-from recon.validation.measures import COMBINED, N_REPLICATES, TABLE_THRESHOLD, inlier_measures, inlier_tables
+from recon.validation.measures import (
+    COMBINED,
+    N_REPLICATES,
+    TABLE_THRESHOLD,
+    check_thresholds,
+    inlier_measures,
+    inlier_tables,
+)
 from recon.validation.sphere.error_sources import CellErrors, error_sources
 from recon.validation.sphere.exclusion import (
     Finding,
@@ -55,7 +62,7 @@ class _Sample:
 
 
 @dataclass(frozen=True, eq=False)
-class _Judge:
+class _Baselines:
     """What all samples together say of each sensor: what is usual in its parts, and its constant offset (3,), mm."""
 
     usual: Mapping[str, Parts]
@@ -90,8 +97,8 @@ def measure_spheres(
     if not spheres:
         reason = samples[0].results[0].failure
         raise FitError(f"no sphere was found in any of {len(clouds)} clouds; the first: {reason}")
-    judge = _judge_of(samples, spheres)
-    rows = [row for sample in samples for row in _rows(sample.results, settings, judge)]
+    baselines = _baselines(samples, spheres)
+    rows = [row for sample in samples for row in _rows(sample.results, settings, baselines)]
     left_out = {row["name"] for row in rows if row["is_excluded"]}
     used = [sphere for sphere in spheres if sphere.file.name not in left_out]
     table, curve = inlier_tables(_groups(samples, left_out, settings), settings.thresholds, settings.seed)
@@ -109,7 +116,7 @@ def measure_spheres(
         "flagged": [{"name": row["name"], "remarks": row["remarks"]} for row in rows if row["remarks"]],
         "table": table,
         "curve": curve,
-        "error_sources": _sources(used or spheres, judge.offsets, settings.seed),
+        "error_sources": _sources(used or spheres, baselines.offsets, settings.seed),
         "reference": _agreement(used, references, settings),
         "measures": inlier_measures("sphere", table, settings.subject),
     }
@@ -141,8 +148,7 @@ def _check(clouds: Sequence[CloudFile], settings: SphereSettings) -> None:
         raise ValueError(f"there is no method {settings.method!r}; expected one of {', '.join(METHODS)}")
     if not (np.isfinite(settings.radius) and settings.radius > 0):
         raise ValueError(f"the radius is {settings.radius:g} mm, expected a positive number")
-    if not settings.thresholds or min(settings.thresholds) <= 0:
-        raise ValueError(f"thresholds are {settings.thresholds}, expected positive lengths in mm")
+    check_thresholds(settings.thresholds)
     strangers = set(settings.viewpoints) - {cloud.sensor for cloud in clouds}
     if strangers:
         raise ValueError(f"viewpoints are given for {', '.join(sorted(strangers))}, of which there is no cloud")
@@ -173,13 +179,13 @@ def _samples(results: Iterable[MeasuredSphere], settings: SphereSettings) -> lis
     return samples
 
 
-def _judge_of(samples: Sequence[_Sample], spheres: Sequence[MeasuredSphere]) -> _Judge:
+def _baselines(samples: Sequence[_Sample], spheres: Sequence[MeasuredSphere]) -> _Baselines:
     parts: dict[str, list[Parts]] = {}
     for sphere in spheres:
         if sphere.parts is not None:
             parts.setdefault(sphere.file.sensor, []).append(sphere.parts)
     usual = {sensor: known for sensor, seen in parts.items() if (known := usual_parts(seen)) is not None}
-    return _Judge(usual, sensor_offsets([_centres(sample.spheres) for sample in samples]))
+    return _Baselines(usual, sensor_offsets([_centres(sample.spheres) for sample in samples]))
 
 
 def _centres(spheres: Iterable[MeasuredSphere]) -> dict[str, NDArray[np.float64]]:
@@ -249,11 +255,11 @@ def _groups(
     return groups
 
 
-def _rows(results: Sequence[MeasuredSphere], settings: SphereSettings, judge: _Judge) -> list[dict[str, Any]]:
+def _rows(results: Sequence[MeasuredSphere], settings: SphereSettings, baselines: _Baselines) -> list[dict[str, Any]]:
     """Return the rows of one sample, judged by what is usual for each sensor."""
     fits = {result.file.sensor: result.fit for result in results if result.fit is not None}
     parts = {result.file.sensor: result.parts for result in results if result.parts is not None}
-    by_sensor = findings(fits, parts, judge.usual, judge.offsets)
+    by_sensor = findings(fits, parts, baselines.usual, baselines.offsets)
     return [_row(result, by_sensor.get(result.file.sensor, []), settings) for result in results]
 
 

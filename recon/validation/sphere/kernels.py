@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 @njit(cache=True, inline="always")
 def _next(state):  # type: ignore[no-untyped-def]  # numba
-    """One step of a 32-bit linear congruential generator (Numerical Recipes, "quick and dirty" 1664525)."""
+    """Take one step of a 32-bit linear congruential generator (Numerical Recipes, "quick and dirty" 1664525)."""
     return (state * np.int64(1664525) + np.int64(1013904223)) & np.int64(0xFFFFFFFF)
 
 

@@ -78,8 +78,6 @@ class SphereFit:
     scale : mm, standard deviation of the points on the surface, robust
     coverage : share of the sphere's directions in which it has points
     surface_share : share of the points around the sphere that lie on it
-    n_points : of the cloud
-    steps : Gauss-Newton steps
     """
 
     centre: NDArray[np.float64]
@@ -88,8 +86,11 @@ class SphereFit:
     scale: float
     coverage: float
     surface_share: float
-    n_points: int
-    steps: int
+
+    @property
+    def band(self) -> float:
+        """How far from the surface a point may lie and still count for it, mm; more where the points scatter more."""
+        return max(band_of(self.radius), CUTOFF * self.scale)
 
     def errors(self, points: NDArray[np.floating]) -> NDArray[np.float32]:
         """Return the signed errors (N,) of points (N, 3) to the known radius, mm; positive outside."""
@@ -101,8 +102,7 @@ class SphereFit:
 
 def surface_share(points: NDArray[np.floating], fit: SphereFit) -> float:
     """Return the share of points (N, 3), mm, that lie on a sphere, where all of them ought to."""
-    on_surface = np.abs(fit.errors(points)) < max(band_of(fit.radius), CUTOFF * fit.scale)
-    return float(np.mean(on_surface)) if len(points) else 0.0
+    return float(np.mean(np.abs(fit.errors(points)) < fit.band)) if len(points) else 0.0
 
 
 def band_of(radius: float) -> float:

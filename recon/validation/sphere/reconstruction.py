@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.validation.clouds import CloudFile, FitError, read_measured
-from recon.validation.measures import TABLE_THRESHOLD, inlier_ratios
+from recon.validation.measures import TABLE_THRESHOLD, inlier_ratios, inlier_rms
 from recon.validation.sampling import subsample
 from recon.validation.sphere.cells import cap_of
 from recon.validation.sphere.error_sources import CellErrors, cell_errors
@@ -158,10 +158,6 @@ def _columns(fit: SphereFit, parts: Parts, errors: NDArray[np.float32], missing:
         "ring_shift_mm": parts.ring_shift,
         "coherent_error_mm": parts.coherent_error,
         "median_error_mm": float(np.median(errors)),
-        "rms_inliers_mm": _rms(errors[is_inlier]),
+        "rms_inliers_mm": inlier_rms(errors),
         "inliers": float(np.mean(is_inlier)),
     }
-
-
-def _rms(errors: NDArray[np.float32]) -> float | None:
-    return float(np.sqrt(np.mean(errors.astype(np.float64) ** 2))) if len(errors) else None

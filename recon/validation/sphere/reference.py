@@ -14,13 +14,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri  # scipy.stats takes half a second to import
 
+from recon.rig import rigid, transformed
 from recon.validation.clouds import MIN_POINTS, FitError, read_measured
 from recon.validation.sampling import subsample
 from recon.validation.sphere.cells import cap_of
 from recon.validation.sphere.consensus import fit_sphere
 from recon.validation.sphere.model import FRAMES, OWN, SENSORS, ReferenceSettings
-from recon.validation.sphere.uncertainty import fit_uncertainty
+from recon.validation.sphere.uncertainty import CONFIDENCE, coverage_factor, fit_uncertainty
 from recon.validation.super4pcs import rigid_motions
 
 MIN_PLACES = 3  # to determine a rigid motion
@@ -108,7 +110,7 @@ def agreement(references: Sequence[Centre], measured: Mapping[int, Centre], fram
         [measured[sample] for sample in samples], [references[sample - 1] for sample in samples]))  # fmt: skip
     motion, n_free = (np.eye(4), 0) if frame == SENSORS else (_motion(theirs, ours), 6)
     turn, dof = motion[:3, :3], 3 * len(samples) - n_free
-    residuals = ours - (theirs @ turn.T + motion[:3, 3])
+    residuals = ours - transformed(theirs, motion)
     rows, squares = [], []
     for sample, residual in zip(samples, residuals, strict=True):
         covariance = measured[sample].covariance + turn @ references[sample - 1].covariance @ turn.T
@@ -124,13 +126,20 @@ def agreement(references: Sequence[Centre], measured: Mapping[int, Centre], fram
         "frame": frame,
         "n_samples": len(samples),
         "degrees_of_freedom": dof,
-        "s_mm": float(np.sqrt(np.sum(residuals**2) / dof)),
+        **_standard_deviation(residuals, dof),
         "mean_distance_mm": float(np.mean([row["distance_mm"] for row in rows])),
         "birge_ratio": float(np.sqrt(sum(squares) / dof)) if len(squares) == len(rows) else None,
         **(_scale(theirs, ours) if frame == OWN else {}),
         "sensors_from_reference": motion.tolist(),
         "samples": rows,
     }
+
+
+def _standard_deviation(residuals: NDArray[np.float64], dof: int) -> dict[str, float]:
+    """Return the standard deviation of a coordinate of residuals (N, 3), mm, with its 95 % interval by chi square."""
+    total = float(np.sum(residuals**2))
+    low, high = chdtri(dof, ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2))
+    return {f"s{end}_mm": float(np.sqrt(total / n)) for end, n in (("", dof), ("_low", low), ("_high", high))}
 
 
 def _scanned(path: Path, cloud: NDArray[np.float32], radius: float, seed: int) -> Centre:
@@ -151,11 +160,12 @@ def _motion(theirs: NDArray[np.float64], ours: NDArray[np.float64]) -> NDArray[n
         spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
         if spread[1] < THIN * spread[0]:
             raise FitError(f"the {name} centres lie on a line, about which any turn fits: place a ball off that line")
-    return np.vstack([rigid_motions(theirs, ours[None])[0], (0.0, 0.0, 0.0, 1.0)])
+    motion = rigid_motions(theirs, ours[None])[0]
+    return rigid(motion[:, :3], motion[:, 3])
 
 
 def _scale(theirs: NDArray[np.float64], ours: NDArray[np.float64]) -> dict[str, float]:
-    """Return by how much our distances are longer than theirs, as a ratio, with its standard uncertainty.
+    """Return by how much our distances are longer than theirs, as a ratio, with its uncertainty.
 
     Source: Umeyama, "Least-squares estimation of transformation parameters between two point patterns" (1991).
     """
@@ -163,5 +173,5 @@ def _scale(theirs: NDArray[np.float64], ours: NDArray[np.float64]) -> dict[str, 
     turn = rigid_motions(x, y[None])[0, :, :3]
     size = float(np.sum(x**2))
     scale = float(np.sum(y * (x @ turn.T))) / size
-    left = float(np.sum((y - scale * x @ turn.T) ** 2))
-    return {"scale": scale, "u_scale": float(np.sqrt(left / (3 * len(ours) - 7) / size))}
+    left, dof = float(np.sum((y - scale * x @ turn.T) ** 2)), 3 * len(ours) - 7
+    return {"scale": scale, "u_scale": float(np.sqrt(left / dof / size)), "scale_coverage_factor": coverage_factor(dof)}

@@ -35,7 +35,7 @@ def refine_sphere(
         If the steps do not converge or what they reach is not a sphere of this radius.
     """
     band = band_of(radius)
-    centre, scale, steps = _converged(sample, centre, radius)
+    centre, scale = _converged(sample, centre, radius)
     if len(points) > len(sample):
         for _ in range(FINAL_STEPS):
             centre = _step(points, centre, radius, CUTOFF * scale)
@@ -51,8 +51,6 @@ def refine_sphere(
         scale=scale,
         coverage=coverage(sample[on_surface] - centre),
         surface_share=float(np.count_nonzero(on_surface) / np.count_nonzero(near)),
-        n_points=len(points),
-        steps=steps,
     )
     check_fit(fit)
     check_bending(sample[np.abs(errors) < 2 * band] - centre, fit)
@@ -75,8 +73,8 @@ def moved_centre(points: NDArray[np.float32], fit: SphereFit) -> NDArray[np.floa
 
 def _converged(
     sample: NDArray[np.float32], centre: NDArray[np.float64], radius: float
-) -> tuple[NDArray[np.float64], float, int]:
-    """Return the centre, the inliers' scale and the number of steps; each step estimates the scale anew."""
+) -> tuple[NDArray[np.float64], float]:
+    """Return the centre and the inliers' scale; each step estimates the scale anew."""
     band = band_of(radius)
     for step in range(1, MAX_STEPS + 1):
         errors = np.abs(signed_errors(sample, centre, radius))
@@ -89,7 +87,7 @@ def _converged(
         change = float(np.linalg.norm(moved - centre))
         centre = moved
         if change < STEP_MM and step > 3:
-            return centre, scale, step
+            return centre, scale
     raise FitError(f"the fit did not converge in {MAX_STEPS} steps; the last moved it by {change:.3g} mm")
 
 

@@ -8,20 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from recon.validation.measures import measured_rows
 from recon.validation.page import (
     Section,
     curve_chart,
     curve_columns,
     percent,
-    write_bytes,
+    plain_name,
     write_figure,
-    write_measures,
+    write_numbers,
     write_page,
-    write_report_json,
-    write_table,
 )
-from recon.validation.pictures import png, sphere_picture
+from recon.validation.pictures import sphere_picture, write_picture
 from recon.validation.sphere.cell_picture import cell_picture
 from recon.validation.sphere.exclusion import MIN_SURFACE_SHARE, part_limits
 from recon.validation.sphere.model import OWN
@@ -36,9 +33,8 @@ CAPTION = (
     "side (right); orange is outside and blue inside by more than {threshold:g} mm."
 )
 CELLS_CAPTION = (
-    "Verdict on {name}: {verdict}; {why}. Errors from the sensor: blue is -{limit:.2g} mm or less, red +{limit:.2g} mm "
-    "or more, grey has no points. Lines part the rule's eight sectors and three rings; numbers are the cells' median "
-    "errors in mm, the worst four outlined."
+    "Verdict on {name}: {verdict}; {why}. Errors from the sensor; grey has no points. Lines part the rule's eight "
+    "sectors and three rings; numbers are the cells' median errors in mm, the worst four outlined."
 )
 CRITERIA = {
     "sector_shift": "sector shift mm",
@@ -56,16 +52,13 @@ def write_sphere_report(report: Mapping[str, Any], pictured: Sequence[MeasuredSp
     report, pictured : from `measure_spheres`
     out : the report's folder
     """
-    out.mkdir(parents=True, exist_ok=True)
-    write_report_json(out, report)
-    write_table(out / "reconstructions.csv", report["reconstructions"])
-    write_table(out / "sensors.csv", report["table"])
-    write_table(out / "curve.csv", report["curve"])
-    write_measures(out, measured_rows(report["measures"], "validate sphere"))
+    tables = {"reconstructions": report["reconstructions"], "sensors": report["table"], "curve": report["curve"]}
+    write_numbers(out, report, tables)
     subset = "used" if any(row["subset"] == "used" for row in report["curve"]) else "all"
     curve = write_figure(out / "curve", curve_chart([row for row in report["curve"] if row["subset"] == subset]))
     sections = [_summary(report), _sensors(report), _curve(subset, curve), _fits(report), _sources(report)]
-    sections += [_reference(report), _verdicts(report), _reasons(report), _pictures(report, pictured, out)]
+    sections += [_reference(report), _verdicts(report), _reasons(report)]
+    sections += [_pictures(report, pictured, out), _inputs(report)]
     return write_page(out / "report.html", "Reconstruction of a sphere", sections)
 
 
@@ -87,7 +80,8 @@ def _sensors(report: Mapping[str, Any]) -> Section:
     text = (
         f"Mean over samples at a threshold of {report['settings']['table_threshold_mm']:g} mm, with 95 % intervals "
         f"from {report['settings']['replicates']} bootstrap replicates over samples. Combined are all sensors' points "
-        "against one sphere. The rows “all” include what the exclusion rule leaves out."
+        "against one sphere. The rows “all” include what the exclusion rule leaves out. With few samples these "
+        "intervals are too narrow: with four they hold the mean in 80 % of cases, with ten in 90 %."
     )
     return Section("Sensors", text, curve_columns(report["table"]))
 
@@ -102,14 +96,14 @@ def _fits(report: Mapping[str, Any]) -> Section:
         {
             "name": row["name"],
             "used": not row["is_excluded"],
-            "x mm": _with(row, "centre_mm", "u_centre_mm", 0),
-            "y mm": _with(row, "centre_mm", "u_centre_mm", 1),
-            "z mm": _with(row, "centre_mm", "u_centre_mm", 2),
-            "free radius mm": _with(row, "free_radius_mm", "u_free_radius_mm"),
-            "median error mm": _with(row, "median_error_mm", "u_median_error_mm"),
-            "scatter mm": _with(row, "scale_mm", "u_scale_mm"),
-            "RMS of inliers mm": _with(row, "rms_inliers_mm", "u_rms_inliers_mm"),
-            "inliers %": _with(row, "inliers", "u_inliers", unit=0.01),
+            "x mm": _with_uncertainty(row, "centre_mm", 0),
+            "y mm": _with_uncertainty(row, "centre_mm", 1),
+            "z mm": _with_uncertainty(row, "centre_mm", 2),
+            "free radius mm": _with_uncertainty(row, "free_radius_mm"),
+            "median error mm": _with_uncertainty(row, "median_error_mm"),
+            "scatter mm": _with_uncertainty(row, "scale_mm"),
+            "RMS of inliers mm": _with_uncertainty(row, "rms_inliers_mm"),
+            "inliers %": _with_uncertainty(row, "inliers", unit=0.01),
         }
         for row in report["reconstructions"]
         if not row["failure"]
@@ -125,9 +119,9 @@ def _fits(report: Mapping[str, Any]) -> Section:
     return Section("Measurement results", text, rows)
 
 
-def _with(row: Mapping[str, Any], name: str, u_name: str, part: int | None = None, unit: float = 1.0) -> str:
+def _with_uncertainty(row: Mapping[str, Any], name: str, part: int | None = None, unit: float = 1.0) -> str:
     """Write a value of a row with its expanded uncertainty, to the uncertainty's second digit."""
-    value, u = row.get(name), row.get(u_name)
+    value, u = row.get(name), row.get(f"u_{name}")
     if value is None:
         return "–"
     value, u = (value, u) if part is None else (value[part], u and u[part])
@@ -143,14 +137,15 @@ def _verdicts(report: Mapping[str, Any]) -> Section:
         {
             "name": row["name"],
             "verdict": _verdict(row),
+            "points": row["n_points"],
             "on the surface %": percent(row.get("surface_share")),
-            **{words: _of_limit(row, name) for name, words in CRITERIA.items()},
+            **{words: _against_limit(row, name) for name, words in CRITERIA.items()},
             "missing %": percent(row.get("missing_share")),
         }
         for row in report["reconstructions"]
     ]
     text = (
-        "The exclusion rule's values, each with its limit. Shifts are how far the centre moves without the worst of "
+        "The exclusion rule's values, each against its limit. Shifts are how far the centre moves without the worst of "
         "eight sectors, or without the inner or outer half. Coherent is by how much the worst sixth of the surface is "
         f"off together. At least {MIN_SURFACE_SHARE:.0%} of the points must lie on the surface. Missing is the share "
         "of the ball's picture without points, known where the sensor's place is given; it excludes nothing."
@@ -166,8 +161,11 @@ def _verdict(row: Mapping[str, Any]) -> str:
     return "kept on request" if row["reasons"] else "used, with remarks" if row["remarks"] else "used"
 
 
-def _of_limit(row: Mapping[str, Any], name: str) -> str:
-    return f"{row[f'{name}_mm']:.2f} of {row[f'{name}_limit_mm']:.3g}" if f"{name}_mm" in row else "–"
+def _against_limit(row: Mapping[str, Any], name: str) -> str:
+    if row["failure"]:
+        return "–"
+    value, limit = row[f"{name}_mm"], row[f"{name}_limit_mm"]
+    return f"{value:.2f}\u00a0{'>' if value > limit else '≤'}\u00a0{limit:.2f}"
 
 
 def _reasons(report: Mapping[str, Any]) -> Section:
@@ -188,29 +186,24 @@ def _sources(report: Mapping[str, Any]) -> Section:
         {
             "sensor": row["sensor"],
             "shots": row["n_shots"],
-            "calibration mm": _plus_minus(row, "calibration"),
-            "of single shots mm": _plus_minus(row, "shot"),
-            "smooth, both together mm": _plus_minus(row, "smooth"),
-            "matching mm": _plus_minus(row, "matching"),
+            "calibration mm": _with_uncertainty(row, "calibration_mm"),
+            "single shots mm": _with_uncertainty(row, "shot_mm"),
+            "both together mm": _with_uncertainty(row, "smooth_mm"),
+            "matching mm": _with_uncertainty(row, "matching_mm"),
             "offset x, y, z mm": "–" if row["offset_mm"] is None else " ".join(f"{v:+.2f}" for v in row["offset_mm"]),
         }
         for row in report["error_sources"]
     ]
     text = (
-        "Root mean squares of the signed errors of the points on the surface, ± standard uncertainty over sectors. "
-        "Calibration is the mean error of a cell of the cap (eight sectors, three rings) that comes back in every "
-        "shot: it bends every ball alike. Of single shots is what differs from shot to shot, such as a highlight. "
-        "With one shot the two cannot be told apart. Matching is the scatter of points within a cell. An error that "
-        "moves the whole ball bends nothing: the offset is how far a sensor sees the balls from the middle of all "
-        "sensors (median over at least four samples), and the exclusion rule does not count it against a sample; what "
-        "all sensors share, only a reference can show."
+        "Root mean squares of the signed errors of the points on the surface, ± the expanded uncertainty of 95 % by a "
+        "bootstrap over sectors. Calibration is the mean error of a cell of the cap (eight sectors, three rings) that "
+        "comes back in every shot: it bends every ball alike. Single shots is what differs from shot to shot, such as "
+        "a highlight. With one shot the two cannot be told apart. Matching is the scatter of points within a cell. An "
+        "error that moves the whole ball bends nothing: the offset is how far a sensor sees the balls from the middle "
+        "of all sensors (median over at least four samples), and the exclusion rule does not count it against a "
+        "sample; what all sensors share, only a reference can show."
     )
     return Section("Calibration and matching", text, rows)
-
-
-def _plus_minus(row: Mapping[str, Any], name: str) -> str:
-    value = row[f"{name}_mm"]
-    return "–" if value is None else f"{value:.2f}\u00a0±\u00a0{row[f'u_{name}_mm']:.2f}"
 
 
 def _reference(report: Mapping[str, Any]) -> Section:
@@ -220,10 +213,11 @@ def _reference(report: Mapping[str, Any]) -> Section:
     rows = [
         {
             "sample": row["sample"],
-            **dict(zip(("x mm", "y mm", "z mm"), (f"{part:+.2f}" for part in row["residual_mm"]), strict=True)),
+            **{f"{axis} mm": f"{part:+.2f}" for axis, part in zip("xyz", row["residual_mm"], strict=True)},
             "distance mm": f"{row['distance_mm']:.2f}",
             "u mm": f"{row['u_mm']:.2f}",
-            "E_n": "–" if row["e_n"] is None else f"{row['e_n']:.1f}",
+            "Eₙ": "–" if row["e_n"] is None else f"{row['e_n']:.2f}",
+            "verdict": "unknown" if row["e_n"] is None else "agrees" if row["e_n"] <= 1 else "disagrees",
         }
         for row in reference["samples"]
     ]
@@ -239,8 +233,8 @@ def reference_text(reference: Mapping[str, Any]) -> str:
             f"estimated from these centres: it takes 6 of their {3 * n} coordinates and leaves {dof} degrees of "
             "freedom. A shift or turn of everything shows nowhere. "
         )
-        scale, u = 100 * reference["scale"], 100 * reference["u_scale"]
-        lengths = f" Our distances between places are {scale:.2f} ± {u:.2f} % (standard) of the reference's."
+        scale, expanded = 100 * reference["scale"], 100 * reference["u_scale"] * reference["scale_coverage_factor"]
+        lengths = f" Our distances between places are {scale:.1f} ± {expanded:.1f} % (95 %) of the reference's."
     else:
         frames = f"The reference is in the sensors' frame: {n} centres are compared as they are ({dof} coordinates). "
         lengths = ""
@@ -250,9 +244,10 @@ def reference_text(reference: Mapping[str, Any]) -> str:
         + ("." if ratio <= MAX_RATIO else ": the rest is calibration, form, or the reference's own error.")
     )  # fmt: skip
     return (
-        f"{frames}The residuals' standard deviation is {reference['s_mm']:.2f} mm per coordinate, their mean length "
+        f"{frames}The residuals' standard deviation is {reference['s_mm']:.2f} mm per coordinate (95 %: "
+        f"{reference['s_low_mm']:.2f} to {reference['s_high_mm']:.2f} mm), their mean length "
         f"{reference['mean_distance_mm']:.2f} mm.{explained}{lengths} u is the standard uncertainty along a residual; "
-        "E_n is the residual over twice that, and at most 1 where both agree within their uncertainties."
+        "Eₙ is the residual over twice that, and at most 1 where both agree within their uncertainties."
     )
 
 
@@ -264,15 +259,28 @@ def _pictures(report: Mapping[str, Any], pictured: Sequence[MeasuredSphere], out
         if sphere.fit is None:
             continue
         name, limit = sphere.file.name, max(part_limits(sphere.fit)["coherent_error"], sphere.fit.scale)
-        pictures = (
-            ("sphere", CAPTION, sphere_picture(sphere.points, sphere.fit.centre, radius, threshold)),
-            ("cells", CELLS_CAPTION, cell_picture(sphere.counted, sphere.fit, limit)),
-        )
         row = rows[name]
         why = "; ".join([*row["reasons"], *row["remarks"]]) or "nothing is near a limit"
-        for kind, caption, picture in pictures:
-            content = png(picture)
-            write_bytes(out / f"{kind}_{name.replace('/', '_')}.png", content)
-            text = caption.format(name=name, threshold=threshold, limit=limit, verdict=_verdict(row), why=why)
-            figures.append((text, content))
+        points = write_picture(
+            out / f"sphere_{plain_name(name)}.png",
+            sphere_picture(sphere.points, sphere.fit.centre, radius, threshold),
+        )
+        cells = write_picture(out / f"cells_{plain_name(name)}.png", cell_picture(sphere.counted, sphere.fit, limit))
+        figures += [
+            (CAPTION.format(name=name, threshold=threshold), points),
+            (CELLS_CAPTION.format(name=name, verdict=_verdict(row), why=why), cells),
+        ]
     return Section("Pictures", figures=figures)
+
+
+def _inputs(report: Mapping[str, Any]) -> Section:
+    settings = report["settings"]
+    places = [f"{sensor} at {list(place)} mm" for sensor, place in settings["viewpoints_mm"].items()]
+    text = (
+        f"Clouds in {settings['unit']}; seed {settings['seed']}. Points count "
+        + (f"on lines of sight to the ball alone ({', '.join(places)})." if places else "wherever they lie.")
+        + (f" Reference in {reference['unit']}." if (reference := settings.get("reference")) else "")
+    )
+    files = [(row["name"], row["file"]) for row in report["reconstructions"]]
+    files += [("reference", file) for file in reference["files"]] if reference else []
+    return Section("Files and settings", text, [{"name": name, "file": file} for name, file in files])

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit  # scipy.stats takes half a second to import
 
-from recon.validation.measures import TABLE_THRESHOLD
+from recon.validation.measures import TABLE_THRESHOLD, inlier_rms
 from recon.validation.sphere.cells import N_SECTORS, Cap, sector_at
 from recon.validation.sphere.kernels import tukey_sums
 from recon.validation.sphere.model import CUTOFF, SphereFit, band_of
@@ -46,11 +46,6 @@ class Uncertainty:
     inliers: float
     n_sectors: int
 
-    @property
-    def factor(self) -> float:
-        """The coverage factor of 95 % intervals: Student's t with one degree of freedom fewer than sectors."""
-        return float(stdtrit(self.n_sectors - 1, (1 + CONFIDENCE) / 2))
-
     def columns(self) -> dict[str, object]:
         """Return the numbers in the report's words."""
         return {
@@ -60,8 +55,13 @@ class Uncertainty:
             "u_scale_mm": self.scale,
             "u_rms_inliers_mm": self.rms_inliers,
             "u_inliers": self.inliers,
-            "coverage_factor": self.factor,
+            "coverage_factor": coverage_factor(self.n_sectors - 1),
         }
+
+
+def coverage_factor(degrees_of_freedom: int) -> float:
+    """Return what a standard uncertainty is multiplied by for a 95 % interval: Student's t."""
+    return float(stdtrit(degrees_of_freedom, (1 + CONFIDENCE) / 2))
 
 
 def fit_uncertainty(points: NDArray[np.float32], fit: SphereFit, cap: Cap, seed: int) -> Uncertainty | None:
@@ -99,7 +99,7 @@ def fit_uncertainty(points: NDArray[np.float32], fit: SphereFit, cap: Cap, seed:
         free_radius=float(spread * np.std(radii)),
         median_error=spread_of(lambda drawn: float(np.median(drawn))),
         scale=spread_of(lambda drawn: _scale(drawn, fit.radius)),
-        rms_inliers=spread_of(_rms_of_inliers),
+        rms_inliers=spread_of(lambda drawn: inlier_rms(drawn) or 0.0),
         inliers=float(spread * np.std(within[draws].sum(axis=1) / counts[draws].sum(axis=1))),
         n_sectors=n,
     )
@@ -123,8 +123,3 @@ def _newton_factor(errors: NDArray[np.float32], fit: SphereFit) -> float:
 def _scale(errors: NDArray[np.float32], radius: float) -> float:
     sizes = np.abs(errors)
     return 1.4826 * float(np.median(sizes[sizes < 2 * band_of(radius)]))
-
-
-def _rms_of_inliers(errors: NDArray[np.float32]) -> float:
-    inliers = errors[np.abs(errors) <= TABLE_THRESHOLD]
-    return float(np.sqrt(np.mean(inliers.astype(np.float64) ** 2))) if len(inliers) else 0.0

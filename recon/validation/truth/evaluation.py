@@ -20,47 +20,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.geometry.mesh_files import read_surface
-from recon.models.shape import SHAPE_SUFFIXES, read_model_shape
-from recon.validation.clouds import TEXT_SUFFIXES, read_measured
-from recon.validation.measures import LESS, MORE, Subject, joined, measure_rows
-from recon.validation.sampling import cell_means, order_by_cells, spread_over_triangles
+from recon.geometry.mesh import Shape
+from recon.validation.clouds import read_shape
+from recon.validation.measures import LESS, MORE, Subject, check_thresholds, measure_rows
+from recon.validation.sampling import between_corners, cell_means, order_by_cells, search_tree, spread_over_triangles
 from recon.validation.triangles import TriangleTree
 from recon.validation.truth.eth3d import VOXEL_MM, eth3d_scores
 
 N_SAMPLES = 250_000
 PERCENTILES = (50, 90, 95)
-
-
-@dataclass(frozen=True, eq=False)
-class Shape:
-    """A surface as points, with its triangles where it has any.
-
-    Parameters
-    ----------
-    points : float64 (N, 3), mm; vertices, or a cloud's points
-    faces : int32 (M, 3); empty for a cloud
-    """
-
-    points: NDArray[np.float64]
-    faces: NDArray[np.int32]
-
-
-def read_shape(path: Path) -> Shape:
-    """Read a mesh, or a cloud where the file has no faces.
-
-    Raises
-    ------
-    ValueError
-        If the file cannot be read as either.
-    """
-    if path.suffix.lower() in TEXT_SUFFIXES:
-        return Shape(read_measured(path).astype(np.float64), np.zeros((0, 3), np.int32))
-    if path.suffix.lower() in SHAPE_SUFFIXES:
-        model = read_model_shape(path)
-        return Shape(model.points.astype(np.float64), model.faces)
-    points, faces = read_surface(path)
-    return Shape(points.astype(np.float64), faces)
 
 
 def sample_evenly(shape: Shape, n: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -82,9 +50,9 @@ def sample_evenly(shape: Shape, n: int, rng: np.random.Generator) -> NDArray[np.
         If the triangles have no area.
     """
     if not len(shape.faces):
-        return shape.points
+        return shape.points.astype(np.float64)
     chosen, weights = spread_over_triangles(shape.points, shape.faces, n, rng)
-    return np.asarray(np.einsum("nc,nci->ni", weights, shape.points[shape.faces[chosen]]))
+    return between_corners(shape.points, shape.faces[chosen], weights)
 
 
 def compare_points(
@@ -120,9 +88,7 @@ def compared(
 
 def nearest_distances(points: NDArray[np.floating], others: NDArray[np.floating]) -> NDArray[np.float64]:
     """Compute the exact distance float64 (N,), mm, of each point (N, 3) to the nearest of the others (M, 3)."""
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(others, balanced_tree=False, compact_nodes=False)  # half the time on points of a surface
+    tree = search_tree(others)
     order = order_by_cells(points)
     distances = np.empty(len(points))
     distances[order] = tree.query(points[order], workers=-1)[0]  # neighbours find the tree's leaves in the cache
@@ -173,8 +139,7 @@ def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, A
         If a file cannot be read or a threshold is not positive.
     """
     thresholds = settings.thresholds
-    if not thresholds or not min(thresholds) > 0:
-        raise ValueError(f"thresholds are {list(thresholds)}, expected positive lengths in mm")
+    check_thresholds(thresholds)
     if settings.chosen not in thresholds:
         raise ValueError(f"the threshold {settings.chosen:g} mm is none of {', '.join(f'{t:g}' for t in thresholds)}")
     for name, width in (("cells", settings.cell), ("voxels", settings.voxel)):
@@ -211,7 +176,7 @@ def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, A
     return report | {"measures": _measures(report, settings)}
 
 
-def distances_to(shape: Shape, points: NDArray[np.float64]) -> NDArray[np.float64]:
+def distances_to(shape: Shape, points: NDArray[np.floating]) -> NDArray[np.float64]:
     """Compute the distance (N,) of points (N, 3) to a shape, mm: to its triangles where it has any, else to points."""
     if not len(shape.faces):
         return nearest_distances(points, shape.points)
@@ -229,13 +194,11 @@ def _measures(report: dict[str, Any], settings: MeshSettings) -> list[dict[str, 
     subject = settings.subject
     score = next(row for row in report["scores"] if row["threshold_mm"] == settings.chosen)
     at = f"at {settings.chosen:g} mm"
-    return joined(
-        [
-            measure_rows(subject, "accuracy", report["accuracy"]["mean_mm"], direction=LESS, unit="mm"),
-            measure_rows(subject, "completeness", report["completeness"]["mean_mm"], direction=LESS, unit="mm"),
-            measure_rows(subject, f"F-score {at}", score["f_score"], direction=MORE, unit="share"),
-        ]
-    )
+    return [
+        *measure_rows(subject, "accuracy", report["accuracy"]["mean_mm"], direction=LESS, unit="mm"),
+        *measure_rows(subject, "completeness", report["completeness"]["mean_mm"], direction=LESS, unit="mm"),
+        *measure_rows(subject, f"F-score {at}", score["f_score"], direction=MORE, unit="share"),
+    ]
 
 
 def _score(to_truth: NDArray[np.float64], to_measured: NDArray[np.float64], threshold: float) -> dict[str, float]:

@@ -10,20 +10,10 @@ import numpy as np
 
 from recon.geometry.mesh import LIMIT_SHARE, error_colours, error_limit
 from recon.geometry.mesh_files import write_coloured
-from recon.validation.measures import measured_rows
-from recon.validation.page import (
-    PALETTE,
-    Section,
-    percent,
-    write_bytes,
-    write_figure,
-    write_measures,
-    write_page,
-    write_report_json,
-    write_table,
-)
-from recon.validation.pictures import error_picture, png
-from recon.validation.truth.evaluation import read_shape, sample_evenly, signed_distances_to
+from recon.validation.clouds import read_shape
+from recon.validation.page import PALETTE, Section, percent, write_figure, write_numbers, write_page
+from recon.validation.pictures import error_picture, write_picture
+from recon.validation.truth.evaluation import sample_evenly, signed_distances_to
 
 MEASURES = ("precision", "recall", "f_score")
 COLOURED = "errors.ply"
@@ -32,11 +22,7 @@ PICTURED = 150_000  # points; more than the pictures have pixels for
 
 def write_mesh_report(report: Mapping[str, Any], out: Path) -> Path:
     """Write report.json, tables, the figure, the mesh coloured by error and report.html; returns the HTML's path."""
-    out.mkdir(parents=True, exist_ok=True)
-    write_report_json(out, report)
-    write_table(out / "scores.csv", report["scores"])
-    write_table(out / "eth3d.csv", report["eth3d"])
-    write_measures(out, measured_rows(report["measures"], "validate mesh"))
+    write_numbers(out, report, {name: report[name] for name in ("scores", "eth3d")})
     svg = write_figure(out / "scores", _chart(report))
     figure = ("Precision, recall and their harmonic mean against the threshold.", svg)
     scores = "Share of points nearer than each threshold: precision of the mesh's, recall of the truth's."
@@ -105,8 +91,7 @@ def _errors(report: Mapping[str, Any], out: Path) -> Section:
     limit = error_limit(errors)
     write_coloured(out / COLOURED, measured.points, measured.faces, error_colours(errors, limit))
     shown = sample_evenly(measured, PICTURED, np.random.default_rng(settings["seed"]))
-    picture = png(error_picture(shown, signed_distances_to(truth, shown), limit))
-    write_bytes(out / "errors.png", picture)
+    picture = write_picture(out / "errors.png", error_picture(shown, signed_distances_to(truth, shown), limit))
     text = (
         f"Blue is inside the truth, red outside, white on it; the colours end at {limit:.3g} mm, the "
         f"{LIMIT_SHARE}th percentile. {COLOURED} holds the same for any viewer."

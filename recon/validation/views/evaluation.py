@@ -21,7 +21,7 @@ from recon.pipeline.run import RUN_FILE, Run, mesh_name, read_run, recorded_in
 from recon.pipeline.sources import ModelSequence, read_sources
 from recon.storage.files import read_json
 from recon.surface import SurfaceParameters
-from recon.validation.measures import LESS, MORE, Subject, joined, measure_rows
+from recon.validation.measures import LESS, MORE, Subject, measure_rows
 from recon.validation.views.between_sensors import cross_sensor_rows, depth_step
 from recon.validation.views.novel_view import (
     HELD_OUT,
@@ -233,17 +233,15 @@ def _measures(
     """List measures over the whole object, from held-out photographs where there are any, else from the sensors'."""
     kinds = {row["kind"] for row in means}
     kind = HELD_OUT if HELD_OUT in kinds else next(iter(kinds))
-    parts = []
+    rows = []
     for row in means:
         if (row["kind"], row["region"]) == (kind, "all") and row["approach"] != FLOOR:
             subject = Subject(run.dataset, (row["approach"],))
-            parts += [
-                measure_rows(subject, name, row[column], direction=direction, unit=unit)
-                for column, (name, direction, unit) in MEASURES.items()
-            ]
+            for column, (name, direction, unit) in MEASURES.items():
+                rows += measure_rows(subject, name, row[column], direction=direction, unit=unit)
     for row in agreement:
         approaches = tuple(approach for approach in run.approaches if parse_approach(approach).depth == row["depth"])
         subject = Subject(run.dataset, approaches)
-        parts.append(measure_rows(subject, "sensors agree", row["agree"], direction=MORE, unit="share"))
-        parts.append(measure_rows(subject, "sensors apart", row["median_abs_mm"], direction=LESS, unit="mm"))
-    return joined(parts)
+        rows += measure_rows(subject, "sensors agree", row["agree"], direction=MORE, unit="share")
+        rows += measure_rows(subject, "sensors apart", row["median_abs_mm"], direction=LESS, unit="mm")
+    return rows

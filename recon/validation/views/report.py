@@ -6,31 +6,18 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import error_colours
-from recon.validation.measures import measured_rows
-from recon.validation.page import (
-    PALETTE,
-    Section,
-    percent,
-    write_bytes,
-    write_figure,
-    write_measures,
-    write_page,
-    write_report_json,
-    write_table,
-)
-from recon.validation.pictures import png
+from recon.validation.page import PALETTE, Section, percent, plain_name, write_figure, write_numbers, write_page
+from recon.validation.pictures import tile, window_around, write_picture
 from recon.validation.views.evaluation import FLOOR, Comparison
 from recon.validation.views.image_quality import luma
 from recon.validation.views.novel_view import Photograph
 
 MOST_PICTURES = 6
 DIFFERENCE_LIMIT = 64  # grey levels at which the colours of a difference picture end
-TILE_PX, TITLE_PX = 300, 22
 ACROSS = 4  # tiles; more are too small to see anything in
 TABLES = ("sensors", "agreement", "views", "means")
 COLUMNS = {
@@ -56,11 +43,7 @@ def write_views_report(report: Mapping[str, Any], shown: Sequence[Comparison], o
     report, shown : as from `measure_views`
     out : folder
     """
-    out.mkdir(parents=True, exist_ok=True)
-    write_report_json(out, report)
-    for name in TABLES:
-        write_table(out / f"{name}.csv", report[name])
-    write_measures(out, measured_rows(report["measures"], "validate views"))
+    write_numbers(out, report, {name: report[name] for name in TABLES})
     sections = [
         Section("Novel views", _views_text(report), _means(report), [_figure(report, out)]),
         *([_agreement(report)] if report["sensors"] else []),
@@ -148,8 +131,8 @@ def _pictures(shown: Sequence[Comparison], out: Path) -> Section:
     figures = []
     for comparison in shown[:MOST_PICTURES]:
         photograph = comparison.photograph
-        picture = png(comparison_picture(comparison))
-        write_bytes(out / f"view_{photograph.name.replace('/', '_')}_{photograph.frame:04d}.png", picture)
+        name = f"view_{plain_name(photograph.name)}_{photograph.frame:04d}.png"
+        picture = write_picture(out / name, comparison_picture(comparison))
         figures.append((f"{photograph.name}, frame {photograph.frame} ({photograph.kind})", picture))
     text = (
         "The photograph, then each model and its difference in brightness where it covers the object: red is too "
@@ -163,12 +146,12 @@ def comparison_picture(comparison: Comparison) -> NDArray[np.uint8]:
     """Draw tiles, uint8 (H, W, 3): the photograph, and each model's rendering above its difference, four in a row."""
     photograph = comparison.photograph
     window = _window(comparison)
-    empty = _tile(np.full_like(photograph.pixels[window], 255), "")
-    columns = [np.concatenate([_tile(photograph.pixels[window], "photograph"), empty])]
+    empty = tile(np.full_like(photograph.pixels[window], 255), "")
+    columns = [np.concatenate([tile(photograph.pixels[window], "photograph"), empty])]
     for approach, (picture, covered) in comparison.pictures.items():
         drawn = np.where(covered[..., None], picture, 205).astype(np.uint8)
         difference = difference_picture(picture, covered, photograph)
-        columns.append(np.concatenate([_tile(drawn[window], approach), _tile(difference[window], "difference")]))
+        columns.append(np.concatenate([tile(drawn[window], approach), tile(difference[window], "difference")]))
     columns += [np.full_like(columns[0], 255)] * (-len(columns) % ACROSS)
     rows = [np.concatenate(columns[first : first + ACROSS], axis=1) for first in range(0, len(columns), ACROSS)]
     return np.concatenate(rows)
@@ -199,18 +182,4 @@ def _window(comparison: Comparison) -> tuple[slice, slice]:
     mask = comparison.photograph.mask
     if mask is None:
         mask = np.any([covered for _, covered in comparison.pictures.values()], axis=0)
-    if not mask.any():
-        return slice(None), slice(None)
-    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
-    margin = 12
-    return slice(max(rows[0] - margin, 0), rows[-1] + margin), slice(max(columns[0] - margin, 0), columns[-1] + margin)
-
-
-def _tile(pixels: NDArray[np.uint8], title: str) -> NDArray[np.uint8]:
-    scale = TILE_PX / max(pixels.shape[:2])
-    size = (max(1, round(pixels.shape[1] * scale)), max(1, round(pixels.shape[0] * scale)))
-    small = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_NEAREST)
-    tile = np.full((small.shape[0] + TITLE_PX + 6, small.shape[1] + 8, 3), 255, np.uint8)
-    tile[TITLE_PX : TITLE_PX + small.shape[0], : small.shape[1]] = small
-    cv2.putText(tile, title, (0, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (0, 0, 0), 1, cv2.LINE_AA)
-    return tile
+    return window_around(mask)

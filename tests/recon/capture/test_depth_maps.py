@@ -24,7 +24,8 @@ from recon.rig import Camera
 from recon.storage.files import read_json, write_json
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH
-from recon.validation.truth.evaluation import read_shape, signed_distances_to
+from recon.validation.clouds import read_shape
+from recon.validation.truth.evaluation import signed_distances_to
 
 SIZE = (160, 90)
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from recon.geometry.mesh import Mesh, Splats
 from recon.geometry.mesh_files import write_mesh
 from recon.geometry.normals import surface_normals
-from recon.models.gltf_model import srgb_bytes
+from recon.geometry.srgb import srgb_bytes
 from recon.models.read import NEUTRAL, Placement, read_model
 from recon.models.scene_file import Y_FROM
 from tests.recon.geometry.test_mesh import mesh_of

@@ -14,9 +14,9 @@ from recon.fusion import fuse_before
 from recon.fusion.program import FusionProgram, fuse_by_program
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import read_mesh, write_cloud
+from recon.pipeline.job import ReconstructOptions
 from recon.pipeline.methods import read_methods
 from recon.pipeline.reconstruct import reconstruct
-from recon.pipeline.stages import ReconstructOptions
 from recon.programs import LOG, ProgramError
 from recon.storage.files import read_json
 from recon.studio import SynthParameters, synthesise

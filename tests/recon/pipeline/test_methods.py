@@ -20,9 +20,9 @@ from recon.depth.cvf import DrParameters
 from recon.depth.disparity_io import read_disparity
 from recon.depth.patchmatch import PmParameters
 from recon.depth.program import DepthProgram, match_by_program
+from recon.pipeline.job import ReconstructOptions
 from recon.pipeline.methods import Methods, OurDepth, OurFusion, read_methods
 from recon.pipeline.reconstruct import reconstruct
-from recon.pipeline.stages import ReconstructOptions
 from recon.programs import LOG, ProgramError
 from recon.storage.files import read_json
 from recon.studio import SynthParameters, synthesise

@@ -16,7 +16,7 @@ from recon.geometry.mesh_files import write_cloud, write_mesh
 from recon.geometry.normals import surface_normals
 from recon.pipeline.film import Film, RenderOptions
 from recon.pipeline.film_plan import planned_films
-from recon.pipeline.reconstruct import render
+from recon.pipeline.render import render
 from recon.pipeline.run import Run, mesh_name, write_run
 from recon.pipeline.sources import read_sources
 from recon.rig import Camera, look_at

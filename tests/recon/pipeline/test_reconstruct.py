@@ -21,10 +21,11 @@ from recon.export_models import write_models
 from recon.geometry.mesh_files import read_mesh
 from recon.pipeline.film import Film, RenderOptions, make_part, make_path, shown_frames
 from recon.pipeline.film_plan import planned_films
-from recon.pipeline.reconstruct import reconstruct, render
+from recon.pipeline.job import ReconstructOptions
+from recon.pipeline.reconstruct import reconstruct
+from recon.pipeline.render import render
 from recon.pipeline.run import mesh_name, read_run, recorded_in
 from recon.pipeline.sources import run_source
-from recon.pipeline.stages import ReconstructOptions
 from recon.render.camera_path import camera_path
 from recon.render.path_file import read_path
 from recon.render.video import probe_video, read_luma
@@ -33,7 +34,8 @@ from recon.storage.files import read_json, write_json
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH
 from recon.surface import SurfaceParameters
-from recon.validation.truth.evaluation import read_shape, signed_distances_to
+from recon.validation.clouds import read_shape
+from recon.validation.truth.evaluation import signed_distances_to
 from recon.workers import ThisProcess
 from tests.command_line import Command, command_line
 
@@ -43,8 +45,9 @@ import signal
 import sys
 from pathlib import Path
 from recon.pipeline.film import RenderOptions
-from recon.pipeline.reconstruct import reconstruct, render
-from recon.pipeline.stages import ReconstructOptions
+from recon.pipeline.reconstruct import reconstruct
+from recon.pipeline.render import render
+from recon.pipeline.job import ReconstructOptions
 
 capture, run, stimuli = map(Path, sys.argv[1:4])
 n_left = int(sys.argv[4])

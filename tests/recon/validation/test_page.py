@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+
+import pytest
 
 from recon.validation.page import Section, write_page
 
@@ -15,7 +18,7 @@ def test_words_are_escaped_and_drawings_are_not(tmp_path: Path) -> None:
     assert "<h1>&lt;b&gt;Title&lt;/b&gt;</h1>" in page
     assert "<h2>A &amp; B</h2>\n<p>x &lt; y</p>" in page
     assert '<th scope="col">samples</th>\n<th scope="col" class="words">sensor</th>' in page
-    assert '<td>12\u202f345</td>\n<td class="words">&lt;S1&gt;</td>\n<td>0.25</td>\n<td>–</td>' in page
+    assert '<td>12\u202f345</td>\n<td class="words">&lt;S1&gt;</td>\n<td>0.25</td>\n<td class="words">–</td>' in page
     assert '<figure>\n<svg width="9"><rect/></svg>\n<figcaption>&#34;Drawn&#34;</figcaption>' in page
     assert '<img alt="Seen" src="data:image/png;base64,iVBORw==">' in page
 
@@ -23,3 +26,23 @@ def test_words_are_escaped_and_drawings_are_not(tmp_path: Path) -> None:
 def test_long_paths_break_between_folders(tmp_path: Path) -> None:
     page = write_page(tmp_path / "report.html", "Clouds", [Section("Files", rows=[{"file": "run/<a>/0000.ply"}])])
     assert '<td class="words">run/<wbr>&lt;a&gt;/<wbr>0000.ply</td>' in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("values", "cells"),
+    [
+        ((220.0, 319.8123, -5.0), ("220.0", "319.8", "-5.0")),
+        ((138.1623, 0.396), ("138.16", "0.40")),
+        ((5.0, 7.5, 10.0), ("5.0", "7.5", "10.0")),
+        ((0.02168, 0.0), ("0.02168", "0.00000")),
+        ((5.181e-05, 3.7e-05), ("5.181e-05", "3.7e-05")),
+        ((1e6, 2e-6), ("1e+06", "2e-06")),
+        ((float("inf"), 3.25), ("inf", "3.25")),
+    ],
+)
+def test_the_numbers_of_a_column_have_as_many_decimals_unless_they_differ_too_much(
+    tmp_path: Path, values: tuple[float, ...], cells: tuple[str, ...]
+) -> None:
+    rows = [{"length_mm": value} for value in values]
+    page = write_page(tmp_path / "report.html", "Lengths", [Section("Lengths", rows=rows)])
+    assert tuple(re.findall(r"<td>(.*)</td>", page.read_text(encoding="utf-8"))) == cells

@@ -14,9 +14,10 @@ from scipy.spatial.transform import Rotation
 from recon.validation.cloud_quality.compared import SYMMETRIC, TO_DISTORTED, TO_REFERENCE, Pair, Prepared, Value
 from recon.validation.cloud_quality.geometry import chamfer, d1, f_score
 from recon.validation.cloud_quality.measures import MEASURES, Scale
-from recon.validation.cloud_quality.neighbours import JOINED_WITHIN, lowest_first, nearest_groups, tree_of
+from recon.validation.cloud_quality.neighbours import JOINED_WITHIN, lowest_first, nearest_groups
 from recon.validation.cloud_quality.points import PointSet, merged
 from recon.validation.cloud_quality.pointssim import pointssim
+from recon.validation.sampling import search_tree
 from tests.recon.validation.cloud_quality.clouds import ball
 
 SCALE = Scale("mm", 1000.0, 4.0)
@@ -160,7 +161,7 @@ GRIDS: dict[str, Callable[[np.random.Generator], NDArray[np.float32]]] = {
 def test_groups_of_nearest_points_are_those_of_the_full_search(kind: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     points, others = GRIDS[kind](rng), GRIDS[kind](rng)
-    groups = nearest_groups(points, others, tree_of(others))
+    groups = nearest_groups(points, others, search_tree(others))
     for row, point in enumerate(points):
         squared = np.square((point - others).astype(np.float64)).sum(axis=1)
         order = np.argsort(squared, kind="stable")
@@ -177,7 +178,7 @@ def test_groups_of_nearest_points_are_those_of_the_full_search(kind: str, seed: 
 def test_of_points_equally_near_the_first_are_taken(seed: int, k: int) -> None:
     rng = np.random.default_rng(seed)
     points, others = GRIDS["grid"](rng), GRIDS["grid"](rng)
-    rows, distances = lowest_first(points, others, tree_of(others), k)
+    rows, distances = lowest_first(points, others, search_tree(others), k)
     squared = np.square(points[:, None].astype(np.float64) - others).sum(axis=2)
     expected = np.argsort(squared, axis=1, kind="stable")[:, :k]
     assert np.array_equal(rows, expected)

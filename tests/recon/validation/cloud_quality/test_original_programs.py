@@ -19,7 +19,7 @@ from recon.validation.cloud_quality.pointssim import (
     PointSsimParameters,
     pointssim,
 )
-from recon.validation.cloud_quality.reading import read_shape
+from recon.validation.cloud_quality.reading import read_point_set
 
 PAIRS = ("torus_noise_low", "person_voxel_merged", "real_half_colour_noise")
 SMALLEST_DOUBLE = 1e-300  # the program prints one where nothing is as far as that
@@ -41,7 +41,7 @@ DIRECTION = {
 @cache
 def case(folder: Path, name: str) -> tuple[Pair, dict[str, Any]]:
     expected = json.loads((folder / "expected.json").read_text())["pairs"][name]
-    clouds = (Prepared(read_shape(folder / expected["files"][role]).vertices) for role in ("reference", "distorted"))
+    clouds = (Prepared(read_point_set(folder / expected["files"][role])) for role in ("reference", "distorted"))
     return Pair(*clouds), expected
 
 

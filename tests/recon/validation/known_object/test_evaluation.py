@@ -12,12 +12,13 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from recon.cli.main import app
+from recon.geometry.mesh import Shape
 from recon.geometry.mesh_files import write_coloured
 from recon.studio.objects import ball, box
 from recon.validation.clouds import FitError
 from recon.validation.known_object.registration import RegistrationParameters, place_model, refine
 from recon.validation.triangles import TriangleTree
-from recon.validation.truth.evaluation import Shape, sample_evenly
+from recon.validation.truth.evaluation import sample_evenly
 
 Solid = tuple[NDArray[np.float64], NDArray[np.int32]]
 

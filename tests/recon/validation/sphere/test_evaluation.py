@@ -25,9 +25,9 @@ from recon.cli.main import app
 from recon.cli.validate import parse_thresholds, parse_viewpoint
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import write_cloud
+from recon.pipeline.job import ReconstructOptions
 from recon.pipeline.reconstruct import reconstruct
 from recon.pipeline.run import View
-from recon.pipeline.stages import ReconstructOptions
 from recon.surface import SurfaceParameters
 from recon.validation.clouds import FitError, named_clouds, read_measured
 from recon.validation.page import curve_chart, write_figure

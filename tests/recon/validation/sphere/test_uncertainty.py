@@ -18,7 +18,7 @@ from recon.validation.sphere.exclusion import Parts, findings, sensor_offsets
 from recon.validation.sphere.model import ReferenceSettings, SphereFit
 from recon.validation.sphere.reference import Centre, agreement, read_references
 from recon.validation.sphere.refinement import refine_sphere
-from recon.validation.sphere.uncertainty import fit_uncertainty
+from recon.validation.sphere.uncertainty import coverage_factor, fit_uncertainty
 from tests.recon.validation.sphere.simulated_caps import CapParameters, simulate_cap
 
 PLACES = np.array([[1700.0, 2400, 10], [1400, 2200, -30], [2000, 1300, -20], [1700, 700, 300]])
@@ -48,8 +48,9 @@ def test_intervals_hold_the_truth_where_neighbouring_errors_are_alike() -> None:
         uncertainty = fit_uncertainty(points, fit, cap_of(points, fit), 1)
         assert uncertainty is not None
         u = np.append(np.sqrt(np.diag(uncertainty.centre_covariance)), uncertainty.free_radius)
-        n_held += np.abs(np.append(fit.centre, fit.free_radius - 150)) <= uncertainty.factor * u
-        assert np.all(uncertainty.factor * u[:3] < 4.0)  # nor are they so wide that they say nothing
+        expanded = coverage_factor(uncertainty.n_sectors - 1) * u
+        n_held += np.abs(np.append(fit.centre, fit.free_radius - 150)) <= expanded
+        assert np.all(expanded[:3] < 4.0)  # nor are they so wide that they say nothing
     assert n_held.min() / n_caps > 0.8
     assert n_held.mean() / n_caps > 0.87
 
@@ -83,7 +84,7 @@ def test_what_comes_back_in_every_shot_is_calibration() -> None:
 
 def fits_at(*centres: tuple[float, float, float]) -> dict[str, SphereFit]:
     return {
-        f"S{number}": SphereFit(np.array(centre), 150.0, 150.0, 2.0, 0.3, 0.9, 1000, 5)
+        f"S{number}": SphereFit(np.array(centre), 150.0, 150.0, 2.0, 0.3, 0.9)
         for number, centre in enumerate(centres, start=1)
     }
 
@@ -120,13 +121,16 @@ def test_the_motion_between_two_frames_is_estimated_and_its_residuals_are_left()
     assert exact["birge_ratio"] is None  # nothing is known of the uncertainties
     longer = agreement(centres(PLACES / 1.01), measured, "own")
     assert longer["scale"] == pytest.approx(1.01, abs=1e-6)
-    ratios = []
+    ratios, n_held = [], np.zeros(2)
     for seed in range(200):
         noisy = ours + np.random.default_rng(seed).normal(0, 2.0, ours.shape)
         report = agreement(centres(PLACES), dict(enumerate(centres(noisy, 2.0), start=1)), "own")
         ratios.append((report["s_mm"] / 2.0) ** 2)
         assert report["birge_ratio"] == pytest.approx(report["s_mm"] / 2.0)
+        expanded = report["scale_coverage_factor"] * report["u_scale"]
+        n_held += report["s_low_mm"] <= 2.0 <= report["s_high_mm"], abs(report["scale"] - 1.0) <= expanded
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.1)
+    assert n_held / 200 == pytest.approx([0.95, 0.95], abs=0.04)
 
 
 def test_centres_in_the_sensors_own_frame_are_compared_as_they_are() -> None:

@@ -11,18 +11,17 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from recon.cli.main import app
-from recon.geometry.mesh import Cloud, Mesh
+from recon.geometry.mesh import Cloud, Mesh, Shape
 from recon.geometry.mesh_files import write_cloud, write_coloured, write_mesh
 from recon.studio.objects import ball
+from recon.validation.clouds import read_shape
 from recon.validation.measures import Subject
 from recon.validation.sampling import order_by_cells
 from recon.validation.truth.evaluation import (
     MeshSettings,
-    Shape,
     compare_points,
     measure_mesh,
     nearest_distances,
-    read_shape,
     sample_evenly,
 )
 

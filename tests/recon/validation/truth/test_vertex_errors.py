@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from skimage.measure import marching_cubes
 
-from recon.geometry.mesh import Mesh, error_colours, error_limit
+from recon.geometry.mesh import Mesh, Shape, error_colours, error_limit
 from recon.geometry.mesh_files import read_mesh, write_mesh
-from recon.validation.truth.evaluation import Shape, signed_distances_to
+from recon.validation.truth.evaluation import signed_distances_to
 from tests.command_line import Command
 
 

@@ -16,15 +16,15 @@ from recon.capture.masks.segment import segment_capture
 from recon.capture.rectify import rectify
 from recon.cli.main import app
 from recon.cloud import CloudParameters
-from recon.geometry.mesh import Texture
+from recon.geometry.mesh import Shape, Texture
 from recon.geometry.mesh_files import read_mesh
+from recon.pipeline.job import ReconstructOptions
 from recon.pipeline.reconstruct import reconstruct
 from recon.pipeline.run import mesh_name, read_run, recorded_in
-from recon.pipeline.stages import ReconstructOptions
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH, read_depth
 from recon.surface import SurfaceParameters
-from recon.validation.truth.evaluation import Shape, distances_to
+from recon.validation.truth.evaluation import distances_to
 from recon.validation.views.between_sensors import cross_sensor_rows, depth_gaps, depth_points
 from recon.validation.views.evaluation import FLOOR, ViewSettings, measure_views
 from recon.validation.views.image_quality import BEST_PSNR_DB, gradient_map, psnr, ssim_map

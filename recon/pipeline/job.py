@@ -1,0 +1,202 @@
+"""What a reconstruction is to make: its options, and the views, clouds and models that follow from them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from recon.approaches import DEPTH_METHODS, FUSION_METHODS, VERTICES, Approach, approaches, check_colours
+from recon.capture.depth_maps import depth_view
+from recon.capture.format import Capture, CaptureError
+from recon.capture.recording import GIVEN
+from recon.cloud import CloudParameters
+from recon.depth.temporal import TemporalParameters
+from recon.pipeline.methods import Methods
+from recon.pipeline.run import View
+from recon.storage.artefacts import Artefacts
+from recon.surface import SurfaceParameters
+from recon.surface.outlines import widened
+
+
+@dataclass(frozen=True)
+class ReconstructOptions:
+    """What to make of a capture.
+
+    Parameters
+    ----------
+    depths, fusions : names of methods; every combination, with each of `colours`, is an approach. Without depths,
+        `default_depths`
+    further : approaches beside these combinations
+    colours : where models take their colours from, of `recon.approaches.COLOURS`
+    methods : what these names stand for
+    frames : which frames; None for all
+    temporal : of the filter over a sensor's frames; None for none
+    cloud, surface : parameters of these stages; without a voxel size, one that suits the depth resolution
+    balance_colours : whether to make the sensors' colours agree, as estimated from what several of them saw
+    outlines : whether the surfaces' outlines follow the masks, where the capture has masks
+    workers : local processes, each on one thread; 1 works in this process with all threads
+    cluster : address of a Dask scheduler whose workers do the work instead; None for none
+    """
+
+    depths: tuple[str, ...] = ()
+    fusions: tuple[str, ...] = FUSION_METHODS
+    further: tuple[Approach, ...] = ()
+    colours: tuple[str, ...] = (VERTICES,)
+    methods: Methods = field(default_factory=Methods)
+    frames: range | None = None
+    temporal: TemporalParameters | None = field(default_factory=TemporalParameters)
+    cloud: CloudParameters = field(default_factory=CloudParameters)
+    surface: SurfaceParameters = field(default_factory=SurfaceParameters)
+    balance_colours: bool = False
+    outlines: bool = True
+    workers: int = 1
+    cluster: str | None = None
+
+    @property
+    def models(self) -> tuple[Approach, ...]:
+        """All approaches."""
+        return tuple(dict.fromkeys((*approaches(self.depths, self.fusions, self.colours), *self.further)))
+
+    @property
+    def surfaces(self) -> tuple[Approach, ...]:
+        """Those whose meshes have coloured vertices; textures are put on copies of these."""
+        further = (Approach(approach.depth, approach.fusion) for approach in self.further)
+        return tuple(dict.fromkeys((*approaches(self.depths, self.fusions), *further)))
+
+    @property
+    def depth_methods(self) -> tuple[str, ...]:
+        """The depth methods of all approaches."""
+        return tuple(dict.fromkeys((*self.depths, *(approach.depth for approach in self.further))))
+
+    @property
+    def fusion_methods(self) -> tuple[str, ...]:
+        """The fusions of all approaches."""
+        return tuple(dict.fromkeys((*self.fusions, *(approach.fusion for approach in self.further))))
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A reconstruction to be made.
+
+    Parameters
+    ----------
+    capture : the recording
+    frames : which of its frames
+    options : how to make it, with a voxel size
+    artefacts : the run's files
+    """
+
+    capture: Capture
+    frames: Sequence[int]
+    options: ReconstructOptions
+    artefacts: Artefacts
+
+    @property
+    def sequences(self) -> list[list[View]]:
+        """The views of each sensor by each depth method, frame by frame."""
+        return [
+            [View(method, stream.id, frame) for frame in self.frames]
+            for method in self.options.depth_methods
+            for stream in self.capture.sensors_for(method)
+        ]
+
+    @property
+    def voxel_mm(self) -> float:
+        """Distance of the surfaces' samples."""
+        assert self.options.surface.voxel_mm is not None
+        return self.options.surface.voxel_mm
+
+    @property
+    def models(self) -> list[tuple[Approach, int]]:
+        """The approach and the frame of every model."""
+        return [(approach, frame) for approach in self.options.models for frame in self.frames]
+
+    @property
+    def surfaces(self) -> list[tuple[Approach, int]]:
+        """The approach and the frame of every mesh with coloured vertices."""
+        return [(approach, frame) for approach in self.options.surfaces for frame in self.frames]
+
+    def temporal(self, method: str) -> TemporalParameters | None:
+        """Return how the disparity maps of a depth method are filtered in time; None for not at all."""
+        return self.options.methods.temporal_of(method, self.options.temporal)
+
+    def clouds(self, method: str, frame: int) -> list[str]:
+        """Name the clouds of all sensors that the depth method uses."""
+        return [View(method, stream.id, frame).cloud for stream in self.capture.sensors_for(method)]
+
+
+def planned_job(capture: Capture, run: Path, options: ReconstructOptions) -> Job:
+    """Complete the options for a capture, and check them.
+
+    Parameters
+    ----------
+    capture : the recording
+    run : folder of the run
+    options : what to make; what they leave open follows from the capture
+
+    Raises
+    ------
+    ValueError
+        If a method, the colours or the frames are wrong, or a depth method cannot be used for a sensor.
+    """
+    options = replace(options, depths=options.depths or default_depths(capture))
+    options.methods.check(options.depth_methods, options.fusion_methods)
+    check_colours(options.colours)
+    check_sensors(capture, options.depth_methods)
+    voxel = options.surface.voxel_mm or depth_resolution(capture)
+    options = replace(options, surface=replace(options.surface, voxel_mm=voxel))
+    options = replace(options, outlines=options.outlines and any(stream.mask for stream in capture.sensors))
+    if options.outlines:
+        options = replace(options, surface=widened(options.surface))
+    return Job(capture, _chosen_frames(capture, options.frames), options, Artefacts(run))
+
+
+def default_depths(capture: Capture) -> tuple[str, ...]:
+    """Return the paper's depth methods, or the given depth of a capture that holds only depth maps."""
+    return DEPTH_METHODS if any(stream.right is not None for stream in capture.sensors) else (GIVEN,)
+
+
+def check_sensors(capture: Capture, depths: Sequence[str]) -> None:
+    """Raise a CaptureError if a depth method cannot be used for a sensor: matchers need pairs, given depth depth maps.
+
+    Parameters
+    ----------
+    capture : the recording
+    depths : names of methods
+    """
+    single = [stream.id for stream in capture.sensors if stream.right is None]
+    for method in depths:
+        if method == GIVEN and not capture.sensors_for(GIVEN):
+            ids = ", ".join(stream.id for stream in capture.sensors)
+            raise CaptureError(f"{capture.folder}: depth method {GIVEN} needs depth maps, and sensors {ids} have none")
+        if method != GIVEN and single:
+            raise CaptureError(
+                f"{capture.folder}: depth method {method} needs stereo pairs, and sensor {single[0]} has one camera "
+                f"with depth maps; use --depth {GIVEN}"
+            )
+
+
+def depth_resolution(capture: Capture) -> float:
+    """Return a voxel size that loses neither depth nor picture resolution at the middle of the bounds, mm.
+
+    A third of the depth step of one pixel of disparity, so that a slice of whole disparities still meets the next,
+    and not less than the width of a pixel; for depth maps without a pair, the width of a pixel. The coarsest decides.
+    """
+    centre = capture.bounds.mean(axis=0)
+    sizes: list[float] = []
+    for stream in capture.sensors:
+        camera = stream.left.camera if stream.right else depth_view(stream, capture.bounds).left
+        distance = float(np.linalg.norm(camera.centre - centre))
+        pixel = distance / float(camera.K[0, 0])
+        sizes.append(max(pixel, pixel * distance / stream.sensor.baseline / 3) if stream.right else pixel)
+    return round(max(sizes), 3)
+
+
+def _chosen_frames(capture: Capture, wanted: range | None) -> list[int]:
+    frames = [frame for frame in range(capture.n_frames) if wanted is None or frame in wanted]
+    if not frames:
+        raise ValueError(f"{capture.folder}: has frames 0 to {capture.n_frames - 1}, none of them in {wanted}")
+    return frames

@@ -1,0 +1,117 @@
+"""From runs and models folders to a stimulus set: a video of every approach, and the manifest.
+
+`render` goes on where an earlier start was stopped, as `reconstruct` does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from recon.pipeline.film import PARTS, WHERE, Film, RenderOptions, is_finished, make_film, make_part, make_path
+from recon.pipeline.film_plan import check_loops, check_path_is_read_only, planned_films
+from recon.pipeline.manifest import write_manifest
+from recon.pipeline.run import versions
+from recon.pipeline.sources import Source, read_sources
+from recon.render.frames import choose_renderer
+from recon.storage.files import remove_leftovers
+from recon.storage.remote import remove
+from recon.workers import Pool, Progress, no_progress, open_pool
+
+
+def render(
+    folders: Sequence[Path],
+    out: Path,
+    options: RenderOptions,
+    progress: Progress = no_progress,
+    *,
+    practice: str = "",
+) -> Path:
+    """Make a video of every approach of every run and models folder, and the manifest; returns the manifest's path.
+
+    Path, light, background, renderer and encoder settings are the same for all approaches of a scene. The path is
+    written beside the videos, as ``paths/DATASET.json``.
+
+    Parameters
+    ----------
+    folders, out : runs and models folders, and the folder of the stimulus set
+    options : how to show the models
+    progress : told after each model that is checked, and after each part of a video, in frames
+    practice : the scene whose two videos are for practice only; empty: none
+
+    Raises
+    ------
+    ValueError
+        If a folder is neither a run nor a models folder, a model cannot be filmed, two folders have a film in common or
+        would take different paths around one scene, a file of cameras does not fit, or the practice does not have two
+        videos beside others. Nothing is written then.
+    """
+    out = out.resolve()
+    options = replace(options, renderer=choose_renderer(options.renderer))
+    sources = read_sources([folder.resolve() for folder in folders])
+    check_loops(sources, options)
+    check_path_is_read_only(sources, options, out)
+    with open_pool(options.workers, options.cluster) as pool:
+        films, warnings = planned_films(sources, options, pool, progress)
+        _check_practice(practice, films)
+        remove_leftovers(out)
+        paths = {film.dataset: make_path(film, out) for film in {film.dataset: film for film in films}.values()}
+        parts = [
+            partial(make_part, film, out, part, threads=pool.threads)
+            for film in films
+            if not is_finished(film, out)
+            for part in film.parts
+        ]
+        _run_parts(parts, pool, progress)
+        stimuli = list(pool.run([partial(make_film, film, out) for film in films]))
+        remove_leftovers(out)  # of workers that were lost
+    remove(out / PARTS)
+    path = options.path.name if isinstance(options.path, Path) else options.path
+    provenance = {
+        "runs": [source.provenance for source in sources if source.is_run],
+        "models": [source.provenance | _digests(source, films) for source in sources if not source.is_run],
+        "render": {name: value for name, value in asdict(options).items() if name not in WHERE} | {"path": path},
+        "paths": paths,
+        "warnings": warnings,
+        "versions": versions(),
+    }
+    stimuli.sort(key=lambda stimulus: (stimulus.dataset, stimulus.approach))
+    return write_manifest(out, out.name, stimuli, provenance, practice=practice)
+
+
+def _check_practice(practice: str, films: Sequence[Film]) -> None:
+    if not practice:
+        return
+    datasets = [film.dataset for film in films]
+    n_practised = datasets.count(practice)
+    n_compared = len(datasets) - n_practised
+    if n_practised != 2 or n_compared == 0:
+        raise ValueError(
+            f"the practice {practice!r} has {n_practised} videos, and other scenes have {n_compared}; expected a scene "
+            f"with two, one plainly better, beside those that are compared: {', '.join(sorted(set(datasets)))}"
+        )
+
+
+def _digests(source: Source, films: Sequence[Film]) -> dict[str, Any]:
+    """Return the digests of a models folder's models by approach and file, for the manifest."""
+    names = {item.approach for item in source.sequences}
+    shown = [film.sequence for film in films if film.dataset == source.dataset and film.sequence.approach in names]
+    return {
+        "sha256": {
+            item.approach: {file.name: digest for file, digest in zip(item.files, item.digests, strict=True)}
+            for item in shown
+        }
+    }
+
+
+def _run_parts(parts: Sequence[partial[int]], pool: Pool, progress: Progress) -> None:
+    """Make the parts of videos; progress counts frames."""
+    total = sum(len(part.args[2]) for part in parts)
+    done = 0
+    progress("video frames", done, total)
+    for n_frames in pool.run(parts):
+        done += n_frames
+        progress("video frames", done, total)
