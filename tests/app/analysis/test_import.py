@@ -101,7 +101,7 @@ def test_columns_that_may_name_the_dataset_are_said_not_to_be_used(tmp_path: Pat
 def test_a_wide_table_may_have_columns_that_say_nothing_about_votes(tmp_path: Path) -> None:
     form = "Timestamp,Name,x vs y,y vs z\n12:00,p1,x,same\n12:05,p2,,y\n"
     path = write(tmp_path, "form.csv", form)
-    with pytest.raises(VotesError, match="a column for each of 2 pairs.*Timestamp, Name.*--columns participant="):
+    with pytest.raises(VotesError, match=r"a column for each of 2 pairs.*Timestamp, Name.*--columns participant="):
         read_votes(path)
     assert outcomes(path, columns={"participant": "Name"}) == [("p1", "x", "y", "x"), ("p1", "y", "z", ""), WANTED[2]]
     assert "not used: Timestamp" in understand_votes([path], {"participant": "Name"})[1][0]
