@@ -40,7 +40,7 @@ from recon.pipeline.run import (
     versions,
     write_run,
 )
-from recon.pipeline.sources import Source, read_sources
+from recon.pipeline.sources import Source, read_sources, scenes_apart
 from recon.pipeline.stages import (
     Job,
     ReconstructOptions,
@@ -252,7 +252,7 @@ def render(
         "models": [source.provenance | _digests(source, films) for source in sources if not source.is_run],
         "render": {name: value for name, value in asdict(options).items() if name not in WHERE} | {"path": path},
         "paths": paths,
-        "warnings": warnings,
+        "warnings": [*warnings, *scenes_apart(sources, practice)],
         "versions": versions(),
     }
     stimuli.sort(key=lambda stimulus: (stimulus.dataset, stimulus.approach))
