@@ -127,6 +127,7 @@ def reconstruct(
     as_json: JsonOption = False,
 ) -> None:
     """Make depth maps, clouds and meshes of a capture by every approach."""
+    from recon.capture.format import read_capture
     from recon.cloud import CloudParameters
     from recon.depth.temporal import TemporalParameters
     from recon.pipeline.reconstruct import reconstruct as run_reconstruction
@@ -149,6 +150,11 @@ def reconstruct(
         cluster=cluster,
     )
     progress = ProgressLine()
+    if not any(stream.mask for stream in read_capture(capture.resolve()).sensors):
+        progress.say(
+            f"{address_of(capture)} has no masks: all that stands in its bounds becomes part of the models, the room, "
+            f"too; `reconstudy capture segment {address_of(capture)}` makes masks"
+        )
     result = run_reconstruction(capture, out, options, progress)
     for warning in result["warnings"]:
         progress.say(f"warning: {warning}")
