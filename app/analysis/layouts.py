@@ -187,14 +187,15 @@ def choice_codes(
     """
     known = {layout.choices.get(choice, choice): index for index, choice in enumerate(CHOICES)}
     codes = _by_word(values, known)
-    if (codes < 0).any() and not layout.choices:
+    if (codes < 0).any() and set(layout.choices) <= {"none"}:
         lower = np.array([str(value).lower() for value in values], object)
-        named = np.where(values == items[0], 0, np.where(values == items[1], 1, _by_word(lower, TIES)))
+        ties = TIES | {word.lower(): 2 for word in layout.choices.values()}
+        named = np.where(values == items[0], 0, np.where(values == items[1], 1, _by_word(lower, ties)))
         if (named >= 0).all():
             return named.astype(np.int8), "choice is the name of the preferred item"
         columns = tuple(layout.columns.get(name, name).lower() for name in ("item_a", "item_b"))
         for first, second in (*SIDES, columns):
-            guess = _by_word(lower, TIES | {first: 0, second: 1})
+            guess = _by_word(lower, ties | {first: 0, second: 1})
             if (guess >= 0).all():
                 return guess, f"choice is {first} for item_a and {second} for item_b{_ties(lower)}"
     refuse(

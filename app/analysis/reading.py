@@ -175,10 +175,8 @@ def _votes_from_frame(
     frame: pd.DataFrame, columns: Mapping[str, str] | None, choices: Mapping[str, str] | None
 ) -> tuple[VotesTable, list[str]]:
     """Return the votes, and what was recognised without being told."""
-    notes: list[str] = []
-    if not columns:
-        frame, note = one_vote_a_row(frame)
-        notes += [note] if note else []
+    frame, note = one_vote_a_row(frame, columns or {})
+    notes = [note] if note else []
     layout = recognise(tuple(map(str, frame.columns)), columns, choices)
     notes += layout.notes
     ours = our_columns(frame, layout)

@@ -254,7 +254,7 @@ def study_attach(
     sentences = []
     if attached["measures"]:
         sentences.append(
-            f"Attached {attached['n_values']} values to {attached['study']}: {', '.join(attached['measures'])}"
+            f"Attached {attached['n_values']} values to {attached['study']}: {listed(attached['measures'])}"
         )
     elif attached["reports"]:
         sentences.append(

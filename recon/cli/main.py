@@ -127,6 +127,7 @@ def reconstruct(
     as_json: JsonOption = False,
 ) -> None:
     """Make depth maps, clouds and meshes of a capture by every approach."""
+    from recon.capture.format import read_capture
     from recon.cloud import CloudParameters
     from recon.depth.temporal import TemporalParameters
     from recon.pipeline.job import ReconstructOptions
@@ -149,6 +150,11 @@ def reconstruct(
         cluster=cluster,
     )
     progress = ProgressLine()
+    if not any(stream.mask for stream in read_capture(capture.resolve()).sensors):
+        progress.say(
+            f"{address_of(capture)} has no masks: all that stands in its bounds becomes part of the models, the room, "
+            f"too; `reconstudy capture segment {address_of(capture)}` makes masks"
+        )
     result = run_reconstruction(capture, out, options, progress)
     for warning in result["warnings"]:
         progress.say(f"warning: {warning}")
@@ -323,6 +329,7 @@ def render(
     for warning in content["provenance"]["warnings"]:
         typer.echo(f"warning: {warning}", err=True)
     faults = [f"{stimulus['video']}: {fault}" for stimulus in stimuli for fault in stimulus["quality"]["faults"]]
-    below = [f"below the bar for encoding: {fault}" for fault in faults]
+    more = f", as {len(faults) - 1} more like it in `quality` of the manifest" if len(faults) > 1 else ""
+    below = [f"Below the bar for encoding: {faults[0]}{more}"] if faults else []
     sentences = [f"Rendered {len(stimuli)} videos: {address_of(manifest)}", *below]
     print_result({"manifest": address_of(manifest), "faults": faults}, "\n".join(sentences), as_json=as_json)

@@ -127,6 +127,7 @@ class Source:
     setting : of its scene
     provenance : for the manifest
     is_run : which of the two it is
+    recorded_as : name of the recording whose sensors its path follows; empty where there is none
     """
 
     dataset: str
@@ -134,6 +135,24 @@ class Source:
     setting: Setting
     provenance: dict[str, Any] = field(default_factory=dict)
     is_run: bool = True
+    recorded_as: str = ""
+
+
+def scenes_apart(sources: Sequence[Source], practice: str) -> list[str]:
+    """Return a sentence for each models folder that is filmed as another scene than the run whose sensors it follows.
+
+    Parameters
+    ----------
+    sources : all that is filmed
+    practice : name of the scene for practice, which is another one on purpose
+    """
+    runs = {source.dataset for source in sources if source.is_run}
+    return [
+        f"{source.setting.source}: {source.dataset} is filmed by the sensors of {source.recorded_as}, but is another "
+        f"scene, so nobody compares the two; to compare them, write {source.recorded_as} as the dataset in {SCENE_FILE}"
+        for source in sources
+        if source.recorded_as in runs - {source.dataset} and source.dataset != practice
+    ]
 
 
 def read_sources(folders: Sequence[Path]) -> list[Source]:
@@ -251,7 +270,8 @@ def _read_models_folder(folder: Path) -> tuple[Source | None, list[str]]:
         scene.path.file,
     )
     provenance = {"dataset": scene.dataset, "scene": scene.content, "scene_sha256": scene.digest}
-    return Source(scene.dataset, tuple(sequences), setting, provenance, is_run=False), problems
+    recorded_as = "" if capture is None else capture.name
+    return Source(scene.dataset, tuple(sequences), setting, provenance, is_run=False, recorded_as=recorded_as), problems
 
 
 @lru_cache(maxsize=1)

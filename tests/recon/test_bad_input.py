@@ -190,6 +190,20 @@ def test_a_full_disk_is_named_and_nothing_is_half_written(command: Command, capt
             json.loads(line)
 
 
+def test_a_capture_without_masks_is_pointed_out_before_the_work(
+    command: Command, capture: Path, tmp_path: Path
+) -> None:
+    where = ("--depth", "id", "--fusion", "fb", "--frames", "0:1")
+    assert "has no masks" not in command("reconstruct", capture, "-o", tmp_path / "run", *where).err
+    described = json.loads((capture / "capture.json").read_text())
+    for sensor in described["sensors"]:
+        del sensor["mask"]
+    (capture / "capture.json").write_text(json.dumps(described))
+    told = command("reconstruct", capture, "-o", tmp_path / "other", *where)
+    assert told.code == 0, told.err
+    assert "has no masks: all that stands in its bounds" in told.err.splitlines()[0]
+
+
 def test_a_disk_that_fills_up_while_rendering_is_named(command: Command, capture: Path, small_disk: Path) -> None:
     run = capture.parent / "run"
     assert command("reconstruct", capture, "-o", run, "--depth", "id", "--fusion", "fb", "--frames", "0:1").code == 0

@@ -98,6 +98,21 @@ def test_columns_that_may_name_the_dataset_are_said_not_to_be_used(tmp_path: Pat
     assert "not used" not in understand_votes([path], items | {"dataset": "stimulus"})[1][0]
 
 
+def test_a_wide_table_may_have_columns_that_say_nothing_about_votes(tmp_path: Path) -> None:
+    form = "Timestamp,Name,x vs y,y vs z\n12:00,p1,x,same\n12:05,p2,,y\n"
+    path = write(tmp_path, "form.csv", form)
+    with pytest.raises(VotesError, match=r"a column for each of 2 pairs.*Timestamp, Name.*--columns participant="):
+        read_votes(path)
+    assert outcomes(path, columns={"participant": "Name"}) == [("p1", "x", "y", "x"), ("p1", "y", "z", ""), WANTED[2]]
+    assert "not used: Timestamp" in understand_votes([path], {"participant": "Name"})[1][0]
+    assert outcomes(write(tmp_path, "user.csv", form.replace("Name", "User ID")))[2] == WANTED[2]
+
+
+def test_a_word_for_no_preference_may_be_told_beside_names_of_items(tmp_path: Path) -> None:
+    path = write(tmp_path, "v.csv", "participant,x vs y,x vs z,z vs y\np1,x,Egal,\np2,,,y\n")
+    assert outcomes(path, choices={"none": "Egal"}) == WANTED
+
+
 def test_a_matrix_of_win_counts_becomes_votes(tmp_path: Path) -> None:
     path = write(tmp_path, "wins.csv", ";x;y;z\nx;;3;1\ny;2;0;0\nz;0;4;\n")
     votes, (sentence, *_) = understand_votes([path])

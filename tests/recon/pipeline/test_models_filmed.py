@@ -288,6 +288,18 @@ def test_a_model_without_colours_is_filmed_with_a_warning(models: Path, tmp_path
     assert "neutral grey" in warning
 
 
+def test_a_scene_along_the_sensors_of_a_run_under_another_name_is_pointed_out(
+    models: Path, run: Path, tmp_path: Path
+) -> None:
+    describe(models, dataset="temple", path={"sensors_of": str(run)})
+    (warning,) = read_json(render([run, models], tmp_path / "set", SHORT))["provenance"]["warnings"]
+    assert "temple is filmed by the sensors of ball, but is another scene, so nobody compares the two" in warning
+    write_mesh(models / "second.ply", blob(0))
+    (models / "theirs").rename(tmp_path / "put away")
+    practice = render([run, models], tmp_path / "other", SHORT, practice="temple")
+    assert read_json(practice)["provenance"]["warnings"] == []
+
+
 def test_folders_that_have_an_approach_in_common_are_refused_before_rendering(models: Path, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="ball: 2 of the folders have models by theirs"):
         render([models, models], tmp_path / "set", SHORT)

@@ -339,6 +339,11 @@ def test_what_is_wrong_in_a_colmap_model_is_named(tmp_path: Path) -> None:
 def test_what_is_wrong_in_an_opencv_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match="holds no calibration file"):
         import_opencv(tmp_path, tmp_path / "out", OPTIONS)
+    for sensor in ("S1", "S2"):
+        (tmp_path / "apart" / sensor).mkdir(parents=True)
+        (tmp_path / "apart" / sensor / "calibration.yml").touch()
+    with pytest.raises(CaptureError, match="but in S1, S2: name one of these folders, or write one file"):
+        import_opencv(tmp_path / "apart", tmp_path / "out", OPTIONS)
     (tmp_path / "calibration.yml").write_text("%YAML:1.0\n---\nK1: 5\n")
     for side in ("left", "right"):
         write_picture(tmp_path / f"{side}.png", 5)
