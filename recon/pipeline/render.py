@@ -15,7 +15,7 @@ from recon.pipeline.film import PARTS, WHERE, Film, RenderOptions, is_finished, 
 from recon.pipeline.film_plan import check_loops, check_path_is_read_only, planned_films
 from recon.pipeline.manifest import write_manifest
 from recon.pipeline.run import versions
-from recon.pipeline.sources import Source, read_sources
+from recon.pipeline.sources import Source, read_sources, scenes_apart
 from recon.render.frames import choose_renderer
 from recon.storage.files import remove_leftovers
 from recon.storage.remote import remove
@@ -75,7 +75,7 @@ def render(
         "models": [source.provenance | _digests(source, films) for source in sources if not source.is_run],
         "render": {name: value for name, value in asdict(options).items() if name not in WHERE} | {"path": path},
         "paths": paths,
-        "warnings": warnings,
+        "warnings": [*warnings, *scenes_apart(sources, practice)],
         "versions": versions(),
     }
     stimuli.sort(key=lambda stimulus: (stimulus.dataset, stimulus.approach))
