@@ -188,7 +188,7 @@ def _add_middleware(app: FastAPI) -> None:
     app.add_middleware(BodyLimit)
     app.add_middleware(SameOrigin)
     app.add_middleware(UnforeseenErrors)
-    app.add_middleware(RenewedSession, is_https=is_https)
+    app.add_middleware(RenewedSession)
     below = settings.hsts_subdomains
     app.add_middleware(SecurityHeaders, is_https=is_https, with_subdomains=below, media_origin=media_origin)
     app.add_middleware(Requests, metrics=app.state.metrics)

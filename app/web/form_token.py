@@ -13,7 +13,7 @@ from fastapi import Form, Request
 from fastapi.responses import Response
 
 from app.errors import ForbiddenError
-from app.web.gates import cookie, is_secure, set_cookie
+from app.web.gates import cookie, set_cookie
 
 ENTRY_COOKIE = "entry"
 
@@ -27,7 +27,7 @@ def entry_token(request: Request) -> str:
 
 def remember_entry(request: Request, answer: Response) -> Response:
     """Set the cookie with the token that the page was given."""
-    set_cookie(answer, ENTRY_COOKIE, entry_token(request), is_https=is_secure(request))
+    set_cookie(request, answer, ENTRY_COOKIE, entry_token(request))
     return answer
 
 

@@ -17,8 +17,9 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.errors import ClosedError, StudyError, TooManyError, UnavailableError
 from app.web.form_token import entry_token, remember_entry
-from app.web.gates import note_refusal, now, signed_in_person
+from app.web.gates import note_refusal, now
 from app.web.request_log import route_of
+from app.web.roles import signed_in_person
 
 Typed = Sequence[tuple[str, str]]  # fields of a form, in order; a name may come more than once
 FormAgain = Callable[[Request, int, str], Awaitable[Response | None]]

@@ -10,7 +10,7 @@ from fastapi.responses import Response
 from sse_starlette import EventSourceResponse, ServerSentEvent
 from starlette.concurrency import run_in_threadpool
 
-from app.web.gates import is_still_signed_in
+from app.web.roles import is_still_signed_in
 
 REFRESH_S = 1.0
 CHECK_SIGNED_IN_S = 3.0  # between checks that the viewer is still signed in

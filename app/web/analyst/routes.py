@@ -48,7 +48,8 @@ from app.web.analyst.formats import (
 from app.web.analyst.openapi import object_answers, table_answers
 from app.web.analyst.openapi_examples import ANALYSIS, STUDY
 from app.web.analyst.results import inputs_of, prepare_results, rows_of
-from app.web.gates import AStudy, Store, is_seen, may_read
+from app.web.gates import Store
+from app.web.roles import AStudy, is_seen, may_read
 
 EMPTY_TABLES = (
     "scores",

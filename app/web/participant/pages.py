@@ -31,7 +31,6 @@ from app.web.gates import (
     address,
     cookie,
     delete_cookie,
-    is_secure,
     languages,
     note_refusal,
     set_cookie,
@@ -216,7 +215,7 @@ def _page(
     )
     remember_entry(request, page)
     if request.query_params.get("language") == language:
-        set_cookie(page, LANGUAGE_COOKIE, language, is_https=is_secure(request))
+        set_cookie(request, page, LANGUAGE_COOKIE, language)
     return page
 
 

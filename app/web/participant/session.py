@@ -48,7 +48,6 @@ from app.web.gates import (
     address,
     cookie,
     invitation_to,
-    is_secure,
     languages,
     set_cookie,
     settings,
@@ -278,7 +277,7 @@ def _check_size(stage: str, data: dict[str, Any]) -> None:
 
 def remember(request: Request, response: Response, token: str) -> None:
     """Set the cookie of a participant's session; no script can read it."""
-    set_cookie(response, PARTICIPANT_COOKIE, token, is_https=is_secure(request), lasts_s=COOKIE_LASTS_S)
+    set_cookie(request, response, PARTICIPANT_COOKIE, token, lasts_s=COOKIE_LASTS_S)
 
 
 def _opened(request: Request, response: Response, database: Database, token: str, now: datetime) -> OpenedSessionView:

@@ -26,8 +26,9 @@ from app.web.admin.access.passwords import is_password, new_password_hash
 from app.web.admin.access.second_factor import is_let_in
 from app.web.admin.layout import see
 from app.web.form_token import entry_token, own_form, remember_entry
-from app.web.gates import EXPERIMENTER_COOKIE, Myself, Now, Store, address, cookie, signed_in_person, throttle
+from app.web.gates import Now, Store, address, cookie, throttle
 from app.web.limits.throttle import SIGN_INS, SIGN_INS_AS
+from app.web.roles import EXPERIMENTER_COOKIE, Myself, signed_in_person
 
 Secret = Annotated[str, Path(max_length=100)]
 Name = Annotated[str, Form(min_length=1, max_length=100)]

@@ -25,7 +25,8 @@ from app.store.studies import all_studies
 from app.store.tokens import SCOPES, all_tokens, insert_token, revoke_token
 from app.web.admin.layout import page, see
 from app.web.admin.listing import listing
-from app.web.gates import ActingOwner, Looking, Owner, Store, database
+from app.web.gates import Store, database
+from app.web.roles import ActingOwner, Looking, Owner
 
 LONGEST_TOKEN_DAYS = 3650
 

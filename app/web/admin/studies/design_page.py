@@ -29,8 +29,9 @@ from app.study.protocols import TYPICAL_INCONSISTENCY
 from app.study.trial import PlannedPair
 from app.web.admin.layout import study_page
 from app.web.admin.listing import listed
-from app.web.gates import Acting, AStudy, Now, Person, Store, database, settings
+from app.web.gates import Now, Store, database, settings
 from app.web.once import Latest, Shared
+from app.web.roles import Acting, AStudy, Person
 
 PAIR_COLUMNS = ("dataset", "item_1", "item_2", "n_shown", "n_1_is_a", "n_1_is_first")
 PAIR_FILM_COLUMNS = ("dataset", "top", "bottom", "n_frames")

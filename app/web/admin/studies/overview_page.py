@@ -27,7 +27,8 @@ from app.study.stages import ENDS, FINISHED
 from app.web.admin.flags import PATIENCE_S, Flags
 from app.web.admin.layout import study_page
 from app.web.admin.live import REFRESH_S, live_part
-from app.web.gates import AStudy, Person, database, now
+from app.web.gates import database, now
+from app.web.roles import AStudy, Person
 
 HERE = timedelta(minutes=2)  # since the last sign of activity; a trial takes a fraction of it
 AWAY = timedelta(minutes=30)

@@ -34,8 +34,9 @@ from app.store.queue import OPEN, QueuedJob, list_jobs
 from app.store.studies import Study, all_studies
 from app.web.admin.background import start_task
 from app.web.admin.layout import page, see
-from app.web.gates import Acting, Person, Store, settings, study_called
+from app.web.gates import Store, settings
 from app.web.media import SANDBOX
+from app.web.roles import Acting, Person, study_called
 
 TITLES = {
     "captures": "Captures and other recordings",
