@@ -34,7 +34,7 @@ from app.settings import Settings
 from app.store.engine import open_database
 from app.store.keys import utc_now
 from app.store.vote_writer import VoteWriter
-from app.web import health, media
+from app.web import media
 from app.web.admin import background
 from app.web.admin.access import account_page, server_page, sign_in_page, users_page
 from app.web.admin.flags import Flags
@@ -58,10 +58,11 @@ from app.web.limits.connections import GuardedProtocol, open_files
 from app.web.limits.hosts import KnownHosts
 from app.web.limits.throttle import new_throttle
 from app.web.markdown import with_code
-from app.web.metrics import SHARED_FOLDER, Metrics
+from app.web.monitoring import health
+from app.web.monitoring.metrics import SHARED_FOLDER, Metrics
+from app.web.monitoring.request_log import Requests, start_logging
 from app.web.participant import pages, screening, session, trials, votes
 from app.web.problems import UnforeseenErrors, install_problems
-from app.web.request_log import Requests, start_logging
 from app.web.security import BodyLimit, RenewedSession, SameOrigin, SecurityHeaders
 
 START_TIMEOUT_S = 30
@@ -108,7 +109,7 @@ UVICORN_OPTIONS: dict[str, Any] = {
     "ws": "none",
     "log_config": None,
     "log_level": "warning",
-    "access_log": False,  # addresses hold invitations and sign-in links; app/web/request_log.py logs routes
+    "access_log": False,  # addresses hold invitations and sign-in links; app/web/monitoring/request_log.py logs routes
     "server_header": False,
     "timeout_graceful_shutdown": 20,  # s for downloads; votes take milliseconds
     "timeout_keep_alive": 75,  # s, longer than proxies and clients keep a connection: else they would meet a closed one

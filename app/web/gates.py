@@ -14,6 +14,7 @@ from typing import Annotated
 
 from fastapi import Depends, Request
 from fastapi.responses import Response
+from starlette.types import Scope
 
 from app.errors import InvalidError, NoSessionError, NotFoundError, StudyError
 from app.settings import Settings
@@ -33,6 +34,7 @@ log = logging.getLogger(__name__)
 
 # Parts of addresses that the audit log may name: no codes or links, which let people in.
 NOTED_IDS = ("slug", "label", "trial", "stage", "media")
+NO_ROUTE = "unknown"  # where an address matches none
 PARTICIPANT_COOKIE = "session"
 SESSION_HEADER = "Session-Id"  # the session that a page shows; the browser's cookie may name a newer one
 
@@ -79,6 +81,13 @@ def settings(request: Request) -> Settings:
 def throttle(request: Request) -> Throttle:
     shared: Throttle = request.app.state.throttle
     return shared
+
+
+def route_of(scope: Scope) -> str:
+    """Return the pattern that an address matched, such as "/s/{code}": the address itself may let people in."""
+    if route := scope.get("route"):
+        return str(route.path)
+    return "/static" if scope["path"].startswith("/static/") else NO_ROUTE
 
 
 def address(request: Request) -> str:
@@ -153,9 +162,8 @@ def note_refusal(request: Request, action: str, reason: str) -> None:
     if not throttle(request).limiter.hit(WRONG_CODES, "audit", address(request)):
         return
     person: Experimenter | None = getattr(request.state, "person", None)
-    route = getattr(request.scope.get("route"), "path", "")
     given = {name: str(request.path_params[name])[:80] for name in NOTED_IDS if name in request.path_params}
-    entry = Entry(action, subject=route, detail={"reason": reason, **given})
+    entry = Entry(action, subject=route_of(request.scope), detail={"reason": reason, **given})
     try:
         record_alone(database(request), person.name if person else STRANGER, entry, now(request))
     except StudyError as error:  # the client gets its answer all the same

@@ -17,8 +17,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.errors import ClosedError, StudyError, TooManyError, UnavailableError
 from app.web.form_token import entry_token, remember_entry
-from app.web.gates import note_refusal, now
-from app.web.request_log import route_of
+from app.web.gates import note_refusal, now, route_of
 from app.web.roles import signed_in_person
 
 Typed = Sequence[tuple[str, str]]  # fields of a form, in order; a name may come more than once
@@ -160,9 +159,8 @@ async def typed_fields(request: Request) -> Typed:
 
 def _log_refusal(request: Request, status: int, why: str) -> None:
     """Log a refusal by route and ids, without the address, which may hold an invitation or a link."""
-    route = getattr(request.scope.get("route"), "path", "an unknown address")
     about = {name: request.path_params[name] for name in LOGGED_PARAMETERS if name in request.path_params}
-    log.warning("%s %s %s refused: %d %s", request.method, route, about, status, why)
+    log.warning("%s %s %s refused: %d %s", request.method, route_of(request.scope), about, status, why)
 
 
 def _is_dashboard(request: Request) -> bool:
