@@ -19,6 +19,8 @@ from app.store.studies import Study, study_by_id
 from app.study.groupings import groupings, without_small_groups
 from app.study.options import StudyOptions, parse_options
 from app.study.protocols import CCR, PC, RATED, WITH_REFERENCE
+from app.web.analyst.columns import with_others
+from app.web.analyst.formats import csv_text
 from app.web.analyst.study_votes import read_votes_table
 from app.web.once import Latest, Shared
 
@@ -305,28 +307,24 @@ def figure(results: Results, name: str, kind: str) -> bytes | None:
     if chart is None or results.analysis is None:
         return None
     if kind == "csv":
-        return _figure_csv(results.analysis, name).encode()
+        rows = _figure_rows(results.analysis, name)
+        return csv_text(rows, with_others((), rows)).encode()
     if kind == "vega":
         return chart_vega(chart).encode()
     svg = chart_svg(chart)
     return svg.encode() if kind == "svg" else svg_png(svg) if kind == "png" else svg_pdf(svg)
 
 
-def _figure_csv(analysis: Mapping[str, Any], name: str) -> str:
-    from app.web.analyst.formats import csv_text
-
-    rows = _figure_rows(analysis, name)
-    return csv_text(rows, list(dict.fromkeys(key for row in rows for key in row)))
-
-
 def _figure_rows(analysis: Mapping[str, Any], name: str) -> Sequence[Mapping[str, Any]]:
     """Return the numbers behind a figure."""
+    from app.analysis.figure_code import figure_file_name
+
     kind, _, which = name.partition("_")
     if name in FIGURE_TABLES:
         return list(analysis.get(FIGURE_TABLES[name], ()))
-    if kind == "scores":
-        comparisons = {row["comparison"] for row in analysis["scores"]}
-        wanted = next((comparison for comparison in comparisons if _is_called(comparison, which)), "all")
+    if kind in ("scores", "levels"):
+        comparisons = {figure_file_name(row["comparison"]): row["comparison"] for row in analysis["scores"]}
+        wanted = comparisons.get(which, "all")
         return [row for row in analysis["scores"] if row["comparison"] == wanted]
     if kind in ("preferences", "residuals"):
         return [row for row in analysis["pairs"] if row["comparison"] == "all"]
@@ -336,12 +334,5 @@ def _figure_rows(analysis: Mapping[str, Any], name: str) -> Sequence[Mapping[str
         return list(analysis["observers"])
     if name == "measures":
         return list(analysis["measures"])
-    return [row for row in analysis["measures" if kind == "measure" else "groups"] if _is_of(row, which)]
-
-
-def _is_of(row: Mapping[str, Any], which: str) -> bool:
-    return _is_called(str(row.get("measure", row.get("grouping", ""))), which)
-
-
-def _is_called(name: str, file_name: str) -> bool:
-    return "".join(character if character.isalnum() else "_" for character in name) == file_name
+    table, column = ("measures", "measure") if kind == "measure" else ("groups", "grouping")
+    return [row for row in analysis[table] if figure_file_name(row[column]) == which]

@@ -89,6 +89,8 @@ def groups_view(analysis: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _grouping(analysis: Mapping[str, Any], name: str) -> dict[str, Any]:
+    from app.analysis.figure_code import figure_file_name
+
     datasets = unique(row["dataset"] for row in analysis["groups"])
     dataset = "all" if "all" in datasets else datasets[0]
     rows = [row for row in analysis["groups"] if row["grouping"] == name and row["dataset"] == dataset]
@@ -98,7 +100,7 @@ def _grouping(analysis: Mapping[str, Any], name: str) -> dict[str, Any]:
     tests = [row for row in analysis["tests"] if row["name"] == f"group {name}" and row["dataset"] == dataset]
     return {
         "name": name,
-        "figure": f"group_{''.join(character if character.isalnum() else '_' for character in name)}",
+        "figure": f"group_{figure_file_name(name)}",
         "groups": list(groups.items()),
         "p_value": p_value(tests[0]["p_holm"] if tests else None),
         "rows": [(item, *(cells.get((item, group), NOTHING) for group in groups)) for item in items],
