@@ -16,7 +16,7 @@ from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.errors import ClosedError, StudyError, TooManyError, UnavailableError
-from app.web.form_token import entry_token, remember_entry
+from app.web.form_token import page_with_form
 from app.web.gates import note_refusal, now, route_of
 from app.web.roles import signed_in_person
 
@@ -185,13 +185,12 @@ def _answer(
         return problem(status, detail, extra=extra, headers=headers)
     person = signed_in_person(request) if _is_dashboard(request) and status != 401 and status < 500 else None
     context: dict[str, Any] = {"title": HTTPStatus(status).phrase, "detail": detail, "typed": typed}
-    context |= {"experimenter": person}
-    options = {"status_code": status, "headers": dict(headers or {})}
-    templates = request.app.state.templates
+    if status == 401 and _is_dashboard(request):
+        return page_with_form(request, "admin/sign_in.html", context, status, headers)
+    context["experimenter"] = person
     if person is not None:
         context |= {"form_token": request.state.form_token, "now": now(request)}
-    if status == 401 and _is_dashboard(request):
-        context["form_token"] = entry_token(request)
-        return remember_entry(request, templates.TemplateResponse(request, "admin/sign_in.html", context, **options))
-    page: Response = templates.TemplateResponse(request, "admin/problem.html", context, **options)
+    page: Response = request.app.state.templates.TemplateResponse(
+        request, "admin/problem.html", context, status, headers
+    )
     return page
