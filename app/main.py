@@ -61,7 +61,7 @@ from app.web.markdown import with_code
 from app.web.monitoring import health
 from app.web.monitoring.metrics import SHARED_FOLDER, Metrics
 from app.web.monitoring.request_log import Requests, start_logging
-from app.web.participant import pages, screening, session, trials, votes
+from app.web.participant import beginning, pages, screening, session, trials, votes
 from app.web.problems import UnforeseenErrors, install_problems
 from app.web.security import BodyLimit, RenewedSession, SameOrigin, SecurityHeaders
 
@@ -69,6 +69,7 @@ START_TIMEOUT_S = 30
 FOR_OTHERS = 0o027  # what a server's new files do not allow: others nothing, the group (nginx) reading alone
 ROUTERS = (
     trials.router,
+    beginning.router,
     session.router,
     screening.router,
     routes.router,

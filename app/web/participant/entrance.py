@@ -9,7 +9,7 @@ from typing import Literal
 from urllib.parse import quote
 
 from fastapi import Request
-from fastapi.responses import RedirectResponse, Response
+from fastapi.responses import RedirectResponse
 
 from app.store.admission import WhyClosed, why_closed
 from app.store.designs import has_single_films, largest_film
@@ -47,7 +47,7 @@ class Entrance:
     is_preview: bool  # does this browser hold an experimenter's walk through the study?
 
 
-def see_invitation(code: str) -> Response:
+def see_invitation(code: str) -> RedirectResponse:
     """Redirect to an invitation's page."""
     return RedirectResponse(f"/s/{quote(code.strip(), safe='')}", status_code=303)
 

@@ -37,9 +37,9 @@ from app.web.gates import (
 )
 from app.web.limits.throttle import WRONG_CODES
 from app.web.markdown import render_markdown
-from app.web.participant.bodies import FILM_TYPES
+from app.web.participant.beginning import remember
 from app.web.participant.entrance import Entrance, entrance, see_invitation
-from app.web.participant.session import remember
+from app.web.participant.trial_bodies import FILM_TYPES
 
 DEFAULT_LANGUAGE = "en"
 LANGUAGE_COOKIE = "language"

@@ -14,7 +14,7 @@ from app.store.trials import mark_served, next_trials, void_trial
 from app.study.stages import SCREENED_OUT, TIMED_OUT, TRIAL, is_past
 from app.web.gates import Now, Participant, Store, throttle
 from app.web.limits.throttle import REMARKS
-from app.web.participant.bodies import (
+from app.web.participant.trial_bodies import (
     MediaView,
     OneTrialView,
     TrialView,

@@ -30,7 +30,7 @@ from app.web.admin.layout import page, see, unix
 from app.web.admin.studies.form import Fields, StudyForm, options_of, read_values, values_of
 from app.web.analyst.results import load_analysis
 from app.web.gates import Store, languages, settings
-from app.web.participant.session import remember
+from app.web.participant.beginning import remember
 from app.web.roles import Acting, AStudy, Looking, Person, is_seen
 
 router = APIRouter(prefix="/admin", include_in_schema=False)
