@@ -25,6 +25,15 @@ TABS: tuple[tuple[str, str, Role], ...] = (
     ("/texts", "Texts", "experimenter"),
     ("/edit", "Settings", "experimenter"),
 )
+SUB_TABS: tuple[tuple[tuple[str, str, Role], ...], ...] = (  # the pages of one tab
+    (("/results", "All participants", "viewer"), ("/results/groups", "Groups", "experimenter")),
+    (("/objective", "Reports", "viewer"), ("/objective/scores", "Against the scores", "viewer")),
+    (
+        ("/participants", "Participants", "experimenter"),
+        ("/participants/comments", "Comments", "experimenter"),
+        ("/participants/demographics", "Demographics", "experimenter"),
+    ),
+)
 
 
 def page(
@@ -52,7 +61,13 @@ def study_page(
     with database(request).reading() as connection:
         progress = progress_of(connection, study.id)
     base = f"/admin/studies/{study.slug}"
-    frame = {"study": study, "progress": progress, "tabs": _tabs(request.url.path, person, base), "base": base}
+    frame = {
+        "study": study,
+        "progress": progress,
+        "base": base,
+        "tabs": _tabs(request.url.path, person, base),
+        "sub_tabs": _sub_tabs(request.url.path, person, base),
+    }
     return page(request, template, person, {**frame, **(context or {})}, status_code)
 
 
@@ -67,6 +82,15 @@ def _tabs(path: str, person: Experimenter, base: str) -> list[dict[str, Any]]:
         }
         for address, name in shown
     ]
+
+
+def _sub_tabs(path: str, person: Experimenter, base: str) -> list[dict[str, Any]]:
+    """Return the pages of the tab that the page at `path` belongs to, where a person may open several."""
+    for tab in SUB_TABS:
+        shown = [(base + address, name) for address, name, role in tab if person.may(role)]
+        if len(shown) > 1 and path in dict(shown):
+            return [{"address": address, "name": name, "is_current": path == address} for address, name in shown]
+    return []
 
 
 def attachment(name: str) -> str:
