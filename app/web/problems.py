@@ -140,7 +140,7 @@ async def _validation_error(request: Request, error: Exception) -> Response:
 
 
 async def _typed(request: Request) -> Typed:
-    """Long texts of a refused dashboard form, by field: the page shows them again, to be copied."""
+    """Return the long texts of a refused dashboard form by field; the page shows them again, to be copied."""
     return [
         (name, text)
         for name, text in await typed_fields(request)

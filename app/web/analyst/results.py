@@ -57,7 +57,7 @@ class Results:
 
     @cached_property
     def charts(self) -> dict[str, tuple[str, Any]]:
-        """Caption and chart of every figure that there is something in, by name."""
+        """Caption and chart of every figure that has anything to show, by name."""
         from app.analysis.figures import named_charts
 
         charts = named_charts(self.analysis) if self.analysis is not None else ()
@@ -70,7 +70,7 @@ _latest: Latest[Results] = Latest("reconstudy-results")
 
 @dataclass(frozen=True)
 class Inputs:
-    """All that an analysis follows from, without the votes themselves.
+    """What an analysis follows from, without the votes themselves.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class Inputs:
 
 @dataclass(frozen=True)
 class Prepared:
-    """An analysis whose votes have been read; what it makes needs no connection any more."""
+    """An analysis whose votes have been read: its results and scores are computed without a connection."""
 
     digest: str
     results: Callable[[], Results]
@@ -185,7 +185,7 @@ def inputs_of(
 
 
 def prepare_results(connection: Transaction, inputs: Inputs) -> Prepared:
-    """Read the votes of an analysis, in the transaction of its inputs; not if it is known or being made."""
+    """Read the votes of an analysis, in the transaction of its inputs, unless it is known or being made."""
     if (begun := _results.begun(inputs.digest)) is not None:
         return Prepared(inputs.digest, begun.result, lambda: _score_rows(begun.result()))
     read = read_votes_table(connection, inputs.study_id, inputs.state, with_excluded=inputs.with_excluded)
@@ -274,7 +274,7 @@ def load_analysis() -> None:
 
 
 def items_factors(levels: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, str]]:
-    """Levels by item for each factor; an item that has no level of one is not named there."""
+    """Return factor -> item -> level; an item without a level of a factor is missing there."""
     factors = dict.fromkeys(factor for item_levels in levels.values() for factor in item_levels)
     return {
         factor: {item: item_levels[factor] for item, item_levels in levels.items() if factor in item_levels}
@@ -283,7 +283,7 @@ def items_factors(levels: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str
 
 
 def figures_of(results: Results) -> list[tuple[str, str]]:
-    """Name and caption of every figure that there is something in."""
+    """Return name and caption of every figure that has anything to show."""
     return [(name, caption) for name, (caption, _) in results.charts.items()]
 
 

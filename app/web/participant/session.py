@@ -55,13 +55,13 @@ router = APIRouter(prefix="/api/v1", tags=["participants"])
 
 @router.get("/session")
 def look(signed_in: Participant, database: Store, now: Now) -> SessionView:
-    """The stage of the session and how far it is."""
+    """Show the session's stage and progress."""
     return session_view(database, signed_in.session, signed_in.token, now)
 
 
 @router.get("/session/asked")
 def asked(request: Request, signed_in: Participant) -> AskedView:
-    """What the introduction's and the interview's completion must hold."""
+    """List what is to be sent when the introduction and the interview are completed."""
     options = signed_in.session.options
     consent = consent_to_send(options, _language(request, signed_in.session))
     questions = [asdict(question) for question in options.questions]

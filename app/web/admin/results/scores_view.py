@@ -55,7 +55,7 @@ def _triads(analysis: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _tables(analysis: Mapping[str, Any]) -> list[str]:
-    """Return the tables that there is something in, to be downloaded."""
+    """Return the names of the tables to download, without empty ones."""
     shown = {
         "scores": analysis["scores"],
         "ratings": analysis.get("rating_items"),
@@ -82,9 +82,7 @@ def by_dataset(rows: Iterable[Row]) -> dict[str, list[Row]]:
 
 
 def groups_view(analysis: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return each grouping: its groups with their size, a test of their difference, and their scores over all datasets
-    in rows of an item and its score in each group, the best first.
-    """
+    """Return each grouping: its groups with their size, a test of their difference, and each item's score in them."""
     return [_grouping(analysis, name) for name in unique(row["grouping"] for row in analysis["groups"])]
 
 

@@ -58,7 +58,6 @@ SHOWN_TYPES = {  # of files that a page may show; others are downloaded
     ".html": "text/html; charset=utf-8",
     ".ply": "application/octet-stream",
 }
-# A report's page may show its own pictures and style, and no more: it cannot run scripts, send forms or fetch.
 MOST_THUMBNAILS = 12  # of a camera
 THUMBNAIL_WIDTH = 240  # pixels
 LISTED_FILES = 500

@@ -1,4 +1,4 @@
-"""The page to draw strokes on a capture's pictures, from which masks of all its frames are made."""
+"""Show the page to draw strokes on a capture's pictures, from which masks of all its frames are made."""
 
 from __future__ import annotations
 
