@@ -48,7 +48,15 @@ from app.web.admin.participants import (
 )
 from app.web.admin.refused_form import form_again
 from app.web.admin.results import attachments, models_page, objective_page, scores_page
-from app.web.admin.studies import design_page, edit_page, lifecycle_page, overview_page, sets_page, texts_page
+from app.web.admin.studies import (
+    design_page,
+    edit_page,
+    films_page,
+    lifecycle_page,
+    overview_page,
+    sets_page,
+    texts_page,
+)
 from app.web.admin.work import file_uploads, files_page, jobs_page, strokes_page
 from app.web.analyst import api_page, job_routes, routes, study_routes
 from app.web.analyst.openapi import describe
@@ -96,6 +104,7 @@ ROUTERS = (
     interview_page.router,
     votes_page.router,
     design_page.router,
+    films_page.router,
     invitations_page.router,
     scores_page.router,
     objective_page.router,

@@ -14,7 +14,7 @@ from fastapi import Form, Request
 from fastapi.responses import Response
 
 from app.errors import ForbiddenError
-from app.web.gates import cookie, set_cookie
+from app.web.gates import cookie, render, set_cookie
 
 ENTRY_COOKIE = "entry"
 
@@ -33,9 +33,7 @@ def page_with_form(
 ) -> Response:
     """Render a page whose forms carry this browser's token, and set its cookie."""
     token = _token(request)
-    page: Response = request.app.state.templates.TemplateResponse(
-        request, template, {"form_token": token, **context}, status_code, headers
-    )
+    page = render(request, template, {"form_token": token, **context}, status_code, headers)
     set_cookie(request, page, ENTRY_COOKIE, token)
     return page
 

@@ -12,6 +12,7 @@ from fastapi.responses import FileResponse, Response
 
 from app.errors import NotFoundError
 from app.files import read_json
+from app.web.gates import render
 from app.web.participant.entrance import see_invitation
 
 FRONT_FILE = "front.json"
@@ -30,10 +31,7 @@ def front_routes(folder: Path) -> APIRouter:
     def front_page(request: Request, code: str = "") -> Response:
         if code.strip():
             return see_invitation(code)
-        page: Response = request.app.state.templates.TemplateResponse(
-            request, "front.html", read_json(folder / FRONT_FILE), headers={"Cache-Control": "no-store"}
-        )
-        return page
+        return render(request, "front.html", read_json(folder / FRONT_FILE), headers={"Cache-Control": "no-store"})
 
     @router.get("/front/{name}")
     def picture(name: str) -> Response:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from json import JSONDecodeError
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import Depends, Request
 from fastapi.responses import Response
@@ -81,6 +81,20 @@ def settings(request: Request) -> Settings:
 def throttle(request: Request) -> Throttle:
     shared: Throttle = request.app.state.throttle
     return shared
+
+
+def render(
+    request: Request,
+    template: str,
+    context: Mapping[str, Any],
+    status_code: int = 200,
+    headers: Mapping[str, str] | None = None,
+) -> Response:
+    """Render a page from its template."""
+    page: Response = request.app.state.templates.TemplateResponse(
+        request, template, dict(context), status_code, headers
+    )
+    return page
 
 
 def route_of(scope: Scope) -> str:

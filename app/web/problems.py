@@ -17,7 +17,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.errors import ClosedError, StudyError, TooManyError, UnavailableError
 from app.web.form_token import page_with_form
-from app.web.gates import note_refusal, now, route_of
+from app.web.gates import note_refusal, now, render, route_of
 from app.web.roles import signed_in_person
 
 Typed = Sequence[tuple[str, str]]  # fields of a form, in order; a name may come more than once
@@ -190,7 +190,4 @@ def _answer(
     context["experimenter"] = person
     if person is not None:
         context |= {"form_token": request.state.form_token, "now": now(request)}
-    page: Response = request.app.state.templates.TemplateResponse(
-        request, "admin/problem.html", context, status, headers
-    )
-    return page
+    return render(request, "admin/problem.html", context, status, headers)

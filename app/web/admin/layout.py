@@ -10,7 +10,7 @@ from fastapi.responses import RedirectResponse, Response
 
 from app.store.experimenters import Experimenter, Role
 from app.store.studies import Study, progress_of
-from app.web.gates import database, now
+from app.web.gates import database, now, render
 
 TABS: tuple[tuple[str, str, Role], ...] = (
     ("", "Overview", "viewer"),
@@ -40,13 +40,8 @@ def page(
     request: Request, template: str, person: Experimenter, context: dict[str, Any], status_code: int = 200
 ) -> Response:
     """Render a page for the signed-in person; its forms carry the session's form token."""
-    shown: Response = request.app.state.templates.TemplateResponse(
-        request,
-        f"admin/{template}.html",
-        {"experimenter": person, "form_token": request.state.form_token, "now": now(request), **context},
-        status_code=status_code,
-    )
-    return shown
+    frame = {"experimenter": person, "form_token": request.state.form_token, "now": now(request)}
+    return render(request, f"admin/{template}.html", {**frame, **context}, status_code)
 
 
 def study_page(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from typing import Any
 
 import anyio
 from fastapi import Request
@@ -28,6 +29,11 @@ def live_part(request: Request, event: str, render: Callable[[], Awaitable[str]]
     stopped = anyio.Event()
     changes = _changes(request, event, render, stopped)
     return EventSourceResponse(changes, shutdown_event=stopped, shutdown_grace_period=REFRESH_S)
+
+
+def render_part(request: Request, template: str, context: Mapping[str, Any]) -> str:
+    """Render a part of a page."""
+    return str(request.app.state.templates.get_template(f"admin/{template}.html").render(**context))
 
 
 async def _changes(

@@ -9,6 +9,8 @@ from typing import Any
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
+from app.web.gates import render
+
 JSON = "application/json"
 TAGS = {  # in this order
     "studies": "Manage studies",
@@ -31,8 +33,7 @@ def api_page(request: Request) -> Response:
         "title": described["info"]["title"],
         "groups": [(name, groups[tag]) for tag, name in TAGS.items()],
     }
-    page: Response = request.app.state.templates.TemplateResponse(request, "api.html", context)
-    return page
+    return render(request, "api.html", context)
 
 
 def operations(described: Mapping[str, Any], server: str) -> Iterator[dict[str, Any]]:

@@ -32,7 +32,7 @@ from app.store.queue import (
 )
 from app.web.admin.layout import page, see
 from app.web.admin.listing import listing
-from app.web.admin.live import live_part
+from app.web.admin.live import live_part, render_part
 from app.web.gates import Store, database, now, settings
 from app.web.roles import Acting, Looking
 
@@ -269,8 +269,4 @@ def _form_of(kind: JobKind, given: Mapping[str, Any], server: Settings) -> dict[
 
 
 async def _rendered(request: Request, template: str, read: Callable[[Request], Mapping[str, Any]]) -> str:
-    def render() -> str:
-        text: str = request.app.state.templates.get_template(f"admin/{template}.html").render(**read(request))
-        return text
-
-    return await run_in_threadpool(render)
+    return await run_in_threadpool(lambda: render_part(request, template, read(request)))
