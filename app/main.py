@@ -34,7 +34,7 @@ from app.settings import Settings
 from app.store.engine import open_database
 from app.store.keys import utc_now
 from app.store.vote_writer import VoteWriter
-from app.web import health, media
+from app.web import media
 from app.web.admin import background
 from app.web.admin.access import account_page, server_page, sign_in_page, users_page
 from app.web.admin.flags import Flags
@@ -48,7 +48,15 @@ from app.web.admin.participants import (
 )
 from app.web.admin.refused_form import form_again
 from app.web.admin.results import attachments, models_page, objective_page, scores_page
-from app.web.admin.studies import design_page, edit_page, lifecycle_page, overview_page, sets_page, texts_page
+from app.web.admin.studies import (
+    design_page,
+    edit_page,
+    films_page,
+    lifecycle_page,
+    overview_page,
+    sets_page,
+    texts_page,
+)
 from app.web.admin.work import file_uploads, files_page, jobs_page, strokes_page
 from app.web.analyst import api_page, job_routes, routes, study_routes
 from app.web.analyst.openapi import describe
@@ -58,16 +66,18 @@ from app.web.limits.connections import GuardedProtocol, open_files
 from app.web.limits.hosts import KnownHosts
 from app.web.limits.throttle import new_throttle
 from app.web.markdown import with_code
-from app.web.metrics import SHARED_FOLDER, Metrics
-from app.web.participant import pages, screening, session, trials, votes
+from app.web.monitoring import health
+from app.web.monitoring.metrics import SHARED_FOLDER, Metrics
+from app.web.monitoring.request_log import Requests, start_logging
+from app.web.participant import beginning, pages, screening, session, trials, votes
 from app.web.problems import UnforeseenErrors, install_problems
-from app.web.request_log import Requests, start_logging
 from app.web.security import BodyLimit, RenewedSession, SameOrigin, SecurityHeaders
 
 START_TIMEOUT_S = 30
 FOR_OTHERS = 0o027  # what a server's new files do not allow: others nothing, the group (nginx) reading alone
 ROUTERS = (
     trials.router,
+    beginning.router,
     session.router,
     screening.router,
     routes.router,
@@ -94,6 +104,7 @@ ROUTERS = (
     interview_page.router,
     votes_page.router,
     design_page.router,
+    films_page.router,
     invitations_page.router,
     scores_page.router,
     objective_page.router,
@@ -108,7 +119,7 @@ UVICORN_OPTIONS: dict[str, Any] = {
     "ws": "none",
     "log_config": None,
     "log_level": "warning",
-    "access_log": False,  # addresses hold invitations and sign-in links; app/web/request_log.py logs routes
+    "access_log": False,  # addresses hold invitations and sign-in links; app/web/monitoring/request_log.py logs routes
     "server_header": False,
     "timeout_graceful_shutdown": 20,  # s for downloads; votes take milliseconds
     "timeout_keep_alive": 75,  # s, longer than proxies and clients keep a connection: else they would meet a closed one
@@ -188,7 +199,7 @@ def _add_middleware(app: FastAPI) -> None:
     app.add_middleware(BodyLimit)
     app.add_middleware(SameOrigin)
     app.add_middleware(UnforeseenErrors)
-    app.add_middleware(RenewedSession, is_https=is_https)
+    app.add_middleware(RenewedSession)
     below = settings.hsts_subdomains
     app.add_middleware(SecurityHeaders, is_https=is_https, with_subdomains=below, media_origin=media_origin)
     app.add_middleware(Requests, metrics=app.state.metrics)

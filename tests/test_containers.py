@@ -19,7 +19,7 @@ import yaml
 
 from app.cli import app
 from app.settings import Settings
-from app.web.health import healthz, router
+from app.web.monitoring.health import healthz, router
 from tests.containers import ROOT, arguments_of, copied_files, stages
 
 COMPOSE = yaml.safe_load((ROOT / "compose.yaml").read_text(encoding="utf-8"))

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from app.cli.shared import by_step
+from app.files import read_json
 from app.study.protocols import TYPICAL_INCONSISTENCY
 from recon.cli.console import JsonOption, ProgressLine, print_result
 
@@ -156,7 +157,7 @@ def analyse(
         return
     if rated:
         analysis = analyse_ratings_file(rated, out, ends, exclude or (), width=WIDTHS[width], measures=measures)
-        scores = rating_sentences(analysis)
+        scores = _rating_sentences(analysis)
     else:
         settings = AnalysisSettings(
             ties=ties,
@@ -186,7 +187,7 @@ def analyse(
             width=WIDTHS[width],
         )
         scores = score_sentences(analysis)
-    print_result(analysis, f"{found_sentences(analysis)}{scores}\nReport: {out / 'report.html'}", as_json=as_json)
+    print_result(analysis, f"{_found_sentences(analysis)}{scores}\nReport: {out / 'report.html'}", as_json=as_json)
 
 
 @app.command()
@@ -292,8 +293,6 @@ def _parse_mapping(text: str | None, option: str) -> dict[str, str] | None:
 
 
 def _read_abilities(path: Path) -> dict[str, float]:
-    from recon.storage.files import read_json
-
     content = read_json(path)
     wrong = [name for name, value in content.items() if isinstance(value, bool) or not isinstance(value, int | float)]
     if wrong:
@@ -319,8 +318,8 @@ def _understood_votes(
     ]
 
 
-def found_sentences(analysis: Mapping[str, Any]) -> str:
-    """Print how the files were understood, what was found, and what to know before reading on."""
+def _found_sentences(analysis: Mapping[str, Any]) -> str:
+    """List how the files were understood, what was found, and what to know before reading on."""
     lines = [f"Read {text}" for text in analysis.get("understood", ())]
     lines += [row["text"] for row in analysis["findings"]]
     lines += [f"Note: {text}" for text in analysis["warnings"]]
@@ -328,41 +327,34 @@ def found_sentences(analysis: Mapping[str, Any]) -> str:
 
 
 def score_sentences(analysis: Mapping[str, Any]) -> str:
-    """Print the scores over all datasets, a line each, best first."""
+    """List the scores over all datasets, a line each, best first."""
     rows = [row for row in analysis["scores"] if row["comparison"] == "all" and row["dataset"] == "all"]
     rows.sort(key=lambda row: (row["score"] is None, -(row["score"] or 0)))
     listed, more = rows[:MOST_SCORES], len(rows) - MOST_SCORES
     width = max((len(row["item"]) for row in listed), default=0)
-    lines = [f"  {row['item']:<{width}}  {_score_text(row)}" for row in listed]
+    lines = [f"  {row['item']:<{width}}  {_with_interval(row, 'score', '+.3f')}" for row in listed]
     return "\n".join([*lines, f"  … and {more} more, in scores.csv"] if more > 0 else lines)
 
 
-def rating_sentences(analysis: Mapping[str, Any]) -> str:
-    """Print the mean opinion scores, or the scores of comparisons, over all datasets, a line each, best first."""
+def _rating_sentences(analysis: Mapping[str, Any]) -> str:
+    """List the mean opinion scores, or the scores of comparisons, over all datasets, a line each, best first."""
     if analysis.get("rating_conditions"):
-        rows, name, what = list(analysis["rating_conditions"]), "mos", ""
+        rows, name, form = list(analysis["rating_conditions"]), "mos", ".2f"
     else:
         datasets = [row["dataset"] for row in analysis["comparison_items"]]
         last = "all" if "all" in datasets else None
         rows = [row for row in analysis["comparison_items"] if last in (None, row["dataset"])]
-        name, what = "score", "+"
+        name, form = "score", "+.2f"
     rows.sort(key=lambda row: -row[name])
     width = max((len(row["condition"]) for row in rows), default=0)
-    return "\n".join(f"  {row['condition']:<{width}}  {_interval_text(row, name, what)}" for row in rows)
+    return "\n".join(f"  {row['condition']:<{width}}  {_with_interval(row, name, form)}" for row in rows)
 
 
-def _interval_text(row: Mapping[str, Any], name: str, sign: str) -> str:
-    interval = ""
-    if row["ci_low"] is not None:
-        interval = f"  95 % interval {row['ci_low']:{sign}.2f} to {row['ci_high']:{sign}.2f}"
-    return f"{row[name]:{sign}.2f}{interval}"
-
-
-def _score_text(row: Mapping[str, Any]) -> str:
-    if row["score"] is None:
+def _with_interval(row: Mapping[str, Any], name: str, form: str) -> str:
+    if row[name] is None:
         return f"no score ({row['status']})"
-    interval = "" if row["ci_low"] is None else f"  95 % interval {row['ci_low']:+.3f} to {row['ci_high']:+.3f}"
-    return f"{row['score']:+.3f}{interval}"
+    interval = "" if row["ci_low"] is None else f"  95 % interval {row['ci_low']:{form}} to {row['ci_high']:{form}}"
+    return f"{row[name]:{form}}{interval}"
 
 
 def _detectable(difference: float | None, unit: str) -> str:

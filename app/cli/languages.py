@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -64,4 +63,4 @@ def languages_check(
     lines += [f"{file}: complete" for file, listed in faults.items() if not listed]
     print_result({"faults": faults, "ok": not any(faults.values())}, "\n".join(lines), as_json=as_json)
     if any(faults.values()):
-        sys.exit(1)
+        raise typer.Exit(1)

@@ -213,7 +213,7 @@ def study_invite(
     settings = Settings()
     made = add_invitation(settings, study, places=places)
     made["link"] = (url or url_for_links(settings)) + made["path"]
-    people = "as many participants as come" if places is None else f"{places} participant{'s' * (places > 1)}"
+    people = "as many participants as come" if places is None else f"{counted(places, 'participant')}"
     print_result(made, f"For {people}: {made['link']}", as_json=as_json)
 
 

@@ -6,29 +6,36 @@ form. Forms within a session carry the session's token instead, see gates.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from secrets import compare_digest, token_urlsafe
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import Form, Request
 from fastapi.responses import Response
 
 from app.errors import ForbiddenError
-from app.web.gates import cookie, is_secure, set_cookie
+from app.web.gates import cookie, render, set_cookie
 
 ENTRY_COOKIE = "entry"
 
 
-def entry_token(request: Request) -> str:
+def _token(request: Request) -> str:
     """Return the token that this browser's forms carry; a new one if the browser has none."""
-    known = getattr(request.state, "entry_token", None) or cookie(request, ENTRY_COOKIE)
-    request.state.entry_token = known or token_urlsafe(32)
-    return str(request.state.entry_token)
+    return cookie(request, ENTRY_COOKIE) or token_urlsafe(32)
 
 
-def remember_entry(request: Request, answer: Response) -> Response:
-    """Set the cookie with the token that the page was given."""
-    set_cookie(answer, ENTRY_COOKIE, entry_token(request), is_https=is_secure(request))
-    return answer
+def page_with_form(
+    request: Request,
+    template: str,
+    context: Mapping[str, Any],
+    status_code: int = 200,
+    headers: Mapping[str, str] | None = None,
+) -> Response:
+    """Render a page whose forms carry this browser's token, and set its cookie."""
+    token = _token(request)
+    page = render(request, template, {"form_token": token, **context}, status_code, headers)
+    set_cookie(request, page, ENTRY_COOKIE, token)
+    return page
 
 
 def is_own_form(request: Request, form_token: str) -> bool:

@@ -6,13 +6,14 @@ Only the demo has it, because it shows the experimenter's sign-in link; the demo
 from __future__ import annotations
 
 from pathlib import Path
-from urllib.parse import quote
 
 from fastapi import APIRouter, Request
-from fastapi.responses import FileResponse, RedirectResponse, Response
+from fastapi.responses import FileResponse, Response
 
 from app.errors import NotFoundError
 from app.files import read_json
+from app.web.gates import render
+from app.web.participant.entrance import see_invitation
 
 FRONT_FILE = "front.json"
 
@@ -29,11 +30,8 @@ def front_routes(folder: Path) -> APIRouter:
     @router.get("/")
     def front_page(request: Request, code: str = "") -> Response:
         if code.strip():
-            return RedirectResponse(f"/s/{quote(code.strip(), safe='')}", status_code=303)
-        page: Response = request.app.state.templates.TemplateResponse(
-            request, "front.html", read_json(folder / FRONT_FILE), headers={"Cache-Control": "no-store"}
-        )
-        return page
+            return see_invitation(code)
+        return render(request, "front.html", read_json(folder / FRONT_FILE), headers={"Cache-Control": "no-store"})
 
     @router.get("/front/{name}")
     def picture(name: str) -> Response:

@@ -24,7 +24,7 @@ from app.web.gates import Store, settings
 
 # The content of a name never changes. Private: shared caches must not serve a study's material to others.
 FOREVER = "private, max-age=31536000, immutable"
-# The policy of files that users brought: they are shown, and run nothing.
+# The policy of files that users brought: a page shows its own pictures and style, and cannot run scripts or send forms.
 SANDBOX = (
     "sandbox allow-same-origin; default-src 'none'; img-src 'self' data:; media-src 'self'; "
     "style-src 'self' 'unsafe-inline'; frame-ancestors 'self'"
@@ -49,7 +49,7 @@ def image(sha256: Annotated[str, Path(pattern="^[0-9a-f]{64}$")], database: Stor
 
 
 class Film(FileResponse):
-    """A file response that reads from the page cache in the event loop: passing that to a thread takes longer."""
+    """Send a file, read in the event loop where it is in memory: passing that to a thread takes longer."""
 
     chunk_size = 256 * 1024
 
@@ -112,7 +112,7 @@ def media(media: Annotated[str, Path(max_length=32)], request: Request, database
 
 
 def entity_tag(media: str, film: FilmFile) -> str:
-    """Digest of the address and the content: nobody recognises by it in a trial what another one has shown."""
+    """Return a digest of address and content; that of the content alone would tell which trials show the same film."""
     return hashlib.sha256(f"{media} {film.sha256}".encode()).hexdigest()
 
 

@@ -16,9 +16,9 @@ from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.errors import ClosedError, StudyError, TooManyError, UnavailableError
-from app.web.form_token import entry_token, remember_entry
-from app.web.gates import note_refusal, now, signed_in_person
-from app.web.request_log import route_of
+from app.web.form_token import page_with_form
+from app.web.gates import note_refusal, now, render, route_of
+from app.web.roles import signed_in_person
 
 Typed = Sequence[tuple[str, str]]  # fields of a form, in order; a name may come more than once
 FormAgain = Callable[[Request, int, str], Awaitable[Response | None]]
@@ -140,7 +140,7 @@ async def _validation_error(request: Request, error: Exception) -> Response:
 
 
 async def _typed(request: Request) -> Typed:
-    """Long texts of a refused dashboard form, by field: the page shows them again, to be copied."""
+    """Return the long texts of a refused dashboard form by field; the page shows them again, to be copied."""
     return [
         (name, text)
         for name, text in await typed_fields(request)
@@ -159,9 +159,8 @@ async def typed_fields(request: Request) -> Typed:
 
 def _log_refusal(request: Request, status: int, why: str) -> None:
     """Log a refusal by route and ids, without the address, which may hold an invitation or a link."""
-    route = getattr(request.scope.get("route"), "path", "an unknown address")
     about = {name: request.path_params[name] for name in LOGGED_PARAMETERS if name in request.path_params}
-    log.warning("%s %s %s refused: %d %s", request.method, route, about, status, why)
+    log.warning("%s %s %s refused: %d %s", request.method, route_of(request.scope), about, status, why)
 
 
 def _is_dashboard(request: Request) -> bool:
@@ -186,13 +185,9 @@ def _answer(
         return problem(status, detail, extra=extra, headers=headers)
     person = signed_in_person(request) if _is_dashboard(request) and status != 401 and status < 500 else None
     context: dict[str, Any] = {"title": HTTPStatus(status).phrase, "detail": detail, "typed": typed}
-    context |= {"experimenter": person}
-    options = {"status_code": status, "headers": dict(headers or {})}
-    templates = request.app.state.templates
+    if status == 401 and _is_dashboard(request):
+        return page_with_form(request, "admin/sign_in.html", context, status, headers)
+    context["experimenter"] = person
     if person is not None:
         context |= {"form_token": request.state.form_token, "now": now(request)}
-    if status == 401 and _is_dashboard(request):
-        context["form_token"] = entry_token(request)
-        return remember_entry(request, templates.TemplateResponse(request, "admin/sign_in.html", context, **options))
-    page: Response = templates.TemplateResponse(request, "admin/problem.html", context, **options)
-    return page
+    return render(request, "admin/problem.html", context, status, headers)

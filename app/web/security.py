@@ -8,17 +8,17 @@ from urllib.parse import urlsplit
 
 from starlette.datastructures import MutableHeaders
 from starlette.exceptions import HTTPException
+from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.store.experimenters import SESSION_LASTS
 from app.study.image import LARGEST_IMAGE
 from app.study.questionnaire import LONGEST_ANSWER, LONGEST_QUESTION, MOST_QUESTIONS, MOST_SPOKEN_QUESTIONS
 from app.study.stages import INTERVIEW
 from app.study.study_file import LONGEST_FILE
 from app.study.wording import LONGEST_TEXT
-from app.web.gates import EXPERIMENTER_COOKIE, UPLOAD_PATH, set_cookie
 from app.web.problems import problem
+from app.web.roles import UPLOAD_PATH, set_experimenter_cookie
 
 POLICY = (
     "default-src 'self'",
@@ -132,25 +132,19 @@ def is_foreign(headers: Mapping[bytes, bytes]) -> bool:
 class RenewedSession:
     """Set the cookie of an experimenter's session where a gate has renewed its token."""
 
-    def __init__(self, app: ASGIApp, is_https: bool = False) -> None:
+    def __init__(self, app: ASGIApp) -> None:
         self.app = app
-        self.is_https = is_https
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         async def with_cookie(message: Message) -> None:
             token = scope.get("state", {}).get("renewed_token")
             if message["type"] == "http.response.start" and token is not None:
                 answer = Response()
-                set_experimenter_cookie(answer, token, is_https=self.is_https or scope["scheme"] == "https")
+                set_experimenter_cookie(Request(scope), answer, token)
                 MutableHeaders(scope=message).append("Set-Cookie", answer.headers["set-cookie"])
             await send(message)
 
         await self.app(scope, receive, with_cookie if scope["type"] == "http" else send)
-
-
-def set_experimenter_cookie(answer: Response, token: str, *, is_https: bool) -> None:
-    """Set the cookie of an experimenter's session; no script can read it."""
-    set_cookie(answer, EXPERIMENTER_COOKIE, token, is_https=is_https, lasts_s=int(SESSION_LASTS.total_seconds()))
 
 
 class BodyLimit:

@@ -1,6 +1,7 @@
 // Sends a file in parts. A part that fails is sent again from where the server is; the same file, chosen again after
 // the page was closed, goes on where it stopped.
 
+import { reasonIn } from "./admin-refusal.js";
 import { byId, required } from "./elements.js";
 
 /**
@@ -75,15 +76,6 @@ async function ask(method, address, body) {
 
 function headers() {
   return { Accept: "application/json", "X-CSRF-Token": form.dataset.formToken ?? "" };
-}
-
-/** @param {string} text of an answer @param {number} status */
-function reasonIn(text, status) {
-  try {
-    return JSON.parse(text).detail;
-  } catch {
-    return `The server refused the file (${status}).`; // a proxy before it answers with a page of its own
-  }
 }
 
 /**

@@ -1,5 +1,6 @@
 // The page to draw on a capture's pictures: strokes on the object and on the background, kept as they are drawn.
 
+import { reasonIn } from "./admin-refusal.js";
 import { byId, required } from "./elements.js";
 import { erased, extended } from "./stroke-lines.js";
 
@@ -251,7 +252,7 @@ async function keep(place) {
   try {
     const answer = await send("PUT", `${base}/strokes/${place}`, body);
     if (answer.ok) tell("Kept.");
-    else tell(await reasonOf(answer));
+    else tell(reasonIn(await answer.text(), answer.status));
     return answer.ok;
   } catch {
     tell("The server cannot be reached; the strokes are not kept yet.");
@@ -264,15 +265,6 @@ async function keep(place) {
 function send(method, address, body) {
   const headers = { Accept: "application/json", "Content-Type": "application/json", "X-CSRF-Token": tools.dataset.formToken ?? "" };
   return fetch(address, { method, body, headers });
-}
-
-/** @param {Response} answer */
-async function reasonOf(answer) {
-  try {
-    return String((await answer.json()).detail);
-  } catch {
-    return `The server refused this (${answer.status}).`;
-  }
 }
 
 /** @param {string} words */
@@ -290,7 +282,7 @@ async function showMask() {
   try {
     const answer = await send("POST", `${base}/strokes/${place}/mask`);
     if (place !== key() || asked !== drawn.get(place)) return; // another picture, or other strokes, meanwhile
-    if (!answer.ok) return tell(await reasonOf(answer));
+    if (!answer.ok) return tell(reasonIn(await answer.text(), answer.status));
     const mask = await createImageBitmap(await answer.blob());
     const context = context2d(maskCanvas);
     context.drawImage(mask, 0, 0);

@@ -28,6 +28,6 @@ export function startBreak(view, least_s) {
 }
 
 /** @param {number} seconds @returns {string} 1:05 */
-export function minutesAndSeconds(seconds) {
+function minutesAndSeconds(seconds) {
   return `${Math.floor(seconds / 60)}:${String(seconds % 60).padStart(2, "0")}`;
 }

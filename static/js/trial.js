@@ -13,7 +13,7 @@ import { SWITCH_KEYS, after, enterFullScreen, fill, isPlain } from "./page.js";
 import { newPlayer } from "./technique.js";
 import { settle } from "./settling.js";
 import { labelTrial, pressedByEnter, showProgress } from "./trial-screen.js";
-import { display, dwell, hasSeenBoth, hasSeenEachFor, tenths } from "./viewing.js";
+import { ViewingRecord, tenths } from "./viewing.js";
 import { askForAnswer } from "./vote-form.js";
 
 /**
@@ -32,9 +32,6 @@ const FIXATION_MS = 500;
 const REFERENCE_KEY = "r"; // or what lies in its place on keyboards of other alphabets
 const RIGHT_BUTTON = 2;
 const MAY_COME_AGAIN = 1; // attempts; an interrupted repetition goes on, and its record says so
-
-const MOST_HAPPENINGS = 500; // in a record
-const RESIZING_MS = 500; // the same resizing, if its events are not farther apart
 
 /** What happens to the page -> the reason that it is to interrupt a look, if the study's `void_on` has it. @type {Partial<Record<Happening, Reason>>} */
 const REASONS = { hidden: "hidden", "full screen left": "full screen", blur: "blur", resize: "resize" };
@@ -68,12 +65,8 @@ export class Trial {
     this.description = description;
     this.film = film;
     this.player = newPlayer(technique, required(HTMLElement, ".film", screen));
-    /** @type {Vote["viewing"]} */
-    this.viewing = { first_shown: description.first_shown, technique, lighter_film: film.holds(description.media.lighter), shown_ms: 0, response_ms: 0, switches: [], happened };
+    this.record = new ViewingRecord(description, { technique, lighter_film: film.holds(description.media.lighter), happened });
     this.askedAt = NaN; // performance.now() when the participant was ready for it
-    this.firstShownAt = NaN; // performance.now() of the first frame on screen; moved on by pauses in which no film was shown
-    /** @type {Record<string, number>} of frames and stalls in earlier exposures of this trial */
-    this.counts = {};
     this.letter = description.first_shown; // the last of A and B that was shown
     /** @type {State} */
     this.state = "loading";
@@ -105,9 +98,10 @@ export class Trial {
 
   /** The record of the look that is under way, should it end now because the page is left; null while there is none. @returns {Interruption | null} */
   get look() {
-    if (this.state === "exposure") return { reason: "left the page", viewing: { ...this.viewing, ...this.#seen() } };
-    const isUnderWay = !Number.isNaN(this.firstShownAt) && this.state !== "done";
-    return isUnderWay ? { reason: "left the page", viewing: this.viewing } : null;
+    const { hasBegun, viewing } = this.record;
+    if (!hasBegun || this.state === "done") return null;
+    const seen = this.state === "exposure" ? this.record.seen(this.player.quality) : {};
+    return { reason: "left the page", viewing: { ...viewing, ...seen } };
   }
 
   /** @param {State} state @param {unknown} [result] the outcome, or why it failed */
@@ -145,7 +139,7 @@ export class Trial {
     const { media } = this.description;
     showProgress(this.screen, this.film, signal);
     this.film.whole
-      .then((blobs) => (signal.aborted ? undefined : this.player.load(blobs, media, this.#shown, signal)))
+      .then((blobs) => (signal.aborted ? undefined : this.player.load(blobs, media, this.record.shown, signal)))
       .then(() => signal.aborted || this.#go(this.#missing ? "unready" : "fixation"), (error) => signal.aborted || this.#go("failed", error));
   }
 
@@ -175,34 +169,22 @@ export class Trial {
 
   /** @param {AbortSignal} signal */
   #fixate(signal) {
-    this.viewing.wait_ms ??= tenths(performance.now() - this.askedAt);
+    this.record.viewing.wait_ms ??= tenths(performance.now() - this.askedAt);
     this.screen.focus({ preventScroll: true });
-    this.#show(this.#shown);
+    this.#show(this.record.shown);
     after(FIXATION_MS, signal, () => requestAnimationFrame((now) => signal.aborted || this.#begin(now)));
   }
 
   /** @param {number} now the animation frame that shows the film first */
   #begin(now) {
-    const { happened, shown_ms } = this.viewing;
-    if (Number.isNaN(this.firstShownAt)) {
-      for (const event of happened) event.at_ms = tenths(event.at_ms - now);
-    } else {
-      happened.push({ what: "shown again", at_ms: shown_ms });
-    }
-    this.firstShownAt = now - shown_ms;
+    this.record.begin(now);
     this.#go("exposure");
-  }
-
-  /** What the record says is on screen. @returns {Shown} */
-  get #shown() {
-    return this.viewing.switches.at(-1)?.to ?? this.description.first_shown;
   }
 
   /** @param {AbortSignal} signal */
   #expose(signal) {
     const { free_exposure, exposure_s } = this.description;
     this.#listen(signal);
-    this.viewing.display = display();
     if (document.visibilityState === "hidden") this.#note("hidden");
     if (!document.hasFocus()) this.#note("blur");
     if (signal.aborted) return;
@@ -241,11 +223,7 @@ export class Trial {
   /** Notes what happened to the page; it interrupts what is seen where the study says so. @param {Happening} what */
   #note(what) {
     if (pageIsLeft) return;
-    const { happened } = this.viewing;
-    const last = happened.at(-1);
-    const at_ms = this.#isBetweenExposures ? this.viewing.shown_ms : tenths(performance.now() - (this.firstShownAt || 0));
-    const isSameResizing = what === "resize" && last?.what === what && at_ms - last.at_ms < RESIZING_MS;
-    if (!isSameResizing && happened.length < MOST_HAPPENINGS) happened.push({ what, at_ms });
+    this.record.note(what, this.#isBetweenExposures);
     const reason = REASONS[what];
     if (this.state === "exposure" && reason && this.description.void_on.includes(reason)) this.#interrupt(reason);
   }
@@ -253,59 +231,34 @@ export class Trial {
   /** @param {Reason} reason */
   #interrupt(reason) {
     if (this.description.attempt > MAY_COME_AGAIN) {
-      this.viewing.interruption = reason;
+      this.record.viewing.interruption = reason;
       return;
     }
-    this.#closeRecord();
-    this.#go("interrupted", { interruption: { reason, viewing: this.viewing } });
+    this.record.close(this.player.quality);
+    this.#go("interrupted", { interruption: { reason, viewing: this.record.viewing } });
   }
 
   /** Whether the pair is about to be shown again: meanwhile the clock of the record stands. */
   get #isBetweenExposures() {
-    return !Number.isNaN(this.firstShownAt) && ["unseen", "loading", "unready", "fixation"].includes(this.state);
+    return this.record.hasBegun && ["unseen", "loading", "unready", "fixation"].includes(this.state);
   }
 
   #endExposure() {
-    this.#closeRecord();
-    this.#go(this.#unseen ? "unseen" : "voting");
+    this.record.close(this.player.quality);
+    this.#go(this.record.lack ? "unseen" : "voting");
     this.player.pause();
-  }
-
-  /** Why the pair is to be shown again before the vote; empty when it is not. @returns {"" | "unseen" | "brief"} */
-  get #unseen() {
-    const { see_both, minimum_viewing_s } = this.description;
-    if (see_both && !hasSeenBoth(this.viewing)) return "unseen";
-    return hasSeenEachFor(1000 * minimum_viewing_s, this.viewing) ? "" : "brief";
   }
 
   /** Shows the pair again once the participant is ready. @param {AbortSignal} signal */
   #offerAgain(signal) {
-    this.counts = this.#quality;
+    this.record.keepCounts(this.player.quality);
     const text = required(HTMLElement, "#unseen", this.screen);
-    text.textContent = fill(text.dataset[this.#unseen || "unseen"], { seconds: this.description.minimum_viewing_s });
+    text.textContent = fill(text.dataset[this.record.lack || "unseen"], { seconds: this.description.minimum_viewing_s });
     settle(); // a press meant to switch comes too late
     pressedByEnter(required(HTMLButtonElement, ".show-again", this.screen), signal, () => {
       enterFullScreen();
       this.#go("loading");
     });
-  }
-
-  /** Counts of frames and stalls in all exposures so far. @returns {Record<string, number>} */
-  get #quality() {
-    const counts = { ...this.counts };
-    for (const [name, count] of Object.entries(this.player.quality)) counts[name] = (counts[name] ?? 0) + count;
-    return counts;
-  }
-
-  #closeRecord() {
-    Object.assign(this.viewing, this.#seen());
-  }
-
-  /** What was seen until now. @returns {Partial<Vote["viewing"]>} */
-  #seen() {
-    const shown_ms = this.#since(performance.now());
-    const dwell_ms = dwell({ ...this.viewing, shown_ms }, this.description.media.reference);
-    return { shown_ms, dwell_ms, ...this.#quality };
   }
 
   /**
@@ -314,22 +267,12 @@ export class Trial {
    */
   #switch(at, isForReference) {
     if (this.description.media.layout === "single") return;
-    const { switches } = this.viewing;
     const isAtReference = this.player.shown === "reference";
     /** @type {Letter} */
     const letter = isAtReference ? this.letter : this.letter === "a" ? "b" : "a";
     const to = isForReference && !isAtReference ? "reference" : letter;
     this.#show(to);
-    // A mouse and a keyboard may each date their presses a little differently; the order is what happened.
-    const at_ms = Math.max(this.#since(at), switches.at(-1)?.at_ms ?? 0);
-    const media_time_s = this.player.mediaTime;
-    /** @type {Vote["viewing"]["switches"][number]} */
-    const record = { to, at_ms, media_time_s, frame: Math.round(media_time_s * this.description.media.fps) };
-    switches.push(record);
-    requestAnimationFrame((drawn) => {
-      record.frame_ms = this.#since(drawn);
-      requestAnimationFrame((presented) => (record.presented_ms = this.#since(presented))); // the display has it by now
-    });
+    this.record.addSwitch(to, at, this.player.mediaTime);
   }
 
   /** @param {Shown} which */
@@ -344,11 +287,6 @@ export class Trial {
     status.textContent = isAlone ? "" : told ?? "";
   }
 
-  /** @param {number} at performance.now() @returns {number} ms, to a tenth, since the film appeared */
-  #since(at) {
-    return tenths(Math.max(0, at - this.firstShownAt));
-  }
-
   /** @param {AbortSignal} signal */
   #ask(signal) {
     const openedAt = performance.now();
@@ -358,10 +296,11 @@ export class Trial {
 
   /** @param {import("./vote-form.js").Answer} answer @param {number} response_ms @param {number} n_changes */
   #vote(answer, response_ms, n_changes) {
-    this.viewing.response_ms = tenths(response_ms);
-    this.viewing.n_changes = n_changes;
+    const { viewing } = this.record;
+    viewing.response_ms = tenths(response_ms);
+    viewing.n_changes = n_changes;
     if (this.description.following) enterFullScreen(); // Esc may have ended it, and this is a press
-    this.#go("done", { vote: { id: newId(), ...answer, viewing: this.viewing } });
+    this.#go("done", { vote: { id: newId(), ...answer, viewing } });
   }
 }
 

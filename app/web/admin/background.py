@@ -29,7 +29,8 @@ from app.store.server_tasks import (
     tell_progress,
 )
 from app.web.admin.layout import page, see
-from app.web.gates import Person, Store
+from app.web.gates import Store
+from app.web.roles import Person
 
 TELLS_EVERY_S = 0.5
 BEATS_EVERY_S = BEATS_WITHIN.total_seconds() / 4

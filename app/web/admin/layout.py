@@ -10,7 +10,7 @@ from fastapi.responses import RedirectResponse, Response
 
 from app.store.experimenters import Experimenter, Role
 from app.store.studies import Study, progress_of
-from app.web.gates import database, now
+from app.web.gates import database, now, render
 
 TABS: tuple[tuple[str, str, Role], ...] = (
     ("", "Overview", "viewer"),
@@ -25,19 +25,23 @@ TABS: tuple[tuple[str, str, Role], ...] = (
     ("/texts", "Texts", "experimenter"),
     ("/edit", "Settings", "experimenter"),
 )
+SUB_TABS: tuple[tuple[tuple[str, str, Role], ...], ...] = (  # the pages of one tab
+    (("/results", "All participants", "viewer"), ("/results/groups", "Groups", "experimenter")),
+    (("/objective", "Reports", "viewer"), ("/objective/scores", "Against the scores", "viewer")),
+    (
+        ("/participants", "Participants", "experimenter"),
+        ("/participants/comments", "Comments", "experimenter"),
+        ("/participants/demographics", "Demographics", "experimenter"),
+    ),
+)
 
 
 def page(
     request: Request, template: str, person: Experimenter, context: dict[str, Any], status_code: int = 200
 ) -> Response:
     """Render a page for the signed-in person; its forms carry the session's form token."""
-    shown: Response = request.app.state.templates.TemplateResponse(
-        request,
-        f"admin/{template}.html",
-        {"experimenter": person, "form_token": request.state.form_token, "now": now(request), **context},
-        status_code=status_code,
-    )
-    return shown
+    frame = {"experimenter": person, "form_token": request.state.form_token, "now": now(request)}
+    return render(request, f"admin/{template}.html", {**frame, **context}, status_code)
 
 
 def study_page(
@@ -52,7 +56,13 @@ def study_page(
     with database(request).reading() as connection:
         progress = progress_of(connection, study.id)
     base = f"/admin/studies/{study.slug}"
-    frame = {"study": study, "progress": progress, "tabs": _tabs(request.url.path, person, base), "base": base}
+    frame = {
+        "study": study,
+        "progress": progress,
+        "base": base,
+        "tabs": _tabs(request.url.path, person, base),
+        "sub_tabs": _sub_tabs(request.url.path, person, base),
+    }
     return page(request, template, person, {**frame, **(context or {})}, status_code)
 
 
@@ -67,6 +77,15 @@ def _tabs(path: str, person: Experimenter, base: str) -> list[dict[str, Any]]:
         }
         for address, name in shown
     ]
+
+
+def _sub_tabs(path: str, person: Experimenter, base: str) -> list[dict[str, Any]]:
+    """Return the pages of the tab that the page at `path` belongs to, where a person may open several."""
+    for tab in SUB_TABS:
+        shown = [(base + address, name) for address, name, role in tab if person.may(role)]
+        if len(shown) > 1 and path in dict(shown):
+            return [{"address": address, "name": name, "is_current": path == address} for address, name in shown]
+    return []
 
 
 def attachment(name: str) -> str:

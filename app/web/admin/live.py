@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from typing import Any
 
 import anyio
 from fastapi import Request
@@ -10,7 +11,7 @@ from fastapi.responses import Response
 from sse_starlette import EventSourceResponse, ServerSentEvent
 from starlette.concurrency import run_in_threadpool
 
-from app.web.gates import is_still_signed_in
+from app.web.roles import is_still_signed_in
 
 REFRESH_S = 1.0
 CHECK_SIGNED_IN_S = 3.0  # between checks that the viewer is still signed in
@@ -28,6 +29,11 @@ def live_part(request: Request, event: str, render: Callable[[], Awaitable[str]]
     stopped = anyio.Event()
     changes = _changes(request, event, render, stopped)
     return EventSourceResponse(changes, shutdown_event=stopped, shutdown_grace_period=REFRESH_S)
+
+
+def render_part(request: Request, template: str, context: Mapping[str, Any]) -> str:
+    """Render a part of a page."""
+    return str(request.app.state.templates.get_template(f"admin/{template}.html").render(**context))
 
 
 async def _changes(

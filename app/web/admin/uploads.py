@@ -15,7 +15,7 @@ from app.intake.bounds import in_bounds
 from app.intake.zips import MB
 from app.store.audit import Actor, Entry, record_alone
 from app.store.engine import Database
-from app.web.gates import acting_by_header
+from app.web.roles import acting_by_header
 
 UploadingActor = Annotated[Actor, Depends(acting_by_header("experimenter"))]
 CheckUpload = Callable[[Path, int], None]  # a module's function; takes what was received and the limit in MB

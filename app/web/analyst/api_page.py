@@ -9,14 +9,14 @@ from typing import Any
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
+from app.web.gates import render
+
 JSON = "application/json"
 TAGS = {  # in this order
     "studies": "Manage studies",
     "results": "Fetch results",
     "jobs": "Work on the server",
-    "session": "Take part in a study",
-    "screening": "Screening",
-    "trials": "Trials and votes",
+    "participants": "Take part in a study",
 }
 
 router = APIRouter(include_in_schema=False)
@@ -29,13 +29,11 @@ def api_page(request: Request) -> Response:
     groups: dict[str, list[dict[str, Any]]] = {}
     for operation in operations(described, str(request.base_url).rstrip("/")):
         groups.setdefault(operation["tag"], []).append(operation)
-    order = sorted(groups, key=lambda tag: (list(TAGS).index(tag) if tag in TAGS else len(TAGS), tag))
     context = {
         "title": described["info"]["title"],
-        "groups": [(TAGS.get(tag, tag.capitalize()), groups[tag]) for tag in order],
+        "groups": [(name, groups[tag]) for tag, name in TAGS.items()],
     }
-    page: Response = request.app.state.templates.TemplateResponse(request, "api.html", context)
-    return page
+    return render(request, "api.html", context)
 
 
 def operations(described: Mapping[str, Any], server: str) -> Iterator[dict[str, Any]]:
@@ -53,7 +51,7 @@ def operations(described: Mapping[str, Any], server: str) -> Iterator[dict[str, 
             body = content.get(JSON, {})
             yield {
                 "id": operation["operationId"],
-                "tag": next(iter(operation.get("tags", ())), "other"),
+                "tag": operation["tags"][0],
                 "method": method.upper(),
                 "path": path,
                 "summary": operation["description"].split("\n\n")[0],

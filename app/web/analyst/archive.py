@@ -26,9 +26,9 @@ from app.store.trial_records import trial_records
 from app.store.vote_records import vote_records
 from app.study.options import parse_options
 from app.study.study_file import write_study_file
-from app.web.analyst.columns import TABLES
+from app.web.analyst.columns import TABLES, with_others
 from app.web.analyst.formats import PART, write_csv
-from app.web.analyst.results import inputs_of, prepare_results, rows_of
+from app.web.analyst.results import inputs_of, items_factors, prepare_results, rows_of
 
 ANALYSIS_TABLES = ("scores", "ratings", "comparisons", "triads", "observers")
 OLDEST_DATE = (1980, 1, 1, 0, 0, 0)  # of every file: the same content then gives the same archive
@@ -58,8 +58,7 @@ def write_archive(out: IO[bytes], database: Database, study_id: int) -> None:
         analysis = prepared.results().analysis
         for name in ANALYSIS_TABLES:
             rows = rows_of(analysis or {}, name)
-            columns = dict.fromkeys([*TABLES[name], *(key for row in rows for key in row)])
-            files.write_table(name, rows, list(columns))
+            files.write_table(name, rows, with_others(TABLES[name], rows))
         if analysis is not None:
             _write_analysis(files, analysis, study.name)
         files.write("SHA256SUMS", files.checksums)
@@ -136,8 +135,7 @@ def _tables(connection: Transaction, study_id: int) -> Iterator[tuple[str, Itera
 
 def _write_items(files: _Files, conditions: Mapping[str, Mapping[str, str]]) -> None:
     """Write the conditions' factor levels as `reconstudy analyse --items` takes them; nothing where there are none."""
-    factors = dict.fromkeys(factor for levels in conditions.values() for factor in levels)
-    if factors:
+    if factors := items_factors(conditions):
         files.write_table(
             "items", ({**levels, "item": name} for name, levels in conditions.items()), ["item", *factors]
         )

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-Columns = dict[str, str]
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+Columns = dict[str, str]  # meaning by name
 
 PARTICIPANT = "label, by order of arrival"
 DATASET = "dataset (a scene)"
@@ -294,3 +297,8 @@ TABLES: dict[str, Columns] = {
     "validation": MEASUREMENTS,
     "audit": AUDIT,
 }
+
+
+def with_others(columns: Iterable[str], rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Return the documented columns of a table, then any others of its rows."""
+    return list(dict.fromkeys([*columns, *(name for row in rows for name in row)]))

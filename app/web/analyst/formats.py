@@ -19,6 +19,7 @@ from fastapi import Depends, Query, Request
 from fastapi.responses import Response, StreamingResponse
 
 from app.files import without_formula
+from app.web import media
 
 Format = Literal["json", "csv", "parquet"]
 CSV = "text/csv; charset=utf-8; header=present"
@@ -26,6 +27,7 @@ PARQUET = "application/vnd.apache.parquet"
 MEDIA_TYPES: dict[Format, str] = {"json": "application/json", "csv": CSV, "parquet": PARQUET}
 MOST_ROWS = 1_000_000  # of a page
 IN_MEMORY = 1024 * 1024  # bytes of a table; the rest waits on disk
+TAG_LENGTH = 32  # characters of a digest
 PART = 256 * 1024  # bytes sent at once
 ROWS_SENT_AT_ONCE = 500
 ROWS_AT_ONCE = 20_000  # of a Parquet file, as Python objects
@@ -37,12 +39,12 @@ class TableRequest:
 
     Parameters
     ----------
-    known : entity tags that the client has
+    known : header If-None-Match, the entity tags of what the client has
     limit, offset : the page, in rows; no limit: to the end
     """
 
     format: Format
-    known: frozenset[str]
+    known: str
     limit: int | None
     offset: int
 
@@ -54,7 +56,7 @@ def table_request(
     offset: Annotated[int, Query(ge=0, le=10**9, description="rows to skip")] = 0,
 ) -> TableRequest:
     """Read format and page from the request: `?format=`, else the preference of Accept, else JSON."""
-    known = frozenset(tag.strip().removeprefix("W/") for tag in request.headers.get("if-none-match", "").split(","))
+    known = request.headers.get("if-none-match", "")
     return TableRequest(given or _accepted(request.headers.get("accept", "")), known, limit, offset)
 
 
@@ -224,7 +226,7 @@ def json_object(content: Mapping[str, Any], chosen: TableRequest, digest: str | 
 
 def is_known(chosen: TableRequest, digest: str) -> bool:
     """Does the client have this content already?"""
-    return bool(chosen.known & {_tag(digest), "*"})
+    return media.is_known(chosen.known, digest[:TAG_LENGTH])
 
 
 def unchanged(digest: str) -> Response:
@@ -232,11 +234,7 @@ def unchanged(digest: str) -> Response:
 
 
 def _own_headers(digest: str) -> dict[str, str]:
-    return {"ETag": _tag(digest), "Cache-Control": "no-store", "Vary": "Accept, Authorization, Cookie"}
-
-
-def _tag(digest: str) -> str:
-    return f'"{digest[:32]}"'
+    return {"ETag": f'"{digest[:TAG_LENGTH]}"', "Cache-Control": "no-store", "Vary": "Accept, Authorization, Cookie"}
 
 
 def _parts(content: IO[bytes]) -> Iterator[bytes]:

@@ -10,24 +10,25 @@ from fastapi import APIRouter, Depends, Path, Query
 from fastapi.responses import JSONResponse, PlainTextResponse, Response
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.operations.jobs import queueing
 from app.operations.jobs.command import job_folder, log_tail
 from app.operations.jobs.fields import Choice, Choices, Entry
 from app.operations.jobs.fields import Field as JobField
 from app.operations.jobs.kinds import KINDS, job_kind
 from app.settings import Settings
-from app.store.audit import Entry as AuditEntry
-from app.store.audit import record
-from app.store.queue import STATES, JobState, QueuedJob, cancel_job, enqueue, job_by_id, list_jobs, retry_job
+from app.store.audit import Actor
+from app.store.queue import STATES, JobState, QueuedJob, job_by_id, list_jobs
 from app.store.tokens import JOBS
 from app.web.analyst import columns
 from app.web.analyst.formats import ChosenFormat, json_bytes, json_object, table
 from app.web.analyst.openapi import object_answers, table_answers
 from app.web.analyst.openapi_examples import JOB, JOB_KINDS
-from app.web.gates import Now, Reader, Store, may_change, may_read, settings
+from app.web.gates import Store, settings
+from app.web.roles import may_change, may_read
 
 router = APIRouter(prefix="/api/v1/jobs", tags=["jobs"])
 SEEING = [Depends(may_read(JOBS))]
-Changing = Annotated[Reader, Depends(may_change(JOBS))]
+JobManager = Annotated[Actor, Depends(may_change(JOBS))]
 JobId = Annotated[str, Path(max_length=32, description="id of the job")]
 Here = Annotated[Settings, Depends(settings)]
 MOST_LINES = 2000
@@ -90,35 +91,26 @@ def log(
 
 
 @router.post("", status_code=201, responses={201: object_answers(JOB)[200]})
-def start(body: JobBody, who: Changing, database: Store, here: Here, at: Now) -> Response:
+def start(body: JobBody, actor: JobManager, database: Store, here: Here) -> Response:
     """Queue a job; a worker begins it when those before it have ended."""
     new = job_kind(body.kind).read(body.arguments, here)
-    with database.writing() as connection:
-        public_id = enqueue(connection, new, who.name, at)
-        entry = AuditEntry("job queued", subject=new.output, detail={"job": public_id, "kind": new.kind})
-        record(connection, who.name, entry, at)
-        job = job_by_id(connection, public_id)
-    return Response(json_bytes(_row(job)), 201, media_type=JSONResponse.media_type)
+    return _shown(queueing.queue_job(database, new, actor), 201)
 
 
 @router.post("/{job}/cancel", responses={200: object_answers(JOB)[200]})
-def cancel(job: JobId, who: Changing, database: Store, at: Now) -> Response:
+def cancel(job: JobId, actor: JobManager, database: Store) -> Response:
     """Cancel a job; one that runs stops within seconds, and what it has finished is kept."""
-    with database.writing() as connection:
-        known = cancel_job(connection, job, at)
-        entry = AuditEntry("job cancelled", subject=known.output, detail={"job": job, "kind": known.kind})
-        record(connection, who.name, entry, at)
-    return Response(json_bytes(_row(known)), media_type=JSONResponse.media_type)
+    return _shown(queueing.cancel(database, job, actor))
 
 
 @router.post("/{job}/retry", responses={200: object_answers(JOB)[200]})
-def retry(job: JobId, who: Changing, database: Store, at: Now) -> Response:
+def retry(job: JobId, actor: JobManager, database: Store) -> Response:
     """Queue a failed or cancelled job again; it goes on from what was finished."""
-    with database.writing() as connection:
-        known = retry_job(connection, job)
-        entry = AuditEntry("job queued again", subject=known.output, detail={"job": job, "kind": known.kind})
-        record(connection, who.name, entry, at)
-    return Response(json_bytes(_row(known)), media_type=JSONResponse.media_type)
+    return _shown(queueing.retry(database, job, actor))
+
+
+def _shown(job: QueuedJob, status_code: int = 200) -> Response:
+    return Response(json_bytes(_row(job)), status_code, media_type=JSONResponse.media_type)
 
 
 def _row(job: QueuedJob) -> dict[str, Any]:

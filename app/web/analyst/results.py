@@ -19,6 +19,8 @@ from app.store.studies import Study, study_by_id
 from app.study.groupings import groupings, without_small_groups
 from app.study.options import StudyOptions, parse_options
 from app.study.protocols import CCR, PC, RATED, WITH_REFERENCE
+from app.web.analyst.columns import with_others
+from app.web.analyst.formats import csv_text
 from app.web.analyst.study_votes import read_votes_table
 from app.web.once import Latest, Shared
 
@@ -55,7 +57,7 @@ class Results:
 
     @cached_property
     def charts(self) -> dict[str, tuple[str, Any]]:
-        """Caption and chart of every figure that there is something in, by name."""
+        """Caption and chart of every figure that has anything to show, by name."""
         from app.analysis.figures import named_charts
 
         charts = named_charts(self.analysis) if self.analysis is not None else ()
@@ -68,7 +70,7 @@ _latest: Latest[Results] = Latest("reconstudy-results")
 
 @dataclass(frozen=True)
 class Inputs:
-    """All that an analysis follows from, without the votes themselves.
+    """What an analysis follows from, without the votes themselves.
 
     Parameters
     ----------
@@ -87,7 +89,7 @@ class Inputs:
 
 @dataclass(frozen=True)
 class Prepared:
-    """An analysis whose votes have been read; what it makes needs no connection any more."""
+    """An analysis whose votes have been read: its results and scores are computed without a connection."""
 
     digest: str
     results: Callable[[], Results]
@@ -183,7 +185,7 @@ def inputs_of(
 
 
 def prepare_results(connection: Transaction, inputs: Inputs) -> Prepared:
-    """Read the votes of an analysis, in the transaction of its inputs; not if it is known or being made."""
+    """Read the votes of an analysis, in the transaction of its inputs, unless it is known or being made."""
     if (begun := _results.begun(inputs.digest)) is not None:
         return Prepared(inputs.digest, begun.result, lambda: _score_rows(begun.result()))
     read = read_votes_table(connection, inputs.study_id, inputs.state, with_excluded=inputs.with_excluded)
@@ -272,7 +274,7 @@ def load_analysis() -> None:
 
 
 def items_factors(levels: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, str]]:
-    """Levels by item for each factor; an item that has no level of one is not named there."""
+    """Return factor -> item -> level; an item without a level of a factor is missing there."""
     factors = dict.fromkeys(factor for item_levels in levels.values() for factor in item_levels)
     return {
         factor: {item: item_levels[factor] for item, item_levels in levels.items() if factor in item_levels}
@@ -281,7 +283,7 @@ def items_factors(levels: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str
 
 
 def figures_of(results: Results) -> list[tuple[str, str]]:
-    """Name and caption of every figure that there is something in."""
+    """Return name and caption of every figure that has anything to show."""
     return [(name, caption) for name, (caption, _) in results.charts.items()]
 
 
@@ -305,28 +307,24 @@ def figure(results: Results, name: str, kind: str) -> bytes | None:
     if chart is None or results.analysis is None:
         return None
     if kind == "csv":
-        return _figure_csv(results.analysis, name).encode()
+        rows = _figure_rows(results.analysis, name)
+        return csv_text(rows, with_others((), rows)).encode()
     if kind == "vega":
         return chart_vega(chart).encode()
     svg = chart_svg(chart)
     return svg.encode() if kind == "svg" else svg_png(svg) if kind == "png" else svg_pdf(svg)
 
 
-def _figure_csv(analysis: Mapping[str, Any], name: str) -> str:
-    from app.web.analyst.formats import csv_text
-
-    rows = _figure_rows(analysis, name)
-    return csv_text(rows, list(dict.fromkeys(key for row in rows for key in row)))
-
-
 def _figure_rows(analysis: Mapping[str, Any], name: str) -> Sequence[Mapping[str, Any]]:
     """Return the numbers behind a figure."""
+    from app.analysis.figure_code import figure_file_name
+
     kind, _, which = name.partition("_")
     if name in FIGURE_TABLES:
         return list(analysis.get(FIGURE_TABLES[name], ()))
-    if kind == "scores":
-        comparisons = {row["comparison"] for row in analysis["scores"]}
-        wanted = next((comparison for comparison in comparisons if _is_called(comparison, which)), "all")
+    if kind in ("scores", "levels"):
+        comparisons = {figure_file_name(row["comparison"]): row["comparison"] for row in analysis["scores"]}
+        wanted = comparisons.get(which, "all")
         return [row for row in analysis["scores"] if row["comparison"] == wanted]
     if kind in ("preferences", "residuals"):
         return [row for row in analysis["pairs"] if row["comparison"] == "all"]
@@ -336,12 +334,5 @@ def _figure_rows(analysis: Mapping[str, Any], name: str) -> Sequence[Mapping[str
         return list(analysis["observers"])
     if name == "measures":
         return list(analysis["measures"])
-    return [row for row in analysis["measures" if kind == "measure" else "groups"] if _is_of(row, which)]
-
-
-def _is_of(row: Mapping[str, Any], which: str) -> bool:
-    return _is_called(str(row.get("measure", row.get("grouping", ""))), which)
-
-
-def _is_called(name: str, file_name: str) -> bool:
-    return "".join(character if character.isalnum() else "_" for character in name) == file_name
+    table, column = ("measures", "measure") if kind == "measure" else ("groups", "grouping")
+    return [row for row in analysis[table] if figure_file_name(row[column]) == which]

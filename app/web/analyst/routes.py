@@ -48,7 +48,8 @@ from app.web.analyst.formats import (
 from app.web.analyst.openapi import object_answers, table_answers
 from app.web.analyst.openapi_examples import ANALYSIS, STUDY
 from app.web.analyst.results import inputs_of, prepare_results, rows_of
-from app.web.gates import AStudy, Store, is_seen, may_read
+from app.web.gates import Store
+from app.web.roles import AStudy, is_seen, may_read
 
 EMPTY_TABLES = (
     "scores",
@@ -345,5 +346,4 @@ def _results(database: Database, study: Study, chosen: TableRequest, name: str) 
             return unchanged(digest)
         prepared = prepare_results(connection, inputs)
     rows = prepared.score_rows() if name == "scores" else rows_of(prepared.results().analysis or {}, name)
-    names = dict.fromkeys([*columns.TABLES[name], *(key for row in rows for key in row)])
-    return table(rows, names, chosen, f"{study.slug}-{name}", digest)
+    return table(rows, columns.with_others(columns.TABLES[name], rows), chosen, f"{study.slug}-{name}", digest)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Request
@@ -13,31 +13,31 @@ from app.errors import InvalidError, NotFoundError
 from app.ffmpeg import no_progress
 from app.operations.create import create_study, duplicate_study, read_options
 from app.operations.edit import check_edit, remake_films, save_edit
+from app.operations.invitations import MOST_AT_ONCE, MOST_PLACES, make_invitations, stop_invitation
 from app.operations.manage import study_file_of, study_summary
 from app.operations.standing import change_standing, delete_study
 from app.operations.stimulus_sets import set_called
 from app.store.audit import Actor
-from app.store.engine import Database
-from app.store.invitations import end_invitation, insert_invitation, invitations_of
+from app.store.engine import Database, Transaction
+from app.store.invitations import Invitation, invitations_of
 from app.store.participants import exclude, exclusion_records, participant_labelled, undo_exclusion
-from app.store.studies import Standing, Study, progress_of, study_by_slug
+from app.store.studies import Standing, Study, StudyCounts, progress_of, study_by_slug
 from app.store.tokens import PEOPLE, STUDIES
 from app.study.options import parse_options
 from app.study.presets import QUICK
 from app.study.study_file import EXPOSURE_BOUNDS_S
 from app.study.wording import LONGEST_NAME
-from app.web.gates import AStudy, Now, Reader, Store, languages, may_change, settings
+from app.web.gates import Store, languages, settings
+from app.web.roles import AStudy, may_change
 
-MOST_PLACES = 100_000
-MOST_AT_ONCE = 200
-SHOWN = 8  # characters of a code that the audit log shows
+EDITED = ("name", "exposure_s", "seed")  # beside the options
 LOW_S, HIGH_S = EXPOSURE_BOUNDS_S
 
 
 router = APIRouter(prefix="/api/v1", tags=["studies"])
 
-MayChangeStudies = Annotated[Reader, Depends(may_change(STUDIES))]
-MayExclude = Annotated[Reader, Depends(may_change(PEOPLE))]
+StudyEditor = Annotated[Actor, Depends(may_change(STUDIES))]
+Excluder = Annotated[Actor, Depends(may_change(PEOPLE))]
 Name = Annotated[str, Field(min_length=1, max_length=LONGEST_NAME, description="as participants read it")]
 Exposure = Annotated[float, Field(ge=LOW_S, le=HIGH_S, allow_inf_nan=False, description="how long a pair is shown, s")]
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1, description="of all participants' orders")]
@@ -118,7 +118,7 @@ class ExclusionView(BaseModel):
 
 
 @router.post("/studies", status_code=201, response_model=ManagedStudyView)
-def create(body: NewStudyBody, request: Request, who: MayChangeStudies, database: Store) -> Response:
+def create(body: NewStudyBody, request: Request, actor: StudyEditor, database: Store) -> Response:
     """Create a study of a stimulus set on the server; it stays paused until opened.
 
     The answer comes when all films are made, which takes about a second for each pair; films that are there are not
@@ -136,7 +136,7 @@ def create(body: NewStudyBody, request: Request, who: MayChangeStudies, database
             exposure_s=body.exposure_s,
             seed=body.seed,
             options=options,
-            by=who.name,
+            by=actor.name,
             is_paused=True,
         )
     except (ValueError, TypeError) as error:
@@ -145,14 +145,12 @@ def create(body: NewStudyBody, request: Request, who: MayChangeStudies, database
 
 
 @router.patch("/studies/{slug}", response_model=ManagedStudyView)
-def edit(
-    body: EditBody, request: Request, who: MayChangeStudies, study: AStudy, database: Store, now: Now
-) -> dict[str, Any]:
+def edit(body: EditBody, request: Request, actor: StudyEditor, study: AStudy, database: Store) -> dict[str, Any]:
     """Change a study's name, exposure, seed or options; what is left out stays.
 
     After somebody has begun, most settings are fixed. Where a setting needs other films, the answer comes when they are
-    made. If somebody else has changed the study since you read it, so
-    that its revision is another one, nothing is changed (409).
+    made. If somebody else has changed the study since you read it, so that its revision is another one, nothing is
+    changed (409).
     """
     before = study_file_of(study)
     given = {name: value for name, value in body.model_dump().items() if value is not None and name in EDITED}
@@ -161,7 +159,7 @@ def edit(
     except (ValueError, TypeError) as error:
         raise InvalidError(f"Nothing was changed: {error}.") from error
     wanted = replace(before, options=options, **given)
-    server, actor = settings(request), _actor(who, now)
+    server = settings(request)
     change = check_edit(server, database, study, wanted, languages(request))
     if change.folder is None:
         save_edit(database, change, body.revision, actor)
@@ -170,64 +168,55 @@ def edit(
     return _view(database, study.slug)
 
 
-EDITED = ("name", "exposure_s", "seed")
-
-
 @router.put("/studies/{slug}/state", response_model=ManagedStudyView)
-def change_state(body: StateBody, who: MayChangeStudies, study: AStudy, database: Store, now: Now) -> dict[str, Any]:
+def change_state(body: StateBody, actor: StudyEditor, study: AStudy, database: Store) -> dict[str, Any]:
     """Open, pause, close or archive a study; sent again, it changes nothing."""
-    change_standing(database, study, body.state, _actor(who, now))
+    change_standing(database, study, body.state, actor)
     return _view(database, study.slug)
 
 
 @router.post("/studies/{slug}/duplicate", status_code=201, response_model=ManagedStudyView)
-def duplicate(body: CopyBody, who: MayChangeStudies, study: AStudy, database: Store, now: Now) -> Response:
+def duplicate(body: CopyBody, actor: StudyEditor, study: AStudy, database: Store) -> Response:
     """Create a study of the same stimuli and options, without participants; it stays paused until opened."""
     try:
-        slug = duplicate_study(database, study, body.name, _actor(who, now))
+        slug = duplicate_study(database, study, body.name, actor)
     except ValueError as error:
         raise InvalidError(f"The study was not duplicated: {error}.") from error
     return _created(database, slug)
 
 
 @router.delete("/studies/{slug}", status_code=204, response_class=Response)
-def delete(who: MayChangeStudies, study: AStudy, database: Store, now: Now) -> Response:
+def delete(actor: StudyEditor, study: AStudy, database: Store) -> Response:
     """Delete a study for good, with all votes; once somebody has begun, only an archived one (else 409)."""
-    delete_study(database, study, _actor(who, now))
+    delete_study(database, study, actor)
     return Response(status_code=204)
 
 
 @router.get("/studies/{slug}/invitations", response_model=list[InvitationView])
-def invitations(_who: MayChangeStudies, study: AStudy, database: Store) -> list[dict[str, Any]]:
+def invitations(_actor: StudyEditor, study: AStudy, database: Store) -> list[dict[str, Any]]:
     """List a study's invitations; each code lets people in, so this takes the scope studies:write."""
     with database.reading() as connection:
         return [_invitation(row) for row in invitations_of(connection, study.id)]
 
 
 @router.post("/studies/{slug}/invitations", status_code=201, response_model=list[InvitationView])
-def invite(
-    body: InvitationsBody, who: MayChangeStudies, study: AStudy, database: Store, now: Now
-) -> list[dict[str, Any]]:
+def invite(body: InvitationsBody, actor: StudyEditor, study: AStudy, database: Store) -> list[dict[str, Any]]:
     """Make invitations, each for so many participants."""
-    with database.writing() as connection:
-        codes = {insert_invitation(connection, study.id, body.places, now) for _ in range(body.number)}
-        _actor(who, now).note(connection, "invitations made", study, study.slug, number=body.number, places=body.places)
+    codes = make_invitations(database, study, body.places, [""] * body.number, actor)
+    with database.reading() as connection:
         return [_invitation(row) for row in invitations_of(connection, study.id) if row.code in codes]
 
 
 @router.delete("/studies/{slug}/invitations/{code}", status_code=204, response_class=Response)
-def end(code: Code, who: MayChangeStudies, study: AStudy, database: Store, now: Now) -> Response:
+def end(code: Code, actor: StudyEditor, study: AStudy, database: Store) -> Response:
     """Let nobody else in by an invitation; sent again, it changes nothing until the unused code is forgotten (404)."""
-    with database.writing() as connection:
-        if not end_invitation(connection, study.id, code):
-            raise NotFoundError("This study has no such invitation.")
-        _actor(who, now).note(connection, "invitation ended", study, code[:SHOWN])
+    stop_invitation(database, study, code, actor)
     return Response(status_code=204)
 
 
 @router.put("/studies/{slug}/participants/{label}/exclusion", response_model=ExclusionView)
 def exclude_participant(
-    body: ExclusionBody, label: Label, who: MayExclude, study: AStudy, database: Store, now: Now
+    body: ExclusionBody, label: Label, actor: Excluder, study: AStudy, database: Store
 ) -> dict[str, Any]:
     """Leave a participant's votes out of the analysis, for a reason.
 
@@ -237,8 +226,8 @@ def exclude_participant(
         person = participant_labelled(connection, study.id, label)
         held = _exclusion_of(connection, person.id)
         if held is None or held["reason"] != body.reason.strip():
-            exclude(connection, person, body.reason.strip(), who.name, now)
-            _actor(who, now).note(connection, "participant excluded", study, label, reason=body.reason.strip())
+            exclude(connection, person, body.reason.strip(), actor.name, actor.now)
+            actor.note(connection, "participant excluded", study, label, reason=body.reason.strip())
             held = _exclusion_of(connection, person.id)
     assert held is not None, "it was just inserted"
     shown = {name: held[name] for name in ("reason", "excluded_by")}
@@ -246,27 +235,23 @@ def exclude_participant(
 
 
 @router.delete("/studies/{slug}/participants/{label}/exclusion", status_code=204, response_class=Response)
-def include_participant(label: Label, who: MayExclude, study: AStudy, database: Store, now: Now) -> Response:
+def include_participant(label: Label, actor: Excluder, study: AStudy, database: Store) -> Response:
     """Count a participant's votes again; sent again, it changes nothing."""
     with database.writing() as connection:
         person = participant_labelled(connection, study.id, label)
         if _exclusion_of(connection, person.id) is not None:
-            undo_exclusion(connection, person, who.name, now)
-            _actor(who, now).note(connection, "exclusion undone", study, label)
+            undo_exclusion(connection, person, actor.name, actor.now)
+            actor.note(connection, "exclusion undone", study, label)
     return Response(status_code=204)
 
 
-def _actor(who: Reader, now: Any) -> Actor:
-    return Actor(0, who.name, now)
-
-
-def _exclusion_of(connection: Any, participant_id: int) -> dict[str, Any] | None:
+def _exclusion_of(connection: Transaction, participant_id: int) -> dict[str, Any] | None:
     """Return the exclusion of a participant that holds."""
     return next((row for row in exclusion_records(connection, participant_id) if row["undone_at"] is None), None)
 
 
-def _invitation(row: Any) -> dict[str, Any]:
-    return {**{name: asdict(row)[name] for name in ("code", "places", "n_used")}, "path": f"/s/{row.code}"}
+def _invitation(row: Invitation) -> dict[str, Any]:
+    return {"code": row.code, "places": row.places, "n_used": row.n_used, "path": f"/s/{row.code}"}
 
 
 def _created(database: Database, slug: str) -> Response:
@@ -281,7 +266,7 @@ def _view(database: Database, slug: str) -> dict[str, Any]:
         return _shown(study, progress_of(connection, study.id))
 
 
-def _shown(study: Study, progress: Any) -> dict[str, Any]:
+def _shown(study: Study, progress: StudyCounts) -> dict[str, Any]:
     file = study_file_of(study)
     whole = {"revision": study.revision, "seed": study.seed, "options": file.options.as_json()}
     return study_summary(study, progress) | whole

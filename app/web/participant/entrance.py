@@ -6,8 +6,10 @@ import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
+from urllib.parse import quote
 
 from fastapi import Request
+from fastapi.responses import RedirectResponse
 
 from app.store.admission import WhyClosed, why_closed
 from app.store.designs import has_single_films, largest_film
@@ -43,6 +45,11 @@ class Entrance:
     full_url: str  # where to go from a study that takes in nobody more; empty: nowhere
     film_size: tuple[int, ...]  # display's pixels, where the films need as many; else empty
     is_preview: bool  # does this browser hold an experimenter's walk through the study?
+
+
+def see_invitation(code: str) -> RedirectResponse:
+    """Redirect to an invitation's page."""
+    return RedirectResponse(f"/s/{quote(code.strip(), safe='')}", status_code=303)
 
 
 def entrance(request: Request, code: str, *, is_for_another: bool = False) -> Entrance | None:

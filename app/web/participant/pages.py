@@ -8,7 +8,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from typing import Annotated
-from urllib.parse import quote
 
 from fastapi import APIRouter, Depends, Form, Request
 from fastapi.responses import RedirectResponse, Response
@@ -23,7 +22,7 @@ from app.study.language_pack import LanguagePack, nested_texts
 from app.study.privacy import collected
 from app.study.stage_data import consent_to_send
 from app.study.wording import offered_languages, wording
-from app.web.form_token import entry_token, is_own_form, own_form, remember_entry
+from app.web.form_token import is_own_form, own_form, page_with_form
 from app.web.gates import (
     PARTICIPANT_COOKIE,
     Now,
@@ -31,7 +30,6 @@ from app.web.gates import (
     address,
     cookie,
     delete_cookie,
-    is_secure,
     languages,
     note_refusal,
     set_cookie,
@@ -39,9 +37,9 @@ from app.web.gates import (
 )
 from app.web.limits.throttle import WRONG_CODES
 from app.web.markdown import render_markdown
-from app.web.participant.bodies import FILM_TYPES
-from app.web.participant.entrance import Entrance, entrance
-from app.web.participant.session import remember
+from app.web.participant.beginning import remember
+from app.web.participant.entrance import Entrance, entrance, see_invitation
+from app.web.participant.trial_bodies import FILM_TYPES
 
 DEFAULT_LANGUAGE = "en"
 LANGUAGE_COOKIE = "language"
@@ -64,7 +62,7 @@ router = APIRouter(include_in_schema=False)
 @router.get("/")
 def entrance_page(request: Request, code: str = "") -> Response:
     if code.strip():
-        return RedirectResponse(f"/s/{quote(code.strip(), safe='')}", status_code=303)
+        return see_invitation(code)
     return _page(request, "participant/entrance.html")
 
 
@@ -156,7 +154,7 @@ def steer_preview(
         return answer
     if stage not in session.options.way:
         raise InvalidError(f"The study has no stage {stage!r}; expected one of {', '.join(session.options.way)}.")
-    answer = RedirectResponse(f"/s/{quote(code, safe='')}", status_code=303)
+    answer = see_invitation(code)
     remember(request, answer, begin_preview(database, study, now, stage))
     return answer
 
@@ -180,7 +178,9 @@ def resume_elsewhere(
         log.warning("a resume code is not known")
         return _page(request, "participant/message.html", STATUS_OF_MESSAGE[message], message=message, leads_to="")
     with database.reading() as connection:
-        answer = RedirectResponse(f"/s/{invitation_of_session(connection, token)}", status_code=303)
+        invitation = invitation_of_session(connection, token)
+    assert invitation is not None, "every session was begun with one"
+    answer = see_invitation(invitation)
     remember(request, answer, token)
     return answer
 
@@ -200,7 +200,7 @@ def _page(
     """
     packs = offered or _offered(request, None)
     language = _language(request, packs)
-    page: Response = request.app.state.templates.TemplateResponse(
+    page = page_with_form(
         request,
         template,
         {
@@ -208,15 +208,13 @@ def _page(
             "direction": packs[language].direction,
             "languages": {tag: pack.name for tag, pack in packs.items()},
             "texts": nested_texts(packs[language].texts),
-            "entry_token": entry_token(request),
             **context,
         },
-        status_code=status_code,
+        status_code,
         headers={"Cache-Control": "no-store"},  # the page changes with the invitation's state
     )
-    remember_entry(request, page)
     if request.query_params.get("language") == language:
-        set_cookie(page, LANGUAGE_COOKIE, language, is_https=is_secure(request))
+        set_cookie(request, page, LANGUAGE_COOKIE, language)
     return page
 
 

@@ -119,13 +119,13 @@ OVER: dict[int | str, dict[str, Any]] = {204: {"description": "The test is over"
 
 @router.get("")
 def screening(signed_in: Participant, database: Store) -> ScreeningView:
-    """How far the screening is."""
+    """Show how far the screening is."""
     return _view(database, _in_screening(signed_in))
 
 
 @router.put("/display")
 def measure_display(body: CardBody, signed_in: Participant, database: Store, now: Now) -> ScreeningView:
-    """The display's size by a bank card, fitted twice. 422: the two differ; 409: the acuity test has begun."""
+    """Take the display's size by a bank card, fitted twice. 422: the two differ; 409: the acuity test has begun."""
     session = _in_screening(signed_in)
     try:
         pitch = pixel_mm(body.card_widths, body.device_pixel_ratio)
@@ -140,7 +140,7 @@ def measure_display(body: CardBody, signed_in: Participant, database: Store, now
 
 @router.put("/distance")
 def measure_distance(body: DistanceBody, signed_in: Participant, database: Store) -> ScreeningView:
-    """The distance of the eyes. 422: it cannot be; 409: the display is not measured, or the acuity test has begun."""
+    """Take the distance of the eyes. 422: it cannot be; 409: the display is not measured, or the test has begun."""
     session = _in_screening(signed_in)
     with database.reading() as connection:
         display = display_of(connection, session.id)
@@ -156,7 +156,7 @@ def measure_distance(body: DistanceBody, signed_in: Participant, database: Store
 
 @router.get("/{test}", response_model=ItemView, responses=OVER)
 def next_item(test: Test, signed_in: Participant, database: Store, now: Now) -> ItemView | Response:
-    """The ring or plate to show now; the same one until it is answered. 204: the test is over."""
+    """Send the ring or plate to show now; the same one until it is answered. 204: the test is over."""
     session = _in_screening(signed_in)
     _refuse_other_tests(session, test)
     return _item_view(test, item_to_show(database, session.id, test, session.options.screening, now))
@@ -173,9 +173,9 @@ def skip(test: Test, body: SkipBody, signed_in: Participant, database: Store, no
 
 @router.get("/{test}/{number}.png", response_class=Response)
 def picture(test: Test, number: Number, signed_in: Participant, database: Store) -> Response:
-    """A ring or plate as a picture; never cached, as the next participant at this browser gets another one.
+    """Draw a ring or plate; it is never cached, as the next participant at this browser gets another one.
 
-    A ring is to be shown at the display's own pixels.
+    Show a ring pixel by pixel: one of the picture is one of the display.
     """
     with database.reading() as connection:
         served = item_of(connection, signed_in.session.id, test, number)

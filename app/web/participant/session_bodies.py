@@ -1,13 +1,26 @@
-"""Bodies of requests and answers about a participant's session."""
+"""Bodies of requests and answers about a participant's session, and the view of it that they send."""
 
 from __future__ import annotations
 
+from datetime import datetime, timedelta
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.store.engine import Database, Transaction
+from app.store.images import image_digests
+from app.store.keys import resume_code
+from app.store.recruits import recruit_of_session
+from app.store.sessions import Session, done_of, last_answer_at, session_by_token
+from app.study.duration import stage_minutes
 from app.study.protocols import Protocol
-from app.study.recruiting import MOST_KEPT
+from app.study.recruiting import MOST_KEPT, Ending
+from app.study.stages import FINISHED, SCREENED_OUT, TRIAL
+from app.study.wording import DEBRIEFING, NAME, first_language, own_texts
+from app.web.markdown import render_markdown
+
+LONG_ABSENCE = timedelta(minutes=30)  # then the page shows the instructions again
+ENDING_OF: dict[str, Ending] = {FINISHED: "complete", SCREENED_OUT: "screened_out"}
 
 UUID = r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"
 LinkName = Annotated[str, Field(max_length=40)]
@@ -133,3 +146,53 @@ class AskedView(BaseModel):
 
 class OpenedSessionView(SessionView):
     token: str | None = Field(description="a bearer token for clients without cookies; null for browsers")
+
+
+def present_view(database: Database, token: str, now: datetime) -> SessionView:
+    """Make the view of a token's session as it is after a change."""
+    with database.reading() as connection:
+        session = session_by_token(connection, token)
+    assert session is not None, "it was there in the transaction before"
+    return session_view(database, session, token, now)
+
+
+def session_view(database: Database, session: Session, token: str, now: datetime) -> SessionView:
+    """Make the view of a session for the holder of its token."""
+    with database.reading() as connection:
+        done = done_of(connection, session.id)
+        answered_at = last_answer_at(connection, session.id)
+        ending = _ending(connection, session)
+        images = image_digests(connection, session.study_id) if session.stage == FINISHED else {}
+    said = own_texts(session.options, session.language or first_language(session.options))
+    debriefing = str(said.get(DEBRIEFING, "")) if session.stage == FINISHED else None
+    title = str(said.get(NAME, session.name))
+    return SessionView(
+        session=session.public_id,
+        study=StudyView(slug=session.slug, title=title, exposure_s=session.exposure_s),
+        stage=session.stage,
+        stages=list(session.options.way),
+        progress=ProgressView(done=done.n_done, total=done.n_total),
+        minutes=stage_minutes(session.options, done.n_total, session.exposure_s),
+        language=session.language,
+        was_away_long=session.stage == TRIAL and answered_at is not None and now - answered_at > LONG_ABSENCE,
+        resume_code=resume_code(token),
+        debriefing=debriefing,
+        debriefing_html=None if debriefing is None else str(render_markdown(debriefing, images)),
+        ending=ending,
+    )
+
+
+def _ending(connection: Transaction, session: Session) -> EndingView | None:
+    """Return where a session's participant goes, with the completion code of who has finished."""
+    if session.stage not in ENDING_OF:
+        return None
+    options = session.options.outside
+    recruit = recruit_of_session(connection, session.id)
+    if options.is_on and recruit is None:  # a preview
+        return None
+    ending = ENDING_OF[session.stage]
+    code = (recruit.completion_code if recruit else "") or options.code if ending == "complete" else ""
+    url = options.address(ending, recruit.arrival if recruit else None, code)
+    if not code and not url:
+        return None
+    return EndingView(code=code or None, url=url or None, after_s=options.redirect_after_s)

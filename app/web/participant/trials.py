@@ -14,7 +14,7 @@ from app.store.trials import mark_served, next_trials, void_trial
 from app.study.stages import SCREENED_OUT, TIMED_OUT, TRIAL, is_past
 from app.web.gates import Now, Participant, Store, throttle
 from app.web.limits.throttle import REMARKS
-from app.web.participant.bodies import (
+from app.web.participant.trial_bodies import (
     MediaView,
     OneTrialView,
     TrialView,
@@ -34,7 +34,7 @@ router = APIRouter(prefix="/api/v1/session", tags=["participants"])
 
 @router.get("/trials/next", response_model=TrialView, responses={204: {"description": "No trial is left"}})
 def next_trial(signed_in: Participant, database: Store, now: Now) -> TrialView | Response:
-    """The trial to show now; the same one until its vote is in. 409: the trials have not begun."""
+    """Send the trial to show now; the same one until its vote is in. 409: the trials have not begun."""
     session = signed_in.session
     if session.has_withdrawn:
         raise GoneError("You have withdrawn from the study. Thank you for the time you gave.")
@@ -56,7 +56,7 @@ def next_trial(signed_in: Participant, database: Store, now: Now) -> TrialView |
 
 @router.get("/films")
 def films_ahead(signed_in: Participant, database: Store) -> list[MediaView]:
-    """The films of the next trials in order, to be fetched before they are due, from the instructions on."""
+    """List the films of the next trials in order, to be fetched before they are due, from the instructions on."""
     session = signed_in.session
     if session.has_withdrawn or session.stage in (SCREENED_OUT, TIMED_OUT):
         return []
@@ -66,7 +66,7 @@ def films_ahead(signed_in: Participant, database: Store) -> list[MediaView]:
 
 @router.get("/practice")
 def practice(signed_in: Participant, database: Store) -> list[OneTrialView]:
-    """The practice trials; none where a study has no practice. Results are sent when the practice stage completes."""
+    """List the practice trials, if the study has any; their results are sent when the practice stage completes."""
     session = signed_in.session
     with database.reading() as connection:
         pairs = practice_pairs(connection, session.study_id)

@@ -15,7 +15,7 @@ from pydantic import BaseModel
 
 from app.store.vote_records import Vote
 from app.web.gates import Now, ParticipantToken, meant_session, vote_writer
-from app.web.participant.bodies import VoteBody
+from app.web.participant.trial_bodies import VoteBody
 
 router = APIRouter(prefix="/api/v1/session", tags=["participants"])
 

@@ -20,9 +20,9 @@ from tests.seeded_studies import Voter, seed_voters
 
 MIDDLEWARE = {  # every request's
     "app.web.limits.hosts",
-    "app.web.metrics",
+    "app.web.monitoring.metrics",
     "app.web.problems",
-    "app.web.request_log",
+    "app.web.monitoring.request_log",
     "app.web.security",
 }
 PATH = {

@@ -29,22 +29,9 @@ from app.store.second_factors import (
 from app.web.admin.access.passwords import is_password, new_password_hash
 from app.web.admin.access.second_factor import is_code, new_totp_secret, totp_picture
 from app.web.admin.layout import page, see
-from app.web.gates import (
-    EXPERIMENTER_COOKIE,
-    Myself,
-    Now,
-    Person,
-    Store,
-    address,
-    database,
-    delete_cookie,
-    is_secure,
-    lacks_second_factor,
-    now,
-    throttle,
-)
+from app.web.gates import Now, Store, address, database, delete_cookie, now, throttle
 from app.web.limits.throttle import SIGN_INS_AS
-from app.web.security import set_experimenter_cookie
+from app.web.roles import EXPERIMENTER_COOKIE, Myself, Person, lacks_second_factor, set_experimenter_cookie
 
 BROWSERS = (("Edg", "Edge"), ("OPR", "Opera"), ("Firefox", "Firefox"), ("Chrome", "Chrome"), ("Safari", "Safari"))
 SYSTEMS = ("Windows", "Android", "iPhone", "iPad", "Mac", "Linux")
@@ -152,7 +139,7 @@ def signed_in(request: Request, token: str, path: str = "/admin") -> Response:
     session = open_session(database(request), token, now(request), may_renew=False)
     is_lacking = session is not None and lacks_second_factor(request, session.experimenter)
     answer = see("/admin/account#second-factor" if is_lacking else path)
-    set_experimenter_cookie(answer, token, is_https=is_secure(request))
+    set_experimenter_cookie(request, answer, token)
     return answer
 
 

@@ -11,7 +11,8 @@ from fastapi.responses import Response
 
 from app.store.migrate import newest_version
 from app.web.admin.layout import page
-from app.web.gates import Owner, settings
+from app.web.gates import settings
+from app.web.roles import Owner
 
 router = APIRouter(prefix="/admin", include_in_schema=False)
 

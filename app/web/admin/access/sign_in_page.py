@@ -21,17 +21,17 @@ from app.store.experimenters import (
     sign_out,
     spend_link,
 )
-from app.web.admin.access.account_page import browser_of, signed_in, signed_out
+from app.web.admin.access.account_page import Password, browser_of, signed_in, signed_out
 from app.web.admin.access.passwords import is_password, new_password_hash
 from app.web.admin.access.second_factor import is_let_in
 from app.web.admin.layout import see
-from app.web.form_token import entry_token, own_form, remember_entry
-from app.web.gates import EXPERIMENTER_COOKIE, Myself, Now, Store, address, cookie, signed_in_person, throttle
+from app.web.form_token import own_form, page_with_form
+from app.web.gates import Now, Store, address, cookie, throttle
 from app.web.limits.throttle import SIGN_INS, SIGN_INS_AS
+from app.web.roles import EXPERIMENTER_COOKIE, Myself, signed_in_person
 
 Secret = Annotated[str, Path(max_length=100)]
 Name = Annotated[str, Form(min_length=1, max_length=100)]
-Password = Annotated[str, Form(max_length=1000)]
 
 router = APIRouter(prefix="/admin", include_in_schema=False)
 
@@ -40,8 +40,7 @@ router = APIRouter(prefix="/admin", include_in_schema=False)
 def set_up_page(secret: Secret, request: Request, database: Store, now: Now) -> Response:
     throttle(request).count(SIGN_INS, address(request))
     _check_set_up_link(database, secret, now)
-    context = {"secret": secret, "form_token": entry_token(request)}
-    return remember_entry(request, request.app.state.templates.TemplateResponse(request, "admin/set_up.html", context))
+    return page_with_form(request, "admin/set_up.html", {"secret": secret})
 
 
 @router.post("/setup/{secret}", dependencies=[Depends(own_form)])
@@ -83,9 +82,7 @@ def link_page(secret: Secret, request: Request, database: Store, now: Now) -> Re
         return see("/admin")
     if person is None:
         raise _link_refused(request, database, now)
-    context = {"secret": secret, "name": person.name, "form_token": entry_token(request)}
-    shown = request.app.state.templates.TemplateResponse(request, "admin/sign_in_by_link.html", context)
-    return remember_entry(request, shown)
+    return page_with_form(request, "admin/sign_in_by_link.html", {"secret": secret, "name": person.name})
 
 
 @router.post("/login/{secret}", dependencies=[Depends(own_form)])

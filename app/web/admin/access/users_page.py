@@ -10,6 +10,7 @@ from fastapi.responses import Response
 
 from app.errors import ConflictError, InvalidError, NotFoundError
 from app.store.audit import SORTABLE, audit_records, n_audit_records
+from app.store.engine import Transaction
 from app.store.experimenters import (
     ALL_STUDIES,
     Experimenter,
@@ -25,7 +26,8 @@ from app.store.studies import all_studies
 from app.store.tokens import SCOPES, all_tokens, insert_token, revoke_token
 from app.web.admin.layout import page, see
 from app.web.admin.listing import listing
-from app.web.gates import ActingOwner, Looking, Owner, Store, database
+from app.web.gates import Store, database
+from app.web.roles import ActingOwner, Looking, Owner
 
 LONGEST_TOKEN_DAYS = 3650
 
@@ -63,9 +65,7 @@ def add_user(
 def new_link(request: Request, person: Owner, actor: ActingOwner, name: Name, database: Store) -> Response:
     """Make a sign-in link that replaces somebody's password or earlier link."""
     with database.reading() as connection:
-        known = experimenter_named(connection, name)
-    if known is None:
-        raise NotFoundError("There is nobody of this name.")
+        known = _person(connection, name)
     if known.name == actor.name:
         raise ConflictError("You are signed in already; change your password under your name.")
     secret = renew_link(database, name, actor.now)
@@ -89,8 +89,7 @@ def _page(request: Request, person: Experimenter, link: dict[str, str] | None = 
 @router.post("/users/role")
 def change_role(actor: ActingOwner, name: Name, role: Annotated[Role, Form()], database: Store) -> Response:
     with database.writing() as connection:
-        if experimenter_named(connection, name) is None:
-            raise NotFoundError("There is nobody of this name.")
+        _person(connection, name)
         set_role(connection, name, role)
         actor.note(connection, "role changed", subject=name, role=role)
     return see("/admin/users")
@@ -100,8 +99,7 @@ def change_role(actor: ActingOwner, name: Name, role: Annotated[Role, Form()], d
 def change_studies(actor: ActingOwner, name: Name, database: Store, study: Chosen = []) -> Response:  # noqa: B006
     """Let somebody see the chosen studies only, or all."""
     with database.writing() as connection:
-        if experimenter_named(connection, name) is None:
-            raise NotFoundError("There is nobody of this name.")
+        _person(connection, name)
         restrict(connection, name, study)
         actor.note(connection, "studies changed", subject=name, studies=study)
     return see("/admin/users")
@@ -110,11 +108,17 @@ def change_studies(actor: ActingOwner, name: Name, database: Store, study: Chose
 @router.post("/users/disable")
 def disable_user(actor: ActingOwner, name: Name, database: Store) -> Response:
     with database.writing() as connection:
-        if experimenter_named(connection, name) is None:
-            raise NotFoundError("There is nobody of this name.")
+        _person(connection, name)
         disable(connection, name, actor.now)
         actor.note(connection, "access ended", subject=name)
     return see("/admin/users")
+
+
+def _person(connection: Transaction, name: str) -> Experimenter:
+    known = experimenter_named(connection, name)
+    if known is None:
+        raise NotFoundError("There is nobody of this name.")
+    return known
 
 
 @router.get("/tokens")

@@ -28,7 +28,8 @@ from app.store.studies import Study
 from app.study.questionnaire import LONGEST_QUESTION
 from app.web.admin.layout import see, study_page
 from app.web.admin.listing import listed
-from app.web.gates import Acting, AStudy, Looking, Store
+from app.web.gates import Store
+from app.web.roles import Acting, AStudy, Looking
 
 LONGEST_FILTER = 100  # characters
 SOURCE_NAMES = {"written": "questionnaire", "spoken": "interview", "trial": "on a trial"}

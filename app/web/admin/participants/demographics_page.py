@@ -11,7 +11,8 @@ from fastapi.responses import Response
 from app.store.demographics import Among, demographics_among
 from app.study.demographics import demographic_sentence
 from app.web.admin.layout import study_page
-from app.web.gates import AStudy, Looking, Store
+from app.web.gates import Store
+from app.web.roles import AStudy, Looking
 
 router = APIRouter(prefix="/admin/studies/{slug}/participants/demographics", include_in_schema=False)
 

@@ -14,7 +14,8 @@ from app.store.participants import participant_labelled
 from app.study.options import parse_options
 from app.study.questionnaire import LONGEST_ANSWER
 from app.web.admin.layout import see, study_page, unix
-from app.web.gates import Acting, AStudy, Looking, Store
+from app.web.gates import Store
+from app.web.roles import Acting, AStudy, Looking
 
 Label = Annotated[str, Path(max_length=40)]
 Said = Annotated[list[Annotated[str, Form(max_length=2 * LONGEST_ANSWER)]], Form()]

@@ -13,10 +13,11 @@ from fastapi import APIRouter, Form, Path, Request
 from fastapi.responses import Response
 
 from app.errors import InvalidError, NotFoundError
+from app.operations.invitations import CODE_SHOWN, MOST_AT_ONCE, MOST_PLACES, make_invitations, stop_invitation
 from app.operations.manage import study_file_of
 from app.store.audit import Entry, record
 from app.store.designs import datasets_of
-from app.store.invitations import Invitation, end_invitation, insert_invitation, invitations_of, label_invitation
+from app.store.invitations import Invitation, invitations_of, label_invitation
 from app.store.orders import n_taken_in
 from app.store.participants import group_counts
 from app.store.studies import progress_of
@@ -24,16 +25,14 @@ from app.study.groups import Group, check_groups, parse_groups
 from app.study.options import parse_options
 from app.study.wording import NAME, first_language, own_texts
 from app.web.admin.layout import attachment, page, see, study_page, unix
-from app.web.admin.studies.edit_page import save_study
+from app.web.admin.studies.edit_page import Revision, save_study
 from app.web.analyst.formats import CSV, csv_text
-from app.web.gates import Acting, AStudy, Looking, Now, Store
+from app.web.gates import Now, Store
+from app.web.roles import Acting, AStudy, Looking
 
-MOST_AT_ONCE = 200
-MOST_PLACES = 100_000
 LONGEST_LABEL = 200
 LONGEST_PEOPLE = 20_000  # characters
 LONGEST_GROUPS = 10_000
-SHOWN = 8  # characters of a code that the audit log shows
 COLUMNS = ("label", "link", "code", "places", "used", "created_at")
 MAIL_MERGE_COLUMNS = ("name", "email", "link")
 ADDRESSED = re.compile(r"(.*?)[\s,;]*<?([^\s<>,;\"]+@[^\s<>,;\"]+)>?")  # a label that ends in an address
@@ -78,10 +77,7 @@ def invite(
     number: Annotated[int, Form(ge=1, le=MOST_AT_ONCE)] = 1,
     label: Label = "",
 ) -> Response:
-    with database.writing() as connection:
-        for _ in range(number):
-            insert_invitation(connection, study.id, places, actor.now, _tidy(label))
-        actor.note(connection, "invitations made", study, study.slug, number=number, places=places)
+    make_invitations(database, study, places, [_tidy(label)] * number, actor)
     return _seen(study.slug)
 
 
@@ -95,10 +91,7 @@ def invite_people(
         raise InvalidError(f"The list has {len(labels)} lines, expected 1 to {MOST_AT_ONCE}. No invitation was made.")
     if too_long := [number for number, label in enumerate(labels, start=1) if len(label) > LONGEST_LABEL]:
         raise InvalidError(f"Line {too_long[0]} is longer than {LONGEST_LABEL} characters. No invitation was made.")
-    with database.writing() as connection:
-        for label in labels:
-            insert_invitation(connection, study.id, 1, actor.now, label)
-        actor.note(connection, "invitations made", study, study.slug, number=len(labels), places=1)
+    make_invitations(database, study, 1, labels, actor)
     return _seen(study.slug)
 
 
@@ -108,7 +101,7 @@ def assign_groups(
     actor: Acting,
     study: AStudy,
     database: Store,
-    revision: Annotated[int, Form(ge=1, le=2**31 - 1)],
+    revision: Revision,
     groups: Annotated[str, Form(max_length=LONGEST_GROUPS)] = "",
 ) -> Response:
     """Set the groups that participants are assigned to: a line for each, `NAME` or `NAME: DATASET, DATASET`."""
@@ -176,16 +169,13 @@ def change_label(actor: Acting, study: AStudy, code: Code, database: Store, labe
     with database.writing() as connection:
         if not label_invitation(connection, study.id, code, _tidy(label)):
             raise NotFoundError("This study has no such invitation.")
-        actor.note(connection, "invitation labelled", study, code[:SHOWN])
+        actor.note(connection, "invitation labelled", study, code[:CODE_SHOWN])
     return _seen(study.slug)
 
 
 @router.post("/{code}/end")
 def end(actor: Acting, study: AStudy, code: Code, database: Store) -> Response:
-    with database.writing() as connection:
-        if not end_invitation(connection, study.id, code):
-            raise NotFoundError("This study has no such invitation.")
-        actor.note(connection, "invitation ended", study, code[:SHOWN])
+    stop_invitation(database, study, code, actor)
     return _seen(study.slug)
 
 

@@ -43,7 +43,8 @@ from app.study.verdicts import worded_result, worded_verdicts
 from app.web.admin.flags import PATIENCE_S, Flags
 from app.web.admin.layout import attachment, see, study_page
 from app.web.admin.listing import listing
-from app.web.gates import Acting, AStudy, Looking, Now, Store, database, now, settings
+from app.web.gates import Now, Store, database, now, settings
+from app.web.roles import Acting, AStudy, Looking
 
 UNUSUAL = "unusual"  # a standing that the analysis knows, not the store
 

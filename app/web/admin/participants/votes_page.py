@@ -18,7 +18,8 @@ from app.study.options import parse_options
 from app.study.protocols import RATED
 from app.web.admin.layout import see, study_page, unix
 from app.web.admin.listing import listing
-from app.web.gates import Acting, AStudy, Looking, Store
+from app.web.gates import Store
+from app.web.roles import Acting, AStudy, Looking
 
 MOST_LABELS = 500  # participants to choose from; beyond, a label is typed
 KINDS = {

@@ -17,7 +17,8 @@ from app.intake.zips import MB, check_zip, unpack
 from app.operations.attach import attach
 from app.web.admin.background import start_task
 from app.web.admin.uploads import UploadingActor, receive
-from app.web.gates import AStudy, Store, settings
+from app.web.gates import Store, settings
+from app.web.roles import AStudy
 
 BELONGING = (".ply", ".png", ".pdf", ".svg", ".json", ".csv", ".html", ".txt")  # a report's page is not kept
 UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # how such a text begins

@@ -11,8 +11,9 @@ from app.errors import NotFoundError
 from app.operations.attach import model_file
 from app.store.attached_models import model_records
 from app.web.admin.layout import study_page
-from app.web.gates import AStudy, Looking, Store, settings
+from app.web.gates import Store, settings
 from app.web.media import FOREVER, SANDBOX, is_known
+from app.web.roles import AStudy, Looking
 
 router = APIRouter(prefix="/admin/studies/{slug}/models", include_in_schema=False)
 

@@ -22,8 +22,9 @@ from app.web.admin.results.objective_view import (
     report_view,
 )
 from app.web.analyst.results import FIGURE_TYPES, figures_of, results_of
-from app.web.gates import AStudy, Person, Store, settings
+from app.web.gates import Store, settings
 from app.web.media import FOREVER, SANDBOX
+from app.web.roles import AStudy, Person
 
 MEASURE_COLUMNS = ("measure", "dataset", "approach", "value", "unit", "source")
 MOST_FIGURES = 9  # on the page: the ranking, and the best measures; links lead to the others

@@ -39,9 +39,7 @@ NUMBERS_OF = {"psnr": "views"}  # figures whose table has another name
 
 
 def report_view(record: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return a report for its page: figures with every file to download them as, single pictures, and tables. Its files
-    are in the folder.
-    """
+    """Return a report for its page: its figures with the files to download, pictures and tables, from its folder."""
     names = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
     stems = {name.removesuffix(".svg") for name in names if name.endswith(".svg")}
     singles = [name for name in names if name.endswith(".png") and name.removesuffix(".png") not in stems]
@@ -62,9 +60,7 @@ def attachment_notes(detail: Mapping[str, Any]) -> list[str]:
 
 
 def measure_lines(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return a line per measure, the best first, over all datasets or for the only one: how well it predicts the
-    scores, and whether people prefer what it calls worse.
-    """
+    """Say of each measure, best first, how well it predicts the scores, and if people prefer what it calls worse."""
     from app.analysis.objective.prediction import measures_by_rank
 
     last = {row["measure"]: row for row in rows}

@@ -23,7 +23,8 @@ from app.web.analyst.results import (
     results_of,
     results_soon,
 )
-from app.web.gates import AStudy, Looking, Person, Store
+from app.web.gates import Store
+from app.web.roles import AStudy, Looking, Person
 
 PATIENCE_S = 0.6  # the page should appear within a second
 KEPT = "private, max-age=31536000, immutable"  # a figure's address contains the digest of its votes

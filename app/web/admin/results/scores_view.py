@@ -55,7 +55,7 @@ def _triads(analysis: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _tables(analysis: Mapping[str, Any]) -> list[str]:
-    """Return the tables that there is something in, to be downloaded."""
+    """Return the names of the tables to download, without empty ones."""
     shown = {
         "scores": analysis["scores"],
         "ratings": analysis.get("rating_items"),
@@ -82,13 +82,13 @@ def by_dataset(rows: Iterable[Row]) -> dict[str, list[Row]]:
 
 
 def groups_view(analysis: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return each grouping: its groups with their size, a test of their difference, and their scores over all datasets
-    in rows of an item and its score in each group, the best first.
-    """
+    """Return each grouping: its groups with their size, a test of their difference, and each item's score in them."""
     return [_grouping(analysis, name) for name in unique(row["grouping"] for row in analysis["groups"])]
 
 
 def _grouping(analysis: Mapping[str, Any], name: str) -> dict[str, Any]:
+    from app.analysis.figure_code import figure_file_name
+
     datasets = unique(row["dataset"] for row in analysis["groups"])
     dataset = "all" if "all" in datasets else datasets[0]
     rows = [row for row in analysis["groups"] if row["grouping"] == name and row["dataset"] == dataset]
@@ -98,7 +98,7 @@ def _grouping(analysis: Mapping[str, Any], name: str) -> dict[str, Any]:
     tests = [row for row in analysis["tests"] if row["name"] == f"group {name}" and row["dataset"] == dataset]
     return {
         "name": name,
-        "figure": f"group_{''.join(character if character.isalnum() else '_' for character in name)}",
+        "figure": f"group_{figure_file_name(name)}",
         "groups": list(groups.items()),
         "p_value": p_value(tests[0]["p_holm"] if tests else None),
         "rows": [(item, *(cells.get((item, group), NOTHING) for group in groups)) for item in items],

@@ -23,7 +23,8 @@ from app.study.study_file import LONGEST_FILE, StudyFile, parse_study_file, with
 from app.web.admin.background import start_task
 from app.web.admin.layout import attachment, see, study_page, unix
 from app.web.admin.studies.form import Fields, StudyForm, fixed_settings, read_values, study_of, values_of
-from app.web.gates import Acting, AStudy, Looking, Store, database, languages, looking, settings
+from app.web.gates import Store, database, languages, settings
+from app.web.roles import Acting, AStudy, Looking, looking
 
 router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
 

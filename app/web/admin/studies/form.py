@@ -1,4 +1,4 @@
-"""The form of a study, new or not: its fields follow from the table of settings, and `parse_options` checks them."""
+"""Show and read the form of a study, new or not; its fields follow from the table of settings."""
 
 from __future__ import annotations
 

@@ -29,8 +29,9 @@ from app.web.admin.background import start_task
 from app.web.admin.layout import page, see, unix
 from app.web.admin.studies.form import Fields, StudyForm, options_of, read_values, values_of
 from app.web.analyst.results import load_analysis
-from app.web.gates import Acting, AStudy, Looking, Person, Store, is_seen, languages, settings
-from app.web.participant.session import remember
+from app.web.gates import Store, languages, settings
+from app.web.participant.beginning import remember
+from app.web.roles import Acting, AStudy, Looking, Person, is_seen
 
 router = APIRouter(prefix="/admin", include_in_schema=False)
 
@@ -73,8 +74,7 @@ def new_study_page(
             "longest_file": LONGEST_FILE,
         }
         return page(request, "new_study", person, context)
-    options = read_options(None, {}, preset or QUICK)
-    return _form_page(request, person, chosen, preset or QUICK, values_of(StudyFile("", options=options)))
+    return _settings_page(request, person, chosen, preset or QUICK)
 
 
 @router.post("/studies/new")
@@ -96,8 +96,7 @@ def create(
         slug = new_slug(database, wanted.name)
         check_languages(wanted.options, languages(request))
     except ValueError as error:
-        values = {**values_of(StudyFile("", options=read_options(None, {}, _known(preset)))), **given}
-        return _form_page(request, person, known, _known(preset), values, str(error))
+        return _settings_page(request, person, known, preset if preset in PRESETS else QUICK, given, str(error))
     return _begin(request, actor, database, known, wanted, slug)
 
 
@@ -150,16 +149,19 @@ def _begin(
     return see(f"/admin/jobs/{task}")
 
 
-def _form_page(
-    request: Request, person: Experimenter, known: KnownSet, preset: str, values: Mapping[str, Any], error: str = ""
+def _settings_page(
+    request: Request,
+    person: Experimenter,
+    known: KnownSet,
+    preset: str,
+    given: Mapping[str, Any] | None = None,
+    error: str = "",
 ) -> Response:
+    """Show the form, filled with what the preset says, or with what was sent and why it was refused."""
+    values = values_of(StudyFile("", options=read_options(None, {}, preset))) | dict(given or {})
     form = StudyForm(values, datasets=known.datasets, conditions=known.conditions, error=error)
     context = {"form": form, "stimulus_set": known, "preset": preset}
-    return page(request, "new_study", person, context, 422 if error else 200)
-
-
-def _known(preset: str) -> str:
-    return preset if preset in PRESETS else QUICK
+    return page(request, "new_study_settings", person, context, 422 if error else 200)
 
 
 def _chosen(preset: str, given: Mapping[str, Any]) -> StudyFile:

@@ -26,8 +26,9 @@ from app.study.privacy import forgets_at
 from app.study.stages import ENDS, FINISHED
 from app.web.admin.flags import PATIENCE_S, Flags
 from app.web.admin.layout import study_page
-from app.web.admin.live import REFRESH_S, live_part
-from app.web.gates import AStudy, Person, database, now
+from app.web.admin.live import REFRESH_S, live_part, render_part
+from app.web.gates import database, now
+from app.web.roles import AStudy, Person
 
 HERE = timedelta(minutes=2)  # since the last sign of activity; a trial takes a fraction of it
 AWAY = timedelta(minutes=30)
@@ -82,12 +83,10 @@ async def live(request: Request, person: Person, study: AStudy) -> Response:
 
 
 def _rendered(request: Request, study: Study, *, may_see_people: bool) -> str:
-    template = request.app.state.templates.get_template("admin/_monitor.html")
     with database(request).reading() as connection:
         progress = progress_of(connection, study.id)
     context = {"study": study, "progress": progress, "may_see_people": may_see_people}
-    text: str = template.render(**context, **monitor_of(request, study))
-    return text
+    return render_part(request, "_monitor", {**context, **monitor_of(request, study)})
 
 
 def monitor_of(request: Request, study: Study, patience_s: float = 0.0) -> dict[str, Any]:

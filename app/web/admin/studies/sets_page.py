@@ -25,7 +25,8 @@ from app.store.audit import Entry, record_alone
 from app.web.admin.background import start_task
 from app.web.admin.layout import page, see
 from app.web.admin.uploads import UploadingActor, receive
-from app.web.gates import Acting, Person, Store, experimenter, settings
+from app.web.gates import Store, settings
+from app.web.roles import Acting, Person, experimenter
 
 BELONGING = (".mp4", ".mov", ".mkv", ".webm", ".json", ".csv", ".txt", ".md")  # suffixes of files of a stimulus set
 

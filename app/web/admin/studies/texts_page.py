@@ -34,8 +34,9 @@ from app.study.wording import (
 )
 from app.web.admin.layout import see, study_page, unix
 from app.web.admin.studies.edit_page import Revision, save_study
-from app.web.gates import Acting, AStudy, Looking, Store, languages
+from app.web.gates import Store, languages
 from app.web.markdown import render_markdown
+from app.web.roles import Acting, AStudy, Looking
 
 PLAIN = {CONSENT: "consent", DEBRIEFING: "debriefing"}  # options that hold the texts of the study's first language
 

@@ -41,7 +41,8 @@ from app.store.engine import Database
 from app.web.admin.background import start_task
 from app.web.admin.layout import see
 from app.web.admin.uploads import UploadingActor
-from app.web.gates import Acting, Looking, Store, settings
+from app.web.gates import Store, settings
+from app.web.roles import Acting, Looking
 
 ROOM_FACTOR = 2  # of an upload's size on the disk: the zip file and what is in it
 

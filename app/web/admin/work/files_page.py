@@ -34,8 +34,9 @@ from app.store.queue import OPEN, QueuedJob, list_jobs
 from app.store.studies import Study, all_studies
 from app.web.admin.background import start_task
 from app.web.admin.layout import page, see
-from app.web.gates import Acting, Person, Store, settings, study_called
+from app.web.gates import Store, settings
 from app.web.media import SANDBOX
+from app.web.roles import Acting, Person, study_called
 
 TITLES = {
     "captures": "Captures and other recordings",
@@ -57,7 +58,6 @@ SHOWN_TYPES = {  # of files that a page may show; others are downloaded
     ".html": "text/html; charset=utf-8",
     ".ply": "application/octet-stream",
 }
-# A report's page may show its own pictures and style, and no more: it cannot run scripts, send forms or fetch.
 MOST_THUMBNAILS = 12  # of a camera
 THUMBNAIL_WIDTH = 240  # pixels
 LISTED_FILES = 500

@@ -14,6 +14,7 @@ from starlette.concurrency import run_in_threadpool
 
 from app.errors import NotFoundError
 from app.operations.extras import has_extra, install_command
+from app.operations.jobs import queueing
 from app.operations.jobs.command import LOG, job_folder, log_tail
 from app.operations.jobs.estimate import whole_left_s
 from app.operations.jobs.fields import SETS, Choices, Entries, Entry, Field, NewName, Switch
@@ -23,19 +24,17 @@ from app.settings import Settings
 from app.store.queue import (
     JobState,
     QueuedJob,
-    cancel_job,
-    enqueue,
     job_by_id,
     list_jobs,
     n_before,
     n_jobs,
-    retry_job,
     workers,
 )
 from app.web.admin.layout import page, see
 from app.web.admin.listing import listing
-from app.web.admin.live import live_part
-from app.web.gates import Acting, Looking, Store, database, now, settings
+from app.web.admin.live import live_part, render_part
+from app.web.gates import Store, database, now, settings
+from app.web.roles import Acting, Looking
 
 LOG_LINES = 200
 DONE: tuple[JobState, ...] = ("done",)
@@ -127,10 +126,7 @@ def start(
 ) -> Response:
     """Queue a job."""
     new = _kind(kind).read(given, settings(request))
-    with store.writing() as connection:
-        public_id = enqueue(connection, new, actor.name, actor.now)
-        actor.note(connection, "job queued", subject=new.output, job=public_id, kind=kind)
-    return see(f"/admin/work/{public_id}")
+    return see(f"/admin/work/{queueing.queue_job(store, new, actor).public_id}")
 
 
 @router.get("/{job}")
@@ -158,18 +154,14 @@ def job_log(request: Request, person: Looking, job: JobId, store: Store) -> Resp
 
 @router.post("/{job}/cancel")
 def cancel(actor: Acting, job: JobId, store: Store) -> Response:
-    with store.writing() as connection:
-        known = cancel_job(connection, job, actor.now)
-        actor.note(connection, "job cancelled", subject=known.output, job=job, kind=known.kind)
+    queueing.cancel(store, job, actor)
     return see(f"/admin/work/{job}")
 
 
 @router.post("/{job}/retry")
 def retry(actor: Acting, job: JobId, store: Store) -> Response:
     """Queue a failed or cancelled job again; it resumes."""
-    with store.writing() as connection:
-        known = retry_job(connection, job)
-        actor.note(connection, "job queued again", subject=known.output, job=job, kind=known.kind)
+    queueing.retry(store, job, actor)
     return see(f"/admin/work/{job}")
 
 
@@ -277,8 +269,4 @@ def _form_of(kind: JobKind, given: Mapping[str, Any], server: Settings) -> dict[
 
 
 async def _rendered(request: Request, template: str, read: Callable[[Request], Mapping[str, Any]]) -> str:
-    def render() -> str:
-        text: str = request.app.state.templates.get_template(f"admin/{template}.html").render(**read(request))
-        return text
-
-    return await run_in_threadpool(render)
+    return await run_in_threadpool(lambda: render_part(request, template, read(request)))

@@ -1,4 +1,4 @@
-"""The page to draw strokes on a capture's pictures, from which masks of all its frames are made."""
+"""Show the page to draw strokes on a capture's pictures, from which masks of all its frames are made."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from app.operations.mask_trial import try_strokes
 from app.web.admin.layout import page
 from app.web.admin.uploads import UploadingActor
 from app.web.admin.work.files_page import Name, entry_address, entry_of
-from app.web.gates import Looking, Store
+from app.web.gates import Store
+from app.web.roles import Looking
 
 PICTURE = "/{sensor}/{side}/{frame}"
 

@@ -165,7 +165,7 @@ def test_an_upload_that_a_proxy_refuses_says_so_and_may_be_tried_again(
     page.route("**/upload", lambda route: route.fulfill(status=413, content_type="text/html", body="<h1>413</h1>"))
     page.get_by_label("Zip file").set_input_files({"name": "set.zip", "mimeType": "application/zip", "buffer": b"PK"})
     page.get_by_role("button", name="Upload").click()
-    page.get_by_text("The server refused the file (413").wait_for()
+    page.get_by_text("The server refused this (413").wait_for()
     assert page.get_by_role("button", name="Upload").is_enabled()
     page.close()
 

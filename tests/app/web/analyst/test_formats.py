@@ -37,7 +37,7 @@ def content_of(answer: Response) -> bytes:
 
 
 def ask(rows: Iterable[Mapping[str, Any]], kind: Format, **changes: Any) -> Response:
-    chosen = TableRequest(**{"format": kind, "known": frozenset(), "limit": None, "offset": 0} | changes)
+    chosen = TableRequest(**{"format": kind, "known": "", "limit": None, "offset": 0} | changes)
     return table(rows, COLUMNS, chosen, "votes")
 
 
@@ -71,9 +71,9 @@ def test_a_page_of_a_table_says_how_many_there_are_and_what_is_known_is_not_sent
     content = content_of(page)
     assert [row["participant"] for row in json.loads(content)] == ["P0000010", "P0000011", "P0000012"]
     assert page.headers["x-total-count"] == "50"
-    again = ask(votes(50), "json", limit=3, offset=10, known=frozenset([page.headers["etag"]]))
+    again = ask(votes(50), "json", limit=3, offset=10, known=page.headers["etag"])
     assert (again.status_code, again.body) == (304, b"")
-    more = ask(votes(51), "json", limit=3, offset=10, known=frozenset([page.headers["etag"]]))
+    more = ask(votes(51), "json", limit=3, offset=10, known=page.headers["etag"])
     assert (content_of(more), more.headers["x-total-count"]) == (content, "51")
 
 

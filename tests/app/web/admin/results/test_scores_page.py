@@ -34,7 +34,7 @@ def test_results_show_scores_triads_and_downloads(experimenter: Dashboard, taken
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["scores", "scores_depth", "preferences", "triads"])
+@pytest.mark.parametrize("name", ["scores", "scores_depth", "levels_depth", "preferences", "triads"])
 def test_every_figure_is_there_as_picture_print_and_numbers(
     experimenter: Dashboard, taken: dict[str, Any], name: str
 ) -> None:
@@ -47,7 +47,7 @@ def test_every_figure_is_there_as_picture_print_and_numbers(
     assert experimenter.get(f"{figure}.vega").json()["$schema"].startswith("https://vega.github.io/schema/vega/")
     rows = list(csv.DictReader(io.StringIO(experimenter.get(f"{figure}.csv").text)))
     assert rows
-    if name == "scores_depth":
+    if name in ("scores_depth", "levels_depth"):
         assert {row["item"] for row in rows} == {"id", "pm"}
 
 

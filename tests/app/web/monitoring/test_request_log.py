@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 
-from app.web.request_log import PLAIN_FORMAT, PlainFormatter
+from app.web.monitoring.request_log import PLAIN_FORMAT, PlainFormatter
 
 
 def test_no_text_begins_a_line_of_its_own() -> None:

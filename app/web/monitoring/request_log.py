@@ -16,12 +16,12 @@ from datetime import UTC, datetime
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.web.metrics import Metrics
+from app.web.gates import route_of
+from app.web.monitoring.metrics import Metrics
 
 ID_HEADER = b"x-request-id"
 CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # what ends a line or moves a terminal's cursor
 VALID_ID = re.compile(r"[A-Za-z0-9_-]{8,64}")
-NOWHERE = "unknown"  # the route in the log where an address matches none
 QUIET = ("/healthz", "/readyz", "/metrics")  # machines ask every few seconds: logged at debug level
 PLAIN_FORMAT = "%(asctime)s %(levelname)s %(name)s [%(request_id)s] %(message)s"
 
@@ -63,13 +63,6 @@ class Requests:
             return
         facts = {"method": scope["method"], "route": route, "status": status, "ms": round(1000 * seconds, 2)}
         log.log(level, "%s %s: %d in %.1f ms", *facts.values(), extra={"facts": facts})
-
-
-def route_of(scope: Scope) -> str:
-    """Return the pattern that an address matched, for example "/s/{code}"."""
-    if route := scope.get("route"):
-        return str(route.path)
-    return "/static" if scope["path"].startswith("/static/") else NOWHERE
 
 
 class PlainFormatter(logging.Formatter):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, NotRequired
+from typing import Annotated, Any, Literal, NotRequired
 
 from pydantic import AfterValidator, BaseModel, Field, with_config
 from typing_extensions import TypedDict
@@ -203,17 +203,11 @@ def trial_view(session: Session, current: NextTrial, done: Done, ahead: int) -> 
         place=current.position + 1,
         total=done.n_total,
         is_practice=False,
-        exposure_s=session.exposure_s,
         first_shown="a" if current.first_shown == "a" else "b",
-        free_exposure=session.options.free_exposure,
         see_both=session.options.see_both and not session.options.is_shown_alone,
         minimum_viewing_s=0.0 if session.options.is_shown_alone else session.options.minimum_viewing_s,
-        protocol=session.options.protocol,
-        grades=_grades_view(session.options),
-        void_on=list(session.options.disturbances),
-        full_screen=session.options.full_screen,
-        minimum_window=list(session.options.minimum_window),
         media=trial_media(session, current),
+        **_same_in_every_trial(session),
     )
 
 
@@ -241,22 +235,25 @@ def practice_view(session: Session, pair: PracticePair, total: int) -> OneTrialV
         place=pair.position + 1,
         total=total,
         is_practice=True,
-        exposure_s=session.exposure_s,
         first_shown="b" if turn else "a",
-        free_exposure=session.options.free_exposure,
         see_both=False,  # the page shows a pair of the practice again by itself
         minimum_viewing_s=0.0,
-        protocol=options.protocol,
-        grades=_grades_view(options),
-        void_on=list(options.disturbances),
-        full_screen=options.full_screen,
-        minimum_window=list(options.minimum_window),
         media=_media_view(options, pair, a_half, has_reference=False, name=pair.media),
+        **_same_in_every_trial(session),
     )
 
 
-def _grades_view(options: StudyOptions) -> GradesView | None:
-    return GradesView(low=options.grades.low, high=options.grades.high) if options.grades else None
+def _same_in_every_trial(session: Session) -> dict[str, Any]:
+    options = session.options
+    return {
+        "exposure_s": session.exposure_s,
+        "free_exposure": options.free_exposure,
+        "protocol": options.protocol,
+        "grades": GradesView(low=options.grades.low, high=options.grades.high) if options.grades else None,
+        "void_on": list(options.disturbances),
+        "full_screen": options.full_screen,
+        "minimum_window": list(options.minimum_window),
+    }
 
 
 def _media_view(

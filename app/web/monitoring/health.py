@@ -7,7 +7,7 @@ from fastapi.responses import JSONResponse, Response
 
 from app.store.migrate import why_not_ready
 from app.web.gates import Store, settings
-from app.web.metrics import Metrics
+from app.web.monitoring.metrics import Metrics
 from app.web.problems import problem
 
 router = APIRouter(include_in_schema=False)

@@ -1,0 +1,1 @@
+"""What operators watch: health checks, counts for Prometheus, the log of requests."""
