@@ -35,7 +35,6 @@ from app.analysis.random_effect_rows import random_effect_tables
 from app.analysis.reading import Rows, votes_from_rows
 from app.analysis.result_rows import (
     contrast_rows,
-    effect_row,
     group_rows,
     model_row,
     pair_rows,
@@ -179,7 +178,7 @@ def factor_results(
         }
         tests.append(_datasets_test(model, parts))
     tests.append(_datasets_test("additive", additive))
-    return [effect_row(effect) for effect in effects], [test for test in tests if test is not None]
+    return [asdict(effect) for effect in effects], [test for test in tests if test is not None]
 
 
 def _left_out(votes: VotesTable, settings: AnalysisSettings) -> list[str]:

@@ -7,7 +7,7 @@ without a level of every factor, such as the models of another program, take no 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from app.analysis.bradley_terry import fit_scores
-from app.analysis.contrasts import Estimates, contrasts_of, has_few_participants, letters
+from app.analysis.contrasts import Estimates, contrasts_of, half_widths, has_few_participants, letters
 from app.analysis.fit import Fit
 from app.analysis.votes_table import VotesTable
 
@@ -94,7 +94,7 @@ class Effect:
     zero.
 
     Levels of a factor share a letter if they are not told apart, all else equal (all pairs of its levels, Holm); there
-    are no letters where that is unknown.
+    are no letters where that is unknown. `ci_low` and `ci_high` are the limits of the 95 % interval.
     """
 
     dataset: str
@@ -105,6 +105,8 @@ class Effect:
     se_participant: float | None
     letters: str
     n_participants: int | None
+    ci_low: float | None
+    ci_high: float | None
 
 
 @dataclass(frozen=True)
@@ -183,17 +185,27 @@ def effects_of(fit: Fit, factors: Factors, dataset: str) -> list[Effect]:
         to_levels[:size, column : column + size] = np.eye(size)
         to_levels[size, column : column + size] = -1
         levels = _levels(fit, names, to_levels)
-        shown = _letters(levels) if fit.status == "ok" else {}
-        se = np.sqrt(np.diag(levels.covariance)).tolist()
-        clustered: list[float | None] = [None] * len(names)
-        if levels.participant_covariance is not None:
-            clustered = np.sqrt(np.maximum(np.diag(levels.participant_covariance), 0.0)).tolist()
-        effects += [
-            Effect(dataset, factor, *row, letters=shown.get(row[0], ""), n_participants=fit.n_participants)
-            for row in zip(names, levels.values.tolist(), se, clustered, strict=True)
-        ]
+        effects += _effects(levels, factor, dataset, _letters(levels) if fit.status == "ok" else {})
         column += size
     return effects
+
+
+def _effects(levels: Estimates, factor: str, dataset: str, shown: Mapping[str, str]) -> Iterator[Effect]:
+    """Yield the effects of a factor's levels; `shown` has the letters of each."""
+    unknown: list[float | None] = [None] * len(levels.names)
+    se, clustered, half = np.sqrt(np.diag(levels.covariance)), levels.participant_covariance, half_widths(levels)
+    columns = (
+        levels.names,
+        levels.values.tolist(),
+        se.tolist(),
+        unknown if clustered is None else np.sqrt(np.maximum(np.diag(clustered), 0.0)).tolist(),
+        [shown.get(name, "") for name in levels.names],
+        [levels.n_participants] * len(levels.names),
+        unknown if half is None else (levels.values - half).tolist(),
+        unknown if half is None else (levels.values + half).tolist(),
+    )
+    for row in zip(*columns, strict=True):
+        yield Effect(dataset, factor, *row)
 
 
 def _levels(fit: Fit, names: tuple[str, ...], to_levels: Array) -> Estimates:

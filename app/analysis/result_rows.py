@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,16 +11,9 @@ from numpy.typing import NDArray
 from app.analysis.bootstrap import Bootstrap
 from app.analysis.bradley_terry import fit_pairs
 from app.analysis.comparison import ALL, Comparison
-from app.analysis.contrasts import (
-    FEWEST_PARTICIPANTS,
-    critical_value,
-    half_width,
-    has_few_participants,
-    letters,
-)
+from app.analysis.contrasts import half_widths, has_few_participants, letters, scores_of
 from app.analysis.counts import count_pairs
 from app.analysis.distance_prior import fit_with_prior
-from app.analysis.factors import Effect
 from app.analysis.fit import Fit
 from app.analysis.groups import GroupComparison
 from app.analysis.scales import LOG_ODDS_PER_JOD, equivalence_columns, preference_columns
@@ -163,15 +155,12 @@ def intervals(fit: Fit, bootstrap: Bootstrap | None) -> tuple[Array | None, Arra
     if bootstrap is not None and not is_few and bootstrap.has_percentiles(LEVEL, n_people):
         low, high = bootstrap.interval(LEVEL, n_people)
         return low, high, "participant bootstrap"
-    naive = np.sqrt(np.diag(fit.covariance)[: len(fit.items)])
-    if fit.n_participants is not None:
-        if fit.participant_covariance is None:
-            return None, None, None
-        clustered = np.sqrt(np.diag(fit.participant_covariance)[: len(fit.items)])
-        half = half_width(clustered, naive, fit.n_participants, is_few=is_few)
-        return fit.scores - half, fit.scores + half, WIDER_INTERVAL if is_few else "t on participant errors"
-    half = critical_value(None) * naive
-    return fit.scores - half, fit.scores + half, "normal on information"
+    half = half_widths(scores_of(fit))
+    if half is None:
+        return None, None, None
+    by_participants = WIDER_INTERVAL if is_few else "t on participant errors"
+    method = "normal on information" if fit.n_participants is None else by_participants
+    return fit.scores - half, fit.scores + half, method
 
 
 def _win_probability(fit: Fit, index: int) -> float:
@@ -265,17 +254,6 @@ def model_row(comparison: Comparison) -> dict[str, Any]:
         "bootstrap_replicates": None if comparison.bootstrap is None else len(comparison.bootstrap.scores),
         "bootstrap_without_maximum": None if comparison.bootstrap is None else comparison.bootstrap.n_without_maximum,
     }
-
-
-def effect_row(effect: Effect) -> dict[str, Any]:
-    """Return a level's effect with its 95 % interval."""
-    n = effect.n_participants
-    if n is not None and effect.se_participant is None:
-        return asdict(effect) | {"ci_low": None, "ci_high": None}
-    naive = np.array(effect.se)
-    clustered = naive if effect.se_participant is None else np.array(effect.se_participant)
-    half = float(half_width(clustered, naive, n, is_few=n is not None and n < FEWEST_PARTICIPANTS))
-    return asdict(effect) | {"ci_low": effect.effect - half, "ci_high": effect.effect + half}
 
 
 def pair_rows(comparison: Comparison) -> Iterator[dict[str, Any]]:
