@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from app.analysis.layouts import SYNONYMS, plain
-from app.analysis.tabular import numbers, refuse, shown
+from app.analysis.tabular import numbers, refuse, shown, texts
 
 PAIR = re.compile(r"^(.+?)\s+(?:vs\.?|versus|-|–|:|\|)\s+(.+)$", re.IGNORECASE)
 FEWEST_PAIRS = 2  # columns; a single one may be anything
@@ -55,8 +55,8 @@ def _from_matrix(frame: pd.DataFrame, rows: list[str], columns: list[str]) -> pd
 
 
 def _counts(column: pd.Series, name: str) -> NDArray[np.float64]:
-    """Return a column's numbers of wins, NaN where empty."""
-    cells = np.array(["" if pd.isna(cell) else _text(cell) for cell in column], object)
+    """Return a column's numbers of wins, float64 (N,), NaN where empty."""
+    cells = texts(column)
     counts = numbers(cells, name)
     refuse(counts % 1 > 0, lambda row: f"{name} is {shown(cells[row])}, expected a whole number of wins")
     return counts
@@ -68,9 +68,5 @@ def _from_wide(frame: pd.DataFrame, pairs: dict[str, re.Match[str]], others: lis
     for name, match in pairs.items():
         part = given[others].copy()
         part["item_a"], part["item_b"], part["choice"] = match[1].strip(), match[2].strip(), given[name]
-        parts.append(part[[not pd.isna(cell) and str(cell).strip() != "" for cell in given[name]]])
+        parts.append(part[texts(given[name]) != ""])
     return pd.concat(parts, ignore_index=True)
-
-
-def _text(cell: object) -> str:
-    return str(int(cell)) if isinstance(cell, float) and cell.is_integer() else str(cell).strip()
