@@ -12,7 +12,7 @@ import pandas as pd
 from app.analysis.agreement import agreement_rows, concordance, dataset_agreement_rows
 from app.analysis.attention_checks import check_rows
 from app.analysis.bradley_terry import fit_scores
-from app.analysis.comparison import ALL, Comparison, compare, dataset_names, in_order, of_dataset
+from app.analysis.comparison import Comparison, compare, dataset_names, in_order, of_dataset
 from app.analysis.contrasts import holm
 from app.analysis.factors import (
     Effect,
@@ -45,7 +45,7 @@ from app.analysis.result_rows import (
 )
 from app.analysis.settings import AnalysisSettings
 from app.analysis.triads import triads
-from app.analysis.votes_table import MAIN, WITHDRAWN, VotesError, VotesTable, only_compared
+from app.analysis.votes_table import ALL, MAIN, WITHDRAWN, VotesError, VotesTable, only_compared
 from app.analysis.warnings import MOST_PAIRS, measure_warnings, warnings_of
 
 

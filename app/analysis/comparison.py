@@ -18,11 +18,10 @@ from app.analysis.fit import Fit
 from app.analysis.separation import group_fits, separated_contrasts
 from app.analysis.settings import AnalysisSettings
 from app.analysis.showing_order import why_no_order_effect
-from app.analysis.votes_table import VotesTable, only_compared
+from app.analysis.votes_table import ALL, VotesTable, only_compared
 
 Array = NDArray[np.float64]
 
-ALL = "all"
 PARTS = re.compile(r"\d+|\D+")
 
 

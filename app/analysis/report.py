@@ -17,7 +17,6 @@ from app.analysis.figures import drawn_figures, font_warnings
 from app.analysis.findings.ratings import rating_findings
 from app.analysis.objective.against_scores import measure_tables
 from app.analysis.objective.points import ScoreSet
-from app.analysis.objective.prediction import ALL
 from app.analysis.ratings.alignment import align
 from app.analysis.ratings.analyse_ratings import analyse_ratings
 from app.analysis.ratings.comparisons import analyse_comparisons
@@ -27,7 +26,7 @@ from app.analysis.ratings.table import ComparisonTable, RatingTable
 from app.analysis.reading import understand_votes
 from app.analysis.report_page import PAGES, report_page
 from app.analysis.settings import AnalysisSettings
-from app.analysis.votes_table import VotesError, VotesTable
+from app.analysis.votes_table import ALL, VotesError, VotesTable
 from app.analysis.warnings import measure_warnings
 from app.files import without_formula, write_bytes, write_text
 

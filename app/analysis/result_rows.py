@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from app.analysis.bootstrap import Bootstrap
 from app.analysis.bradley_terry import fit_pairs
-from app.analysis.comparison import ALL, Comparison
+from app.analysis.comparison import Comparison
 from app.analysis.contrasts import half_widths, has_few_participants, letters, scores_of
 from app.analysis.counts import count_pairs
 from app.analysis.distance_prior import fit_with_prior
@@ -21,7 +21,7 @@ from app.analysis.settings import LEVEL
 from app.analysis.thurstone import JOD, fit_thurstone
 from app.analysis.ties import TIE_MODELS
 from app.analysis.triads import Triads, pooled_p_value
-from app.analysis.votes_table import NONE, VotesTable
+from app.analysis.votes_table import ALL, NONE, VotesTable
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]

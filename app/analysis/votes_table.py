@@ -15,6 +15,7 @@ A, B, NONE = range(3)
 ROLES = ("main", "repeat", "identical")
 MAIN, REPEAT, IDENTICAL = range(3)
 ROLE_CODES = {"": MAIN} | {role: code for code, role in enumerate(ROLES)}  # an empty cell is a vote to score
+ALL = "all"  # in results: all datasets together, or the comparison of all items
 WITHDRAWN = "withdrawn"  # reason of the participant's own exclusion, which an experimenter cannot undo
 
 

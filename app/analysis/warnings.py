@@ -12,9 +12,8 @@ from scipy.stats import t as student
 from app.analysis.bradley_terry import RIDGE
 from app.analysis.comparison import Comparison
 from app.analysis.objective.permutation import FEWEST_CONDITIONS
-from app.analysis.objective.prediction import ALL
 from app.analysis.settings import LEVEL
-from app.analysis.votes_table import MAIN, VotesTable
+from app.analysis.votes_table import ALL, MAIN, VotesTable
 
 MOST_PAIRS = 10_000  # listed of a comparison
 MANY_REPEATS = 5  # repeated votes to name

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from app.analysis.findings.phrases import SIGNIFICANT, finding, listed, p_phrase, percent, signed
+from app.analysis.contrasts import SIGNIFICANT
+from app.analysis.findings.phrases import finding, listed, p_phrase, percent, signed
 from app.analysis.findings.ranking import level_text, overall, preferred_share, sharing_letters
 from app.analysis.objective.prediction import measures_by_rank
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from app.analysis.contrasts import FEWEST_PARTICIPANTS
-from app.analysis.findings.phrases import SIGNIFICANT, counted, finding, listed, p_phrase, unsigned
+from app.analysis.contrasts import FEWEST_PARTICIPANTS, SIGNIFICANT
+from app.analysis.findings.phrases import counted, finding, listed, p_phrase, unsigned
 from app.analysis.findings.ranking import overall
 from app.analysis.observers import FEWEST_FOR_FENCES
 

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 MOST_NAMED = 5  # names in a sentence
-SIGNIFICANT = 0.05
 LOWEST_P = 0.001  # below, the exact value depends on tails that nobody has checked
 
 

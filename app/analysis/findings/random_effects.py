@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from app.analysis.contrasts import SIGNIFICANT
 from app.analysis.findings.phrases import (
-    SIGNIFICANT,
     counted,
     finding,
     listed,

@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from app.analysis.contrasts import MOST_ITEMS
+from app.analysis.contrasts import MOST_ITEMS, SIGNIFICANT
 from app.analysis.findings.phrases import (
-    SIGNIFICANT,
     finding,
     listed,
     number_with_interval,

@@ -22,10 +22,12 @@ from app.analysis.drawing import (
     text_width,
     wrapped,
 )
+from app.analysis.findings.phrases import unsigned
 from app.analysis.objective.against_scores import compared_scores, score_unit
 from app.analysis.objective.labels import LABEL_SIZE, Frame, place_names
 from app.analysis.objective.logistic import Logistic
-from app.analysis.objective.prediction import ALL, directed, measures_by_rank
+from app.analysis.objective.prediction import directed, measures_by_rank
+from app.analysis.votes_table import ALL
 
 Row = Mapping[str, Any]
 
@@ -176,17 +178,13 @@ def _key(items: Sequence[str], width: float) -> Any:
 
 def _subtitle(row: Row) -> list[str]:
     numbers = [
-        f"{name} {_signed(row[key])}" + ("" if row[f"{key}_low"] is None else
-        f" [{_signed(row[f'{key}_low'])}, {_signed(row[f'{key}_high'])}]")
+        f"{name} {unsigned(row[key])}" + ("" if row[f"{key}_low"] is None else
+        f" [{unsigned(row[f'{key}_low'])}, {unsigned(row[f'{key}_high'])}]")
         for name, key in (("PLCC", "pearson_logistic"), ("SROCC", "spearman"))
         if row[key] is not None
     ]  # fmt: skip
     better = f"{row['better']} should be better" if row["better"] else "no stated direction"
     return [", ".join(numbers) or "too few points for a correlation", better]
-
-
-def _signed(value: float) -> str:
-    return f"{value:.2f}".replace("-", "−")
 
 
 def ranking_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
-from app.analysis.contrasts import holm
+from app.analysis.contrasts import holm, two_sided
 from app.analysis.correlation import pearson, spearman
 from app.analysis.objective.pair_order import better_worse, pair_differences
 from app.analysis.objective.permutation import FEWEST_CONDITIONS, ROUNDING
@@ -127,7 +126,7 @@ def jackknife_test(first: Array, second: Array) -> float:
     """
     difference, n_conditions = first - second, len(first) - 1
     error = float(np.sqrt((n_conditions - 1) * np.var(difference[1:])))
-    return 1.0 if error < ROUNDING else float(2 * student.sf(abs(difference[0]) / error, n_conditions - 1))
+    return 1.0 if error < ROUNDING else float(two_sided(np.array(difference[0] / error), n_conditions))
 
 
 def swap_test(first: Points, second: Points, rng: np.random.Generator) -> tuple[float, float, float]:

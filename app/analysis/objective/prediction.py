@@ -15,11 +15,11 @@ from app.analysis.objective.logistic import PARAMETERS, fit_logistic, grid_corre
 from app.analysis.objective.pair_order import better_worse, different_similar, pair_differences, share_in_order
 from app.analysis.objective.permutation import chance, condition_orders
 from app.analysis.objective.points import Indices, Points, ScoreSet, matched
+from app.analysis.votes_table import ALL
 
 Array = NDArray[np.float64]
 Measures = Mapping[str, Mapping[str, Mapping[str, float]]]  # measure -> dataset -> item -> value
 
-ALL = "all"
 SIGNS = {"higher": 1.0, "lower": -1.0}
 CORRELATIONS = ("pearson", "pearson_logistic", "pearson_monotone", "spearman", "kendall")
 SHARES = ("pairs_correct", "auc_better_worse", "auc_different_similar")  # 1/2 without information

@@ -11,17 +11,16 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import minimize
 from scipy.sparse import coo_array, csr_array, hstack
 from scipy.sparse.csgraph import connected_components
-from scipy.stats import t as student
 
+from app.analysis.contrasts import critical_value
 from app.analysis.ratings.table import RatingTable
-from app.analysis.settings import LEVEL
+from app.analysis.scales import LOG_ODDS_PER_JOD
 from app.analysis.ties import TIE_MODELS, WITHOUT_TIES, Derivatives, TieModel
 from app.analysis.votes_table import NONE, A, B, VotesTable
 
 Array = NDArray[np.float64]
 
 FEWEST_SHARED = 3  # items that are both rated and compared; a line through two says nothing
-JOD = np.log(3)  # log-odds
 STEEPEST = 50.0  # log-odds per standard deviation of the ratings; beyond it the slope grows without limit
 CERTAIN = -0.01  # log-likelihood of all votes; above it they all follow the ratings, and the slope grows without limit
 TOLERANCE = 1e-6  # of the gradient, per observation
@@ -106,13 +105,13 @@ class _Fit:
     theta: Array
     covariance: Array
     n_items: int
-    degrees: float
+    n_participants: int | None
     loglik: float
 
     def interval(self, gradient: Array, value: float) -> tuple[float, float, float]:
         """Return the error and 95 % interval of a linear function of the parameters."""
         error = float(np.sqrt(gradient @ self.covariance @ gradient))
-        half = float(student.ppf((1 + LEVEL) / 2, self.degrees)) * error
+        half = critical_value(self.n_participants) * error
         return error, value - half, value + half
 
     def row(self) -> dict[str, Any]:
@@ -278,16 +277,16 @@ def _fit(seen: Observations) -> _Fit | None:
         inverse = cho_solve(cho_factor(information), np.eye(len(theta)))
     except LinAlgError:
         return None
-    covariance, degrees = inverse, np.inf
+    covariance, n_participants = inverse, None
     if seen.n_participants > 1:
-        covariance, degrees = _clustered(seen, likelihood, theta, inverse), seen.n_participants - 1
+        covariance, n_participants = _clustered(seen, likelihood, theta, inverse), seen.n_participants
     scale = np.ones(len(theta))
     scale[:n], scale[n] = unit, 1 / unit
     theta = theta * scale
     theta[:n] += centre
     theta[n + 1] += np.log(unit)
     loglik = likelihood.value(best.x) - len(seen.rating) * float(np.log(unit))
-    return _Fit(theta, covariance * np.outer(scale, scale), n, degrees, loglik)
+    return _Fit(theta, covariance * np.outer(scale, scale), n, n_participants, loglik)
 
 
 def _start(seen: Observations, likelihood: _Likelihood) -> Array:
@@ -330,5 +329,5 @@ def _item_rows(seen: Observations, fit: _Fit) -> list[dict[str, Any]]:
         row = {"dataset": name, "condition": condition, "n_ratings": int(n_ratings[index])}
         row |= {"n_votes": int(n_votes[index]), "quality": float(quality[index]), "quality_se": quality_se}
         row |= {"quality_low": low, "quality_high": high, "score": slope * gap, "score_se": score_se}
-        rows.append(row | {"score_low": score_low, "score_high": score_high, "jod": slope * gap / float(JOD)})
+        rows.append(row | {"score_low": score_low, "score_high": score_high, "jod": slope * gap / LOG_ODDS_PER_JOD})
     return rows

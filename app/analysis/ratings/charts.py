@@ -9,8 +9,9 @@ import altair as alt
 import numpy as np
 
 from app.analysis.charts import MOST_PARTICIPANTS_IN_A_CHART
-from app.analysis.comparison import ALL, natural_order
+from app.analysis.comparison import natural_order
 from app.analysis.drawing import FULL, INK, PALETTE, Labels, arranged, labels_of, panel_layout
+from app.analysis.votes_table import ALL
 
 Row = Mapping[str, Any]
 
