@@ -123,9 +123,7 @@ def _has_repeats(votes: VotesTable) -> bool:
     """Did a participant judge a pair more than once? Kendall's u would then count them as agreeing with themselves."""
     if not votes.has_participants:
         return False
-    low, high = np.minimum(votes.item_a, votes.item_b), np.maximum(votes.item_a, votes.item_b)
-    n = len(votes.items)
-    key = np.sort((votes.participant.astype(np.int64) * n + low) * n + high)
+    key = np.sort(votes.participant.astype(np.int64) * len(votes.items) ** 2 + votes.pair)
     return bool((key[1:] == key[:-1]).any() or (votes.count > 1).any())
 
 

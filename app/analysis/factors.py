@@ -35,11 +35,8 @@ def votes_with_levels(votes: VotesTable, factors: Factors) -> VotesTable:
     without = items_without_levels(votes.items, factors)
     if not without:
         return votes
-    items = tuple(item for item in votes.items if item not in without)
-    places = {item: place for place, item in enumerate(items)}
-    codes = np.array([places.get(item, -1) for item in votes.items], np.int32)
-    kept = votes.where((codes[votes.item_a] >= 0) & (codes[votes.item_b] >= 0))
-    return replace(kept, items=items, item_a=codes[kept.item_a], item_b=codes[kept.item_b])
+    is_kept = np.array([item not in without for item in votes.items])
+    return votes.where(is_kept[votes.item_a] & is_kept[votes.item_b]).with_items(is_kept)
 
 
 def items_without_levels(items: tuple[str, ...], factors: Factors) -> dict[str, list[str]]:

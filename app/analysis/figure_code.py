@@ -47,10 +47,10 @@ def _drawn(name: str, analysis: Mapping[str, Any]) -> Drawn | None:
     ends = ("ci_low", "ci_high")
     kind, _, which = name.partition("_")
     if kind in ("scores", "levels"):
-        called = [row["comparison"] for row in analysis["scores"] if _file_name(row["comparison"]) == which]
+        called = [row["comparison"] for row in analysis["scores"] if file_name(row["comparison"]) == which]
         return Drawn("scores", {"comparison": called[0] if called else "all"}, "item", "score", ends, "dataset")
     if kind == "group":
-        called = [row["grouping"] for row in analysis["groups"] if _file_name(row["grouping"]) == which]
+        called = [row["grouping"] for row in analysis["groups"] if file_name(row["grouping"]) == which]
         return Drawn("groups", {"grouping": called[0], "dataset": "all"}, "item", "score", ends, "group")
     return FIGURES.get(name)
 
@@ -67,7 +67,8 @@ FIGURES = {
 }
 
 
-def _file_name(text: str) -> str:
+def file_name(text: str) -> str:
+    """Return a text as a part of a file's name: other signs than letters and digits become underscores."""
     return "".join(character if character.isalnum() else "_" for character in text)
 
 

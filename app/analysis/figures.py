@@ -16,7 +16,7 @@ from app.analysis.charts import (
     triads_chart,
 )
 from app.analysis.drawing import FULL, chart_svg, drawn_width, letters_without_font
-from app.analysis.figure_code import figure_code
+from app.analysis.figure_code import figure_code, file_name
 from app.analysis.objective.charts import measure_chart, ranking_chart
 from app.analysis.objective.prediction import measures_by_rank
 from app.analysis.ratings.charts import rating_charts
@@ -61,19 +61,19 @@ def named_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tup
         if comparison == "all":
             yield "scores", f"Scores of all conditions {_ends(rows)}", scores_chart(analysis, comparison, width)
             continue
-        file_name, what = _file_name(comparison), f"Scores by {comparison}"
-        yield f"levels_{file_name}", f"{what} on each dataset {_ends(rows)}", levels_chart(analysis, comparison, width)
-        yield f"scores_{file_name}", f"{what} {_ends(rows)}", scores_chart(analysis, comparison, width)
+        name, what = file_name(comparison), f"Scores by {comparison}"
+        yield f"levels_{name}", f"{what} on each dataset {_ends(rows)}", levels_chart(analysis, comparison, width)
+        yield f"scores_{name}", f"{what} {_ends(rows)}", scores_chart(analysis, comparison, width)
     preferences = "Votes for the row's condition against the column's; columns have the numbers of the rows."
     yield "preferences", preferences, preference_chart(analysis, width=width)
     yield "residuals", "Where the model and the votes differ.", residual_chart(analysis, width=width)
     yield "measures", "How well each measure predicts the scores.", ranking_chart(analysis, width)
     for measure in measures_by_rank(analysis["measures"]):
-        yield f"measure_{_file_name(measure)}", f"Score against {measure}.", measure_chart(analysis, measure, width)
+        yield f"measure_{file_name(measure)}", f"Score against {measure}.", measure_chart(analysis, measure, width)
     for grouping in dict.fromkeys(row["grouping"] for row in analysis["groups"]):
         rows = [row for row in analysis["groups"] if row["grouping"] == grouping]
         caption = f"Scores by {grouping}, all datasets, {_intervals(rows)}."
-        yield f"group_{_file_name(grouping)}", caption, groups_chart(analysis, grouping, width)
+        yield f"group_{file_name(grouping)}", caption, groups_chart(analysis, grouping, width)
     yield "response_times", "Response times of each participant.", response_chart(analysis, width)
     yield "triads", "Circular triads of each participant over all datasets.", triads_chart(analysis, width)
     yield from rating_charts(analysis, width)
@@ -102,7 +102,3 @@ def font_warnings(analysis: Mapping[str, Any]) -> Iterator[str]:
             f"figures: no font of this machine has the letters {missing[:20]}; they are boxes in PNG and PDF until a "
             "font that has them is installed, such as Noto Sans CJK"
         )
-
-
-def _file_name(text: str) -> str:
-    return "".join(character if character.isalnum() else "_" for character in text)

@@ -1,5 +1,6 @@
-"""Correlate a measure with the scores in every order of the conditions at once; each function has a twin for a single
-order in `app.analysis.correlation`, which the tests compare it with.
+"""Correlate a measure with the scores in every order of the conditions at once.
+
+Linear and rank correlations are those of `app.analysis.correlation`, which takes a single order.
 """
 
 from __future__ import annotations

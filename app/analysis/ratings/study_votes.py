@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.ratings.table import ComparisonTable, RatingTable
-from app.analysis.votes_table import MAIN, VotesTable
+from app.analysis.votes_table import VotesTable
 
 Float = NDArray[np.float64]
 Names = tuple[tuple[str, str], ...]
@@ -20,8 +20,7 @@ def counted_ratings(votes: VotesTable, rating: Float) -> tuple[VotesTable, Float
     votes : all of a study
     rating : float64 (N,), one for each vote
     """
-    counts = ~(votes.practice | votes.excluded) & (votes.role == MAIN)
-    return votes.where(counts), rating[counts]
+    return votes.used(), rating[votes.is_used]
 
 
 def rating_table(
