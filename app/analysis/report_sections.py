@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from app.analysis.contrasts import SIGNIFICANT
@@ -10,7 +10,7 @@ from app.analysis.findings.phrases import p_phrase
 from app.analysis.objective.against_scores import score_unit
 from app.analysis.objective.prediction import measures_by_rank
 from app.analysis.ratings.report_sections import rating_sections
-from app.analysis.report_tables import ROWS, Analysis, Figures, Row, section, table
+from app.analysis.report_tables import ROWS, Analysis, Figures, Row, section, table, with_interval
 
 MOST_FIGURES = 8  # of measures in the report
 MOST_COMPARED = 30  # pairs of measures in the report
@@ -244,14 +244,7 @@ def _comparisons(analysis: Analysis) -> list[dict[str, Any]]:
 
 def _with_intervals(row: Row) -> dict[str, Any]:
     shown = [name for name in row if f"{name}_low" in row]
-    return dict(row) | {name: _with_interval(row, name) for name in shown}
-
-
-def _with_interval(row: Mapping[str, Any], name: str) -> str | None:
-    value, low, high = (row[key] for key in (name, f"{name}_low", f"{name}_high"))
-    if value is None:
-        return None
-    return f"{value:.2f}" if low is None else f"{value:.2f} [{low:.2f}, {high:.2f}]"
+    return dict(row) | {name: with_interval(row, name, name) for name in shown}
 
 
 def _excluded(analysis: Analysis) -> dict[str, Any]:

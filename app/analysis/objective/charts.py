@@ -15,10 +15,10 @@ from app.analysis.drawing import (
     LINE,
     MARGIN,
     PALETTE,
-    colours_of,
+    colour_by,
+    dashed_line,
     labels_of,
-    legend_of,
-    shapes_of,
+    shape_by,
     text_width,
     wrapped,
 )
@@ -70,13 +70,8 @@ def measure_chart(analysis: Mapping[str, Any], measure: str, width: int = FULL) 
         "x:Q", title=f"{measure}{relative}", scale=alt.Scale(domain=x_domain, nice=False), axis=alt.Axis(tickCount=6)
     )
     y_title, y_scale = f"score ({score_unit(analysis)}){relative}", alt.Scale(domain=y_domain, nice=False)
-    colors = alt.Scale(domain=names, range=colours_of(len(names)))
-    legend = legend_of(names, width) if len(names) > 1 else None
     y_axis = alt.Axis(titlePadding=10)
-    color = alt.Color("dataset:N", sort=names, scale=colors, legend=legend)
-    shape = alt.Shape(
-        "dataset:N", sort=names, scale=alt.Scale(domain=names, range=shapes_of(len(names))), legend=legend
-    )
+    color, shape = colour_by("dataset", "dataset", names, width), shape_by("dataset", "dataset", names, width)
     base = alt.Chart(alt.Data(values=rows)).encode(x=x)
     bars = base.mark_rule(opacity=0.45).encode(
         y=alt.Y("low:Q", title=y_title, scale=y_scale, axis=y_axis), y2="high:Q", color=color
@@ -246,7 +241,4 @@ def _ranking_panel(rows: Sequence[Row], axis: alt.Axis, names: Sequence[str], ti
     points = base.mark_point(size=46, opacity=1, strokeWidth=1.6, color=INK).encode(
         y=y, x=alt.X("value:Q", title=title, scale=scale), fill=fill
     )
-    zero = (
-        alt.Chart(alt.Data(values=[{"zero": neutral}])).mark_rule(strokeDash=[4, 3], color="#777777").encode(x="zero:Q")
-    )
-    return alt.layer(zero, bars, points)
+    return alt.layer(dashed_line("x", neutral), bars, points)

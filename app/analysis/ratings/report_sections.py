@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from app.analysis.ratings.table import PROTOCOLS
-from app.analysis.report_tables import Analysis, Figures, Row, section, table
+from app.analysis.report_tables import Analysis, Figures, Row, section, table, with_interval
 
 EXPLAINED = {
     "ok": "the quality weights each participant by consistency and takes off individual bias (ITU-T P.910 Annex E)",
@@ -59,18 +59,10 @@ def _with_intervals(row: Row) -> dict[str, Any]:
     return dict(row) | {
         "condition": name,
         "participants": row["n"],
-        "MOS": _with_interval(row, "mos", "ci"),
-        "DMOS": _with_interval(row, "dmos", "dmos"),
-        "quality": _with_interval(row, "quality", "quality"),
+        "MOS": with_interval(row, "mos", "ci"),
+        "DMOS": with_interval(row, "dmos", "dmos"),
+        "quality": with_interval(row, "quality", "quality"),
     }
-
-
-def _with_interval(row: Row, name: str, ends: str) -> str | None:
-    """Return a value and its interval as text; None without a value."""
-    value, low, high = row[name], row[f"{ends}_low"], row[f"{ends}_high"]
-    if value is None:
-        return None
-    return f"{value:.2f}" if low is None else f"{value:.2f} [{low:.2f}, {high:.2f}]"
 
 
 def _raters(analysis: Analysis, figures: Figures) -> dict[str, Any]:
@@ -84,8 +76,8 @@ def _raters(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     rows = [
         row
         | {
-            "bias": _with_interval(row, "bias", "bias"),
-            "inconsistency": _with_interval(row, "inconsistency", "inconsistency"),
+            "bias": with_interval(row, "bias", "bias"),
+            "inconsistency": with_interval(row, "inconsistency", "inconsistency"),
             "flags": "; ".join(row["flags"]) or None,
         }
         for row in sorted(analysis["raters"], key=lambda row: not row["flags"])
@@ -107,7 +99,7 @@ def _alignment(analysis: Analysis, figures: Figures) -> dict[str, Any]:
         "dataset."
     )
     rows = [
-        row | {name: _with_interval(row, name, name) for name in ("quality", "score")}
+        row | {name: with_interval(row, name, name) for name in ("quality", "score")}
         for row in analysis["alignment_items"]
     ]
     columns = ["condition", "dataset", "n_ratings", "n_votes", "quality", "score"]
@@ -122,11 +114,11 @@ def _comparisons(analysis: Analysis, figures: Figures) -> dict[str, Any]:
         "ratings, with mean zero; the difference of two scores is the expected rating of the pair. In brackets: "
         "95 % intervals, with participants as the sample."
     )
-    scores = [dict(row) | {"scored": _with_interval(row, "score", "ci")} for row in analysis["comparison_items"]]
+    scores = [dict(row) | {"scored": with_interval(row, "score", "ci")} for row in analysis["comparison_items"]]
     place = list(dict.fromkeys(row["dataset"] for row in scores)).index
     scores.sort(key=lambda row: (place(row["dataset"]), -row["score"]))
     pairs = [
-        dict(row) | {"participants": row["n"], "cmos": _with_interval(row, "cmos", "ci")}
+        dict(row) | {"participants": row["n"], "cmos": with_interval(row, "cmos", "ci")}
         for row in analysis["comparison_pairs"]
     ]
     return {
