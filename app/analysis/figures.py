@@ -20,6 +20,7 @@ from app.analysis.figure_code import figure_code, file_name
 from app.analysis.objective.charts import measure_chart, ranking_chart
 from app.analysis.objective.prediction import measures_by_rank
 from app.analysis.ratings.charts import rating_charts
+from app.analysis.votes_table import ALL
 
 Row = Mapping[str, Any]
 
@@ -58,7 +59,7 @@ def named_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tup
     """
     for comparison in dict.fromkeys(row["comparison"] for row in analysis["scores"]):
         rows = [row for row in analysis["scores"] if row["comparison"] == comparison]
-        if comparison == "all":
+        if comparison == ALL:
             yield "scores", f"Scores of all conditions {_ends(rows)}", scores_chart(analysis, comparison, width)
             continue
         name, what = file_name(comparison), f"Scores by {comparison}"
@@ -82,7 +83,7 @@ def named_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tup
 def _ends(rows: Sequence[Row]) -> str:
     """End a caption: are there intervals, are there penalised estimates, and how are datasets ordered?"""
     penalised = " Hollow points are penalised estimates." if any(row["penalty"] for row in rows) else ""
-    several = " Datasets in alphabetical order." if len({row["dataset"] for row in rows} - {"all"}) > 1 else ""
+    several = " Datasets in alphabetical order." if len({row["dataset"] for row in rows} - {ALL}) > 1 else ""
     return f"{_intervals(rows)}.{penalised}{several}"
 
 

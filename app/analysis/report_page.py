@@ -16,6 +16,7 @@ from app.analysis.figures import Figure
 from app.analysis.findings.phrases import counted
 from app.analysis.report_sections import sections
 from app.analysis.result_rows import WIDER_INTERVAL
+from app.analysis.votes_table import ALL
 from app.files import packaged
 
 ITEMS_IN_A_TABLE = 60
@@ -120,17 +121,17 @@ def _score_tables(analysis: Mapping[str, Any]) -> list[dict[str, Any]]:
         shown = dict(row) | {"error": _error(row)}
         groups.setdefault((row["comparison"], row["dataset"]), []).append(shown)
     tables = []
-    for (comparison, dataset), rows in sorted(groups.items(), key=lambda group: group[0][1] != "all"):
+    for (comparison, dataset), rows in sorted(groups.items(), key=lambda group: group[0][1] != ALL):
         rows.sort(key=lambda row: -(row["score"] or 0.0))
-        what = "All conditions" if comparison == "all" else f"Factor {comparison}"
-        where = dataset if dataset != "all" else "all datasets" if analysis["votes"]["datasets"] else "all votes"
+        what = "All conditions" if comparison == ALL else f"Factor {comparison}"
+        where = dataset if dataset != ALL else "all datasets" if analysis["votes"]["datasets"] else "all votes"
         rest = (
             f"; the first {ITEMS_IN_A_TABLE} of {len(rows)}, all in scores.csv" if len(rows) > ITEMS_IN_A_TABLE else ""
         )
         has_letters = any(row.get("letters") for row in rows)
         title = f"{what}, {where}{rest}"
         shown = {"title": title, "rows": rows[:ITEMS_IN_A_TABLE], "has_letters": has_letters}
-        tables.append(shown | {"is_folded": dataset != "all"})
+        tables.append(shown | {"is_folded": dataset != ALL})
     return tables
 
 

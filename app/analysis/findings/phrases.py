@@ -66,3 +66,12 @@ def percent(share: float) -> str:
     if 0.995 < share < 1:
         return "more than 99 %"
     return f"{100 * share:.0f} %"
+
+
+def outstanding(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return the sentence on who stands out, of rows with `participant` and `flags`."""
+    flagged = [f"{row['participant']} ({', '.join(row['flags'])})" for row in rows if row["flags"]]
+    if not flagged:
+        return f"Nobody of {len(rows)} stands out."
+    who, stands = ("Participant", "stands") if len(flagged) == 1 else ("Participants", "stand")
+    return f"{who} {listed(flagged)} {stands} out; a reason to look, and nobody was left out for it."

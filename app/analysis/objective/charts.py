@@ -197,8 +197,8 @@ def ranking_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
     -------
     altair chart, or None without measures that can be compared
     """
-    last = {row["measure"]: row for row in analysis["measures"]}
-    names = [name for name in measures_by_rank(analysis["measures"]) if last[name]["spearman"] is not None]
+    last = measures_by_rank(analysis["measures"])
+    names = [name for name, row in last.items() if row["spearman"] is not None]
     if not names:
         return None
     labels = [name if last[name]["better"] else f"{name} *" for name in names]
