@@ -13,7 +13,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from app.analysis.contrasts import FEWEST_PARTICIPANTS
 from app.analysis.figures import Figure
-from app.analysis.findings.phrases import counted
+from app.analysis.findings.phrases import TIES, counted
 from app.analysis.report_sections import sections
 from app.analysis.result_rows import WIDER_INTERVAL
 from app.analysis.votes_table import ALL
@@ -21,12 +21,6 @@ from app.files import packaged
 
 ITEMS_IN_A_TABLE = 60
 PAGES = ("report.html", "report.md")
-TIES_IN_WORDS = {
-    "davidson": "the model of Davidson (1970)",
-    "rao-kupper": "the model of Rao and Kupper (1967)",
-    "half": "half a win for each condition",
-    "drop": "left out",
-}
 
 
 def report_page(name: str, analysis: Mapping[str, Any], figures: Sequence[Figure], source: str) -> str:
@@ -147,8 +141,8 @@ def _methods(analysis: Mapping[str, Any]) -> list[str]:
     settings, votes = analysis["settings"], analysis["votes"]
     texts = [
         f"Conditions were compared in pairs{' with a no-preference option' if votes['ties'] else ''}. "
-        f"Scores were estimated with the Bradley-Terry model (Bradley and Terry 1952) by maximum likelihood; ties: "
-        f"{TIES_IN_WORDS[settings['ties']]}.",
+        f"Scores were estimated with the Bradley-Terry model (Bradley and Terry 1952) by maximum likelihood, ties "
+        f"{TIES[settings['ties']]}.",
         "Before each fit, Ford's condition (1957) and its extensions were checked; where no finite maximum exists, a "
         "penalised estimate is shown and marked, Firth's (1993) unless another is named.",
     ]

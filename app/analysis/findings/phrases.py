@@ -7,6 +7,12 @@ from typing import Any
 
 MOST_NAMED = 5  # names in a sentence
 LOWEST_P = 0.001  # below, the exact value depends on tails that nobody has checked
+TIES = {
+    "davidson": "by Davidson (1970)",
+    "rao-kupper": "by Rao and Kupper (1967)",
+    "half": "as half a win for each condition",
+    "drop": "left out",
+}
 
 
 def finding(about: str, text: str) -> dict[str, str]:

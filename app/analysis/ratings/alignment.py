@@ -13,7 +13,7 @@ from scipy.sparse import coo_array, csr_array, hstack
 from scipy.sparse.csgraph import connected_components
 
 from app.analysis.contrasts import critical_value
-from app.analysis.ratings.table import RatingTable
+from app.analysis.ratings.table import RatingTable, numbered_names
 from app.analysis.scales import LOG_ODDS_PER_JOD
 from app.analysis.ties import TIE_MODELS, WITHOUT_TIES, Derivatives, TieModel
 from app.analysis.votes_table import NONE, A, B, VotesTable
@@ -131,9 +131,9 @@ class _Fit:
 def _observations(table: RatingTable, votes: VotesTable) -> Observations:
     """Number items and participants of both tables alike; leave out items that no rating is linked to by votes."""
     names: dict[tuple[str, str], int] = {}
-    rated = _numbers([table.items[index] for index in table.item], names)
+    rated = numbered_names((table.items[index] for index in table.item), names)
     first, second = (
-        _numbers([(votes.datasets[d], votes.items[i]) for d, i in zip(votes.dataset, item, strict=True)], names)
+        numbered_names([(votes.datasets[d], votes.items[i]) for d, i in zip(votes.dataset, item, strict=True)], names)
         for item in (votes.item_a, votes.item_b)
     )
     graph = coo_array((np.ones(len(first)), (first, second)), shape=(len(names), len(names)))
@@ -142,8 +142,8 @@ def _observations(table: RatingTable, votes: VotesTable) -> Observations:
     new = np.cumsum(is_linked) - 1
     used = is_linked[first]
     people: dict[str, int] = {}
-    rater = _numbers([table.participants[index] for index in table.person], people)
-    voter = _numbers([votes.participants[index] for index in votes.participant[used]], people)
+    rater = numbered_names([table.participants[index] for index in table.person], people)
+    voter = numbered_names([votes.participants[index] for index in votes.participant[used]], people)
     n_votes = int(used.sum())
     cells = (np.tile(np.arange(n_votes), 2), np.r_[new[first[used]], new[second[used]]])
     signs = np.repeat([1.0, -1.0], n_votes)
@@ -158,11 +158,6 @@ def _observations(table: RatingTable, votes: VotesTable) -> Observations:
         voter=voter,
         n_participants=len(people) if votes.has_participants else 0,
     )
-
-
-def _numbers(values: list[Any], known: dict[Any, int]) -> NDArray[np.intp]:
-    """Return each value's number, in order of appearance after those already known."""
-    return np.array([known.setdefault(value, len(known)) for value in values], np.intp)
 
 
 @dataclass(frozen=True)

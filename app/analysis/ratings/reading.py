@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.ratings.layouts import is_of_ratings, one_rating_a_row
-from app.analysis.ratings.table import PROTOCOLS, ComparisonTable, RatingTable
+from app.analysis.ratings.table import PROTOCOLS, ComparisonTable, RatingTable, numbered_names
 from app.analysis.tabular import flags, numbers, read_frame, refuse, texts
 from app.analysis.votes_table import VotesError
 
@@ -182,8 +182,8 @@ def _flags(columns: Columns, name: str) -> NDArray[np.bool_]:
     return flags(columns.get(name, np.full(len(columns["rating"]), "", object)), name)
 
 
-def _names(values: Any) -> tuple[tuple[Any, ...], NDArray[np.intp]]:
+def _names(values: Iterable[Any]) -> tuple[tuple[Any, ...], NDArray[np.intp]]:
     """Return the different values in order of appearance, and each value's index (N,)."""
     known: dict[Any, int] = {}
-    index = np.array([known.setdefault(value, len(known)) for value in values], np.intp)
+    index = numbered_names(values, known)
     return tuple(known), index
