@@ -194,9 +194,10 @@ def _with_measures_of(analysis: Mapping[str, Any], table: RatingTable | Comparis
     items = list(dict.fromkeys(condition for _, condition in table.items))
     notes = _measure_notes(known, datasets, items, path, "ratings")
     settings = AnalysisSettings(measures=known.on(datasets), better=known.better)
-    is_rated = isinstance(table, RatingTable)
-    scores = opinion_score_sets(table) if is_rated else comparison_score_sets(analysis["comparison_items"])
-    result = with_measures(analysis, scores, settings)
+    if isinstance(table, RatingTable):
+        result = with_measures(analysis, opinion_score_sets(table), settings)
+    else:
+        result = with_measures(analysis, comparison_score_sets(analysis["comparison_items"]), settings)
     return result | {"warnings": [*result["warnings"], *notes]}
 
 

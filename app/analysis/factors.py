@@ -175,7 +175,8 @@ def effects_of(fit: Fit, factors: Factors, dataset: str) -> list[Effect]:
     """
     if fit.theta is None or fit.covariance is None:
         return []
-    effects, column = [], 0
+    effects: list[Effect] = []
+    column = 0
     for factor, names in coding(factors, fit.items)[1]:
         size = len(names) - 1
         to_levels = np.zeros((len(names), len(fit.theta)))

@@ -13,6 +13,7 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -81,12 +82,12 @@ def _read(path: Path, reader: Callable[[Path], pd.DataFrame]) -> pd.DataFrame:
         raise VotesError(f"{path}: {error}") from error
 
 
-def texts(cells: Iterable[object]) -> NDArray[np.object_]:
+def texts(cells: Iterable[Any]) -> NDArray[np.object_]:
     """Return cells as stripped texts, object (N,): empty where missing, whole numbers without decimals."""
     return np.array([_text(cell) for cell in cells], object)
 
 
-def _text(cell: object) -> str:
+def _text(cell: Any) -> str:
     if isinstance(cell, str):
         return cell.strip()
     if pd.api.types.is_scalar(cell) and pd.isna(cell):

@@ -87,7 +87,7 @@ class VotesTable:
     @property
     def is_used(self) -> NDArray[np.bool_]:
         """Which rows are to be scored, bool (N,): not practice, not excluded, not attention checks."""
-        return ~(self.practice | self.excluded) & (self.role == MAIN)
+        return np.asarray(~(self.practice | self.excluded) & (self.role == MAIN))
 
     @property
     def pair(self) -> NDArray[np.int64]:
@@ -98,7 +98,7 @@ class VotesTable:
     @property
     def prefers_lower(self) -> NDArray[np.bool_]:
         """Is the item of the pair's lower index preferred? bool (N,); of no preference nothing is told."""
-        return (self.choice == A) == (self.item_a < self.item_b)
+        return np.asarray((self.choice == A) == (self.item_a < self.item_b))
 
     def where(self, rows: NDArray[np.bool_] | NDArray[np.integer[Any]] | slice) -> VotesTable:
         """Return the table with only these rows, bool (N,), int (M,) or a slice; the lists of names stay."""

@@ -64,9 +64,10 @@ def _counts(column: pd.Series, name: str) -> NDArray[np.float64]:
 
 def _from_wide(frame: pd.DataFrame, pairs: dict[str, re.Match[str]], others: list[str]) -> pd.DataFrame:
     given = frame.set_axis([str(name).strip() for name in frame.columns], axis=1)
-    parts = []
+    parts: list[pd.DataFrame] = []
     for name, match in pairs.items():
         part = given[others].copy()
         part["item_a"], part["item_b"], part["choice"] = match[1].strip(), match[2].strip(), given[name]
-        parts.append(part[texts(given[name]) != ""])
-    return pd.concat(parts, ignore_index=True)
+        parts.append(part.loc[texts(given[name]) != ""])
+    together: pd.DataFrame = pd.concat(parts, ignore_index=True)
+    return together
