@@ -12,7 +12,7 @@ import pandas as pd
 from app.analysis.agreement import agreement_rows, concordance, dataset_agreement_rows
 from app.analysis.attention_checks import check_rows
 from app.analysis.bradley_terry import fit_scores
-from app.analysis.comparison import Comparison, compare, dataset_names, in_order, of_dataset
+from app.analysis.comparison import Comparison, compare, dataset_names, in_order, votes_on_dataset
 from app.analysis.contrasts import holm
 from app.analysis.factors import (
     Effect,
@@ -156,7 +156,7 @@ def factor_results(
     with_levels = votes_with_levels(votes, settings.factors)
     ordered = {c.dataset for c in compared if c.comparison == ALL and c.fit.design.has_order}
     for dataset in dataset_names(votes, settings) if settings.factors else ():
-        part = only_compared(of_dataset(with_levels, dataset))
+        part = only_compared(votes_on_dataset(with_levels, dataset))
         has_order = dataset in ordered
         fit = fit_additive(part, settings.factors, ties=settings.ties, order_effect=has_order)
         if fit is not None and fit.status == "ok":
@@ -196,7 +196,9 @@ def _left_out(votes: VotesTable, settings: AnalysisSettings) -> list[str]:
 
 def group_comparisons(votes: VotesTable, settings: AnalysisSettings) -> list[GroupComparison]:
     """Compare the groups of each grouping, on each dataset and on all together."""
-    parts = [(dataset, of_dataset(votes, dataset)) for dataset in dataset_names(votes, settings) if settings.groups]
+    if not settings.groups:
+        return []
+    parts = [(dataset, votes_on_dataset(votes, dataset)) for dataset in dataset_names(votes, settings)]
     return [
         comparison for dataset, part in parts if len(part) for comparison in compare_groups(part, dataset, settings)
     ]

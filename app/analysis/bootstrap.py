@@ -62,7 +62,7 @@ def percentile_tail(level: float, n_participants: int) -> float:
 
     Source
     ------
-    Hesterberg (2015), "What teachers should know about the bootstrap", section 4.2: the expanded percentile interval.
+    Hesterberg (2015), "What teachers should know about the bootstrap", on the expanded percentile interval.
     """
     n = n_participants
     return float(norm.cdf(-np.sqrt(n / (n - 1)) * student.ppf((1 + level) / 2, n - 1)))

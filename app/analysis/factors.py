@@ -144,8 +144,8 @@ def coding(factors: Factors, items: tuple[str, ...]) -> tuple[Array, list[tuple[
     for factor in factors:
         names = level_names(factors, factor, items)
         if len(names) > 1:
-            of_level = np.array([[float(factors[factor][item] == name) for name in names] for item in items])
-            parts.append(of_level[:, :-1] - of_level[:, -1:])
+            has_level = np.array([[float(factors[factor][item] == name) for name in names] for item in items])
+            parts.append(has_level[:, :-1] - has_level[:, -1:])
             columns.append((factor, names))
     return np.concatenate(parts, axis=1) if parts else np.zeros((len(items), 0)), columns
 

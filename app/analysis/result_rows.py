@@ -174,13 +174,13 @@ def _outcomes(votes: VotesTable) -> tuple[list[int], list[int], list[int]]:
     counts = count_pairs(votes)
     won, lost, tied = (part.astype(np.int64) for part in (counts.wins, counts.losses, counts.ties))
 
-    def of_items(in_first: Counts, in_second: Counts) -> list[int]:
+    def by_item(in_first: Counts, in_second: Counts) -> list[int]:
         result = np.zeros(counts.n_items, np.int64)
         np.add.at(result, counts.first, in_first)
         np.add.at(result, counts.second, in_second)
         return result.tolist()
 
-    return of_items(won, lost), of_items(lost, won), of_items(tied, tied)
+    return by_item(won, lost), by_item(lost, won), by_item(tied, tied)
 
 
 def contrast_rows(comparison: Comparison, margin_jod: float | None = None) -> Iterator[dict[str, Any]]:

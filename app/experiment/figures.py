@@ -1,4 +1,4 @@
-"""Figures 6 to 8 in the paper's form: a curve of inliers, and bars of scores, each with its intervals."""
+"""Draw figures 6 to 8 in the paper's form: a curve of inliers, and bars of scores, each with its intervals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report's first parts: what is shown, how it was made, and to whom."""
+"""Write the report's first sections: what was shown, how it was made, and to whom."""
 
 from __future__ import annotations
 

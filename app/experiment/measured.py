@@ -1,4 +1,4 @@
-"""The report's objective parts: the sphere, the cuboid, the models and videos."""
+"""Write the report's objective sections: the sphere, the cuboid, the models and videos."""
 
 from __future__ import annotations
 

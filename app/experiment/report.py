@@ -1,4 +1,4 @@
-"""The report of the paper's experiment: its conclusions beside the truth that was put in and the paper's numbers."""
+"""Write the report of the paper's experiment: its conclusions beside the truth that was put in and the paper's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the experiment's report is made from: scores, the truth that was put in, measures; and orders in words."""
+"""Hold what the experiment's report is made from: scores, the truth that was put in, and measures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SPHERE = "validation/sphere"
 
 @dataclass(frozen=True)
 class Results:
-    """What the report is made from.
+    """Answers and measures of an experiment.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The report's subjective parts: scores, circular triads, and which measure would have predicted them."""
+"""Write the report's subjective sections: scores, circular triads, and which measure would have predicted them."""
 
 from __future__ import annotations
 

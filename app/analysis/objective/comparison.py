@@ -71,9 +71,9 @@ def _rows(measures: Mapping[str, Points], rng: np.random.Generator) -> Iterator[
             for measure, points in ((a, first), (b, second)):
                 if (measure, points.key) not in known:
                     known[measure, points.key] = left_out_z(points)
-            of_a, of_b = known[a, first.key], known[b, second.key]
-            row |= {"pearson_a": float(np.tanh(of_a[0])), "pearson_b": float(np.tanh(of_b[0]))}
-            row["p_value"] = jackknife_test(of_a, of_b)
+            z_a, z_b = known[a, first.key], known[b, second.key]
+            row |= {"pearson_a": float(np.tanh(z_a[0])), "pearson_b": float(np.tanh(z_b[0]))}
+            row["p_value"] = jackknife_test(z_a, z_b)
             if len(first.different):
                 row |= dict(zip(("auc_a", "auc_b", "auc_p"), swap_test(first, second, rng), strict=True))
         yield row

@@ -23,7 +23,7 @@ from app.study.screening import (
     next_content,
     verdict_of,
 )
-from app.study.viewing import (
+from app.study.viewing_distance import (
     BLIND_SPOT_DEG,
     CARD_MM,
     ImplausibleError,
