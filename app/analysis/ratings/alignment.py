@@ -61,7 +61,7 @@ def align(table: RatingTable, votes: VotesTable) -> dict[str, list[dict[str, Any
     Every item has a quality q in units of the rating scale. A rating is q plus normal noise; the log-odds of preferring
     an item to another are k times the difference of their qualities, with Davidson's tie parameter if there are ties.
     Qualities, k, noise and tie parameter maximise the joint likelihood. Errors are clustered by participant (a name in
-    both tables is one person), intervals are of t(J - 1) for J participants.
+    both tables is one person), intervals are of t(J - 1) for J participants; a single one has none.
 
     Parameters
     ----------
@@ -100,16 +100,21 @@ def align(table: RatingTable, votes: VotesTable) -> dict[str, list[dict[str, Any
 
 @dataclass(frozen=True)
 class _Fit:
-    """Estimates in units of the rating scale: qualities (K,), then k, log noise and, with ties, log nu."""
+    """Estimates in units of the rating scale: qualities (K,), then k, log noise and, with ties, log nu.
+
+    There is no covariance for a single participant, who says nothing about others.
+    """
 
     theta: Array
-    covariance: Array
+    covariance: Array | None
     n_items: int
     n_participants: int | None
     loglik: float
 
-    def interval(self, gradient: Array, value: float) -> tuple[float, float, float]:
+    def interval(self, gradient: Array, value: float) -> tuple[float | None, float | None, float | None]:
         """Return the error and 95 % interval of a linear function of the parameters."""
+        if self.covariance is None:
+            return None, None, None
         error = float(np.sqrt(gradient @ self.covariance @ gradient))
         half = critical_value(self.n_participants) * error
         return error, value - half, value + half
@@ -272,16 +277,15 @@ def _fit(seen: Observations) -> _Fit | None:
         inverse = cho_solve(cho_factor(information), np.eye(len(theta)))
     except LinAlgError:
         return None
-    covariance, n_participants = inverse, None
-    if seen.n_participants > 1:
-        covariance, n_participants = _clustered(seen, likelihood, theta, inverse), seen.n_participants
+    covariance = _clustered(seen, likelihood, theta, inverse) if seen.n_participants > 1 else inverse
     scale = np.ones(len(theta))
     scale[:n], scale[n] = unit, 1 / unit
     theta = theta * scale
     theta[:n] += centre
     theta[n + 1] += np.log(unit)
     loglik = likelihood.value(best.x) - len(seen.rating) * float(np.log(unit))
-    return _Fit(theta, covariance * np.outer(scale, scale), n, n_participants, loglik)
+    scaled = None if seen.n_participants == 1 else covariance * np.outer(scale, scale)
+    return _Fit(theta, scaled, n, seen.n_participants or None, loglik)
 
 
 def _start(seen: Observations, likelihood: _Likelihood) -> Array:

@@ -94,7 +94,7 @@ def _alignment(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     text = (
         "One quality per item explains ratings and votes together (maximum likelihood; Perez-Ortiz and others 2020): a "
         "rating is the quality plus noise, the log-odds of a preference are "
-        f"{model['slope']:.2f} [{model['slope_low']:.2f}, {model['slope_high']:.2f}] for each step of the rating "
+        f"{with_interval(model, 'slope', 'slope')} for each step of the rating "
         "scale. Intervals are 95 %, with participants as the sample; scores are log-odds with mean zero in each "
         "dataset."
     )
