@@ -61,13 +61,26 @@ def shapes_of(n: int) -> list[str]:
 
 
 def colour_by(field: str, title: str, names: Sequence[str], width: int) -> alt.Color:
-    """Return a colour for each name in a field, with a legend below a figure of a width in pixels."""
+    """Return a colour for each name, with a legend below the figure.
+
+    Parameters
+    ----------
+    field : of the data, with the names
+    title : of the legend
+    names : in their order
+    width : of the figure, in pixels
+    """
     scale = alt.Scale(domain=list(names), range=colours_of(len(names)))
     return alt.Color(f"{field}:N", title=title, scale=scale, legend=_legend(names, width))
 
 
 def shape_by(field: str, title: str, names: Sequence[str], width: int) -> alt.Shape:
-    """Return a shape for each name in a field, with the same legend as `colour_by`."""
+    """Return a shape for each name, with the same legend as `colour_by`.
+
+    Parameters
+    ----------
+    field, title, names, width : as in `colour_by`
+    """
     scale = alt.Scale(domain=list(names), range=shapes_of(len(names)))
     return alt.Shape(f"{field}:N", title=title, scale=scale, legend=_legend(names, width))
 

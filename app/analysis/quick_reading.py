@@ -15,16 +15,8 @@ from app.analysis.votes_table import IDENTICAL, MAIN, ROLE_CODES, VotesTable, co
 
 QUICK_FROM = 4_000_000  # bytes; below, the strict reader takes no more than a second
 TEXTS = (
-    "participant",
-    "dataset",
-    "item_a",
-    "item_b",
-    "choice",
-    "first_shown",
-    "practice",
-    "excluded",
-    "reason",
-    "role",
+    *("participant", "dataset", "item_a", "item_b", "choice", "first_shown", "both_seen"),
+    *("practice", "excluded", "reason", "role"),
 )
 NUMBERS = ("response_ms", "press_to_picture_ms", "count")
 UNKNOWN = -9  # of a word that means nothing here
@@ -99,7 +91,7 @@ def _read(path: Path, columns: Mapping[str, str]) -> tuple[dict[str, Codes], dic
     from pyarrow import csv
 
     text = pyarrow.dictionary(pyarrow.int32(), pyarrow.string())
-    there = {name: given for name, given in columns.items() if name in (*TEXTS, "both_seen", *NUMBERS)}
+    there = {name: given for name, given in columns.items() if name in (*TEXTS, *NUMBERS)}
     options = csv.ConvertOptions(
         include_columns=list(there.values()),
         column_types={given: pyarrow.float64() if name in NUMBERS else text for name, given in there.items()},

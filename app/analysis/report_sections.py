@@ -212,16 +212,8 @@ def _comparisons(analysis: Analysis) -> list[dict[str, Any]]:
         return []
     rest = f" The {MOST_COMPARED} clearest of {len(rows)}" if len(rows) > MOST_COMPARED else ""
     columns = [
-        "measure_a",
-        "measure_b",
-        "pearson_a",
-        "pearson_b",
-        "p_value",
-        "p_holm",
-        "auc_a",
-        "auc_b",
-        "auc_p",
-        "auc_p_holm",
+        *("measure_a", "measure_b", "pearson_a", "pearson_b", "p_value", "p_holm"),
+        *("auc_a", "auc_b", "auc_p", "auc_p_holm"),
     ]
     return [table(f"Does a measure predict better than another?{rest}", columns, rows[:MOST_COMPARED])]
 

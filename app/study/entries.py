@@ -28,7 +28,14 @@ class Entries:
 
     @classmethod
     def of_table(cls, content: Any, table: str, known: Iterable[str]) -> Entries:
-        """Take a table of which all keys are known."""
+        """Take a table of which all keys are known.
+
+        Parameters
+        ----------
+        content : what stands in place of the table
+        table : its name
+        known : keys
+        """
         if not isinstance(content, Mapping):
             raise ValueError(f"{table} is {content!r:.120}, expected a table of its own")
         if unknown := sorted(set(content) - set(known)):
@@ -43,14 +50,28 @@ class Entries:
         return value
 
     def count(self, key: str, most: int, default: int = 0) -> int:
-        """Return a whole number from 0."""
+        """Return a whole number.
+
+        Parameters
+        ----------
+        key : of the entry
+        most : allowed; the least is 0
+        default : without the entry
+        """
         value = self.content.get(key, default)
         if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= most:
             raise self.refusal(key, f"a whole number from 0 to {most}")
         return value
 
     def number(self, key: str, bounds: tuple[float, float], default: float) -> float:
-        """Return a number within bounds."""
+        """Return a number.
+
+        Parameters
+        ----------
+        key : of the entry
+        bounds : the least and the most allowed
+        default : without the entry
+        """
         value = self.content.get(key, default)
         if isinstance(value, bool) or not isinstance(value, int | float) or not bounds[0] <= value <= bounds[1]:
             raise self.refusal(key, f"a number from {bounds[0]:g} to {bounds[1]:g}")
@@ -64,14 +85,28 @@ class Entries:
         return value.strip()
 
     def match(self, key: str, pattern: re.Pattern[str], expected: str) -> str:
-        """Return a text that a pattern matches as a whole, or nothing."""
+        """Return a text that a pattern matches as a whole, or nothing.
+
+        Parameters
+        ----------
+        key : of the entry
+        pattern : of the whole text
+        expected : what the pattern matches, in words
+        """
         value = self.content.get(key, "")
         if not isinstance(value, str) or not (value == "" or pattern.fullmatch(value)):
             raise self.refusal(key, f"{expected}, or nothing")
         return value
 
     def one_of(self, key: str, known: Sequence[Any], default: Any = "") -> Any:
-        """Return one of the known values; an empty one among them stands for nothing."""
+        """Return one of the known values.
+
+        Parameters
+        ----------
+        key : of the entry
+        known : values; an empty one among them stands for nothing
+        default : without the entry
+        """
         value = self.content.get(key, default)
         if value not in known:
             raise self.refusal(key, f"one of {', '.join(filter(None, known))}{', or nothing' if '' in known else ''}")

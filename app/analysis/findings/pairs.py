@@ -15,7 +15,13 @@ def better_first(rows: Iterable[Row]) -> list[Row]:
 
 
 def contrast_between(rows: Iterable[Row], first: str, second: str) -> Row | None:
-    """Return the contrast of two conditions in this order; None if there is none."""
+    """Return the contrast of two conditions; None if there is none.
+
+    Parameters
+    ----------
+    rows : contrasts
+    first, second : the conditions, in the order of the result
+    """
     row = next((row for row in rows if {row["item_a"], row["item_b"]} == {first, second}), None)
     return row if row is None or row["item_a"] == first else _turned(row)
 
