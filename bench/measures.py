@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.bootstrap import bootstrap_scores, participant_weights
-from app.analysis.comparison import ALL, Comparison, compare
+from app.analysis.comparison import Comparison, compare
 from app.analysis.objective.comparison import comparison_rows
 from app.analysis.objective.permutation import condition_orders
 from app.analysis.objective.points import Points
@@ -24,7 +24,7 @@ from app.analysis.objective.prediction import CORRELATIONS, SHARES, describe, pr
 from app.analysis.objective.scores import score_sets
 from app.analysis.power import StudyPlan, simulate_votes
 from app.analysis.settings import AnalysisSettings
-from app.analysis.votes_table import VotesTable, votes_from_indices
+from app.analysis.votes_table import ALL, VotesTable, votes_from_indices
 
 Array = NDArray[np.float64]
 

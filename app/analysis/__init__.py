@@ -10,16 +10,19 @@ from app.analysis.settings import AnalysisSettings
 from app.analysis.votes_table import VotesError, VotesTable
 
 if TYPE_CHECKING:
-    from app.analysis.report import analyse_file, analyse_ratings_file, write_analysis
+    from app.analysis.analyse_files import analyse_file, analyse_ratings_file
+    from app.analysis.report import write_analysis
 else:
 
     def __getattr__(name: str) -> object:
         """Import the report when it is asked for: what draws its figures takes a quarter of the time of all imports."""
-        if name not in ("analyse_file", "analyse_ratings_file", "write_analysis"):
+        if name == "write_analysis":
+            from app.analysis import report as module
+        elif name in ("analyse_file", "analyse_ratings_file"):
+            from app.analysis import analyse_files as module
+        else:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        from app.analysis import report
-
-        return getattr(report, name)
+        return getattr(module, name)
 
 
 __all__ = [

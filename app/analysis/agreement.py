@@ -16,7 +16,7 @@ from scipy.stats import chi2, rankdata
 
 from app.analysis.correlation import defined, kendall, pearson, spearman
 from app.analysis.counts import PairCounts, count_pairs
-from app.analysis.votes_table import VotesTable, numbered, only_compared
+from app.analysis.votes_table import ALL, VotesTable, numbered, only_compared
 
 BETWEEN_DATASETS = {"pearson": pearson, "spearman": spearman, "kendall": kendall}
 MOST_ORDERS, FEWEST_ORDERS = 999, 199  # of items' names, tried at random
@@ -123,9 +123,7 @@ def _has_repeats(votes: VotesTable) -> bool:
     """Did a participant judge a pair more than once? Kendall's u would then count them as agreeing with themselves."""
     if not votes.has_participants:
         return False
-    low, high = np.minimum(votes.item_a, votes.item_b), np.maximum(votes.item_a, votes.item_b)
-    n = len(votes.items)
-    key = np.sort((votes.participant.astype(np.int64) * n + low) * n + high)
+    key = np.sort(votes.participant.astype(np.int64) * len(votes.items) ** 2 + votes.pair)
     return bool((key[1:] == key[:-1]).any() or (votes.count > 1).any())
 
 
@@ -133,7 +131,7 @@ def agreement_rows(votes: VotesTable) -> list[dict[str, Any]]:
     """Return agreement and transitivity of each named dataset; of all votes where datasets have no names."""
     names = [(name, votes.where(votes.dataset == index)) for index, name in enumerate(votes.datasets) if name]
     rows = []
-    for name, part in names or [("all", votes)]:
+    for name, part in names or [(ALL, votes)]:
         if len(part):
             counts = count_pairs(only_compared(part))
             kendall_u = NO_AGREEMENT if _has_repeats(part) else agreement(counts)

@@ -12,7 +12,7 @@ import pandas as pd
 from app.analysis.agreement import agreement_rows, concordance, dataset_agreement_rows
 from app.analysis.attention_checks import check_rows
 from app.analysis.bradley_terry import fit_scores
-from app.analysis.comparison import ALL, Comparison, compare, dataset_names, in_order, of_dataset
+from app.analysis.comparison import Comparison, compare, dataset_names, in_order, votes_on_dataset
 from app.analysis.contrasts import holm
 from app.analysis.factors import (
     Effect,
@@ -35,7 +35,6 @@ from app.analysis.random_effect_rows import random_effect_tables
 from app.analysis.reading import Rows, votes_from_rows
 from app.analysis.result_rows import (
     contrast_rows,
-    effect_row,
     group_rows,
     model_row,
     pair_rows,
@@ -46,7 +45,7 @@ from app.analysis.result_rows import (
 )
 from app.analysis.settings import AnalysisSettings
 from app.analysis.triads import triads
-from app.analysis.votes_table import MAIN, WITHDRAWN, VotesError, VotesTable, only_compared
+from app.analysis.votes_table import ALL, MAIN, WITHDRAWN, VotesError, VotesTable, only_compared
 from app.analysis.warnings import MOST_PAIRS, measure_warnings, warnings_of
 
 
@@ -157,7 +156,7 @@ def factor_results(
     with_levels = votes_with_levels(votes, settings.factors)
     ordered = {c.dataset for c in compared if c.comparison == ALL and c.fit.design.has_order}
     for dataset in dataset_names(votes, settings) if settings.factors else ():
-        part = only_compared(of_dataset(with_levels, dataset))
+        part = only_compared(votes_on_dataset(with_levels, dataset))
         has_order = dataset in ordered
         fit = fit_additive(part, settings.factors, ties=settings.ties, order_effect=has_order)
         if fit is not None and fit.status == "ok":
@@ -179,7 +178,7 @@ def factor_results(
         }
         tests.append(_datasets_test(model, parts))
     tests.append(_datasets_test("additive", additive))
-    return [effect_row(effect) for effect in effects], [test for test in tests if test is not None]
+    return [asdict(effect) for effect in effects], [test for test in tests if test is not None]
 
 
 def _left_out(votes: VotesTable, settings: AnalysisSettings) -> list[str]:
@@ -197,7 +196,9 @@ def _left_out(votes: VotesTable, settings: AnalysisSettings) -> list[str]:
 
 def group_comparisons(votes: VotesTable, settings: AnalysisSettings) -> list[GroupComparison]:
     """Compare the groups of each grouping, on each dataset and on all together."""
-    parts = [(dataset, of_dataset(votes, dataset)) for dataset in dataset_names(votes, settings) if settings.groups]
+    if not settings.groups:
+        return []
+    parts = [(dataset, votes_on_dataset(votes, dataset)) for dataset in dataset_names(votes, settings)]
     return [
         comparison for dataset, part in parts if len(part) for comparison in compare_groups(part, dataset, settings)
     ]

@@ -10,7 +10,7 @@ import numpy as np
 
 from app.analysis.measures_table import is_long, read_measures_table
 from app.analysis.tabular import numbers, read_csv
-from app.analysis.votes_table import VotesError
+from app.analysis.votes_table import ALL, VotesError
 
 
 def read_items(path: Path) -> dict[str, dict[str, str]]:
@@ -55,16 +55,13 @@ def _read_attributes(path: Path, key: str, attribute: str) -> dict[str, dict[str
     }
 
 
-EVERY_DATASET = "all"  # stands for every dataset in a table of measures
-
-
 @dataclass(frozen=True)
 class MeasureValues:
     """Objective measures of the items.
 
     Parameters
     ----------
-    values : measure -> dataset -> item -> value
+    values : measure -> dataset, or `all` -> item -> value
     better : measure -> `higher` or `lower`, where the table tells
     notes : sentences on what was averaged or left out
     """
@@ -76,13 +73,13 @@ class MeasureValues:
     def on(self, datasets: Sequence[str]) -> dict[str, dict[str, dict[str, float]]]:
         """Return the values on these datasets, with those that the table gives for all of them."""
         return {
-            measure: {name: by.get(EVERY_DATASET, {}) | by.get(name, {}) for name in datasets}
+            measure: {name: by.get(ALL, {}) | by.get(name, {}) for name in datasets}
             for measure, by in self.values.items()
         }
 
     def strangers(self, datasets: Sequence[str], items: Sequence[str]) -> list[str]:
         """Return the names, dataset/item, of what is not among these datasets and items."""
-        known = {EVERY_DATASET, *datasets}
+        known = {ALL, *datasets}
         places = {(d, item): None for by in self.values.values() for d, row in by.items() for item in row}
         return [f"{d}/{item}" for d, item in places if d not in known or item not in items]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from app.analysis.bradley_terry import ConvergenceError, fit_counts, is_identified
+from app.analysis.bradley_terry import fit_counts, is_identified
 from app.analysis.counts import PairCounts, outcome_index
 from app.analysis.fit import Fit
 from app.analysis.newton import Design, Search, maximise
@@ -62,7 +62,7 @@ def percentile_tail(level: float, n_participants: int) -> float:
 
     Source
     ------
-    Hesterberg (2015), "What teachers should know about the bootstrap", section 4.2: the expanded percentile interval.
+    Hesterberg (2015), "What teachers should know about the bootstrap", on the expanded percentile interval.
     """
     n = n_participants
     return float(norm.cdf(-np.sqrt(n / (n - 1)) * student.ppf((1 + level) / 2, n - 1)))
@@ -179,6 +179,6 @@ def _fit_alone(fit: Fit, wins: Array, losses: Array, ties: Array) -> Array | Non
     counts = PairCounts(fit.counts.n_items, first, second, *table, is_ordered=fit.counts.is_ordered)
     try:
         refit = fit_counts(counts, fit.items, ties=fit.ties, levels=fit.design.levels, penalty=None)
-    except (ConvergenceError, RuntimeError):
+    except RuntimeError:  # no estimate converged
         return None
     return refit.scores if refit.status == "ok" else None

@@ -26,10 +26,6 @@ LARGEST_FIRTH = 300  # parameters; each step inverts a matrix
 RIDGE = 0.1  # penalty where Firth's correction does not apply (Rao-Kupper, many parameters)
 
 
-class ConvergenceError(RuntimeError):
-    """The maximum exists, and Newton's method did not reach it."""
-
-
 def fit_scores(
     votes: VotesTable,
     *,
@@ -55,7 +51,7 @@ def fit_scores(
 
     Raises
     ------
-    ConvergenceError
+    RuntimeError
         If the maximum exists and Newton's method did not reach it.
 
     Source
@@ -181,7 +177,7 @@ def _maximum(fit: Fit, penalty: str | None, *, is_certain: bool) -> Fit:
     if not maximum.converged[0]:
         if not is_certain:
             return _penalised(replace(fit, status="separated"), penalty)
-        raise ConvergenceError(
+        raise RuntimeError(
             f"the scores of {len(fit.items)} items did not converge in {maximum.iterations} iterations "
             "although a maximum exists"
         )

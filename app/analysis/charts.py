@@ -17,14 +17,15 @@ from app.analysis.drawing import (
     MARGIN,
     PALETTE,
     Labels,
-    arranged,
-    colours_of,
+    colour_by,
+    dashed_line,
     labels_of,
-    legend_of,
     panel_layout,
-    shapes_of,
+    panels_in_rows,
+    shape_by,
     text_width,
 )
+from app.analysis.votes_table import ALL
 
 Row = Mapping[str, Any]
 
@@ -35,7 +36,7 @@ LARGEST_CELL = 46
 AXIS_TITLE = 16  # pixels
 
 
-def scores_chart(analysis: Mapping[str, Any], comparison: str = "all", width: int = FULL) -> Any:
+def scores_chart(analysis: Mapping[str, Any], comparison: str = ALL, width: int = FULL) -> Any:
     """Draw the scores with their intervals, a panel per dataset, conditions ordered by their overall score.
 
     Parameters
@@ -52,25 +53,19 @@ def scores_chart(analysis: Mapping[str, Any], comparison: str = "all", width: in
     if not rows:
         return None
     items = _by_score(rows)
-    names, labels = _datasets(analysis, rows), labels_of(items, width)
-    n_columns, panel_width = panel_layout(len(names), labels, width)
-    panels = [
-        _scores_panel(
-            [row for row in rows if row["dataset"] == name],
-            labels.axis(is_shown=number % n_columns == 0),
-            alt.Scale(domain=items),
-        ).properties(
-            width=panel_width,
-            height=alt.Step(labels.step(18)),
-            title=_title(name) if analysis["votes"]["datasets"] else "",
-        )
-        for number, name in enumerate(names)
-    ]
-    return arranged(panels, n_columns)
+    labels = labels_of(items, width)
+
+    def panel(dataset: str, axis: alt.Axis) -> Any:
+        chart = _scores_panel([row for row in rows if row["dataset"] == dataset], axis, alt.Scale(domain=items))
+        title = title_of(dataset) if analysis["votes"]["datasets"] else ""
+        return chart.properties(height=alt.Step(labels.step(18)), title=title)
+
+    return panels_in_rows(_datasets(analysis, rows), labels, width, panel)
 
 
-def _title(dataset: str) -> str:
-    return "all datasets" if dataset == "all" else dataset
+def title_of(dataset: str) -> str:
+    """Return the title of a panel for a dataset, or for all together."""
+    return "all datasets" if dataset == ALL else dataset
 
 
 def _scores_panel(rows: Sequence[Row], axis: alt.Axis, conditions: alt.Scale) -> Any:
@@ -93,8 +88,7 @@ def _scores_panel(rows: Sequence[Row], axis: alt.Axis, conditions: alt.Scale) ->
         ),
         tooltip=["item:N", *(alt.Tooltip(f"{name}:Q", format="+.2f") for name in ("score", "ci_low", "ci_high"))],
     )
-    zero = alt.Chart(alt.Data(values=[{"zero": 0}])).mark_rule(strokeDash=[4, 3], color="#777777").encode(x="zero:Q")
-    return alt.layer(zero, bars, points)
+    return alt.layer(dashed_line("x", 0), bars, points)
 
 
 SCORE = "score (log-odds)"
@@ -119,8 +113,8 @@ def levels_chart(analysis: Mapping[str, Any], factor: str, width: int = FULL) ->
         return None
     levels = _by_score(rows)
     names = _datasets(analysis, rows)
-    datasets = [_title(name) for name in names]
-    values = [dict(row) | {"dataset": _title(row["dataset"])} for row in rows if row["dataset"] in names]
+    datasets = [title_of(name) for name in names]
+    values = [dict(row) | {"dataset": title_of(row["dataset"])} for row in rows if row["dataset"] in names]
     is_turned = any(text_width(name) > (width - 60) / len(datasets) for name in datasets)
     base = alt.Chart(alt.Data(values=values)).encode(
         x=alt.X(
@@ -131,25 +125,14 @@ def levels_chart(analysis: Mapping[str, Any], factor: str, width: int = FULL) ->
             axis=alt.Axis(labelAngle=-60 if is_turned else 0, labelLimit=0, labelOverlap=False),
         ),
         xOffset=alt.XOffset("item:N", sort=levels, scale=alt.Scale(paddingOuter=0.5)),
-        color=_colours("item", factor, levels, width),
+        color=colour_by("item", factor, levels, width),
     )
     bars = base.mark_rule(strokeWidth=1.6).encode(y=alt.Y("ci_low:Q", title=SCORE), y2="ci_high:Q")
     points = base.mark_point(size=52, opacity=1, filled=True).encode(
         y=alt.Y("score:Q", title=SCORE, scale=alt.Scale(nice=True, zero=True)),
-        shape=_shapes("item", factor, levels, width),
+        shape=shape_by("item", factor, levels, width),
     )
-    zero = alt.Chart(alt.Data(values=[{"zero": 0}])).mark_rule(strokeDash=[4, 3], color="#777777").encode(y="zero:Q")
-    return alt.layer(zero, bars, points).properties(width=width - MARGIN - 45, height=230)
-
-
-def _colours(field: str, title: str, names: Sequence[str], width: int) -> alt.Color:
-    scale = alt.Scale(domain=list(names), range=colours_of(len(names)))
-    return alt.Color(f"{field}:N", title=title, scale=scale, legend=legend_of(names, width))
-
-
-def _shapes(field: str, title: str, names: Sequence[str], width: int) -> alt.Shape:
-    scale = alt.Scale(domain=list(names), range=shapes_of(len(names)))
-    return alt.Shape(f"{field}:N", title=title, scale=scale, legend=legend_of(names, width))
+    return alt.layer(dashed_line("y", 0), bars, points).properties(width=width - MARGIN - 45, height=230)
 
 
 def groups_chart(analysis: Mapping[str, Any], grouping: str, width: int = FULL) -> Any:
@@ -168,7 +151,7 @@ def groups_chart(analysis: Mapping[str, Any], grouping: str, width: int = FULL) 
     rows = [
         row
         for row in analysis["groups"]
-        if row["grouping"] == grouping and row["dataset"] == "all" and row["score"] is not None
+        if row["grouping"] == grouping and row["dataset"] == ALL and row["score"] is not None
     ]
     if not rows:
         return None
@@ -178,19 +161,19 @@ def groups_chart(analysis: Mapping[str, Any], grouping: str, width: int = FULL) 
     base = alt.Chart(alt.Data(values=[dict(row) for row in rows])).encode(
         y=alt.Y("item:N", scale=alt.Scale(domain=items), sort=None, title=None, axis=labels.axis()),
         yOffset=alt.YOffset("group:N", sort=groups),
-        color=_colours("group", grouping, groups, width),
+        color=colour_by("group", grouping, groups, width),
     )
     bars = base.mark_rule(strokeWidth=1.6).encode(x=alt.X("ci_low:Q", title=SCORE), x2="ci_high:Q")
     points = base.mark_point(size=46, opacity=1, filled=True).encode(
         x=alt.X("score:Q", title=SCORE, scale=alt.Scale(nice=True, zero=True)),
-        shape=_shapes("group", grouping, groups, width),
+        shape=shape_by("group", grouping, groups, width),
     )
     height = alt.Step(max(labels.step(18) / len(groups), 13))
     _, panel_width = panel_layout(1, labels, width)
-    return alt.layer(bars, points).properties(width=panel_width, height=height, title="all datasets")
+    return alt.layer(bars, points).properties(width=panel_width, height=height, title=title_of(ALL))
 
 
-def preference_chart(analysis: Mapping[str, Any], dataset: str = "all", width: int = FULL) -> Any:
+def preference_chart(analysis: Mapping[str, Any], dataset: str = ALL, width: int = FULL) -> Any:
     """Draw how often the row's condition was preferred to the column's, with the counts; a tie counts half for each.
 
     Parameters
@@ -203,8 +186,8 @@ def preference_chart(analysis: Mapping[str, Any], dataset: str = "all", width: i
     -------
     altair chart, or None if there are no votes or too many items to read
     """
-    pairs = _unordered([row for row in analysis["pairs"] if row["comparison"] == "all" and row["dataset"] == dataset])
-    scores = [row for row in analysis["scores"] if row["comparison"] == "all" and row["dataset"] == dataset]
+    pairs = _unordered([row for row in analysis["pairs"] if row["comparison"] == ALL and row["dataset"] == dataset])
+    scores = [row for row in analysis["scores"] if row["comparison"] == ALL and row["dataset"] == dataset]
     if not pairs or len(scores) > MOST_ITEMS_IN_A_MATRIX:
         return None
     color = alt.Color(
@@ -214,7 +197,7 @@ def preference_chart(analysis: Mapping[str, Any], dataset: str = "all", width: i
         legend=alt.Legend(format="%", orient="bottom", gradientLength=110, values=[0, 0.5, 1]),
     )
     title = alt.TitleParams(
-        "Preferences" if dataset == "all" else f"Preferences, {dataset}",
+        "Preferences" if dataset == ALL else f"Preferences, {dataset}",
         subtitle=["number of votes for the row's condition over the", "column's; the colour counts ties half"],
     )
     values = [cell for row in pairs for cell in _cells(row)]
@@ -279,7 +262,7 @@ def _cells(row: Row) -> list[dict[str, Any]]:
     ]
 
 
-def residual_chart(analysis: Mapping[str, Any], dataset: str = "all", width: int = FULL) -> Any:
+def residual_chart(analysis: Mapping[str, Any], dataset: str = ALL, width: int = FULL) -> Any:
     """Draw the standardised residuals of the pairs: where the model predicts too many or too few wins.
 
     Parameters
@@ -296,10 +279,10 @@ def residual_chart(analysis: Mapping[str, Any], dataset: str = "all", width: int
         [
             row
             for row in analysis["pairs"]
-            if row["comparison"] == "all" and row["dataset"] == dataset and row["expected_a"] is not None
+            if row["comparison"] == ALL and row["dataset"] == dataset and row["expected_a"] is not None
         ]
     )
-    scores = [row for row in analysis["scores"] if row["comparison"] == "all" and row["dataset"] == dataset]
+    scores = [row for row in analysis["scores"] if row["comparison"] == ALL and row["dataset"] == dataset]
     if not pairs or len(scores) > MOST_ITEMS_IN_A_MATRIX:
         return None
     color = alt.Color(
@@ -380,7 +363,7 @@ def _panel_width(labels: Labels, width: int) -> float:
 
 def _by_score(rows: Sequence[Row]) -> list[str]:
     """Return the items from best to worst by the pooled score, or by the datasets' scores without one."""
-    pooled = [row for row in rows if row["dataset"] == "all"] or rows
+    pooled = [row for row in rows if row["dataset"] == ALL] or rows
     known = sorted(pooled, key=lambda row: -(row["score"] if row["score"] is not None else 0))
     names = dict.fromkeys(row["item"] for row in known)
     return list(names | dict.fromkeys(row["item"] for row in rows))
@@ -388,7 +371,7 @@ def _by_score(rows: Sequence[Row]) -> list[str]:
 
 def _datasets(analysis: Mapping[str, Any], rows: Sequence[Row]) -> list[str]:
     """Return the datasets of rows and then all together, where they are several."""
-    if len({row["dataset"] for row in analysis["scores"]} - {"all"}) == 1:
-        rows = [row for row in rows if row["dataset"] != "all"] or rows
+    if len({row["dataset"] for row in analysis["scores"]} - {ALL}) == 1:
+        rows = [row for row in rows if row["dataset"] != ALL] or rows
     names = list(dict.fromkeys(row["dataset"] for row in rows))
-    return [*(name for name in names if name != "all"), *(name for name in names if name == "all")]
+    return [*(name for name in names if name != ALL), *(name for name in names if name == ALL)]

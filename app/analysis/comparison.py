@@ -18,11 +18,10 @@ from app.analysis.fit import Fit
 from app.analysis.separation import group_fits, separated_contrasts
 from app.analysis.settings import AnalysisSettings
 from app.analysis.showing_order import why_no_order_effect
-from app.analysis.votes_table import VotesTable, only_compared
+from app.analysis.votes_table import ALL, VotesTable, only_compared
 
 Array = NDArray[np.float64]
 
-ALL = "all"
 PARTS = re.compile(r"\d+|\D+")
 
 
@@ -44,12 +43,12 @@ class Comparison:
 
     @cached_property
     def groups(self) -> list[Fit]:
-        """The fits of the groups that separated votes set apart; none where all scores have a maximum."""
+        """Fits of the groups that separated votes set apart; none where all scores have a maximum."""
         return group_fits(self.fit, self.votes) if self.fit.status == "separated" else []
 
     @cached_property
     def contrasts(self) -> list[Contrast]:
-        """The differences of all pairs of items with their tests."""
+        """Differences of all pairs of items with their tests."""
         if self.fit.status == "separated":
             return separated_contrasts(self.fit, self.votes, self.groups)
         return contrasts(self.fit)
@@ -89,7 +88,7 @@ def compare(votes: VotesTable, settings: AnalysisSettings) -> Iterator[Compariso
     for comparison in (ALL, *settings.comparisons):
         chosen = votes if comparison == ALL else votes_on_factor(with_levels, settings.factors, comparison)
         for dataset in dataset_names(votes, settings):
-            part = of_dataset(chosen, dataset)
+            part = votes_on_dataset(chosen, dataset)
             if len(part):
                 yield _compare(comparison, dataset, only_compared(part), settings, weights)
 
@@ -122,7 +121,7 @@ def fit_by(settings: AnalysisSettings, votes: VotesTable) -> tuple[Fit, str | No
     return fit_scores(votes, ties=settings.ties, penalty=settings.penalty), why
 
 
-def of_dataset(votes: VotesTable, dataset: str) -> VotesTable:
+def votes_on_dataset(votes: VotesTable, dataset: str) -> VotesTable:
     """Return the votes on a dataset, or all votes."""
     return votes if dataset == ALL else votes.where(votes.dataset == votes.datasets.index(dataset))
 

@@ -1,4 +1,4 @@
-"""Correlate values with scores: linear, monotone and rank correlations."""
+"""Correlate values with scores: linear and rank correlations."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import isotonic_regression
 from scipy.stats import kendalltau, rankdata
 
 Array = NDArray[np.float64]
@@ -45,16 +44,3 @@ def spearman(values: Array, scores: Array) -> float:
 def kendall(values: Array, scores: Array) -> float:
     """Return Kendall's tau-b of float64 (n,) values."""
     return float(kendalltau(values, scores).statistic)
-
-
-def monotone_pearson(values: Array, scores: Array) -> float:
-    """Return the correlation of the scores with their best monotone function of the measure, both float64 (n,).
-
-    It has the sign of the function's direction and is never smaller in size than the linear correlation. With few
-    points it flatters the measure, so the report also gives the others.
-    """
-    sign = 1.0 if spearman(values, scores) >= 0 else -1.0
-    _, place, times = np.unique(sign * values, return_inverse=True, return_counts=True)
-    means = np.bincount(place, scores) / times  # items of equal measure get one value
-    fitted = np.asarray(isotonic_regression(means, weights=times).x)[place]
-    return 0.0 if np.ptp(fitted) == 0 else sign * pearson(fitted, scores)

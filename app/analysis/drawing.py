@@ -8,10 +8,10 @@ from __future__ import annotations
 import json
 import re
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from typing import Any
+from typing import Any, Literal
 
 import altair as alt
 import vl_convert
@@ -60,10 +60,43 @@ def shapes_of(n: int) -> list[str]:
     return [SHAPES[(place + place // len(PALETTE)) % len(SHAPES)] for place in range(n)]
 
 
-def legend_of(names: Sequence[str], width: int) -> alt.Legend:
-    """Return a legend below the figure, with as many columns as the longest name leaves room for."""
-    longest = max((text_width(name) for name in names), default=0.0) + LEGEND_SYMBOL
+def colour_by(field: str, title: str, names: Sequence[str], width: int) -> alt.Color:
+    """Return a colour for each name, with a legend below the figure.
+
+    Parameters
+    ----------
+    field : of the data, with the names
+    title : of the legend
+    names : in their order
+    width : of the figure, in pixels
+    """
+    scale = alt.Scale(domain=list(names), range=colours_of(len(names)))
+    return alt.Color(f"{field}:N", title=title, scale=scale, legend=_legend(names, width))
+
+
+def shape_by(field: str, title: str, names: Sequence[str], width: int) -> alt.Shape:
+    """Return a shape for each name, with the same legend as `colour_by`.
+
+    Parameters
+    ----------
+    field, title, names, width : as in `colour_by`
+    """
+    scale = alt.Scale(domain=list(names), range=shapes_of(len(names)))
+    return alt.Shape(f"{field}:N", title=title, scale=scale, legend=_legend(names, width))
+
+
+def _legend(names: Sequence[str], width: int) -> alt.Legend | None:
+    """Return a legend with as many columns as the longest name leaves room for; none for a single name."""
+    if len(names) < 2:
+        return None
+    longest = max(text_width(name) for name in names) + LEGEND_SYMBOL
     return alt.Legend(symbolOpacity=1, orient="bottom", columns=max(1, int(width // longest)), labelLimit=width)
+
+
+def dashed_line(side: Literal["x", "y"], value: float) -> Any:
+    """Draw a dashed line across a panel at a value of the horizontal or vertical axis."""
+    rule = alt.Chart(alt.Data(values=[{"line": value}])).mark_rule(strokeDash=[4, 3], color="#777777")
+    return rule.encode(**{side: "line:Q"})
 
 
 def text_width(text: str, size: float = FONT_SIZE) -> float:
@@ -151,12 +184,25 @@ def panel_layout(n_panels: int, labels: Labels, width: int = FULL) -> tuple[int,
     return n, (room - GAP * (n - 1)) / n
 
 
-def arranged(panels: Sequence[Any], n_columns: int) -> dict[str, Any]:
+def panels_in_rows(
+    names: Sequence[str], labels: Labels, width: int, draw: Callable[[str, alt.Axis], Any]
+) -> dict[str, Any]:
     """Return the specification of panels in rows, which share their horizontal axis.
 
     The library's own functions copy all panels at each step: half a second for seventeen.
+
+    Parameters
+    ----------
+    names : of the panels
+    labels : beside the first panel of each row
+    width : of the figure, in pixels
+    draw : function of a panel's name and its vertical axis; returns the chart
     """
-    parts = [panel.to_dict(validate=False, context={"top_level": False}) for panel in panels]
+    n_columns, panel_width = panel_layout(len(names), labels, width)
+    panels = (draw(name, labels.axis(is_shown=number % n_columns == 0)) for number, name in enumerate(names))
+    parts = [
+        panel.properties(width=panel_width).to_dict(validate=False, context={"top_level": False}) for panel in panels
+    ]
     shared = {"resolve": {"scale": {"x": "shared"}}}
     rows = [
         {"hconcat": parts[start : start + n_columns], "spacing": GAP} | shared

@@ -7,7 +7,7 @@ without a level of every factor, such as the models of another program, take no 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from app.analysis.bradley_terry import fit_scores
-from app.analysis.contrasts import Estimates, contrasts_of, has_few_participants, letters
+from app.analysis.contrasts import Estimates, contrasts_of, half_widths, has_few_participants, letters
 from app.analysis.fit import Fit
 from app.analysis.votes_table import VotesTable
 
@@ -35,11 +35,8 @@ def votes_with_levels(votes: VotesTable, factors: Factors) -> VotesTable:
     without = items_without_levels(votes.items, factors)
     if not without:
         return votes
-    items = tuple(item for item in votes.items if item not in without)
-    places = {item: place for place, item in enumerate(items)}
-    codes = np.array([places.get(item, -1) for item in votes.items], np.int32)
-    kept = votes.where((codes[votes.item_a] >= 0) & (codes[votes.item_b] >= 0))
-    return replace(kept, items=items, item_a=codes[kept.item_a], item_b=codes[kept.item_b])
+    is_kept = np.array([item not in without for item in votes.items])
+    return votes.where(is_kept[votes.item_a] & is_kept[votes.item_b]).with_items(is_kept)
 
 
 def items_without_levels(items: tuple[str, ...], factors: Factors) -> dict[str, list[str]]:
@@ -94,7 +91,7 @@ class Effect:
     zero.
 
     Levels of a factor share a letter if they are not told apart, all else equal (all pairs of its levels, Holm); there
-    are no letters where that is unknown.
+    are no letters where that is unknown. `ci_low` and `ci_high` are the limits of the 95 % interval.
     """
 
     dataset: str
@@ -105,6 +102,8 @@ class Effect:
     se_participant: float | None
     letters: str
     n_participants: int | None
+    ci_low: float | None
+    ci_high: float | None
 
 
 @dataclass(frozen=True)
@@ -145,8 +144,8 @@ def coding(factors: Factors, items: tuple[str, ...]) -> tuple[Array, list[tuple[
     for factor in factors:
         names = level_names(factors, factor, items)
         if len(names) > 1:
-            of_level = np.array([[float(factors[factor][item] == name) for name in names] for item in items])
-            parts.append(of_level[:, :-1] - of_level[:, -1:])
+            has_level = np.array([[float(factors[factor][item] == name) for name in names] for item in items])
+            parts.append(has_level[:, :-1] - has_level[:, -1:])
             columns.append((factor, names))
     return np.concatenate(parts, axis=1) if parts else np.zeros((len(items), 0)), columns
 
@@ -176,24 +175,35 @@ def effects_of(fit: Fit, factors: Factors, dataset: str) -> list[Effect]:
     """
     if fit.theta is None or fit.covariance is None:
         return []
-    effects, column = [], 0
+    effects: list[Effect] = []
+    column = 0
     for factor, names in coding(factors, fit.items)[1]:
         size = len(names) - 1
         to_levels = np.zeros((len(names), len(fit.theta)))
         to_levels[:size, column : column + size] = np.eye(size)
         to_levels[size, column : column + size] = -1
         levels = _levels(fit, names, to_levels)
-        shown = _letters(levels) if fit.status == "ok" else {}
-        se = np.sqrt(np.diag(levels.covariance)).tolist()
-        clustered: list[float | None] = [None] * len(names)
-        if levels.participant_covariance is not None:
-            clustered = np.sqrt(np.maximum(np.diag(levels.participant_covariance), 0.0)).tolist()
-        effects += [
-            Effect(dataset, factor, *row, letters=shown.get(row[0], ""), n_participants=fit.n_participants)
-            for row in zip(names, levels.values.tolist(), se, clustered, strict=True)
-        ]
+        effects += _effects(levels, factor, dataset, _letters(levels) if fit.status == "ok" else {})
         column += size
     return effects
+
+
+def _effects(levels: Estimates, factor: str, dataset: str, shown: Mapping[str, str]) -> Iterator[Effect]:
+    """Yield the effects of a factor's levels; `shown` has the letters of each."""
+    unknown: list[float | None] = [None] * len(levels.names)
+    se, clustered, half = np.sqrt(np.diag(levels.covariance)), levels.participant_covariance, half_widths(levels)
+    columns = (
+        levels.names,
+        levels.values.tolist(),
+        se.tolist(),
+        unknown if clustered is None else np.sqrt(np.maximum(np.diag(clustered), 0.0)).tolist(),
+        [shown.get(name, "") for name in levels.names],
+        [levels.n_participants] * len(levels.names),
+        unknown if half is None else (levels.values - half).tolist(),
+        unknown if half is None else (levels.values + half).tolist(),
+    )
+    for row in zip(*columns, strict=True):
+        yield Effect(dataset, factor, *row)
 
 
 def _levels(fit: Fit, names: tuple[str, ...], to_levels: Array) -> Estimates:

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from app.analysis.votes_table import ALL
+
 
 @dataclass(frozen=True)
 class Drawn:
@@ -48,15 +50,15 @@ def _drawn(name: str, analysis: Mapping[str, Any]) -> Drawn | None:
     kind, _, which = name.partition("_")
     if kind in ("scores", "levels"):
         called = [row["comparison"] for row in analysis["scores"] if figure_file_name(row["comparison"]) == which]
-        return Drawn("scores", {"comparison": called[0] if called else "all"}, "item", "score", ends, "dataset")
+        return Drawn("scores", {"comparison": called[0] if called else ALL}, "item", "score", ends, "dataset")
     if kind == "group":
         called = [row["grouping"] for row in analysis["groups"] if figure_file_name(row["grouping"]) == which]
-        return Drawn("groups", {"grouping": called[0], "dataset": "all"}, "item", "score", ends, "group")
+        return Drawn("groups", {"grouping": called[0], "dataset": ALL}, "item", "score", ends, "group")
     return FIGURES.get(name)
 
 
 FIGURES = {
-    "preferences": Drawn("pairs", {"comparison": "all", "dataset": "all"}, "item_a", "a", panels="item_b"),
+    "preferences": Drawn("pairs", {"comparison": ALL, "dataset": ALL}, "item_a", "a", panels="item_b"),
     "triads": Drawn("triads_pooled", {}, "participant", "circular"),
     "response_times": Drawn("observers", {}, "participant", "median_response_ms"),
     "opinion_scores": Drawn("rating_items", {}, "condition", "mos", ("ci_low", "ci_high"), "dataset"),
@@ -68,7 +70,7 @@ FIGURES = {
 
 
 def figure_file_name(text: str) -> str:
-    """Return a factor, measure or grouping as it stands in the name of its figure."""
+    """Return a text as a part of a file's name: other signs than letters and digits become underscores."""
     return "".join(character if character.isalnum() else "_" for character in text)
 
 

@@ -20,6 +20,7 @@ from app.analysis.figure_code import figure_code, figure_file_name
 from app.analysis.objective.charts import measure_chart, ranking_chart
 from app.analysis.objective.prediction import measures_by_rank
 from app.analysis.ratings.charts import rating_charts
+from app.analysis.votes_table import ALL
 
 Row = Mapping[str, Any]
 
@@ -58,12 +59,12 @@ def named_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tup
     """
     for comparison in dict.fromkeys(row["comparison"] for row in analysis["scores"]):
         rows = [row for row in analysis["scores"] if row["comparison"] == comparison]
-        if comparison == "all":
+        if comparison == ALL:
             yield "scores", f"Scores of all conditions {_ends(rows)}", scores_chart(analysis, comparison, width)
             continue
-        file_name, what = figure_file_name(comparison), f"Scores by {comparison}"
-        yield f"levels_{file_name}", f"{what} on each dataset {_ends(rows)}", levels_chart(analysis, comparison, width)
-        yield f"scores_{file_name}", f"{what} {_ends(rows)}", scores_chart(analysis, comparison, width)
+        name, what = figure_file_name(comparison), f"Scores by {comparison}"
+        yield f"levels_{name}", f"{what} on each dataset {_ends(rows)}", levels_chart(analysis, comparison, width)
+        yield f"scores_{name}", f"{what} {_ends(rows)}", scores_chart(analysis, comparison, width)
     preferences = "Votes for the row's condition against the column's; columns have the numbers of the rows."
     yield "preferences", preferences, preference_chart(analysis, width=width)
     yield "residuals", "Where the model and the votes differ.", residual_chart(analysis, width=width)
@@ -86,7 +87,7 @@ def named_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tup
 def _ends(rows: Sequence[Row]) -> str:
     """End a caption: are there intervals, are there penalised estimates, and how are datasets ordered?"""
     penalised = " Hollow points are penalised estimates." if any(row["penalty"] for row in rows) else ""
-    several = " Datasets in alphabetical order." if len({row["dataset"] for row in rows} - {"all"}) > 1 else ""
+    several = " Datasets in alphabetical order." if len({row["dataset"] for row in rows} - {ALL}) > 1 else ""
     return f"{_intervals(rows)}.{penalised}{several}"
 
 

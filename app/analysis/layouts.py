@@ -37,6 +37,11 @@ class Layout:
     choices: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
+    @property
+    def choice_codes(self) -> dict[str, int]:
+        """Their word -> choice, as in `VotesTable`."""
+        return {self.choices.get(choice, choice): code for code, choice in enumerate(CHOICES)}
+
 
 # The format of pwcmp, https://github.com/mantiuk/pwcmp
 PWCMP = Layout(
@@ -185,7 +190,7 @@ def choice_codes(
     VotesError
         Naming the row and the word.
     """
-    known = {layout.choices.get(choice, choice): index for index, choice in enumerate(CHOICES)}
+    known = layout.choice_codes
     codes = _by_word(values, known)
     if (codes < 0).any() and set(layout.choices) <= {"none"}:
         lower = np.array([str(value).lower() for value in values], object)

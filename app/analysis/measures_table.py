@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast, get_args
 
-from app.analysis.tabular import DECIMAL_COMMA, named, read_csv
+from app.analysis.tabular import named, number, read_csv
 from app.analysis.votes_table import VotesError
 
 Better = Literal["higher", "lower"]
@@ -178,7 +178,7 @@ def _full_name(measure: str, direction: str) -> str:
 def _number(row: int, text: str) -> float:
     """Return the value of a cell, NaN where it is empty."""
     try:
-        return float(text.replace(",", ".") if DECIMAL_COMMA.fullmatch(text) else text or "nan")
+        return number(text or "nan")
     except ValueError as error:
         raise VotesError(f"row {row}: value is {text!r}, expected a number") from error
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from app.analysis.bootstrap import RUNAWAY, participant_counts
-from app.analysis.bradley_terry import MANY_ITEMS, ConvergenceError, fit_pairs
+from app.analysis.bradley_terry import MANY_ITEMS, fit_pairs
 from app.analysis.contrasts import holm
 from app.analysis.counts import PairCounts, outcome_index
 from app.analysis.fit import Fit
@@ -82,7 +82,7 @@ def _fit_without_participants(votes: VotesTable, ties: str) -> Fit | None:
     """Fit scores without clustered errors; None where even a penalised estimate does not converge."""
     try:
         return fit_pairs(votes, ties=ties)
-    except (ConvergenceError, RuntimeError):
+    except RuntimeError:  # no estimate converged
         return None
 
 
@@ -166,9 +166,8 @@ def _quantile(values: Array, share: float) -> float | None:
 
 def _repeats(votes: VotesTable) -> tuple[int, int]:
     """Count the pairs judged the same way every time, and the pairs judged more than once."""
-    low, high = np.minimum(votes.item_a, votes.item_b), np.maximum(votes.item_a, votes.item_b)
-    turned = np.where(votes.choice == NONE, 2, (votes.choice == A) == (votes.item_a == low))
-    key = (votes.dataset.astype(np.int64) * len(votes.items) + low) * len(votes.items) + high
+    turned = np.where(votes.choice == NONE, 2, votes.prefers_lower)
+    key = votes.dataset.astype(np.int64) * len(votes.items) ** 2 + votes.pair
     _, pair, times = np.unique(key, return_inverse=True, return_counts=True)
     kinds = np.zeros((len(times), 3), bool)
     kinds[pair, turned.astype(int)] = True

@@ -11,13 +11,12 @@ from scipy.optimize import brentq
 from scipy.stats import binomtest
 
 from app.analysis.bradley_terry import fit_scores
-from app.analysis.contrasts import differences, scores_of
+from app.analysis.contrasts import SIGNIFICANT, differences, scores_of
+from app.analysis.scales import LOG_ODDS_PER_JOD
 from app.analysis.votes_table import VotesTable, votes_from_indices
 
 Array = NDArray[np.float64]
 
-JOD = float(np.log(3))  # log-odds: one item preferred three times as often as the other
-SIGNIFICANT = 0.05
 WANTED_POWER = 0.8
 LARGEST_EFFECT_JOD = 4.0
 DEFAULT_SPREAD = 0.4  # log-odds; makes clustered errors about 1.4 times the naive ones, as on real panels
@@ -107,7 +106,7 @@ def power(plan: StudyPlan, effect_jod: float, seed: int, replicates: int) -> flo
     """
     rng = np.random.default_rng(seed)
     abilities = np.zeros(plan.conditions)
-    abilities[0], abilities[1] = effect_jod * JOD / 2, -effect_jod * JOD / 2
+    abilities[0], abilities[1] = effect_jod * LOG_ODDS_PER_JOD / 2, -effect_jod * LOG_ODDS_PER_JOD / 2
     detections = [_is_detected(simulate_votes(plan, abilities, rng)) for _ in range(replicates)]
     return float(np.mean(detections))
 

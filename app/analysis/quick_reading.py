@@ -10,38 +10,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.tabular import DISARMED
-from app.analysis.votes_table import CHOICES, IDENTICAL, MAIN, ROLES, VotesTable, constant
+from app.analysis.tabular import DISARMED, FLAGS
+from app.analysis.votes_table import IDENTICAL, MAIN, ROLE_CODES, VotesTable, constant
 
 QUICK_FROM = 4_000_000  # bytes; below, the strict reader takes no more than a second
 TEXTS = (
-    "participant",
-    "dataset",
-    "item_a",
-    "item_b",
-    "choice",
-    "first_shown",
-    "practice",
-    "excluded",
-    "reason",
-    "role",
+    *("participant", "dataset", "item_a", "item_b", "choice", "first_shown", "both_seen"),
+    *("practice", "excluded", "reason", "role"),
 )
 NUMBERS = ("response_ms", "press_to_picture_ms", "count")
-FLAGS = {"0": 0, "false": 0, "no": 0, "1": 1, "true": 1, "yes": 1}
 UNKNOWN = -9  # of a word that means nothing here
 BLOCK = 16_000_000  # bytes read at once
 
 Codes = tuple[NDArray[np.int32], list[str]]
 
 
-def quick_votes(path: Path, columns: Mapping[str, str], choices: Mapping[str, str]) -> VotesTable | None:
+def quick_votes(path: Path, columns: Mapping[str, str], choices: Mapping[str, int]) -> VotesTable | None:
     """Read a clean CSV file of votes; None if anything in it needs the strict reader, which says what.
 
     Parameters
     ----------
     path : the file
     columns : our name of a column -> the name in the file, for all that are there
-    choices : our word -> the word in the file, where it differs
+    choices : word in the file -> choice, as in `VotesTable`
 
     Returns
     -------
@@ -55,9 +46,8 @@ def quick_votes(path: Path, columns: Mapping[str, str], choices: Mapping[str, st
     participant, participants = texts["participant"]
     dataset, datasets = texts["dataset"]
     item_a, item_b, items = _items(texts["item_a"], texts["item_b"])
-    words = {choices.get(choice, choice): index for index, choice in enumerate(CHOICES)}
-    choice = _meaning(texts["choice"], words)
-    role = _meaning(texts.get("role"), {"": MAIN, **{name: index for index, name in enumerate(ROLES)}}, n)
+    choice = _meaning(texts["choice"], choices)
+    role = _meaning(texts.get("role"), ROLE_CODES, n)
     practice, excluded, both_seen = (
         constant(empty, np.int8, n) if name not in texts else _meaning(_lower(texts[name]), FLAGS | {"": empty})
         for name, empty in (("practice", 0), ("excluded", 0), ("both_seen", -1))
@@ -101,7 +91,7 @@ def _read(path: Path, columns: Mapping[str, str]) -> tuple[dict[str, Codes], dic
     from pyarrow import csv
 
     text = pyarrow.dictionary(pyarrow.int32(), pyarrow.string())
-    there = {name: given for name, given in columns.items() if name in (*TEXTS, "both_seen", *NUMBERS)}
+    there = {name: given for name, given in columns.items() if name in (*TEXTS, *NUMBERS)}
     options = csv.ConvertOptions(
         include_columns=list(there.values()),
         column_types={given: pyarrow.float64() if name in NUMBERS else text for name, given in there.items()},

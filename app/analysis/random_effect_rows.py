@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from app.analysis.comparison import ALL, Comparison
+from app.analysis.comparison import Comparison
 from app.analysis.contrasts import MOST_ITEMS, holm
 from app.analysis.random_effects import (
     PARTICIPANTS,
@@ -18,6 +18,7 @@ from app.analysis.random_effects import (
     mixture_interval,
     opposite_sign,
 )
+from app.analysis.votes_table import ALL
 
 Array = NDArray[np.float64]
 

@@ -21,17 +21,19 @@ from app.analysis.layouts import (
     MAY_BE_UNKNOWN,
     OPTIONAL,
     REQUIRED,
+    Layout,
     choice_codes,
     our_columns,
     recognise,
     unused_columns,
 )
 from app.analysis.quick_reading import QUICK_FROM, quick_votes
-from app.analysis.tabular import named, numbers, read_frame, refuse, shown
-from app.analysis.votes_table import IDENTICAL, MAIN, ROLES, VotesError, VotesTable, joined
+from app.analysis.tabular import flags, named, numbers, read_frame, refuse, shown, texts
+from app.analysis.votes_table import IDENTICAL, ROLE_CODES, ROLES, VotesError, VotesTable, joined
 from app.analysis.wide_tables import one_vote_a_row
 
-WITHOUT = {"participant": "votes count as independent", "dataset": "all votes are on one dataset"}
+WITHOUT_COLUMN = {"count": "1"}  # what each cell of a column that is not there would say; of others nothing
+WITHOUT_NAMES = {"participant": "votes count as independent", "dataset": "all votes are on one dataset"}
 
 Rows = Iterable[Mapping[str, Any]]
 
@@ -155,7 +157,7 @@ def _read_quickly(
     there = {name: theirs for name, theirs in given.items() if header.count(theirs) == 1}
     if not set(REQUIRED) <= there.keys() or len(set(header)) < len(header) or set(layout.columns) - there.keys():
         return None
-    table = quick_votes(path, there, layout.choices)
+    table = quick_votes(path, there, layout.choice_codes)
     return None if table is None else (table, "text in UTF-8, commas between cells", layout.notes)
 
 
@@ -182,22 +184,31 @@ def _votes_from_frame(
     ours = our_columns(frame, layout)
     if ours.empty:
         raise VotesError("has no row, expected at least one vote")
-    text = {name: _text(ours[name], name) for name in ours.columns}
+    for name in REQUIRED[2:]:
+        refuse(ours[name].isna().to_numpy(), f"{name} is missing")  # its row is too short
+    text = {
+        name: texts(ours[name].to_list()) if name in ours else np.full(len(ours), WITHOUT_COLUMN.get(name, ""), object)
+        for name in (*REQUIRED, *OPTIONAL)
+    }
     unknown = [name for name in MAY_BE_UNKNOWN if not text[name].any()]
-    notes += [f"no {name} is named: {WITHOUT[name]}" for name in unknown]
+    notes += [f"no {name} is named: {WITHOUT_NAMES[name]}" for name in unknown]
     if unknown and (unused := unused_columns(frame, layout)):
         notes.append(f"not used: {named(unused)}")
+    votes, words = _votes_from_texts(text, layout)
+    return votes, [*notes, words] if words else notes
+
+
+def _votes_from_texts(text: Mapping[str, NDArray[np.object_]], layout: Layout) -> tuple[VotesTable, str]:
+    """Return the votes of our columns, each object (N,), and what the words of the choices mean, as `choice_codes`."""
     participant, participants = _names(text["participant"], "participant", may_be_unknown=True)
     dataset, datasets = _names(text["dataset"], "dataset", may_be_unknown=True)
     both, items = _names(np.concatenate([text["item_a"], text["item_b"]]), "item", may_be_unknown=False)
-    item_a, item_b = both[: len(ours)], both[len(ours) :]
-    n = len(ours)
-    role = _role(text.get("role"), n)
+    item_a, item_b = both.reshape(2, -1)
+    role = _role(text["role"])
     refuse(
         (item_a == item_b) & (role != IDENTICAL), lambda row: f"the item {items[item_a[row]]!r} is compared with itself"
     )
     choice, words = choice_codes(text["choice"], (text["item_a"], text["item_b"]), layout)
-    notes += [words] if words else []
     votes = VotesTable(
         participants,
         datasets,
@@ -207,35 +218,17 @@ def _votes_from_frame(
         item_a=item_a,
         item_b=item_b,
         choice=choice,
-        first_shown=_first_shown(text.get("first_shown"), text["item_a"], text["item_b"]),
-        both_seen=_both_seen(text.get("both_seen"), n),
-        count=numbers(text["count"], "count", whole=True).astype(np.int64) if "count" in text else np.ones(n, np.int64),
-        response_ms=_milliseconds(text, "response_ms", n),
-        press_to_picture_ms=_milliseconds(text, "press_to_picture_ms", n),
-        practice=_flags(text.get("practice"), "practice", n),
-        excluded=_flags(text.get("excluded"), "excluded", n),
-        reason=text["reason"] if "reason" in text else np.full(n, "", object),
+        first_shown=_first_shown(text["first_shown"], text["item_a"], text["item_b"]),
+        both_seen=np.where(text["both_seen"] == "", -1, flags(text["both_seen"], "both_seen")).astype(np.int8),
+        count=numbers(text["count"], "count", whole=True).astype(np.int64),
+        response_ms=numbers(text["response_ms"], "response_ms"),
+        press_to_picture_ms=numbers(text["press_to_picture_ms"], "press_to_picture_ms"),
+        practice=flags(text["practice"], "practice"),
+        excluded=flags(text["excluded"], "excluded"),
+        reason=text["reason"],
         role=role,
     )
-    return votes, notes
-
-
-def _text(column: pd.Series[Any], name: str) -> NDArray[np.object_]:
-    """Return the column as stripped text; a missing value is empty, and refused where a row is too short."""
-    values = np.array(column.to_list(), object)
-    is_missing = np.asarray(pd.isna(column))
-    if name in REQUIRED[2:]:
-        refuse(is_missing, lambda _: f"{name} is missing")
-    cleaned = ["" if missing else _as_text(value) for value, missing in zip(values, is_missing, strict=True)]
-    return np.array(cleaned, object)
-
-
-def _as_text(value: Any) -> str:
-    if isinstance(value, str):
-        return value.strip()
-    if isinstance(value, float) and value.is_integer():
-        return str(int(value))
-    return str(value)
+    return votes, words
 
 
 def _names(
@@ -251,10 +244,8 @@ def _names(
 
 
 def _first_shown(
-    values: NDArray[np.object_] | None, item_a: NDArray[np.object_], item_b: NDArray[np.object_]
+    values: NDArray[np.object_], item_a: NDArray[np.object_], item_b: NDArray[np.object_]
 ) -> NDArray[np.int8]:
-    if values is None:
-        return np.full(len(item_a), -1, np.int8)
     first = np.select([values == "", values == item_a, values == item_b], [-1, 0, 1], default=-2)
     refuse(
         first == -2,
@@ -265,33 +256,7 @@ def _first_shown(
     return first.astype(np.int8)
 
 
-def _flags(values: NDArray[np.object_] | None, name: str, n: int) -> NDArray[np.bool_]:
-    if values is None:
-        return np.zeros(n, bool)
-    words = {"": 0, "0": 0, "false": 0, "no": 0, "1": 1, "true": 1, "yes": 1}
-    codes, distinct = pd.factorize(values)
-    flags = np.array([words.get(str(word).lower(), -1) for word in distinct])[codes]
-    refuse(flags < 0, lambda row: f"{name} is {shown(values[row])}, expected true or false")
-    return flags.astype(bool)
-
-
-def _milliseconds(text: Mapping[str, NDArray[np.object_]], name: str, n: int) -> NDArray[np.float64]:
-    """Return a column of times; NaN for an empty cell or without the column."""
-    return numbers(text[name], name) if name in text else np.full(n, np.nan)
-
-
-def _both_seen(values: NDArray[np.object_] | None, n: int) -> NDArray[np.int8]:
-    """Return 1 for true, 0 for false, -1 for an empty cell or without the column."""
-    if values is None:
-        return np.full(n, -1, np.int8)
-    return np.where(values == "", -1, _flags(values, "both_seen", n)).astype(np.int8)
-
-
-def _role(values: NDArray[np.object_] | None, n: int) -> NDArray[np.int8]:
-    """Return 0, 1, 2 for main, repeat, identical; an empty cell is a main vote."""
-    if values is None:
-        return np.zeros(n, np.int8)
-    numbers = {"": MAIN, **{name: number for number, name in enumerate(ROLES)}}
-    roles = np.array([numbers.get(value, -1) for value in values], np.int8)
+def _role(values: NDArray[np.object_]) -> NDArray[np.int8]:
+    roles = np.array([ROLE_CODES.get(value, -1) for value in values], np.int8)
     refuse(roles < 0, lambda row: f"role is {shown(values[row])}, expected {', '.join(ROLES)}")
     return roles

@@ -13,19 +13,14 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from app.analysis.contrasts import FEWEST_PARTICIPANTS
 from app.analysis.figures import Figure
-from app.analysis.findings.phrases import counted
+from app.analysis.findings.phrases import TIES, counted
 from app.analysis.report_sections import sections
 from app.analysis.result_rows import WIDER_INTERVAL
+from app.analysis.votes_table import ALL
 from app.files import packaged
 
 ITEMS_IN_A_TABLE = 60
 PAGES = ("report.html", "report.md")
-TIES_IN_WORDS = {
-    "davidson": "the model of Davidson (1970)",
-    "rao-kupper": "the model of Rao and Kupper (1967)",
-    "half": "half a win for each condition",
-    "drop": "left out",
-}
 
 
 def report_page(name: str, analysis: Mapping[str, Any], figures: Sequence[Figure], source: str) -> str:
@@ -120,17 +115,17 @@ def _score_tables(analysis: Mapping[str, Any]) -> list[dict[str, Any]]:
         shown = dict(row) | {"error": _error(row)}
         groups.setdefault((row["comparison"], row["dataset"]), []).append(shown)
     tables = []
-    for (comparison, dataset), rows in sorted(groups.items(), key=lambda group: group[0][1] != "all"):
+    for (comparison, dataset), rows in sorted(groups.items(), key=lambda group: group[0][1] != ALL):
         rows.sort(key=lambda row: -(row["score"] or 0.0))
-        what = "All conditions" if comparison == "all" else f"Factor {comparison}"
-        where = dataset if dataset != "all" else "all datasets" if analysis["votes"]["datasets"] else "all votes"
+        what = "All conditions" if comparison == ALL else f"Factor {comparison}"
+        where = dataset if dataset != ALL else "all datasets" if analysis["votes"]["datasets"] else "all votes"
         rest = (
             f"; the first {ITEMS_IN_A_TABLE} of {len(rows)}, all in scores.csv" if len(rows) > ITEMS_IN_A_TABLE else ""
         )
         has_letters = any(row.get("letters") for row in rows)
         title = f"{what}, {where}{rest}"
         shown = {"title": title, "rows": rows[:ITEMS_IN_A_TABLE], "has_letters": has_letters}
-        tables.append(shown | {"is_folded": dataset != "all"})
+        tables.append(shown | {"is_folded": dataset != ALL})
     return tables
 
 
@@ -146,8 +141,8 @@ def _methods(analysis: Mapping[str, Any]) -> list[str]:
     settings, votes = analysis["settings"], analysis["votes"]
     texts = [
         f"Conditions were compared in pairs{' with a no-preference option' if votes['ties'] else ''}. "
-        f"Scores were estimated with the Bradley-Terry model (Bradley and Terry 1952) by maximum likelihood; ties: "
-        f"{TIES_IN_WORDS[settings['ties']]}.",
+        f"Scores were estimated with the Bradley-Terry model (Bradley and Terry 1952) by maximum likelihood, ties "
+        f"{TIES[settings['ties']]}.",
         "Before each fit, Ford's condition (1957) and its extensions were checked; where no finite maximum exists, a "
         "penalised estimate is shown and marked, Firth's (1993) unless another is named.",
     ]

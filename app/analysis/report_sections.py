@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from app.analysis.contrasts import SIGNIFICANT
+from app.analysis.findings.pairs import better_first
 from app.analysis.findings.phrases import p_phrase
+from app.analysis.findings.ranking import overall
 from app.analysis.objective.against_scores import score_unit
 from app.analysis.objective.prediction import measures_by_rank
 from app.analysis.ratings.report_sections import rating_sections
-from app.analysis.report_tables import ROWS, Analysis, Figures, Row, section, table
+from app.analysis.report_tables import ROWS, Analysis, Figures, Row, section, table, with_interval
+from app.analysis.votes_table import ALL
 
 MOST_FIGURES = 8  # of measures in the report
 MOST_COMPARED = 30  # pairs of measures in the report
@@ -89,8 +92,8 @@ def _tests(analysis: Analysis) -> dict[str, Any]:
 
 def _overall_first(title: str, text: str, columns: Sequence[str], rows: Sequence[Row]) -> dict[str, Any]:
     """Return a section with the rows over all datasets, and those of single datasets folded away."""
-    single = [row for row in rows if row["dataset"] != "all"]
-    every = [row for row in rows if row["dataset"] == "all"]
+    single = [row for row in rows if row["dataset"] != ALL]
+    every = [row for row in rows if row["dataset"] == ALL]
     tables = [table("Over all datasets" if single else "", columns, every)]
     if single:
         rest = f", the first {ROWS} of {len(single)}" if len(single) > ROWS else ""
@@ -98,26 +101,9 @@ def _overall_first(title: str, text: str, columns: Sequence[str], rows: Sequence
     return {"title": title, "paragraphs": [text], "figures": [], "tables": tables}
 
 
-def clearest_contrasts(analysis: Analysis) -> list[dict[str, Any]]:
+def clearest_contrasts(analysis: Analysis) -> list[Row]:
     """Return the pairs of conditions over all datasets, the better one first, the clearest difference first."""
-    pairs = [row for row in analysis["contrasts"] if (row["comparison"], row["dataset"]) == ("all", "all")]
-    turned = [row if row["difference"] >= 0 else _turned(row) for row in pairs]
-    return sorted(turned, key=lambda row: (row["p_holm"], -row["difference"]))
-
-
-def _turned(row: Row) -> dict[str, Any]:
-    people = {"people_preferring": 1 - row["people_preferring"]} if "people_preferring" in row else {}
-    return (
-        dict(row)
-        | people
-        | {
-            "item_a": row["item_b"],
-            "item_b": row["item_a"],
-            "difference": -row["difference"],
-            "ci_low": None if row["ci_high"] is None else -row["ci_high"],
-            "ci_high": None if row["ci_low"] is None else -row["ci_low"],
-        }
-    )
+    return better_first(overall(analysis["contrasts"]))
 
 
 def _contrasts(analysis: Analysis) -> dict[str, Any]:
@@ -154,8 +140,7 @@ def _random_effects(analysis: Analysis) -> dict[str, Any]:
         "share of people whose own score of the first is higher."
     )
     ordered = sorted(analysis["random_effects_scores"], key=lambda row: -row["score"])
-    pairs = [row if row["difference"] >= 0 else _turned(row) for row in analysis["random_effects_contrasts"]]
-    pairs.sort(key=lambda row: (row["p_holm"], -row["difference"]))
+    pairs = better_first(analysis["random_effects_contrasts"])
     columns = ["item_a", "item_b", "difference", "ci_low", "ci_high", "p_value", "p_holm", "people_preferring"]
     tables = [
         table("Scores", ["item", "score", "se", "ci_low", "ci_high"], ordered),
@@ -166,10 +151,9 @@ def _random_effects(analysis: Analysis) -> dict[str, Any]:
 
 
 def _measures(analysis: Analysis, figures: Figures) -> dict[str, Any]:
-    rows = [_with_intervals(row) for row in analysis["measures"]]
-    last = {row["measure"]: row for row in rows}
-    ranked = [last[measure] for measure in measures_by_rank(analysis["measures"])]
-    single = [row for row in rows if row["dataset"] != "all"] if ranked[0]["dataset"] == "all" else []
+    ranked = [_with_intervals(row) for row in measures_by_rank(analysis["measures"]).values()]
+    single = [_with_intervals(row) for row in analysis["measures"] if row["dataset"] != ALL]
+    single = single if ranked[0]["dataset"] == ALL else []
     correlations = ("pearson_logistic", "pearson", "pearson_monotone", "spearman", "spearman_p", "kendall")
     told = ("pairs_correct", "auc_better_worse", "auc_different_similar")
     drawn = [figure for name, figure in figures.items() if name.startswith("measure_")]
@@ -180,7 +164,7 @@ def _measures(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     where = "all datasets" if single else "the dataset"
     return {
         "title": "Do objective measures predict the scores?",
-        "paragraphs": [MEASURES_TEXT.format(unit=score_unit(analysis)) + rest, _chance_text(len(last))],
+        "paragraphs": [MEASURES_TEXT.format(unit=score_unit(analysis)) + rest, _chance_text(len(ranked))],
         "figures": [*shown, *drawn[:MOST_FIGURES]],
         "tables": [
             table(f"Correlations over {where}, best first", ["measure", "better", "n", *correlations], ranked),
@@ -228,30 +212,15 @@ def _comparisons(analysis: Analysis) -> list[dict[str, Any]]:
         return []
     rest = f" The {MOST_COMPARED} clearest of {len(rows)}" if len(rows) > MOST_COMPARED else ""
     columns = [
-        "measure_a",
-        "measure_b",
-        "pearson_a",
-        "pearson_b",
-        "p_value",
-        "p_holm",
-        "auc_a",
-        "auc_b",
-        "auc_p",
-        "auc_p_holm",
+        *("measure_a", "measure_b", "pearson_a", "pearson_b", "p_value", "p_holm"),
+        *("auc_a", "auc_b", "auc_p", "auc_p_holm"),
     ]
     return [table(f"Does a measure predict better than another?{rest}", columns, rows[:MOST_COMPARED])]
 
 
 def _with_intervals(row: Row) -> dict[str, Any]:
     shown = [name for name in row if f"{name}_low" in row]
-    return dict(row) | {name: _with_interval(row, name) for name in shown}
-
-
-def _with_interval(row: Mapping[str, Any], name: str) -> str | None:
-    value, low, high = (row[key] for key in (name, f"{name}_low", f"{name}_high"))
-    if value is None:
-        return None
-    return f"{value:.2f}" if low is None else f"{value:.2f} [{low:.2f}, {high:.2f}]"
+    return dict(row) | {name: with_interval(row, name, name) for name in shown}
 
 
 def _excluded(analysis: Analysis) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,17 +10,10 @@ from numpy.typing import NDArray
 
 from app.analysis.bootstrap import Bootstrap
 from app.analysis.bradley_terry import fit_pairs
-from app.analysis.comparison import ALL, Comparison
-from app.analysis.contrasts import (
-    FEWEST_PARTICIPANTS,
-    critical_value,
-    half_width,
-    has_few_participants,
-    letters,
-)
+from app.analysis.comparison import Comparison
+from app.analysis.contrasts import half_widths, has_few_participants, letters, scores_of
 from app.analysis.counts import count_pairs
 from app.analysis.distance_prior import fit_with_prior
-from app.analysis.factors import Effect
 from app.analysis.fit import Fit
 from app.analysis.groups import GroupComparison
 from app.analysis.scales import LOG_ODDS_PER_JOD, equivalence_columns, preference_columns
@@ -29,7 +21,7 @@ from app.analysis.settings import LEVEL
 from app.analysis.thurstone import JOD, fit_thurstone
 from app.analysis.ties import TIE_MODELS
 from app.analysis.triads import Triads, pooled_p_value
-from app.analysis.votes_table import NONE, VotesTable
+from app.analysis.votes_table import ALL, NONE, VotesTable
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -163,15 +155,12 @@ def intervals(fit: Fit, bootstrap: Bootstrap | None) -> tuple[Array | None, Arra
     if bootstrap is not None and not is_few and bootstrap.has_percentiles(LEVEL, n_people):
         low, high = bootstrap.interval(LEVEL, n_people)
         return low, high, "participant bootstrap"
-    naive = np.sqrt(np.diag(fit.covariance)[: len(fit.items)])
-    if fit.n_participants is not None:
-        if fit.participant_covariance is None:
-            return None, None, None
-        clustered = np.sqrt(np.diag(fit.participant_covariance)[: len(fit.items)])
-        half = half_width(clustered, naive, fit.n_participants, is_few=is_few)
-        return fit.scores - half, fit.scores + half, WIDER_INTERVAL if is_few else "t on participant errors"
-    half = critical_value(None) * naive
-    return fit.scores - half, fit.scores + half, "normal on information"
+    half = half_widths(scores_of(fit))
+    if half is None:
+        return None, None, None
+    by_participants = WIDER_INTERVAL if is_few else "t on participant errors"
+    method = "normal on information" if fit.n_participants is None else by_participants
+    return fit.scores - half, fit.scores + half, method
 
 
 def _win_probability(fit: Fit, index: int) -> float:
@@ -185,13 +174,13 @@ def _outcomes(votes: VotesTable) -> tuple[list[int], list[int], list[int]]:
     counts = count_pairs(votes)
     won, lost, tied = (part.astype(np.int64) for part in (counts.wins, counts.losses, counts.ties))
 
-    def of_items(in_first: Counts, in_second: Counts) -> list[int]:
+    def by_item(in_first: Counts, in_second: Counts) -> list[int]:
         result = np.zeros(counts.n_items, np.int64)
         np.add.at(result, counts.first, in_first)
         np.add.at(result, counts.second, in_second)
         return result.tolist()
 
-    return of_items(won, lost), of_items(lost, won), of_items(tied, tied)
+    return by_item(won, lost), by_item(lost, won), by_item(tied, tied)
 
 
 def contrast_rows(comparison: Comparison, margin_jod: float | None = None) -> Iterator[dict[str, Any]]:
@@ -265,17 +254,6 @@ def model_row(comparison: Comparison) -> dict[str, Any]:
         "bootstrap_replicates": None if comparison.bootstrap is None else len(comparison.bootstrap.scores),
         "bootstrap_without_maximum": None if comparison.bootstrap is None else comparison.bootstrap.n_without_maximum,
     }
-
-
-def effect_row(effect: Effect) -> dict[str, Any]:
-    """Return a level's effect with its 95 % interval."""
-    n = effect.n_participants
-    if n is not None and effect.se_participant is None:
-        return asdict(effect) | {"ci_low": None, "ci_high": None}
-    naive = np.array(effect.se)
-    clustered = naive if effect.se_participant is None else np.array(effect.se_participant)
-    half = float(half_width(clustered, naive, n, is_few=n is not None and n < FEWEST_PARTICIPANTS))
-    return asdict(effect) | {"ci_low": effect.effect - half, "ci_high": effect.effect + half}
 
 
 def pair_rows(comparison: Comparison) -> Iterator[dict[str, Any]]:

@@ -56,8 +56,10 @@ def equivalence_columns(comparison: Comparison, margin_jod: float | None) -> lis
     rows: list[dict[str, Any]] = [{"p_equivalent": None, "p_equivalent_holm": None} for _ in comparison.contrasts]
     if margin_jod is None:
         return rows
+    fits = comparison.groups or [comparison.fit]  # separated conditions are compared within their group
+    n_participants = {item: fit.n_participants for fit in fits for item in fit.items}
     p_values = {
-        place: _p_equivalent(contrast, contrast.se, margin_jod * LOG_ODDS_PER_JOD, comparison.fit.n_participants)
+        place: _p_equivalent(contrast, contrast.se, margin_jod * LOG_ODDS_PER_JOD, n_participants[contrast.item_a])
         for place, contrast in enumerate(comparison.contrasts)
         if contrast.se is not None and contrast.method != ALL_ALIKE
     }

@@ -19,7 +19,7 @@ from app.analysis.bradley_terry import fit_scores
 from app.analysis.contrasts import BY_SCORES, MOST_ITEMS, Contrast, contrasts, holm
 from app.analysis.fit import Fit
 from app.analysis.settings import LEVEL
-from app.analysis.votes_table import NONE, A, VotesTable, only_compared
+from app.analysis.votes_table import NONE, VotesTable, only_compared
 
 Counts = NDArray[np.int64]
 
@@ -110,14 +110,11 @@ def _pairs(fit: Fit) -> Iterator[tuple[tuple[str, str], tuple[int, int]]]:
 
 def sign_counts(votes: VotesTable) -> SignCounts:
     """Count who prefers which of two items. Votes without preference do not count."""
-    n = len(votes.items)
-    low, high = np.minimum(votes.item_a, votes.item_b), np.maximum(votes.item_a, votes.item_b)
-    pair = low.astype(np.int64) * n + high
-    prefers_low = np.where((votes.choice == A) == (votes.item_a == low), 1, -1)
-    sign = np.where(votes.choice == NONE, 0, prefers_low)
+    n, pair = len(votes.items), votes.pair
+    sign = np.where(votes.choice == NONE, 0, np.where(votes.prefers_lower, 1, -1))
     by_vote = _both_ways(pair, sign, votes.count, n)
     judged = np.zeros((n, n), bool)
-    judged[low, high] = judged[high, low] = True
+    judged[votes.item_a, votes.item_b] = judged[votes.item_b, votes.item_a] = True
     if not votes.has_participants:
         return SignCounts(by_vote, by_vote, judged)
     units, unit = np.unique(votes.participant.astype(np.int64) * n * n + pair, return_inverse=True)

@@ -1,4 +1,4 @@
-"""Settings of an analysis, recorded with its results."""
+"""Hold the settings of an analysis, which are recorded with its results."""
 
 from __future__ import annotations
 

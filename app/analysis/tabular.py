@@ -13,6 +13,7 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -30,9 +31,9 @@ MOST_UNPACKED = 512 * 1024 * 1024  # bytes, of an Excel or gzip file
 SAMPLE = 4096  # bytes that tell text from anything else
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 DECIMAL_COMMA = re.compile(r"[+-]?(?!\d{1,3}(,\d{3})+$)\d+,\d+|[+-]?0,\d+")  # 1,5 and 0,125; 1,234 may be thousands
-DISARMED = (
-    f"^'(?=[{re.escape(''.join(FORMULA))}])"  # an apostrophe that keeps a spreadsheet from taking text for a formula
-)
+# An apostrophe that keeps a spreadsheet from taking text for a formula.
+DISARMED = f"^'(?=[{re.escape(''.join(FORMULA))}])"
+FLAGS = {"": 0, "0": 0, "false": 0, "no": 0, "1": 1, "true": 1, "yes": 1}  # in lower case
 SIGNATURES = {
     b"PK\x03\x04": "a zip or Excel file",
     b"PAR1": "a Parquet file",
@@ -81,6 +82,38 @@ def _read(path: Path, reader: Callable[[Path], pd.DataFrame]) -> pd.DataFrame:
         raise VotesError(f"{path}: {error}") from error
 
 
+def texts(cells: Iterable[Any]) -> NDArray[np.object_]:
+    """Return cells as stripped texts, object (N,): empty where missing, whole numbers without decimals."""
+    return np.array([_text(cell) for cell in cells], object)
+
+
+def _text(cell: Any) -> str:
+    if isinstance(cell, str):
+        return cell.strip()
+    if pd.api.types.is_scalar(cell) and pd.isna(cell):
+        return ""
+    return str(int(cell)) if isinstance(cell, float) and cell.is_integer() else str(cell).strip()
+
+
+def flags(values: NDArray[np.object_], name: str) -> NDArray[np.bool_]:
+    """Return a column's texts as true or false, bool (N,); an empty cell is false.
+
+    Parameters
+    ----------
+    values : object (N,), texts
+    name : of the column, for the error
+
+    Raises
+    ------
+    VotesError
+        Naming the row and the value.
+    """
+    codes, words = pd.factorize(values)
+    known = np.array([FLAGS.get(str(word).lower(), -1) for word in words], np.int8)[codes]
+    refuse(known < 0, lambda row: f"{name} is {shown(values[row])}, expected true or false")
+    return known.astype(bool)
+
+
 def numbers(
     values: NDArray[np.object_], name: str, *, whole: bool = False, may_be_negative: bool = False
 ) -> NDArray[np.float64]:
@@ -106,25 +139,30 @@ def numbers(
     if may_be_negative:
         expected = "a number or nothing"
 
-    def number(value: str) -> float:
+    def number_or_nan(value: str) -> float:
         try:
-            return float(value.replace(",", ".") if DECIMAL_COMMA.fullmatch(value) else value)
+            return number(value)
         except ValueError:
             return math.nan
 
-    parsed = np.array([number(value) for value in values], np.float64)
+    parsed = np.array([number_or_nan(value) if value else math.nan for value in values], np.float64)
     is_bad = ~np.isfinite(parsed) | ((parsed < 0) & (not may_be_negative)) | (whole & (parsed != np.floor(parsed)))
     refuse(is_bad & (whole | (values != "")), lambda row: f"{name} is {shown(values[row])}, expected {expected}")
     return parsed
 
 
-def refuse(is_bad: NDArray[np.bool_], why: Callable[[int], str]) -> None:
+def number(text: str) -> float:
+    """Return a text as a number, with a decimal point or comma; raises ValueError for any other text."""
+    return float(text.replace(",", ".") if DECIMAL_COMMA.fullmatch(text) else text)
+
+
+def refuse(is_bad: NDArray[np.bool_], why: str | Callable[[int], str]) -> None:
     """Raise for the first bad row, with the reason and the number of further ones.
 
     Parameters
     ----------
     is_bad : bool (N,)
-    why : the reason for a row, counted from 0
+    why : the reason, or a function that returns that of a row, counted from 0
 
     Raises
     ------
@@ -134,7 +172,8 @@ def refuse(is_bad: NDArray[np.bool_], why: Callable[[int], str]) -> None:
     rows = np.flatnonzero(is_bad)
     if len(rows):
         more = f" (and {len(rows) - 1} more rows like it)" if len(rows) > 1 else ""
-        raise VotesError(f"row {rows[0] + 1}: {why(int(rows[0]))}{more}")
+        reason = why if isinstance(why, str) else why(int(rows[0]))
+        raise VotesError(f"row {rows[0] + 1}: {reason}{more}")
 
 
 def shown(value: object) -> str:

@@ -1,4 +1,4 @@
-"""Probability models of "no preference" votes (ties): Davidson, Rao and Kupper, half a win each, or dropped.
+"""Model votes without preference (ties): by Davidson, by Rao and Kupper, as half a win each, or left out.
 
 Every model is a set of functions of `d`, the difference of the two scores (plus the order effect), and of `t`, the tie
 parameter: the log-likelihood and its first and second derivatives. From these all designs are fitted. In all of them d,

@@ -14,6 +14,8 @@ CHOICES = ("a", "b", "none")
 A, B, NONE = range(3)
 ROLES = ("main", "repeat", "identical")
 MAIN, REPEAT, IDENTICAL = range(3)
+ROLE_CODES = {"": MAIN} | {role: code for code, role in enumerate(ROLES)}  # an empty cell is a vote to score
+ALL = "all"  # in results: all datasets together, or the comparison of all items
 WITHDRAWN = "withdrawn"  # reason of the participant's own exclusion, which an experimenter cannot undo
 
 
@@ -82,6 +84,22 @@ class VotesTable:
         """Are the votes divided into named datasets?"""
         return self.datasets != ("",)
 
+    @property
+    def is_used(self) -> NDArray[np.bool_]:
+        """Which rows are to be scored, bool (N,): not practice, not excluded, not attention checks."""
+        return np.asarray(~(self.practice | self.excluded) & (self.role == MAIN))
+
+    @property
+    def pair(self) -> NDArray[np.int64]:
+        """Number of each row's pair of items in either order, int64 (N,): lower index times n plus higher index."""
+        low, high = np.minimum(self.item_a, self.item_b), np.maximum(self.item_a, self.item_b)
+        return low.astype(np.int64) * len(self.items) + high
+
+    @property
+    def prefers_lower(self) -> NDArray[np.bool_]:
+        """Is the item of the pair's lower index preferred? bool (N,); of no preference nothing is told."""
+        return np.asarray((self.choice == A) == (self.item_a < self.item_b))
+
     def where(self, rows: NDArray[np.bool_] | NDArray[np.integer[Any]] | slice) -> VotesTable:
         """Return the table with only these rows, bool (N,), int (M,) or a slice; the lists of names stay."""
         if isinstance(rows, np.ndarray) and rows.dtype == bool:
@@ -99,9 +117,17 @@ class VotesTable:
         return {int(ordered.participant[start]): ordered.where(slice(start, end)) for start, end in pairwise(bounds)}
 
     def used(self) -> VotesTable:
-        """Return the rows to score: not practice, not excluded, not attention checks."""
-        is_used = ~(self.practice | self.excluded) & (self.role == MAIN)
+        """Return the rows to score."""
+        is_used = self.is_used
         return self if is_used.all() else self.where(is_used)
+
+    def with_items(self, is_kept: NDArray[np.bool_]) -> VotesTable:
+        """Return the table without the other items, of which no row may be; bool (n,)."""
+        if is_kept.all():
+            return self
+        index = np.cumsum(is_kept).astype(np.int32) - np.int32(1)
+        items = tuple(name for name, kept in zip(self.items, is_kept, strict=True) if kept)
+        return replace(self, items=items, item_a=index[self.item_a], item_b=index[self.item_b])
 
 
 def _rows_of(column: NDArray[Any], rows: Any, size: int) -> NDArray[Any]:
@@ -228,8 +254,4 @@ def only_compared(votes: VotesTable) -> VotesTable:
     """Return the table without the items that no row compares."""
     seen = np.zeros(len(votes.items), bool)
     seen[votes.item_a] = seen[votes.item_b] = True
-    if seen.all():
-        return votes
-    index = np.cumsum(seen).astype(np.int32) - np.int32(1)
-    items = tuple(name for name, is_seen in zip(votes.items, seen, strict=True) if is_seen)
-    return replace(votes, items=items, item_a=index[votes.item_a], item_b=index[votes.item_b])
+    return votes.with_items(seen)

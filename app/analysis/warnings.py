@@ -12,9 +12,8 @@ from scipy.stats import t as student
 from app.analysis.bradley_terry import RIDGE
 from app.analysis.comparison import Comparison
 from app.analysis.objective.permutation import FEWEST_CONDITIONS
-from app.analysis.objective.prediction import ALL
 from app.analysis.settings import LEVEL
-from app.analysis.votes_table import MAIN, VotesTable
+from app.analysis.votes_table import ALL, VotesTable
 
 MOST_PAIRS = 10_000  # listed of a comparison
 MANY_REPEATS = 5  # repeated votes to name
@@ -128,13 +127,11 @@ def _repeats(votes: VotesTable) -> list[str]:
     """Name the rows in which a participant votes on a pair again; these votes count."""
     if not votes.has_participants:
         return []
-    low, high = np.minimum(votes.item_a, votes.item_b), np.maximum(votes.item_a, votes.item_b)
-    n = np.int64(len(votes.items))
-    key = (votes.participant.astype(np.int64) * len(votes.datasets) + votes.dataset) * n * n + low * n + high
-    key = np.where(votes.practice | votes.excluded | (votes.role != MAIN), -1 - np.arange(len(key)), key)
+    unit = votes.participant.astype(np.int64) * len(votes.datasets) + votes.dataset
+    key = np.where(votes.is_used, unit * len(votes.items) ** 2 + votes.pair, -1 - np.arange(len(votes)))
     ordered = np.sort(key)
     n_repeats = int((ordered[1:] == ordered[:-1]).sum())
-    rows = _first_repeats(key.astype(np.int64, copy=False), min(n_repeats, MANY_REPEATS))
+    rows = _first_repeats(key, min(n_repeats, MANY_REPEATS))
     named = [
         f"row {row + 1} ({votes.participants[votes.participant[row]]}, "
         f"{votes.datasets[votes.dataset[row]] or 'no dataset'}, "

@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from app.analysis.layouts import SYNONYMS, plain
-from app.analysis.tabular import named, numbers, refuse, shown
+from app.analysis.tabular import named, numbers, refuse, shown, texts
 from app.analysis.votes_table import VotesError
 
 PAIR = re.compile(r"^(.+?)\s+(?:vs\.?|versus|-|–|:|\|)\s+(.+)$", re.IGNORECASE)
@@ -66,8 +66,8 @@ def _from_matrix(frame: pd.DataFrame, rows: list[str], columns: list[str]) -> pd
 
 
 def _counts(column: pd.Series, name: str) -> NDArray[np.float64]:
-    """Return a column's numbers of wins, NaN where empty."""
-    cells = np.array(["" if pd.isna(cell) else _text(cell) for cell in column], object)
+    """Return a column's numbers of wins, float64 (N,), NaN where empty."""
+    cells = texts(column)
     counts = numbers(cells, name)
     refuse(counts % 1 > 0, lambda row: f"{name} is {shown(cells[row])}, expected a whole number of wins")
     return counts
@@ -75,13 +75,10 @@ def _counts(column: pd.Series, name: str) -> NDArray[np.float64]:
 
 def _from_wide(frame: pd.DataFrame, pairs: dict[str, re.Match[str]], others: list[str]) -> pd.DataFrame:
     given = frame.set_axis([str(name).strip() for name in frame.columns], axis=1)
-    parts = []
+    parts: list[pd.DataFrame] = []
     for name, match in pairs.items():
         part = given[others].copy()
         part["item_a"], part["item_b"], part["choice"] = match[1].strip(), match[2].strip(), given[name]
-        parts.append(part[[not pd.isna(cell) and str(cell).strip() != "" for cell in given[name]]])
-    return pd.concat(parts, ignore_index=True)
-
-
-def _text(cell: object) -> str:
-    return str(int(cell)) if isinstance(cell, float) and cell.is_integer() else str(cell).strip()
+        parts.append(part.loc[texts(given[name]) != ""])
+    together: pd.DataFrame = pd.concat(parts, ignore_index=True)
+    return together

@@ -1,4 +1,4 @@
-"""The demo's study of its videos: created, voted on by simulated participants, analysed, shown on a front page."""
+"""Make the demo's study of its videos, with the votes of simulated participants, its analysis and its front page."""
 
 from __future__ import annotations
 

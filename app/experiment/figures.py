@@ -1,4 +1,4 @@
-"""Figures 6 to 8 in the paper's form: a curve of inliers, and bars of scores, each with its intervals."""
+"""Draw figures 6 to 8 in the paper's form: a curve of inliers, and bars of scores, each with its intervals."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import altair as alt
 
 from app.analysis.drawing import FULL, INK, MARGIN, PALETTE, colours_of
+from app.analysis.votes_table import ALL
 
 LARGEST_MM = 100.0  # of the axis of figure 6
 PUBLISHED, HERE = "published", "here"
@@ -48,10 +49,10 @@ def levels_bars(rows: Sequence[Mapping[str, Any]], datasets: Sequence[str]) -> A
     rows : `dataset`, `item` (a level), `score`, `ci_low` and `ci_high`
     datasets : from left to right; all of them together stand last
     """
-    overall = sorted((row for row in rows if row["dataset"] == "all"), key=lambda row: row["score"])
+    overall = sorted((row for row in rows if row["dataset"] == ALL), key=lambda row: row["score"])
     levels = [row["item"] for row in overall]
     base = alt.Chart(alt.Data(values=list(rows))).encode(
-        x=alt.X("dataset:N", sort=[*datasets, "all"], title=None, axis=alt.Axis(labelAngle=0)),
+        x=alt.X("dataset:N", sort=[*datasets, ALL], title=None, axis=alt.Axis(labelAngle=0)),
         xOffset=alt.XOffset("item:N", sort=levels),
     )
     score = alt.Y("score:Q", title="score, log-odds", scale=alt.Scale(zero=True, nice=True))

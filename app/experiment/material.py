@@ -1,4 +1,4 @@
-"""The report's first parts: what is shown, how it was made, and to whom."""
+"""Write the report's first sections: what was shown, how it was made, and to whom."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from statistics import fmean
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from app.analysis.votes_table import ALL
 from app.experiment.parts import Figure, Section, Table, data_url
 from app.experiment.results import Results, screened_out
 from app.experiment.study import N_PEOPLE, TRUTH
@@ -54,7 +55,7 @@ DEVIATIONS = (  # what table 2 does not say, or we do otherwise: name, paper, ou
 
 
 def material_section(results: Results, published: Mapping[str, Any]) -> Section:
-    best, worst = (list(results.truth("all", "all"))[place] for place in (0, -1))
+    best, worst = (list(results.truth(ALL, ALL))[place] for place in (0, -1))
     stimuli = read_json(results.out / "stimuli" / MANIFEST)["stimuli"]
     figures = []
     for letter, approach in zip("abc", (best, worst, TRUTH), strict=True):

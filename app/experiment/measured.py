@@ -1,4 +1,4 @@
-"""The report's objective parts: the sphere, the cuboid, the models and videos."""
+"""Write the report's objective sections: the sphere, the cuboid, the models and videos."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from statistics import fmean
 from typing import Any
 
 from app.analysis.drawing import chart_svg
+from app.analysis.votes_table import ALL
 from app.experiment.figures import inlier_chart
 from app.experiment.parts import Figure, Row, Section, Table, data_url
 from app.experiment.results import SPHERE, Results
@@ -113,7 +114,7 @@ def models_section(results: Results) -> Section:
     for measure in results.measures:
         values.setdefault(measure.measure, {}).setdefault(measure.approach, []).append(measure.value)
     described = {measure.measure: measure for measure in results.measures}
-    approaches = list(results.truth("all", "all"))
+    approaches = list(results.truth(ALL, ALL))
 
     def rows(shown: Sequence[str]) -> list[Row]:
         return [

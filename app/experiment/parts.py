@@ -1,4 +1,4 @@
-"""What a report consists of: sections with sentences, tables and figures."""
+"""Define the parts of a report: sections with sentences, tables and figures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report of the paper's experiment: its conclusions beside the truth that was put in and the paper's numbers."""
+"""Write the report of the paper's experiment: its conclusions beside the truth that was put in and the paper's."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from app.analysis.correlation import spearman
 from app.analysis.drawing import svg_pdf
+from app.analysis.votes_table import ALL
 from app.experiment.parts import Figure, wrapped_picture
 from app.experiment.results import Results, order_text, screened_out
 from app.experiment.sections import experiment_sections
@@ -21,7 +22,7 @@ from app.files import packaged, read_json, write_bytes, write_json, write_text
 
 PUBLISHED = "experiment/paper.toml"
 QUESTIONS = {
-    "all": "Approaches, best first",
+    ALL: "Approaches, best first",
     "depth": "Depth methods, best first",
     "fusion": "View fusions, best first",
     "colour": "Sources of colours, best first",
@@ -94,19 +95,19 @@ def conclusions(results: Results) -> list[dict[str, Any]]:
     scores = {
         f"{dataset}/{item}": score
         for dataset in sorted({name.split("/")[0] for name in abilities})
-        for item, score in results.scores("all", dataset).items()
+        for item, score in results.scores(ALL, dataset).items()
     }
     names = list(scores)
     rank = spearman(np.array([abilities[name] for name in names]), np.array([scores[name] for name in names]))
     question = f"Rank correlation of the {len(names)} videos' scores with the quality put in"
     checks = [_check(question, "1", f"{rank:.3f}", AGREES if rank >= AGREEMENT else DIFFERS)]
-    best, preferred = (next(iter(ranked("all", "all"))) for ranked in (results.truth, results.scores))
+    best, preferred = (next(iter(ranked(ALL, ALL))) for ranked in (results.truth, results.scores))
     checks.append(_check("The preferred approach", best, preferred, _grade_of_best(results, best)))
     for comparison, question in QUESTIONS.items():
-        if comparison not in ("all", *results.factors):
+        if comparison not in (ALL, *results.factors):
             continue
-        truth = results.truth(comparison, "all")
-        came_out = order_text(results.scores(comparison, "all"), results.told_apart(comparison, "all"))
+        truth = results.truth(comparison, ALL)
+        came_out = order_text(results.scores(comparison, ALL), results.told_apart(comparison, ALL))
         checks.append(_check(question, order_text(truth), came_out, _grade_of_order(results, comparison, truth)))
     checks += _ratings_check(results, scores)
     failed = [test for _, test in screened_out(results)]
@@ -135,7 +136,7 @@ def _check(question: str, put_in: str, came_out: str, grade: str) -> dict[str, A
 
 def _grade_of_order(results: Results, comparison: str, truth: Mapping[str, float]) -> str:
     """Grade an order: the votes agree only where they tell all neighbours in the true order apart."""
-    clear = results.told_apart(comparison, "all")
+    clear = results.told_apart(comparison, ALL)
     if any(truth[better] < truth[worse] for better, worse in clear):
         return DIFFERS
     return AGREES if set(pairwise(truth)) <= clear else OPEN
@@ -143,8 +144,8 @@ def _grade_of_order(results: Results, comparison: str, truth: Mapping[str, float
 
 def _grade_of_best(results: Results, best: str) -> str:
     """Grade the preferred approach: the votes agree only where they tell it from every other one."""
-    clear = results.told_apart("all", "all")
-    others = set(results.truth("all", "all")) - {best}
+    clear = results.told_apart(ALL, ALL)
+    others = set(results.truth(ALL, ALL)) - {best}
     if any((other, best) in clear for other in others):
         return DIFFERS
     return AGREES if {(best, other) for other in others} <= clear else OPEN

@@ -1,4 +1,4 @@
-"""What the experiment's report is made from: scores, the truth that was put in, measures; and orders in words."""
+"""Hold what the experiment's report is made from: scores, the truth that was put in, and measures."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from app.analysis.contrasts import SIGNIFICANT
+from app.analysis.votes_table import ALL
 from app.experiment.study import has_adaptive_pairs
 from app.files import read_json
 from app.intake.reports import Measure
@@ -21,7 +22,7 @@ SPHERE = "validation/sphere"
 
 @dataclass(frozen=True)
 class Results:
-    """What the report is made from.
+    """Answers and measures of an experiment.
 
     Parameters
     ----------
@@ -113,10 +114,10 @@ class Results:
         values: dict[str, list[float]] = {}
         for name, ability in self.answers["abilities"].items():
             scene, approach = name.split("/")
-            if dataset in ("all", scene):
+            if dataset in (ALL, scene):
                 values.setdefault(approach, []).append(ability)
         means = {approach: fmean(abilities) for approach, abilities in values.items()}
-        items = means if comparison == "all" else _effects(comparison, means, self.levels)
+        items = means if comparison == ALL else _effects(comparison, means, self.levels)
         return dict(sorted(items.items(), key=lambda pair: -pair[1]))
 
 

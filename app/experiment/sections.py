@@ -1,4 +1,4 @@
-"""The parts of the experiment's report: the paper's tables and figures from our data, beside what was published."""
+"""List the sections of the experiment's report: the paper's tables and figures from our data, beside the published."""
 
 from __future__ import annotations
 

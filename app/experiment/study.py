@@ -1,4 +1,4 @@
-"""The paper's experiment from the stimulus set on: a study of the videos, its people, their votes and scores.
+"""Run the paper's experiment from the stimulus set on: a study of the videos, its people, their votes and scores.
 
 The people are artificial, and prefer what was measured to be better: the truth that the scores are held against.
 """
@@ -90,11 +90,11 @@ class StudyPart:
     has_ratings: bool = False
 
     def settings(self) -> Settings:
-        """Settings whose folder contains the inputs' digest, so another experiment never overwrites votes."""
+        """Return settings whose folder contains the inputs' digest, so another experiment never overwrites votes."""
         return Settings(data_dir=self.out / f"study-{self.digest()[:8]}", database_url=None, media_url=None)
 
     def digest(self) -> str:
-        """Digest everything that the votes and their comparison with measures depend on."""
+        """Return the SHA-256 of everything that the votes and their comparison with measures depend on."""
         manifest = read_json(self.out / "stimuli" / MANIFEST)
         shown = [(entry["dataset"], entry["approach"], entry["sha256"]) for entry in manifest["stimuli"]]
         measured = [(*measure.place, measure.value) for measure in self.measures()]

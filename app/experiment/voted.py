@@ -1,4 +1,4 @@
-"""The report's subjective parts: scores, circular triads, and which measure would have predicted them."""
+"""Write the report's subjective sections: scores, circular triads, and which measure would have predicted them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from app.analysis.charts import triads_chart
 from app.analysis.drawing import chart_svg
 from app.analysis.objective.charts import measure_chart, ranking_chart
 from app.analysis.objective.prediction import measures_by_rank
+from app.analysis.votes_table import ALL
 from app.experiment.figures import levels_bars
 from app.experiment.parts import Figure, Section, Table
 from app.experiment.results import Results, order_text
@@ -43,7 +44,7 @@ def subjective_section(results: Results, published: Mapping[str, Any]) -> Sectio
         if comparison not in results.factors:
             continue
         paper, rows = published.get(f"figure_{number}", {}), []
-        for dataset in [*results.objective["scenes"], "all"]:
+        for dataset in [*results.objective["scenes"], ALL]:
             scored = results.scores(comparison, dataset)
             told = "; ".join(f"{item} {score:+.2f}" for item, score in scored.items())
             here = order_text(scored, results.told_apart(comparison, dataset))
@@ -75,7 +76,7 @@ def ratings_section(results: Results) -> Iterator[Section]:
     """Yield the part on ratings, if there were any: mean opinion scores beside the scores from comparisons."""
     if "ratings" not in results.answers:
         return
-    ratings, scores = results.answers["ratings"], results.scores("all", "all")
+    ratings, scores = results.answers["ratings"], results.scores(ALL, ALL)
     rows = [
         (row["condition"], f"{row['mos']:.2f}", f"{row['ci_low']:.2f} to {row['ci_high']:.2f}",
          _signed(scores.get(row["condition"])))
@@ -94,8 +95,7 @@ def ratings_section(results: Results) -> Iterator[Section]:
 
 
 def prediction_section(results: Results) -> Section:
-    overall = {row["measure"]: row for row in results.analysis["measures"] if row["dataset"] == "all"}
-    ranked = [overall[name] for name in measures_by_rank(results.analysis["measures"]) if name in overall]
+    ranked = [row for row in measures_by_rank(results.analysis["measures"]).values() if row["dataset"] == ALL]
     rows = [
         (row["measure"], row["better"], _signed(row["spearman"]), _between(row, "spearman"),
          _signed(row["pearson_logistic"]),

@@ -1,4 +1,4 @@
-"""An artificial person who takes the screening by looking at its pictures, with a known acuity and colour vision."""
+"""Simulate a person who takes the screening by looking at its pictures, with a known acuity and colour vision."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Observer:
         return best if contrast[best] >= VISIBLE else NOTHING
 
     def _look(self, picture: NDArray[np.uint8]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Places (N, 2) of a plate's dots, and lightness and ratios of the cones there (N, K)."""
+        """Return places (N, 2) of a plate's dots, and lightness and ratios of the cones there (N, K)."""
         seen = picture[::STEP, ::STEP]
         rows, columns = np.nonzero(np.any(seen != GROUND, axis=-1))
         cones = np.log(cone_signals(seen[rows, columns]) + 1e-6)  # (N, 3)

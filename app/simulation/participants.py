@@ -1,4 +1,4 @@
-"""Artificial participants of known preference, who take the whole study over HTTP like anybody else.
+"""Simulate participants of known preference, who take the whole study over HTTP like anybody else.
 
 They learn what a trial compares from the analyst's routes, because the participant's routes hide it.
 """

@@ -1,4 +1,4 @@
-"""How artificial participants choose: Davidson's model with known abilities."""
+"""Simulate choices by Davidson's model with known abilities."""
 
 from __future__ import annotations
 

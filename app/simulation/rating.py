@@ -1,4 +1,4 @@
-"""How artificial participants rate: the quality of what they see, with a bias and an inconsistency of their own."""
+"""Simulate ratings: the quality of what participants see, with a bias and an inconsistency of their own."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 BIAS_SPREAD = 0.4  # standard deviation over participants, natural log-odds
-TYPICAL_INCONSISTENCY = 0.6  # standard deviation of a participant's repeated ratings, natural log-odds
+MEDIAN_INCONSISTENCY = 0.6  # standard deviation of a participant's repeated ratings, natural log-odds
 INCONSISTENCY_SPREAD = 0.3  # of its logarithm over participants
 LOG_ODDS_OF_SCALE = 4.0  # between the ends of a scale
 
@@ -41,5 +41,5 @@ class Rater:
 
 def draw_rater(rng: np.random.Generator) -> Rater:
     """Draw a participant at random."""
-    inconsistency = TYPICAL_INCONSISTENCY * float(np.exp(INCONSISTENCY_SPREAD * rng.standard_normal()))
+    inconsistency = MEDIAN_INCONSISTENCY * float(np.exp(INCONSISTENCY_SPREAD * rng.standard_normal()))
     return Rater(BIAS_SPREAD * float(rng.standard_normal()), inconsistency)

@@ -1,4 +1,4 @@
-"""Artificial participants take the screening over HTTP: they look at its pictures like anybody else."""
+"""Let artificial participants take the screening over HTTP: they look at its pictures like anybody else."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from app.simulation.observer import Observer
 from app.study.pictures import read_png
 from app.study.screening import FIXED_DISTANCES_CM
-from app.study.viewing import BLIND_SPOT_DEG, CARD_MM, N_BLIND_SPOTS, N_CARDS
+from app.study.viewing_distance import BLIND_SPOT_DEG, CARD_MM, N_BLIND_SPOTS, N_CARDS
 
 Ask = Callable[[str, str, Mapping[str, Any] | None], httpx.Response]  # method, path, body
 

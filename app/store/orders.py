@@ -12,7 +12,7 @@ from app.store.exclusions import is_excluded, takes_part_in
 from app.store.studies import Study
 from app.store.tables import assignment, participant, session, stage_record, trial, vote
 from app.study.adaptive import adaptive_pairs
-from app.study.balance import StudyPlan, TakenOrder
+from app.study.balance import OrderPlan, TakenOrder
 from app.study.options import parse_options
 from app.study.stages import ENDS, FINISHED, INTERVIEW, TIMED_OUT, WITHDRAWN
 from app.study.trial import MAIN, PlannedPair, PlannedTrial
@@ -50,13 +50,13 @@ def n_taken_in(connection: Connection, study: Study, now: datetime) -> tuple[int
     return n_finished, n_under_way
 
 
-def study_plan(connection: Connection, study: Study) -> StudyPlan:
+def study_plan(connection: Connection, study: Study) -> OrderPlan:
     """Return the facts of a study that its orders are computed from."""
     pairs = planned_pairs(connection, study.id)
     options = parse_options(study.options)
     names = stimulus_names(connection, study.id)
     is_adaptive = options.adaptive_pairs > 0
-    plan = StudyPlan(pairs, study.seed, options.repetition, names, is_adaptive=is_adaptive, protocol=options.protocol)
+    plan = OrderPlan(pairs, study.seed, options.repetition, names, is_adaptive=is_adaptive, protocol=options.protocol)
     return replace(plan, groups=options.groups)
 
 

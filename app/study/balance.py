@@ -40,7 +40,7 @@ class TakenOrder:
 
 
 @dataclass(frozen=True)
-class StudyPlan:
+class OrderPlan:
     """Everything that determines the orders, and the names of what is compared.
 
     Parameters
@@ -78,7 +78,7 @@ class StudyPlan:
         """Return the group that a slot belongs to; None: the study has no groups."""
         return self.groups[group_of_slot(len(self.groups), self.seed, slot)[0]] if self.groups else None
 
-    def of_group(self, group: Group) -> StudyPlan:
+    def of_group(self, group: Group) -> OrderPlan:
         """Return the plan of what a group sees."""
         return replace(self, pairs=pairs_of_group(group, self.pairs, self.names), groups=())
 
@@ -115,7 +115,7 @@ class _Seen:
     first: int
 
 
-def balance_report(plan: StudyPlan, orders: Sequence[TakenOrder]) -> dict[str, Any]:
+def balance_report(plan: OrderPlan, orders: Sequence[TakenOrder]) -> dict[str, Any]:
     """Check that a study's orders follow from its seed and are balanced, with the counts behind it.
 
     Some rules hold for each participant. The others hold across participants: for all who hold a slot by design, and
@@ -147,7 +147,7 @@ def balance_report(plan: StudyPlan, orders: Sequence[TakenOrder]) -> dict[str, A
 
 
 def _rules_of_each(
-    plan: StudyPlan, orders: Sequence[TakenOrder], holding: Sequence[TakenOrder]
+    plan: OrderPlan, orders: Sequence[TakenOrder], holding: Sequence[TakenOrder]
 ) -> list[dict[str, Any]]:
     foreign = sum(list(order.trials) != plan.order(order) for order in orders)
     twice = sum(n > 1 for n in Counter(order.slot for order in holding).values())
@@ -170,7 +170,7 @@ def _rules_of_each(
     ]
 
 
-def _rules_of_ratings(plan: StudyPlan, orders: Sequence[TakenOrder]) -> list[dict[str, Any]]:
+def _rules_of_ratings(plan: OrderPlan, orders: Sequence[TakenOrder]) -> list[dict[str, Any]]:
     """Return the rules of each order in which films are rated one by one."""
     datasets = [[plan.pair(trial).dataset for trial in order.trials] for order in orders]
     surplus = [sum(a == b for a, b in pairwise(row)) - most_neighbours(row) for row in datasets]
@@ -181,7 +181,7 @@ def _rules_of_ratings(plan: StudyPlan, orders: Sequence[TakenOrder]) -> list[dic
     ]
 
 
-def _rules_across(plan: StudyPlan, orders: Sequence[TakenOrder], group: str) -> list[dict[str, Any]]:
+def _rules_across(plan: OrderPlan, orders: Sequence[TakenOrder], group: str) -> list[dict[str, Any]]:
     if plan.is_rated:
         return []  # every order is random by itself
     if plan.groups:
@@ -210,7 +210,7 @@ def _rules_across(plan: StudyPlan, orders: Sequence[TakenOrder], group: str) -> 
     ]
 
 
-def _rules_of_groups(plan: StudyPlan, orders: Sequence[TakenOrder], group: str) -> list[dict[str, Any]]:
+def _rules_of_groups(plan: OrderPlan, orders: Sequence[TakenOrder], group: str) -> list[dict[str, Any]]:
     """Return the rules across the participants of each of a study's groups, and of the groups' sizes."""
     assigned = {each.name: [order for order in orders if plan.group(order.slot) == each] for each in plan.groups}
     sizes = [len(members) for members in assigned.values()]
@@ -226,7 +226,7 @@ def _rule(rule: str, group: str, worst: int, allowed: int) -> dict[str, Any]:
     return {"rule": rule, "of": group, "worst": worst, "allowed": allowed, "ok": worst <= allowed}
 
 
-def _seen(plan: StudyPlan, order: TakenOrder) -> list[_Seen]:
+def _seen(plan: OrderPlan, order: TakenOrder) -> list[_Seen]:
     seen = []
     for trial in order.trials:
         if trial.role == MAIN:
@@ -268,11 +268,11 @@ def _spread(counts: Counter[Hashable]) -> int:
     return max(counts.values(), default=0) - min(counts.values(), default=0)
 
 
-def _datasets_in_order(plan: StudyPlan, order: TakenOrder) -> list[int]:
+def _datasets_in_order(plan: OrderPlan, order: TakenOrder) -> list[int]:
     return list(dict.fromkeys(plan.pair(trial).dataset for trial in order.trials))
 
 
-def _pair_rows(plan: StudyPlan, orders: Sequence[TakenOrder]) -> list[dict[str, Any]]:
+def _pair_rows(plan: OrderPlan, orders: Sequence[TakenOrder]) -> list[dict[str, Any]]:
     if plan.is_rated:
         return []
     seen = [trial for order in orders for trial in _seen(plan, order)]
@@ -297,7 +297,7 @@ def _pair_rows(plan: StudyPlan, orders: Sequence[TakenOrder]) -> list[dict[str, 
     return rows
 
 
-def _dataset_rows(plan: StudyPlan, orders: Sequence[TakenOrder]) -> list[dict[str, Any]]:
+def _dataset_rows(plan: OrderPlan, orders: Sequence[TakenOrder]) -> list[dict[str, Any]]:
     if plan.is_rated:
         return []
     names = {pair.dataset: plan.names[pair.top][0] for pair in plan.pairs}

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from app.study.entries import is_list
 from app.study.trial import PlannedPair
 
 MOST_GROUPS = 20
@@ -43,7 +44,7 @@ def parse_groups(content: Any) -> tuple[Group, ...]:
     ValueError
         Naming the group and its fault.
     """
-    if not isinstance(content, Sequence) or isinstance(content, str) or len(content) > MOST_GROUPS:
+    if not is_list(content) or len(content) > MOST_GROUPS:
         raise ValueError(f"groups is {content!r:.80}, expected a list of at most {MOST_GROUPS} tables")
     groups = tuple(_group(entry, number) for number, entry in enumerate(content, start=1))
     names = [group.name for group in groups]
@@ -103,7 +104,6 @@ def _group(content: Any, number: int) -> Group:
     name, datasets = content.get("name"), content.get("datasets", ())
     if not isinstance(name, str) or not 0 < len(name.strip()) <= LONGEST_NAME:
         raise ValueError(f"group {number}: its name is {name!r:.80}, expected 1 to {LONGEST_NAME} characters")
-    is_list = isinstance(datasets, Sequence) and not isinstance(datasets, str)
-    if not is_list or not all(isinstance(dataset, str) for dataset in datasets):
+    if not is_list(datasets) or not all(isinstance(dataset, str) for dataset in datasets):
         raise ValueError(f"group {name!r}: datasets is {datasets!r:.80}, expected a list of names")
     return Group(name.strip(), tuple(dict.fromkeys(datasets)))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
+
+from app.study.entries import Entries
 
 LONGEST_NOTE = 500  # characters
 
@@ -63,25 +63,9 @@ def parse_lab_sheet(content: Any) -> LabSheet:
     ValueError
         Naming the key, the value and what is expected.
     """
-    if not isinstance(content, Mapping):
-        raise ValueError(f"lab_sheet is {content!r}, expected a table of its own")
-    if unknown := sorted(set(content) - set(LABELS)):
-        raise ValueError(f"lab_sheet: {unknown[0]!r} is not known; expected some of {', '.join(LABELS)}")
+    entries = Entries.of_table(content, "lab_sheet", LABELS)
     read: dict[str, Any] = {
-        name: _number(name, value) if name in BOUNDS else _note(name, value) for name, value in content.items()
+        name: entries.number(name, BOUNDS[name], 0) if name in BOUNDS else entries.text(name, LONGEST_NOTE)
+        for name in entries.content
     }
     return LabSheet(**read)
-
-
-def _number(name: str, value: Any) -> float:
-    low, high = BOUNDS[name]
-    is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    if not is_number or not low <= value <= high:
-        raise ValueError(f"lab_sheet: {name} is {value!r}, expected a number from {low:g} to {high:g}")
-    return float(value)
-
-
-def _note(name: str, value: Any) -> str:
-    if not isinstance(value, str) or len(value) > LONGEST_NOTE:
-        raise ValueError(f"lab_sheet: {name}: expected a text of at most {LONGEST_NOTE} characters")
-    return value.strip()

@@ -148,7 +148,7 @@ def nested_texts(texts: Mapping[str, Any]) -> dict[str, Any]:
 
 @cache
 def model_texts() -> Mapping[str, Text]:
-    """The texts of the English pack, by key."""
+    """Return the texts of the English pack, by key."""
     content = json.loads((packaged(SHIPPED) / f"{MODEL}.json").read_text(encoding="utf-8"))
     return flat_texts({key: value for key, value in content.items() if key not in HEAD})
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Literal, get_args
 
 from app.study.comprehension import ANSWERS, ANSWERS_ALONE
 from app.study.design import Repetition
+from app.study.entries import Entries, is_list
 from app.study.groups import Group, parse_groups
 from app.study.lab_sheet import LabSheet, parse_lab_sheet
 from app.study.language_pack import MODEL
@@ -236,8 +237,9 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
     known = {option.name for option in fields(StudyOptions)}
     if unknown := sorted(set(content) - known):
         raise ValueError(f"option {unknown[0]!r} is not known; expected some of {', '.join(sorted(known))}")
+    entries = Entries(content)
     stages = content.get("optional_stages", ())
-    if not isinstance(stages, Sequence) or isinstance(stages, str):
+    if not is_list(stages):
         raise ValueError(f"optional_stages is {stages!r}, expected a list of {', '.join(OPTIONAL_STAGES)}")
     way_through(stages)
     questions = parse_questions(content.get("questions", ()))
@@ -247,44 +249,44 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
     languages = parse_languages(content.get("languages", ()))
     texts = parse_own_texts(content.get("texts", {}), questions)
     first = languages[0] if languages else MODEL
-    consent = plain_document(_text(content, "consent"), texts, first, CONSENT)
-    debriefing = plain_document(_text(content, "debriefing"), texts, first, DEBRIEFING)
+    consent = plain_document(entries.text("consent", LONGEST_TEXT), texts, first, CONSENT)
+    debriefing = plain_document(entries.text("debriefing", LONGEST_TEXT), texts, first, DEBRIEFING)
     options = StudyOptions(
         languages=languages,
         texts={language: said for language, said in texts.items() if said},
         optional_stages=tuple(stages),
         screening=parse_screening(content.get("screening", {})),
         consent=consent,
-        consent_version=_text(content, "consent_version"),
-        comprehension=_flag(content, "comprehension"),
+        consent_version=entries.text("consent_version", LONGEST_TEXT),
+        comprehension=entries.flag("comprehension"),
         questions=questions,
         spoken_questions=parse_spoken_questions(content.get("spoken_questions")),
         debriefing=debriefing,
         protocol=protocol,
         scale=scale,
-        both_orders=_flag(content, "both_orders"),
-        repeated_pairs=_count(content, "repeated_pairs", 0, MOST_CHECKS),
-        identical_pairs=_count(content, "identical_pairs", 0, MOST_CHECKS),
-        adaptive_pairs=_count(content, "adaptive_pairs", 0, MOST_ADAPTIVE),
-        free_exposure=_flag(content, "free_exposure"),
-        see_both=_flag(content, "see_both", default=True),
-        minimum_viewing_s=_minimum_viewing(content),
-        void_on=_disturbances(content.get("void_on", VOID_ON)),
-        full_screen=_choice(content, "full_screen", get_args(FullScreen)),
-        minimum_window=_minimum_window(content),
-        phones=_flag(content, "phones", default=True),
-        pixels=_choice(content, "pixels", get_args(Pixels)),
-        practice_dataset=_text(content, "practice_dataset"),
+        both_orders=entries.flag("both_orders"),
+        repeated_pairs=entries.count("repeated_pairs", MOST_CHECKS),
+        identical_pairs=entries.count("identical_pairs", MOST_CHECKS),
+        adaptive_pairs=entries.count("adaptive_pairs", MOST_ADAPTIVE),
+        free_exposure=entries.flag("free_exposure"),
+        see_both=entries.flag("see_both", default=True),
+        minimum_viewing_s=entries.number("minimum_viewing_s", (0, LONGEST_MINIMUM_S), 0.0),
+        void_on=_disturbances(entries),
+        full_screen=entries.one_of("full_screen", get_args(FullScreen), "asked"),
+        minimum_window=_minimum_window(entries),
+        phones=entries.flag("phones", default=True),
+        pixels=entries.one_of("pixels", get_args(Pixels), "fit"),
+        practice_dataset=entries.text("practice_dataset", LONGEST_TEXT),
         practice_pairs=parse_practice_pairs(content.get("practice_pairs", ())),
-        reference=_text(content, "reference"),
-        without=_names(content, "without"),
-        second_codec=_one_of(content, "second_codec", SECOND_CODECS),
-        fallback=_one_of(content, "fallback", FALLBACKS, WEBCODECS),
-        lighter_films=_flag(content, "lighter_films"),
-        break_every=_count(content, "break_every", BREAK_EVERY, 10_000),
-        break_s=_count(content, "break_s", 0, LONGEST_BREAK_S),
-        random_effects=_one_of(content, "random_effects", RANDOM_EFFECTS),
-        abandoned_after_h=_hours(content, "abandoned_after_h"),
+        reference=entries.text("reference", LONGEST_TEXT),
+        without=entries.names("without"),
+        second_codec=entries.one_of("second_codec", SECOND_CODECS),
+        fallback=entries.one_of("fallback", FALLBACKS, WEBCODECS),
+        lighter_films=entries.flag("lighter_films"),
+        break_every=entries.count("break_every", 10_000, BREAK_EVERY),
+        break_s=entries.count("break_s", LONGEST_BREAK_S),
+        random_effects=entries.one_of("random_effects", RANDOM_EFFECTS),
+        abandoned_after_h=_hours(entries, "abandoned_after_h"),
         outside=parse_outside(content.get("outside", {})),
         limits=parse_limits(content.get("limits", {})),
         groups=parse_groups(content.get("groups", ())),
@@ -328,73 +330,23 @@ def check_minimum_viewing(options: StudyOptions, exposure_s: float) -> None:
         )
 
 
-def _flag(content: Mapping[str, Any], name: str, *, default: bool = False) -> bool:
-    value = content.get(name, default)
-    if not isinstance(value, bool):
-        raise ValueError(f"{name} is {value!r}, expected true or false")
-    return value
-
-
-def _disturbances(value: object) -> tuple[Disturbance, ...]:
-    known = get_args(Disturbance)
-    if not isinstance(value, list | tuple) or not set(map(str, value)) <= set(known):
-        raise ValueError(f"void_on is {value!r}, expected a list of {', '.join(known)}")
+def _disturbances(entries: Entries) -> tuple[Disturbance, ...]:
+    value, known = entries.content.get("void_on", VOID_ON), get_args(Disturbance)
+    if not is_list(value) or not set(map(str, value)) <= set(known):
+        raise entries.refusal("void_on", f"a list of {', '.join(known)}")
     return tuple(name for name in known if name in value)
 
 
-def _one_of(content: Mapping[str, Any], name: str, known: Sequence[str], default: str = "") -> str:
-    value = content.get(name, default)
-    if value not in known:
-        raise ValueError(f"{name} is {value!r}, expected one of {', '.join(filter(None, known))}, or nothing")
-    return str(value)
-
-
-def _choice(content: Mapping[str, Any], name: str, known: Sequence[str]) -> Any:
-    """Return one of the known values; the first is the default."""
-    value = content.get(name, known[0])
-    if value not in known:
-        raise ValueError(f"{name} is {value!r}, expected {' or '.join(known)}")
-    return value
-
-
-def _minimum_viewing(content: Mapping[str, Any]) -> float:
-    value = content.get("minimum_viewing_s", 0.0)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= LONGEST_MINIMUM_S:
-        raise ValueError(f"minimum_viewing_s is {value!r}, expected seconds from 0 to {LONGEST_MINIMUM_S:.0f}")
-    return float(value)
-
-
-def _minimum_window(content: Mapping[str, Any]) -> tuple[int, ...]:
-    value = content.get("minimum_window", ())
-    is_list = isinstance(value, list | tuple) and len(value) in (0, 2)
-    if not is_list or not all(type(length) is int and 0 < length <= LARGEST_WINDOW for length in value):
-        raise ValueError(f"minimum_window is {value!r}, expected [width, height] in CSS pixels, or [] for any window")
+def _minimum_window(entries: Entries) -> tuple[int, ...]:
+    value = entries.content.get("minimum_window", ())
+    is_size = is_list(value) and len(value) in (0, 2)
+    if not is_size or not all(type(length) is int and 0 < length <= LARGEST_WINDOW for length in value):
+        raise entries.refusal("minimum_window", "[width, height] in CSS pixels, or [] for any window")
     return tuple(value)
 
 
-def _count(content: Mapping[str, Any], name: str, default: int, most: int) -> int:
-    value = content.get(name, default)
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= most:
-        raise ValueError(f"{name} is {value!r}, expected a whole number from 0 to {most}")
-    return value
-
-
-def _hours(content: Mapping[str, Any], name: str) -> float:
-    value = content.get(name, ABANDONED_AFTER_H)
+def _hours(entries: Entries, key: str) -> float:
+    value = entries.content.get(key, ABANDONED_AFTER_H)
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= MOST_HOURS:
-        raise ValueError(f"{name} is {value!r:.80}, expected hours, more than 0 and at most {MOST_HOURS}")
+        raise entries.refusal(key, f"hours, more than 0 and at most {MOST_HOURS}")
     return float(value)
-
-
-def _names(content: Mapping[str, Any], name: str) -> tuple[str, ...]:
-    value = content.get(name, ())
-    if not isinstance(value, Sequence) or isinstance(value, str) or not all(isinstance(each, str) for each in value):
-        raise ValueError(f"{name} is {value!r:.120}, expected a list of names")
-    return tuple(dict.fromkeys(value))
-
-
-def _text(content: Mapping[str, Any], name: str) -> str:
-    value = content.get(name, "")
-    if not isinstance(value, str) or len(value) > LONGEST_TEXT:
-        raise ValueError(f"{name}: expected a text of at most {LONGEST_TEXT} characters")
-    return value.strip()

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from typing import Any
+
+from app.study.entries import is_list
 
 MOST_PRACTICE = 10  # pairs; more are a study of their own
 LONGEST_NAME = 200  # characters of a dataset or condition, as in a stimulus set
@@ -24,7 +27,7 @@ class PracticeFilms:
     b: str
 
 
-def parse_practice_pairs(content: object) -> tuple[PracticeFilms, ...]:
+def parse_practice_pairs(content: Any) -> tuple[PracticeFilms, ...]:
     """Read the option `practice_pairs`: a list of tables with the keys of `PracticeFilms`.
 
     Raises
@@ -32,7 +35,7 @@ def parse_practice_pairs(content: object) -> tuple[PracticeFilms, ...]:
     ValueError
         Naming the entry that is not as described.
     """
-    if not isinstance(content, Sequence) or isinstance(content, str) or len(content) > MOST_PRACTICE:
+    if not is_list(content) or len(content) > MOST_PRACTICE:
         raise ValueError(
             f"practice_pairs is {content!r:.120}, expected a list of at most {MOST_PRACTICE} like "
             '{dataset = "ball", a = "good", b = "coarse"}'

@@ -1,12 +1,12 @@
-"""What a study tells its participants of their data, and for how long it keeps what is personal in them."""
+"""Say what a study tells its participants of their data, and until when it keeps what is personal in them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
+from app.study.entries import Entries
 from app.study.stages import INTERVIEW, PRACTICE, SCREENING
 
 if TYPE_CHECKING:
@@ -40,15 +40,12 @@ def parse_privacy(content: Any) -> PrivacyOptions:
     ValueError
         Naming the key, the value and what is expected.
     """
-    if not isinstance(content, Mapping):
-        raise ValueError(f"privacy is {content!r}, expected a table of its own")
-    known = [field.name for field in fields(PrivacyOptions)]
-    if unknown := sorted(set(content) - set(known)):
-        raise ValueError(f"privacy: {unknown[0]!r} is not known; expected some of {', '.join(known)}")
-    days = content.get("keep_days", 0)
-    if isinstance(days, bool) or not isinstance(days, int) or not 0 <= days <= LONGEST_KEPT_DAYS:
-        raise ValueError(f"privacy: keep_days is {days!r}, expected a whole number from 0 to {LONGEST_KEPT_DAYS}")
-    return PrivacyOptions(_line(content, "responsible"), _line(content, "contact"), days)
+    entries = Entries.of_table(content, "privacy", [field.name for field in fields(PrivacyOptions)])
+    return PrivacyOptions(
+        entries.text("responsible", LONGEST_CONTACT),
+        entries.text("contact", LONGEST_CONTACT),
+        entries.count("keep_days", LONGEST_KEPT_DAYS),
+    )
 
 
 def collected(options: StudyOptions) -> list[str]:
@@ -82,10 +79,3 @@ def forgets_at(options: StudyOptions, closed_at: datetime | None) -> datetime | 
     if ended_at is None or not options.privacy.keep_days:
         return None
     return ended_at + timedelta(days=options.privacy.keep_days)
-
-
-def _line(content: Mapping[str, Any], name: str) -> str:
-    value = content.get(name, "")
-    if not isinstance(value, str) or len(value) > LONGEST_CONTACT:
-        raise ValueError(f"privacy: {name}: expected a text of at most {LONGEST_CONTACT} characters")
-    return value.strip()

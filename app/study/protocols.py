@@ -78,7 +78,7 @@ class Grades:
         return tuple(Grade(value, self._name(value), self._key(value)) for value in values)
 
     def _name(self, value: int) -> int | None:
-        """Of 9 and 11 grades those with the odd numbers 1 to 9 have the names of 5."""
+        """Return the place of a grade's name; of 9 and 11 grades only the odd ones have the five names."""
         if self.high in (COMPARISON_END, 5):
             return value - self.low
         return value // 2 if value % 2 else None

@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
+from app.study.entries import is_list
+
 Kind = Literal["choice", "scale", "number", "text"]
 KINDS: tuple[Kind, ...] = ("choice", "scale", "number", "text")
 
@@ -52,10 +54,7 @@ DEFAULT_QUESTIONS = (
     Question("criteria", "text"),
 )
 
-WORDED_QUESTIONS = (
-    *(question.name for question in DEFAULT_QUESTIONS),
-    "trained",
-)  # the page has texts under these names
+WORDED_QUESTIONS = (*(question.name for question in DEFAULT_QUESTIONS), "trained")  # the pages have texts for them
 
 DEFAULT_SPOKEN_QUESTIONS = (
     "What did you look at when you compared the two?",
@@ -76,8 +75,8 @@ def parse_spoken_questions(content: Any) -> tuple[str, ...]:
     """
     if content is None:
         return DEFAULT_SPOKEN_QUESTIONS
-    is_list = isinstance(content, Sequence) and not isinstance(content, str) and len(content) <= MOST_SPOKEN_QUESTIONS
-    if not is_list or not all(
+    is_short = is_list(content) and len(content) <= MOST_SPOKEN_QUESTIONS
+    if not is_short or not all(
         isinstance(question, str) and 0 < len(question.strip()) <= LONGEST_QUESTION for question in content
     ):
         lengths = f"1 to {LONGEST_QUESTION} characters"
@@ -96,7 +95,7 @@ def parse_questions(content: Any) -> tuple[Question, ...]:
     ValueError
         Naming the question and its fault.
     """
-    if not isinstance(content, Sequence) or isinstance(content, str):
+    if not is_list(content):
         raise ValueError("questions: expected a list")
     if len(content) > MOST_QUESTIONS:
         raise ValueError(f"{len(content)} questions: expected at most {MOST_QUESTIONS}")

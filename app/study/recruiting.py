@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from datetime import datetime, timedelta
 from typing import Any, Literal
+
+from app.study.entries import Entries, is_list
 
 Resume = Literal["anywhere", "same browser"]
 Ending = Literal["complete", "screened_out", "no_consent", "full"]
@@ -154,21 +156,15 @@ def parse_outside(content: Any) -> OutsideOptions:
     ValueError
         Naming the key, the value and what is expected.
     """
-    _check_keys(content, "outside", OutsideOptions)
-    resume = content.get("resume", RESUMES[0])
-    if resume not in RESUMES:
-        raise ValueError(f"outside: resume is {resume!r}, expected one of {', '.join(RESUMES)}")
-    random_codes = content.get("random_codes", False)
-    if not isinstance(random_codes, bool):
-        raise ValueError(f"outside: random_codes is {random_codes!r}, expected true or false")
+    entries = Entries.of_table(content, "outside", [field.name for field in fields(OutsideOptions)])
     options = OutsideOptions(
-        id=_text(content, "outside", "id", PARAMETER, "the name of a parameter such as PROLIFIC_PID"),
-        keep=_names(content.get("keep", ())),
-        resume=resume,
-        code=_text(content, "outside", "code", CODE, "1 to 40 letters, digits, - or _"),
-        random_codes=random_codes,
-        **{f"{ending}_url": _address(content, f"{ending}_url") for ending in ENDINGS},
-        redirect_after_s=_count(content, "outside", "redirect_after_s", LONGEST_WAIT_S, REDIRECT_AFTER_S),
+        id=entries.match("id", PARAMETER, "the name of a parameter such as PROLIFIC_PID"),
+        keep=_kept(entries),
+        resume=entries.one_of("resume", RESUMES, RESUMES[0]),
+        code=entries.match("code", CODE, "1 to 40 letters, digits, - or _"),
+        random_codes=entries.flag("random_codes"),
+        **{f"{ending}_url": _address(entries, f"{ending}_url") for ending in ENDINGS},
+        redirect_after_s=entries.count("redirect_after_s", LONGEST_WAIT_S, REDIRECT_AFTER_S),
     )
     _check_together(options)
     return options
@@ -182,12 +178,12 @@ def parse_limits(content: Any) -> LimitOptions:
     ValueError
         Naming the key, the value and what is expected.
     """
-    _check_keys(content, "limits", LimitOptions)
+    entries = Entries.of_table(content, "limits", [field.name for field in fields(LimitOptions)])
     return LimitOptions(
-        finished=_count(content, "limits", "finished", MOST_PEOPLE),
-        under_way=_count(content, "limits", "under_way", MOST_PEOPLE),
+        finished=entries.count("finished", MOST_PEOPLE),
+        under_way=entries.count("under_way", MOST_PEOPLE),
         open_until=_moment(content.get("open_until", "")),
-        minutes=_count(content, "limits", "minutes", LONGEST_MINUTES),
+        minutes=entries.count("minutes", LONGEST_MINUTES),
     )
 
 
@@ -215,40 +211,19 @@ def _check_placeholders(options: OutsideOptions, ending: Ending) -> None:
             raise ValueError(f"outside: {ending}_url holds {{{name}}}, expected {expected}")
 
 
-def _check_keys(content: Any, table: str, options: type) -> None:
-    if not isinstance(content, Mapping):
-        raise ValueError(f"{table} is {content!r}, expected a table of its own")
-    known = options.__dataclass_fields__  # type: ignore[attr-defined]  # both are dataclasses
-    if unknown := sorted(set(content) - set(known)):
-        raise ValueError(f"{table}: {unknown[0]!r} is not known; expected some of {', '.join(sorted(known))}")
-
-
-def _names(value: Any) -> tuple[str, ...]:
-    is_list = isinstance(value, Sequence) and not isinstance(value, str)
-    if not is_list or len(value) > MOST_KEPT or not all(isinstance(n, str) and PARAMETER.fullmatch(n) for n in value):
-        raise ValueError(f"outside: keep is {value!r}, expected a list of at most {MOST_KEPT} names of parameters")
+def _kept(entries: Entries) -> tuple[str, ...]:
+    value = entries.content.get("keep", ())
+    is_short = is_list(value) and len(value) <= MOST_KEPT
+    if not is_short or not all(isinstance(name, str) and PARAMETER.fullmatch(name) for name in value):
+        raise entries.refusal("keep", f"a list of at most {MOST_KEPT} names of parameters")
     return tuple(value)
 
 
-def _text(content: Mapping[str, Any], table: str, name: str, pattern: re.Pattern[str], expected: str) -> str:
-    value = content.get(name, "")
-    if not isinstance(value, str) or not (value == "" or pattern.fullmatch(value)):
-        raise ValueError(f"{table}: {name} is {value!r}, expected {expected}, or nothing")
-    return value
-
-
-def _address(content: Mapping[str, Any], name: str) -> str:
-    address = _text(content, "outside", name, ADDRESS, "an address that begins with https:// and has no spaces")
+def _address(entries: Entries, key: str) -> str:
+    address = entries.match(key, ADDRESS, "an address that begins with https:// and has no spaces")
     if len(address) > LONGEST_ADDRESS:
-        raise ValueError(f"outside: {name} has {len(address)} characters, expected at most {LONGEST_ADDRESS}")
+        raise ValueError(f"outside: {key} has {len(address)} characters, expected at most {LONGEST_ADDRESS}")
     return address
-
-
-def _count(content: Mapping[str, Any], table: str, name: str, most: int, default: int = 0) -> int:
-    value = content.get(name, default)
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= most:
-        raise ValueError(f"{table}: {name} is {value!r}, expected a whole number from 0 to {most}")
-    return value
 
 
 def _moment(value: Any) -> str:

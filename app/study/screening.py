@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Literal
 
 import numpy as np
@@ -27,6 +27,7 @@ from app.study.colour_vision import (
     judge_colours,
     plan_plates,
 )
+from app.study.entries import Entries, is_list
 from app.study.pictures import RING, landolt_ring
 
 TestName = Literal["acuity", "colour"]
@@ -110,20 +111,17 @@ def parse_screening(content: Any) -> ScreeningOptions:
     ValueError
         Naming the key, the value and what is expected.
     """
-    if not isinstance(content, Mapping):
-        raise ValueError(f"screening is {content!r}, expected a table of its own")
-    known = ScreeningOptions.__dataclass_fields__
-    if unknown := sorted(set(content) - set(known)):
-        raise ValueError(f"screening: {unknown[0]!r} is not known; expected some of {', '.join(sorted(known))}")
     default = ScreeningOptions()
+    entries = Entries.of_table(content, "screening", [field.name for field in fields(ScreeningOptions)])
+    is_fixed = content.get("distance_cm") is not None
     options = ScreeningOptions(
-        tests=_some_of(content, "tests", TESTS),
-        acuity_limit=_number(content, "acuity_limit", ACUITY_LIMITS) or 0.0,
-        distance=_one_of(content, "distance", DISTANCES),
-        distance_cm=_number(content, "distance_cm", FIXED_DISTANCES_CM),
-        colour_axes=_some_of(content, "colour_axes", AXES),
-        colour_misses=_misses(content),
-        on_failure=_one_of(content, "on_failure", RULES),
+        tests=_some_of(entries, "tests", TESTS),
+        acuity_limit=entries.number("acuity_limit", ACUITY_LIMITS, default.acuity_limit),
+        distance=entries.one_of("distance", DISTANCES, default.distance),
+        distance_cm=entries.number("distance_cm", FIXED_DISTANCES_CM, 0) if is_fixed else None,
+        colour_axes=_some_of(entries, "colour_axes", AXES),
+        colour_misses=entries.count("colour_misses", ColourTest.n_plates - 1, default.colour_misses),
+        on_failure=entries.one_of("on_failure", RULES, default.on_failure),
     )
     if (options.distance == "fixed") != (options.distance_cm is not None):
         raise ValueError(
@@ -274,33 +272,8 @@ def _plan(setup: Mapping[str, Any]) -> list[PlannedPlate]:
     return plan_plates(_colour_test(setup), np.random.default_rng(setup["seed"]))
 
 
-def _some_of(content: Mapping[str, Any], key: str, known: tuple[Any, ...]) -> tuple[Any, ...]:
-    value = content.get(key, known)
-    is_list = isinstance(value, Sequence) and not isinstance(value, str)
-    if not is_list or not value or any(word not in known for word in value) or len(set(value)) < len(value):
-        raise ValueError(f"screening: {key} is {value!r}, expected some of {', '.join(known)}")
+def _some_of(entries: Entries, key: str, known: tuple[Any, ...]) -> tuple[Any, ...]:
+    value = entries.content.get(key, known)
+    if not is_list(value) or not value or any(word not in known for word in value) or len(set(value)) < len(value):
+        raise entries.refusal(key, f"some of {', '.join(known)}")
     return tuple(value)
-
-
-def _one_of(content: Mapping[str, Any], key: str, known: tuple[Any, ...]) -> Any:
-    value = content.get(key, getattr(ScreeningOptions, key))
-    if value not in known:
-        raise ValueError(f"screening: {key} is {value!r}, expected one of {', '.join(known)}")
-    return value
-
-
-def _misses(content: Mapping[str, Any]) -> int:
-    misses = _number(content, "colour_misses", (0, ColourTest.n_plates - 1)) or 0.0
-    if misses != int(misses):
-        raise ValueError(f"screening: colour_misses is {misses:g}, expected a whole number of plates")
-    return int(misses)
-
-
-def _number(content: Mapping[str, Any], key: str, bounds: tuple[float, float]) -> float | None:
-    value = content.get(key, getattr(ScreeningOptions, key))
-    if value is None:
-        return None
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not bounds[0] <= value <= bounds[1]:
-        raise ValueError(f"screening: {key} is {value!r}, expected a number from {bounds[0]} to {bounds[1]}")
-    return float(value)

@@ -1,4 +1,4 @@
-"""The gate for text: what enters must be text that every database and every file can hold."""
+"""Check that text can be stored in every database and file, and replace what cannot."""
 
 from __future__ import annotations
 

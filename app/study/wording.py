@@ -30,9 +30,8 @@ if TYPE_CHECKING:
 
 CONSENT, DEBRIEFING, NAME = "study.consent", "study.debriefing", "study.name"
 QUESTIONS = "questions"
-PROTOCOLS = (
-    "protocols"  # texts of packs that fit other protocols than pair comparison, in place of those of the same key
-)
+# Texts of packs that fit other protocols than pair comparison, in place of those of the same key.
+PROTOCOLS = "protocols"
 LONGEST_TEXT = 20_000  # characters of a consent text
 LONGEST_NAME = 200  # characters of a study's name
 

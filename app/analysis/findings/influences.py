@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from app.analysis.findings.phrases import SIGNIFICANT, finding, listed, p_phrase, percent, signed
+from app.analysis.contrasts import SIGNIFICANT
+from app.analysis.findings.phrases import finding, listed, p_phrase, percent, signed
 from app.analysis.findings.ranking import level_text, overall, preferred_share, sharing_letters
 from app.analysis.objective.prediction import measures_by_rank
+from app.analysis.votes_table import ALL
 
 Row = Mapping[str, Any]
 
@@ -23,7 +25,7 @@ def influence_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
 
 
 def _test(analysis: Mapping[str, Any], name: str, model: str) -> Row | None:
-    tests = (row for row in analysis["tests"] if (row["name"], row["model"], row["dataset"]) == (name, model, "all"))
+    tests = (row for row in analysis["tests"] if (row["name"], row["model"], row["dataset"]) == (name, model, ALL))
     return next(tests, None)
 
 
@@ -37,7 +39,7 @@ def _p_value(analysis: Mapping[str, Any], test: Row | None) -> float | None:
 def _factors(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     effects: dict[str, list[Row]] = {}
     for row in analysis["effects"]:
-        if row["dataset"] == "all":
+        if row["dataset"] == ALL:
             effects.setdefault(row["factor"], []).append(row)
     reach = {factor: _reach(rows) for factor, rows in effects.items()}
     ordered = sorted(effects, key=lambda factor: -reach[factor])
@@ -88,7 +90,7 @@ def _alike(levels: Sequence[Row]) -> str:
 
 
 def _datasets(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
-    p = _p_value(analysis, _test(analysis, "datasets differ", "all"))
+    p = _p_value(analysis, _test(analysis, "datasets differ", ALL))
     n = len(analysis["votes"]["datasets"])
     if p is None or n < 2:
         return
@@ -97,7 +99,7 @@ def _datasets(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
         return
     tops: dict[str, list[str]] = {}
     for dataset in analysis["votes"]["datasets"]:
-        rows = [r for r in analysis["scores"] if (r["comparison"], r["dataset"]) == ("all", dataset)]
+        rows = [r for r in analysis["scores"] if (r["comparison"], r["dataset"]) == (ALL, dataset)]
         if rows and all(row["score"] is not None for row in rows):
             tops.setdefault(max(rows, key=lambda row: row["score"])["item"], []).append(dataset)
     named = "; ".join(f"{item} on {listed(names)}" for item, names in tops.items())
@@ -122,7 +124,7 @@ def _order(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
         text = f"No order effect is estimated, and the scores do not allow for one: {model['order_left_out']}."
         yield finding("order", text)
     effect = model["order_effect"]
-    p = _p_value(analysis, _test(analysis, "order effect", "all"))
+    p = _p_value(analysis, _test(analysis, "order effect", ALL))
     if effect is None or p is None:
         return
     share = percent(preferred_share(effect, model.get("log_theta") or 0.0))
@@ -146,8 +148,7 @@ def _ties(votes: Mapping[str, Any]) -> Iterator[dict[str, str]]:
 
 def _measures(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     """Say which objective measure follows the scores most closely, if any is shown to."""
-    last = {row["measure"]: row for row in analysis["measures"]}
-    ranked = [last[name] for name in measures_by_rank(analysis["measures"])] if last else []
+    ranked = list(measures_by_rank(analysis["measures"]).values())
     clear = [row for row in ranked if row["pearson_p"] is not None and row["pearson_p"] < SIGNIFICANT]
     if not ranked:
         return

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from app.analysis.contrasts import FEWEST_PARTICIPANTS
-from app.analysis.findings.phrases import SIGNIFICANT, counted, finding, listed, p_phrase, unsigned
+from app.analysis.contrasts import FEWEST_PARTICIPANTS, SIGNIFICANT
+from app.analysis.findings.phrases import counted, finding, outstanding, p_phrase, unsigned
 from app.analysis.findings.ranking import overall
 from app.analysis.observers import FEWEST_FOR_FENCES
 
@@ -85,7 +85,6 @@ def _outstanding(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     observers = analysis["observers"]
     if not observers:
         return
-    flagged = [f"{row['participant']} ({', '.join(row['flags'])})" for row in observers if row["flags"]]
     pooled = analysis["triads_pooled"]
     n_circular, n_people = sum(row["circular"] for row in pooled), sum(row["circular"] > 0 for row in pooled)
     circles = (
@@ -98,10 +97,4 @@ def _outstanding(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
         if len(observers) < FEWEST_FOR_FENCES
         else ""
     )
-    who, stands = ("Participant", "stands") if len(flagged) == 1 else ("Participants", "stand")
-    text = (
-        f"{who} {listed(flagged)} {stands} out; a reason to look, and nobody was left out for it."
-        if flagged
-        else f"Nobody of {len(observers)} stands out."
-    )
-    yield finding("participants", f"{text}{few}{circles}")
+    yield finding("participants", f"{outstanding(observers)}{few}{circles}")

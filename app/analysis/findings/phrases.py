@@ -6,8 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 MOST_NAMED = 5  # names in a sentence
-SIGNIFICANT = 0.05
 LOWEST_P = 0.001  # below, the exact value depends on tails that nobody has checked
+TIES = {
+    "davidson": "by Davidson (1970)",
+    "rao-kupper": "by Rao and Kupper (1967)",
+    "half": "as half a win for each condition",
+    "drop": "left out",
+}
 
 
 def finding(about: str, text: str) -> dict[str, str]:
@@ -67,3 +72,12 @@ def percent(share: float) -> str:
     if 0.995 < share < 1:
         return "more than 99 %"
     return f"{100 * share:.0f} %"
+
+
+def outstanding(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return the sentence on who stands out, of rows with `participant` and `flags`."""
+    flagged = [f"{row['participant']} ({', '.join(row['flags'])})" for row in rows if row["flags"]]
+    if not flagged:
+        return f"Nobody of {len(rows)} stands out."
+    who, stands = ("Participant", "stands") if len(flagged) == 1 else ("Participants", "stand")
+    return f"{who} {listed(flagged)} {stands} out; a reason to look, and nobody was left out for it."

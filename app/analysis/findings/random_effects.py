@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from app.analysis.contrasts import SIGNIFICANT
+from app.analysis.findings.pairs import contrast_between
 from app.analysis.findings.phrases import (
-    SIGNIFICANT,
     counted,
     finding,
     listed,
@@ -38,13 +39,12 @@ def random_effect_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, st
         f"With {listed([level for level in levels if level != 'ties'])} as random effects, that is for other people"
         f"{where}: {best['item']} has the highest score, {values[0]}, {worst['item']} the lowest, {values[1]}."
     )
-    pair = next((row for row in contrasts if {row["item_a"], row["item_b"]} == {best["item"], worst["item"]}), None)
+    pair = contrast_between(contrasts, best["item"], worst["item"])
     if pair is not None:
-        people = pair["people_preferring"] if pair["item_a"] == best["item"] else 1 - pair["people_preferring"]
         n_differ = sum(row["p_holm"] < SIGNIFICANT for row in contrasts)
         doubt = "" if pair["p_holm"] < SIGNIFICANT else ", which chance can explain"
         text += (
-            f" {percent(people).capitalize()} of people prefer {best['item']} to {worst['item']}, "
+            f" {percent(pair['people_preferring']).capitalize()} of people prefer {best['item']} to {worst['item']}, "
             f"{p_phrase(pair['p_holm'])} (Holm){doubt}; {n_differ} of {counted(len(contrasts), 'pair')} differ."
         )
     yield finding("random effects", text)

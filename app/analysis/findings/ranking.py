@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from app.analysis.contrasts import MOST_ITEMS
+from app.analysis.contrasts import MOST_ITEMS, SIGNIFICANT
+from app.analysis.findings.pairs import contrast_between
 from app.analysis.findings.phrases import (
-    SIGNIFICANT,
     finding,
     listed,
     number_with_interval,
@@ -18,6 +18,7 @@ from app.analysis.findings.phrases import (
     percent,
     signed,
 )
+from app.analysis.votes_table import ALL
 
 Row = Mapping[str, Any]
 
@@ -34,9 +35,9 @@ class Condition(NamedTuple):
     letters: str | None
 
 
-def overall(rows: Sequence[Row], comparison: str = "all") -> list[Row]:
+def overall(rows: Sequence[Row], comparison: str = ALL) -> list[Row]:
     """Return the rows of a comparison on all datasets together."""
-    return [row for row in rows if row["comparison"] == comparison and row["dataset"] == "all"]
+    return [row for row in rows if row["comparison"] == comparison and row["dataset"] == ALL]
 
 
 def ranking_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
@@ -172,29 +173,30 @@ def _other(pair: Row, item: str) -> str:
 
 def _difference(best: str, worst: str, contrasts: Sequence[Row], model: Row) -> str:
     """Say how much the best condition is preferred to the worst."""
-    (pair,) = (row for row in contrasts if {row["item_a"], row["item_b"]} == {best, worst})
-    sign = 1 if pair["item_a"] == best else -1
+    pair = contrast_between(contrasts, best, worst)
+    assert pair is not None
     log_theta = model.get("log_theta") or 0.0
     if pair["ci_low"] is None or pair["ci_high"] is None:
-        return _open_difference(best, worst, pair, log_theta)
-    ends = sorted(sign * pair[name] for name in ("ci_low", "ci_high"))
-    share, low, high = (preferred_share(value, log_theta) for value in (sign * pair["difference"], *ends))
-    between = f"{percent(share)} of decided votes (95 % interval {percent(low)} to {percent(high)})"
-    doubt = "" if pair["p_holm"] < SIGNIFICANT else ", which chance can explain"
-    return f"Of {best} and {worst}, {best} is preferred in {between}, {p_phrase(pair['p_holm'])} (Holm){doubt}."
+        return _open_difference(pair, log_theta)
+    share, low, high = (percent(preferred_share(pair[name], log_theta)) for name in ("difference", "ci_low", "ci_high"))
+    between = f"{share} of decided votes (95 % interval {low} to {high})"
+    return f"Of {best} and {worst}, {best} is preferred in {between}, {p_phrase(pair['p_holm'])} (Holm){_doubt(pair)}."
 
 
-def _open_difference(best: str, worst: str, pair: Row, log_theta: float) -> str:
-    """Say how much the best condition is preferred at least, where all votes go one way."""
-    limit = pair["ci_low"] if pair["item_a"] == best else None if pair["ci_high"] is None else -pair["ci_high"]
-    if limit is None:
+def _open_difference(pair: Row, log_theta: float) -> str:
+    """Say how much the first condition is preferred at least, where all votes go one way."""
+    best, worst = pair["item_a"], pair["item_b"]
+    if pair["ci_low"] is None:
         return f"How much {best} is preferred to {worst} has no estimate and no limit ({pair['method']})."
-    share = percent(preferred_share(limit, log_theta))
-    doubt = "" if pair["p_holm"] < SIGNIFICANT else ", which chance can explain"
+    share = percent(preferred_share(pair["ci_low"], log_theta))
     return (
         f"Of {best} and {worst}, every decided vote prefers {best}: its share is at least {share} (one-sided 95 % "
-        f"limit), {p_phrase(pair['p_holm'])} ({pair['method']}, Holm){doubt}."
+        f"limit), {p_phrase(pair['p_holm'])} ({pair['method']}, Holm){_doubt(pair)}."
     )
+
+
+def _doubt(pair: Row) -> str:
+    return "" if pair["p_holm"] < SIGNIFICANT else ", which chance can explain"
 
 
 def preferred_share(difference: float, log_theta: float = 0.0) -> float:

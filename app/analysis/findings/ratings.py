@@ -6,16 +6,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from app.analysis.contrasts import FEWEST_PARTICIPANTS, MOST_ITEMS
+from app.analysis.findings.pairs import contrast_between
 from app.analysis.findings.phrases import (
     counted,
     finding,
     listed,
     number_with_interval,
+    outstanding,
     p_phrase,
     signed,
     unsigned,
 )
 from app.analysis.findings.ranking import Condition, tested_ranking, untested_ranking
+from app.analysis.votes_table import ALL
 
 Row = Mapping[str, Any]
 
@@ -61,14 +64,7 @@ def _opinions(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]]:
             f"{n_people} participants are few (fewer than {FEWEST_PARTICIPANTS}): intervals rest on "
             f"{counted(n_people - 1, 'degree')} of freedom; treat the results as provisional.",
         )
-    flagged = [f"{row['participant']} ({', '.join(row['flags'])})" for row in raters if row["flags"]]
-    stands = "stands" if len(flagged) == 1 else "stand"
-    yield finding(
-        "participants",
-        f"{listed(flagged)} {stands} out; a reason to look, and nobody was left out for it."
-        if flagged
-        else f"Nobody of {len(raters)} stands out.",
-    )
+    yield finding("participants", outstanding(raters))
     yield finding(
         "settings",
         f"Settings: {model['protocol'].upper()}, scale {model['low']:g} to {model['high']:g}, means over participants "
@@ -85,18 +81,17 @@ def _why_not_tested(n_people: int, n_conditions: int) -> str:
 
 
 def _difference(best: str, worst: str, contrasts: Sequence[Row]) -> str:
-    (pair,) = (row for row in contrasts if {row["item_a"], row["item_b"]} == {best, worst})
-    sign = 1 if pair["item_a"] == best else -1
-    low, high = sorted(sign * pair[name] for name in ("ci_low", "ci_high"))
+    pair = contrast_between(contrasts, best, worst)
+    assert pair is not None
     return (
-        f"Participants rate {best} {unsigned(sign * pair['difference'])} grades above {worst} (95 % interval "
-        f"{unsigned(low)} to {unsigned(high)}), {p_phrase(pair['p_holm'])} (Holm)."
+        f"Participants rate {best} {unsigned(pair['difference'])} grades above {worst} (95 % interval "
+        f"{unsigned(pair['ci_low'])} to {unsigned(pair['ci_high'])}), {p_phrase(pair['p_holm'])} (Holm)."
     )
 
 
 def _comparisons(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]]:
     datasets = dict.fromkeys(row["dataset"] for row in tables["comparison_items"])
-    for dataset in ["all"] if "all" in datasets else datasets:
+    for dataset in [ALL] if ALL in datasets else datasets:
         rows = [row for row in tables["comparison_items"] if row["dataset"] == dataset]
         rows.sort(key=lambda row: -row["score"])
         conditions = [

@@ -7,16 +7,9 @@ from typing import Any
 
 from app.analysis.findings.influences import influence_findings
 from app.analysis.findings.people import limit_findings, people_findings
-from app.analysis.findings.phrases import finding
+from app.analysis.findings.phrases import TIES, finding
 from app.analysis.findings.random_effects import random_effect_findings
 from app.analysis.findings.ranking import overall, ranking_findings
-
-TIES = {
-    "davidson": "ties by Davidson (1970)",
-    "rao-kupper": "ties by Rao and Kupper (1967)",
-    "half": "ties as half a win",
-    "drop": "ties left out",
-}
 
 
 def vote_findings(analysis: Mapping[str, Any]) -> list[dict[str, str]]:
@@ -50,7 +43,7 @@ def _settings(analysis: Mapping[str, Any]) -> str:
     left_out = f"; left out: {', '.join(settings['exclude'])}" if settings["exclude"] else ""
     prior = "; JOD by Thurstone's Case V with pwcmp's prior on distances" if settings["jod_prior"] == "pwcmp" else ""
     return (
-        f"Settings: Bradley-Terry model, {TIES[settings['ties']]}, order effect "
+        f"Settings: Bradley-Terry model, ties {TIES[settings['ties']]}, order effect "
         f"{'estimated' if has_order else 'not estimated'}, 95 % intervals: "
         f"{' or '.join(methods) or 'none'}; all pairs corrected by Holm{prior}{left_out}."
     )

@@ -15,17 +15,19 @@ from app.analysis.drawing import (
     LINE,
     MARGIN,
     PALETTE,
-    colours_of,
+    colour_by,
+    dashed_line,
     labels_of,
-    legend_of,
-    shapes_of,
+    shape_by,
     text_width,
     wrapped,
 )
+from app.analysis.findings.phrases import unsigned
 from app.analysis.objective.against_scores import compared_scores, score_unit
 from app.analysis.objective.labels import LABEL_SIZE, Frame, place_names
 from app.analysis.objective.logistic import Logistic
-from app.analysis.objective.prediction import ALL, directed, measures_by_rank
+from app.analysis.objective.prediction import directed, measures_by_rank
+from app.analysis.votes_table import ALL
 
 Row = Mapping[str, Any]
 
@@ -68,13 +70,8 @@ def measure_chart(analysis: Mapping[str, Any], measure: str, width: int = FULL) 
         "x:Q", title=f"{measure}{relative}", scale=alt.Scale(domain=x_domain, nice=False), axis=alt.Axis(tickCount=6)
     )
     y_title, y_scale = f"score ({score_unit(analysis)}){relative}", alt.Scale(domain=y_domain, nice=False)
-    colors = alt.Scale(domain=names, range=colours_of(len(names)))
-    legend = legend_of(names, width) if len(names) > 1 else None
     y_axis = alt.Axis(titlePadding=10)
-    color = alt.Color("dataset:N", sort=names, scale=colors, legend=legend)
-    shape = alt.Shape(
-        "dataset:N", sort=names, scale=alt.Scale(domain=names, range=shapes_of(len(names))), legend=legend
-    )
+    color, shape = colour_by("dataset", "dataset", names, width), shape_by("dataset", "dataset", names, width)
     base = alt.Chart(alt.Data(values=rows)).encode(x=x)
     bars = base.mark_rule(opacity=0.45).encode(
         y=alt.Y("low:Q", title=y_title, scale=y_scale, axis=y_axis), y2="high:Q", color=color
@@ -176,17 +173,13 @@ def _key(items: Sequence[str], width: float) -> Any:
 
 def _subtitle(row: Row) -> list[str]:
     numbers = [
-        f"{name} {_signed(row[key])}" + ("" if row[f"{key}_low"] is None else
-        f" [{_signed(row[f'{key}_low'])}, {_signed(row[f'{key}_high'])}]")
+        f"{name} {unsigned(row[key])}" + ("" if row[f"{key}_low"] is None else
+        f" [{unsigned(row[f'{key}_low'])}, {unsigned(row[f'{key}_high'])}]")
         for name, key in (("PLCC", "pearson_logistic"), ("SROCC", "spearman"))
         if row[key] is not None
     ]  # fmt: skip
     better = f"{row['better']} should be better" if row["better"] else "no stated direction"
     return [", ".join(numbers) or "too few points for a correlation", better]
-
-
-def _signed(value: float) -> str:
-    return f"{value:.2f}".replace("-", "−")
 
 
 def ranking_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
@@ -204,8 +197,8 @@ def ranking_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
     -------
     altair chart, or None without measures that can be compared
     """
-    last = {row["measure"]: row for row in analysis["measures"]}
-    names = [name for name in measures_by_rank(analysis["measures"]) if last[name]["spearman"] is not None]
+    last = measures_by_rank(analysis["measures"])
+    names = [name for name, row in last.items() if row["spearman"] is not None]
     if not names:
         return None
     labels = [name if last[name]["better"] else f"{name} *" for name in names]
@@ -248,7 +241,4 @@ def _ranking_panel(rows: Sequence[Row], axis: alt.Axis, names: Sequence[str], ti
     points = base.mark_point(size=46, opacity=1, strokeWidth=1.6, color=INK).encode(
         y=y, x=alt.X("value:Q", title=title, scale=scale), fill=fill
     )
-    zero = (
-        alt.Chart(alt.Data(values=[{"zero": neutral}])).mark_rule(strokeDash=[4, 3], color="#777777").encode(x="zero:Q")
-    )
-    return alt.layer(zero, bars, points)
+    return alt.layer(dashed_line("x", neutral), bars, points)

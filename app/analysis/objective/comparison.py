@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
-from app.analysis.contrasts import holm
+from app.analysis.contrasts import holm, two_sided
 from app.analysis.correlation import pearson, spearman
 from app.analysis.objective.pair_order import better_worse, pair_differences
 from app.analysis.objective.permutation import FEWEST_CONDITIONS, ROUNDING
@@ -72,9 +71,9 @@ def _rows(measures: Mapping[str, Points], rng: np.random.Generator) -> Iterator[
             for measure, points in ((a, first), (b, second)):
                 if (measure, points.key) not in known:
                     known[measure, points.key] = left_out_z(points)
-            of_a, of_b = known[a, first.key], known[b, second.key]
-            row |= {"pearson_a": float(np.tanh(of_a[0])), "pearson_b": float(np.tanh(of_b[0]))}
-            row["p_value"] = jackknife_test(of_a, of_b)
+            z_a, z_b = known[a, first.key], known[b, second.key]
+            row |= {"pearson_a": float(np.tanh(z_a[0])), "pearson_b": float(np.tanh(z_b[0]))}
+            row["p_value"] = jackknife_test(z_a, z_b)
             if len(first.different):
                 row |= dict(zip(("auc_a", "auc_b", "auc_p"), swap_test(first, second, rng), strict=True))
         yield row
@@ -127,7 +126,7 @@ def jackknife_test(first: Array, second: Array) -> float:
     """
     difference, n_conditions = first - second, len(first) - 1
     error = float(np.sqrt((n_conditions - 1) * np.var(difference[1:])))
-    return 1.0 if error < ROUNDING else float(2 * student.sf(abs(difference[0]) / error, n_conditions - 1))
+    return 1.0 if error < ROUNDING else float(two_sided(np.array(difference[0] / error), n_conditions))
 
 
 def swap_test(first: Points, second: Points, rng: np.random.Generator) -> tuple[float, float, float]:

@@ -1,5 +1,6 @@
-"""Correlate a measure with the scores in every order of the conditions at once; each function has a twin for a single
-order in `app.analysis.correlation`, which the tests compare it with.
+"""Correlate a measure with the scores in every order of the conditions at once.
+
+Linear and rank correlations are those of `app.analysis.correlation`, which takes a single order.
 """
 
 from __future__ import annotations
@@ -52,14 +53,14 @@ def kendalls(values: Array, scores: Array, orders: Indices) -> Array:
     float64 (P,)
     """
     first, second = np.triu_indices(len(values), 1)
-    of_values = np.sign(values[first] - values[second])
-    of_scores = np.sign(scores[:, None] - scores)
+    value_signs = np.sign(values[first] - values[second])
+    score_signs = np.sign(scores[:, None] - scores)
     rows = max(1, LARGEST_BLOCK // len(first))
     sums = [
-        of_scores[block[:, first], block[:, second]] @ of_values
+        score_signs[block[:, first], block[:, second]] @ value_signs
         for block in (orders[start : start + rows] for start in range(0, len(orders), rows))
     ]
-    untied = np.count_nonzero(of_values) * (np.count_nonzero(of_scores) / 2)
+    untied = np.count_nonzero(value_signs) * (np.count_nonzero(score_signs) / 2)
     return np.asarray(np.concatenate(sums) / np.sqrt(untied))
 
 

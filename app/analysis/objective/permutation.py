@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.objective.points import Indices, Points
+from app.analysis.settings import LEVEL
 
 Array = NDArray[np.float64]
 
 MOST_ORDERS = 1000  # all orders if there are fewer, as with six conditions; else so many drawn at random
 FEWEST_CONDITIONS = 5  # with fewer, no rank correlation is rare enough for an interval to mean anything
-LEVEL = 0.95
 NEARLY_ONE = 0.995  # larger correlations count as 1, which ranks and curves reach with few points
 ROUNDING = 1e-9  # correlations that differ by less are equal
 

@@ -9,6 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from app.analysis.contrasts import SIGNIFICANT, Contrast
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
@@ -33,6 +35,26 @@ class ScoreSet:
     half_widths: Array
     different: Sequence[tuple[int, int]] = ()
     similar: Sequence[tuple[int, int]] = ()
+
+
+def score_set(
+    items: tuple[str, ...], scores: Array, half_widths: Array, contrasts: Sequence[Contrast] = ()
+) -> ScoreSet:
+    """Return the scores of a dataset with the pairs of items that were tested.
+
+    Parameters
+    ----------
+    items, scores, half_widths : as in `ScoreSet`
+    contrasts : of the pairs that were tested
+    """
+    place = {item: index for index, item in enumerate(items)}
+    different: list[tuple[int, int]] = []
+    similar: list[tuple[int, int]] = []
+    for contrast in contrasts:
+        a, b = place[contrast.item_a], place[contrast.item_b]
+        better_first = (a, b) if contrast.difference > 0 else (b, a)
+        (different if contrast.p_holm < SIGNIFICANT else similar).append(better_first)
+    return ScoreSet(items, scores, half_widths, different, similar)
 
 
 @dataclass(frozen=True)

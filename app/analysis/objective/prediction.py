@@ -15,22 +15,23 @@ from app.analysis.objective.logistic import PARAMETERS, fit_logistic, grid_corre
 from app.analysis.objective.pair_order import better_worse, different_similar, pair_differences, share_in_order
 from app.analysis.objective.permutation import chance, condition_orders
 from app.analysis.objective.points import Indices, Points, ScoreSet, matched
+from app.analysis.votes_table import ALL
 
 Array = NDArray[np.float64]
 Measures = Mapping[str, Mapping[str, Mapping[str, float]]]  # measure -> dataset -> item -> value
 
-ALL = "all"
 SIGNS = {"higher": 1.0, "lower": -1.0}
 CORRELATIONS = ("pearson", "pearson_logistic", "pearson_monotone", "spearman", "kendall")
 SHARES = ("pairs_correct", "auc_better_worse", "auc_different_similar")  # 1/2 without information
 
 
-def measures_by_rank(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the measures, the best predictor first, by the rank correlation over all datasets or on the last one, in
-    the direction that should be better.
+def measures_by_rank(rows: Sequence[Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
+    """Return each measure's row over all datasets, or on the last one, by its name, the best predictor first.
+
+    The order is that of the rank correlation, in the direction that should be better.
     """
     last = {row["measure"]: row for row in rows}
-    return sorted(last, key=lambda measure: -(directed(last[measure], "spearman") or 0.0))
+    return dict(sorted(last.items(), key=lambda measure: -(directed(measure[1], "spearman") or 0.0)))
 
 
 def directed(row: Mapping[str, Any], name: str) -> float | None:

@@ -11,17 +11,16 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import minimize
 from scipy.sparse import coo_array, csr_array, hstack
 from scipy.sparse.csgraph import connected_components
-from scipy.stats import t as student
 
-from app.analysis.ratings.table import RatingTable
-from app.analysis.settings import LEVEL
+from app.analysis.contrasts import critical_value
+from app.analysis.ratings.table import RatingTable, numbered_names
+from app.analysis.scales import LOG_ODDS_PER_JOD
 from app.analysis.ties import TIE_MODELS, WITHOUT_TIES, Derivatives, TieModel
 from app.analysis.votes_table import NONE, A, B, VotesTable
 
 Array = NDArray[np.float64]
 
 FEWEST_SHARED = 3  # items that are both rated and compared; a line through two says nothing
-JOD = np.log(3)  # log-odds
 STEEPEST = 50.0  # log-odds per standard deviation of the ratings; beyond it the slope grows without limit
 CERTAIN = -0.01  # log-likelihood of all votes; above it they all follow the ratings, and the slope grows without limit
 TOLERANCE = 1e-6  # of the gradient, per observation
@@ -62,7 +61,7 @@ def align(table: RatingTable, votes: VotesTable) -> dict[str, list[dict[str, Any
     Every item has a quality q in units of the rating scale. A rating is q plus normal noise; the log-odds of preferring
     an item to another are k times the difference of their qualities, with Davidson's tie parameter if there are ties.
     Qualities, k, noise and tie parameter maximise the joint likelihood. Errors are clustered by participant (a name in
-    both tables is one person), intervals are of t(J - 1) for J participants.
+    both tables is one person), intervals are of t(J - 1) for J participants; a single one has none.
 
     Parameters
     ----------
@@ -101,18 +100,23 @@ def align(table: RatingTable, votes: VotesTable) -> dict[str, list[dict[str, Any
 
 @dataclass(frozen=True)
 class _Fit:
-    """Estimates in units of the rating scale: qualities (K,), then k, log noise and, with ties, log nu."""
+    """Estimates in units of the rating scale: qualities (K,), then k, log noise and, with ties, log nu.
+
+    There is no covariance for a single participant, who says nothing about others.
+    """
 
     theta: Array
-    covariance: Array
+    covariance: Array | None
     n_items: int
-    degrees: float
+    n_participants: int | None
     loglik: float
 
-    def interval(self, gradient: Array, value: float) -> tuple[float, float, float]:
+    def interval(self, gradient: Array, value: float) -> tuple[float | None, float | None, float | None]:
         """Return the error and 95 % interval of a linear function of the parameters."""
+        if self.covariance is None:
+            return None, None, None
         error = float(np.sqrt(gradient @ self.covariance @ gradient))
-        half = float(student.ppf((1 + LEVEL) / 2, self.degrees)) * error
+        half = critical_value(self.n_participants) * error
         return error, value - half, value + half
 
     def row(self) -> dict[str, Any]:
@@ -132,9 +136,9 @@ class _Fit:
 def _observations(table: RatingTable, votes: VotesTable) -> Observations:
     """Number items and participants of both tables alike; leave out items that no rating is linked to by votes."""
     names: dict[tuple[str, str], int] = {}
-    rated = _numbers([table.items[index] for index in table.item], names)
+    rated = numbered_names((table.items[index] for index in table.item), names)
     first, second = (
-        _numbers([(votes.datasets[d], votes.items[i]) for d, i in zip(votes.dataset, item, strict=True)], names)
+        numbered_names([(votes.datasets[d], votes.items[i]) for d, i in zip(votes.dataset, item, strict=True)], names)
         for item in (votes.item_a, votes.item_b)
     )
     graph = coo_array((np.ones(len(first)), (first, second)), shape=(len(names), len(names)))
@@ -143,8 +147,8 @@ def _observations(table: RatingTable, votes: VotesTable) -> Observations:
     new = np.cumsum(is_linked) - 1
     used = is_linked[first]
     people: dict[str, int] = {}
-    rater = _numbers([table.participants[index] for index in table.person], people)
-    voter = _numbers([votes.participants[index] for index in votes.participant[used]], people)
+    rater = numbered_names([table.participants[index] for index in table.person], people)
+    voter = numbered_names([votes.participants[index] for index in votes.participant[used]], people)
     n_votes = int(used.sum())
     cells = (np.tile(np.arange(n_votes), 2), np.r_[new[first[used]], new[second[used]]])
     signs = np.repeat([1.0, -1.0], n_votes)
@@ -159,11 +163,6 @@ def _observations(table: RatingTable, votes: VotesTable) -> Observations:
         voter=voter,
         n_participants=len(people) if votes.has_participants else 0,
     )
-
-
-def _numbers(values: list[Any], known: dict[Any, int]) -> NDArray[np.intp]:
-    """Return each value's number, in order of appearance after those already known."""
-    return np.array([known.setdefault(value, len(known)) for value in values], np.intp)
 
 
 @dataclass(frozen=True)
@@ -278,16 +277,15 @@ def _fit(seen: Observations) -> _Fit | None:
         inverse = cho_solve(cho_factor(information), np.eye(len(theta)))
     except LinAlgError:
         return None
-    covariance, degrees = inverse, np.inf
-    if seen.n_participants > 1:
-        covariance, degrees = _clustered(seen, likelihood, theta, inverse), seen.n_participants - 1
+    covariance = _clustered(seen, likelihood, theta, inverse) if seen.n_participants > 1 else inverse
     scale = np.ones(len(theta))
     scale[:n], scale[n] = unit, 1 / unit
     theta = theta * scale
     theta[:n] += centre
     theta[n + 1] += np.log(unit)
     loglik = likelihood.value(best.x) - len(seen.rating) * float(np.log(unit))
-    return _Fit(theta, covariance * np.outer(scale, scale), n, degrees, loglik)
+    scaled = None if seen.n_participants == 1 else covariance * np.outer(scale, scale)
+    return _Fit(theta, scaled, n, seen.n_participants or None, loglik)
 
 
 def _start(seen: Observations, likelihood: _Likelihood) -> Array:
@@ -330,5 +328,5 @@ def _item_rows(seen: Observations, fit: _Fit) -> list[dict[str, Any]]:
         row = {"dataset": name, "condition": condition, "n_ratings": int(n_ratings[index])}
         row |= {"n_votes": int(n_votes[index]), "quality": float(quality[index]), "quality_se": quality_se}
         row |= {"quality_low": low, "quality_high": high, "score": slope * gap, "score_se": score_se}
-        rows.append(row | {"score_low": score_low, "score_high": score_high, "jod": slope * gap / float(JOD)})
+        rows.append(row | {"score_low": score_low, "score_high": score_high, "jod": slope * gap / LOG_ODDS_PER_JOD})
     return rows

@@ -7,9 +7,8 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
 
-from app.analysis.contrasts import Contrast, letters
+from app.analysis.contrasts import Contrast, critical_value, letters
 from app.analysis.ratings.contrasts import rating_contrasts
 from app.analysis.ratings.opinion_scores import columns_by_condition, condition_rows, item_rows
 from app.analysis.ratings.outliers import (
@@ -19,9 +18,8 @@ from app.analysis.ratings.outliers import (
 )
 from app.analysis.ratings.subject_model import COMMON, FEWEST_RATINGS, SubjectModel, fit_subject_model
 from app.analysis.ratings.table import RatingTable
-from app.analysis.settings import LEVEL
 
-Z = float(norm.ppf((1 + LEVEL) / 2))
+Z = critical_value(None)
 WHY_NO_MODEL = {
     "disconnected": "to tell biases and qualities apart takes two participants or more with three ratings each, linked "
     "by items that they share",

@@ -8,14 +8,14 @@ from typing import Any
 import altair as alt
 import numpy as np
 
-from app.analysis.charts import MOST_PARTICIPANTS_IN_A_CHART
-from app.analysis.comparison import ALL, natural_order
-from app.analysis.drawing import FULL, INK, PALETTE, Labels, arranged, labels_of, panel_layout
+from app.analysis.charts import MOST_PARTICIPANTS_IN_A_CHART, title_of
+from app.analysis.comparison import natural_order
+from app.analysis.drawing import FULL, INK, PALETTE, Labels, dashed_line, labels_of, panel_layout, panels_in_rows
+from app.analysis.votes_table import ALL
 
 Row = Mapping[str, Any]
 
 MARGIN = 0.08  # of the range, beside the intervals
-EVERY = "all datasets"
 ESTIMATES = ("mean", "subject model")
 
 
@@ -94,7 +94,7 @@ def _point(row: Row, value: str, ends: str) -> dict[str, Any]:
     low, high = (row[value] if row[f"{ends}_{end}"] is None else row[f"{ends}_{end}"] for end in ("low", "high"))
     name = f"{row['condition']} (ref.)" if row.get("is_reference") else row["condition"]
     return {
-        "dataset": EVERY if row["dataset"] in ("", ALL) else row["dataset"],
+        "dataset": row["dataset"] or ALL,
         "condition": name,
         "value": row[value],
         "low": low,
@@ -117,28 +117,17 @@ def _panels(
     margin = MARGIN * (max(ends) - min(ends)) or 0.5
     scale = alt.Scale(domain=[min(ends) - margin, max(ends) + margin], zero=False, nice=False)
     several = list(estimates) if len(estimates) > 1 else []
-    names = natural_order({row["dataset"] for row in values} - {EVERY}) + [EVERY] * any(
-        row["dataset"] == EVERY for row in values
-    )
+    datasets = natural_order({row["dataset"] for row in values} - {ALL})
+    names = [*datasets, ALL] if any(row["dataset"] == ALL for row in values) else datasets
     labels = labels_of(order, width)
-    n_columns, panel_width = panel_layout(len(names), labels, width)
-    panels = [
-        _panel(
-            [row for row in values if row["dataset"] == name],
-            alt.Y(
-                "condition:N",
-                scale=alt.Scale(domain=order),
-                sort=None,
-                title=None,
-                axis=labels.axis(is_shown=number % n_columns == 0),
-            ),
-            {"title": title, "scale": scale, "axis": alt.Axis(tickCount=4)},
-            line,
-            several,
-        ).properties(width=panel_width, height=_height(labels, len(several)), title=name)
-        for number, name in enumerate(names)
-    ]
-    return arranged(panels, n_columns)
+    horizontal = {"title": title, "scale": scale, "axis": alt.Axis(tickCount=4)}
+
+    def panel(dataset: str, axis: alt.Axis) -> Any:
+        y = alt.Y("condition:N", scale=alt.Scale(domain=order), sort=None, title=None, axis=axis)
+        chart = _panel([row for row in values if row["dataset"] == dataset], y, horizontal, line, several)
+        return chart.properties(height=_height(labels, len(several)), title=title_of(dataset))
+
+    return panels_in_rows(names, labels, width, panel)
 
 
 def _height(labels: Labels, n_estimates: int) -> alt.Step:
@@ -161,12 +150,7 @@ def _panel(
             color=alt.Color("estimate:N", title=None, scale=names, legend=alt.Legend(orient="bottom")),
             shape=alt.Shape("estimate:N", title=None, scale=shapes, legend=alt.Legend(orient="bottom")),
         )
-    return alt.layer(*([bars, points] if line is None else [_line(line), bars, points]))
-
-
-def _line(value: float) -> Any:
-    rule = alt.Chart(alt.Data(values=[{"line": value}])).mark_rule(strokeDash=[4, 3], color="#777777")
-    return rule.encode(x="line:Q")
+    return alt.layer(*([bars, points] if line is None else [dashed_line("x", line), bars, points]))
 
 
 def raters_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
@@ -205,7 +189,7 @@ def raters_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
             "named:N", scale=alt.Scale(domain=["by a rule", "no"], range=[PALETTE[2], "#ffffff"]), legend=None
         )
         points = base.mark_point(size=46, opacity=1, strokeWidth=1.6, color=INK).encode(x=x, fill=fill)
-        layers = [bars, points] if line is None else [_line(line), bars, points]
+        layers = [bars, points] if line is None else [dashed_line("x", line), bars, points]
         panels.append(alt.layer(*layers).properties(width=panel_width, height=alt.Step(15)))
     title = alt.TitleParams(
         "Participants", subtitle="line: 95 % interval; filled: to look at, by the rules of the text"

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.stats import t as student
 
-from app.analysis.comparison import ALL
+from app.analysis.contrasts import critical_value
 from app.analysis.ratings.opinion_scores import mean_with_interval
 from app.analysis.ratings.table import ComparisonTable
-from app.analysis.settings import LEVEL
+from app.analysis.votes_table import ALL
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -179,7 +178,7 @@ def _score_rows(dataset: str, conditions: list[str], part: _Part, fit: _Fit) -> 
     if fit.n_groups > 1:
         return
     n_ratings = np.bincount(np.r_[part.a, part.b])
-    factor = float(student.ppf((1 + LEVEL) / 2, max(fit.n_participants - 1, 1)))
+    factor = critical_value(max(fit.n_participants, 2))
     for number, name in enumerate(part.conditions):
         score = float(fit.score[number])
         row = {"dataset": dataset, "condition": conditions[name], "n_ratings": int(n_ratings[number]), "score": score}

@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from app.analysis.layouts import SYNONYMS, plain, recognise
-from app.analysis.tabular import numbers, refuse, shown
+from app.analysis.tabular import numbers, refuse, shown, texts
 from app.analysis.votes_table import VotesError
 
 # Names in lower case, without spaces, points, hyphens and underscores.
@@ -66,7 +66,7 @@ def one_rating_a_row(frame: pd.DataFrame, scale: tuple[float, float]) -> tuple[p
 def is_of_ratings(frame: pd.DataFrame) -> bool:
     """Does a table hold ratings, in any of the shapes that are read?"""
     if "rating" in frame.columns:  # a study's table of choices has the column, too, and it is empty
-        return any(not pd.isna(value) and str(value).strip() for value in frame["rating"])
+        return bool((texts(frame["rating"]) != "").any())
     given = frame.rename(columns={name: ours for ours, name in _recognised(list(map(str, frame.columns))).items()})
     return {"participant", "condition", "rating"} <= set(given.columns) or _wide(given) is not None
 
@@ -95,7 +95,7 @@ def _wide(frame: pd.DataFrame) -> _Wide | None:
     rated = [str(name) for name in frame.columns if name not in NAMES]
     if len(named) != 1 or len(rated) < FEWEST_COLUMNS or _compares(rated) or "rating" in frame.columns:
         return None
-    if set(_texts(frame[named[0]])) == set(rated) or not all(_is_numeric(frame[name]) for name in rated):
+    if set(texts(frame[named[0]])) == set(rated) or not all(_is_numeric(frame[name]) for name in rated):
         return None
     return _Wide(named[0], "condition" if named[0] == "participant" else "participant", rated)
 
@@ -103,22 +103,18 @@ def _wide(frame: pd.DataFrame) -> _Wide | None:
 def _is_numeric(column: pd.Series) -> bool:
     """Does a column hold numbers and empty cells only?"""
     try:
-        numbers(_texts(column), "", may_be_negative=True)
+        numbers(texts(column), "", may_be_negative=True)
     except VotesError:
         return False
     return True
 
 
-def _texts(column: pd.Series) -> NDArray[np.object_]:
-    return np.array(["" if pd.isna(cell) else str(cell).strip() for cell in column], object)
-
-
 def _long(frame: pd.DataFrame, wide: _Wide, scale: tuple[float, float]) -> pd.DataFrame:
     for name in wide.rated:
-        _check_scale(name, numbers(_texts(frame[name]), "", may_be_negative=True), scale)
+        _check_scale(name, numbers(texts(frame[name]), "", may_be_negative=True), scale)
     kept = [name for name in NAMES if name in frame.columns]
     long = frame.melt(id_vars=kept, value_vars=wide.rated, var_name=wide.columns, value_name="rating")
-    long["rating"] = _texts(long["rating"])
+    long["rating"] = texts(long["rating"])
     return long.query("rating != ''")
 
 

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
+from app.analysis.contrasts import critical_value
 from app.analysis.ratings.table import RatingTable
-from app.analysis.settings import LEVEL
 
 Array = NDArray[np.float64]
 
@@ -73,24 +72,26 @@ def mean_with_interval(values: Array) -> dict[str, Any]:
 
     Returns
     -------
-    dict, `n` (participants), `mean`, `sd` (of the participants' means; denominator n - 1), `ci_low`, `ci_high`;
+    dict, `n` (participants), `mean`, `se`, `sd` (of the participants' means; denominator n - 1), `ci_low`, `ci_high`;
     None where too few values define it
     """
     values = values[:, None] if values.ndim == 1 else values
     values = values[:, ~np.isnan(values).all(axis=0)]
     values = values[~np.isnan(values).all(axis=1)]
     n = len(values)
+    row: dict[str, Any] = {"n": n} | dict.fromkeys(("mean", "se", "sd", "ci_low", "ci_high"))
     if n == 0:
-        return {"n": 0, "mean": None, "sd": None, "ci_low": None, "ci_high": None}
-    item_means = np.nanmean(values, axis=0)
-    row: dict[str, Any] = {"n": n, "mean": float(item_means.mean()), "sd": None, "ci_low": None, "ci_high": None}
-    if n == 1:
         return row
+    item_means = np.nanmean(values, axis=0)
+    mean = float(item_means.mean())
+    if n == 1:
+        return row | {"mean": mean}
     parts = np.nanmean(values, axis=1)
     influence = np.nan_to_num((values - item_means) / (~np.isnan(values)).sum(axis=0)).mean(axis=1)
     error = float(np.sqrt(n / (n - 1) * (influence @ influence)))
-    half = float(student.ppf((1 + LEVEL) / 2, n - 1)) * error
-    return row | {"sd": float(parts.std(ddof=1)), "ci_low": row["mean"] - half, "ci_high": row["mean"] + half}
+    half = critical_value(n) * error
+    numbers = {"mean": mean, "se": error, "sd": float(parts.std(ddof=1)), "ci_low": mean - half, "ci_high": mean + half}
+    return row | numbers
 
 
 def item_rows(table: RatingTable) -> Iterator[dict[str, Any]]:

@@ -9,7 +9,8 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import nct, t
 
-from app.analysis.power import SIGNIFICANT, WANTED_POWER
+from app.analysis.contrasts import SIGNIFICANT
+from app.analysis.power import WANTED_POWER
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.ratings.layouts import is_of_ratings, one_rating_a_row
-from app.analysis.ratings.table import PROTOCOLS, ComparisonTable, RatingTable
-from app.analysis.tabular import numbers, read_frame, refuse
+from app.analysis.ratings.table import PROTOCOLS, ComparisonTable, RatingTable, numbered_names
+from app.analysis.tabular import flags, numbers, read_frame, refuse, texts
 from app.analysis.votes_table import VotesError
 
 Columns = Mapping[str, NDArray[np.object_]]
@@ -20,7 +20,6 @@ SCALE = (1.0, 5.0)  # of ITU-T P.910, five-level
 COMPARISON_SCALE = (-3.0, 3.0)  # of ITU-T P.910, seven-level
 REQUIRED = ("participant", "dataset", "condition", "rating")
 COMPARED = ("participant", "dataset", "item_a", "item_b", "rating")
-FLAGS = {"": False, "0": False, "false": False, "no": False, "1": True, "true": True, "yes": True}
 
 
 def holds_ratings(path: Path) -> bool:
@@ -67,7 +66,7 @@ def understand_ratings(
     frame = read_frame(path)
     try:
         long, note = one_rating_a_row(frame, scale or SCALE)
-        columns = {str(name): _text(long[name].to_list()) for name in long.columns}
+        columns = {str(name): texts(long[name].to_list()) for name in long.columns}
         counted = _exported(columns)
         table = _comparisons(counted, scale) if "item_a" in counted else _ratings(counted, scale)
     except VotesError as error:
@@ -94,17 +93,6 @@ def _exported(columns: Columns) -> Columns:
     return {name: values for name, values in kept.items() if name != "item_a"} | {"condition": kept["item_b"]}
 
 
-def _text(values: list[Any]) -> NDArray[np.object_]:
-    """Return cells as text, empty where missing; whole numbers without decimals."""
-
-    def text(value: Any) -> str:
-        if value is None or (isinstance(value, float) and np.isnan(value)):
-            return ""
-        return f"{value:g}" if isinstance(value, float) and value.is_integer() else str(value).strip()
-
-    return np.array([text(value) for value in values], object)
-
-
 def _ratings(columns: Columns, scale: tuple[float, float] | None) -> RatingTable:
     if "dataset" not in columns and len(columns.get("rating", ())):
         columns = {**columns, "dataset": np.full(len(columns["rating"]), "", object)}
@@ -112,13 +100,13 @@ def _ratings(columns: Columns, scale: tuple[float, float] | None) -> RatingTable
     low, high = scale or SCALE
     rating = _scaled(columns, low, high)
     protocol = _protocol(columns)
-    flags = _flags(columns, "reference")
+    is_marked = _flags(columns, "reference")
     participants, person = _names(columns["participant"])
     items, item = _names(list(zip(columns["dataset"], columns["condition"], strict=True)))
     is_reference = np.zeros(len(items), bool)
-    is_reference[item[flags]] = True
+    is_reference[item[is_marked]] = True
     refuse(
-        is_reference[item] & ~flags,
+        is_reference[item] & ~is_marked,
         lambda row: f"{items[item[row]][1]} of {items[item[row]][0]} is not the reference here, but in another row",
     )
     if protocol == "acr-hr" and not is_reference.any():
@@ -161,11 +149,7 @@ def _check(columns: Columns, required: tuple[str, ...]) -> None:
     for name in required:
         values = columns[name]
         if name != "dataset" or values.any():  # a table may have no datasets at all
-            refuse(values == "", _says(f"{name} is empty"))
-
-
-def _says(text: str) -> Callable[[int], str]:
-    return lambda _: text
+            refuse(values == "", f"{name} is empty")
 
 
 def _scaled(columns: Columns, low: float, high: float) -> NDArray[np.float64]:
@@ -194,16 +178,12 @@ def _protocol(columns: Columns) -> str:
 
 
 def _flags(columns: Columns, name: str) -> NDArray[np.bool_]:
-    values = columns.get(name, np.full(len(columns["rating"]), "", object))
-    refuse(
-        ~np.isin(np.array([str(value).lower() for value in values]), list(FLAGS)),
-        lambda row: f"{name} is {values[row]!r}, expected true or false",
-    )
-    return np.array([FLAGS[str(value).lower()] for value in values])
+    """Return a column of true and false; all false without the column."""
+    return flags(columns.get(name, np.full(len(columns["rating"]), "", object)), name)
 
 
-def _names(values: Any) -> tuple[tuple[Any, ...], NDArray[np.intp]]:
+def _names(values: Iterable[Any]) -> tuple[tuple[Any, ...], NDArray[np.intp]]:
     """Return the different values in order of appearance, and each value's index (N,)."""
     known: dict[Any, int] = {}
-    index = np.array([known.setdefault(value, len(known)) for value in values], np.intp)
+    index = numbered_names(values, known)
     return tuple(known), index

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from app.analysis.ratings.table import PROTOCOLS
-from app.analysis.report_tables import Analysis, Figures, Row, section, table
+from app.analysis.report_tables import Analysis, Figures, Row, section, table, with_interval
 
 EXPLAINED = {
     "ok": "the quality weights each participant by consistency and takes off individual bias (ITU-T P.910 Annex E)",
@@ -59,18 +59,10 @@ def _with_intervals(row: Row) -> dict[str, Any]:
     return dict(row) | {
         "condition": name,
         "participants": row["n"],
-        "MOS": _with_interval(row, "mos", "ci"),
-        "DMOS": _with_interval(row, "dmos", "dmos"),
-        "quality": _with_interval(row, "quality", "quality"),
+        "MOS": with_interval(row, "mos", "ci"),
+        "DMOS": with_interval(row, "dmos", "dmos"),
+        "quality": with_interval(row, "quality", "quality"),
     }
-
-
-def _with_interval(row: Row, name: str, ends: str) -> str | None:
-    """Return a value and its interval as text; None without a value."""
-    value, low, high = row[name], row[f"{ends}_low"], row[f"{ends}_high"]
-    if value is None:
-        return None
-    return f"{value:.2f}" if low is None else f"{value:.2f} [{low:.2f}, {high:.2f}]"
 
 
 def _raters(analysis: Analysis, figures: Figures) -> dict[str, Any]:
@@ -84,8 +76,8 @@ def _raters(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     rows = [
         row
         | {
-            "bias": _with_interval(row, "bias", "bias"),
-            "inconsistency": _with_interval(row, "inconsistency", "inconsistency"),
+            "bias": with_interval(row, "bias", "bias"),
+            "inconsistency": with_interval(row, "inconsistency", "inconsistency"),
             "flags": "; ".join(row["flags"]) or None,
         }
         for row in sorted(analysis["raters"], key=lambda row: not row["flags"])
@@ -102,12 +94,12 @@ def _alignment(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     text = (
         "One quality per item explains ratings and votes together (maximum likelihood; Perez-Ortiz and others 2020): a "
         "rating is the quality plus noise, the log-odds of a preference are "
-        f"{model['slope']:.2f} [{model['slope_low']:.2f}, {model['slope_high']:.2f}] for each step of the rating "
+        f"{with_interval(model, 'slope', 'slope')} for each step of the rating "
         "scale. Intervals are 95 %, with participants as the sample; scores are log-odds with mean zero in each "
         "dataset."
     )
     rows = [
-        row | {name: _with_interval(row, name, name) for name in ("quality", "score")}
+        row | {name: with_interval(row, name, name) for name in ("quality", "score")}
         for row in analysis["alignment_items"]
     ]
     columns = ["condition", "dataset", "n_ratings", "n_votes", "quality", "score"]
@@ -122,11 +114,11 @@ def _comparisons(analysis: Analysis, figures: Figures) -> dict[str, Any]:
         "ratings, with mean zero; the difference of two scores is the expected rating of the pair. In brackets: "
         "95 % intervals, with participants as the sample."
     )
-    scores = [dict(row) | {"scored": _with_interval(row, "score", "ci")} for row in analysis["comparison_items"]]
+    scores = [dict(row) | {"scored": with_interval(row, "score", "ci")} for row in analysis["comparison_items"]]
     place = list(dict.fromkeys(row["dataset"] for row in scores)).index
     scores.sort(key=lambda row: (place(row["dataset"]), -row["score"]))
     pairs = [
-        dict(row) | {"participants": row["n"], "cmos": _with_interval(row, "cmos", "ci")}
+        dict(row) | {"participants": row["n"], "cmos": with_interval(row, "cmos", "ci")}
         for row in analysis["comparison_pairs"]
     ]
     return {

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.ratings.table import ComparisonTable, RatingTable
-from app.analysis.votes_table import MAIN, VotesTable
+from app.analysis.ratings.table import ComparisonTable, RatingTable, numbered_names
+from app.analysis.votes_table import VotesTable
 
 Float = NDArray[np.float64]
 Names = tuple[tuple[str, str], ...]
@@ -20,8 +20,7 @@ def counted_ratings(votes: VotesTable, rating: Float) -> tuple[VotesTable, Float
     votes : all of a study
     rating : float64 (N,), one for each vote
     """
-    counts = ~(votes.practice | votes.excluded) & (votes.role == MAIN)
-    return votes.where(counts), rating[counts]
+    return votes.used(), rating[votes.is_used]
 
 
 def rating_table(
@@ -57,22 +56,14 @@ def comparison_table(votes: VotesTable, rating: Float) -> ComparisonTable:
 
 
 def _participants(votes: VotesTable) -> tuple[tuple[str, ...], NDArray[np.intp]]:
-    present, index = _numbered(votes.participant)
-    return tuple(votes.participants[key] for key in present), index
+    known: dict[int, int] = {}
+    index = numbered_names(votes.participant.tolist(), known)
+    return tuple(votes.participants[code] for code in known), index
 
 
 def _stimuli(votes: VotesTable, item: NDArray[np.int32]) -> tuple[Names, NDArray[np.intp]]:
     """Return dataset and condition of each stimulus, and the stimulus of each entry of `item`, int32 (N,) or (2 N,)."""
     dataset = np.repeat(votes.dataset, len(item) // max(len(votes), 1))
-    present, index = _numbered(dataset.astype(np.int64) * len(votes.items) + item)
-    places = (divmod(int(key), len(votes.items)) for key in present)
-    return tuple((votes.datasets[place], votes.items[condition]) for place, condition in places), index
-
-
-def _numbered(codes: NDArray[np.integer]) -> tuple[list[int], NDArray[np.intp]]:
-    """Return the different codes in order of appearance, and each code's index (N,)."""
-    present, first, index = np.unique(codes, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    place = np.empty(len(order), np.intp)
-    place[order] = np.arange(len(order))
-    return present[order].tolist(), place[index]
+    known: dict[tuple[int, int], int] = {}
+    index = numbered_names(zip(dataset.tolist(), item.tolist(), strict=True), known)
+    return tuple((votes.datasets[place], votes.items[condition]) for place, condition in known), index

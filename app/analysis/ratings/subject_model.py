@@ -17,9 +17,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 FEWEST_RATINGS = 3  # of a participant; with fewer, bias and quality can follow them without a residue
-COLLAPSED = (
-    1e-3  # of the scale's length; an inconsistency below it is on its way to 0, where the likelihood is infinite
-)
+# Of the scale's length; an inconsistency below it is on its way to 0, where the likelihood is infinite.
+COLLAPSED = 1e-3
 TOLERANCE = 1e-10  # of the scale's length, between iterations
 MOST_ITERATIONS = 10_000
 COMMON = "common inconsistency"
@@ -52,11 +51,6 @@ class SubjectModel:
     loglik: float
     iterations: int
     status: str
-
-    @property
-    def quality_se(self) -> Array:
-        """Standard errors of the qualities, float64 (I,)."""
-        return np.sqrt(np.diagonal(self.quality_covariance))
 
 
 @dataclass(frozen=True)

@@ -232,9 +232,9 @@ def _analysed_ratings(votes: VotesTable, rating: NDArray[np.float64], inputs: In
     from app.analysis import AnalysisSettings
     from app.analysis.ratings.analyse_ratings import analyse_ratings
     from app.analysis.ratings.comparisons import analyse_comparisons
+    from app.analysis.ratings.content import NO_VOTES, with_measures, with_tables
     from app.analysis.ratings.score_sets import opinion_score_sets
     from app.analysis.ratings.study_votes import comparison_table, counted_ratings, rating_table
-    from app.analysis.report import NO_VOTES, add_measures
 
     options = inputs.options
     counted, ratings = counted_ratings(votes, rating)
@@ -245,27 +245,13 @@ def _analysed_ratings(votes: VotesTable, rating: NDArray[np.float64], inputs: In
         scale = (options.grades.low, options.grades.high)
         table = rating_table(counted, ratings, options.protocol, scale, reference)
         settings = {"protocol": options.protocol, "scale": options.scale}
-        rated = _with_tables(NO_VOTES | {"settings": settings, "warnings": []}, analyse_ratings(table))
+        rated = with_tables(NO_VOTES | {"settings": settings}, analyse_ratings(table))
         chosen = AnalysisSettings(measures=inputs.settings["measures"], better=inputs.settings["better"])
-        add_measures(rated, opinion_score_sets(table), chosen)
-        return rated
+        return with_measures(rated, opinion_score_sets(table), chosen)
     analysis = _analysed(votes, inputs)
     if options.protocol == CCR and len(counted):
-        return _with_tables(analysis, analyse_comparisons(comparison_table(counted, ratings)))
+        return with_tables(analysis, analyse_comparisons(comparison_table(counted, ratings)))
     return analysis
-
-
-def _with_tables(analysis: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]]) -> dict[str, Any]:
-    """Return an analysis with tables of ratings, and their warnings and findings among its own."""
-    from app.analysis.findings.ratings import rating_findings
-
-    warnings = [*analysis["warnings"], *(row["warning"] for row in tables["rating_warnings"])]
-    return {
-        **analysis,
-        **{name: rows for name, rows in tables.items() if name != "rating_warnings"},
-        "warnings": warnings,
-        "findings": [*analysis["findings"], *rating_findings(tables)],
-    }
 
 
 def load_analysis() -> None:

@@ -30,7 +30,7 @@ from app.study.colour_vision import DIRECTIONS, NOTHING
 from app.study.pictures import png
 from app.study.screening import TestName, draw, is_possible
 from app.study.stages import SCREENING
-from app.study.viewing import (
+from app.study.viewing_distance import (
     N_BLIND_SPOTS,
     N_CARDS,
     ImplausibleError,

@@ -40,7 +40,8 @@ def simulated(
     drawn = rng.random(len(d)) * weights.sum(axis=0)
     choice = (drawn > weights[0]).astype(int) + (drawn > weights[:2].sum(axis=0))
     who = np.repeat(np.arange(n_participants), n * (n - 1) // 2)
-    names = tuple(f"p{k}" for k in range(n_participants)), ("",), ITEMS[:n]
+    items = ITEMS if n <= len(ITEMS) else tuple(f"item {k}" for k in range(n))
+    names = tuple(f"p{k}" for k in range(n_participants)), ("",), items[:n]
     return votes_from_indices(who, np.zeros(len(who), int), first, second, choice, names=names, first_shown=0 * choice)
 
 
@@ -78,6 +79,18 @@ def test_a_single_factor_that_names_every_item_has_the_items_scores_as_effects()
     assert {row["level"]: row["letters"] for row in analysis["effects"]} == letters_of
     assert len(set(letters_of.values())) > 1
     assert not [row for row in analysis["tests"] if row["name"] == "interaction"]
+
+
+@pytest.mark.parametrize("n_participants", [8, 13, 40])  # few; no more than the free parameters; enough
+def test_effects_have_the_intervals_of_scores_if_a_single_factor_names_every_item(n_participants: int) -> None:
+    rng = np.random.default_rng(4)
+    votes = simulated(np.linspace(-0.5, 0.5, 14), n_participants=n_participants, nu=0.5, rng=rng)
+    analysis = analyse(votes, AnalysisSettings(factors={"approach": {item: item for item in votes.items}}))
+    assert analysis["models"][0]["few_participants"] == (n_participants < 40)
+    effects = {row["level"]: (row["ci_low"], row["ci_high"]) for row in analysis["effects"]}
+    scores = {row["item"]: row for row in analysis["scores"] if row["comparison"] == "all"}
+    for item, limits in effects.items():
+        assert limits == pytest.approx((scores[item]["ci_low"], scores[item]["ci_high"]), abs=1e-9)
 
 
 def test_additive_and_interaction_models_have_the_reference_values(real_data: Path) -> None:

@@ -16,9 +16,9 @@ from app.analysis.drawing import (
     PALETTE,
     WIDTHS,
     chart_svg,
+    colour_by,
     colours_of,
     drawn_width,
-    legend_of,
     letters_without_font,
     shapes_of,
     svg_pdf,
@@ -139,5 +139,7 @@ def test_many_names_look_different_and_none_is_cut_in_the_legend() -> None:
     looks = list(zip(colours_of(40), shapes_of(40), strict=True))
     assert len(set(looks)) == 40
     long = ["PatchMatch stereo with slanted support windows", "id"]
-    assert legend_of(long, FULL).to_dict()["columns"] * (text_width(long[0]) + 20) < FULL
-    assert legend_of(["id", "dr", "pm"], FULL).to_dict()["columns"] >= 3
+    legends = [colour_by("x", "x", names, FULL).to_dict()["legend"] for names in (long, ["id", "dr", "pm"])]
+    n_columns = [legend["columns"] for legend in legends]
+    assert n_columns[0] * (text_width(long[0]) + 20) < FULL
+    assert n_columns[1] >= 3

@@ -94,6 +94,17 @@ def test_equivalence_is_two_one_sided_tests_against_the_margin() -> None:
         AnalysisSettings(equivalence_margin=-1)
 
 
+def test_equivalence_within_a_group_of_separated_votes_counts_those_who_voted_in_the_group() -> None:
+    everybody = [(f"p{k}", better, "z", "a") for k in range(20) for better in ("x", "y")]  # nobody prefers z
+    some = [(f"p{k}", "x", "y", choice) for k in range(14) for choice in ("a", "b", "aab"[k % 3])]
+    names = ("participant", "item_a", "item_b", "choice")
+    votes = votes_from_rows([dict(zip(names, vote, strict=True)) for vote in everybody + some])
+    rows = analyse(votes, AnalysisSettings(equivalence_margin=1.0))["contrasts"]
+    (row,) = (row for row in rows if row["method"] == "difference of scores in the group")
+    sides = [(row["difference"] + side * np.log(3)) / row["se"] for side in (1, -1)]
+    assert row["p_equivalent"] == pytest.approx(max(student.sf(sides[0], 13), student.cdf(sides[1], 13)))
+
+
 # The scene "exhibition" of the example of pwcmp: how often the row was preferred to the column.
 TONE_MAPPING = {
     "tmo_camera": (0, 6, 0, 11, 9, 8, 4),

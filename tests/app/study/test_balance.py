@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.study.balance import StudyPlan, TakenOrder, balance_report
+from app.study.balance import OrderPlan, TakenOrder, balance_report
 from app.study.design import ONCE, Repetition, participant_order
 from app.study.trial import PlannedPair, PlannedTrial
 
 SEED = 7
 
 
-def plan_of(n_datasets: int, n_stimuli: int, repetition: Repetition = ONCE) -> StudyPlan:
+def plan_of(n_datasets: int, n_stimuli: int, repetition: Repetition = ONCE) -> OrderPlan:
     pairs: list[PlannedPair] = []
     names = {}
     for dataset in range(n_datasets):
@@ -26,15 +26,15 @@ def plan_of(n_datasets: int, n_stimuli: int, repetition: Repetition = ONCE) -> S
         alone = [(key, key) for key in stimuli if repetition.identical_pairs]
         for top, bottom in [*combinations(stimuli, 2), *alone]:
             pairs.append(PlannedPair(len(pairs), dataset, top, bottom))
-    return StudyPlan(pairs, SEED, repetition, names)
+    return OrderPlan(pairs, SEED, repetition, names)
 
 
-def taken(plan: StudyPlan, slot: int) -> TakenOrder:
+def taken(plan: OrderPlan, slot: int) -> TakenOrder:
     trials = participant_order(plan.pairs, plan.seed, slot, plan.repetition)
     return TakenOrder(f"P{slot}", slot, "finished", is_released=False, trials=trials)
 
 
-def failing(plan: StudyPlan, orders: list[TakenOrder]) -> set[str]:
+def failing(plan: OrderPlan, orders: list[TakenOrder]) -> set[str]:
     return {rule["rule"] for rule in balance_report(plan, orders)["rules"] if not rule["ok"]}
 
 

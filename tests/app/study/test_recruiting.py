@@ -31,7 +31,7 @@ def test_what_a_link_lacks_is_left_empty_in_the_address() -> None:
     ("content", "complaint"),
     [
         (3, "outside is 3, expected a table"),
-        ({"ids": "P"}, "'ids' is not known; expected some of code, complete_url"),
+        ({"ids": "P"}, "'ids' is not known; expected some of id, keep"),
         ({"id": "P ID"}, "id is 'P ID', expected the name of a parameter"),
         ({"id": "language"}, "'language' has a meaning here already"),
         ({"id": "P", "keep": ["P"]}, "named twice"),

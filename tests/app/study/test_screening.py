@@ -23,7 +23,7 @@ from app.study.screening import (
     next_content,
     verdict_of,
 )
-from app.study.viewing import (
+from app.study.viewing_distance import (
     BLIND_SPOT_DEG,
     CARD_MM,
     ImplausibleError,
@@ -132,7 +132,7 @@ def test_options_are_read_as_they_were_written() -> None:
         ({"tests": ["acuity", "acuity"]}, "expected some of"),
         ({"tests": "acuity"}, "expected some of"),
         ({"tests": [[]]}, "expected some of"),
-        ({"acuity_limit": 2}, "from -0.3 to 1.0"),
+        ({"acuity_limit": 2}, "from -0.3 to 1"),
         ({"acuity_limit": True}, "expected a number"),
         ({"acuity_limit": float("nan")}, "expected a number"),
         ({"distance": "guessed"}, "typed, fixed, blind spot"),
@@ -140,7 +140,7 @@ def test_options_are_read_as_they_were_written() -> None:
         ({"distance_cm": 90}, "expected distance_cm"),
         ({"colour_axes": ["red"]}, "protan, deutan, tritan"),
         ({"colour_misses": 5}, "from 0 to 4"),
-        ({"colour_misses": 0.5}, "0.5, expected a whole number of plates"),
+        ({"colour_misses": 0.5}, "0.5, expected a whole number from 0 to 4"),
         ({"on_failure": "shout"}, "record, stop"),
     ],
 )

@@ -18,7 +18,7 @@ from app.store.orders import study_plan, taken_orders
 from app.store.participants import session_state
 from app.store.studies import Study
 from app.study.adaptive import adaptive_pairs
-from app.study.balance import StudyPlan, balance_report
+from app.study.balance import OrderPlan, balance_report
 from app.study.duration import stage_minutes
 from app.study.options import parse_options
 from app.study.protocols import TYPICAL_INCONSISTENCY
@@ -73,7 +73,7 @@ def design_page(
     return study_page(request, "design", person, study, context)
 
 
-def _pairs_of_first(study: Study, plan: StudyPlan) -> Sequence[PlannedPair]:
+def _pairs_of_first(study: Study, plan: OrderPlan) -> Sequence[PlannedPair]:
     """Return as many pairs as each participant sees: those that the first would see before any vote."""
     n_adaptive = parse_options(study.options).adaptive_pairs
     return adaptive_pairs(plan.pairs, {}, n_adaptive, study.seed, 0) if n_adaptive else plan.pairs

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -125,3 +127,15 @@ def test_votes_that_all_follow_the_ratings_have_no_maximum() -> None:
     tables = align(rating_table(person, item, rating, scale=(-5.0, 10.0)), votes)
     assert tables["alignment"][0]["status"] == "no maximum"
     assert tables["alignment_items"] == []
+
+
+def test_a_single_participant_says_nothing_about_others() -> None:
+    table, votes, _ = simulated_study(np.random.default_rng(5))
+    everybody = align(table, votes)["alignment_items"]
+    alone = replace(table, participants=("p0",), person=np.zeros_like(table.person))
+    tables = align(alone, replace(votes, participants=("p0",), participant=np.zeros_like(votes.participant)))
+    (model,) = tables["alignment"]
+    assert (model["status"], model["n_participants"], model["slope_low"]) == ("ok", 1, None)
+    for row, same in zip(tables["alignment_items"], everybody, strict=True):
+        assert row["quality"] == pytest.approx(same["quality"])
+        assert all(row[name] is None for name in row if name.endswith(("_se", "_low", "_high")))

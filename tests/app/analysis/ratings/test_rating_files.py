@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from app.analysis import analyse_file, analyse_ratings_file
@@ -50,6 +51,26 @@ def test_ratings_are_read_by_name(write: Write) -> None:
     assert (table.participants, table.items) == (("ann", "bob"), (("ball", "x"), ("ball", "y")))
     assert (table.person.tolist(), table.item.tolist()) == ([0, 1, 0], [0, 0, 1])
     assert (table.rating.tolist(), table.protocol, table.low, table.high) == ([4, 2.5, 1], "acr", 1, 5)
+
+
+def test_long_numbers_that_name_participants_stay_apart(tmp_path: Path) -> None:
+    rows = {
+        "participant": [1234567.0, 1234568.0],
+        "dataset": ["ball"] * 2,
+        "condition": ["x"] * 2,
+        "rating": [4.0, 2.5],
+    }
+    pd.DataFrame(rows).to_parquet(tmp_path / "ratings.parquet")
+    table = read_ratings(tmp_path / "ratings.parquet")
+    assert table.participants == ("1234567", "1234568")
+    assert table.rating.tolist() == [4, 2.5]
+
+
+def test_a_cell_that_holds_a_list_is_refused_by_row(tmp_path: Path) -> None:
+    rows = [{"participant": "ann", "x": 4, "y": [1, 2]}, {"participant": "bob", "x": 3, "y": 2}]
+    (tmp_path / "ratings.json").write_text(json.dumps(rows))
+    with pytest.raises(VotesError, match="found participant, x, y"):
+        read_ratings(tmp_path / "ratings.json")
 
 
 def test_the_reference_and_the_protocol_are_read(write: Write) -> None:

@@ -43,6 +43,14 @@ def test_a_difference_without_any_spread_says_nothing_about_other_people() -> No
     assert (scores.different, scores.similar) == ([], [(0, 1)])
 
 
+def test_a_pair_that_many_people_order_alike_is_different_also_without_any_spread() -> None:
+    person, item = np.divmod(np.arange(30), 3)
+    table = rating_table(person, item, np.array([5.0, 3.0, 3.0])[item])
+    scores = opinion_score_sets(table)["d0"]
+    assert sorted(scores.different) == [(0, 1), (0, 2)]  # ten of ten: a sign test has p = 2 / 2^10
+    assert [set(pair) for pair in scores.similar] == [{1, 2}]
+
+
 @pytest.fixture
 def ratings(tmp_path: Path) -> Path:
     """Ratings of six conditions on two datasets by seven people who disagree by a grade."""

@@ -82,7 +82,7 @@ def test_it_recovers_the_truth_better_than_means_and_its_intervals_cover_it() ->
         means = np.bincount(table.item, table.rating) / np.bincount(table.item)
         errors.append(np.mean((model.quality - truth.quality) ** 2))
         plain.append(np.mean((means - truth.quality) ** 2))
-        covered.append(np.abs(model.quality - truth.quality) < 1.96 * model.quality_se)
+        covered.append(np.abs(model.quality - truth.quality) < 1.96 * np.sqrt(np.diagonal(model.quality_covariance)))
         bias_covered.append(np.abs(model.bias - truth.bias) < 1.96 * model.bias_se)
         log_error = np.abs(np.log(model.inconsistency / truth.inconsistency))
         spread_covered.append(log_error < 1.96 * model.log_inconsistency_se)
@@ -112,7 +112,7 @@ def test_few_ratings_give_everybody_the_same_weight() -> None:
     np.testing.assert_allclose(model.bias, values.mean(axis=1) - values.mean(), atol=1e-8)
     residue = values - values.mean(axis=0) - values.mean(axis=1)[:, None] + values.mean()
     spread = np.sqrt((residue**2).sum() / (20 - 5 - 4 + 1))
-    np.testing.assert_allclose(model.quality_se, spread / np.sqrt(4), rtol=1e-8)
+    np.testing.assert_allclose(np.sqrt(np.diagonal(model.quality_covariance)), spread / np.sqrt(4), rtol=1e-8)
     np.testing.assert_allclose(model.bias_se, spread * np.sqrt((1 - 1 / 4) / 5), rtol=1e-8)
     assert np.isnan(model.log_inconsistency_se).all()
 

@@ -14,7 +14,7 @@ from uuid import uuid4
 import httpx
 import pytest
 
-from app.analysis.report import analyse_ratings_file
+from app.analysis import analyse_ratings_file
 from app.operations.create import create_study
 from app.operations.manage import attach_results
 from app.settings import Settings

@@ -19,7 +19,7 @@ from app.simulation.participants import begin, simulate
 from app.study.acuity import LARGEST_FIRST
 from app.study.options import parse_options
 from app.study.pictures import read_png
-from app.study.viewing import CARD_MM
+from app.study.viewing_distance import CARD_MM
 from tests.app.web.admin.dashboard_client import signed_in
 from tests.app.web.http_checks import is_problem
 

@@ -1,0 +1,63 @@
+"""Compose the content of analysis.json from tables of ratings, with or without votes on pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from app.analysis.findings.ratings import rating_findings
+from app.analysis.objective.against_scores import measure_tables
+from app.analysis.objective.points import ScoreSet
+from app.analysis.settings import AnalysisSettings
+from app.analysis.warnings import measure_warnings
+
+VOTE_TABLES = (
+    *("scores", "scores_with_excluded", "models", "tie_models", "contrasts", "effects", "tests", "groups", "triads"),
+    *("random_effects", "random_effects_scores", "random_effects_contrasts"),
+    *("triads_pooled", "measures", "measure_comparisons", "agreement", "dataset_agreement", "observers", "checks"),
+    "pairs",
+)
+NO_VOTES: dict[str, Any] = {  # the keys of an analysis of votes, where there are none
+    "schema_version": 1,
+    "votes": None,
+    "dataset_concordance": None,
+    "findings": [],
+    "warnings": [],
+    **{name: [] for name in VOTE_TABLES},
+}
+
+
+def with_tables(analysis: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]]) -> dict[str, Any]:
+    """Return an analysis with tables of ratings, and their warnings and findings among its own.
+
+    Parameters
+    ----------
+    analysis : of votes, or `NO_VOTES`
+    tables : of `analyse_ratings`, `align` or `analyse_comparisons`
+    """
+    return {
+        **analysis,
+        **{name: rows for name, rows in tables.items() if name != "rating_warnings"},
+        "warnings": [*analysis["warnings"], *(row["warning"] for row in tables["rating_warnings"])],
+        "findings": [*analysis["findings"], *rating_findings(tables)],
+    }
+
+
+def with_measures(
+    analysis: Mapping[str, Any], scored: Mapping[str, ScoreSet], settings: AnalysisSettings
+) -> dict[str, Any]:
+    """Return an analysis with measures compared with the scores of ratings, and what is to be warned of.
+
+    Parameters
+    ----------
+    analysis : that has the tables of ratings
+    scored : dataset -> scores
+    settings : its measures and their directions
+    """
+    measured = measure_tables(scored, settings)
+    return {
+        **analysis,
+        **measured,
+        "settings": {**analysis["settings"], "measures": settings.measures, "better": settings.better},
+        "warnings": [*analysis["warnings"], *measure_warnings(measured["measures"])],
+    }
