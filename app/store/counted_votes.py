@@ -13,13 +13,9 @@ from sqlalchemy import Connection, case, func, select
 from app.store.exclusions import in_force, takes_part_in
 from app.store.tables import (
     assignment,
-    condition,
-    dataset,
     exclusion,
-    pair,
     participant,
     session,
-    stimulus,
     trial,
     vote,
 )
@@ -111,15 +107,6 @@ class Judge:
     reason: str | None
 
 
-@dataclass(frozen=True)
-class ShownPair:
-    """A pair's names."""
-
-    dataset: str
-    top: str
-    bottom: str
-
-
 def _sessions(study_id: int) -> Any:
     return select(session.c.id).select_from(session.join(participant)).where(takes_part_in(study_id))
 
@@ -161,22 +148,6 @@ def judges_of(connection: Connection, study_id: int) -> dict[int, Judge]:
         .where(takes_part_in(study_id))
     )
     return {key: Judge(label, slot, bool(withdrawn), reason) for key, label, slot, withdrawn, reason in rows}
-
-
-def shown_pairs(connection: Connection, study_id: int) -> dict[int, ShownPair]:
-    """Return the names of a study's pairs, by id."""
-    top, bottom = stimulus.alias(), stimulus.alias()
-    top_condition, bottom_condition = condition.alias(), condition.alias()
-    rows = connection.execute(
-        select(pair.c.id, dataset.c.name, top_condition.c.name, bottom_condition.c.name)
-        .select_from(pair.join(dataset, pair.c.dataset_id == dataset.c.id))
-        .join(top, pair.c.top_id == top.c.id)
-        .join(bottom, pair.c.bottom_id == bottom.c.id)
-        .join(top_condition, top.c.condition_id == top_condition.c.id)
-        .join(bottom_condition, bottom.c.condition_id == bottom_condition.c.id)
-        .where(dataset.c.study_id == study_id)
-    )
-    return {key: ShownPair(*names) for key, *names in rows}
 
 
 @dataclass(frozen=True)
