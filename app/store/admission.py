@@ -10,11 +10,11 @@ from typing import Any, Literal
 from sqlalchemy import Connection, Row, func, insert, select, update
 
 from app.errors import ClosedError, ConflictError, GoneError
+from app.store.deletion import forget_preview_votes
 from app.store.engine import Database, insert_or_ignore
 from app.store.invitations import Invitation, invitation_by_code, preview_invitation
 from app.store.keys import digest, new_opaque_id, new_secret, token_of_key
 from app.store.orders import n_taken_in, planned_trials, take_order_slot
-from app.store.participants import forget_preview_votes
 from app.store.recruits import insert_recruit, session_of_outside_id
 from app.store.sessions import session_by_token, token_digests
 from app.store.studies import Study, lock_study

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import Connection, case, func, select
 
-from app.store.exclusions import in_force, takes_part_in
+from app.store.exclusions import in_force, sessions_in, takes_part_in
 from app.store.tables import (
     assignment,
     exclusion,
@@ -107,13 +107,9 @@ class Judge:
     reason: str | None
 
 
-def _sessions(study_id: int) -> Any:
-    return select(session.c.id).select_from(session.join(participant)).where(takes_part_in(study_id))
-
-
 def vote_state(connection: Connection, study_id: int) -> VoteState:
     """Return what the votes of a study can be recognised by, without reading them."""
-    counts = select(func.count(), func.max(vote.c.id)).where(vote.c.session_id.in_(_sessions(study_id)))
+    counts = select(func.count(), func.max(vote.c.id)).where(vote.c.session_id.in_(sessions_in(study_id)))
     n_votes, last = connection.execute(counts).one()
     newest = connection.scalar(select(vote.c.client_id).where(vote.c.id == last))
     people = select(participant.c.label).select_from(participant.join(session)).where(takes_part_in(study_id))
@@ -231,7 +227,7 @@ def _rows(connection: Connection, study_id: int, after: int) -> NDArray[np.float
         )
         .select_from(vote.join(trial, vote.c.trial_id == trial.c.id).join(assignment))
         # "+ 0": read in the order of ids, which an index of sessions would lose
-        .where(vote.c.id > after, (vote.c.session_id + 0).in_(_sessions(study_id)))
+        .where(vote.c.id > after, (vote.c.session_id + 0).in_(sessions_in(study_id)))
         .order_by(vote.c.id)
         .limit(ROWS_AT_ONCE)
     )

@@ -10,7 +10,7 @@ from typing import Any
 from sqlalchemy import ColumnElement, Connection, Select, exists, func, select, union_all
 
 from app.store.engine import sorted_by
-from app.store.exclusions import is_excluded, takes_part_in
+from app.store.exclusions import is_excluded, sessions_in, takes_part_in
 from app.store.tables import (
     assignment,
     dataset,
@@ -102,7 +102,7 @@ def given_labels(connection: Connection, study_id: int, *, most: int | None = No
 
 def _given(study_id: int, sought: SoughtTrials) -> list[tuple[Select[Any], ColumnElement[datetime]]]:
     """Return queries of trials with a vote, and of interrupted ones, each with the column of its time."""
-    sessions = select(session.c.id).select_from(session.join(participant)).where(takes_part_in(study_id))
+    sessions = sessions_in(study_id)
     if sought.participant:
         sessions = sessions.where(participant.c.label == sought.participant)
     if sought.kind == "excluded":

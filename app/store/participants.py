@@ -1,23 +1,21 @@
-"""Participants for experimenters: progress, exclusions, withdrawals, erasures."""
+"""Participants for experimenters: progress, answers, exclusions, withdrawals."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Row, Select, Table, delete, func, literal_column, select, update
+from sqlalchemy import ColumnElement, Connection, Row, Select, func, literal_column, select, update
 
 from app.errors import ConflictError, NotFoundError
+from app.store.belonging import rows_of_people
 from app.store.engine import insert_or_ignore, sorted_by
-from app.store.exclusions import in_force, takes_part_in
-from app.store.keys import digest, new_secret
+from app.store.exclusions import in_force, sessions_in, takes_part_in
 from app.store.schema import metadata
 from app.store.tables import (
-    assignment,
     exclusion,
-    invitation,
     participant,
     session,
     spoken_answer,
@@ -26,13 +24,6 @@ from app.store.tables import (
     vote,
 )
 from app.study.stages import ENDS, FINISHED, INTERVIEW, SCREENED_OUT, TIMED_OUT, WITHDRAWN
-
-KEPT_AT_ERASURE = (
-    "assignment",
-    "exclusion",
-    "session",
-    "trial",
-)  # these rows say what was shown, nothing about the person
 
 
 @dataclass(frozen=True)
@@ -183,9 +174,10 @@ def session_state(connection: Connection, study_id: int) -> list[tuple[Any, ...]
 
 def n_interrupted(connection: Connection, study_id: int) -> int:
     """How many trials of a study were interrupted."""
-    sessions = select(session.c.id).select_from(session.join(participant)).where(takes_part_in(study_id))
     # "+ 0": few trials are interrupted, and an index finds them
-    voided = select(func.count()).where(trial.c.voided_at.is_not(None), (trial.c.session_id + 0).in_(sessions))
+    voided = select(func.count()).where(
+        trial.c.voided_at.is_not(None), (trial.c.session_id + 0).in_(sessions_in(study_id))
+    )
     return int(connection.execute(voided).scalar_one())
 
 
@@ -277,66 +269,6 @@ def withdraw_participant(connection: Connection, person: Person, now: datetime) 
     )
 
 
-def erase(connection: Connection, person: Person, now: datetime) -> None:
-    """Delete a participant's votes, answers and screening for good. Label and slot stay, so that orders balance.
-
-    The label of an invitation that let in this participant alone may name the person, and goes too.
-
-    Raises
-    ------
-    ConflictError
-        If they were erased before.
-    """
-    if person.erased_at is not None:
-        raise ConflictError(f"{person.label} was erased before.")
-    withdraw_participant(connection, person, now)
-    sessions = list(connection.scalars(select(session.c.id).where(session.c.participant_id == person.id)))
-    _delete_given(connection, person.id, sessions)
-    connection.execute(update(trial).where(trial.c.session_id.in_(sessions)).values(void_viewing=None))
-    nobodys = {"resume_hash": digest(new_secret()), "begin_hash": None, "token_hash": digest(new_secret())}
-    for session_id in sessions:
-        connection.execute(update(session).where(session.c.id == session_id).values(**nobodys))
-    connection.execute(update(participant).where(participant.c.id == person.id).values(erased_at=now))
-    by_name = select(participant.c.invitation_id).where(participant.c.id == person.id).scalar_subquery()
-    connection.execute(update(invitation).where(invitation.c.id == by_name, invitation.c.places == 1).values(label=""))
-
-
-def forget_preview_votes(connection: Connection, study_id: int) -> None:
-    """Delete the votes and answers of a study's previews."""
-    sessions = select(session.c.id).select_from(session.join(participant))
-    previews = sessions.where(participant.c.study_id == study_id, participant.c.is_preview.is_(True))
-    _delete_given(connection, None, list(connection.scalars(previews)))
-
-
-def delete_previews(connection: Connection, study_id: int) -> None:
-    """Delete a study's previews with their trials, so that the pairs can go that they show."""
-    forget_preview_votes(connection, study_id)
-    people = list(
-        connection.scalars(
-            select(participant.c.id).where(participant.c.study_id == study_id, participant.c.is_preview.is_(True))
-        )
-    )
-    sessions = list(connection.scalars(select(session.c.id).where(session.c.participant_id.in_(people))))
-    connection.execute(delete(trial).where(trial.c.session_id.in_(sessions)))
-    connection.execute(delete(assignment).where(assignment.c.participant_id.in_(people)))
-    connection.execute(delete(session).where(session.c.id.in_(sessions)))
-    connection.execute(delete(participant).where(participant.c.id.in_(people)))
-
-
-def _delete_given(connection: Connection, participant_id: int | None, sessions: Sequence[int]) -> None:
-    """Delete the rows of sessions or of a participant from all tables, referring rows first."""
-    for table in reversed(metadata.sorted_tables):
-        if table.name not in KEPT_AT_ERASURE:
-            _delete_rows(connection, table, participant_id, sessions)
-
-
-def _delete_rows(connection: Connection, table: Table, participant_id: int | None, sessions: Sequence[int]) -> None:
-    if "session_id" in table.c:
-        connection.execute(delete(table).where(table.c.session_id.in_(sessions)))
-    elif "participant_id" in table.c and participant_id is not None:
-        connection.execute(delete(table).where(table.c.participant_id == participant_id))
-
-
 def stage_records(connection: Connection, participant_id: int) -> list[dict[str, Any]]:
     """Return the data that a participant sent with each stage, in order."""
     rows = connection.execute(
@@ -350,20 +282,12 @@ def stage_records(connection: Connection, participant_id: int) -> list[dict[str,
 
 def everything_of(connection: Connection, person: Person) -> dict[str, list[dict[str, Any]]]:
     """Every row of a participant, by table, without secrets."""
-    sessions = list(connection.scalars(select(session.c.id).where(session.c.participant_id == person.id)))
     records: dict[str, list[dict[str, Any]]] = {}
     for table in metadata.sorted_tables:
-        columns = [column for column in table.c if not column.name.endswith("_hash")]
-        if table.name in ("participant", "session"):
-            belongs = table.c.id == person.id if table is participant else table.c.participant_id == person.id
-        elif "session_id" in table.c:
-            belongs = table.c.session_id.in_(sessions)
-        elif "participant_id" in table.c:
-            belongs = table.c.participant_id == person.id
-        else:
-            continue
-        rows = connection.execute(select(*columns).where(belongs))
-        records[table.name] = [dict(row._mapping) for row in rows]
+        if (belongs := rows_of_people(table, [person.id])) is not None:
+            columns = [column for column in table.c if not column.name.endswith("_hash")]
+            rows = connection.execute(select(*columns).where(belongs))
+            records[table.name] = [dict(row._mapping) for row in rows]
     return records
 
 

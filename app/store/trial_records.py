@@ -10,7 +10,7 @@ from typing import Any
 from sqlalchemy import Connection, Row, Select, func, select
 
 from app.store.engine import Database
-from app.store.exclusions import in_force, takes_part_in
+from app.store.exclusions import in_force, sessions_in, takes_part_in
 from app.store.tables import (
     assignment,
     condition,
@@ -66,7 +66,7 @@ def rows_by_session(
     connection: Connection, study_id: int, sought: SoughtRows, *, is_voted: bool
 ) -> list[tuple[int, int]]:
     """Count the trials that a filter finds, or their votes: session and number, in the order of `trial_records`."""
-    sessions = select(session.c.id).select_from(session.join(participant)).where(takes_part_in(study_id))
+    sessions = sessions_in(study_id)
     if sought.participant is not None:
         sessions = sessions.where(participant.c.label == sought.participant)
     if sought.session is not None:
@@ -133,7 +133,7 @@ def _rows_of(
 
 def trial_state(connection: Connection, study_id: int) -> tuple[Any, ...]:
     """Return numbers that change whenever a trial of a study is planned, given out or interrupted."""
-    sessions = select(session.c.id).select_from(session.join(participant)).where(takes_part_in(study_id))
+    sessions = sessions_in(study_id)
     counts = (func.count(), func.count(trial.c.served_at), func.max(trial.c.served_at), func.count(trial.c.voided_at))
     return tuple(connection.execute(select(*counts).where(trial.c.session_id.in_(sessions))).one())
 

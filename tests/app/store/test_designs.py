@@ -20,6 +20,13 @@ FILM = {"file": "film.mp4", "sha256": "0" * 64}
 OTHER_FILMS = [(second_film, {"codec": "vp9", "media": "m" * 32}), (single_film, {"strip": "top"}), (lighter_film, {})]
 
 
+def insert_film(connection: Connection, study_id: int, table: Table, more: dict[str, str]) -> str:
+    """Insert another film of a study's first pair; its opaque name."""
+    media = first_media(connection, study_id)
+    connection.execute(insert(table).values(of_media=media, **FILM, **more))
+    return media
+
+
 def first_media(connection: Connection, study_id: int) -> str:
     pairs = select(pair.c.media).join(dataset).where(dataset.c.study_id == study_id).order_by(pair.c.id)
     return connection.scalars(pairs.limit(1)).one()
@@ -30,8 +37,7 @@ def test_a_replaced_design_leaves_no_film_of_its_pairs_behind(
     database: Database, study_id: int, table: Table, more: dict[str, str]
 ) -> None:
     with database.writing() as connection:
-        media = first_media(connection, study_id)
-        connection.execute(insert(table).values(of_media=media, **FILM, **more))
+        insert_film(connection, study_id, table, more)
         replace_design(connection, study_id, StimulusSet(Path(), "test", "0" * 64, {}, ()), [], [])
         assert connection.execute(select(func.count()).select_from(table)).scalar_one() == 0
 
@@ -43,8 +49,7 @@ def test_a_copied_design_has_all_films_under_new_names(
     film = FilmFile("vp9", **FILM)
     practice = pair_video(stimulus("ball", "a"), stimulus("ball", "b"), second=film, singles=(film,), lighter=film)
     with database.writing() as connection:
-        media = first_media(connection, study_id)
-        connection.execute(insert(table).values(of_media=media, **FILM, **more))
+        media = insert_film(connection, study_id, table, more)
         insert_practice(connection, study_id, [practice])
         row: dict[str, Any] = dict(connection.execute(select(study)).one()._mapping)
         copy_id = insert_study(connection, {**row, "id": study_id + 1, "slug": "copy"})

@@ -10,10 +10,11 @@ from typing import Any
 import pytest
 
 from app.store.admission import begin_preview
+from app.store.deletion import erase
 from app.store.engine import Database
 from app.store.given_trials import SoughtTrials, given_labels, given_trials, n_given_trials
 from app.store.invitations import Invitation
-from app.store.participants import erase, exclude, participant_labelled, withdraw_participant
+from app.store.participants import exclude, participant_labelled, withdraw_participant
 from app.store.studies import study_by_id
 from app.store.trial_records import trial_records
 from app.store.trials import void_trial

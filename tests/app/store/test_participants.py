@@ -13,11 +13,11 @@ from sqlalchemy import update
 
 from app.errors import ConflictError
 from app.store.admission import begin_session
+from app.store.deletion import erase
 from app.store.engine import Database
 from app.store.invitations import Invitation
 from app.store.participants import (
     SoughtPeople,
-    erase,
     exclude,
     exclusion_records,
     n_participants,
