@@ -14,10 +14,10 @@ from sqlalchemy import select, update
 
 from app.films.pairs import PairVideo
 from app.intake.stimuli import Stimulus, StimulusSet
-from app.store.admission import begin_session
+from app.store.admission import Admission, admit
 from app.store.designs import insert_design
 from app.store.engine import Database
-from app.store.invitations import insert_invitation, invitation_by_code
+from app.store.invitations import Invitation, insert_invitation, invitation_by_code
 from app.store.sessions import session_by_token
 from app.store.studies import insert_study
 from app.store.tables import assignment, session, trial
@@ -63,6 +63,11 @@ def seed_study(database: Database, datasets: Sequence[str], approaches: Sequence
         study_id = insert_study(connection, row)
         insert_design(connection, study_id, stimulus_set, pairs)
     return study_id
+
+
+def begin_session(database: Database, invitation: Invitation, now: datetime) -> str:
+    """Let a participant in; the session's token."""
+    return admit(database, invitation, Admission(), now).token
 
 
 def seed_voters(database: Database, n_voters: int, n_approaches: int) -> list[Voter]:

@@ -34,21 +34,12 @@ ROWS_AT_ONCE = 2000  # so that tables of any length fit into memory
 IN_ORDER = (participant.c.slot, assignment.c.position, trial.c.attempt)
 
 
-def trial_records(connection: Connection, study_id: int, session_id: str | None = None) -> Iterator[dict[str, Any]]:
-    """Every planned trial of a study, with what it compared and how it was answered.
-
-    Parameters
-    ----------
-    session_id : the public id of one session; None for all
-    """
-    query = all_records().where(takes_part_in(study_id))
-    if session_id is not None:
-        query = query.where(session.c.public_id == session_id)
-    ordered = query.order_by(*IN_ORDER)
+def trial_records(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
+    """Every planned trial of a study, with what it compared and how it was answered."""
     protocol, reference = judging(connection, study_id)
-    with connection.execute(
-        ordered.execution_options(yield_per=ROWS_AT_ONCE)
-    ) as rows:  # else PostgreSQL would send all rows at once
+    query = all_records().where(takes_part_in(study_id)).order_by(*IN_ORDER)
+    # in parts: else PostgreSQL would send all rows at once
+    with connection.execute(query.execution_options(yield_per=ROWS_AT_ONCE)) as rows:
         for row in rows:
             yield described(row, protocol, reference)
 
