@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from sqlalchemy import ColumnElement, Select, exists, select
 
 from app.store.tables import exclusion, participant, session
@@ -12,7 +14,7 @@ def takes_part_in(study_id: ColumnElement[int] | int) -> ColumnElement[bool]:
     return (participant.c.study_id == study_id) & participant.c.is_preview.is_(False)
 
 
-def sessions_in(study_id: int) -> Select[tuple[int]]:
+def sessions_in(study_id: int) -> Select[Any]:
     """Select the ids of a study's sessions, but of no preview."""
     return select(session.c.id).select_from(session.join(participant)).where(takes_part_in(study_id))
 
