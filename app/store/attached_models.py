@@ -9,7 +9,7 @@ from typing import Any
 from sqlalchemy import Connection, delete, insert, select
 
 from app.intake.models import Model
-from app.store.measurements import ids_by_name
+from app.store.designs import ids_by_name
 from app.store.tables import condition, dataset, model
 
 

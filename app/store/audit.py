@@ -102,12 +102,6 @@ def audit_records(
     return [dict(row._mapping) for row in connection.execute(rows)]
 
 
-def n_audit_records(connection: Connection, *, study_id: int | None = None, search: str = "") -> int:
-    """How many entries `audit_records` finds."""
-    query = _sought(select(func.count()).select_from(audit_entry), study_id, search)
-    return int(connection.execute(query).scalar_one())
-
-
 def audit_state(connection: Connection, *, study_id: int | None = None, search: str = "") -> tuple[int, int | None]:
     """Return how many entries `audit_records` finds, and the newest one's number; None without any."""
     counts: tuple[Any, ...] = (func.count(), func.max(audit_entry.c.id))

@@ -1,4 +1,4 @@
-"""Participants for experimenters: progress, answers, exclusions, withdrawals."""
+"""Participants for experimenters: progress, exclusions, withdrawals, and all that is kept of one."""
 
 from __future__ import annotations
 
@@ -18,12 +18,11 @@ from app.store.tables import (
     exclusion,
     participant,
     session,
-    spoken_answer,
     stage_record,
     trial,
     vote,
 )
-from app.study.stages import ENDS, FINISHED, INTERVIEW, SCREENED_OUT, TIMED_OUT, WITHDRAWN
+from app.study.stages import ENDS, FINISHED, SCREENED_OUT, TIMED_OUT, WITHDRAWN
 
 
 @dataclass(frozen=True)
@@ -289,32 +288,3 @@ def everything_of(connection: Connection, person: Person) -> dict[str, list[dict
             rows = connection.execute(select(*columns).where(belongs))
             records[table.name] = [dict(row._mapping) for row in rows]
     return records
-
-
-def questionnaire_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """Return a row for each participant and question: written answers first, then spoken ones."""
-    takes_part = takes_part_in(study_id)
-    written = connection.execute(
-        select(participant.c.label, stage_record.c.data, stage_record.c.completed_at)
-        .select_from(stage_record.join(session).join(participant))
-        .where(takes_part, stage_record.c.stage == INTERVIEW)
-        .order_by(participant.c.slot)
-    )
-    rows: list[dict[str, Any]] = [
-        {"participant": label, "question": question, "answer": answer, "answered_at": at, "source": "written"}
-        for label, data, at in written
-        for question, answer in data.get("answers", {}).items()
-    ]
-    said = connection.execute(
-        select(
-            participant.c.label.label("participant"),
-            spoken_answer.c.question,
-            spoken_answer.c.answer,
-            spoken_answer.c.written_at.label("answered_at"),
-            spoken_answer.c.experimenter,
-        )
-        .select_from(spoken_answer.join(session, spoken_answer.c.session_id == session.c.id).join(participant))
-        .where(takes_part)
-        .order_by(participant.c.slot, spoken_answer.c.id)
-    )
-    return [{"experimenter": None, **row} for row in rows] + [{**row._mapping, "source": "spoken"} for row in said]

@@ -26,6 +26,12 @@ from app.study.valid_vote import (
     press_to_picture_ms,
 )
 
+OF_TRIAL = (  # columns of a table of votes that a table of trials has, too
+    *("participant", "dataset", "item_a", "item_b", "choice", "first_shown", "trial", "response_ms", "role"),
+    *("technique", "frame_locked", "both_seen", "looks_before", "press_to_picture_ms", "protocol", "rating"),
+    *("reference", "lighter_film"),
+)
+
 
 @dataclass(frozen=True)
 class Vote:
@@ -207,25 +213,8 @@ def vote_records(connection: Connection, study_id: int) -> Iterator[dict[str, An
 def vote_row(record: Mapping[str, Any]) -> dict[str, Any]:
     """Return the row of a table of votes from that of a table of trials."""
     return {
-        "participant": record["participant"],
-        "dataset": record["dataset"],
-        "item_a": record["item_a"],
-        "item_b": record["item_b"],
-        "choice": record["choice"],
-        "first_shown": record["first_shown"],
-        "trial": record["trial"],
-        "response_ms": record["response_ms"],
+        **{name: record[name] for name in OF_TRIAL},
         "practice": False,
         "excluded": record["withdrawn"] or record["exclusion"] is not None,
         "reason": "withdrawn" if record["withdrawn"] else record["exclusion"] or "",
-        "role": record["role"],
-        "technique": record["technique"],
-        "frame_locked": record["frame_locked"],
-        "both_seen": record["both_seen"],
-        "looks_before": record["looks_before"],
-        "press_to_picture_ms": record["press_to_picture_ms"],
-        "protocol": record["protocol"],
-        "rating": record["rating"],
-        "reference": record["reference"],
-        "lighter_film": record["lighter_film"],
     }
