@@ -15,14 +15,7 @@ from app.settings import Settings
 from app.store import studies
 from app.store.audit import COMMAND_LINE, Actor, Entry, record, record_alone
 from app.store.engine import Database, open_database
-from app.store.experimenters import (
-    Role,
-    all_experimenters,
-    disable,
-    experimenter_named,
-    renew_link,
-    set_up_link,
-)
+from app.store.experimenters import Role, all_experimenters, disable, experimenter_named, renew_link, set_up_link
 from app.store.invitations import insert_invitation, invitations_of
 from app.store.keys import utc_now
 from app.store.migrate import upgrade, why_not_ready

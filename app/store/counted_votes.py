@@ -11,14 +11,7 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection, case, func, select
 
 from app.store.exclusions import in_force, sessions_in, takes_part_in
-from app.store.tables import (
-    assignment,
-    exclusion,
-    participant,
-    session,
-    trial,
-    vote,
-)
+from app.store.tables import assignment, exclusion, participant, session, trial, vote
 
 ROWS_AT_ONCE = 200_000
 READ: Mapping[str, tuple[Any, type[np.generic]]] = {  # the columns of `VoteColumns`: what is selected, and dtype

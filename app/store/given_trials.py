@@ -11,15 +11,7 @@ from sqlalchemy import ColumnElement, Connection, Select, exists, func, select, 
 
 from app.store.engine import sorted_by
 from app.store.exclusions import is_excluded, sessions_in, takes_part_in
-from app.store.tables import (
-    assignment,
-    dataset,
-    pair,
-    participant,
-    session,
-    trial,
-    vote,
-)
+from app.store.tables import assignment, dataset, pair, participant, session, trial, vote
 from app.store.trial_records import IN_ORDER, all_records, described, judging
 from app.store.trials import is_voted_on
 

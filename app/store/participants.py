@@ -14,14 +14,7 @@ from app.store.belonging import rows_of_people
 from app.store.engine import insert_or_ignore, sorted_by
 from app.store.exclusions import in_force, sessions_in, takes_part_in
 from app.store.schema import metadata
-from app.store.tables import (
-    exclusion,
-    participant,
-    session,
-    stage_record,
-    trial,
-    vote,
-)
+from app.store.tables import exclusion, participant, session, stage_record, trial, vote
 from app.study.stages import ENDS, FINISHED, SCREENED_OUT, TIMED_OUT, WITHDRAWN
 
 

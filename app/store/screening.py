@@ -16,14 +16,7 @@ from sqlalchemy import ColumnElement, Connection, Row, func, insert, select, upd
 from app.errors import ConflictError, NotFoundError
 from app.store.engine import Database
 from app.store.exclusions import takes_part_in
-from app.store.tables import (
-    participant,
-    screening_display,
-    screening_entry,
-    screening_item,
-    screening_test,
-    session,
-)
+from app.store.tables import participant, screening_display, screening_entry, screening_item, screening_test, session
 from app.study.screening import (
     NOT_TAKEN,
     EnteredResult,

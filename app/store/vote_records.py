@@ -17,14 +17,7 @@ from app.store.tables import assignment, participant, session, study, trial, vot
 from app.store.trial_records import trial_records
 from app.store.trials import is_voted_on
 from app.study.protocols import PC, SHOWN_ALONE, WITH_REFERENCE, grades_of, stored_scale
-from app.study.valid_vote import (
-    Choice,
-    InvalidVoteError,
-    check_viewing,
-    choice_of,
-    has_seen_both,
-    press_to_picture_ms,
-)
+from app.study.valid_vote import Choice, InvalidVoteError, check_viewing, choice_of, has_seen_both, press_to_picture_ms
 
 OF_TRIAL = (  # columns of a table of votes that a table of trials has, too
     *("participant", "dataset", "item_a", "item_b", "choice", "first_shown", "trial", "response_ms", "role"),
