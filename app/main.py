@@ -26,10 +26,10 @@ from uvicorn.supervisors import Multiprocess
 from app.files import packaged, private_folder
 from app.films.object_store import MediaStore
 from app.intake.bounds import end_with_parent
+from app.operations.database import open_store
 from app.operations.housekeeping import EVERY_S, keep_house
 from app.operations.jobs.beside_server import ends_in_order, worker_beside
 from app.operations.languages import read_languages
-from app.operations.manage import open_store
 from app.settings import Settings
 from app.store.engine import open_database
 from app.store.keys import utc_now

@@ -15,8 +15,8 @@ from typing import Any
 from app.ffmpeg import Progress, no_progress
 from app.files import file_digest
 from app.intake.stimuli import MANIFEST, StimulusSet
+from app.operations.database import open_store
 from app.operations.languages import read_languages
-from app.operations.manage import opened_store
 from app.operations.prepare import prepare_study, prepared_columns
 from app.settings import Settings
 from app.store import studies
@@ -69,7 +69,7 @@ def create_study(
         stimulus set cannot be used.
     """
     wanted, chosen_seed = options or StudyOptions(), _seed(seed)
-    with opened_store(settings) as database:
+    with open_store(settings) as database:
         slug = new_slug(database, name)
         packs = read_languages(settings)
         check_languages(wanted, packs)
@@ -178,17 +178,6 @@ def duplicate_study(database: Database, original: studies.Study, name: str, acto
             connection, actor.name, Entry("study created", study_id, slug, {"duplicate_of": original.slug}), actor.now
         )
     return slug
-
-
-def copy_study(settings: Settings, slug: str, name: str) -> dict[str, Any]:
-    """Duplicate a study by its short name, see `duplicate_study`."""
-    with opened_store(settings) as database:
-        with database.reading() as connection:
-            original = studies.study_by_slug(connection, slug)
-        if original is None:
-            raise ValueError(f"there is no study {slug!r}; `reconstudy study list` shows all")
-        copy = duplicate_study(database, original, name, Actor(0, COMMAND_LINE, utc_now()))
-    return {"study": copy, "duplicate_of": slug}
 
 
 def read_options(path: Path | None, given: Mapping[str, Any], preset: str = QUICK) -> StudyOptions:

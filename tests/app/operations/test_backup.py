@@ -14,6 +14,7 @@ from sqlalchemy import delete, insert, select, text, update
 
 from app.operations import create, manage
 from app.operations.backup import back_up, check, restore
+from app.operations.database import open_store
 from app.settings import Settings
 from app.store.engine import Database, open_database
 from app.store.migrate import newest_version, upgrade, version_of
@@ -327,7 +328,7 @@ def test_contradictions_are_found(here: Settings) -> None:
 
 def test_only_their_owner_reads_the_database_and_its_backup(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path / "data", database_url=None)
-    manage.open_store(settings).dispose()
+    open_store(settings).dispose()
     back_up(settings, tmp_path / "backup.zip")
     files = [*(tmp_path / "data").glob("study.sqlite*"), tmp_path / "backup.zip"]
     assert len(files) >= 2
