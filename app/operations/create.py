@@ -8,7 +8,6 @@ import secrets
 import tomllib
 import unicodedata
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -74,27 +73,19 @@ def create_study(
         packs = read_languages(settings)
         check_languages(wanted, packs)
         made = prepare_study(settings, manifest_path, wanted, exposure_s, progress)
-        notes = (*made.notes, *_telling_names(name, made.shown))
-        created_at = utc_now()
-        row = {
-            "slug": slug,
-            "name": name.strip(),
-            "state": "open",
-            "seed": chosen_seed,
-            "created_at": created_at,
-            "paused_at": created_at if is_paused else None,
-            **prepared_columns(made),
-        }
+        notes = [*made.notes, *_telling_names(name, made.shown)]
+        now = utc_now()
+        row = {"slug": slug, "name": name.strip(), "state": "open", "seed": chosen_seed, "created_at": now}
+        row |= {"paused_at": now if is_paused else None, **prepared_columns(made)}
         with database.writing() as connection:
             study_id = studies.insert_study(connection, row)
             insert_design(connection, study_id, made.shown, made.pairs)
             insert_practice(connection, study_id, made.practice)
-            code = insert_invitation(connection, study_id, None, created_at)
-            detail = {"stimulus_set": made.set_name, "seed": row["seed"]}
-            entry = Entry("study created", study_id, slug, {**detail, **_noted(notes)})
-            record(connection, by, entry, created_at)
+            code = insert_invitation(connection, study_id, None, now)
+            detail = {"stimulus_set": made.set_name, "seed": chosen_seed, **_noted(notes)}
+            record(connection, by, Entry("study created", study_id, slug, detail), now)
         with database.reading() as connection:
-            counts = asdict(studies.progress_of(connection, study_id))
+            counts = studies.progress_of(connection, study_id)
             n_trials = _n_trials(connection, study_id)
     return {
         "languages": {tag: refusal or "offered" for tag, refusal in refused_languages(wanted, packs).items()},
@@ -103,7 +94,7 @@ def create_study(
         **{key: row[key] for key in ("slug", "name", "exposure_s", "seed")},
         "protocol": wanted.protocol,
         "n_trials": n_trials,
-        **{key: counts[key] for key in counts if key.endswith(("datasets", "conditions", "pairs"))},
+        **{key: getattr(counts, key) for key in ("n_datasets", "n_conditions", "n_pairs")},
         "without": list(wanted.without),
         **_noted(notes),
     }
