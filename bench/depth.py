@@ -26,6 +26,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from memory import memory_mb
 from numpy.typing import NDArray
 from rooms import KINDS, noise_texture, room
 
@@ -260,8 +261,7 @@ def print_peak(method: str, n_disparities: int, path: Path) -> None:
     """In a process of its own: match once, print the peak in MiB."""
     images = np.load(path)
     METHODS[method](StereoPair(images["left"], images["right"], n_disparities))
-    status = Path("/proc/self/status").read_text(encoding="ascii")  # getrusage would count the parent's peak too
-    print(json.dumps(int(status.split("VmHWM:")[1].split()[0]) / 1024))
+    print(json.dumps(memory_mb("VmHWM")))
 
 
 def write_picture(path: Path) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-import resource
 import subprocess
 import sys
 import time
@@ -16,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from memory import memory_mb
 from numba import njit, prange
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -288,7 +288,7 @@ def peak_memory(n_points: int, voxel: float) -> float:
 def only_surface(n_points: int, voxel: float) -> None:
     clouds = [cloud_from_disparity(view.disparity, view.image, view.rectification) for view in simulate(n_points, 0)]
     ours_fb(clouds, voxel)
-    sys.stdout.write(f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6}\n")
+    sys.stdout.write(f"{memory_mb('VmHWM') / 1024}\n")
 
 
 def methods() -> dict[str, Callable[[list[Cloud], float], Mesh]]:
