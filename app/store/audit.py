@@ -86,7 +86,7 @@ def audit_records(
     limit: int | None = None,
     offset: int = 0,
 ) -> list[dict[str, Any]]:
-    """Entries, the newest first.
+    """Return entries, the newest first.
 
     Parameters
     ----------

@@ -195,19 +195,19 @@ def datasets_of(connection: Connection, study_id: int) -> list[str]:
 
 
 def conditions_of(connection: Connection, study_id: int) -> dict[str, dict[str, str]]:
-    """Factor levels by the condition's name."""
+    """Return factor levels by the condition's name."""
     rows = select(condition.c.name, condition.c.levels).where(condition.c.study_id == study_id)
     return {row.name: row.levels for row in connection.execute(rows.order_by(condition.c.position))}
 
 
 def ids_by_name(connection: Connection, table: Table, study_id: int) -> dict[str, int]:
-    """Ids of a study's datasets or conditions, by name."""
+    """Return the ids of a study's datasets or conditions, by name."""
     rows = connection.execute(select(table.c.name, table.c.id).where(table.c.study_id == study_id))
     return {row.name: row.id for row in rows}
 
 
 def planned_pairs(connection: Connection, study_id: int) -> list[PlannedPair]:
-    """All pairs of a study, as its orders need them."""
+    """Return all pairs of a study, as its orders need them."""
     rows = connection.execute(
         select(pair.c.id, pair.c.dataset_id, pair.c.top_id, pair.c.bottom_id)
         .join(dataset)
@@ -218,7 +218,7 @@ def planned_pairs(connection: Connection, study_id: int) -> list[PlannedPair]:
 
 
 def stimulus_names(connection: Connection, study_id: int) -> dict[int, tuple[str, str]]:
-    """(dataset, condition) by the stimulus' id."""
+    """Return the names of dataset and condition by the stimulus' id."""
     rows = connection.execute(
         select(stimulus.c.id, dataset.c.name, condition.c.name)
         .select_from(stimulus.join(dataset).join(condition, stimulus.c.condition_id == condition.c.id))
@@ -272,7 +272,7 @@ def film_files(connection: Connection) -> dict[str, str]:
 
 
 def _film(connection: Connection, video: PairVideo) -> dict[str, Any]:
-    """Columns of a pair that describe its film; its other films get rows of their own."""
+    """Return the columns of a pair that describe its film; its other films get rows of their own."""
     media = new_opaque_id()
     if video.second:
         values = {"media": new_opaque_id(), "of_media": media, **asdict(video.second)}
@@ -298,7 +298,7 @@ def _insert(connection: Connection, table: Table, values: Mapping[str, Any]) -> 
 
 
 def stimulus_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """Every stimulus with its facts, and a pair's video and half that show it."""
+    """Return every stimulus with its facts, and a pair's video and half that show it."""
     rows = connection.execute(
         select(
             dataset.c.name.label("dataset"),
@@ -326,7 +326,7 @@ def _seen_in(where: tuple[str, str] | None) -> dict[str, str | None]:
 
 
 def pair_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """Every pair's video: what it holds, and its file."""
+    """Return every pair's video: what it holds, and its file."""
     rows = _named_pairs(study_id, *(pair.c[name] for name in ("media", *FILM_FACTS)))
     return [dict(row._mapping) for row in connection.execute(rows.order_by(dataset.c.position, pair.c.id))]
 

@@ -122,7 +122,7 @@ class Database:
 
     @contextmanager
     def writing(self) -> Iterator[Connection]:
-        """One transaction, on disk when the block ends, undone when it raises."""
+        """Hold one transaction, on disk when the block ends, undone when it raises."""
         with self._unavailable_when_away(), self._write_lock, self.engine.connect() as connection:
             try:
                 with connection.execution_options(is_writing=True).begin():

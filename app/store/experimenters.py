@@ -131,7 +131,7 @@ def spend_link(connection: Connection, secret: str, now: datetime) -> Experiment
 
 
 def password_of(connection: Connection, name: str) -> tuple[int, str] | None:
-    """Id and password hash of the experimenter with a name; None if they may not sign in by password."""
+    """Return id and password hash of the experimenter with a name; None if they may not sign in by password."""
     row = connection.execute(
         select(experimenter.c.id, experimenter.c.password_hash).where(
             experimenter.c.name == name, experimenter.c.password_hash.is_not(None), experimenter.c.disabled_at.is_(None)

@@ -1,4 +1,4 @@
-"""Trials with a vote or an interruption, as the dashboard lists them: found, sorted and counted."""
+"""Return trials with a vote or an interruption, as the dashboard lists them: found, sorted and counted."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ SORTABLE: Mapping[str, ColumnElement[Any]] = {  # columns by which `given_trials
 def given_trials(
     connection: Connection, study_id: int, sought: SoughtTrials, *, sort: str = "", limit: int, offset: int = 0
 ) -> list[dict[str, Any]]:
-    """Trials with a vote or an interruption, as in `trial_records`, the latest first.
+    """Return trials with a vote or an interruption, as in `trial_records`, the latest first.
 
     `sort` is of SORTABLE and comes first: for as many trials as are counted, as all of them are then read.
     """
@@ -75,7 +75,7 @@ def given_trials(
 
 
 def n_given_trials(connection: Connection, study_id: int, sought: SoughtTrials, *, most: int = MOST_COUNTED) -> int:
-    """How many trials `given_trials` finds, counted up to `most` of votes and as many interruptions."""
+    """Count the trials that `given_trials` finds, up to `most` of votes and as many interruptions."""
     n = 0
     for given, _ in _given(study_id, sought):
         n += int(connection.execute(select(func.count()).select_from(given.limit(most).subquery())).scalar_one())
@@ -83,7 +83,7 @@ def n_given_trials(connection: Connection, study_id: int, sought: SoughtTrials, 
 
 
 def given_labels(connection: Connection, study_id: int, *, most: int | None = None) -> list[str]:
-    """Labels of participants who have voted or been interrupted, in order of arrival; the first of them."""
+    """Return the labels of the first participants who have voted or been interrupted, in order of arrival."""
     of_session = trial.c.session_id == session.c.id
     has_given = exists().where(vote.c.session_id == session.c.id) | exists().where(
         of_session, trial.c.voided_at.is_not(None)

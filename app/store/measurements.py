@@ -29,7 +29,7 @@ def replace_measurements(connection: Connection, study_id: int, measures: Sequen
 
 
 def measurement_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """`dataset, approach, measure, value, direction, unit, better, source, attached_at`, in the study's order."""
+    """Return a row for each attached value: by measure, then in the study's order."""
     rows = connection.execute(
         select(
             dataset.c.name.label("dataset"),

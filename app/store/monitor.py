@@ -11,7 +11,7 @@ from app.store.tables import vote
 
 
 def votes_by_minute(connection: Connection, study_id: int, now: datetime, minutes: int) -> list[int]:
-    """How many votes came in each of the last minutes, the oldest first."""
+    """Count the votes of each of the last minutes, the oldest first."""
     since = now - timedelta(minutes=minutes)
     rows = connection.scalars(
         # "+ 0": the latest votes are found by their time, not by their sessions

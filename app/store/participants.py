@@ -107,7 +107,7 @@ def participant_records(
     offset: int = 0,
     newest_first: bool = False,
 ) -> list[dict[str, Any]]:
-    """Everybody who has begun, in order of arrival or the other way round; `sort` is of SORTABLE and comes first."""
+    """Return everybody who has begun, by arrival or the other way round; `sort` is of SORTABLE and comes first."""
     arrival = participant.c.slot.desc() if newest_first else participant.c.slot
     order = (*sorted_by(SORTABLE, sort), arrival)
     rows = connection.execute(_records(study_id, sought).order_by(*order).limit(limit).offset(offset))
@@ -120,7 +120,7 @@ def participant_record(connection: Connection, person: Person) -> dict[str, Any]
 
 
 def participants_votes(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """Vote counts and exclusions: the cheap columns of `participant_records`.
+    """Return vote counts and exclusions: the cheap columns of `participant_records`.
 
     With the time of the vote on the last trial, which tells the votes of a restored backup from as many others.
     """
@@ -165,7 +165,7 @@ def session_state(connection: Connection, study_id: int) -> list[tuple[Any, ...]
 
 
 def n_interrupted(connection: Connection, study_id: int) -> int:
-    """How many trials of a study were interrupted."""
+    """Count the trials of a study that were interrupted."""
     # "+ 0": few trials are interrupted, and an index finds them
     voided = select(func.count()).where(
         trial.c.voided_at.is_not(None), (trial.c.session_id + 0).in_(sessions_in(study_id))
@@ -174,7 +174,7 @@ def n_interrupted(connection: Connection, study_id: int) -> int:
 
 
 def n_participants(connection: Connection, study_id: int, sought: SoughtPeople = EVERYBODY) -> int:
-    """How many participants `participant_records` finds."""
+    """Count the participants that `participant_records` finds."""
     return int(connection.execute(_records(study_id, sought).with_only_columns(func.count())).scalar_one())
 
 
@@ -221,7 +221,7 @@ def _records(study_id: int, sought: SoughtPeople = EVERYBODY) -> Select[Any]:
 
 
 def exclusion_records(connection: Connection, participant_id: int) -> list[dict[str, Any]]:
-    """All exclusions of a participant, including undone ones, the newest first."""
+    """Return all exclusions of a participant, including undone ones, the newest first."""
     rows = select(exclusion).where(exclusion.c.participant_id == participant_id).order_by(exclusion.c.id.desc())
     return [dict(row._mapping) for row in connection.execute(rows)]
 
@@ -273,7 +273,7 @@ def stage_records(connection: Connection, participant_id: int) -> list[dict[str,
 
 
 def everything_of(connection: Connection, person: Person) -> dict[str, list[dict[str, Any]]]:
-    """Every row of a participant, by table, without secrets."""
+    """Return every row of a participant, by table, without secrets."""
     records: dict[str, list[dict[str, Any]]] = {}
     for table in metadata.sorted_tables:
         if (belongs := rows_of_people(table, [person.id])) is not None:

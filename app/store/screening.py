@@ -119,7 +119,7 @@ def keep_distance(
 
 
 def states_of(connection: Connection, session_id: int, options: ScreeningOptions) -> list[TestState]:
-    """How far each test of a study is."""
+    """Return how far each test of a study is."""
     rows = {row.test: row for row in _tests(connection, session_id)}
     return [_state(connection, name, rows.get(name)) for name in options.tests]
 
@@ -246,7 +246,7 @@ def screening_records(
 
 
 def n_screening_records(connection: Connection, study_id: int) -> int:
-    """How many rows `screening_records` returns of everybody."""
+    """Count the rows that `screening_records` returns of everybody."""
     counts = (
         select(func.count()).select_from(table.join(session).join(participant)).where(takes_part_in(study_id))
         for table in (screening_test, screening_entry)

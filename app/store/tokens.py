@@ -102,7 +102,7 @@ def token_by_secret(connection: Connection, secret: str, now: datetime) -> Token
 
 
 def all_tokens(connection: Connection) -> list[Token]:
-    """All tokens, the newest first."""
+    """Return all tokens, the newest first."""
     return [_token(row._mapping) for row in connection.execute(_tokens().order_by(api_token.c.id.desc()))]
 
 

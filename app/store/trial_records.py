@@ -35,7 +35,7 @@ IN_ORDER = (participant.c.slot, assignment.c.position, trial.c.attempt)
 
 
 def trial_records(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
-    """Every planned trial of a study, with what it compared and how it was answered."""
+    """Yield every planned trial of a study, with what it compared and how it was answered."""
     protocol, reference = judging(connection, study_id)
     query = all_records().where(takes_part_in(study_id)).order_by(*IN_ORDER)
     # in parts: else PostgreSQL would send all rows at once

@@ -126,7 +126,7 @@ def keep_votes(database: Database, votes: Sequence[Vote]) -> list[KeptVote | Stu
 
 
 def _refusal(connection: Connection, sent: Vote, row: Row[Any] | None) -> StudyError | None:
-    """Why a vote cannot be kept, whatever its trial has already; the row is of `_TRIALS`."""
+    """Say why a vote cannot be kept, whatever its trial has already; the row is of `_TRIALS`."""
     if row is None or row.token_hash != digest(sent.token):
         holder = session_by_token(connection, sent.token)
         if holder is None or sent.session not in (None, holder.public_id):
