@@ -260,9 +260,7 @@ def _serve_by_workers(
 
 
 @contextmanager
-def running_server(
-    settings: Settings, host: str = "127.0.0.1", port: int = 0, front: Path | None = None
-) -> Iterator[str]:
+def running_server(settings: Settings, port: int = 0, front: Path | None = None) -> Iterator[str]:
     """Serve from a thread of this process while the block runs; yields the base address. `front` as in `create_app`."""
     started = threading.Event()
     address: list[str] = []
@@ -271,12 +269,12 @@ def running_server(
         address.append(base_url)
         started.set()
 
-    server = _Server(create_app(settings, front), host, port, on_start)
+    server = _Server(create_app(settings, front), "127.0.0.1", port, on_start)
     thread = threading.Thread(target=server.run, name="reconstudy-server", daemon=True)
     thread.start()
     try:
         if not started.wait(START_TIMEOUT_S):
-            raise RuntimeError(f"the server on {host}:{port} did not start within {START_TIMEOUT_S} s")
+            raise RuntimeError(f"the server on port {port} did not start within {START_TIMEOUT_S} s")
         yield address[0]
     finally:
         server.should_exit = True

@@ -168,11 +168,11 @@ def add_token(
 
 
 @contextmanager
-def own_token(settings: Settings, purpose: str, scopes: Sequence[str] = READING) -> Iterator[str]:
-    """Make a bearer token for this program's own use, named by purpose and time; it ends with the block."""
+def own_token(settings: Settings, purpose: str) -> Iterator[str]:
+    """Make a bearer token for this program's own use, to read, named by purpose and time; it ends with the block."""
     name = f"{purpose} {utc_now().isoformat(timespec='microseconds')}"
     try:
-        yield str(add_token(settings, name, scopes)["token"])
+        yield str(add_token(settings, name)["token"])
     finally:
         end_token(settings, name)
 
@@ -276,8 +276,8 @@ def _operator() -> Actor:
     return Actor(0, COMMAND_LINE, utc_now())
 
 
-def _note(database: Database, action: str, subject: str, study_id: int | None = None, **detail: Any) -> None:
-    record_alone(database, COMMAND_LINE, Entry(action, study_id, subject, detail), utc_now())
+def _note(database: Database, action: str, subject: str, **detail: Any) -> None:
+    record_alone(database, COMMAND_LINE, Entry(action, subject=subject, detail=detail), utc_now())
 
 
 def _only_study(database: Database) -> studies.Study:

@@ -74,11 +74,13 @@ def given_trials(
     return [described(rows[key], protocol, reference) for key in ids]
 
 
-def n_given_trials(connection: Connection, study_id: int, sought: SoughtTrials, *, most: int = MOST_COUNTED) -> int:
-    """Count the trials that `given_trials` finds, up to `most` of votes and as many interruptions."""
+def n_given_trials(connection: Connection, study_id: int, sought: SoughtTrials) -> int:
+    """Count the trials that `given_trials` finds, up to MOST_COUNTED votes and as many interruptions."""
     n = 0
     for given, _ in _given(study_id, sought):
-        n += int(connection.execute(select(func.count()).select_from(given.limit(most).subquery())).scalar_one())
+        n += int(
+            connection.execute(select(func.count()).select_from(given.limit(MOST_COUNTED).subquery())).scalar_one()
+        )
     return n
 
 
