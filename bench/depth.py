@@ -68,14 +68,14 @@ def read_scene(folder: Path) -> Scene:
         If the folder holds no known pair.
     """
     for left, right, truth, right_truth, scale, n_disparities, border in LAYOUTS:
-        found = [next(iter(sorted(folder.glob(f"{name}.p[ngp]*"))), None) for name in (left, right, truth, right_truth)]
-        if found[0] and found[1] and found[2]:
-            pair = StereoPair(_image(found[0]), _image(found[1]), n_disparities)
-            known = _truth(found[2], scale)
+        files = [next(iter(sorted(folder.glob(f"{name}.p[ngp]*"))), None) for name in (left, right, truth, right_truth)]
+        if files[0] and files[1] and files[2]:
+            pair = StereoPair(_image(files[0]), _image(files[1]), n_disparities)
+            known = _truth(files[2], scale)
             if border:
                 known[:border] = known[-border:] = np.nan
                 known[:, :border] = known[:, -border:] = np.nan
-            return Scene(folder.name, pair, known, None if found[3] is None else _truth(found[3], scale))
+            return Scene(folder.name, pair, known, None if files[3] is None else _truth(files[3], scale))
     raise ValueError(f"{folder}: no pair with truth here; expected im2 + im6, im3 + im4 or view1 + view5 with disp*")
 
 
@@ -269,8 +269,8 @@ def write_picture(path: Path) -> None:
     scene = synthetic_scene()
     panels = [(scene.pair.left, colour_preview(scene.truth))]
     for method in DEPTH_METHODS:
-        found = MATCHERS[method](scene.pair)
-        panels.append((colour_preview(found), relief(found)))
+        disparity = MATCHERS[method](scene.pair)
+        panels.append((colour_preview(disparity), relief(disparity)))
     columns = [np.vstack([cv2.resize(half, PANEL, interpolation=cv2.INTER_AREA) for half in pair]) for pair in panels]
     with whole_file(path) as temporary:
         if not cv2.imwrite(str(temporary), np.hstack(columns)[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9]):

@@ -293,12 +293,12 @@ def only_surface(n_points: int, voxel: float) -> None:
 
 def methods() -> dict[str, Callable[[list[Cloud], float], Mesh]]:
     """Ours, and the peers that can be imported."""
-    found: dict[str, Callable[[list[Cloud], float], Mesh]] = {"ours FB": ours_fb, "ours FA": ours_fa}
+    known: dict[str, Callable[[list[Cloud], float], Mesh]] = {"ours FB": ours_fb, "ours FA": ours_fa}
     if importlib.util.find_spec("open3d"):
-        found["Open3D Poisson"] = poisson
+        known["Open3D Poisson"] = poisson
     if importlib.util.find_spec("pymeshlab"):
-        found |= {f"MeshLab APSS, scale {scale:g}": meshlab(scale) for scale in MESHLAB_SCALES}
-    return found
+        known |= {f"MeshLab APSS, scale {scale:g}": meshlab(scale) for scale in MESHLAB_SCALES}
+    return known
 
 
 def report_clouds(views: list[View], clouds: list[Cloud]) -> list[Cloud]:
