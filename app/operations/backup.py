@@ -110,8 +110,8 @@ def _restore(settings: Settings, path: Path, *, replace: bool) -> dict[str, Any]
         raise ValueError(f"{path}: is not a backup: {error}") from error
     with archive, open_database(settings.url) as database:
         videos = [name.removeprefix(MEDIA) for name in archive.namelist() if name.startswith(MEDIA)]
-        if strange := [name for name in videos if Path(name).name != name]:
-            raise ValueError(f"{path}: holds a video named {strange[0]!r}, expected names without folders")
+        if strange := [name for name in videos if not is_plain_name(name)]:
+            raise ValueError(f"{path}: holds a video named {strange[0]!r}, expected plain names without folders")
         attached = [name for name in archive.namelist() if _is_attached(name)]
         refuse_what_is_held(database, replace=replace)
         places = {MEDIA + name: settings.media_dir / name for name in videos}

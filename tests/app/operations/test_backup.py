@@ -212,6 +212,16 @@ def test_a_damaged_backup_changes_nothing(here: Settings, tmp_path: Path) -> Non
         restore(here, tmp_path / "no.zip")
 
 
+@pytest.mark.parametrize("name", ["media/", "media/..", "media/../votes.mp4", "media/a\\b.mp4", "media/.hidden.mp4"])
+def test_a_video_whose_name_is_a_path_is_refused(tmp_path: Path, name: str) -> None:
+    with ZipFile(tmp_path / "backup.zip", "w") as archive:
+        archive.writestr(name, b"")
+    settings = Settings(data_dir=tmp_path / "server")
+    with pytest.raises(ValueError, match="holds a video named .*, expected plain names"):
+        restore(settings, tmp_path / "backup.zip")
+    assert not settings.media_dir.exists()
+
+
 def test_a_backup_with_a_damaged_film_changes_nothing(here: Settings, tmp_path: Path) -> None:
     film = here.media_dir / "file.mp4"
     film.parent.mkdir(parents=True)
