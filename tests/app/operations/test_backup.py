@@ -217,7 +217,7 @@ def test_a_video_whose_name_is_a_path_is_refused(tmp_path: Path, name: str) -> N
     with ZipFile(tmp_path / "backup.zip", "w") as archive:
         archive.writestr(name, b"")
     settings = Settings(data_dir=tmp_path / "server")
-    with pytest.raises(ValueError, match="holds a video named .*, expected plain names"):
+    with pytest.raises(ValueError, match=r"holds a video named .*, expected plain names"):
         restore(settings, tmp_path / "backup.zip")
     assert not settings.media_dir.exists()
 
