@@ -128,15 +128,14 @@ def add_experimenter(
     role : None: the present one, or owner
     studies : short names of the studies that they see; None: unchanged, or all
     """
-    if not 1 <= len(name.strip()) <= 100:
-        raise ValueError(f"{name!r}: expected a name of 1 to 100 characters")
+    name = _checked_name(name)
     with open_store(settings) as database:
         with database.reading() as connection:
-            known = experimenter_named(connection, name.strip())
+            known = experimenter_named(connection, name)
         password_ended = known is not None and known.has_password
-        secret = renew_link(database, name.strip(), utc_now(), role, studies)
-        _note(database, "sign-in link made", name.strip(), password_ended=password_ended, studies=studies)
-    return {"name": name.strip(), "path": f"/admin/login/{secret}", "password_ended": password_ended}
+        secret = renew_link(database, name, utc_now(), role, studies)
+        _note(database, "sign-in link made", name, password_ended=password_ended, studies=studies)
+    return {"name": name, "path": f"/admin/login/{secret}", "password_ended": password_ended}
 
 
 def set_up_path(settings: Settings) -> str | None:
@@ -158,13 +157,12 @@ def add_token(
     scopes : of SCOPES
     studies : short names of the studies that it opens; None: all
     """
-    if not 1 <= len(name.strip()) <= 100:
-        raise ValueError(f"{name!r}: expected a name of 1 to 100 characters")
+    name = _checked_name(name)
     with open_store(settings) as database:
         with database.writing() as connection:
-            token = insert_token(connection, name.strip(), scopes, COMMAND_LINE, utc_now(), studies=studies)
-        _note(database, "token made", name.strip(), scopes=list(scopes), studies=studies)
-    return {"name": name.strip(), "token": token, "scopes": list(scopes), "studies": studies}
+            token = insert_token(connection, name, scopes, COMMAND_LINE, utc_now(), studies=studies)
+        _note(database, "token made", name, scopes=list(scopes), studies=studies)
+    return {"name": name, "token": token, "scopes": list(scopes), "studies": studies}
 
 
 @contextmanager
@@ -270,6 +268,12 @@ def remove_study(settings: Settings, slug: str) -> dict[str, Any]:
             progress = studies.progress_of(connection, study.id)
         delete_study(database, study, _operator())
     return {"study": slug, "participants": progress.n_started, "votes": progress.n_votes}
+
+
+def _checked_name(name: str) -> str:
+    if not 1 <= len(name.strip()) <= 100:
+        raise ValueError(f"{name!r}: expected a name of 1 to 100 characters")
+    return name.strip()
 
 
 def _operator() -> Actor:
