@@ -24,6 +24,7 @@ WORKERS = 2  # processes at once, each on one thread, so that files are reproduc
 LONGEST_S = 3 * 3600  # of an ffmpeg; a minute of 4K takes half an hour to encode as AV1
 MOST_MEMORY = 4 * 1024**3  # bytes; three films of 4K, one above the other, take 1.5 GB to encode
 MOST_PIXELS = 2**27  # of a picture: 134 megapixels
+VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi")
 FORMATS: Mapping[str, str] = {  # ffmpeg's name of a file's format, by suffix; left to guess, it also takes playlists
     **dict.fromkeys((".mp4", ".mov", ".m4v"), "mov"),
     **dict.fromkeys((".mkv", ".webm"), "matroska"),

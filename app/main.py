@@ -26,10 +26,10 @@ from uvicorn.supervisors import Multiprocess
 from app.files import packaged, private_folder
 from app.films.object_store import MediaStore
 from app.intake.bounds import end_with_parent
+from app.operations.database import open_store
 from app.operations.housekeeping import EVERY_S, keep_house
 from app.operations.jobs.beside_server import ends_in_order, worker_beside
 from app.operations.languages import read_languages
-from app.operations.manage import open_store
 from app.settings import Settings
 from app.store.engine import open_database
 from app.store.keys import utc_now
@@ -271,9 +271,7 @@ def _serve_by_workers(
 
 
 @contextmanager
-def running_server(
-    settings: Settings, host: str = "127.0.0.1", port: int = 0, front: Path | None = None
-) -> Iterator[str]:
+def running_server(settings: Settings, port: int = 0, front: Path | None = None) -> Iterator[str]:
     """Serve from a thread of this process while the block runs; yields the base address. `front` as in `create_app`."""
     started = threading.Event()
     address: list[str] = []
@@ -282,12 +280,12 @@ def running_server(
         address.append(base_url)
         started.set()
 
-    server = _Server(create_app(settings, front), host, port, on_start)
+    server = _Server(create_app(settings, front), "127.0.0.1", port, on_start)
     thread = threading.Thread(target=server.run, name="reconstudy-server", daemon=True)
     thread.start()
     try:
         if not started.wait(START_TIMEOUT_S):
-            raise RuntimeError(f"the server on {host}:{port} did not start within {START_TIMEOUT_S} s")
+            raise RuntimeError(f"the server on port {port} did not start within {START_TIMEOUT_S} s")
         yield address[0]
     finally:
         server.should_exit = True

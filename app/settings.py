@@ -58,7 +58,6 @@ class Settings(BaseSettings):
         description="host names to answer to, with commas between, `*` for any; unset: IP addresses and this machine's "
         "name; that of the public address always",
     )
-
     media_accel: str | None = Field(
         default=None,
         pattern="^/.*/$",

@@ -29,10 +29,11 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import httpx
+from bombs import BOMBS, Bomb
+from memory import memory_mb
 
 from app.settings import Settings
 from app.store.engine import open_database
-from bench.bombs import BOMBS, Bomb
 from tests.app.web.admin.dashboard_client import signed_in
 from tests.seeded_studies import seed_study
 from tests.study_server import StudyServer
@@ -144,7 +145,7 @@ def under(attack: Attack, seconds: float) -> dict[str, Any]:
         attacker.start()
         with others(server) as noticed:
             time.sleep(seconds)
-        memory = memory_mb(server.pid, "VmRSS")
+        memory = round(memory_mb("VmRSS", server.pid))
         ended.set()
         attacker.join(10)
     return {"attack": (attack.__doc__ or "").rstrip("."), **noticed.row(), "memory_mb": memory}
@@ -161,31 +162,30 @@ def by_file(bomb: Bomb) -> dict[str, Any]:
                 began = time.perf_counter()
                 told = bomb(dashboard, settings)
                 seconds = time.perf_counter() - began
-            grown = memory_mb(server.pid, "VmHWM") - before
+            grown = round(memory_mb("VmHWM", server.pid) - before)
     what = (bomb.__doc__ or "").rstrip(".")
-    took = {"memory_mb": grown, "worker_mb": max(largest, default=0), "seconds": round(seconds, 1)}
+    took = {"memory_mb": grown, "worker_mb": round(max(largest, default=0.0)), "seconds": round(seconds, 1)}
     return {"attack": what, **noticed.row(), **took, "refusal": told}
 
 
 def seed(settings: Settings) -> None:
     """Insert a study that compares a and b in the dataset ball."""
-    database = open_database(settings.url)
-    seed_study(database, ["ball"], ["a", "b"])
-    database.dispose()
+    with open_database(settings.url) as database:
+        seed_study(database, ["ball"], ["a", "b"])
 
 
 @contextmanager
-def largest_of_others(known: set[int]) -> Iterator[list[int]]:
+def largest_of_others(known: set[int]) -> Iterator[list[float]]:
     """Collect the highest memory of each process below this one, MB, besides the known ones, while the block runs."""
-    largest: dict[int, int] = {}
-    collected: list[int] = []
+    largest: dict[int, float] = {}
+    collected: list[float] = []
     ended = threading.Event()
 
     def look() -> None:
         while not ended.wait(LOOKS_EVERY_S):
             for process in processes_below(os.getpid()) - known:
                 with suppress(OSError, IndexError):  # it has ended
-                    largest[process] = memory_mb(process, "VmHWM")
+                    largest[process] = memory_mb("VmHWM", process)
 
     thread = threading.Thread(target=look, daemon=True)
     thread.start()
@@ -197,12 +197,12 @@ def largest_of_others(known: set[int]) -> Iterator[list[int]]:
         collected.extend(largest.values())
 
 
-def settled_mb(process: int) -> int:
+def settled_mb(process: int) -> float:
     """Wait until a server has loaded what it loads after its start; the highest memory it had, MB."""
-    before, now = 0, memory_mb(process, "VmHWM")
+    before, now = 0.0, memory_mb("VmHWM", process)
     while now > before:
         time.sleep(SETTLES_S)
-        before, now = now, memory_mb(process, "VmHWM")
+        before, now = now, memory_mb("VmHWM", process)
     return now
 
 
@@ -220,12 +220,6 @@ def processes_below(process: int) -> set[int]:
         below.update(new)
         waiting.extend(new)
     return below
-
-
-def memory_mb(process: int, which: str) -> int:
-    """Return a process's memory, now (VmRSS) or at its highest (VmHWM), MB (proc(5), /proc/PID/status)."""
-    status = Path(f"/proc/{process}/status").read_text()
-    return int(status.partition(f"{which}:")[2].split(maxsplit=1)[0]) // 1024
 
 
 def main() -> None:

@@ -58,8 +58,8 @@ def calibration_row(board_name: str, seed: int, *, is_drawn: bool) -> dict[str, 
     looked, started = time.process_time() - started, time.process_time()
     pairs = calibrate_rig(board, [_pair(board, sensor, seen[sensor.id]) for sensor in rig.sensors], seen)
     seconds = time.process_time() - started
-    found = Rig(tuple(pair.sensor for pair in pairs))
-    errors = [relative_error(sensor, truth) for sensor, truth in zip(found.sensors, rig.sensors, strict=True)]
+    calibrated = Rig(tuple(pair.sensor for pair in pairs))
+    errors = [relative_error(sensor, truth) for sensor, truth in zip(calibrated.sensors, rig.sensors, strict=True)]
     worst = {key: max(error[key] for error in errors) for key in errors[0]}
     return {
         "board": board_name,
@@ -68,7 +68,7 @@ def calibration_row(board_name: str, seed: int, *, is_drawn: bool) -> dict[str, 
         "focal_percent": round(100 * worst["focal"], 3),
         "baseline_percent": round(100 * worst["baseline"], 3),
         "rotation_deg": round(worst["rotation_deg"], 3),
-        "between_sensors_deg": round(_apart_deg(found, rig), 3),
+        "between_sensors_deg": round(_apart_deg(calibrated, rig), 3),
         "find_processor_s": round(looked, 1),
         "calibrate_processor_s": round(seconds, 1),
     }
@@ -91,15 +91,15 @@ def _corners(board: Board, rig: Rig, seed: int, n_views: int, *, is_drawn: bool)
 
     def look(task: tuple[int, Camera]) -> Seen:
         index, camera = task
-        rng, found = np.random.default_rng((seed, 2, index)), {}
+        rng, seen_here = np.random.default_rng((seed, 2, index)), {}
         for view, pose in enumerate(poses):
             with suppress(CaptureError):  # turned away from this camera, or out of its picture
                 corners = (
                     board.find(board_picture(board, camera, pose, rng)) if is_drawn else _projected(board, camera, pose)
                 )
                 noise = rng.normal(0, NOISE_PX, corners.pixels.shape)
-                found[f"{view:03d}"] = Corners(corners.ids, corners.pixels + noise)
-        return found
+                seen_here[f"{view:03d}"] = Corners(corners.ids, corners.pixels + noise)
+        return seen_here
 
     cameras = [getattr(sensor, side) for sensor in rig.sensors for side in SIDES]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -135,9 +135,9 @@ def _pair(board: Board, truth: Sensor, views: tuple[Seen, Seen]) -> PairCalibrat
     return calibrate_pair(truth.id, board, (left, right), views)
 
 
-def _apart_deg(found: Rig, truth: Rig) -> float:
+def _apart_deg(calibrated: Rig, truth: Rig) -> float:
     """The largest error of a sensor's rotation against the first one, degrees."""
-    turns = [[s.left.rotation @ rig.sensors[0].left.rotation.T for s in rig.sensors[1:]] for rig in (found, truth)]
+    turns = [[s.left.rotation @ rig.sensors[0].left.rotation.T for s in rig.sensors[1:]] for rig in (calibrated, truth)]
     return max(
         float(np.rad2deg(np.linalg.norm(cv2.Rodrigues(one @ other.T)[0]))) for one, other in zip(*turns, strict=True)
     )

@@ -22,23 +22,18 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from app.store.engine import open_database
-from app.store.migrate import upgrade
+from voters import voters_of
+
 from tests.browser.crashing_tabs import compare, vote_in_chaos
-from tests.seeded_studies import seed_voters
 from tests.study_server import StudyServer
 
 N_VOTERS = 10
 
 
 def measure(n_votes: int) -> dict[str, Any]:
-    n_approaches = next(k for k in range(2, 1000) if N_VOTERS * k * (k - 1) // 2 >= n_votes)
     with tempfile.TemporaryDirectory() as name:
         url = f"sqlite:///{Path(name) / 'study.sqlite'}"
-        database = open_database(url)
-        upgrade(database)
-        voters = seed_voters(database, N_VOTERS, n_approaches)
-        database.dispose()
+        voters = voters_of(url, N_VOTERS, n_votes)
         started = time.perf_counter()
         with StudyServer(Path(name)) as server:
             seen = asyncio.run(vote_in_chaos(server, voters, Random(7)))

@@ -86,9 +86,9 @@ def warm(task: partial[Any], meeting: Path, n_workers: int) -> None:
     task()
     meeting.mkdir(parents=True, exist_ok=True)
     (meeting / str(os.getpid())).touch()
-    while len(found := sorted(int(file.name) for file in meeting.iterdir())) < n_workers:
+    while len(workers := sorted(int(file.name) for file in meeting.iterdir())) < n_workers:
         time.sleep(0.01)
-    os.sched_setaffinity(0, {sorted(os.sched_getaffinity(0))[found.index(os.getpid())]})
+    os.sched_setaffinity(0, {sorted(os.sched_getaffinity(0))[workers.index(os.getpid())]})
 
 
 def seconds(pool: Pool, tasks: Sequence[partial[Any]]) -> float:

@@ -26,6 +26,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from memory import memory_mb
 from numpy.typing import NDArray
 from rooms import KINDS, noise_texture, room
 
@@ -67,14 +68,14 @@ def read_scene(folder: Path) -> Scene:
         If the folder holds no known pair.
     """
     for left, right, truth, right_truth, scale, n_disparities, border in LAYOUTS:
-        found = [next(iter(sorted(folder.glob(f"{name}.p[ngp]*"))), None) for name in (left, right, truth, right_truth)]
-        if found[0] and found[1] and found[2]:
-            pair = StereoPair(_image(found[0]), _image(found[1]), n_disparities)
-            known = _truth(found[2], scale)
+        files = [next(iter(sorted(folder.glob(f"{name}.p[ngp]*"))), None) for name in (left, right, truth, right_truth)]
+        if files[0] and files[1] and files[2]:
+            pair = StereoPair(_image(files[0]), _image(files[1]), n_disparities)
+            known = _truth(files[2], scale)
             if border:
                 known[:border] = known[-border:] = np.nan
                 known[:, :border] = known[:, -border:] = np.nan
-            return Scene(folder.name, pair, known, None if found[3] is None else _truth(found[3], scale))
+            return Scene(folder.name, pair, known, None if files[3] is None else _truth(files[3], scale))
     raise ValueError(f"{folder}: no pair with truth here; expected im2 + im6, im3 + im4 or view1 + view5 with disp*")
 
 
@@ -260,8 +261,7 @@ def print_peak(method: str, n_disparities: int, path: Path) -> None:
     """In a process of its own: match once, print the peak in MiB."""
     images = np.load(path)
     METHODS[method](StereoPair(images["left"], images["right"], n_disparities))
-    status = Path("/proc/self/status").read_text(encoding="ascii")  # getrusage would count the parent's peak too
-    print(json.dumps(int(status.split("VmHWM:")[1].split()[0]) / 1024))
+    print(json.dumps(memory_mb("VmHWM")))
 
 
 def write_picture(path: Path) -> None:
@@ -269,8 +269,8 @@ def write_picture(path: Path) -> None:
     scene = synthetic_scene()
     panels = [(scene.pair.left, colour_preview(scene.truth))]
     for method in DEPTH_METHODS:
-        found = MATCHERS[method](scene.pair)
-        panels.append((colour_preview(found), relief(found)))
+        disparity = MATCHERS[method](scene.pair)
+        panels.append((colour_preview(disparity), relief(disparity)))
     columns = [np.vstack([cv2.resize(half, PANEL, interpolation=cv2.INTER_AREA) for half in pair]) for pair in panels]
     with whole_file(path) as temporary:
         if not cv2.imwrite(str(temporary), np.hstack(columns)[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9]):

@@ -33,14 +33,13 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from sqlalchemy import select
+from voters import voters_of
 
 from app.store.engine import open_database
-from app.store.migrate import upgrade
 from app.store.tables import trial, vote
 from tests import sqlite_disk
 from tests.app.web.vote_senders import Letter, Tally, letters_of, send_all
 from tests.postgresql import PostgresServer
-from tests.seeded_studies import seed_voters
 from tests.study_server import StudyServer
 
 N_VOTERS = 20
@@ -54,13 +53,8 @@ Rows = Iterator[tuple[str, Callable[[], dict[str, Any]]]]
 
 
 def prepare(url: str, n_votes: int, rng: Random) -> list[list[Letter]]:
-    """A migrated database with so many voters and trials; the votes to send."""
-    database = open_database(url)
-    upgrade(database)
-    n_approaches = next(k for k in range(2, 1000) if N_VOTERS * k * (k - 1) // 2 >= n_votes)
-    voters = seed_voters(database, N_VOTERS, n_approaches)
-    database.dispose()
-    return [letters_of(voter, rng) for voter in voters]
+    """Make a database with voters and trials; returns the votes to send."""
+    return [letters_of(voter, rng) for voter in voters_of(url, N_VOTERS, n_votes)]
 
 
 def run_under(
@@ -90,10 +84,8 @@ def run_under(
 
 def compare(url: str, acknowledged: list[tuple[str, str, str]]) -> dict[str, int]:
     """What is stored beside what was acknowledged."""
-    database = open_database(url)
-    with database.reading() as connection:
+    with open_database(url) as database, database.reading() as connection:
         rows = connection.execute(select(trial.c.public_id, vote.c.client_id, vote.c.choice).join(trial)).all()
-    database.dispose()
     stored = Counter((row.public_id, row.client_id) for row in rows)
     choices = {row.client_id: row.choice for row in rows}
     return {

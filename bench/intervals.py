@@ -54,7 +54,7 @@ def interval_lines(n_studies: int, seed: int) -> Iterator[str]:
             for name, covered in _coverage(votes, truth).items():
                 hits.setdefault(name, []).append(covered)
         where = f"{participants} participants, spread {spread}"
-        yield from (share_line(f"coverage, {where}, {name}", found) for name, found in hits.items())
+        yield from (share_line(f"coverage, {where}, {name}", is_held) for name, is_held in hits.items())
 
 
 def _estimated(votes: VotesTable) -> dict[str, list[float]]:

@@ -50,11 +50,11 @@ def started(capture: Path, folder: Path) -> subprocess.Popen[bytes]:
 def made(folder: Path) -> list[Path]:
     """The artefacts below a folder that are noted as finished."""
     notes = [path for part in ("run", "set") for path in (folder / part / ".finished").rglob("*.json")]
-    found = []
+    artefacts = []
     for note in notes:
         top = next(parent for parent in note.parents if parent.name == ".finished")
-        found.append(top.parent / note.relative_to(top).with_suffix(""))
-    return [path for path in found if path.exists()]
+        artefacts.append(top.parent / note.relative_to(top).with_suffix(""))
+    return [path for path in artefacts if path.exists()]
 
 
 def digests(folder: Path) -> dict[str, str]:

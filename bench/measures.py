@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.bootstrap import bootstrap_scores, participant_weights
 from app.analysis.comparison import Comparison, compare
 from app.analysis.objective.comparison import comparison_rows
 from app.analysis.objective.permutation import condition_orders
@@ -31,7 +30,6 @@ Array = NDArray[np.float64]
 CONDITIONS, DATASETS, PARTICIPANTS = 6, 5, 22  # as in the paper's study
 SPREAD = 0.8  # log-odds, standard deviation of conditions' true scores
 MEASURES = 20  # of each study
-REPLICATES = 300  # of participants, for the interval of earlier versions
 COLUMNS = (*CORRELATIONS, *SHARES)
 
 
@@ -115,41 +113,9 @@ def random_measures(situation: Situation, n_studies: int, rng: np.random.Generat
                 chance = 0.5 if name in SHARES else 0.0
                 low, high = row[f"{name}_low"], row[f"{name}_high"]
                 where.setdefault(name, []).append(low is not None and (low > chance or high < chance))
-            where.setdefault("earlier", [])
-        for over, is_excluded in earlier_interval(compared, values, rng):
-            errors[over]["earlier"].append(is_excluded)
     for over, columns in errors.items():
-        shares = " | ".join(f"{np.mean(columns[name]):.1%}" for name in (*COLUMNS, "earlier"))
+        shares = " | ".join(f"{np.mean(columns[name]):.1%}" for name in COLUMNS)
         print(f"| {situation.name} | {over} | {len(columns['pearson'])} | {shares} |", flush=True)
-
-
-def earlier_interval(
-    compared: Sequence[Comparison], values: Sequence[Array], rng: np.random.Generator
-) -> Iterator[tuple[str, bool]]:
-    """Yield whether Pearson's interval from resampling participants, and several datasets too, excludes zero."""
-    weights = participant_weights(PARTICIPANTS, REPLICATES, rng)
-    parts = [c for c in compared if c.comparison == ALL and c.dataset != ALL and c.fit.status == "ok"]
-    drawn = []
-    for part in parts:
-        bootstrap = bootstrap_scores(part.fit, part.votes, weights)
-        scores = np.full((REPLICATES, CONDITIONS), np.nan)
-        scores[bootstrap.kept] = bootstrap.scores
-        drawn.append(scores)
-    there = [int(part.dataset[1:]) for part in parts]
-    # A generator apart, so that the other columns do not depend on this one.
-    chosen = np.random.default_rng(REPLICATES).integers(0, len(parts), (REPLICATES, len(parts)))
-    together = np.take_along_axis(np.stack(drawn, axis=1), chosen[:, :, None], axis=1)
-    for measure in values:
-        for d, scores in zip(there, drawn, strict=True):
-            yield "one dataset", _excludes_zero(measure[None, d : d + 1], scores[:, None])
-        yield "all datasets", _excludes_zero(measure[there][chosen], together)
-
-
-def _excludes_zero(values: Array, scores: Array) -> bool:
-    x, y = (part - part.mean(axis=-1, keepdims=True) for part in (values, scores))
-    r = (x * y).sum(axis=(1, 2)) / np.sqrt((x**2).sum(axis=(1, 2)) * (y**2).sum(axis=(1, 2)))
-    low, high = np.nanquantile(r, [0.025, 0.975])
-    return bool(low > 0 or high < 0)
 
 
 def normal_points(
@@ -216,8 +182,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     rng = np.random.default_rng(options.seed)
-    print(f"| measure | over | cases | {' | '.join((*COLUMNS, 'earlier'))} |")
-    print(f"|---|---|---{'|---' * (len(COLUMNS) + 1)}|")
+    print(f"| measure | over | cases | {' | '.join(COLUMNS)} |")
+    print(f"|---|---|---{'|---' * len(COLUMNS)}|")
     for situation in SITUATIONS:
         random_measures(situation, options.studies, rng)
     coverage(20 * options.studies, rng)

@@ -37,20 +37,19 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import numpy as np
+from voters import voters_of
 
 from app.operations.jobs.beside_server import worker_beside
 from app.operations.jobs.kinds import job_kind
 from app.settings import Settings
 from app.store.engine import Database, open_database
 from app.store.keys import utc_now
-from app.store.migrate import upgrade
 from app.store.queue import enqueue, job_by_id
 from app.store.tables import pair
 from recon.studio import SynthParameters, synthesise
 from tests import sqlite_disk
 from tests.app.web.vote_senders import Letter, Line, Tally, letters_of, send_all
 from tests.postgresql import PostgresServer
-from tests.seeded_studies import seed_voters
 from tests.study_server import START_TIMEOUT_S, StudyServer, free_port
 
 AVRATENG_SERVER = Path(__file__).parent / "avrateng.py"
@@ -68,16 +67,12 @@ Row = dict[str, Any]
 
 
 def prepare(url: str, n_connections: int, n_votes: int) -> list[list[Letter]]:
-    """A migrated database and the votes for it, one bundle for each connection."""
-    database = open_database(url)
-    upgrade(database)
-    n_approaches = next(k for k in range(2, 1000) if n_connections * k * (k - 1) // 2 >= n_votes)
-    voters, rng = seed_voters(database, n_connections, n_approaches), Random(1)
-    with database.writing() as connection:
+    """Make a database and the votes for it, one bundle for each connection."""
+    voters, rng = voters_of(url, n_connections, n_votes), Random(1)
+    with open_database(url) as database, database.writing() as connection:
         connection.execute(pair.update().values(file="film.mp4"))
         if connection.dialect.name == "postgresql":
             connection.exec_driver_sql("ANALYZE")  # by itself it does so within a minute
-    database.dispose()
     return [letters_of(voter, rng)[: n_votes // n_connections] for voter in voters]
 
 
@@ -175,10 +170,8 @@ def beside_video(n_votes: int) -> Row:
         bundles = prepare(f"sqlite:///{folder}/study.sqlite", 16, n_votes)
         (folder / "pairs").mkdir()
         (folder / "pairs" / "film.mp4").write_bytes(bytes(VIDEO_BYTES))
-        database = open_database(f"sqlite:///{folder}/study.sqlite")
-        with database.reading() as connection:
+        with open_database(f"sqlite:///{folder}/study.sqlite") as database, database.reading() as connection:
             media = connection.scalar(pair.select().with_only_columns(pair.c.media).limit(1))
-        database.dispose()
         with StudyServer(folder) as server:
             context = get_context("spawn")
             n_received: Synchronized[int] = context.Value("q", 0)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-import resource
 import subprocess
 import sys
 import time
@@ -16,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from memory import memory_mb
 from numba import njit, prange
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -288,17 +288,17 @@ def peak_memory(n_points: int, voxel: float) -> float:
 def only_surface(n_points: int, voxel: float) -> None:
     clouds = [cloud_from_disparity(view.disparity, view.image, view.rectification) for view in simulate(n_points, 0)]
     ours_fb(clouds, voxel)
-    sys.stdout.write(f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6}\n")
+    sys.stdout.write(f"{memory_mb('VmHWM') / 1024}\n")
 
 
 def methods() -> dict[str, Callable[[list[Cloud], float], Mesh]]:
     """Ours, and the peers that can be imported."""
-    found: dict[str, Callable[[list[Cloud], float], Mesh]] = {"ours FB": ours_fb, "ours FA": ours_fa}
+    known: dict[str, Callable[[list[Cloud], float], Mesh]] = {"ours FB": ours_fb, "ours FA": ours_fa}
     if importlib.util.find_spec("open3d"):
-        found["Open3D Poisson"] = poisson
+        known["Open3D Poisson"] = poisson
     if importlib.util.find_spec("pymeshlab"):
-        found |= {f"MeshLab APSS, scale {scale:g}": meshlab(scale) for scale in MESHLAB_SCALES}
-    return found
+        known |= {f"MeshLab APSS, scale {scale:g}": meshlab(scale) for scale in MESHLAB_SCALES}
+    return known
 
 
 def report_clouds(views: list[View], clouds: list[Cloud]) -> list[Cloud]:

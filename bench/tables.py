@@ -26,6 +26,8 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import httpx
+from large_study import fill
+from memory import memory_mb
 from sqlalchemy import insert, select
 
 from app.operations.manage import add_experimenter, add_token
@@ -33,7 +35,6 @@ from app.settings import Settings
 from app.store.engine import open_database
 from app.store.migrate import upgrade
 from app.store.tables import vote
-from bench.large_study import fill
 from tests.app.web.admin.dashboard_client import Dashboard
 from tests.postgresql import PostgresServer
 from tests.study_server import StudyServer
@@ -96,7 +97,7 @@ TABLES = [
 def measure(server: StudyServer, asked: Asked, headers: Mapping[str, str], rounds: int) -> dict[str, Any]:
     """Ask a new server, then again and again."""
     server.kill()
-    before_mb = peak_mb(server.pid)
+    before_mb = memory_mb("VmHWM", server.pid)
     seconds: list[float] = []
     cpu_s: list[float] = []
     first_byte_s = n_bytes = 0.0
@@ -131,7 +132,7 @@ def measure(server: StudyServer, asked: Asked, headers: Mapping[str, str], round
         "cpu_s": round(cpu_s[0], 2),
         "cpu_then_s": round(median(cpu_s[1:] or cpu_s), 2),
         "first_byte_s": round(first_byte_s, 3),
-        "memory_mb": round(peak_mb(server.pid) - before_mb),
+        "memory_mb": round(memory_mb("VmHWM", server.pid) - before_mb),
         "size_mb": round(n_bytes / 1e6, 2),
     }
 
@@ -167,21 +168,14 @@ def processor_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def peak_mb(pid: int) -> float:
-    """Return a process's peak resident size, MB."""
-    status = Path(f"/proc/{pid}/status").read_text()
-    return int(status.split("VmHWM:")[1].split()[0]) / 1024
-
-
 def bench(folder: Path, n_votes: int, url: str | None, rounds: int, only: Sequence[str]) -> list[dict[str, Any]]:
     """Measure all requests on a study of so many votes; the database is filled if it is new."""
     settings = Settings(data_dir=folder, database_url=url, api_requests_per_minute=1_000_000)
     if url is not None or not (folder / "study.sqlite").exists():
-        database = open_database(settings.url)
-        upgrade(database)
         began = time.perf_counter()
-        fill(database, n_votes)
-        database.dispose()
+        with open_database(settings.url) as database:
+            upgrade(database)
+            fill(database, n_votes)
         print(f"{n_votes} votes inserted in {time.perf_counter() - began:.0f} s", flush=True)
     token = {"Authorization": f"Bearer {add_token(settings, f'bench {time.time_ns()}')['token']}"}
     link = add_experimenter(settings, "Bench", "owner")["path"]

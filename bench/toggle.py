@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from playing import in_chromium, in_firefox
-from playing.study import Study, study
+from playing.study import Study, served_study
 
 BARS = {  # the largest value of what a run tells, by its path in the result
     "press_to_picture_ms.p95": 40,
@@ -54,15 +54,15 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as temporary:
         folder = arguments.keep or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
-        with study(folder) as of:
+        with served_study(folder) as study:
             for name in arguments.only or PARTS:
-                tell(name, of, arguments.switches)
+                tell(name, study, arguments.switches)
 
 
-def tell(name: str, of: Study, n: int) -> None:
+def tell(name: str, study: Study, n: int) -> None:
     """Print what a run found, how busy the machine was, and which bars it passes."""
     before = os.getloadavg()[0]
-    result = in_firefox.run(of, n) if name == "firefox" else asyncio.run(in_chromium.run(name, of, n))
+    result = in_firefox.run(study, n) if name == "firefox" else asyncio.run(in_chromium.run(name, study, n))
     result |= {"load_before": round(before, 1), "load_after": round(os.getloadavg()[0], 1)}
     lines = [] if name in PEERS else list(verdicts(name, result))
     sys.stdout.write("\n".join([json.dumps({name: result}, indent=2), *lines]) + "\n")

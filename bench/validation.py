@@ -67,12 +67,12 @@ def fits(n_points: int, n_seeds: int) -> None:
                 points, centre = simulate_cap(parameters, rng)
                 started = time.process_time()
                 try:
-                    found = fit(points, RADIUS, 1)
+                    fitted = fit(points, RADIUS, 1)
                 except FitError:
                     failed += 1
                     continue
                 seconds.append(time.process_time() - started)
-                errors.append(float(np.linalg.norm(found.centre - centre)))
+                errors.append(float(np.linalg.norm(fitted.centre - centre)))
             worst = f"median {np.median(errors):.3f} worst {max(errors):.3f}" if errors else "none"
             took = f"{1e3 * np.median(seconds):.0f} ms" if seconds else "-"
             print(
@@ -109,13 +109,13 @@ def _judged(balls: list[tuple[Seen, str]], spoil: str) -> Counter[str]:
     for seen, _ in balls:
         for name, (_, parts, _) in seen.items():
             samples.setdefault(name, []).append(parts)
-    usual = {name: median for name, own in samples.items() if (median := usual_parts(own)) is not None}
+    usual = {name: median for name, of_sensor in samples.items() if (median := usual_parts(of_sensor)) is not None}
     counts = Counter[str]()
     for seen, bad in balls:
         fits = {name: fit for name, (fit, _, _) in seen.items()}
-        found = findings(fits, {name: parts for name, (_, parts, _) in seen.items()}, usual)
+        verdicts = findings(fits, {name: parts for name, (_, parts, _) in seen.items()}, usual)
         for name, (_, _, error) in seen.items():
-            is_out = any(not finding.is_remark for finding in found[name])
+            is_out = any(not finding.is_remark for finding in verdicts[name])
             if name == bad and spoil != "none":
                 counts += Counter(spoilt=1, biased=error > 1, caught=is_out, caught_biased=is_out and error > 1)
             else:
@@ -127,7 +127,7 @@ def _ball(seed: int, spoil: str) -> tuple[Seen, str]:
     """Fit, shifts and centre error per sensor, and which one is spoilt."""
     rng = np.random.default_rng((FIRST_SEED + seed, len(spoil)))
     bad = int(rng.integers(3))
-    found = {}
+    seen = {}
     for index, azimuth in enumerate(AZIMUTHS):
         parameters = CapParameters(
             n_points=30_000,
@@ -143,12 +143,12 @@ def _ball(seed: int, spoil: str) -> tuple[Seen, str]:
             fit = fit_sphere(points, RADIUS)
         except FitError:
             continue
-        found[f"S{index}"] = (
+        seen[f"S{index}"] = (
             fit,
             examine_parts(cap_of(subsample(points, 1), fit), fit),
             float(np.linalg.norm(fit.centre)),
         )
-    return found, f"S{bad}"
+    return seen, f"S{bad}"
 
 
 def peer_fits(n_points: int, n_seeds: int) -> None:
@@ -165,9 +165,9 @@ def peer_fits(n_points: int, n_seeds: int) -> None:
             points, centre = simulate_cap(CapParameters(n_points=n_points, outliers=outliers), rng)
             random.seed(seed)  # pyransac3d draws from it
             started = time.process_time()
-            found, _, _ = pyransac3d.Sphere().fit(points.astype(np.float64), thresh=12.5, maxIteration=PEER_TRIALS)
+            fitted, _, _ = pyransac3d.Sphere().fit(points.astype(np.float64), thresh=12.5, maxIteration=PEER_TRIALS)
             seconds.append(time.process_time() - started)
-            errors.append(float(np.linalg.norm(np.ravel(found) - centre)))
+            errors.append(float(np.linalg.norm(np.ravel(fitted) - centre)))
         print(
             f"  pyransac3d cap 120 deg, outliers {outliers:4.0%}: median {np.median(errors):.1f} "
             f"worst {max(errors):.1f}, {np.median(seconds):.1f} s"
@@ -187,11 +187,11 @@ def cuboids(n_seeds: int) -> None:
             angles += [abs(angle - 90) for *_, angle in fit.dihedral_angles()]
             edges += [abs(edge.length - size[edge.axis]) for edge in fit.edges]
             places.append(float(np.linalg.norm(fit.centre - centre)))
-        found = ", ".join(
+        errors = ", ".join(
             f"{name} median {np.median(values):.2f} worst {max(values):.2f} {unit}"
             for name, values, unit in (("angles", angles, "deg"), ("edges", edges, "mm"), ("place", places, "mm"))
         )
-        print(f"  {'x'.join(f'{edge:g}' for edge in size)}: {found}; {np.median(seconds):.1f} s of processor time")
+        print(f"  {'x'.join(f'{edge:g}' for edge in size)}: {errors}; {np.median(seconds):.1f} s of processor time")
 
 
 def _corner(
@@ -298,8 +298,8 @@ def _print_studio(method: str, report: dict[str, Any], offsets: list[NDArray[np.
     errors = [np.linalg.norm(row["centre_mm"] - STUDIO_MIDDLE - offsets[row["sample"] - 1]) for row in fitted]
     for subset in ("all", "used"):
         ratios = [r for r in report["curve"] if (r["sensor"], r["subset"]) == ("combined", subset)]
-        found = ", ".join(f"within {row['threshold_mm']:g} mm {row['inliers']:.1%}" for row in ratios)
-        print(f"  {method}, {subset}: {found}")
+        shares = ", ".join(f"within {row['threshold_mm']:g} mm {row['inliers']:.1%}" for row in ratios)
+        print(f"  {method}, {subset}: {shares}")
     print(
         f"  {method}: centre off by median {np.median(errors):.2f} worst {max(errors):.2f} mm; left out "
         f"{len(report['excluded'])} of {len(rows)}, failed {len(report['failed'])}"

@@ -21,6 +21,7 @@ from statistics import fmean, median
 from typing import Any
 
 import numpy as np
+from memory import memory_mb
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Mesh, Texture
@@ -134,20 +135,14 @@ def measure(case: str, mesh: Mesh, n: int) -> dict[str, float]:
         next(frames)
         wall.append(time.perf_counter() - before[0])
         processor.append(time.process_time() - before[1])
-        resident.append(kib_of("VmRSS") / 1024)
+        resident.append(memory_mb("VmRSS"))
     return {
         "wall_s": median(wall),
         "processor_s": median(processor),
         "total_processor_s": sum(processor),
-        "peak_mib": kib_of("VmHWM") / 1024,
+        "peak_mib": memory_mb("VmHWM"),
         "growth_mib": max(resident[len(resident) // 2 :]) - max(resident[: len(resident) // 2]),
     }
-
-
-def kib_of(name: str) -> int:
-    """A figure about this process's memory. (getrusage would hand down the peak of the process that started it.)"""
-    lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith(name))
 
 
 def started(case: str, mesh: Path, n: int, core: int) -> subprocess.Popen[str]:

@@ -29,6 +29,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import httpx
 import numpy as np
+from server import wait_for_port, wait_for_step
 from sqlalchemy import func, select
 
 from app.operations.jobs.kinds import job_kind
@@ -41,7 +42,6 @@ from app.store.keys import utc_now
 from app.store.migrate import upgrade
 from app.store.queue import enqueue, job_by_id
 from app.store.tables import participant, session, vote
-from bench.server import wait_for_port, wait_for_step
 from recon.studio import SynthParameters, synthesise
 from tests.postgresql import PostgresServer
 from tests.seeded_studies import seed_study

@@ -7,16 +7,17 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
 from sqlalchemy import select, update
 
 from app.films.pairs import PairVideo
 from app.intake.stimuli import Stimulus, StimulusSet
-from app.store.admission import begin_session
+from app.store.admission import Admission, admit
 from app.store.designs import insert_design
 from app.store.engine import Database
-from app.store.invitations import insert_invitation, invitation_by_code
+from app.store.invitations import Invitation, insert_invitation, invitation_by_code
 from app.store.sessions import session_by_token
 from app.store.studies import insert_study
 from app.store.tables import assignment, session, trial
@@ -41,10 +42,12 @@ class Voter:
 
 def seed_study(database: Database, datasets: Sequence[str], approaches: Sequence[str]) -> int:
     """Insert a study of every pair within each dataset; its id."""
-    stimuli = [_stimulus(dataset, approach) for dataset in datasets for approach in approaches]
+    stimuli = [stimulus(dataset, approach) for dataset in datasets for approach in approaches]
     stimulus_set = StimulusSet(Path(), "test", "0" * 64, {}, tuple(stimuli))
     pairs = [
-        _pair(*pair) for dataset in stimulus_set.datasets for pair in combinations(stimulus_set.of_dataset(dataset), 2)
+        pair_video(*pair)
+        for dataset in stimulus_set.datasets
+        for pair in combinations(stimulus_set.of_dataset(dataset), 2)
     ]
     row = {
         "slug": "test",
@@ -60,6 +63,11 @@ def seed_study(database: Database, datasets: Sequence[str], approaches: Sequence
         study_id = insert_study(connection, row)
         insert_design(connection, study_id, stimulus_set, pairs)
     return study_id
+
+
+def begin_session(database: Database, invitation: Invitation, now: datetime) -> str:
+    """Let a participant in; the session's token."""
+    return admit(database, invitation, Admission(), now).token
 
 
 def seed_voters(database: Database, n_voters: int, n_approaches: int) -> list[Voter]:
@@ -86,11 +94,11 @@ def seed_voters(database: Database, n_voters: int, n_approaches: int) -> list[Vo
     return voters
 
 
-def _stimulus(dataset: str, approach: str) -> Stimulus:
+def stimulus(dataset: str, approach: str) -> Stimulus:
     return Stimulus(
         dataset=dataset, approach=approach, video="v.mp4", sha256="0" * 64, width=64, height=48, fps=25, n_frames=25
     )
 
 
-def _pair(top: Stimulus, bottom: Stimulus) -> PairVideo:
-    return PairVideo(top, bottom, "file.mp4", "0" * 64, 64, 48, 16, 25, 25)
+def pair_video(top: Stimulus, bottom: Stimulus, **other_films: Any) -> PairVideo:
+    return PairVideo(top, bottom, "file.mp4", "0" * 64, 64, 48, 16, 25, 25, **other_films)

@@ -57,11 +57,10 @@ def serve(
 @app.command()
 def status(as_json: JsonOption = False) -> None:
     """Tell where the data lie, what they hold, whether the server runs and what is installed; nothing is changed."""
-    from app.operations.extras import MODULES
-    from app.operations.status import installed_extras, server_status
+    from app.operations.status import server_status
     from app.settings import Settings
 
-    result = server_status(Settings()) | {"extras": installed_extras(MODULES)}
+    result = server_status(Settings())
     lines = [f"{name + ':':<15} {text}" for name, text in _status_lines(result)]
     print_result(result, "\n".join(lines), as_json=as_json)
 

@@ -307,7 +307,7 @@ def study_duplicate(
     as_json: JsonOption = False,
 ) -> None:
     """Create a study of the same stimuli and options, without participants; it stays paused until opened."""
-    from app.operations.create import copy_study
+    from app.operations.manage import copy_study
     from app.settings import Settings
 
     made = copy_study(Settings(), study, new_name)

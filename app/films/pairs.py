@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 from app.errors import StimuliError
 from app.ffmpeg import Progress, in_parallel, no_progress
@@ -23,6 +24,7 @@ from app.intake.stimuli import Stimulus, StimulusSet
 
 References = Mapping[str, Stimulus]  # by dataset
 NO_REFERENCES: References = {}
+PlannedFilms = list[tuple[Path, Strips]]  # of a pair
 
 
 @dataclass(frozen=True)
@@ -227,16 +229,16 @@ def _prepare(
 ) -> list[PairVideo]:
     shown = {s.name: s for s in (*(s for pair in pairs for s in pair), *references.values())}
     digests = {name: file_digest(stimulus_set.source(s)) for name, s in shown.items()}
-    planned: list[_PlannedPair] = []
+    planned: list[PlannedFilms] = []
     for pair in pairs:
         below = filter(None, [references.get(pair[0].dataset)])
         two = _in_blind_order(pair, digests) if is_sorted else pair
         planned.append(_planned(stimulus_set, (*two, *below), digests, maker))
-    every = {path: film for pair in planned for path, film in (*pair.stacked, *pair.singles)}  # each content once
+    every = {path: film for films in planned for path, film in films}  # each content once
     missing = [(path, film) for path, film in every.items() if not path.is_file() and not restore(path)]
     in_parallel([(f"encoding {film.name}", partial(make_film, film, path)) for path, film in missing], maker.progress)
     files = {path: FilmFile(film.codec, path.name, file_digest(path)) for path, film in every.items()}
-    return [_pair_video(pair, files) for pair in planned]
+    return [_pair_video(films, files) for films in planned]
 
 
 def _in_blind_order(pair: Sequence[Stimulus], digests: Mapping[str, str]) -> list[Stimulus]:
@@ -246,40 +248,46 @@ def _in_blind_order(pair: Sequence[Stimulus], digests: Mapping[str, str]) -> lis
     return sorted(pair, key=lambda stimulus: (lots[stimulus.name], stimulus.name))
 
 
-@dataclass(frozen=True)
-class _PlannedPair:
-    """The films of a pair: both stimuli in one, in each codec, H.264 first; and each strip alone, from the top."""
-
-    stacked: list[tuple[Path, Strips]]
-    singles: list[tuple[Path, Strips]]
-
-
 def _planned(
     stimulus_set: StimulusSet, stimuli: tuple[Stimulus, ...], digests: Mapping[str, str], maker: FilmMaker
-) -> _PlannedPair:
+) -> PlannedFilms:
+    """Return the films of a pair: all its strips in one, in each codec, H.264 first; then each strip alone."""
+
     def film(strips: tuple[Stimulus, ...], codec: str) -> tuple[Path, Strips]:
         key = film_key(codec, [digests[s.name] for s in strips])
         return maker.media_dir / f"{key}.mp4", Strips(strips, tuple(stimulus_set.source(s) for s in strips), codec)
 
     singles = [film((stimulus,), SINGLE) for stimulus in stimuli] if maker.has_singles else []
-    return _PlannedPair([film(stimuli, codec) for codec in maker.codecs], singles)
+    return [*(film(stimuli, codec) for codec in maker.codecs), *singles]
 
 
-def _pair_video(planned: _PlannedPair, files: Mapping[Path, FilmFile]) -> PairVideo:
-    stimuli = planned.stacked[0][1].stimuli
+def _pair_video(planned: PlannedFilms, files: Mapping[Path, FilmFile]) -> PairVideo:
+    stimuli = planned[0][1].stimuli
     top, bottom = stimuli[0], stimuli[min(1, len(stimuli) - 1)]
-    first, *others = [files[path] for path, _ in planned.stacked]
-    lighter = next((film for film in others if film.codec == LIGHTER), None)
-    second = next((film for film in others if film.codec != LIGHTER), None)
-    size = (top.width, top.height, GUARD_ROWS, top.fps, top.n_frames)
-    singles = tuple(files[path] for path, _ in planned.singles)
-    return PairVideo(top, bottom, first.file, first.sha256, *size, second=second, singles=singles, lighter=lighter)
+    return PairVideo(
+        top,
+        bottom,
+        width=top.width,
+        height=top.height,
+        guard_rows=GUARD_ROWS,
+        fps=top.fps,
+        n_frames=top.n_frames,
+        **_by_use([files[path] for path, _ in planned]),
+    )
 
 
 def _padded_pair(video: PairVideo, made: Mapping[tuple[str, str, str], FilmFile]) -> PairVideo:
     """Return a pair with the padded copies of its films, by dataset, codec and file."""
-    first, *others = [made[video.top.dataset, film.codec, film.file] for film in video.films]
-    singles = tuple(film for film in others if film.codec == SINGLE)
-    lighter = next((film for film in others if film.codec == LIGHTER), None)
-    second = next((film for film in others if film.codec not in (SINGLE, LIGHTER)), None)
-    return replace(video, file=first.file, sha256=first.sha256, second=second, singles=singles, lighter=lighter)
+    return replace(video, **_by_use([made[video.top.dataset, film.codec, film.file] for film in video.films]))
+
+
+def _by_use(films: Sequence[FilmFile]) -> dict[str, Any]:
+    """Return a pair's films, the first in H.264, as the fields of `PairVideo`."""
+    first, *others = films
+    return {
+        "file": first.file,
+        "sha256": first.sha256,
+        "second": next((film for film in others if film.codec not in (SINGLE, LIGHTER)), None),
+        "singles": tuple(film for film in others if film.codec == SINGLE),
+        "lighter": next((film for film in others if film.codec == LIGHTER), None),
+    }

@@ -8,18 +8,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.errors import InvalidError
+from app.ffmpeg import VIDEO_SUFFIXES
 from app.intake.captures import CAPTURE_FILE, missing_pictures, read_outline
-from app.intake.import_videos import VIDEO_SUFFIXES
 from app.intake.reports import read_report
 from app.intake.shelves import FOLDERS, SUFFIXES, free_path
 from app.intake.summaries import MESHES, PICTURES, SCENE_FILE, files_of, is_film
 from app.intake.zips import MB, check_file, check_zip, unpack
 
 TEXTS = (".json", ".csv", ".txt", ".md", ".toml", ".yml", ".yaml", ".xml", ".ini", ".html", ".log")
-CAPTURED = (*PICTURES, ".ppm", ".pgm", *VIDEO_SUFFIXES, ".m4v", ".npy", ".exr", ".ply", ".bin", ".sfm", *TEXTS)
+CAPTURED = (*PICTURES, ".ppm", ".pgm", *VIDEO_SUFFIXES, ".npy", ".exr", ".ply", ".bin", ".sfm", *TEXTS)
 BELONGING: Mapping[str, tuple[str, ...]] = {  # suffixes of files that may be in an upload
     "captures": CAPTURED,
-    "calibration": (*PICTURES, *VIDEO_SUFFIXES, ".m4v", *TEXTS),
+    "calibration": (*PICTURES, *VIDEO_SUFFIXES, *TEXTS),
     "models": (*MESHES, ".mtl", ".bin", *PICTURES, *TEXTS),
     "films": (*VIDEO_SUFFIXES, *TEXTS),
     "clouds": (".ply", *TEXTS),
@@ -97,25 +97,19 @@ def _top(kind: str, folder: Path) -> Path:
 
 
 def _check_capture(folder: Path) -> None:
+    """Check that a capture's pictures are there, or those of a recording of which a job can make a capture."""
     if not (folder / CAPTURE_FILE).is_file():
-        _check_recording(folder)
-        return
-    missing = missing_pictures(folder, read_outline(folder))
-    if missing:
+        if not _holds(folder, (*PICTURES, *VIDEO_SUFFIXES)):
+            raise InvalidError(f"There is neither {CAPTURE_FILE} nor a picture or video in the upload.")
+    elif missing := missing_pictures(folder, read_outline(folder)):
         raise InvalidError(
             f"{CAPTURE_FILE} names {missing[0]}, which is not in the upload{_and_more(missing)}. Add what is missing, "
             "then upload again."
         )
 
 
-def _check_recording(folder: Path) -> None:
-    """Check a recording without `capture.json`, of which a job can make a capture."""
-    if not any(file.suffix.lower() in (*PICTURES, *VIDEO_SUFFIXES) for file in files_of(folder)):
-        raise InvalidError(f"There is neither {CAPTURE_FILE} nor a picture or video in the upload.")
-
-
 def _check_calibration(folder: Path) -> None:
-    if not any(file.suffix.lower() in (*PICTURES, *VIDEO_SUFFIXES) for file in files_of(folder)):
+    if not _holds(folder, (*PICTURES, *VIDEO_SUFFIXES)):
         raise InvalidError(
             "There is no picture or video of a board in the upload; expected left/ and right/ with them."
         )
@@ -126,7 +120,7 @@ def _check_models(folder: Path) -> None:
         raise InvalidError(
             f"There is no {SCENE_FILE} beside the models; it names the dataset, the unit and what is up."
         )
-    if not any(file.suffix.lower() in MESHES for file in files_of(folder)):
+    if not _holds(folder, MESHES):
         raise InvalidError("There is no model in the upload; expected APPROACH/FRAME.ply, .obj, .glb or .gltf.")
 
 
@@ -141,7 +135,7 @@ def _check_films(folder: Path) -> None:
 
 
 def _check_clouds(path: Path) -> None:
-    if not any(file.suffix.lower() == ".ply" for file in files_of(path)):
+    if not _holds(path, (".ply",)):
         raise InvalidError("There is no cloud in the upload; expected files that end in .ply.")
 
 
@@ -160,6 +154,10 @@ CHECKS: Mapping[str, Callable[[Path], None]] = {
     "clouds": _check_clouds,
     "measures": _check_measures,
 }
+
+
+def _holds(path: Path, suffixes: tuple[str, ...]) -> bool:
+    return any(file.suffix.lower() in suffixes for file in files_of(path))
 
 
 def _and_more(names: list[str]) -> str:

@@ -24,7 +24,6 @@ from app.errors import TooLargeError
 MOST_MB = 1024  # what a reader may take besides the program; a JSON of app.files.LARGEST_JSON takes 350 MB
 LONGEST_S = 900  # of computing; an upload of 64 GB unpacks in half of that
 READERS = ("app.intake.arrivals", "app.intake.models", "app.intake.stimuli", "app.analysis.measures_table")
-MB = 1024 * 1024
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -79,4 +78,4 @@ def _bound(most_mb: int, longest_s: int) -> None:
     statm = Path("/proc/self/statm")  # proc(5): the sixth number is what RLIMIT_DATA counts, in pages
     if statm.is_file():
         taken = int(statm.read_text().split()[5]) * resource.getpagesize()
-        resource.setrlimit(resource.RLIMIT_DATA, (taken + most_mb * MB,) * 2)
+        resource.setrlimit(resource.RLIMIT_DATA, (taken + most_mb * 2**20,) * 2)

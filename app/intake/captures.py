@@ -12,12 +12,12 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from app.errors import InvalidError
+from app.ffmpeg import VIDEO_SUFFIXES
 from app.files import read_json
 
 CAPTURE_FILE = "capture.json"
 SIDES = ("left", "right")
 FRAME_FIELD = re.compile(r"\{frame(:0\d{1,2}d)?\}")
-VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v")
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
 MOST_FRAMES = 1_000_000
 LARGEST_DESCRIPTION = 2 * 1024 * 1024  # bytes of a JSON that pages read, each time: two thousand cameras

@@ -7,14 +7,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from app.intake.import_videos import MASK, MASTER
+from app.intake.models import LARGEST_BYTES, LONGEST_HEADER
 from app.intake.summaries import files_of
 
 PLAYABLE = (".mp4", ".webm")  # by browsers
 SHOWN_PICTURES = (".png", ".jpg", ".jpeg", ".svg", ".webp")
-NO_FILM = (".master", ".mask")  # end the names of a film's master and of its model's silhouette
 MODEL_FOLDERS = ("meshes", "clouds")
-LARGEST_MODEL = 256 * 1024 * 1024  # bytes; a browser holds two
-LONGEST_HEADER = 8192
 MOST_SHOWN = 120  # films, pictures and reports on a page
 MOST_MODELS = 400
 COUNT = re.compile(rb"element (vertex|face) (\d{1,18})\s")
@@ -63,7 +62,7 @@ def read_contents(entry: Path) -> Contents:
     places = [place for place, _ in files]
     films: dict[str, list[str]] = {}
     for place in _ending(places, PLAYABLE)[:MOST_SHOWN]:
-        if not Path(place).stem.endswith(NO_FILM):
+        if not Path(place).stem.endswith((MASTER, MASK)):
             films.setdefault(Path(place).parent.as_posix(), []).append(place)
     models = (_model(place, file) for place, file in files if place.lower().endswith(".ply"))
     return Contents(
@@ -82,7 +81,7 @@ def _ending(places: list[str], suffixes: tuple[str, ...]) -> list[str]:
 
 def _model(place: str, file: Path) -> ShownModel | None:
     """Describe a PLY file; None where a browser cannot show it."""
-    if file.stat().st_size > LARGEST_MODEL:
+    if file.stat().st_size > LARGEST_BYTES:
         return None
     with file.open("rb") as opened:
         header = opened.read(LONGEST_HEADER).partition(b"end_header")[0]

@@ -48,7 +48,7 @@ class Model:
 
 
 def holds_models(folder: Path) -> bool:
-    """Does the folder look like a folder of models?"""
+    """Say whether a folder looks like one of models."""
     return any((folder / name).is_dir() for name in FOLDERS.values())
 
 
@@ -113,7 +113,7 @@ def _read_ply(path: Path) -> PlyData:
 
 
 def _elements(path: Path) -> tuple[NDArray[np.void], NDArray[np.integer]]:
-    """Points, and triangles (M, 3), of a PLY that can be drawn."""
+    """Read the points, and the triangles (M, 3), of a PLY that can be drawn."""
     ply = _read_ply(path)
     for element in ply:
         for line in element.properties:

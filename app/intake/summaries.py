@@ -10,13 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import InvalidError
+from app.ffmpeg import VIDEO_SUFFIXES
 from app.files import read_json
-from app.intake.captures import CAPTURE_FILE, LARGEST_DESCRIPTION, VIDEO_SUFFIXES, read_outline
+from app.intake.captures import CAPTURE_FILE, LARGEST_DESCRIPTION, read_outline
+from app.intake.import_videos import MASK, MASTER
+from app.intake.reports import REPORT
+from app.intake.stimuli import MANIFEST
 
 SCENE_FILE = "scene.json"
 RUN_FILE = "run.json"
-MANIFEST = "manifest.json"
-REPORT_FILE = "report.json"
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 LONGEST_NAME = 100  # letters
 MESHES = (".ply", ".obj", ".glb", ".gltf")
@@ -110,7 +112,7 @@ def run_summary(folder: Path) -> str:
     kinds: tuple[tuple[str, Callable[[dict[str, Any]], str]], ...] = (
         (MANIFEST, lambda content: f"stimulus set of {_counted(len(content['stimuli']), 'film')}"),
         (RUN_FILE, _run_summary),
-        (REPORT_FILE, lambda content: f"report{_named(content, 'kind')}"),
+        (REPORT, lambda content: f"report{_named(content, 'kind')}"),
     )
     for name, say in kinds:
         try:
@@ -127,7 +129,7 @@ def _run_summary(content: Mapping[str, Any]) -> str:
 
 def is_film(relative: Path) -> bool:
     """Tell a film DATASET/CONDITION.mp4 from masters, masks and other files."""
-    plain = not relative.stem.endswith((".master", ".mask"))
+    plain = not relative.stem.endswith((MASTER, MASK))
     return plain and len(relative.parts) == 2 and relative.suffix.lower() in VIDEO_SUFFIXES
 
 

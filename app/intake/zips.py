@@ -18,7 +18,6 @@ MOST_RATIO = 200  # unpacked to packed; films and models hardly compress
 PACKED_BY = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # others may ask for gigabytes to unpack a byte
 LARGEST: Mapping[str, int] = {".json": LARGEST_JSON}  # bytes of a file by its suffix; others share the upload's limit
 LEFT_OUT = ("__MACOSX", "Thumbs.db", "desktop.ini")  # what desktops add to folders, besides hidden files
-CHUNK = 1024 * 1024
 DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError)  # the last: encrypted, or an unknown compression
 BEGINNINGS: Mapping[str, tuple[bytes, ...]] = {  # how files begin whose content is shown or decoded
     ".png": (b"\x89PNG\r\n\x1a\n",),
@@ -171,5 +170,5 @@ def _check_size(entry: zipfile.ZipInfo, size: int) -> None:
 
 
 def _chunks(source: IO[bytes]) -> Iterator[bytes]:
-    while chunk := source.read(CHUNK):
+    while chunk := source.read(MB):
         yield chunk

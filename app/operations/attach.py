@@ -11,10 +11,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
-from app.files import file_digest, whole_file
+from app.files import file_digest, whole_file, whole_folder
 from app.intake.bounds import in_bounds
 from app.intake.models import Model, holds_models, read_models
 from app.intake.reports import Measure, Report, check_agreement, expanded, read_report, report_files
@@ -190,13 +189,9 @@ def _keep_report(settings: Settings, path: Path) -> str | None:
     digest = digest_of(files)
     folder = report_folder(settings, digest)
     if not folder.exists():
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(prefix=".part-", dir=folder.parent) as temporary:
-            whole = Path(temporary) / "report"
-            whole.mkdir()
+        with whole_folder(folder) as temporary:
             for file in files:
-                shutil.copyfile(file, whole / file.name)
-            whole.rename(folder)
+                shutil.copyfile(file, temporary / file.name)
     return digest
 
 

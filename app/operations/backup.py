@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 import shutil
 import zlib
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -49,7 +49,7 @@ def back_up(
     given = (*encrypt_to, *([settings.backup_encrypt_to] if settings.backup_encrypt_to else []))
     recipients = read_recipients(given) if given else []
     _check_is_there(settings)
-    with _database(settings) as database, ExitStack() as files:
+    with open_database(settings.url) as database, ExitStack() as files:
         temporary = files.enter_context(whole_file(path))
         if recipients:
             encrypted, temporary = temporary, temporary.with_name(f"{temporary.name}.plain")
@@ -108,10 +108,10 @@ def _restore(settings: Settings, path: Path, *, replace: bool) -> dict[str, Any]
         archive = ZipFile(path)
     except (OSError, BadZipFile) as error:
         raise ValueError(f"{path}: is not a backup: {error}") from error
-    with archive, _database(settings) as database:
+    with archive, open_database(settings.url) as database:
         videos = [name.removeprefix(MEDIA) for name in archive.namelist() if name.startswith(MEDIA)]
-        if strange := [name for name in videos if Path(name).name != name]:
-            raise ValueError(f"{path}: holds a video named {strange[0]!r}, expected names without folders")
+        if strange := [name for name in videos if not is_plain_name(name)]:
+            raise ValueError(f"{path}: holds a video named {strange[0]!r}, expected plain names without folders")
         attached = [name for name in archive.namelist() if _is_attached(name)]
         refuse_what_is_held(database, replace=replace)
         places = {MEDIA + name: settings.media_dir / name for name in videos}
@@ -144,7 +144,7 @@ def check(settings: Settings) -> dict[str, Any]:
         If there is no database.
     """
     _check_is_there(settings)
-    with _database(settings) as database:
+    with open_database(settings.url) as database:
         if faults := faults_of(database):
             return {"faults": faults, "videos": 0, "attached": 0}
         films = {} if settings.media_url else _films(database)
@@ -203,12 +203,3 @@ def _check_is_there(settings: Settings) -> None:
     """Refuse an SQLite database that is not there, which opening it would make."""
     if settings.is_sqlite and not (kept := Path(settings.url.removeprefix("sqlite:///"))).exists():
         raise ValueError(f"{kept}: there is no database; RECONSTUDY_DATA_DIR names its folder")
-
-
-@contextmanager
-def _database(settings: Settings) -> Iterator[Database]:
-    database = open_database(settings.url)
-    try:
-        yield database
-    finally:
-        database.dispose()

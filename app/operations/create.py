@@ -8,15 +8,14 @@ import secrets
 import tomllib
 import unicodedata
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from app.ffmpeg import Progress, no_progress
 from app.files import file_digest
 from app.intake.stimuli import MANIFEST, StimulusSet
+from app.operations.database import open_store
 from app.operations.languages import read_languages
-from app.operations.manage import opened_store
 from app.operations.prepare import prepare_study, prepared_columns
 from app.settings import Settings
 from app.store import studies
@@ -69,32 +68,24 @@ def create_study(
         stimulus set cannot be used.
     """
     wanted, chosen_seed = options or StudyOptions(), _seed(seed)
-    with opened_store(settings) as database:
+    with open_store(settings) as database:
         slug = new_slug(database, name)
         packs = read_languages(settings)
         check_languages(wanted, packs)
         made = prepare_study(settings, manifest_path, wanted, exposure_s, progress)
-        notes = (*made.notes, *_telling_names(name, made.shown))
-        created_at = utc_now()
-        row = {
-            "slug": slug,
-            "name": name.strip(),
-            "state": "open",
-            "seed": chosen_seed,
-            "created_at": created_at,
-            "paused_at": created_at if is_paused else None,
-            **prepared_columns(made),
-        }
+        notes = [*made.notes, *_telling_names(name, made.shown)]
+        now = utc_now()
+        row = {"slug": slug, "name": name.strip(), "state": "open", "seed": chosen_seed, "created_at": now}
+        row |= {"paused_at": now if is_paused else None, **prepared_columns(made)}
         with database.writing() as connection:
             study_id = studies.insert_study(connection, row)
             insert_design(connection, study_id, made.shown, made.pairs)
             insert_practice(connection, study_id, made.practice)
-            code = insert_invitation(connection, study_id, None, created_at)
-            detail = {"stimulus_set": made.set_name, "seed": row["seed"]}
-            entry = Entry("study created", study_id, slug, {**detail, **_noted(notes)})
-            record(connection, by, entry, created_at)
+            code = insert_invitation(connection, study_id, None, now)
+            detail = {"stimulus_set": made.set_name, "seed": chosen_seed, **_noted(notes)}
+            record(connection, by, Entry("study created", study_id, slug, detail), now)
         with database.reading() as connection:
-            counts = asdict(studies.progress_of(connection, study_id))
+            counts = studies.progress_of(connection, study_id)
             n_trials = _n_trials(connection, study_id)
     return {
         "languages": {tag: refusal or "offered" for tag, refusal in refused_languages(wanted, packs).items()},
@@ -103,7 +94,7 @@ def create_study(
         **{key: row[key] for key in ("slug", "name", "exposure_s", "seed")},
         "protocol": wanted.protocol,
         "n_trials": n_trials,
-        **{key: counts[key] for key in counts if key.endswith(("datasets", "conditions", "pairs"))},
+        **{key: getattr(counts, key) for key in ("n_datasets", "n_conditions", "n_pairs")},
         "without": list(wanted.without),
         **_noted(notes),
     }
@@ -178,17 +169,6 @@ def duplicate_study(database: Database, original: studies.Study, name: str, acto
             connection, actor.name, Entry("study created", study_id, slug, {"duplicate_of": original.slug}), actor.now
         )
     return slug
-
-
-def copy_study(settings: Settings, slug: str, name: str) -> dict[str, Any]:
-    """Duplicate a study by its short name, see `duplicate_study`."""
-    with opened_store(settings) as database:
-        with database.reading() as connection:
-            original = studies.study_by_slug(connection, slug)
-        if original is None:
-            raise ValueError(f"there is no study {slug!r}; `reconstudy study list` shows all")
-        copy = duplicate_study(database, original, name, Actor(0, COMMAND_LINE, utc_now()))
-    return {"study": copy, "duplicate_of": slug}
 
 
 def read_options(path: Path | None, given: Mapping[str, Any], preset: str = QUICK) -> StudyOptions:

@@ -18,9 +18,9 @@ from app.operations.prepare import prepare_study, prepared_columns
 from app.operations.stimulus_sets import set_of_study
 from app.settings import Settings
 from app.store.audit import Actor
+from app.store.deletion import delete_previews
 from app.store.designs import conditions_of, datasets_of, practice_pairs, replace_design
 from app.store.engine import Database, Transaction
-from app.store.participants import delete_previews
 from app.store.studies import Study, edit_study, lock_study, progress_of
 from app.study.adaptive import check_adaptive
 from app.study.groups import check_groups

@@ -47,7 +47,7 @@ def encrypt(plain: Path, encrypted: Path, recipients: Sequence[Any]) -> None:
 
 
 def is_encrypted(path: Path) -> bool:
-    """Was a file encrypted by age?"""
+    """Say whether a file was encrypted by age."""
     with path.open("rb") as file:
         return file.read(len(HEADER)) == HEADER
 

@@ -16,9 +16,9 @@ from typing import Any
 from app.files import PRIVATE
 from app.settings import Settings
 from app.store.audit import Actor, Entry, record
+from app.store.deletion import erase, forget_people, studies_to_forget
 from app.store.engine import Database, Transaction
-from app.store.participants import Person, erase, person_of_session, sessions_of
-from app.store.retention import forget_people, studies_to_forget
+from app.store.participants import Person, person_of_session, sessions_of
 from app.store.studies import Study, study_by_slug
 
 LIST = "erasures.jsonl"  # in the data folder

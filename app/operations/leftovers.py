@@ -16,8 +16,8 @@ from app.intake.part_uploads import remove_expired, remove_killed
 from app.settings import Settings
 
 LEFT_FOR = timedelta(days=1)
-# the names that app/files.py, app/web/admin/uploads.py, app/operations/attach.py and app/operations/backup.py give
-FILES, UPLOADS, REPORTS, RESTORED = ".*.part*", ".upload-*", ".part-*", ".restore-*"
+# the names that app/files.py, app/web/admin/uploads.py and app/operations/backup.py give
+FILES, UPLOADS, RESTORED = ".*.part*", ".upload-*", ".restore-*"
 
 log = logging.getLogger(__name__)
 
@@ -42,9 +42,8 @@ def _leftovers(settings: Settings) -> Iterator[Path]:
     data = settings.data_dir
     yield from settings.sets_dir.glob(UPLOADS)
     yield from (data / "uploads").glob(UPLOADS)
-    yield from (data / "reports").glob(REPORTS)
     yield from data.glob(RESTORED)
-    for folder in (settings.media_dir, data / "stills", data / "models"):
+    for folder in (settings.media_dir, data / "stills", data / "models", data / "reports"):
         yield from folder.glob(FILES)
 
 

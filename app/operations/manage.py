@@ -10,22 +10,17 @@ from pathlib import Path
 from typing import Any
 
 from app.operations.attach import attach
+from app.operations.create import duplicate_study
+from app.operations.database import open_store
 from app.operations.standing import change_standing, delete_study
 from app.settings import Settings
 from app.store import studies
 from app.store.audit import COMMAND_LINE, Actor, Entry, record, record_alone
 from app.store.engine import Database, open_database
-from app.store.experimenters import (
-    Role,
-    all_experimenters,
-    disable,
-    experimenter_named,
-    renew_link,
-    set_up_link,
-)
+from app.store.experimenters import Role, all_experimenters, disable, experimenter_named, renew_link, set_up_link
 from app.store.invitations import insert_invitation, invitations_of
 from app.store.keys import utc_now
-from app.store.migrate import upgrade, why_not_ready
+from app.store.migrate import upgrade
 from app.store.orders import study_plan, taken_orders
 from app.store.tokens import READING, all_tokens, insert_token, revoke_token
 from app.study.balance import balance_report
@@ -33,45 +28,15 @@ from app.study.options import parse_options
 from app.study.study_file import StudyFile, write_study_file
 
 
-def open_store(settings: Settings) -> Database:
-    """Open the database; the embedded one is upgraded to the newest version first.
-
-    Raises
-    ------
-    ValueError
-        If another database is not at the newest version.
-    """
-    database = open_database(settings.url)
-    if settings.is_embedded:
-        upgrade(database)
-    elif reason := why_not_ready(database):
-        database.dispose()
-        raise ValueError(reason)
-    return database
-
-
-@contextmanager
-def opened_store(settings: Settings) -> Iterator[Database]:
-    """Open the database while the block runs."""
-    database = open_store(settings)
-    try:
-        yield database
-    finally:
-        database.dispose()
-
-
 def upgrade_database(settings: Settings) -> dict[str, Any]:
     """Bring the database to the newest version."""
-    database = open_database(settings.url)
-    try:
+    with open_database(settings.url) as database:
         return {"version": upgrade(database)}
-    finally:
-        database.dispose()
 
 
 def export_study(settings: Settings, slug: str) -> str:
     """Return a study as a study file, to be imported on another server beside its stimulus set."""
-    with opened_store(settings) as database:
+    with open_store(settings) as database:
         study = _study(database, slug)
     return write_study_file(study_file_of(study))
 
@@ -89,7 +54,7 @@ def study_file_of(study: studies.Study) -> StudyFile:
 
 def study_balance(settings: Settings, slug: str) -> dict[str, Any]:
     """Report whether a study's orders follow from its seed and are balanced, see `balance_report`."""
-    with opened_store(settings) as database:
+    with open_store(settings) as database:
         study = _study(database, slug)
         with database.reading() as connection:
             return balance_report(study_plan(connection, study), taken_orders(connection, study, utc_now()))
@@ -97,7 +62,7 @@ def study_balance(settings: Settings, slug: str) -> dict[str, Any]:
 
 def list_studies(settings: Settings) -> list[dict[str, Any]]:
     """Return all studies with their progress and invitations, the newest first."""
-    with opened_store(settings) as database, database.reading() as connection:
+    with open_store(settings) as database, database.reading() as connection:
         listed = studies.all_studies(connection)
         progress = studies.progress_by_study(connection)  # read second: it then covers every study listed
         return [
@@ -134,7 +99,7 @@ def attach_results(
     ValueError
         If a path cannot be read, none of its content is what the study compares, or the study is ambiguous.
     """
-    with opened_store(settings) as database:
+    with open_store(settings) as database:
         study = _study(database, slug) if slug else _only_study(database)
         return attach(settings, database, study, paths, only=only, by=COMMAND_LINE, now=utc_now())
 
@@ -143,7 +108,7 @@ def add_invitation(settings: Settings, slug: str, *, places: int | None = None) 
     """Make an invitation for `places` participants, or without limit."""
     if places is not None and not 1 <= places <= 1_000_000:
         raise ValueError(f"{places} places: expected between 1 and 1000000")
-    with opened_store(settings) as database:
+    with open_store(settings) as database:
         study = _study(database, slug)
         with database.writing() as connection:
             code = insert_invitation(connection, study.id, places, utc_now())
@@ -163,20 +128,19 @@ def add_experimenter(
     role : None: the present one, or owner
     studies : short names of the studies that they see; None: unchanged, or all
     """
-    if not 1 <= len(name.strip()) <= 100:
-        raise ValueError(f"{name!r}: expected a name of 1 to 100 characters")
-    with opened_store(settings) as database:
+    name = _checked_name(name)
+    with open_store(settings) as database:
         with database.reading() as connection:
-            known = experimenter_named(connection, name.strip())
+            known = experimenter_named(connection, name)
         password_ended = known is not None and known.has_password
-        secret = renew_link(database, name.strip(), utc_now(), role, studies)
-        _note(database, "sign-in link made", name.strip(), password_ended=password_ended, studies=studies)
-    return {"name": name.strip(), "path": f"/admin/login/{secret}", "password_ended": password_ended}
+        secret = renew_link(database, name, utc_now(), role, studies)
+        _note(database, "sign-in link made", name, password_ended=password_ended, studies=studies)
+    return {"name": name, "path": f"/admin/login/{secret}", "password_ended": password_ended}
 
 
 def set_up_path(settings: Settings) -> str | None:
     """Return the path where the first experimenter sets up the server, once; None when somebody has been added."""
-    with opened_store(settings) as database:
+    with open_store(settings) as database:
         secret = set_up_link(database, utc_now())
     return None if secret is None else f"/admin/setup/{secret}"
 
@@ -193,21 +157,20 @@ def add_token(
     scopes : of SCOPES
     studies : short names of the studies that it opens; None: all
     """
-    if not 1 <= len(name.strip()) <= 100:
-        raise ValueError(f"{name!r}: expected a name of 1 to 100 characters")
-    with opened_store(settings) as database:
+    name = _checked_name(name)
+    with open_store(settings) as database:
         with database.writing() as connection:
-            token = insert_token(connection, name.strip(), scopes, COMMAND_LINE, utc_now(), studies=studies)
-        _note(database, "token made", name.strip(), scopes=list(scopes), studies=studies)
-    return {"name": name.strip(), "token": token, "scopes": list(scopes), "studies": studies}
+            token = insert_token(connection, name, scopes, COMMAND_LINE, utc_now(), studies=studies)
+        _note(database, "token made", name, scopes=list(scopes), studies=studies)
+    return {"name": name, "token": token, "scopes": list(scopes), "studies": studies}
 
 
 @contextmanager
-def own_token(settings: Settings, purpose: str, scopes: Sequence[str] = READING) -> Iterator[str]:
-    """Make a bearer token for this program's own use, named by purpose and time; it ends with the block."""
+def own_token(settings: Settings, purpose: str) -> Iterator[str]:
+    """Make a bearer token for this program's own use, to read, named by purpose and time; it ends with the block."""
     name = f"{purpose} {utc_now().isoformat(timespec='microseconds')}"
     try:
-        yield str(add_token(settings, name, scopes)["token"])
+        yield str(add_token(settings, name)["token"])
     finally:
         end_token(settings, name)
 
@@ -215,7 +178,7 @@ def own_token(settings: Settings, purpose: str, scopes: Sequence[str] = READING)
 def list_tokens(settings: Settings) -> list[dict[str, Any]]:
     """Return all tokens, the newest first, without their secrets; `state` is valid, expired or revoked."""
     now = utc_now()
-    with opened_store(settings) as database, database.reading() as connection:
+    with open_store(settings) as database, database.reading() as connection:
         known = all_tokens(connection)
     return [
         {
@@ -243,7 +206,7 @@ def end_token(settings: Settings, name: str) -> bool:
     ValueError
         If there is no token of this name.
     """
-    with opened_store(settings) as database, database.writing() as connection:
+    with open_store(settings) as database, database.writing() as connection:
         if name not in {token.name for token in all_tokens(connection)}:
             raise ValueError(f"there is no token called {name!r}; `reconstudy token list` shows all")
         was_valid = revoke_token(connection, name, utc_now())
@@ -254,7 +217,7 @@ def end_token(settings: Settings, name: str) -> bool:
 
 def list_experimenters(settings: Settings) -> list[dict[str, Any]]:
     """Return all experimenters by name; `state` is signed up, invited (by a sign-in link) or removed."""
-    with opened_store(settings) as database, database.reading() as connection:
+    with open_store(settings) as database, database.reading() as connection:
         known = all_experimenters(connection)
     return [
         {
@@ -275,7 +238,7 @@ def remove_experimenter(settings: Settings, name: str) -> None:
     ValueError
         If there is nobody of this name; ConflictError if nobody would be left who is an owner.
     """
-    with opened_store(settings) as database, database.writing() as connection:
+    with open_store(settings) as database, database.writing() as connection:
         if experimenter_named(connection, name) is None:
             raise ValueError(f"there is no experimenter called {name!r}; `reconstudy admin list` shows all")
         disable(connection, name, utc_now())
@@ -284,15 +247,22 @@ def remove_experimenter(settings: Settings, name: str) -> None:
 
 def change_study_standing(settings: Settings, slug: str, standing: studies.Standing) -> dict[str, Any]:
     """Open, pause, close or archive a study, as the dashboard does."""
-    with opened_store(settings) as database:
+    with open_store(settings) as database:
         study = _study(database, slug)
         change_standing(database, study, standing, _operator())
     return {"study": slug, "state": standing, "before": study.standing}
 
 
+def copy_study(settings: Settings, slug: str, name: str) -> dict[str, Any]:
+    """Duplicate a study by its short name, see `duplicate_study`."""
+    with open_store(settings) as database:
+        copy = duplicate_study(database, _study(database, slug), name, _operator())
+    return {"study": copy, "duplicate_of": slug}
+
+
 def remove_study(settings: Settings, slug: str) -> dict[str, Any]:
     """Delete a study for good, see `delete_study`."""
-    with opened_store(settings) as database:
+    with open_store(settings) as database:
         study = _study(database, slug)
         with database.reading() as connection:
             progress = studies.progress_of(connection, study.id)
@@ -300,12 +270,18 @@ def remove_study(settings: Settings, slug: str) -> dict[str, Any]:
     return {"study": slug, "participants": progress.n_started, "votes": progress.n_votes}
 
 
+def _checked_name(name: str) -> str:
+    if not 1 <= len(name.strip()) <= 100:
+        raise ValueError(f"{name!r}: expected a name of 1 to 100 characters")
+    return name.strip()
+
+
 def _operator() -> Actor:
     return Actor(0, COMMAND_LINE, utc_now())
 
 
-def _note(database: Database, action: str, subject: str, study_id: int | None = None, **detail: Any) -> None:
-    record_alone(database, COMMAND_LINE, Entry(action, study_id, subject, detail), utc_now())
+def _note(database: Database, action: str, subject: str, **detail: Any) -> None:
+    record_alone(database, COMMAND_LINE, Entry(action, subject=subject, detail=detail), utc_now())
 
 
 def _only_study(database: Database) -> studies.Study:

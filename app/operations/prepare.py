@@ -88,11 +88,11 @@ def prepare_study(
     exposure = _exposure(practice.compared, exposure_s)
     check_minimum_viewing(options, exposure)
     check_groups(options.groups, practice.compared.datasets)
-    films = _prepare_films(settings, stimulus_set, practice, options, progress)
+    shown, pairs, practised = _prepare_films(settings, stimulus_set, practice, options, progress)
     return PreparedStudy(
-        shown=films.shown,
-        pairs=films.pairs,
-        practice=films.practice,
+        shown=shown,
+        pairs=pairs,
+        practice=practised,
         options=replace(options, practice_pairs=practice.films),
         exposure_s=exposure,
         factors=practice.compared.factors,
@@ -136,15 +136,6 @@ def _left_out(stimulus_set: StimulusSet, conditions: Sequence[str]) -> StimulusS
     return kept
 
 
-@dataclass(frozen=True)
-class _Films:
-    """The stimuli that a study shows, and the films of its pairs and of the practice."""
-
-    shown: StimulusSet
-    pairs: Sequence[PairVideo]
-    practice: Sequence[PairVideo]
-
-
 def _practice(stimulus_set: StimulusSet, options: StudyOptions) -> Practice:
     """Choose what the study's participants practise with, and what is left to compare."""
     if PRACTICE in options.way:
@@ -164,8 +155,13 @@ def _practice(stimulus_set: StimulusSet, options: StudyOptions) -> Practice:
 
 def _prepare_films(
     settings: Settings, stimulus_set: StimulusSet, practice: Practice, options: StudyOptions, progress: Progress
-) -> _Films:
-    """Make the missing films and upload them to the object store, if there is one."""
+) -> tuple[StimulusSet, list[PairVideo], list[PairVideo]]:
+    """Make the missing films and upload them to the object store, if there is one.
+
+    Returns
+    -------
+    The stimuli that the study shows, the films of its pairs, and those of the practice.
+    """
     compared, references = practice.compared, NO_REFERENCES
     if options.reference:
         fewest = 1 if options.protocol in WITH_REFERENCE else 2
@@ -190,7 +186,7 @@ def _prepare_films(
         files = [film.file for video in films for film in video.films]
         MediaStore(settings.media_url).upload(settings.media_dir / file for file in files)
     shown = practice.compared if options.protocol in WITH_REFERENCE else compared
-    return _Films(shown, pairs, practised)
+    return shown, pairs, practised
 
 
 def _exposure(stimulus_set: StimulusSet, wanted_s: float | None) -> float:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from app.errors import ConflictError
+from app.store import deletion
 from app.store.audit import Actor
-from app.store.delete_study import delete_rows
 from app.store.engine import Database
 from app.store.studies import Standing, Study, lock_study, progress_of, set_standing
 
@@ -34,7 +34,7 @@ def delete_study(database: Database, study: Study, actor: Actor) -> None:
                 f"{progress.n_started} people have begun in this study. Archive it first, then delete it; nothing was "
                 "deleted."
             )
-        delete_rows(connection, study.id)
+        deletion.delete_study(connection, study.id)
         actor.note(
             connection, "study deleted", None, study.slug, participants=progress.n_started, votes=progress.n_votes
         )

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from importlib.metadata import version
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from app.errors import UnavailableError
 from app.intake.stimuli import MANIFEST
+from app.operations.extras import MODULES, has_extra
 from app.operations.running import running_url
 from app.settings import Settings
 from app.store.engine import Database, embedded_file, open_database, without_password
@@ -23,13 +23,14 @@ UNKNOWN: Mapping[str, Any] = {"studies": None, "jobs": []}  # without a database
 
 
 def server_status(settings: Settings) -> dict[str, Any]:
-    """Describe the data folder, what it holds, and the server.
+    """Describe the data folder, what it holds, the server, and what is installed.
 
     Returns
     -------
     {"version", "data_dir", "free_gb", "database": {"kind", "place", "megabytes", "answers", "version", "newest"},
     "studies": {"n", "open", "participants", "votes"} or None without a database, "jobs": titles of what runs now,
-    "films": {"n", "megabytes", "place"}, "stimulus_sets": {"n", "place"}, "server": its address or None}
+    "films": {"n", "megabytes", "place"}, "stimulus_sets": {"n", "place"}, "server": its address or None,
+    "extras": whether each is installed}
     """
     films, sets = list(settings.media_dir.glob("*.mp4")), settings.sets_dir
     return {
@@ -44,12 +45,8 @@ def server_status(settings: Settings) -> dict[str, Any]:
         },
         "stimulus_sets": {"n": len(list(sets.glob(f"*/{MANIFEST}"))), "place": str(sets.absolute())},
         "server": running_url(settings),
+        "extras": {extra: has_extra(extra) for extra in MODULES},
     }
-
-
-def installed_extras(modules_by_extra: Mapping[str, Sequence[str]]) -> dict[str, bool]:
-    """Whether each extra is installed; nothing is imported."""
-    return {extra: all(find_spec(module) for module in modules) for extra, modules in modules_by_extra.items()}
 
 
 def _database_status(settings: Settings) -> dict[str, Any]:
@@ -66,14 +63,12 @@ def _database_status(settings: Settings) -> dict[str, Any]:
         return {"database": facts, **UNKNOWN}
     if file is not None:
         facts["megabytes"] = _megabytes([file])
-    database = open_database(settings.url)
-    try:
-        facts["version"] = version_of(database)
-        return {"database": facts, **(_content(database) if facts["version"] == facts["newest"] else UNKNOWN)}
-    except UnavailableError:
-        return {"database": {**facts, "answers": False}, **UNKNOWN}
-    finally:
-        database.dispose()
+    with open_database(settings.url) as database:
+        try:
+            facts["version"] = version_of(database)
+            return {"database": facts, **(_content(database) if facts["version"] == facts["newest"] else UNKNOWN)}
+        except UnavailableError:
+            return {"database": {**facts, "answers": False}, **UNKNOWN}
 
 
 def _content(database: Database) -> dict[str, Any]:

@@ -10,11 +10,11 @@ from typing import Any, Literal
 from sqlalchemy import Connection, Row, func, insert, select, update
 
 from app.errors import ClosedError, ConflictError, GoneError
+from app.store.deletion import forget_preview_votes
 from app.store.engine import Database, insert_or_ignore
 from app.store.invitations import Invitation, invitation_by_code, preview_invitation
 from app.store.keys import digest, new_opaque_id, new_secret, token_of_key
 from app.store.orders import n_taken_in, planned_trials, take_order_slot
-from app.store.participants import forget_preview_votes
 from app.store.recruits import insert_recruit, session_of_outside_id
 from app.store.sessions import session_by_token, token_digests
 from app.store.studies import Study, lock_study
@@ -41,49 +41,14 @@ class Admitted:
     is_new: bool
 
 
-def begin_session(database: Database, invitation: Invitation, now: datetime) -> str:
-    """Let a new participant in: take a slot with its order of trials, and begin a session.
-
-    It is one transaction, so two who begin at once never get the same slot.
-
-    Returns
-    -------
-    The session's token, of which only a digest is stored.
-
-    Raises
-    ------
-    GoneError
-        If all places of the invitation are taken.
-    ClosedError
-        If the study takes in nobody now.
-    """
-    return admit(database, invitation, Admission(), now).token
-
-
-def begin_session_once(database: Database, invitation: Invitation, key: str, now: datetime) -> Admitted:
-    """Let a new participant in once for a key: a request that is sent again gets the same session.
-
-    Parameters
-    ----------
-    key : random, made by the client; the session's token is derived from it, so that the answer can be repeated
-
-    Raises
-    ------
-    ConflictError
-        If the key belongs to a session of another invitation, or to one that was resumed in another browser.
-    GoneError, ClosedError
-        As `begin_session`.
-    """
-    return admit(database, invitation, Admission(key), now)
-
-
 @dataclass(frozen=True)
 class Admission:
     """Who asks to begin.
 
     Parameters
     ----------
-    key : random, made by the client, as in `begin_session_once`; None: every request is another person
+    key : random, made by the client: a request that is sent again with it gets the same session, whose token is derived
+        from it; None: every request is another person
     arrival : how the person came from a recruiting platform; the same outside id leads to the same session
     token : of the session that the client's cookie opens, if any
     wording : what the participant reads; None: the client has texts of its own
@@ -96,14 +61,20 @@ class Admission:
 
 
 def admit(database: Database, invitation: Invitation, admission: Admission, now: datetime) -> Admitted:
-    """Let somebody in, or go on with the session of their outside id, which gets a new token.
+    """Let somebody in: take a slot with its order of trials, and begin a session, whose token is stored as a digest.
+
+    Somebody whose key or outside id is known goes on with their session; that of an outside id gets a new token. It is
+    one transaction, so two who begin at once never get the same slot.
 
     Raises
     ------
     ConflictError
-        As `begin_session_once`; or if the outside id has a session that goes on only where it began.
-    GoneError, ClosedError
-        As `begin_session`.
+        If the key belongs to a session of another invitation, or to one that was resumed in another browser; or if the
+        outside id has a session that goes on only where it began.
+    GoneError
+        If all places of the invitation are taken.
+    ClosedError
+        If the study takes in nobody now.
     """
     key, arrival = admission.key, admission.arrival
     token = token_of_key(key) if key else new_secret()
@@ -111,12 +82,11 @@ def admit(database: Database, invitation: Invitation, admission: Admission, now:
         study_now = lock_study(connection, invitation.study_id)  # first, because the same request may be running
         known = _session_of_key(connection, key) if key else None
         returning = session_of_outside_id(connection, study_now.id, arrival.outside_id) if arrival else None
-        if known is not None and known.token_hash == digest(token) and returning in (known.id, None):
-            if returning is None and known.invitation_id != invitation.id:
+        if known is not None:
+            is_same = known.invitation_id == invitation.id if returning is None else known.id == returning
+            if not is_same or known.token_hash != digest(token):
                 raise ConflictError(WENT_ON_ELSEWHERE)
             return Admitted(token, is_new=False)
-        if known is not None:
-            raise ConflictError(WENT_ON_ELSEWHERE)
         if returning is not None:
             _check_same_browser(connection, study_now, returning, admission.token)
             secrets = {**token_digests(token), "begin_hash": digest(key) if key else None}

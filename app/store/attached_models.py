@@ -9,7 +9,7 @@ from typing import Any
 from sqlalchemy import Connection, delete, insert, select
 
 from app.intake.models import Model
-from app.store.measurements import ids_by_name
+from app.store.designs import ids_by_name
 from app.store.tables import condition, dataset, model
 
 
@@ -28,12 +28,12 @@ def replace_models(connection: Connection, study_id: int, models: Sequence[Model
 
 
 def model_digests(connection: Connection) -> list[str]:
-    """Digests of attached models, of all studies."""
+    """Return the digests of attached models, of all studies."""
     return sorted(set(connection.scalars(select(model.c.sha256))))
 
 
 def model_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """`dataset, condition, kind, sha256, n_points, n_faces, error_limit_mm, attached_at`, in the study's order."""
+    """Return a row for each attached model, in the study's order."""
     rows = connection.execute(
         select(
             dataset.c.name.label("dataset"),

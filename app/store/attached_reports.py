@@ -19,12 +19,12 @@ def replace_report(connection: Connection, study_id: int, kind: str, subject: st
 
 
 def report_digests(connection: Connection) -> list[str]:
-    """Digests of attached reports, of all studies."""
+    """Return the digests of attached reports, of all studies."""
     return sorted(set(connection.scalars(select(report.c.digest))))
 
 
 def report_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """`kind, subject, digest, attached_at`."""
+    """Return a row for each attached report: `kind, subject, digest, attached_at`."""
     columns = (report.c[name] for name in ("kind", "subject", "digest", "attached_at"))
     rows = connection.execute(
         select(*columns).where(report.c.study_id == study_id).order_by(report.c.kind, report.c.id)

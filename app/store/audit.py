@@ -86,7 +86,7 @@ def audit_records(
     limit: int | None = None,
     offset: int = 0,
 ) -> list[dict[str, Any]]:
-    """Entries, the newest first.
+    """Return entries, the newest first.
 
     Parameters
     ----------
@@ -100,12 +100,6 @@ def audit_records(
     if until is not None:
         rows = rows.where(audit_entry.c.id <= until)
     return [dict(row._mapping) for row in connection.execute(rows)]
-
-
-def n_audit_records(connection: Connection, *, study_id: int | None = None, search: str = "") -> int:
-    """How many entries `audit_records` finds."""
-    query = _sought(select(func.count()).select_from(audit_entry), study_id, search)
-    return int(connection.execute(query).scalar_one())
 
 
 def audit_state(connection: Connection, *, study_id: int | None = None, search: str = "") -> tuple[int, int | None]:

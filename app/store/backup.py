@@ -162,7 +162,7 @@ def _lock(connection: Connection) -> None:
 
 
 def _droppable(connection: Connection, *, replace: bool) -> MetaData:
-    """This program's tables in the database; raises if they hold rows that somebody would miss."""
+    """Return this program's tables in the database; raises if they hold rows that somebody would miss."""
     names = set(inspect(connection).get_table_names())
     _refuse_tables_of_others(connection, names)
     present = MetaData()

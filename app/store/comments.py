@@ -58,7 +58,7 @@ class SoughtComments:
     is_untagged: bool = False
 
     def fits(self, row: Mapping[str, Any]) -> bool:
-        """Is a row of `comment_records` sought?"""
+        """Say whether a row of `comment_records` is sought."""
         return (
             self.text.casefold() in row["comment"].casefold()
             and (self.source not in SOURCES or row["source"] == self.source)

@@ -10,33 +10,24 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import Connection, case, func, select
 
-from app.store.exclusions import in_force, takes_part_in
-from app.store.tables import (
-    assignment,
-    condition,
-    dataset,
-    exclusion,
-    pair,
-    participant,
-    session,
-    stimulus,
-    trial,
-    vote,
-)
+from app.store.exclusions import in_force, sessions_in, takes_part_in
+from app.store.tables import assignment, exclusion, participant, session, trial, vote
 
 ROWS_AT_ONCE = 200_000
-READ = ("vote", "session", "pair", "packed", "response_ms", "press_to_picture_ms")
-PACKED: dict[str, tuple[int, Any]] = {  # small numbers that are read as one, which takes less time: size and value
-    "attempt": (128, trial.c.attempt),
-    "a_is_top": (2, case((assignment.c.a_half == "top", 1), else_=0)),
-    "a_is_first": (2, case((assignment.c.first_shown == "a", 1), else_=0)),
-    "role": (3, case((assignment.c.role == "main", 0), (assignment.c.role == "repeat", 1), else_=2)),
-    "choice_and_1": (
-        4,
-        case((vote.c.choice == "a", 1), (vote.c.choice == "b", 2), (vote.c.choice == "none", 3), else_=0),
-    ),
-    "rating_and_10": (128, func.coalesce(vote.c.rating + 10, 0)),  # of scales from -3 to 100
-    "both_seen_and_1": (3, case((vote.c.both_seen.is_(True), 2), (vote.c.both_seen.is_(False), 1), else_=0)),
+READ: Mapping[str, tuple[Any, type[np.generic]]] = {  # the columns of `VoteColumns`: what is selected, and dtype
+    "vote": (vote.c.id, np.int64),
+    "session": (vote.c.session_id, np.int64),
+    "pair": (assignment.c.pair_id, np.int64),
+    "position": (assignment.c.position, np.int32),
+    "attempt": (trial.c.attempt, np.int32),
+    "a_is_top": (assignment.c.a_half == "top", np.bool_),
+    "a_is_first": (assignment.c.first_shown == "a", np.bool_),
+    "role": (case({"main": 0, "repeat": 1}, value=assignment.c.role, else_=2), np.int8),
+    "choice": (case({"a": 0, "b": 1, "none": 2}, value=vote.c.choice, else_=-1), np.int8),
+    "response_ms": (vote.c.response_ms, np.float64),
+    "press_to_picture_ms": (vote.c.press_to_picture_ms, np.float64),
+    "both_seen": (case((vote.c.both_seen.is_(True), 1), (vote.c.both_seen.is_(False), 0), else_=-1), np.int8),
+    "rating": (vote.c.rating, np.float64),
 }
 
 
@@ -49,7 +40,8 @@ class VoteColumns:
     vote, session, pair : int64 (N,), ids
     position, attempt : int32 (N,), of the trial
     a_is_top, a_is_first : bool (N,)
-    role, choice : int8 (N,), as in `VotesTable`
+    role : int8 (N,), as in `VotesTable`
+    choice : int8 (N,), as in `VotesTable`; -1 where the vote is a rating
     response_ms, press_to_picture_ms : float64 (N,), NaN where not recorded
     both_seen : int8 (N,), -1 where not recorded
     rating : float64 (N,), NaN where the vote is a choice
@@ -111,22 +103,9 @@ class Judge:
     reason: str | None
 
 
-@dataclass(frozen=True)
-class ShownPair:
-    """A pair's names."""
-
-    dataset: str
-    top: str
-    bottom: str
-
-
-def _sessions(study_id: int) -> Any:
-    return select(session.c.id).select_from(session.join(participant)).where(takes_part_in(study_id))
-
-
 def vote_state(connection: Connection, study_id: int) -> VoteState:
     """Return what the votes of a study can be recognised by, without reading them."""
-    counts = select(func.count(), func.max(vote.c.id)).where(vote.c.session_id.in_(_sessions(study_id)))
+    counts = select(func.count(), func.max(vote.c.id)).where(vote.c.session_id.in_(sessions_in(study_id)))
     n_votes, last = connection.execute(counts).one()
     newest = connection.scalar(select(vote.c.client_id).where(vote.c.id == last))
     people = select(participant.c.label).select_from(participant.join(session)).where(takes_part_in(study_id))
@@ -163,22 +142,6 @@ def judges_of(connection: Connection, study_id: int) -> dict[int, Judge]:
     return {key: Judge(label, slot, bool(withdrawn), reason) for key, label, slot, withdrawn, reason in rows}
 
 
-def shown_pairs(connection: Connection, study_id: int) -> dict[int, ShownPair]:
-    """Return the names of a study's pairs, by id."""
-    top, bottom = stimulus.alias(), stimulus.alias()
-    top_condition, bottom_condition = condition.alias(), condition.alias()
-    rows = connection.execute(
-        select(pair.c.id, dataset.c.name, top_condition.c.name, bottom_condition.c.name)
-        .select_from(pair.join(dataset, pair.c.dataset_id == dataset.c.id))
-        .join(top, pair.c.top_id == top.c.id)
-        .join(bottom, pair.c.bottom_id == bottom.c.id)
-        .join(top_condition, top.c.condition_id == top_condition.c.id)
-        .join(bottom_condition, bottom.c.condition_id == bottom_condition.c.id)
-        .where(dataset.c.study_id == study_id)
-    )
-    return {key: ShownPair(*names) for key, *names in rows}
-
-
 @dataclass(frozen=True)
 class KnownVotes:
     """All votes of a study as they were once, and the client id of the newest."""
@@ -213,54 +176,16 @@ def _read(connection: Connection, study_id: int, after: int) -> VoteColumns:
         after = int(part[-1, 0])
         if len(part) < ROWS_AT_ONCE:
             break
-    table = dict(zip(READ, np.concatenate(parts).T, strict=True))
-    position, small = _unpacked(table["packed"].astype(np.int64))
-    return VoteColumns(
-        vote=table["vote"].astype(np.int64),
-        session=table["session"].astype(np.int64),
-        pair=table["pair"].astype(np.int64),
-        position=position.astype(np.int32),
-        attempt=small["attempt"].astype(np.int32),
-        a_is_top=small["a_is_top"].astype(bool),
-        a_is_first=small["a_is_first"].astype(bool),
-        role=small["role"].astype(np.int8),
-        choice=(small["choice_and_1"] - 1).astype(np.int8),
-        both_seen=(small["both_seen_and_1"] - 1).astype(np.int8),
-        response_ms=table["response_ms"].copy(),
-        press_to_picture_ms=table["press_to_picture_ms"].copy(),
-        rating=np.where(small["rating_and_10"], small["rating_and_10"] - 10.0, np.nan),
-    )
-
-
-def _packed() -> Any:
-    """Return the SQL of one number of a vote's position and small numbers."""
-    number: Any = assignment.c.position
-    for size, value in PACKED.values():
-        number = number * size + value
-    return number
-
-
-def _unpacked(number: NDArray[np.int64]) -> tuple[NDArray[np.int64], dict[str, NDArray[np.int64]]]:
-    """Return positions and small numbers of votes, by name, from `_packed`, int64 (N,)."""
-    small = {}
-    for name, (size, _) in reversed(list(PACKED.items())):
-        number, small[name] = np.divmod(number, size)
-    return number, small
+    columns = zip(READ.items(), np.concatenate(parts).T, strict=True)
+    return VoteColumns(**{name: values.astype(dtype) for (name, (_, dtype)), values in columns})
 
 
 def _rows(connection: Connection, study_id: int, after: int) -> NDArray[np.float64]:
     query = (
-        select(
-            vote.c.id,
-            vote.c.session_id,
-            assignment.c.pair_id,
-            _packed(),
-            vote.c.response_ms,
-            vote.c.press_to_picture_ms,
-        )
+        select(*(selected for selected, _ in READ.values()))
         .select_from(vote.join(trial, vote.c.trial_id == trial.c.id).join(assignment))
         # "+ 0": read in the order of ids, which an index of sessions would lose
-        .where(vote.c.id > after, (vote.c.session_id + 0).in_(_sessions(study_id)))
+        .where(vote.c.id > after, (vote.c.session_id + 0).in_(sessions_in(study_id)))
         .order_by(vote.c.id)
         .limit(ROWS_AT_ONCE)
     )

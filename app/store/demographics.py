@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 from sqlalchemy import Connection, select
 
 from app.store.counted_votes import judges_of
-from app.store.participants import questionnaire_records
+from app.store.interviews import questionnaire_records
 from app.store.tables import study
 from app.study.answers import asked_questions
 from app.study.demographics import demographics

@@ -7,8 +7,10 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from sqlalchemy import (
+    Column,
     ColumnElement,
     Connection,
+    Select,
     Table,
     delete,
     exists,
@@ -39,11 +41,12 @@ from app.store.tables import (
 )
 from app.study.trial import PlannedPair
 
-FILM_FACTS = {"file", "sha256", "width", "height", "guard_rows", "fps", "n_frames"}
+FILM_FACTS = ("file", "sha256", "width", "height", "guard_rows", "fps", "n_frames")
+STIMULUS_FACTS = ("sha256", "width", "height", "fps", "n_frames", "codec", "renderer")
 STRIPS = ("top", "bottom", "reference")  # parts of a film, from the top
 SECOND_FILM = "second"  # ends the address of a film in another codec
 PAIRS = (pair, practice_pair)
-STIMULUS_FACTS = {"sha256", "width", "height", "fps", "n_frames", "codec", "renderer"}
+OTHER_FILMS = (second_film, single_film, lighter_film)  # of a pair, besides its first
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,15 @@ class PracticePair:
     second_codec: str | None
     has_singles: bool
     has_lighter: bool
+
+
+@dataclass(frozen=True)
+class ShownPair:
+    """A pair's names."""
+
+    dataset: str
+    top: str
+    bottom: str
 
 
 SECOND_CODEC = second_film.c.codec.label("second_codec")
@@ -96,7 +108,7 @@ def insert_design(connection: Connection, study_id: int, stimulus_set: StimulusS
             connection,
             stimulus,
             {"dataset_id": datasets[shown.dataset], "condition_id": conditions[shown.approach]},
-            shown.model_dump(include=STIMULUS_FACTS),
+            shown.model_dump(include=set(STIMULUS_FACTS)),
         )
         for shown in stimulus_set.stimuli
     }
@@ -120,11 +132,11 @@ def replace_design(
     of_study = select(dataset.c.id).where(dataset.c.study_id == study_id)
     for table, is_replaced in (
         (pair, pair.c.dataset_id.in_(of_study)),
-        (practice_pair, _is_of(practice_pair, study_id)),
+        (practice_pair, practice_pair.c.study_id == study_id),
     ):
         films = list(connection.scalars(select(table.c.media).where(is_replaced)))
-        for copies in (second_film, single_film):
-            connection.execute(delete(copies).where(copies.c.of_media.in_(films)))
+        for others in OTHER_FILMS:
+            connection.execute(delete(others).where(others.c.of_media.in_(films)))
         connection.execute(delete(table).where(is_replaced))
     insert_design(connection, study_id, stimulus_set, pairs)
     insert_practice(connection, study_id, practice)
@@ -136,14 +148,11 @@ def replace_design(
         (dataset, "dataset_id", stimulus_set.datasets),
         (condition, "condition_id", stimulus_set.conditions),
     ):
-        gone = list(connection.scalars(select(table.c.id).where(_is_of(table, study_id), table.c.name.not_in(names))))
+        absent = (table.c.study_id == study_id, table.c.name.not_in(names))
+        gone = list(connection.scalars(select(table.c.id).where(*absent)))
         for attached in (measurement, model):
             connection.execute(delete(attached).where(attached.c[column].in_(gone)))
         connection.execute(delete(table).where(table.c.id.in_(gone)))
-
-
-def _is_of(table: Table, study_id: int) -> ColumnElement[bool]:
-    return table.c.study_id == study_id
 
 
 def insert_practice(connection: Connection, study_id: int, pairs: Sequence[PairVideo]) -> None:
@@ -186,13 +195,19 @@ def datasets_of(connection: Connection, study_id: int) -> list[str]:
 
 
 def conditions_of(connection: Connection, study_id: int) -> dict[str, dict[str, str]]:
-    """Factor levels by the condition's name."""
+    """Return factor levels by the condition's name."""
     rows = select(condition.c.name, condition.c.levels).where(condition.c.study_id == study_id)
     return {row.name: row.levels for row in connection.execute(rows.order_by(condition.c.position))}
 
 
+def ids_by_name(connection: Connection, table: Table, study_id: int) -> dict[str, int]:
+    """Return the ids of a study's datasets or conditions, by name."""
+    rows = connection.execute(select(table.c.name, table.c.id).where(table.c.study_id == study_id))
+    return {row.name: row.id for row in rows}
+
+
 def planned_pairs(connection: Connection, study_id: int) -> list[PlannedPair]:
-    """All pairs of a study, as its orders need them."""
+    """Return all pairs of a study, as its orders need them."""
     rows = connection.execute(
         select(pair.c.id, pair.c.dataset_id, pair.c.top_id, pair.c.bottom_id)
         .join(dataset)
@@ -203,7 +218,7 @@ def planned_pairs(connection: Connection, study_id: int) -> list[PlannedPair]:
 
 
 def stimulus_names(connection: Connection, study_id: int) -> dict[int, tuple[str, str]]:
-    """(dataset, condition) by the stimulus' id."""
+    """Return the names of dataset and condition by the stimulus' id."""
     rows = connection.execute(
         select(stimulus.c.id, dataset.c.name, condition.c.name)
         .select_from(stimulus.join(dataset).join(condition, stimulus.c.condition_id == condition.c.id))
@@ -249,14 +264,15 @@ def largest_film(connection: Connection, study_id: int) -> tuple[int, int]:
 
 def film_files(connection: Connection) -> dict[str, str]:
     """Return the SHA-256 of every film's file by its name in the media folder."""
-    tables = (pair, practice_pair, second_film, single_film, lighter_film)
     return {
-        row.file: row.sha256 for table in tables for row in connection.execute(select(table.c.file, table.c.sha256))
+        row.file: row.sha256
+        for table in (*PAIRS, *OTHER_FILMS)
+        for row in connection.execute(select(table.c.file, table.c.sha256))
     }
 
 
 def _film(connection: Connection, video: PairVideo) -> dict[str, Any]:
-    """Columns of a pair that describe its film; its other films get rows of their own."""
+    """Return the columns of a pair that describe its film; its other films get rows of their own."""
     media = new_opaque_id()
     if video.second:
         values = {"media": new_opaque_id(), "of_media": media, **asdict(video.second)}
@@ -267,7 +283,7 @@ def _film(connection: Connection, video: PairVideo) -> dict[str, Any]:
     for strip, film in zip(STRIPS, video.singles, strict=False):  # not every pair has a reference
         values = {"of_media": media, "strip": strip, "file": film.file, "sha256": film.sha256}
         _insert(connection, single_film, values)
-    return {"media": media, **{name: value for name, value in asdict(video).items() if name in FILM_FACTS}}
+    return {"media": media, **{name: getattr(video, name) for name in FILM_FACTS}}
 
 
 def _placed(connection: Connection, table: Table, place: Mapping[str, Any], facts: Mapping[str, Any]) -> int:
@@ -282,13 +298,13 @@ def _insert(connection: Connection, table: Table, values: Mapping[str, Any]) -> 
 
 
 def stimulus_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """Every stimulus with its facts, and a pair's video and half that show it."""
+    """Return every stimulus with its facts, and a pair's video and half that show it."""
     rows = connection.execute(
         select(
             dataset.c.name.label("dataset"),
             condition.c.name.label("item"),
             condition.c.levels,
-            *(stimulus.c[name] for name in ("id", "sha256", "width", "height", "fps", "n_frames", "codec", "renderer")),
+            *(stimulus.c[name] for name in ("id", *STIMULUS_FACTS)),
         )
         .select_from(stimulus.join(dataset).join(condition))
         .where(dataset.c.study_id == study_id)
@@ -310,64 +326,62 @@ def _seen_in(where: tuple[str, str] | None) -> dict[str, str | None]:
 
 
 def pair_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """Every pair's video: what it holds, and its file."""
-    top, bottom = stimulus.alias("top"), stimulus.alias("bottom")
-    top_condition, bottom_condition = condition.alias("top_condition"), condition.alias("bottom_condition")
-    facts = ("media", "file", "sha256", "width", "height", "guard_rows", "fps", "n_frames")
-    rows = connection.execute(
-        select(
-            dataset.c.name.label("dataset"),
-            top_condition.c.name.label("top"),
-            bottom_condition.c.name.label("bottom"),
-            *(pair.c[name] for name in facts),
-        )
+    """Return every pair's video: what it holds, and its file."""
+    rows = _named_pairs(study_id, *(pair.c[name] for name in ("media", *FILM_FACTS)))
+    return [dict(row._mapping) for row in connection.execute(rows.order_by(dataset.c.position, pair.c.id))]
+
+
+def shown_pairs(connection: Connection, study_id: int) -> dict[int, ShownPair]:
+    """Return the names of a study's pairs, by id."""
+    rows = connection.execute(_named_pairs(study_id, pair.c.id))
+    return {row.id: ShownPair(row.dataset, row.top, row.bottom) for row in rows}
+
+
+def _named_pairs(study_id: int, *columns: Column[Any]) -> Select[Any]:
+    """Select a study's pairs: the names of dataset, top and bottom condition, then other columns."""
+    top, bottom = stimulus.alias(), stimulus.alias()
+    top_condition, bottom_condition = condition.alias(), condition.alias()
+    names = (
+        dataset.c.name.label("dataset"),
+        top_condition.c.name.label("top"),
+        bottom_condition.c.name.label("bottom"),
+    )
+    return (
+        select(*names, *columns)
         .select_from(pair.join(dataset, pair.c.dataset_id == dataset.c.id))
         .join(top, pair.c.top_id == top.c.id)
         .join(bottom, pair.c.bottom_id == bottom.c.id)
         .join(top_condition, top.c.condition_id == top_condition.c.id)
         .join(bottom_condition, bottom.c.condition_id == bottom_condition.c.id)
         .where(dataset.c.study_id == study_id)
-        .order_by(dataset.c.position, pair.c.id)
     )
-    return [dict(row._mapping) for row in rows]
 
 
 def copy_design(connection: Connection, source_id: int, target_id: int) -> None:
     """Give a study the datasets, conditions, stimuli and pairs of another one; the films get new opaque names."""
-    datasets = _copy_rows(connection, dataset, dataset.c.study_id == source_id, {"study_id": target_id})
-    conditions = _copy_rows(connection, condition, condition.c.study_id == source_id, {"study_id": target_id})
-    stimuli: dict[int, int] = {}
-    for old, new in datasets.items():
-        for row in connection.execute(select(stimulus).where(stimulus.c.dataset_id == old)).all():
-            values = {key: value for key, value in row._mapping.items() if key != "id"}
-            ids = {"dataset_id": new, "condition_id": conditions[row.condition_id]}
-            stimuli[row.id] = _insert(connection, stimulus, {**values, **ids})
-    for old, new in datasets.items():
-        for row in connection.execute(select(pair).where(pair.c.dataset_id == old).order_by(pair.c.id)).all():
-            values = {key: value for key, value in row._mapping.items() if key != "id"}
-            ids = {"dataset_id": new, "top_id": stimuli[row.top_id], "bottom_id": stimuli[row.bottom_id]}
-            _insert(connection, pair, {**values, **ids, "media": _copy_film(connection, row.media)})
-    for row in connection.execute(select(practice_pair).where(practice_pair.c.study_id == source_id)).all():
-        values = {key: value for key, value in row._mapping.items() if key != "id"}
-        changes = {"study_id": target_id, "media": _copy_film(connection, row.media)}
-        _insert(connection, practice_pair, {**values, **changes})
+    studies = {source_id: target_id}
+    datasets = _copy_rows(connection, dataset, study_id=studies)
+    conditions = _copy_rows(connection, condition, study_id=studies)
+    stimuli = _copy_rows(connection, stimulus, dataset_id=datasets, condition_id=conditions)
+    _copy_rows(connection, pair, dataset_id=datasets, top_id=stimuli, bottom_id=stimuli)
+    _copy_rows(connection, practice_pair, study_id=studies)
 
 
-def _copy_film(connection: Connection, media: str) -> str:
-    """Give a film a new opaque name, and its copies in other codecs, of single strips or with fewer bytes as well."""
-    new = new_opaque_id()
-    _copy_rows(connection, lighter_film, lighter_film.c.of_media == media, {"of_media": new})
-    _copy_rows(connection, single_film, single_film.c.of_media == media, {"of_media": new})
-    for row in connection.execute(select(second_film).where(second_film.c.of_media == media)).all():
-        values = {key: value for key, value in row._mapping.items() if key != "id"}
-        _insert(connection, second_film, {**values, "media": new_opaque_id(), "of_media": new})
-    return new
+def _copy_rows(connection: Connection, table: Table, **references: Mapping[Any, Any]) -> dict[int, int]:
+    """Copy the rows that refer to rows which were copied; returns new ids by old ones.
 
-
-def _copy_rows(connection: Connection, table: Table, which: Any, changes: Mapping[str, Any]) -> dict[int, int]:
-    """Copy rows with changes; returns new ids by old ones."""
+    Parameters
+    ----------
+    references : for each column that refers, new values by old ones
+    """
     copied = {}
-    for row in connection.execute(select(table).where(which).order_by(table.c.id)).all():
-        values = {key: value for key, value in row._mapping.items() if key != "id"}
-        copied[row.id] = _insert(connection, table, {**values, **changes})
+    belongs = [table.c[column].in_(list(known)) for column, known in references.items()]
+    for row in connection.execute(select(table).where(*belongs).order_by(table.c.id)).all():
+        values = {name: value for name, value in row._mapping.items() if name != "id"}
+        new = {column: known[values[column]] for column, known in references.items()}
+        if "media" in values:
+            new["media"] = new_opaque_id()
+        copied[row.id] = _insert(connection, table, {**values, **new})
+        for other_films in OTHER_FILMS if table in PAIRS else ():
+            _copy_rows(connection, other_films, of_media={row.media: new["media"]})
     return copied

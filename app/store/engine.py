@@ -86,14 +86,23 @@ class _FairLock:
 class Database:
     """An engine, and the lock under which SQLite is written to: waiting there is fair, SQLite's own is not.
 
-    Both kinds of transaction raise `UnavailableError` while the database is away, locked by somebody else for long, or
-    its disk is full: nothing was changed, unless the connection broke while the commit was on its way.
+    It is open while a block runs, or until it is disposed of. Both kinds of transaction raise `UnavailableError` while
+    the database is away, locked by somebody else for long, or its disk is full: nothing was changed, unless the
+    connection broke while the commit was on its way.
     """
 
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
         self._write_lock = _new_write_lock(engine)
         self._is_away = False
+
+    def __enter__(self) -> Database:
+        return self
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        self.dispose()
 
     @contextmanager
     def reading(self) -> Iterator[Connection]:
@@ -113,7 +122,7 @@ class Database:
 
     @contextmanager
     def writing(self) -> Iterator[Connection]:
-        """One transaction, on disk when the block ends, undone when it raises."""
+        """Hold one transaction, on disk when the block ends, undone when it raises."""
         with self._unavailable_when_away(), self._write_lock, self.engine.connect() as connection:
             try:
                 with connection.execution_options(is_writing=True).begin():

@@ -1,15 +1,22 @@
-"""SQL conditions for votes that do not count: previews', and those of excluded participants."""
+"""Who counts, in SQL: all but previews, and those who are excluded."""
 
 from __future__ import annotations
 
-from sqlalchemy import ColumnElement, exists
+from typing import Any
 
-from app.store.tables import exclusion, participant
+from sqlalchemy import ColumnElement, Select, exists, select
+
+from app.store.tables import exclusion, participant, session
 
 
 def takes_part_in(study_id: ColumnElement[int] | int) -> ColumnElement[bool]:
     """SQL condition: the participant belongs to a study and is no preview."""
     return (participant.c.study_id == study_id) & participant.c.is_preview.is_(False)
+
+
+def sessions_in(study_id: int) -> Select[Any]:
+    """Select the ids of a study's sessions, but of no preview."""
+    return select(session.c.id).select_from(session.join(participant)).where(takes_part_in(study_id))
 
 
 def in_force(participant_id: ColumnElement[int] | int) -> ColumnElement[bool]:

@@ -12,7 +12,8 @@ from sqlalchemy import ColumnElement, Connection, Row, and_, delete, exists, fun
 from app.errors import ConflictError, NotFoundError
 from app.store.engine import Database
 from app.store.keys import digest, new_secret
-from app.store.tables import experimenter, experimenter_session, recovery_code, study
+from app.store.second_factors import end_second_factor
+from app.store.tables import experimenter, experimenter_session, study
 
 Role = Literal["viewer", "experimenter", "owner"]
 ROLES: tuple[Role, ...] = ("viewer", "experimenter", "owner")  # each may do what those before it may
@@ -78,10 +79,14 @@ def renew_link(
         values["role"] = role
     with database.writing() as connection:
         has_owners = _lock_owners(connection)
-        _end_access(connection, name)
-        changed = connection.execute(update(experimenter).where(experimenter.c.name == name).values(**values))
-        if not changed.rowcount:
+        known = experimenter_named(connection, name)
+        if known is None:
             connection.execute(insert(experimenter).values(name=name, created_at=now, **values))
+        else:
+            end_second_factor(connection, known.id)
+            end_all_sessions(connection, known.id)
+            this = update(experimenter).where(experimenter.c.id == known.id)
+            connection.execute(this.values(password_hash=None, **values))
         if studies is not None:
             restrict(connection, name, studies)
         if has_owners:
@@ -103,11 +108,10 @@ def is_set_up_link(connection: Connection, secret: str, now: datetime) -> bool:
 
 def finish_set_up(connection: Connection, secret: str, name: str, password_hash: str, now: datetime) -> int | None:
     """Make the holder of the set-up link an owner and end the link; returns their id, None if the link is not valid."""
-    spent = {"link_hash": digest(new_secret()), "link_expires_at": None}
     return connection.execute(
         update(experimenter)
         .where(experimenter.c.name == UNNAMED, *_good_link(secret, now))
-        .values(name=name, role="owner", password_hash=password_hash, **spent)
+        .values(name=name, role="owner", password_hash=password_hash, **_no_link())
         .returning(experimenter.c.id)
     ).scalar_one_or_none()
 
@@ -122,13 +126,12 @@ def spend_link(connection: Connection, secret: str, now: datetime) -> Experiment
     person = experimenter_by_link(connection, secret, now)
     if person is None:
         return None
-    spent = {"link_hash": digest(new_secret()), "link_expires_at": None}
-    this = (experimenter.c.id == person.id, *_good_link(secret, now))
-    return person if connection.execute(update(experimenter).where(*this).values(**spent)).rowcount else None
+    this = update(experimenter).where(experimenter.c.id == person.id, *_good_link(secret, now))
+    return person if connection.execute(this.values(**_no_link())).rowcount else None
 
 
 def password_of(connection: Connection, name: str) -> tuple[int, str] | None:
-    """Id and password hash of the experimenter with a name; None if they may not sign in by password."""
+    """Return id and password hash of the experimenter with a name; None if they may not sign in by password."""
     row = connection.execute(
         select(experimenter.c.id, experimenter.c.password_hash).where(
             experimenter.c.name == name, experimenter.c.password_hash.is_not(None), experimenter.c.disabled_at.is_(None)
@@ -139,10 +142,8 @@ def password_of(connection: Connection, name: str) -> tuple[int, str] | None:
 
 def set_password(connection: Connection, experimenter_id: int, password_hash: str) -> None:
     """Store a new password; the sign-in link and all sessions end."""
-    spent = {"link_hash": digest(new_secret()), "link_expires_at": None}
-    connection.execute(
-        update(experimenter).where(experimenter.c.id == experimenter_id).values(password_hash=password_hash, **spent)
-    )
+    this = update(experimenter).where(experimenter.c.id == experimenter_id)
+    connection.execute(this.values(password_hash=password_hash, **_no_link()))
     end_all_sessions(connection, experimenter_id)
 
 
@@ -259,7 +260,8 @@ def restrict(connection: Connection, name: str, studies: Sequence[str]) -> None:
     if known is not None and person is not None and person.may("owner"):
         raise ConflictError(f"{name} is an owner, who sees all studies. Give another role first.")
     connection.execute(update(experimenter).where(experimenter.c.name == name).values(studies=known))
-    _end_sessions(connection, name)
+    if person is not None:
+        end_all_sessions(connection, person.id)
 
 
 def check_studies(connection: Connection, slugs: Sequence[str]) -> list[str] | None:
@@ -287,9 +289,9 @@ def disable(connection: Connection, name: str, now: datetime) -> None:
         If nobody would be left who is an owner.
     """
     _lock_owners(connection)
-    spent = {"link_hash": digest(new_secret()), "link_expires_at": None}
-    connection.execute(update(experimenter).where(experimenter.c.name == name).values(disabled_at=now, **spent))
-    _end_sessions(connection, name)
+    ended = update(experimenter).where(experimenter.c.name == name).values(disabled_at=now, **_no_link())
+    for experimenter_id in connection.scalars(ended.returning(experimenter.c.id)).all():
+        end_all_sessions(connection, experimenter_id)
     _refuse_to_lock_out(connection)
 
 
@@ -297,18 +299,9 @@ def experimenter_named(connection: Connection, name: str) -> Experimenter | None
     return _one(connection, experimenter.c.name == name)
 
 
-def _end_access(connection: Connection, name: str) -> None:
-    """End password, second factor and sessions of an experimenter, who may be nobody yet."""
-    nothing = dict.fromkeys(("password_hash", "totp_secret", "totp_since", "totp_step"))
-    connection.execute(update(experimenter).where(experimenter.c.name == name).values(**nothing))
-    ids = select(experimenter.c.id).where(experimenter.c.name == name)
-    connection.execute(delete(recovery_code).where(recovery_code.c.experimenter_id.in_(ids)))
-    _end_sessions(connection, name)
-
-
-def _end_sessions(connection: Connection, name: str) -> None:
-    ids = select(experimenter.c.id).where(experimenter.c.name == name)
-    connection.execute(delete(experimenter_session).where(experimenter_session.c.experimenter_id.in_(ids)))
+def _no_link() -> dict[str, Any]:
+    """Return the columns of an experimenter whose sign-in link has ended."""
+    return {"link_hash": digest(new_secret()), "link_expires_at": None}
 
 
 def _is_owner() -> ColumnElement[bool]:

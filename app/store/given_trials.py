@@ -1,4 +1,4 @@
-"""Trials with a vote or an interruption, as the dashboard lists them: found, sorted and counted."""
+"""Return trials with a vote or an interruption, as the dashboard lists them: found, sorted and counted."""
 
 from __future__ import annotations
 
@@ -10,16 +10,8 @@ from typing import Any
 from sqlalchemy import ColumnElement, Connection, Select, exists, func, select, union_all
 
 from app.store.engine import sorted_by
-from app.store.exclusions import is_excluded, takes_part_in
-from app.store.tables import (
-    assignment,
-    dataset,
-    pair,
-    participant,
-    session,
-    trial,
-    vote,
-)
+from app.store.exclusions import is_excluded, sessions_in, takes_part_in
+from app.store.tables import assignment, dataset, pair, participant, session, trial, vote
 from app.store.trial_records import IN_ORDER, all_records, described, judging
 from app.store.trials import is_voted_on
 
@@ -59,7 +51,7 @@ SORTABLE: Mapping[str, ColumnElement[Any]] = {  # columns by which `given_trials
 def given_trials(
     connection: Connection, study_id: int, sought: SoughtTrials, *, sort: str = "", limit: int, offset: int = 0
 ) -> list[dict[str, Any]]:
-    """Trials with a vote or an interruption, as in `trial_records`, the latest first.
+    """Return trials with a vote or an interruption, as in `trial_records`, the latest first.
 
     `sort` is of SORTABLE and comes first: for as many trials as are counted, as all of them are then read.
     """
@@ -82,16 +74,18 @@ def given_trials(
     return [described(rows[key], protocol, reference) for key in ids]
 
 
-def n_given_trials(connection: Connection, study_id: int, sought: SoughtTrials, *, most: int = MOST_COUNTED) -> int:
-    """How many trials `given_trials` finds, counted up to `most` of votes and as many interruptions."""
+def n_given_trials(connection: Connection, study_id: int, sought: SoughtTrials) -> int:
+    """Count the trials that `given_trials` finds, up to MOST_COUNTED votes and as many interruptions."""
     n = 0
     for given, _ in _given(study_id, sought):
-        n += int(connection.execute(select(func.count()).select_from(given.limit(most).subquery())).scalar_one())
+        n += int(
+            connection.execute(select(func.count()).select_from(given.limit(MOST_COUNTED).subquery())).scalar_one()
+        )
     return n
 
 
 def given_labels(connection: Connection, study_id: int, *, most: int | None = None) -> list[str]:
-    """Labels of participants who have voted or been interrupted, in order of arrival; the first of them."""
+    """Return the labels of the first participants who have voted or been interrupted, in order of arrival."""
     of_session = trial.c.session_id == session.c.id
     has_given = exists().where(vote.c.session_id == session.c.id) | exists().where(
         of_session, trial.c.voided_at.is_not(None)
@@ -102,7 +96,7 @@ def given_labels(connection: Connection, study_id: int, *, most: int | None = No
 
 def _given(study_id: int, sought: SoughtTrials) -> list[tuple[Select[Any], ColumnElement[datetime]]]:
     """Return queries of trials with a vote, and of interrupted ones, each with the column of its time."""
-    sessions = select(session.c.id).select_from(session.join(participant)).where(takes_part_in(study_id))
+    sessions = sessions_in(study_id)
     if sought.participant:
         sessions = sessions.where(participant.c.label == sought.participant)
     if sought.kind == "excluded":

@@ -1,13 +1,16 @@
-"""Spoken interviews: participants' answers as an experimenter notes them."""
+"""Interviews: answers that participants write on the page, or say to an experimenter, who notes them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import datetime
+from typing import Any
 
 from sqlalchemy import Connection, insert, select, update
 
-from app.store.tables import session, spoken_answer
+from app.store.exclusions import takes_part_in
+from app.store.tables import participant, session, spoken_answer, stage_record
+from app.study.stages import INTERVIEW
 
 
 def keep_spoken(
@@ -39,3 +42,32 @@ def spoken_of(connection: Connection, participant_id: int) -> dict[str, str]:
         .order_by(spoken_answer.c.id)
     )
     return {row.question: row.answer for row in connection.execute(rows)}
+
+
+def questionnaire_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
+    """Return a row for each participant and question: written answers first, then spoken ones."""
+    takes_part = takes_part_in(study_id)
+    written = connection.execute(
+        select(participant.c.label, stage_record.c.data, stage_record.c.completed_at)
+        .select_from(stage_record.join(session).join(participant))
+        .where(takes_part, stage_record.c.stage == INTERVIEW)
+        .order_by(participant.c.slot)
+    )
+    rows: list[dict[str, Any]] = [
+        {"participant": label, "question": question, "answer": answer, "answered_at": at, "source": "written"}
+        for label, data, at in written
+        for question, answer in data.get("answers", {}).items()
+    ]
+    said = connection.execute(
+        select(
+            participant.c.label.label("participant"),
+            spoken_answer.c.question,
+            spoken_answer.c.answer,
+            spoken_answer.c.written_at.label("answered_at"),
+            spoken_answer.c.experimenter,
+        )
+        .select_from(spoken_answer.join(session, spoken_answer.c.session_id == session.c.id).join(participant))
+        .where(takes_part)
+        .order_by(participant.c.slot, spoken_answer.c.id)
+    )
+    return [{"experimenter": None, **row} for row in rows] + [{**row._mapping, "source": "spoken"} for row in said]

@@ -54,7 +54,7 @@ def label_invitation(connection: Connection, study_id: int, code: str, label: st
 
 
 def preview_invitation(connection: Connection, study_id: int, now: datetime) -> int:
-    """Id of the invitation that a study's previews belong to; it has no places and lets nobody in.
+    """Return the id of the invitation that a study's previews belong to; it has no places and lets nobody in.
 
     The caller has locked the study, so that only one is made.
     """
@@ -65,7 +65,7 @@ def preview_invitation(connection: Connection, study_id: int, now: datetime) -> 
 
 
 def preview_code(connection: Connection, study_id: int) -> str:
-    """Code of the invitation that a study's previews belong to; it exists once a preview has begun."""
+    """Return the code of the invitation that a study's previews belong to; it exists once a preview has begun."""
     return str(connection.execute(_of_previews(study_id).with_only_columns(invitation.c.code)).scalar_one())
 
 
@@ -95,7 +95,7 @@ def invitation_by_code(connection: Connection, code: str) -> Invitation | None:
 
 
 def invitation_of_session(connection: Connection, token: str) -> str | None:
-    """Code of the invitation that a token's session began with."""
+    """Return the code of the invitation that a token's session began with."""
     query = select(invitation.c.code).select_from(session.join(participant).join(invitation))
     return connection.scalar(query.where(session.c.token_hash == digest(token)))
 

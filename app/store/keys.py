@@ -12,7 +12,7 @@ CODE_LENGTH = 12  # 59 bits
 
 
 def new_secret() -> str:
-    """256 random bits, for a cookie, a link or a bearer token."""
+    """Return 256 random bits, for a cookie, a link or a bearer token."""
     return secrets.token_urlsafe(32)
 
 
@@ -49,7 +49,7 @@ def resumed_token(code: str, key: str) -> str:
 
 
 def digest(secret: str) -> str:
-    """SHA-256 of a secret, to store; plain, because secrets are random and long."""
+    """Return the SHA-256 of a secret, to store; plain, because secrets are random and long."""
     return hashlib.sha256(secret.encode()).hexdigest()
 
 

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, Table, delete, insert, select
+from sqlalchemy import Connection, delete, insert, select
 
 from app.intake.reports import BETTER, Measure
+from app.store.designs import ids_by_name
 from app.store.tables import condition, dataset, measurement
 
 
@@ -28,7 +29,7 @@ def replace_measurements(connection: Connection, study_id: int, measures: Sequen
 
 
 def measurement_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """`dataset, approach, measure, value, direction, unit, better, source, attached_at`, in the study's order."""
+    """Return a row for each attached value: by measure, then in the study's order."""
     rows = connection.execute(
         select(
             dataset.c.name.label("dataset"),
@@ -53,9 +54,3 @@ def measurement_records(connection: Connection, study_id: int) -> list[dict[str,
         }
         for row in rows
     ]
-
-
-def ids_by_name(connection: Connection, table: Table, study_id: int) -> dict[str, int]:
-    """Ids of a study's datasets or conditions, by name."""
-    rows = connection.execute(select(table.c.name, table.c.id).where(table.c.study_id == study_id))
-    return {row.name: row.id for row in rows}

@@ -29,7 +29,7 @@ def upgrade_within(connection: Connection, version: str) -> None:
 
 
 def revisions() -> list[str]:
-    """All versions, the newest first."""
+    """Return all versions, the newest first."""
     return [script.revision for script in ScriptDirectory.from_config(_config()).walk_revisions()]
 
 

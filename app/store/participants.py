@@ -1,38 +1,21 @@
-"""Participants for experimenters: progress, exclusions, withdrawals, erasures."""
+"""Participants for experimenters: progress, exclusions, withdrawals, and all that is kept of one."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Row, Select, Table, delete, func, literal_column, select, update
+from sqlalchemy import ColumnElement, Connection, Row, Select, func, literal_column, select, update
 
 from app.errors import ConflictError, NotFoundError
+from app.store.belonging import rows_of_people
 from app.store.engine import insert_or_ignore, sorted_by
-from app.store.exclusions import in_force, takes_part_in
-from app.store.keys import digest, new_secret
+from app.store.exclusions import in_force, sessions_in, takes_part_in
 from app.store.schema import metadata
-from app.store.tables import (
-    assignment,
-    exclusion,
-    invitation,
-    participant,
-    session,
-    spoken_answer,
-    stage_record,
-    trial,
-    vote,
-)
-from app.study.stages import ENDS, FINISHED, INTERVIEW, SCREENED_OUT, TIMED_OUT, WITHDRAWN
-
-KEPT_AT_ERASURE = (
-    "assignment",
-    "exclusion",
-    "session",
-    "trial",
-)  # these rows say what was shown, nothing about the person
+from app.store.tables import exclusion, participant, session, stage_record, trial, vote
+from app.study.stages import ENDS, FINISHED, SCREENED_OUT, TIMED_OUT, WITHDRAWN
 
 
 @dataclass(frozen=True)
@@ -124,7 +107,7 @@ def participant_records(
     offset: int = 0,
     newest_first: bool = False,
 ) -> list[dict[str, Any]]:
-    """Everybody who has begun, in order of arrival or the other way round; `sort` is of SORTABLE and comes first."""
+    """Return everybody who has begun, by arrival or the other way round; `sort` is of SORTABLE and comes first."""
     arrival = participant.c.slot.desc() if newest_first else participant.c.slot
     order = (*sorted_by(SORTABLE, sort), arrival)
     rows = connection.execute(_records(study_id, sought).order_by(*order).limit(limit).offset(offset))
@@ -137,7 +120,7 @@ def participant_record(connection: Connection, person: Person) -> dict[str, Any]
 
 
 def participants_votes(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """Vote counts and exclusions: the cheap columns of `participant_records`.
+    """Return vote counts and exclusions: the cheap columns of `participant_records`.
 
     With the time of the vote on the last trial, which tells the votes of a restored backup from as many others.
     """
@@ -182,15 +165,16 @@ def session_state(connection: Connection, study_id: int) -> list[tuple[Any, ...]
 
 
 def n_interrupted(connection: Connection, study_id: int) -> int:
-    """How many trials of a study were interrupted."""
-    sessions = select(session.c.id).select_from(session.join(participant)).where(takes_part_in(study_id))
+    """Count the trials of a study that were interrupted."""
     # "+ 0": few trials are interrupted, and an index finds them
-    voided = select(func.count()).where(trial.c.voided_at.is_not(None), (trial.c.session_id + 0).in_(sessions))
+    voided = select(func.count()).where(
+        trial.c.voided_at.is_not(None), (trial.c.session_id + 0).in_(sessions_in(study_id))
+    )
     return int(connection.execute(voided).scalar_one())
 
 
 def n_participants(connection: Connection, study_id: int, sought: SoughtPeople = EVERYBODY) -> int:
-    """How many participants `participant_records` finds."""
+    """Count the participants that `participant_records` finds."""
     return int(connection.execute(_records(study_id, sought).with_only_columns(func.count())).scalar_one())
 
 
@@ -237,7 +221,7 @@ def _records(study_id: int, sought: SoughtPeople = EVERYBODY) -> Select[Any]:
 
 
 def exclusion_records(connection: Connection, participant_id: int) -> list[dict[str, Any]]:
-    """All exclusions of a participant, including undone ones, the newest first."""
+    """Return all exclusions of a participant, including undone ones, the newest first."""
     rows = select(exclusion).where(exclusion.c.participant_id == participant_id).order_by(exclusion.c.id.desc())
     return [dict(row._mapping) for row in connection.execute(rows)]
 
@@ -277,66 +261,6 @@ def withdraw_participant(connection: Connection, person: Person, now: datetime) 
     )
 
 
-def erase(connection: Connection, person: Person, now: datetime) -> None:
-    """Delete a participant's votes, answers and screening for good. Label and slot stay, so that orders balance.
-
-    The label of an invitation that let in this participant alone may name the person, and goes too.
-
-    Raises
-    ------
-    ConflictError
-        If they were erased before.
-    """
-    if person.erased_at is not None:
-        raise ConflictError(f"{person.label} was erased before.")
-    withdraw_participant(connection, person, now)
-    sessions = list(connection.scalars(select(session.c.id).where(session.c.participant_id == person.id)))
-    _delete_given(connection, person.id, sessions)
-    connection.execute(update(trial).where(trial.c.session_id.in_(sessions)).values(void_viewing=None))
-    nobodys = {"resume_hash": digest(new_secret()), "begin_hash": None, "token_hash": digest(new_secret())}
-    for session_id in sessions:
-        connection.execute(update(session).where(session.c.id == session_id).values(**nobodys))
-    connection.execute(update(participant).where(participant.c.id == person.id).values(erased_at=now))
-    by_name = select(participant.c.invitation_id).where(participant.c.id == person.id).scalar_subquery()
-    connection.execute(update(invitation).where(invitation.c.id == by_name, invitation.c.places == 1).values(label=""))
-
-
-def forget_preview_votes(connection: Connection, study_id: int) -> None:
-    """Delete the votes and answers of a study's previews."""
-    sessions = select(session.c.id).select_from(session.join(participant))
-    previews = sessions.where(participant.c.study_id == study_id, participant.c.is_preview.is_(True))
-    _delete_given(connection, None, list(connection.scalars(previews)))
-
-
-def delete_previews(connection: Connection, study_id: int) -> None:
-    """Delete a study's previews with their trials, so that the pairs can go that they show."""
-    forget_preview_votes(connection, study_id)
-    people = list(
-        connection.scalars(
-            select(participant.c.id).where(participant.c.study_id == study_id, participant.c.is_preview.is_(True))
-        )
-    )
-    sessions = list(connection.scalars(select(session.c.id).where(session.c.participant_id.in_(people))))
-    connection.execute(delete(trial).where(trial.c.session_id.in_(sessions)))
-    connection.execute(delete(assignment).where(assignment.c.participant_id.in_(people)))
-    connection.execute(delete(session).where(session.c.id.in_(sessions)))
-    connection.execute(delete(participant).where(participant.c.id.in_(people)))
-
-
-def _delete_given(connection: Connection, participant_id: int | None, sessions: Sequence[int]) -> None:
-    """Delete the rows of sessions or of a participant from all tables, referring rows first."""
-    for table in reversed(metadata.sorted_tables):
-        if table.name not in KEPT_AT_ERASURE:
-            _delete_rows(connection, table, participant_id, sessions)
-
-
-def _delete_rows(connection: Connection, table: Table, participant_id: int | None, sessions: Sequence[int]) -> None:
-    if "session_id" in table.c:
-        connection.execute(delete(table).where(table.c.session_id.in_(sessions)))
-    elif "participant_id" in table.c and participant_id is not None:
-        connection.execute(delete(table).where(table.c.participant_id == participant_id))
-
-
 def stage_records(connection: Connection, participant_id: int) -> list[dict[str, Any]]:
     """Return the data that a participant sent with each stage, in order."""
     rows = connection.execute(
@@ -349,48 +273,11 @@ def stage_records(connection: Connection, participant_id: int) -> list[dict[str,
 
 
 def everything_of(connection: Connection, person: Person) -> dict[str, list[dict[str, Any]]]:
-    """Every row of a participant, by table, without secrets."""
-    sessions = list(connection.scalars(select(session.c.id).where(session.c.participant_id == person.id)))
+    """Return every row of a participant, by table, without secrets."""
     records: dict[str, list[dict[str, Any]]] = {}
     for table in metadata.sorted_tables:
-        columns = [column for column in table.c if not column.name.endswith("_hash")]
-        if table.name in ("participant", "session"):
-            belongs = table.c.id == person.id if table is participant else table.c.participant_id == person.id
-        elif "session_id" in table.c:
-            belongs = table.c.session_id.in_(sessions)
-        elif "participant_id" in table.c:
-            belongs = table.c.participant_id == person.id
-        else:
-            continue
-        rows = connection.execute(select(*columns).where(belongs))
-        records[table.name] = [dict(row._mapping) for row in rows]
+        if (belongs := rows_of_people(table, [person.id])) is not None:
+            columns = [column for column in table.c if not column.name.endswith("_hash")]
+            rows = connection.execute(select(*columns).where(belongs))
+            records[table.name] = [dict(row._mapping) for row in rows]
     return records
-
-
-def questionnaire_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """Return a row for each participant and question: written answers first, then spoken ones."""
-    takes_part = takes_part_in(study_id)
-    written = connection.execute(
-        select(participant.c.label, stage_record.c.data, stage_record.c.completed_at)
-        .select_from(stage_record.join(session).join(participant))
-        .where(takes_part, stage_record.c.stage == INTERVIEW)
-        .order_by(participant.c.slot)
-    )
-    rows: list[dict[str, Any]] = [
-        {"participant": label, "question": question, "answer": answer, "answered_at": at, "source": "written"}
-        for label, data, at in written
-        for question, answer in data.get("answers", {}).items()
-    ]
-    said = connection.execute(
-        select(
-            participant.c.label.label("participant"),
-            spoken_answer.c.question,
-            spoken_answer.c.answer,
-            spoken_answer.c.written_at.label("answered_at"),
-            spoken_answer.c.experimenter,
-        )
-        .select_from(spoken_answer.join(session, spoken_answer.c.session_id == session.c.id).join(participant))
-        .where(takes_part)
-        .order_by(participant.c.slot, spoken_answer.c.id)
-    )
-    return [{"experimenter": None, **row} for row in rows] + [{**row._mapping, "source": "spoken"} for row in said]

@@ -229,20 +229,13 @@ def jobs_of(connection: Connection, name: str) -> dict[str, bool]:
 
 def tell_progress(database: Database, name: str, public_id: str, progress: JobProgress) -> None:
     """Store how far a worker's job is."""
-    values = vars(progress) | {"step": progress.step[:LONGEST_STEP]}
-    with database.writing() as connection:
-        connection.execute(
-            update(queued_job).where(queued_job.c.public_id == public_id, _runs_by(name)).values(**values)
-        )
+    _change(database, name, public_id, vars(progress) | {"step": progress.step[:LONGEST_STEP]})
 
 
 def end_job(database: Database, name: str, public_id: str, state: JobState, detail: str, now: datetime) -> None:
     """Store how a worker's job ended; a job that was taken from the worker stays as it is."""
     values = {"state": state, "detail": detail[:LONGEST_DETAIL], "ended_at": now, "is_cancelling": False}
-    with database.writing() as connection:
-        connection.execute(
-            update(queued_job).where(queued_job.c.public_id == public_id, _runs_by(name)).values(**values)
-        )
+    _change(database, name, public_id, values)
 
 
 def beat(database: Database, me: Worker, now: datetime) -> None:
@@ -283,6 +276,13 @@ def _is_open() -> ColumnElement[bool]:
 
 def _runs_by(name: str) -> ColumnElement[bool]:
     return (queued_job.c.worker == name) & (queued_job.c.state == "running")
+
+
+def _change(database: Database, name: str, public_id: str, values: Mapping[str, Any]) -> None:
+    """Change a job that a worker runs; one that was taken from it stays as it is."""
+    its = update(queued_job).where(queued_job.c.public_id == public_id, _runs_by(name))
+    with database.writing() as connection:
+        connection.execute(its.values(**values))
 
 
 def _back_in_queue() -> dict[str, Any]:

@@ -41,11 +41,8 @@ def insert_recruit(
 
 def recruit_of_session(connection: Connection, session_id: int) -> Recruit | None:
     """Return how a session's participant came; None for previews, and in studies that keep nothing of it."""
-    query = select(recruit.c.outside_id, recruit.c.kept, recruit.c.completion_code).select_from(
-        recruit.join(participant).join(session)
-    )
-    row = connection.execute(query.where(session.c.id == session_id)).one_or_none()
-    return Recruit(**row._mapping) if row else None
+    participant_id = connection.execute(select(session.c.participant_id).where(session.c.id == session_id)).scalar_one()
+    return recruit_of(connection, participant_id)
 
 
 def recruit_of(connection: Connection, participant_id: int) -> Recruit | None:

@@ -16,14 +16,7 @@ from sqlalchemy import ColumnElement, Connection, Row, func, insert, select, upd
 from app.errors import ConflictError, NotFoundError
 from app.store.engine import Database
 from app.store.exclusions import takes_part_in
-from app.store.tables import (
-    participant,
-    screening_display,
-    screening_entry,
-    screening_item,
-    screening_test,
-    session,
-)
+from app.store.tables import participant, screening_display, screening_entry, screening_item, screening_test, session
 from app.study.screening import (
     NOT_TAKEN,
     EnteredResult,
@@ -126,7 +119,7 @@ def keep_distance(
 
 
 def states_of(connection: Connection, session_id: int, options: ScreeningOptions) -> list[TestState]:
-    """How far each test of a study is."""
+    """Return how far each test of a study is."""
     rows = {row.test: row for row in _tests(connection, session_id)}
     return [_state(connection, name, rows.get(name)) for name in options.tests]
 
@@ -159,10 +152,7 @@ def answer_item(
         If it has another answer.
     """
     with database.writing() as connection:
-        row = _test(connection, session_id, test)
-        item = _item_number(connection, row.id, number) if row else None
-        if row is None or item is None:
-            raise NotFoundError("This test has no such picture.")
+        row, item = _served(connection, session_id, test, number)
         if item.answered_at is None and row.finished_at is None:
             given = {"answer": answer, "answered_at": now, "response_ms": response_ms}
             connection.execute(update(screening_item).where(screening_item.c.id == item.id).values(**given))
@@ -179,10 +169,7 @@ def item_of(connection: Connection, session_id: int, test: TestName, number: int
     NotFoundError
         If there is none.
     """
-    row = _test(connection, session_id, test)
-    item = _item_number(connection, row.id, number) if row else None
-    if row is None or item is None:
-        raise NotFoundError("This test has no such picture.")
+    row, item = _served(connection, session_id, test, number)
     return ServedItem(number, n_items(test, row.setup), row.setup, item.content)
 
 
@@ -259,7 +246,7 @@ def screening_records(
 
 
 def n_screening_records(connection: Connection, study_id: int) -> int:
-    """How many rows `screening_records` returns of everybody."""
+    """Count the rows that `screening_records` returns of everybody."""
     counts = (
         select(func.count()).select_from(table.join(session).join(participant)).where(takes_part_in(study_id))
         for table in (screening_test, screening_entry)
@@ -327,6 +314,12 @@ def _begin(
         if display is None or display.distance_mm is None:
             raise ConflictError("The display and its distance have not been measured yet.")
         setup = acuity_setup(options, display.pixel_mm, display.distance_mm, display.height_px, seed)
+    return _insert_test(connection, session_id, test, setup, now)
+
+
+def _insert_test(
+    connection: Connection, session_id: int, test: TestName, setup: Mapping[str, Any], now: datetime
+) -> Row[Any]:
     values = {"session_id": session_id, "test": test, "setup": setup, "started_at": now}
     return connection.execute(insert(screening_test).values(**values).returning(screening_test)).one()
 
@@ -350,10 +343,7 @@ def _advance(connection: Connection, row: Row[Any], now: datetime) -> ServedItem
 
 
 def _end(connection: Connection, session_id: int, test: TestName, reason: str, now: datetime) -> None:
-    row = _test(connection, session_id, test)
-    if row is None:
-        values: dict[str, Any] = {"session_id": session_id, "test": test, "setup": {}, "started_at": now}
-        row = connection.execute(insert(screening_test).values(**values).returning(screening_test)).one()
+    row = _test(connection, session_id, test) or _insert_test(connection, session_id, test, {}, now)
     if row.finished_at is None:
         _finish(connection, row.id, NOT_TAKEN, {"reason": reason}, now)
 
@@ -386,6 +376,12 @@ def _items(connection: Connection, test_id: int) -> list[Item]:
     return [Item(row.content, row.answer) for row in connection.execute(rows.order_by(screening_item.c.number))]
 
 
-def _item_number(connection: Connection, test_id: int, number: int) -> Row[Any] | None:
-    this_item = (screening_item.c.screening_test_id == test_id, screening_item.c.number == number)
-    return connection.execute(select(screening_item).where(*this_item)).one_or_none()
+def _served(connection: Connection, session_id: int, test: TestName, number: int) -> tuple[Row[Any], Row[Any]]:
+    """Return a test, and a ring or plate of it that was served."""
+    row = _test(connection, session_id, test)
+    if row is not None:
+        this_item = (screening_item.c.screening_test_id == row.id, screening_item.c.number == number)
+        item = connection.execute(select(screening_item).where(*this_item)).one_or_none()
+        if item is not None:
+            return row, item
+    raise NotFoundError("This test has no such picture.")

@@ -119,7 +119,7 @@ def done_of(connection: Connection, session_id: int) -> Done:
 
 
 def last_answer_at(connection: Connection, session_id: int) -> datetime | None:
-    """Time of a session's last vote; None before the first."""
+    """Return the time of a session's last vote; None before the first."""
     return connection.scalar(
         select(vote.c.received_at).where(vote.c.session_id == session_id).order_by(vote.c.received_at.desc()).limit(1)
     )
@@ -191,7 +191,7 @@ def enter_stage(connection: Connection, session_id: int, stage: str, now: dateti
 
 
 def token_digests(token: str) -> dict[str, str]:
-    """Digests of a session's token and of its resume code, to store."""
+    """Return the digests of a session's token and of its resume code, to store."""
     return {"token_hash": digest(token), "resume_hash": digest(resume_code(token))}
 
 

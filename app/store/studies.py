@@ -85,7 +85,7 @@ def lock_study(connection: Connection, study_id: int) -> Study:
 
 
 def all_studies(connection: Connection) -> list[Study]:
-    """All studies, the newest first."""
+    """Return all studies, the newest first."""
     rows = connection.execute(select(study).order_by(study.c.created_at.desc(), study.c.id.desc()))
     return [Study(**row._mapping) for row in rows]
 
@@ -133,7 +133,7 @@ def progress_of(connection: Connection, study_id: int) -> StudyCounts:
 
 
 def progress_by_study(connection: Connection) -> dict[int, StudyCounts]:
-    """Progress of all studies, by id."""
+    """Return the progress of all studies, by id."""
     return _progress(connection, true())
 
 

@@ -7,8 +7,8 @@ from typing import Any
 
 from sqlalchemy import JSON, ColumnElement, Connection, Float, Integer, LargeBinary, Table, func, select
 
+from app.store.belonging import rows_of_study
 from app.store.engine import UtcDateTime
-from app.store.tables import dataset, participant, session
 
 Tables = Iterable[Table]
 
@@ -21,12 +21,14 @@ def table_state(connection: Connection, study_id: int, tables: Tables) -> list[t
 
     Parameters
     ----------
-    tables : with a column `study_id`, `session_id`, `participant_id` or `dataset_id`
+    tables : whose rows are of a study
     """
-    return [
-        tuple(connection.execute(select(func.count(), *_marks(table)).where(_is_of(table, study_id))).one())
-        for table in tables
-    ]
+    states = []
+    for table in tables:
+        belongs = rows_of_study(table, study_id)
+        assert belongs is not None, f"{table.name} is of no study"
+        states.append(tuple(connection.execute(select(func.count(), *_marks(table)).where(belongs)).one()))
+    return states
 
 
 def _marks(table: Table) -> list[ColumnElement[Any]]:
@@ -39,15 +41,3 @@ def _marks(table: Table) -> list[ColumnElement[Any]]:
         elif not isinstance(column.type, (JSON, LargeBinary)):
             marks.append(func.sum(func.length(column)))
     return marks
-
-
-def _is_of(table: Table, study_id: int) -> ColumnElement[bool]:
-    if "study_id" in table.c:
-        return table.c.study_id == study_id
-    people = select(participant.c.id).where(participant.c.study_id == study_id)
-    keys = {
-        "session_id": select(session.c.id).where(session.c.participant_id.in_(people)),
-        "participant_id": people,
-        "dataset_id": select(dataset.c.id).where(dataset.c.study_id == study_id),
-    }
-    return next(table.c[name].in_(those) for name, those in keys.items() if name in table.c)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, exists, insert, or_, select, update
+from sqlalchemy import Connection, Select, exists, insert, or_, select, update
 
 from app.store.experimenters import check_studies, experimenter_named
 from app.store.keys import digest, new_secret
@@ -28,17 +28,6 @@ SCOPES = {
     JOBS: "jobs on recordings and films: see, start, cancel and retry them",
 }
 READING = (READ, PERSONAL, AUDIT)  # scopes that change nothing
-
-
-COLUMNS = (
-    api_token.c.name,
-    api_token.c.scopes,
-    api_token.c.studies,
-    api_token.c.created_at,
-    api_token.c.created_by,
-    api_token.c.expires_at,
-    api_token.c.revoked_at,
-)
 
 
 @dataclass(frozen=True)
@@ -96,7 +85,7 @@ def insert_token(
 def token_by_secret(connection: Connection, secret: str, now: datetime) -> Token | None:
     """Find a valid token by its secret; it opens no study that its maker sees no more."""
     row = connection.execute(
-        select(*COLUMNS).where(
+        _tokens().where(
             api_token.c.token_hash == digest(secret),
             api_token.c.revoked_at.is_(None),
             or_(api_token.c.expires_at.is_(None), api_token.c.expires_at > now),
@@ -113,8 +102,8 @@ def token_by_secret(connection: Connection, secret: str, now: datetime) -> Token
 
 
 def all_tokens(connection: Connection) -> list[Token]:
-    """All tokens, the newest first."""
-    return [_token(row._mapping) for row in connection.execute(select(*COLUMNS).order_by(api_token.c.id.desc()))]
+    """Return all tokens, the newest first."""
+    return [_token(row._mapping) for row in connection.execute(_tokens().order_by(api_token.c.id.desc()))]
 
 
 def revoke_token(connection: Connection, name: str, now: datetime) -> bool:
@@ -123,6 +112,10 @@ def revoke_token(connection: Connection, name: str, now: datetime) -> bool:
         update(api_token).where(api_token.c.name == name, api_token.c.revoked_at.is_(None)).values(revoked_at=now)
     )
     return bool(changed.rowcount)
+
+
+def _tokens() -> Select[Any]:
+    return select(*(api_token.c[name] for name in Token.__dataclass_fields__))
 
 
 def _token(facts: Mapping[Any, Any]) -> Token:

@@ -10,7 +10,7 @@ from typing import Any
 from sqlalchemy import Connection, Row, Select, func, select
 
 from app.store.engine import Database
-from app.store.exclusions import in_force, takes_part_in
+from app.store.exclusions import in_force, sessions_in, takes_part_in
 from app.store.tables import (
     assignment,
     condition,
@@ -34,21 +34,12 @@ ROWS_AT_ONCE = 2000  # so that tables of any length fit into memory
 IN_ORDER = (participant.c.slot, assignment.c.position, trial.c.attempt)
 
 
-def trial_records(connection: Connection, study_id: int, session_id: str | None = None) -> Iterator[dict[str, Any]]:
-    """Every planned trial of a study, with what it compared and how it was answered.
-
-    Parameters
-    ----------
-    session_id : the public id of one session; None for all
-    """
-    query = all_records().where(takes_part_in(study_id))
-    if session_id is not None:
-        query = query.where(session.c.public_id == session_id)
-    ordered = query.order_by(*IN_ORDER)
+def trial_records(connection: Connection, study_id: int) -> Iterator[dict[str, Any]]:
+    """Yield every planned trial of a study, with what it compared and how it was answered."""
     protocol, reference = judging(connection, study_id)
-    with connection.execute(
-        ordered.execution_options(yield_per=ROWS_AT_ONCE)
-    ) as rows:  # else PostgreSQL would send all rows at once
+    query = all_records().where(takes_part_in(study_id)).order_by(*IN_ORDER)
+    # in parts: else PostgreSQL would send all rows at once
+    with connection.execute(query.execution_options(yield_per=ROWS_AT_ONCE)) as rows:
         for row in rows:
             yield described(row, protocol, reference)
 
@@ -66,7 +57,7 @@ def rows_by_session(
     connection: Connection, study_id: int, sought: SoughtRows, *, is_voted: bool
 ) -> list[tuple[int, int]]:
     """Count the trials that a filter finds, or their votes: session and number, in the order of `trial_records`."""
-    sessions = select(session.c.id).select_from(session.join(participant)).where(takes_part_in(study_id))
+    sessions = sessions_in(study_id)
     if sought.participant is not None:
         sessions = sessions.where(participant.c.label == sought.participant)
     if sought.session is not None:
@@ -133,7 +124,7 @@ def _rows_of(
 
 def trial_state(connection: Connection, study_id: int) -> tuple[Any, ...]:
     """Return numbers that change whenever a trial of a study is planned, given out or interrupted."""
-    sessions = select(session.c.id).select_from(session.join(participant)).where(takes_part_in(study_id))
+    sessions = sessions_in(study_id)
     counts = (func.count(), func.count(trial.c.served_at), func.max(trial.c.served_at), func.count(trial.c.voided_at))
     return tuple(connection.execute(select(*counts).where(trial.c.session_id.in_(sessions))).one())
 

@@ -13,14 +13,7 @@ from app.errors import ConflictError, NotFoundError
 from app.store.designs import SECOND_CODEC, has_lighter, has_singles
 from app.store.engine import Database
 from app.store.keys import new_opaque_id
-from app.store.tables import (
-    assignment,
-    pair,
-    second_film,
-    session,
-    trial,
-    vote,
-)
+from app.store.tables import assignment, pair, second_film, session, trial, vote
 from app.study.trial import LEFT_THE_PAGE
 
 MOST_ATTEMPTS = 2  # an interrupted trial is repeated once

@@ -17,13 +17,12 @@ from app.store.tables import assignment, participant, session, study, trial, vot
 from app.store.trial_records import trial_records
 from app.store.trials import is_voted_on
 from app.study.protocols import PC, SHOWN_ALONE, WITH_REFERENCE, grades_of, stored_scale
-from app.study.valid_vote import (
-    Choice,
-    InvalidVoteError,
-    check_viewing,
-    choice_of,
-    has_seen_both,
-    press_to_picture_ms,
+from app.study.valid_vote import Choice, InvalidVoteError, check_viewing, choice_of, has_seen_both, press_to_picture_ms
+
+OF_TRIAL = (  # columns of a table of votes that a table of trials has, too
+    *("participant", "dataset", "item_a", "item_b", "choice", "first_shown", "trial", "response_ms", "role"),
+    *("technique", "frame_locked", "both_seen", "looks_before", "press_to_picture_ms", "protocol", "rating"),
+    *("reference", "lighter_film"),
 )
 
 
@@ -127,7 +126,7 @@ def keep_votes(database: Database, votes: Sequence[Vote]) -> list[KeptVote | Stu
 
 
 def _refusal(connection: Connection, sent: Vote, row: Row[Any] | None) -> StudyError | None:
-    """Why a vote cannot be kept, whatever its trial has already; the row is of `_TRIALS`."""
+    """Say why a vote cannot be kept, whatever its trial has already; the row is of `_TRIALS`."""
     if row is None or row.token_hash != digest(sent.token):
         holder = session_by_token(connection, sent.token)
         if holder is None or sent.session not in (None, holder.public_id):
@@ -207,25 +206,8 @@ def vote_records(connection: Connection, study_id: int) -> Iterator[dict[str, An
 def vote_row(record: Mapping[str, Any]) -> dict[str, Any]:
     """Return the row of a table of votes from that of a table of trials."""
     return {
-        "participant": record["participant"],
-        "dataset": record["dataset"],
-        "item_a": record["item_a"],
-        "item_b": record["item_b"],
-        "choice": record["choice"],
-        "first_shown": record["first_shown"],
-        "trial": record["trial"],
-        "response_ms": record["response_ms"],
+        **{name: record[name] for name in OF_TRIAL},
         "practice": False,
         "excluded": record["withdrawn"] or record["exclusion"] is not None,
         "reason": "withdrawn" if record["withdrawn"] else record["exclusion"] or "",
-        "role": record["role"],
-        "technique": record["technique"],
-        "frame_locked": record["frame_locked"],
-        "both_seen": record["both_seen"],
-        "looks_before": record["looks_before"],
-        "press_to_picture_ms": record["press_to_picture_ms"],
-        "protocol": record["protocol"],
-        "rating": record["rating"],
-        "reference": record["reference"],
-        "lighter_film": record["lighter_film"],
     }

@@ -80,15 +80,15 @@ def goes_back(before: int, after: int) -> bool:
 
 def latencies(pictures: Sequence[tuple[float, Reading | None]], presses: Sequence[float]) -> NDArray[np.float64]:
     """From each press to the swap of the first picture of the other condition, ms; NaN where none came in time."""
-    found = []
+    delays = []
     for number, pressed in enumerate(presses):
         until = presses[number + 1] if number + 1 < len(presses) else np.inf
         before = [reading.condition for at, reading in pictures if at < pressed and reading][-1:]
         changed = [
             at for at, reading in pictures if pressed <= at < until and reading and [reading.condition] != before
         ]
-        found.append(changed[0] - pressed if changed and before else np.nan)
-    return np.array(found)
+        delays.append(changed[0] - pressed if changed and before else np.nan)
+    return np.array(delays)
 
 
 def both_strips(picture: NDArray[np.uint8]) -> tuple[Reading | None, Reading | None]:

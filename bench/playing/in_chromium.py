@@ -36,23 +36,23 @@ addEventListener("pointerdown", (event) => presses.push(performance.timeOrigin +
 SETTLED = "html:not([data-settling])"  # presses count, see static/js/settling.js
 
 
-async def to_exposure(page: Page, of: Study) -> None:
+async def to_exposure(page: Page, study: Study) -> None:
     """From the invitation to the running film."""
-    await page.goto(of.url + of.path)
+    await page.goto(study.url + study.path)
     for view in ("welcome", "instructions-1", "instructions-2", "instructions-3"):
         await page.locator(f"{SETTLED} [data-view={view}]").wait_for()
         await page.keyboard.press("Enter")
     await page.locator("#trial[data-state=exposure]").wait_for()
 
 
-async def vote(page: Page, of: Study) -> dict[str, Any]:
+async def vote(page: Page, study: Study) -> dict[str, Any]:
     """End the exposure and vote; the viewing record that the server has then."""
     await page.keyboard.press("Enter")
     await page.locator(f"{SETTLED} #trial[data-state=voting]").wait_for()
     await page.keyboard.press("2")
     async with page.expect_response(lambda answer: answer.url.endswith("/vote")):
         await page.keyboard.press("Enter")
-    return last_viewing(of)
+    return last_viewing(study)
 
 
 Picture = tuple[float, NDArray[np.uint8]]  # when it was swapped to the screen (ms since 1970), and its grey pixels
@@ -94,14 +94,14 @@ def presses_of(page: Page, n: int) -> Callable[[], Awaitable[None]]:
     return press
 
 
-async def used(page: Page, of: Study, n: int) -> dict[str, Any]:
+async def used(page: Page, study: Study, n: int) -> dict[str, Any]:
     """The page as it is."""
     await page.set_viewport_size({"width": USED[0], "height": USED[1]})
     await page.add_init_script(NOTE_PRESSES)
-    await to_exposure(page, of)
+    await to_exposure(page, study)
     pictures = await pictures_while(page, presses_of(page, n))
     presses = await page.evaluate(f"window.presses.slice(-{n})")
-    viewing = await vote(page, of)
+    viewing = await vote(page, study)
     readings = [(at, read_bars(picture[3 * len(picture) // 4])) for at, picture in pictures]
     seen = [reading for _, reading in readings if reading]
     delays = latencies(readings, presses)
@@ -120,13 +120,13 @@ async def used(page: Page, of: Study, n: int) -> dict[str, Any]:
     }
 
 
-async def lock(page: Page, of: Study, n: int) -> dict[str, Any]:
+async def lock(page: Page, study: Study, n: int) -> dict[str, Any]:
     """The page with the crop lifted."""
     await page.set_viewport_size({"width": TALL[0], "height": TALL[1]})
-    await to_exposure(page, of)
+    await to_exposure(page, study)
     await lift_crop(page)
     pictures = await pictures_while(page, presses_of(page, n))
-    viewing = await vote(page, of)
+    viewing = await vote(page, study)
     return {"switches": len(viewing["switches"]), **difference([both_strips(picture) for _, picture in pictures])}
 
 
@@ -134,12 +134,12 @@ async def lift_crop(page: Page) -> None:
     await page.evaluate("document.querySelector('.film').style.overflow = 'visible'")
 
 
-async def peer(page: Page, of: Study, _n: int) -> dict[str, Any]:
+async def peer(page: Page, study: Study, _n: int) -> dict[str, Any]:
     """Two elements, both in every picture; it is decided anew at each start how far they are apart."""
     await page.set_viewport_size({"width": SIZE[0], "height": 2 * SIZE[1]})
     runs = []
     for _ in range(STARTS):
-        await page.goto(of.peer)
+        await page.goto(study.peer)
         await page.wait_for_function("() => !a.paused && !b.paused && a.currentTime > 0.2")
         await page.evaluate("document.body.className = 'both'")
         pictures = await pictures_while(page, lambda: asyncio.sleep(START_S))
@@ -148,22 +148,22 @@ async def peer(page: Page, of: Study, _n: int) -> dict[str, Any]:
     return {**difference([pair for run in runs for pair in run]), "differing_percent_of_each_start": each}
 
 
-async def waits(page: Page, of: Study, _n: int) -> dict[str, Any]:
+async def waits(page: Page, study: Study, _n: int) -> dict[str, Any]:
     """Trial after trial, each looked at for a while."""
     await page.set_viewport_size({"width": USED[0], "height": USED[1]})
-    await to_exposure(page, of)
-    found = []
+    await to_exposure(page, study)
+    waits_ms = []
     for _ in range(WAITED_FOR):
         await page.locator("#trial[data-state=exposure]").wait_for()
         await asyncio.sleep(LOOK_S)
-        found.append((await vote(page, of))["wait_ms"])
-    return {"first_ms": found[0], "later_ms": found[1:], "longest_later_ms": max(found[1:])}
+        waits_ms.append((await vote(page, study))["wait_ms"])
+    return {"first_ms": waits_ms[0], "later_ms": waits_ms[1:], "longest_later_ms": max(waits_ms[1:])}
 
 
 RUNS = {"used": used, "decoded": used, "lock": lock, "peer": peer, "waits": waits}
 
 
-async def run(name: str, of: Study, n: int) -> dict[str, Any]:
+async def run(name: str, study: Study, n: int) -> dict[str, Any]:
     async with async_playwright() as playwright:
         path = shutil.which("chromium") or shutil.which("chromium-browser")
         browser = await playwright.chromium.launch(executable_path=path, args=["--no-sandbox", "--disable-gpu"])
@@ -173,6 +173,6 @@ async def run(name: str, of: Study, n: int) -> dict[str, Any]:
         if name == "decoded":
             await page.add_init_script(MISSING["webcodecs"])
         try:
-            return await RUNS[name](page, of, n)
+            return await RUNS[name](page, study, n)
         finally:
             await browser.close()

@@ -29,7 +29,7 @@ QUALITY = "(({totalVideoFrames: n_frames, droppedVideoFrames: n_dropped}) => ({n
 SETTLED = "!('settling' in document.documentElement.dataset)"  # presses count, see static/js/settling.js
 
 
-def run(of: Study, n: int) -> dict[str, Any]:
+def run(study: Study, n: int) -> dict[str, Any]:
     """The page, then the peer; and how much faster or slower the page is than that."""
     program = shutil.which("firefox-esr") or shutil.which("firefox")
     if program is None:
@@ -39,8 +39,8 @@ def run(of: Study, n: int) -> dict[str, Any]:
         firefox = Firefox(program, Path(folder), size=size)
         try:
             version = firefox.run("navigator.userAgent").split()[-1]
-            page = _page(firefox, of, n)
-            peer = _peer(firefox, of)
+            page = _page(firefox, study, n)
+            peer = _peer(firefox, study)
         finally:
             firefox.close()
     times, theirs = page["press_to_paint_ms"], peer["press_to_paint_ms"]
@@ -48,8 +48,8 @@ def run(of: Study, n: int) -> dict[str, Any]:
     return {"version": version, **page, "peer": peer, "press_to_paint_over_peers": slower}
 
 
-def _page(firefox: Firefox, of: Study, n: int) -> dict[str, Any]:
-    firefox.open(of.url + of.path)
+def _page(firefox: Firefox, study: Study, n: int) -> dict[str, Any]:
+    firefox.open(study.url + study.path)
     for view in ("welcome", "instructions-1", "instructions-2", "instructions-3"):
         firefox.wait_for(f"!document.querySelector('[data-view={view}]').hidden && {SETTLED}")
         firefox.press_key("\ue007")
@@ -58,7 +58,7 @@ def _page(firefox: Firefox, of: Study, n: int) -> dict[str, Any]:
     timed = _timed(firefox, n)
     firefox.run("document.querySelector('.film').style.overflow = 'visible'")
     pairs = _shots(firefox, min(MOST_SHOTS, n))
-    viewing = _vote(firefox, of)
+    viewing = _vote(firefox, study)
     seen = [window for window, _ in pairs if window]
     return {
         "window": size,
@@ -72,8 +72,8 @@ def _page(firefox: Firefox, of: Study, n: int) -> dict[str, Any]:
     }
 
 
-def _peer(firefox: Firefox, of: Study) -> dict[str, Any]:
-    firefox.open(of.peer)
+def _peer(firefox: Firefox, study: Study) -> dict[str, Any]:
+    firefox.open(study.peer)
     firefox.wait_for("document.querySelector('#b').currentTime > 0.3")
     timed = _timed(firefox, PEER_PRESSES)
     firefox.run("document.body.className = 'both'")
@@ -108,10 +108,10 @@ def _shots(firefox: Firefox, n: int) -> list[Any]:
     return pairs
 
 
-def _vote(firefox: Firefox, of: Study) -> dict[str, Any]:
+def _vote(firefox: Firefox, study: Study) -> dict[str, Any]:
     firefox.press_key("\ue007")
     firefox.wait_for("document.querySelector('#trial').dataset.state === 'voting' && " + SETTLED)
     firefox.press_key("2")
     firefox.press_key("\ue007")
     firefox.wait_for("document.querySelector('#trial').dataset.state === 'exposure'")  # the next: the vote is kept
-    return last_viewing(of)
+    return last_viewing(study)

@@ -55,7 +55,7 @@ class Study:
 
 
 @contextmanager
-def study(folder: Path) -> Iterator[Study]:
+def served_study(folder: Path) -> Iterator[Study]:
     """A study of one pair in both orders and once more, whose exposures the participant ends."""
     films = folder / "films"
     films.mkdir(exist_ok=True)
@@ -85,10 +85,11 @@ def _peer_page(films: Path) -> Path:
     return page
 
 
-def last_viewing(of: Study) -> dict[str, Any]:
+def last_viewing(study: Study) -> dict[str, Any]:
     """Of the participant who came last, the trial that was voted on last."""
     rows = httpx.get(
-        f"{of.url}/api/v1/studies/{of.slug}/trials?format=json", headers={"Authorization": f"Bearer {of.token}"}
+        f"{study.url}/api/v1/studies/{study.slug}/trials?format=json",
+        headers={"Authorization": f"Bearer {study.token}"},
     ).json()
     viewing: dict[str, Any] = [row["viewing"] for row in rows if row["choice"]][-1]
     return viewing

@@ -13,8 +13,6 @@ from alembic import op
 
 revision = "0020"
 down_revision = "0019"
-branch_labels = None
-depends_on = None
 
 OFFERED = ["en", "de"]  # until now, whatever the study's own texts were
 STUDY = sa.table("study", sa.column("id", sa.Integer), sa.column("options", sa.JSON))

@@ -11,8 +11,6 @@ from alembic import op
 
 revision = "0024"
 down_revision = "0023"
-branch_labels = None
-depends_on = None
 
 ROWS_AT_ONCE = 5000
 SHOWN_ALONE = ("ACR", "ACR-HR")

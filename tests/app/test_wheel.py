@@ -16,8 +16,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import distribution
 from pathlib import Path
-from shutil import copy, copytree, ignore_patterns
+from shutil import copy, copytree, ignore_patterns, unpack_archive
 from urllib.request import urlopen
+from zipfile import ZipFile
 
 import pytest
 
@@ -137,6 +138,20 @@ def test_the_program_runs_from_the_wheel_and_has_no_packages_but_its_own(server:
         assert file.strip() == str(server.packages / package / "__init__.py")
     others = "import importlib.util as u; print([m for m in ('cv2', 'numba', 'open3d', 'pytest') if u.find_spec(m)])"
     assert server.run("python", "-c", others).strip() == "[]"
+
+
+def test_the_source_distribution_makes_the_same_wheel(wheels: Path, tmp_path: Path) -> None:
+    source = wheels.parent
+    copy(ROOT / "MANIFEST.in", source)
+    shell([sys.executable, "-c", "from setuptools import build_meta; build_meta.build_sdist('sdist')"], source)
+    (packed,) = (source / "sdist").iterdir()
+    unpack_archive(packed, tmp_path, filter="data")
+    (unpacked,) = tmp_path.iterdir()
+    assert not (unpacked / "tests").exists()
+    contents = [
+        sorted(ZipFile(wheel).namelist()) for folder in (wheels, build_wheel(unpacked)) for wheel in folder.iterdir()
+    ]
+    assert contents[0] == contents[1]
 
 
 def test_the_documentation_names_the_wheel_that_is_built(wheels: Path) -> None:

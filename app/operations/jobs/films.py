@@ -2,23 +2,9 @@
 
 from __future__ import annotations
 
-from app.operations.jobs.fields import (
-    SETS,
-    Choice,
-    Choices,
-    Entries,
-    Entry,
-    NewName,
-    Number,
-    Switch,
-    Text,
-)
+from app.operations.jobs.fields import SETS, Choice, Choices, Entries, Entry, NewName, Number, Switch, Text
 from app.operations.jobs.kind import JobKind, named
-from app.operations.jobs.shared_fields import (
-    CAPTURE,
-    FRAMES,
-    PRACTICE,
-)
+from app.operations.jobs.shared_fields import CAPTURE, FRAMES, PRACTICE
 
 FILMS = (
     JobKind(

@@ -3,25 +3,14 @@
 from __future__ import annotations
 
 from app.errors import InvalidError
-from app.operations.jobs.fields import (
-    Choice,
-    Entry,
-    NewName,
-    Number,
-    Text,
-    Values,
-    place,
-)
+from app.intake.captures import CAPTURE_FILE
+from app.intake.strokes import STROKES_FILE
+from app.operations.jobs.fields import Choice, Entry, NewName, Number, Text, Values, place
 from app.operations.jobs.kind import JobKind, named
-from app.operations.jobs.shared_fields import (
-    CAPTURE,
-    CAPTURE_FILE,
-    report_name,
-)
+from app.operations.jobs.shared_fields import CAPTURE, report_name
 from app.settings import Settings
 
 CALIBRATION_FILE = "calibration.yml"
-STROKES_FILE = "strokes.json"
 NUMBER = r"-?\d+(?:\.\d+)?"
 
 

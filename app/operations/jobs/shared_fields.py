@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from app.intake.captures import CAPTURE_FILE
 from app.operations.jobs.fields import Entry, NewName, Text
 
-CAPTURE_FILE, RUN_FILE, MANIFEST = "capture.json", "run.json", "manifest.json"
 NAME_FORM = r"[^\W_][\w .+-]*"  # of datasets and approaches
 
 CAPTURE = Entry(

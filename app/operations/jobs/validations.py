@@ -4,22 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from app.operations.jobs.fields import (
-    SETS,
-    Choice,
-    Entries,
-    Entry,
-    Number,
-    Text,
-)
+from app.intake.stimuli import MANIFEST
+from app.intake.summaries import RUN_FILE
+from app.operations.jobs.fields import SETS, Choice, Entries, Entry, Number, Text
 from app.operations.jobs.kind import JobKind, named
-from app.operations.jobs.shared_fields import (
-    FRAMES,
-    MANIFEST,
-    NAME_FORM,
-    RUN_FILE,
-    report_name,
-)
+from app.operations.jobs.shared_fields import FRAMES, NAME_FORM, report_name
 
 DATASET = Text(
     name="dataset",

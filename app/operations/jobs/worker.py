@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from app.errors import StudyError, UnavailableError
+from app.operations.database import open_store
 from app.operations.extras import has_extra
 from app.operations.jobs.command import Command, job_folder
 from app.operations.jobs.kinds import KINDS, job_kind
-from app.operations.manage import opened_store
 from app.settings import Settings
 from app.store.engine import Database
 from app.store.keys import utc_now
@@ -206,7 +206,7 @@ def work(settings: Settings, n_at_once: int = 1, *, once: bool = False, parent: 
         signal.signal(number, lambda *_: stop.set())
     if parent is not None:
         threading.Thread(target=_stop_with, args=(parent, stop), name="parent", daemon=True).start()
-    with opened_store(settings) as database:
+    with open_store(settings) as database:
         JobWorker(settings, database, n_at_once).work(stop, once=once)
 
 

@@ -17,8 +17,9 @@ from app.store.demographics import demographic_records
 from app.store.designs import conditions_of
 from app.store.engine import Database, Transaction
 from app.store.images import image_content, image_digests
+from app.store.interviews import questionnaire_records
 from app.store.measurements import measurement_records
-from app.store.participants import participant_records, questionnaire_records
+from app.store.participants import participant_records
 from app.store.screening import screening_records
 from app.store.sessions import shown_wordings
 from app.store.studies import Study, study_by_id

@@ -13,8 +13,9 @@ from app.intake.reports import better_by_measure, by_measure
 from app.store.counted_votes import VoteState, vote_state
 from app.store.designs import conditions_of
 from app.store.engine import Database, Transaction
+from app.store.interviews import questionnaire_records
 from app.store.measurements import measurement_records
-from app.store.participants import assigned_groups, participants_votes, questionnaire_records
+from app.store.participants import assigned_groups, participants_votes
 from app.store.studies import Study, study_by_id
 from app.study.groupings import groupings, without_small_groups
 from app.study.options import StudyOptions, parse_options

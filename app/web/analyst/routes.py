@@ -19,8 +19,9 @@ from app.store.counted_votes import vote_state
 from app.store.demographics import demographic_records
 from app.store.designs import conditions_of, datasets_of
 from app.store.engine import Database, Transaction
+from app.store.interviews import questionnaire_records
 from app.store.measurements import measurement_records
-from app.store.participants import n_participants, participant_records, questionnaire_records, session_state
+from app.store.participants import n_participants, participant_records, session_state
 from app.store.screening import n_screening_records, screening_records
 from app.store.studies import Study, all_studies, progress_by_study, progress_of
 from app.store.table_state import Tables, table_state

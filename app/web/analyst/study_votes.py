@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Any
 from app.store.counted_votes import (
     Judge,
     KnownVotes,
-    ShownPair,
     VoteColumns,
     VoteState,
     counted_votes,
     judges_of,
-    shown_pairs,
 )
+from app.store.designs import ShownPair, shown_pairs
 from app.store.engine import Transaction
 
 if TYPE_CHECKING:

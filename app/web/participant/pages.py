@@ -14,8 +14,8 @@ from fastapi.responses import RedirectResponse, Response
 
 from app.errors import InvalidError, NotFoundError
 from app.store.admission import begin_preview
+from app.store.deletion import forget_preview_votes
 from app.store.invitations import invitation_of_session
-from app.store.participants import forget_preview_votes
 from app.store.sessions import resume_session, session_by_token
 from app.store.studies import study_by_id
 from app.study.language_pack import LanguagePack, nested_texts

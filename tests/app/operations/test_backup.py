@@ -14,6 +14,7 @@ from sqlalchemy import delete, insert, select, text, update
 
 from app.operations import create, manage
 from app.operations.backup import back_up, check, restore
+from app.operations.database import open_store
 from app.settings import Settings
 from app.store.engine import Database, open_database
 from app.store.migrate import newest_version, upgrade, version_of
@@ -211,6 +212,16 @@ def test_a_damaged_backup_changes_nothing(here: Settings, tmp_path: Path) -> Non
         restore(here, tmp_path / "no.zip")
 
 
+@pytest.mark.parametrize("name", ["media/", "media/..", "media/../votes.mp4", "media/a\\b.mp4", "media/.hidden.mp4"])
+def test_a_video_whose_name_is_a_path_is_refused(tmp_path: Path, name: str) -> None:
+    with ZipFile(tmp_path / "backup.zip", "w") as archive:
+        archive.writestr(name, b"")
+    settings = Settings(data_dir=tmp_path / "server")
+    with pytest.raises(ValueError, match=r"holds a video named .*, expected plain names"):
+        restore(settings, tmp_path / "backup.zip")
+    assert not settings.media_dir.exists()
+
+
 def test_a_backup_with_a_damaged_film_changes_nothing(here: Settings, tmp_path: Path) -> None:
     film = here.media_dir / "file.mp4"
     film.parent.mkdir(parents=True)
@@ -327,7 +338,7 @@ def test_contradictions_are_found(here: Settings) -> None:
 
 def test_only_their_owner_reads_the_database_and_its_backup(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path / "data", database_url=None)
-    manage.open_store(settings).dispose()
+    open_store(settings).dispose()
     back_up(settings, tmp_path / "backup.zip")
     files = [*(tmp_path / "data").glob("study.sqlite*"), tmp_path / "backup.zip"]
     assert len(files) >= 2

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from app import main
-from app.files import WorkFolder, whole_file
+from app.files import WorkFolder, whole_file, whole_folder
 from app.intake.part_uploads import PartUpload, begin_upload, checking, standing, work_folder
 from app.main import running_server
 from app.operations.leftovers import LEFT_FOR, remove_leftovers
@@ -26,8 +26,12 @@ def killed_at_work(settings: Settings) -> list[Path]:
         temporary.touch()
         temporary.with_name(name).unlink()
         left.append(temporary)
-    for folder, name in (("stimuli", ".upload-x"), ("uploads", ".upload-x"), ("reports", ".part-x")):
-        path = settings.data_dir / folder / name
+    report = settings.data_dir / "reports" / "ab"
+    with whole_folder(report) as temporary:
+        (temporary / "table.csv").touch()
+    left.append(report.rename(temporary))
+    for folder in ("stimuli", "uploads"):
+        path = settings.data_dir / folder / ".upload-x"
         (path / "unpacked").mkdir(parents=True)
         (path / "unpacked" / "film.mp4").touch()
         left.append(path)

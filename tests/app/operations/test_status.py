@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from app.main import running_server, serve
+from app.operations.extras import MODULES
 from app.operations.running import DEFAULT_URL, noted, url_for_links
-from app.operations.status import installed_extras, server_status
+from app.operations.status import server_status
 from app.settings import Settings
 from tests.command_line import Command
 
@@ -52,11 +53,11 @@ def test_a_database_that_does_not_answer_is_named_without_its_password(tmp_path:
     assert (told["place"], told["answers"]) == (address.format("***"), False)
 
 
-def test_extras_are_found_without_loading_them() -> None:
-    assert installed_extras({"there": ("json",), "missing": ("json", "no_such_module")}) == {
-        "there": True,
-        "missing": False,
-    }
+def test_extras_are_found_without_loading_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(MODULES, "s3", ("json",))
+    monkeypatch.setitem(MODULES, "cluster", ("json", "no_such_module"))
+    extras = server_status(Settings(data_dir=tmp_path))["extras"]
+    assert (extras["s3"], extras["cluster"]) == (True, False)
 
 
 def test_a_port_that_is_taken_is_named_with_what_to_do(tmp_path: Path) -> None:

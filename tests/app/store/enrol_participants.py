@@ -6,10 +6,9 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 
 from app.errors import GoneError
-from app.store.admission import begin_session
 from app.store.engine import open_database
 from app.store.invitations import invitation_by_code
-from tests.seeded_studies import NOW
+from tests.seeded_studies import NOW, begin_session
 
 
 def main(url: str, code: str, n_participants: int, n_threads: int) -> None:

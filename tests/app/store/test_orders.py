@@ -9,7 +9,6 @@ from datetime import datetime, timedelta
 import pytest
 from sqlalchemy import select, update
 
-from app.store.admission import begin_session
 from app.store.engine import Database
 from app.store.invitations import Invitation
 from app.store.orders import study_plan, taken_orders
@@ -20,6 +19,7 @@ from app.store.trials import mark_served, next_trials
 from app.store.vote_records import Vote
 from app.study.balance import TakenOrder, balance_report
 from tests.app.store.voting import Participant, keep_vote
+from tests.seeded_studies import begin_session
 
 MakeInvitation = Callable[[int | None], Invitation]
 DAY = timedelta(hours=24)

@@ -12,12 +12,11 @@ import pytest
 from sqlalchemy import update
 
 from app.errors import ConflictError
-from app.store.admission import begin_session
+from app.store.deletion import erase
 from app.store.engine import Database
 from app.store.invitations import Invitation
 from app.store.participants import (
     SoughtPeople,
-    erase,
     exclude,
     exclusion_records,
     n_participants,
@@ -30,6 +29,7 @@ from app.store.participants import (
 )
 from app.store.tables import session
 from tests.app.store.voting import keep_vote, let_in, rows_read, serve_next, vote_on
+from tests.seeded_studies import begin_session
 
 KINDS: dict[str, Callable[[dict[str, Any]], bool]] = {
     "": lambda _row: True,

@@ -12,7 +12,7 @@ import pytest
 from sqlalchemy import select
 
 from app.errors import ForbiddenError, GoneError
-from app.store.admission import Admitted, begin_preview, begin_session, begin_session_once
+from app.store.admission import Admission, Admitted, admit, begin_preview
 from app.store.designs import planned_pairs
 from app.store.engine import Database
 from app.store.invitations import Invitation, insert_invitation, invitation_by_code, invitation_of_session, preview_code
@@ -21,6 +21,7 @@ from app.store.sessions import Session, complete_stage, done_of, resume_session,
 from app.store.studies import set_standing, study_by_id
 from app.store.tables import assignment, participant, session, stage_record
 from app.study.design import participant_order
+from tests.seeded_studies import begin_session
 
 MakeInvitation = Callable[[int | None], Invitation]
 
@@ -119,7 +120,7 @@ def test_a_begin_that_is_sent_many_times_at_once_opens_one_session_for_all(
             _number: int, invitation: Invitation = invitation, key: str = key, barrier: Any = barrier
         ) -> Admitted:
             barrier.wait()
-            return begin_session_once(database, invitation, key, now)
+            return admit(database, invitation, Admission(key), now)
 
         with ThreadPoolExecutor(8) as pool:
             admitted = list(pool.map(begin, range(8)))

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Form, Query, Request
 from fastapi.responses import Response
 
 from app.errors import ConflictError, InvalidError, NotFoundError
-from app.store.audit import SORTABLE, audit_records, n_audit_records
+from app.store.audit import SORTABLE, audit_records, audit_state
 from app.store.engine import Transaction
 from app.store.experimenters import (
     ALL_STUDIES,
@@ -173,6 +173,6 @@ def audit_page(
 ) -> Response:
     sought = search.strip()
     with database.reading() as connection:
-        shown = listing(request, n_audit_records(connection, search=sought), SORTABLE)
+        shown = listing(request, audit_state(connection, search=sought)[0], SORTABLE)
         entries = audit_records(connection, search=sought, sort=shown.sort, limit=shown.size, offset=shown.offset)
     return page(request, "audit", person, {"entries": entries, "list": shown, "search": search})

@@ -12,7 +12,7 @@ from typing import Any
 import httpx
 import pytest
 
-from app.operations import manage
+from app.operations.database import open_store
 from app.settings import Settings
 from app.simulation.participants import begin, next_trial
 from app.store.counted_votes import VoteState
@@ -51,7 +51,7 @@ def analysis(monkeypatch: pytest.MonkeyPatch) -> Analysis:
 
 @pytest.fixture
 def flags(tmp_path: Path, analysis: Analysis) -> Iterator[Flags]:
-    database = manage.open_store(Settings(data_dir=tmp_path))
+    database = open_store(Settings(data_dir=tmp_path))
     with Flags(database) as flags:
         yield flags
         analysis.may_end.set()

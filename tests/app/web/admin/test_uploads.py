@@ -13,7 +13,8 @@ import httpx
 import pytest
 from sqlalchemy import update
 
-from app.operations import create, manage
+from app.operations import create
+from app.operations.database import open_store
 from app.settings import Settings
 from app.store.experimenters import OLD_TOKEN_LASTS, TOKEN_LASTS
 from app.store.keys import utc_now
@@ -75,7 +76,7 @@ def test_other_tabs_stay_signed_in_while_an_answer_takes_minutes(own_server: str
 def last_renewed(settings: Settings, ago: timedelta, *, only_later: bool = False) -> None:
     """Let time go by since sessions got their tokens."""
     at = utc_now() - ago
-    database = manage.open_store(settings)
+    database = open_store(settings)
     with database.writing() as connection:
         renewed = update(experimenter_session).values(rotated_at=at)
         connection.execute(renewed.where(experimenter_session.c.rotated_at > at) if only_later else renewed)

@@ -14,9 +14,10 @@ from sqlalchemy import Connection, update
 from app.analysis import votes_from_rows
 from app.analysis.votes_table import A, B, VotesTable
 from app.intake.reports import Measure
+from app.store.deletion import erase
 from app.store.engine import Database
 from app.store.measurements import replace_measurements
-from app.store.participants import erase, exclude, participant_labelled, undo_exclusion, withdraw_participant
+from app.store.participants import exclude, participant_labelled, undo_exclusion, withdraw_participant
 from app.store.studies import Study, all_studies
 from app.store.tables import study as study_table
 from app.store.tables import vote

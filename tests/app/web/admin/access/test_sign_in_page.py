@@ -15,6 +15,7 @@ import pytest
 from app.errors import ConflictError
 from app.main import running_server
 from app.operations import manage
+from app.operations.database import open_store
 from app.settings import Settings
 from app.store.audit import audit_records
 from app.store.engine import Database
@@ -240,7 +241,7 @@ def test_a_password_is_kept_as_argon2id_and_recognised() -> None:
 
 @pytest.fixture
 def database(tmp_path: Path) -> Iterator[Database]:
-    database = manage.open_store(Settings(data_dir=tmp_path))
+    database = open_store(Settings(data_dir=tmp_path))
     yield database
     database.dispose()
 
@@ -351,7 +352,7 @@ def test_the_audit_log_tells_what_was_done_and_holds_no_secret(server: str, sett
         vera.get("/admin/login/guessed-at-random")
         vera.get("/admin/setup/guessed-at-random")
         vera.get("/api/v1/studies", headers={"Authorization": "Bearer guessed-at-random"})
-    database = manage.open_store(settings)
+    database = open_store(settings)
     with database.reading() as connection:
         entries = audit_records(connection, search="")
     database.dispose()

@@ -1,14 +1,15 @@
-"""A study's personal data go, and what was voted stays, on either kind of database."""
+"""What is deleted is gone, and the rest stays: of people, and of studies, on either kind of database."""
 
 from __future__ import annotations
 
 from datetime import timedelta
 
-from sqlalchemy import func, insert, select, update
+import pytest
+from sqlalchemy import Table, func, insert, select, update
 
+from app.store.deletion import delete_study, forget_people, studies_to_forget
 from app.store.engine import Database
 from app.store.participants import everything_of, participant_labelled
-from app.store.retention import forget_people, studies_to_forget
 from app.store.sessions import session_by_token
 from app.store.studies import set_standing
 from app.store.tables import (
@@ -22,6 +23,7 @@ from app.store.tables import (
     stage_record,
     study,
 )
+from tests.app.store.test_designs import OTHER_FILMS, insert_film
 from tests.seeded_studies import NOW, seed_voters
 
 KEEPS = {"privacy": {"keep_days": 10}}
@@ -84,3 +86,13 @@ def test_the_days_count_from_when_the_study_was_closed_and_end_when_it_is_opened
         assert studies_to_forget(connection, later + timedelta(days=9)) == []
         assert [each.id for each in studies_to_forget(connection, later + timedelta(days=10))] == [study_id]
         assert connection.scalar(select(func.count()).select_from(participant)) == 1
+
+
+@pytest.mark.parametrize(("table", "more"), OTHER_FILMS)
+def test_the_other_films_of_a_deleted_study_are_deleted(
+    database: Database, study_id: int, table: Table, more: dict[str, str]
+) -> None:
+    with database.writing() as connection:
+        insert_film(connection, study_id, table, more)
+        delete_study(connection, study_id)
+        assert connection.execute(select(func.count()).select_from(table)).scalar_one() == 0
