@@ -31,7 +31,7 @@ from app.operations.housekeeping import EVERY_S, keep_house
 from app.operations.jobs.beside_server import ends_in_order, worker_beside
 from app.operations.languages import read_languages
 from app.settings import Settings
-from app.store.engine import open_database
+from app.store.engine import Database, open_database
 from app.store.keys import utc_now
 from app.store.vote_writer import VoteWriter
 from app.web import media
@@ -157,18 +157,7 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
         lifespan=lifespan,
         telemetry={"tracing": False, "metrics": False, "logs": False},  # it names addresses, which hold invitations
     )
-    app.state.settings = settings
-    app.state.languages = read_languages(settings)
-    app.state.database = database
-    app.state.votes = VoteWriter(votes_database)
-    app.state.flags = Flags(database)
-    app.state.monitors = WeakValueDictionary()  # by study and role, while somebody watches its live page
-    app.state.media_store = MediaStore(settings.media_url) if settings.media_url else None
-    app.state.metrics = Metrics(lambda: app.state.votes.n_waiting)
-    app.state.templates = Jinja2Templates(env=_environment())
-    app.state.clock = utc_now
-    app.state.throttle = new_throttle()
-    app.state.is_stopping = False  # live pages end when it is set
+    _set_state(app, settings, database, VoteWriter(votes_database))
     settings.media_dir.mkdir(parents=True, exist_ok=True)
     for folder in settings.private_dirs:
         private_folder(folder)
@@ -184,6 +173,22 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
     return app
 
 
+def _set_state(app: FastAPI, settings: Settings, database: Database, writer: VoteWriter) -> None:
+    """Set what all requests share; app/web/gates.py reads it."""
+    app.state.settings = settings
+    app.state.languages = read_languages(settings)
+    app.state.database = database
+    app.state.votes = writer
+    app.state.flags = Flags(database)
+    app.state.monitors = WeakValueDictionary()  # by study and role, while somebody watches its live page
+    app.state.media_store = MediaStore(settings.media_url) if settings.media_url else None
+    app.state.metrics = Metrics(lambda: app.state.votes.n_waiting)
+    app.state.templates = Jinja2Templates(env=_environment())
+    app.state.clock = utc_now
+    app.state.throttle = new_throttle()
+    app.state.is_stopping = False  # live pages end when it is set
+
+
 async def _keep_house(app: FastAPI) -> None:
     while True:
         await anyio.sleep(EVERY_S)
@@ -192,9 +197,9 @@ async def _keep_house(app: FastAPI) -> None:
 
 def _add_middleware(app: FastAPI) -> None:
     """Add what every request passes, the innermost first."""
-    is_https = app.state.settings.secure_cookies
-    media_origin = app.state.media_store.origin if app.state.media_store else None
     settings: Settings = app.state.settings
+    is_https = settings.secure_cookies
+    media_origin = app.state.media_store.origin if app.state.media_store else None
     app.add_middleware(KnownHosts, allowed=settings.allowed_hosts, public_url=settings.public_url)
     app.add_middleware(BodyLimit)
     app.add_middleware(SameOrigin)

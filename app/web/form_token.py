@@ -14,7 +14,7 @@ from fastapi import Form, Request
 from fastapi.responses import Response
 
 from app.errors import ForbiddenError
-from app.web.gates import cookie, render, set_cookie
+from app.web.gates import Headers, cookie, render, set_cookie
 
 ENTRY_COOKIE = "entry"
 
@@ -25,11 +25,7 @@ def _token(request: Request) -> str:
 
 
 def page_with_form(
-    request: Request,
-    template: str,
-    context: Mapping[str, Any],
-    status_code: int = 200,
-    headers: Mapping[str, str] | None = None,
+    request: Request, template: str, context: Mapping[str, Any], status_code: int = 200, headers: Headers = None
 ) -> Response:
     """Render a page whose forms carry this browser's token, and set its cookie."""
     token = _token(request)

@@ -38,6 +38,8 @@ NO_ROUTE = "unknown"  # where an address matches none
 PARTICIPANT_COOKIE = "session"
 SESSION_HEADER = "Session-Id"  # the session that a page shows; the browser's cookie may name a newer one
 
+Headers = Mapping[str, str] | None
+
 
 @dataclass(frozen=True)
 class SignedIn:
@@ -84,11 +86,7 @@ def throttle(request: Request) -> Throttle:
 
 
 def render(
-    request: Request,
-    template: str,
-    context: Mapping[str, Any],
-    status_code: int = 200,
-    headers: Mapping[str, str] | None = None,
+    request: Request, template: str, context: Mapping[str, Any], status_code: int = 200, headers: Headers = None
 ) -> Response:
     """Render a page from its template."""
     page: Response = request.app.state.templates.TemplateResponse(

@@ -172,9 +172,9 @@ function drawCursor(context, [x, y]) {
   }
 }
 
-/** @param {HTMLCanvasElement} of @returns {CanvasRenderingContext2D} */
-function context2d(of) {
-  const context = of.getContext("2d");
+/** @param {HTMLCanvasElement} layer @returns {CanvasRenderingContext2D} */
+function context2d(layer) {
+  const context = layer.getContext("2d");
   if (!context) throw new Error("this browser cannot draw");
   return context;
 }
@@ -208,7 +208,7 @@ function tellDrawn() {
 /** @param {string} place sensor/side/frame */
 function goTo(place) {
   const [sensor, side, number] = place.split("/");
-  fields.camera.value = String(cameras.findIndex((one) => one.sensor === sensor && one.side === side));
+  fields.camera.value = String(cameras.findIndex((known) => known.sensor === sensor && known.side === side));
   fields.frame.value = number;
   show();
 }

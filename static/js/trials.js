@@ -69,7 +69,7 @@ export class Trials {
   async show(description, askedAt) {
     if (this.isAbandoned) return NEVER;
     this.between.abort();
-    this.current = new Trial(this.screen, description, this.#film(description), this.#knownTechnique(), this.happened);
+    this.current = new Trial(this.screen, description, this.#film(description.media), this.#knownTechnique(), this.happened);
     try {
       return await this.current.run(askedAt);
     } catch (error) {
@@ -101,13 +101,13 @@ export class Trials {
     const isOver = () => this.isAbandoned || number !== this.n_fetches;
     try {
       this.#lookForLighter(first);
-      for (const media of first) if (!isOver()) await this.#filmOf(media).whole;
+      for (const media of first) if (!isOver()) await this.#film(media).whole;
       if (isOver()) return;
       const next = await readFilmsAhead();
       if (isOver()) return;
       this.#lookForLighter(next);
       this.films.keepOnly([...first, ...next].map((media) => this.#urlsOf(media)));
-      for (const media of next) if (!isOver()) await this.#filmOf(media).whole;
+      for (const media of next) if (!isOver()) await this.#film(media).whole;
     } catch {
       // What could not be fetched ahead is fetched when it is shown.
     }
@@ -166,7 +166,7 @@ export class Trials {
 
   /** @param {TrialDescription} following @returns {Promise<TrialDescription>} once its film is here and the server has had its time */
   async #withoutServer(following) {
-    await Promise.all([this.#film(following).whole, new Promise((resolve) => setTimeout(resolve, SYNC_PATIENCE_MS))]);
+    await Promise.all([this.#film(following.media).whole, new Promise((resolve) => setTimeout(resolve, SYNC_PATIENCE_MS))]);
     return following;
   }
 
@@ -218,13 +218,8 @@ export class Trials {
     return answered > 0;
   }
 
-  /** @param {TrialDescription} description @returns {import("./films.js").Film} perhaps still on its way */
-  #film({ media }) {
-    return this.#filmOf(media);
-  }
-
-  /** @param {import("./session.js").Media} media */
-  #filmOf(media) {
+  /** @param {import("./session.js").Media} media @returns {import("./films.js").Film} perhaps still on its way */
+  #film(media) {
     return this.films.get(this.#urlsOf(media));
   }
 

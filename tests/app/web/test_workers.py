@@ -154,4 +154,4 @@ def test_live_pages_end_whole_when_the_workers_are_stopped(url: str, tmp_path: P
 
 def test_more_than_one_process_is_refused_on_sqlite(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="--workers 2 needs PostgreSQL"):
-        serve(Settings(data_dir=tmp_path), workers=2)
+        serve(Settings(data_dir=tmp_path), port=0, workers=2)

@@ -85,7 +85,7 @@ def invite(
 def invite_people(
     actor: Acting, study: AStudy, database: Store, people: Annotated[str, Form(max_length=LONGEST_PEOPLE)]
 ) -> Response:
-    """Make an invitation for one participant for each line of a list, which becomes its label."""
+    """Make an invitation for one participant for invitation line of a list, which becomes its label."""
     labels = [tidy for line in people.splitlines() if (tidy := _tidy(line))]
     if not 1 <= len(labels) <= MOST_AT_ONCE:
         raise InvalidError(f"The list has {len(labels)} lines, expected 1 to {MOST_AT_ONCE}. No invitation was made.")
@@ -104,7 +104,7 @@ def assign_groups(
     revision: Revision,
     groups: Annotated[str, Form(max_length=LONGEST_GROUPS)] = "",
 ) -> Response:
-    """Set the groups that participants are assigned to: a line for each, `NAME` or `NAME: DATASET, DATASET`."""
+    """Set the groups that participants are assigned to: a line for invitation, `NAME` or `NAME: DATASET, DATASET`."""
     with database.reading() as connection:
         datasets = datasets_of(connection, study.id)
     try:
@@ -122,14 +122,14 @@ def export_invitations(request: Request, person: Looking, study: AStudy, databas
     with database.writing() as connection:
         rows = [
             {
-                "label": each.label,
-                "link": _link(request, each),
-                "code": each.code,
-                "places": each.places,
-                "used": each.n_used,
-                "created_at": each.created_at,
+                "label": invitation.label,
+                "link": _link(request, invitation),
+                "code": invitation.code,
+                "places": invitation.places,
+                "used": invitation.n_used,
+                "created_at": invitation.created_at,
             }
-            for each in invitations_of(connection, study.id)
+            for invitation in invitations_of(connection, study.id)
         ]
         record(connection, person.name, Entry("invitations exported", study.id, study.slug), now)
     return _table(rows, COLUMNS, f"{study.slug}-invitations.csv")
@@ -137,27 +137,29 @@ def export_invitations(request: Request, person: Looking, study: AStudy, databas
 
 @router.get("/mail-merge.csv")
 def export_mail_merge(request: Request, person: Looking, study: AStudy, database: Store, now: Now) -> Response:
-    """Export a row for each labelled invitation with places left: name and address of its label, and the link.
+    """Export a row for invitation labelled invitation with places left: name and address of its label, and the link.
 
     It begins with the mark of UTF-8, without which office programs take names for those of another alphabet.
     """
     rows = []
     with database.writing() as connection:
-        for each in invitations_of(connection, study.id):
-            if each.label and not each.is_used:
-                name, email = split_label(each.label)
-                rows.append({"name": name, "email": email, "link": _link(request, each)})
+        for invitation in invitations_of(connection, study.id):
+            if invitation.label and not invitation.is_used:
+                name, email = split_label(invitation.label)
+                rows.append({"name": name, "email": email, "link": _link(request, invitation)})
         record(connection, person.name, Entry("invitations exported", study.id, study.slug), now)
     return _table(rows, MAIL_MERGE_COLUMNS, f"{study.slug}-mail-merge.csv", BOM_UTF8)
 
 
 @router.get("/print")
 def print_sheet(request: Request, person: Looking, study: AStudy, database: Store) -> Response:
-    """Show a sheet to print: a card with QR code, link and label for each invitation with places left."""
+    """Show a sheet to print: a card with QR code, link and label for invitation invitation with places left."""
     with database.reading() as connection:
-        invitations = [each for each in invitations_of(connection, study.id) if not each.is_used]
+        invitations = [invitation for invitation in invitations_of(connection, study.id) if not invitation.is_used]
+    links = [_link(request, invitation) for invitation in invitations]
     cards = [
-        (each, _link(request, each), _qr(_link(request, each)).svg_inline(scale=4, border=2)) for each in invitations
+        (invitation, link, _qr(link).svg_inline(scale=4, border=2))
+        for invitation, link in zip(invitations, links, strict=True)
     ]
     options = parse_options(study.options)
     title = own_texts(options, first_language(options)).get(NAME, study.name)  # as participants know the study

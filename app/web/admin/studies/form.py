@@ -191,11 +191,11 @@ def _value(fields: FormData, setting: Setting) -> Any:
         case "flag":
             return "true" in texts
         case "several" | "conditions":
-            return [each for each in texts if each]
+            return [text for text in texts if text]
         case "whole" | "number":
             return None if not text and setting.may_be_empty else _number(setting.name, text)
         case "window":
-            return [_number(setting.name, each) for each in texts if each]
+            return [_number(setting.name, text) for text in texts if text]
         case "names":
             return text.replace(",", " ").split()
         case "spoken":

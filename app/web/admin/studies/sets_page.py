@@ -42,7 +42,7 @@ def sets_page(request: Request, person: Person, database: Store) -> Response:
     server = settings(request)
     with database.reading() as connection:
         known = known_sets(server, connection)
-        users = {each.name: studies_of(connection, each) for each in known}
+        users = {stimulus_set.name: studies_of(connection, stimulus_set) for stimulus_set in known}
     return page(request, "sets", person, {"sets": known, "users": users, "largest_mb": server.largest_upload_mb})
 
 
