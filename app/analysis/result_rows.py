@@ -20,7 +20,7 @@ from app.analysis.scales import LOG_ODDS_PER_JOD, equivalence_columns, preferenc
 from app.analysis.settings import LEVEL
 from app.analysis.thurstone import JOD, fit_thurstone
 from app.analysis.ties import TIE_MODELS
-from app.analysis.triads import Triads, pooled_p_value
+from app.analysis.triads import Triads, by_participant, pooled_p_value
 from app.analysis.votes_table import ALL, NONE, VotesTable
 
 Array = NDArray[np.float64]
@@ -284,9 +284,6 @@ def triads_row(row: Triads) -> dict[str, Any]:
 
 def pooled_triads(rows: list[Triads]) -> list[dict[str, Any]]:
     """Return each participant's circular triads over all datasets."""
-    by_participant: dict[str, list[Triads]] = {}
-    for row in rows:
-        by_participant.setdefault(row.participant, []).append(row)
     return [
         {
             "participant": participant,
@@ -296,5 +293,5 @@ def pooled_triads(rows: list[Triads]) -> list[dict[str, Any]]:
             "circular_by_chance": sum(row.circular_by_chance for row in by_dataset),
             "p_value": pooled_p_value(by_dataset),
         }
-        for participant, by_dataset in by_participant.items()
+        for participant, by_dataset in by_participant(rows).items()
     ]
