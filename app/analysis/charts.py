@@ -100,9 +100,8 @@ def levels_chart(analysis: Mapping[str, Any], factor: str, width: int = FULL) ->
 
     Parameters
     ----------
-    analysis : the content of analysis.json
+    analysis, width : as in `scores_chart`
     factor : its name
-    width : of the figure, in pixels
 
     Returns
     -------
@@ -140,9 +139,8 @@ def groups_chart(analysis: Mapping[str, Any], grouping: str, width: int = FULL) 
 
     Parameters
     ----------
-    analysis : the content of analysis.json
+    analysis, width : as in `scores_chart`
     grouping : its name
-    width : of the figure, in pixels
 
     Returns
     -------
@@ -275,9 +273,7 @@ def residual_chart(analysis: Mapping[str, Any], dataset: str = ALL, width: int =
 
     Parameters
     ----------
-    analysis : the content of analysis.json
-    dataset : its name, or `all`
-    width : of the figure, in pixels
+    analysis, dataset, width : as in `preference_chart`
 
     Returns
     -------
