@@ -88,10 +88,10 @@ def _measures(participant: str, votes: VotesTable, p_a: Array, by_name: dict[str
     triads = by_name.get(participant, [])
     n = votes.n_votes
     decided = votes.choice <= B
-    told = decided & (votes.first_shown >= 0)
+    has_order = decided & (votes.first_shown >= 0)
     p_first = np.where(votes.first_shown == 1, 1 - p_a, p_a)
     side = _bias(votes.choice[decided] == A, p_a[decided], votes.count[decided])
-    order = _bias((votes.choice == votes.first_shown)[told], p_first[told], votes.count[told])
+    order = _bias((votes.choice == votes.first_shown)[has_order], p_first[has_order], votes.count[has_order])
     consistent, repeated = _repeats(votes)
     return {
         "participant": participant,
@@ -117,8 +117,8 @@ def _measures(participant: str, votes: VotesTable, p_a: Array, by_name: dict[str
 
 def _one_side_unseen(votes: VotesTable) -> int | None:
     """Count the votes on pairs of which only one was on screen; None where no record says what was."""
-    told = votes.both_seen >= 0
-    return int(votes.count[votes.both_seen == 0].sum()) if told.any() else None
+    is_recorded = votes.both_seen >= 0
+    return int(votes.count[votes.both_seen == 0].sum()) if is_recorded.any() else None
 
 
 def _is_like_chance(triads: Sequence[Triads]) -> bool:
