@@ -113,7 +113,7 @@ def _with_groups(
 
 
 def _with_measures(settings: AnalysisSettings, votes: VotesTable, measures: Path) -> tuple[AnalysisSettings, list[str]]:
-    """Return the settings with the measures of a file, and what is to be known about them."""
+    """Return the settings with the measures of a file, and sentences on what was averaged or left out."""
     known, datasets = read_measures(measures), votes.datasets if votes.has_datasets else ()
     notes = _measure_notes(known, datasets, votes.items, measures)
     return replace(settings, measures=known.on(datasets or (ALL,)), better=known.better), notes
@@ -211,7 +211,7 @@ def _single_ratings(path: Path, scale: tuple[float, float] | None) -> RatingTabl
 def _measure_notes(
     measures: MeasureValues, datasets: Sequence[str], items: Sequence[str], path: Path, what: str = "votes"
 ) -> list[str]:
-    """Return what is to be known about a table of measures; raise if it is of other items than the votes."""
+    """Return sentences on what was averaged or left out of measures; raise if no item is among those of the votes."""
     strangers = measures.strangers(datasets, items)
     more = f" and {len(strangers) - MOST_NAMED} more" if len(strangers) > MOST_NAMED else ""
     named = ", ".join(strangers[:MOST_NAMED]) + more

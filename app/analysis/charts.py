@@ -100,9 +100,8 @@ def levels_chart(analysis: Mapping[str, Any], factor: str, width: int = FULL) ->
 
     Parameters
     ----------
-    analysis : the content of analysis.json
+    analysis, width : as in `scores_chart`
     factor : its name
-    width : of the figure, in pixels
 
     Returns
     -------
@@ -140,9 +139,8 @@ def groups_chart(analysis: Mapping[str, Any], grouping: str, width: int = FULL) 
 
     Parameters
     ----------
-    analysis : the content of analysis.json
+    analysis, width : as in `scores_chart`
     grouping : its name
-    width : of the figure, in pixels
 
     Returns
     -------
@@ -186,9 +184,8 @@ def preference_chart(analysis: Mapping[str, Any], dataset: str = ALL, width: int
     -------
     altair chart, or None if there are no votes or too many items to read
     """
-    pairs = _unordered([row for row in analysis["pairs"] if row["comparison"] == ALL and row["dataset"] == dataset])
-    scores = [row for row in analysis["scores"] if row["comparison"] == ALL and row["dataset"] == dataset]
-    if not pairs or len(scores) > MOST_ITEMS_IN_A_MATRIX:
+    pairs, items = _pairs_and_items(analysis, dataset)
+    if not pairs:
         return None
     color = alt.Color(
         "share:Q",
@@ -202,7 +199,16 @@ def preference_chart(analysis: Mapping[str, Any], dataset: str = ALL, width: int
     )
     values = [cell for row in pairs for cell in _cells(row)]
     dark = "abs(datum.share - 0.5) > 0.3"
-    return _matrix(values, _by_score(scores), color, "label:N", dark, width).properties(title=title)
+    return _matrix(values, items, color, "label:N", dark, width).properties(title=title)
+
+
+def _pairs_and_items(analysis: Mapping[str, Any], dataset: str) -> tuple[list[Row], list[str]]:
+    """Return the pairs of all conditions on a dataset, and the conditions, best first; none if too many to read."""
+    pairs, scores = (
+        [row for row in analysis[table] if row["comparison"] == ALL and row["dataset"] == dataset]
+        for table in ("pairs", "scores")
+    )
+    return ([], []) if len(scores) > MOST_ITEMS_IN_A_MATRIX else (_unordered(pairs), _by_score(scores))
 
 
 def _unordered(pairs: Sequence[Row]) -> list[Row]:
@@ -267,23 +273,14 @@ def residual_chart(analysis: Mapping[str, Any], dataset: str = ALL, width: int =
 
     Parameters
     ----------
-    analysis : the content of analysis.json
-    dataset : its name, or `all`
-    width : of the figure, in pixels
+    analysis, dataset, width : as in `preference_chart`
 
     Returns
     -------
     altair chart or None
     """
-    pairs = _unordered(
-        [
-            row
-            for row in analysis["pairs"]
-            if row["comparison"] == ALL and row["dataset"] == dataset and row["expected_a"] is not None
-        ]
-    )
-    scores = [row for row in analysis["scores"] if row["comparison"] == ALL and row["dataset"] == dataset]
-    if not pairs or len(scores) > MOST_ITEMS_IN_A_MATRIX:
+    pairs, items = _pairs_and_items(analysis, dataset)
+    if not pairs or any(row["expected_a"] is None for row in pairs):
         return None
     color = alt.Color(
         "residual:Q",
@@ -297,7 +294,7 @@ def residual_chart(analysis: Mapping[str, Any], dataset: str = ALL, width: int =
     )
     values, text = [cell for row in pairs for cell in _residuals(row)], alt.Text("residual:Q", format="+.1f")
     dark = "abs(datum.residual) > 1.8"
-    return _matrix(values, _by_score(scores), color, text, dark, width).properties(title=title)
+    return _matrix(values, items, color, text, dark, width).properties(title=title)
 
 
 def _residuals(row: Row) -> list[dict[str, Any]]:

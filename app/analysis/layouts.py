@@ -30,7 +30,7 @@ class Layout:
     ----------
     columns : our name -> theirs, where it differs
     choices : our word -> theirs, where it differs
-    notes : what was recognised without being told
+    notes : names and words that were recognised, not given
     """
 
     columns: Mapping[str, str]
@@ -78,17 +78,17 @@ SIDES = (("a", "b"), ("left", "right"), ("first", "second"), ("1", "2"))  # one 
 def recognise(
     names: Sequence[str], columns: Mapping[str, str] | None = None, choices: Mapping[str, str] | None = None
 ) -> Layout:
-    """Find which of a table's columns is which of ours: as told, else by our own names, else by known others.
+    """Find which of a table's columns is which of ours: as given, else by our own names, else by known others.
 
     Parameters
     ----------
     names : of the table's columns
-    columns, choices : our name -> theirs, as told
+    columns, choices : our name -> theirs, as the user gives them
 
     Raises
     ------
     VotesError
-        If what was told is no column or choice of ours.
+        If a given name is no column or choice of ours.
     """
     columns, choices = columns or {}, choices or {}
     unknown = [*set(columns).difference(REQUIRED + OPTIONAL), *set(choices).difference(CHOICES)]
@@ -157,9 +157,9 @@ def _joined(frame: pd.DataFrame, parts: Sequence[str]) -> pd.Series:
 
 
 def _check(frame: pd.DataFrame, ours: Mapping[str, pd.Series], layout: Layout) -> None:
-    is_told = layout.columns
-    missing = [is_told.get(n, n) for n in REQUIRED if n not in ours and (n in is_told or n not in MAY_BE_UNKNOWN)]
-    missing += [theirs for name, theirs in is_told.items() if name not in ours and theirs not in missing]
+    given = layout.columns
+    missing = [given.get(n, n) for n in REQUIRED if n not in ours and (n in given or n not in MAY_BE_UNKNOWN)]
+    missing += [theirs for name, theirs in given.items() if name not in ours and theirs not in missing]
     if missing:
         columns = "the column" if len(missing) == 1 else "the columns"
         raise VotesError(
@@ -172,13 +172,13 @@ def _check(frame: pd.DataFrame, ours: Mapping[str, pd.Series], layout: Layout) -
 def choice_codes(
     values: NDArray[np.object_], items: tuple[NDArray[np.object_], NDArray[np.object_]], layout: Layout
 ) -> tuple[NDArray[np.int8], str]:
-    """Return each vote's choice, and what its words mean if that was not told.
+    """Return each vote's choice, and what its words mean if that was not given.
 
     Parameters
     ----------
     values : object (N,), the texts of the column choice
     items : two object (N,), the texts of item_a and item_b
-    layout : the words as told
+    layout : the words as given
 
     Returns
     -------

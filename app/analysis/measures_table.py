@@ -206,11 +206,11 @@ def _check_agreement(rows: Sequence[_Row]) -> None:
             )
         named = measures.setdefault(row.value.measure, row)
         for name in ("better", "unit"):
-            told, told_before = getattr(row.value, name), getattr(named.value, name)
-            if told != told_before:
+            value, value_before = getattr(row.value, name), getattr(named.value, name)
+            if value != value_before:
                 raise VotesError(
-                    f"row {row.number}: {name} of {row.value.measure} is {told!r}, row {named.number} says "
-                    f"{told_before!r}; expected the same for all values of a measure"
+                    f"row {row.number}: {name} of {row.value.measure} is {value!r}, row {named.number} says "
+                    f"{value_before!r}; expected the same for all values of a measure"
                 )
 
 

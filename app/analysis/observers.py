@@ -21,7 +21,7 @@ from app.analysis.counts import PairCounts, outcome_index
 from app.analysis.fit import Fit
 from app.analysis.newton import Design, Search, maximise
 from app.analysis.ties import TIE_MODELS
-from app.analysis.triads import Triads, pooled_p_value, smallest_p_value
+from app.analysis.triads import Triads, by_participant, pooled_p_value, smallest_p_value
 from app.analysis.votes_table import NONE, A, B, VotesTable, only_compared, order_of
 
 Array = NDArray[np.float64]
@@ -49,17 +49,15 @@ def observer_rows(votes: VotesTable, screened: Sequence[Triads], *, ties: str) -
     if not votes.has_participants or not len(votes):
         return []
     votes = votes.where(order_of(votes.participant, len(votes.participants)))
-    by_participant = votes.by_participant()
+    votes_by_participant = votes.by_participant()
     p_a = _preferred_by_all(votes, ties)
-    bounds = np.cumsum([len(part) for part in by_participant.values()])
-    by_name: dict[str, list[Triads]] = {}
-    for triad in screened:
-        by_name.setdefault(triad.participant, []).append(triad)
+    bounds = np.cumsum([len(part) for part in votes_by_participant.values()])
+    triads = by_participant(screened)
     rows = [
-        _measures(votes.participants[index], part, p_a[end - len(part) : end], by_name)
-        for (index, part), end in zip(by_participant.items(), bounds.tolist(), strict=True)
+        _measures(votes.participants[index], part, p_a[end - len(part) : end], triads)
+        for (index, part), end in zip(votes_by_participant.items(), bounds.tolist(), strict=True)
     ]
-    for row, value in zip(rows, _left_out_likelihoods(votes, by_participant, ties), strict=True):
+    for row, value in zip(rows, _left_out_likelihoods(votes, votes_by_participant, ties), strict=True):
         row["loglik_per_vote_left_out"] = value
     _flag(rows)
     return rows
@@ -90,10 +88,10 @@ def _measures(participant: str, votes: VotesTable, p_a: Array, by_name: dict[str
     triads = by_name.get(participant, [])
     n = votes.n_votes
     decided = votes.choice <= B
-    told = decided & (votes.first_shown >= 0)
+    has_order = decided & (votes.first_shown >= 0)
     p_first = np.where(votes.first_shown == 1, 1 - p_a, p_a)
     side = _bias(votes.choice[decided] == A, p_a[decided], votes.count[decided])
-    order = _bias((votes.choice == votes.first_shown)[told], p_first[told], votes.count[told])
+    order = _bias((votes.choice == votes.first_shown)[has_order], p_first[has_order], votes.count[has_order])
     consistent, repeated = _repeats(votes)
     return {
         "participant": participant,
@@ -119,8 +117,8 @@ def _measures(participant: str, votes: VotesTable, p_a: Array, by_name: dict[str
 
 def _one_side_unseen(votes: VotesTable) -> int | None:
     """Count the votes on pairs of which only one was on screen; None where no record says what was."""
-    told = votes.both_seen >= 0
-    return int(votes.count[votes.both_seen == 0].sum()) if told.any() else None
+    is_recorded = votes.both_seen >= 0
+    return int(votes.count[votes.both_seen == 0].sum()) if is_recorded.any() else None
 
 
 def _is_like_chance(triads: Sequence[Triads]) -> bool:
@@ -175,14 +173,14 @@ def _repeats(votes: VotesTable) -> tuple[int, int]:
     return int((kinds.sum(axis=1)[repeated] == 1).sum()), int(repeated.sum())
 
 
-def _left_out_likelihoods(votes: VotesTable, by_participant: dict[int, VotesTable], ties: str) -> list[float | None]:
+def _left_out_likelihoods(votes: VotesTable, parts: dict[int, VotesTable], ties: str) -> list[float | None]:
     """Return each participant's mean log-likelihood per vote under the scores of all others.
 
     Each dataset is fitted alone; the penalised estimate replaces a maximum that does not exist.
     """
-    if len(by_participant) < 2 or len(by_participant) * len(votes.items) > MOST_REFITS:
-        return [None] * len(by_participant)
-    places = {index: place for place, index in enumerate(by_participant)}
+    if len(parts) < 2 or len(parts) * len(votes.items) > MOST_REFITS:
+        return [None] * len(parts)
+    places = {index: place for place, index in enumerate(parts)}
     logliks, n_votes = np.zeros(len(places)), np.zeros(len(places))
     for dataset in range(len(votes.datasets)):
         part = votes.where(votes.dataset == dataset)

@@ -24,26 +24,34 @@ DEFAULT_TIE_RATE = 0.2
 
 
 @dataclass(frozen=True)
-class StudyPlan:
-    """A study in which every participant judges every pair of conditions on every dataset once.
-
-    Parameters
-    ----------
-    conditions, datasets, participants : numbers of each
-    tie_rate : share of "no preference" between equal conditions
-    spread : standard deviation over participants of their opinion of a condition, log-odds
-    """
+class StudySize:
+    """Numbers of conditions, datasets and participants of a study."""
 
     conditions: int
     datasets: int
     participants: int
-    tie_rate: float = DEFAULT_TIE_RATE
-    spread: float = DEFAULT_SPREAD
 
     def __post_init__(self) -> None:
         for name, fewest in (("conditions", 2), ("datasets", 1), ("participants", 2)):
             if getattr(self, name) < fewest:
                 raise ValueError(f"{name} is {getattr(self, name)}, expected {fewest} or more")
+
+
+@dataclass(frozen=True)
+class StudyPlan(StudySize):
+    """A study in which every participant judges every pair of conditions on every dataset once.
+
+    Parameters
+    ----------
+    tie_rate : share of "no preference" between equal conditions
+    spread : standard deviation over participants of their opinion of a condition, log-odds
+    """
+
+    tie_rate: float = DEFAULT_TIE_RATE
+    spread: float = DEFAULT_SPREAD
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if not 0 <= self.tie_rate < 1:
             raise ValueError(f"tie_rate is {self.tie_rate}, expected 0 or more and less than 1")
         if self.spread < 0:

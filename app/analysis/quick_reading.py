@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.tabular import DISARMED, FLAGS
-from app.analysis.votes_table import IDENTICAL, MAIN, ROLE_CODES, VotesTable, constant
+from app.analysis.votes_table import IDENTICAL, MAIN, ROLE_CODES, VotesTable, votes_from_indices
 
 QUICK_FROM = 4_000_000  # bytes; below, the strict reader takes no more than a second
 TEXTS = (
@@ -42,47 +43,35 @@ def quick_votes(path: Path, columns: Mapping[str, str], choices: Mapping[str, in
         texts, numbers = _read(path, columns)
     except (ValueError, OSError, KeyError):
         return None
-    n = len(texts["participant"][0])
-    participant, participants = texts["participant"]
-    dataset, datasets = texts["dataset"]
+    (participant, participants), (dataset, datasets) = texts["participant"], texts["dataset"]
     item_a, item_b, items = _items(texts["item_a"], texts["item_b"])
-    choice = _meaning(texts["choice"], choices)
-    role = _meaning(texts.get("role"), ROLE_CODES, n)
-    practice, excluded, both_seen = (
-        constant(empty, np.int8, n) if name not in texts else _meaning(_lower(texts[name]), FLAGS | {"": empty})
-        for name, empty in (("practice", 0), ("excluded", 0), ("both_seen", -1))
-    )
-    first_shown = _first_shown(texts.get("first_shown"), item_a, item_b, items)
+    words = {"choice": choices, "role": ROLE_CODES}
+    coded = {name: _meaning(texts[name], meanings) for name, meanings in words.items() if name in texts}
+    for name, empty in (("practice", 0), ("excluded", 0), ("both_seen", -1)):
+        if name in texts:
+            coded[name] = _meaning(_lower(texts[name]), FLAGS | {"": empty})
+    if "first_shown" in texts:
+        coded["first_shown"] = _first_shown(texts["first_shown"], item_a, item_b, items)
     is_odd = [
-        *(column.min(initial=0) == UNKNOWN for column in (choice, role, practice, excluded, both_seen, first_shown)),
+        *(column.min(initial=0) == UNKNOWN for column in coded.values()),
         any("" in names and len(names) > 1 for names in (participants, datasets)),
         "" in items,
         any(re.match(DISARMED, name) for name in (*participants, *datasets, *items)),
-        bool(np.any((item_a == item_b) & (role != IDENTICAL))),
-        *(_is_odd(numbers.get(name), whole=name == "count") for name in NUMBERS),
+        bool(np.any((item_a == item_b) & (coded.get("role", MAIN) != IDENTICAL))),
+        *(_is_odd(values, whole=name == "count") for name, values in numbers.items()),
     ]
-    if any(is_odd) or not n:
+    if any(is_odd) or not len(item_a):
         return None
-    reasons = texts.get("reason")
-    return VotesTable(
-        tuple(participants),
-        tuple(datasets),
-        items,
-        participant=participant,
-        dataset=dataset,
-        item_a=item_a,
-        item_b=item_b,
-        choice=choice,
-        first_shown=first_shown,
-        both_seen=both_seen,
-        count=numbers["count"].astype(np.int64) if "count" in numbers else constant(1, np.int64, n),
-        response_ms=numbers.get("response_ms", constant(np.nan, np.float64, n)),
-        press_to_picture_ms=numbers.get("press_to_picture_ms", constant(np.nan, np.float64, n)),
-        practice=practice.astype(bool) if "practice" in texts else constant(False, np.bool_, n),
-        excluded=excluded.astype(bool) if "excluded" in texts else constant(False, np.bool_, n),
-        reason=constant("", np.object_, n) if reasons is None else np.array(reasons[1], object)[reasons[0]],
-        role=role,
-    )
+    kept: dict[str, Any] = coded | {name: values for name, values in numbers.items() if name != "count"}
+    if "count" in numbers:
+        kept["count"] = numbers["count"].astype(np.int64)
+    if "reason" in texts:
+        codes, reasons = texts["reason"]
+        kept["reason"] = np.array(reasons, object)[codes]
+    kept |= {name: kept[name].astype(bool) for name in ("practice", "excluded") if name in kept}
+    names = participants, datasets, items
+    votes = votes_from_indices(participant, dataset, item_a, item_b, kept.pop("choice"), names=names)
+    return replace(votes, **kept)
 
 
 def _read(path: Path, columns: Mapping[str, str]) -> tuple[dict[str, Codes], dict[str, NDArray[np.float64]]]:
@@ -126,30 +115,24 @@ def _lower(column: Codes) -> Codes:
     return column[0], [text.lower() for text in column[1]]
 
 
-def _meaning(column: Codes | None, words: Mapping[str, int], n: int = 0) -> NDArray[np.int8]:
-    """Return what each text means, int8 (N,), UNKNOWN where nothing; `MAIN` without the column."""
-    if column is None:
-        return constant(MAIN, np.int8, n)
+def _meaning(column: Codes, words: Mapping[str, int]) -> NDArray[np.int8]:
+    """Return what each text means, int8 (N,), UNKNOWN where nothing."""
     codes, texts = column
     return np.array([words.get(text, UNKNOWN) for text in texts], np.int8)[codes]
 
 
 def _first_shown(
-    column: Codes | None, item_a: NDArray[np.int32], item_b: NDArray[np.int32], items: Sequence[str]
+    column: Codes, item_a: NDArray[np.int32], item_b: NDArray[np.int32], items: Sequence[str]
 ) -> NDArray[np.int8]:
     """Return 0 where `item_a` was shown first, 1 where `item_b`, -1 where the cell is empty, else UNKNOWN."""
-    if column is None:
-        return constant(-1, np.int8, len(item_a))
     codes, texts = column
     place = {name: index for index, name in enumerate(items)} | {"": -1}
     shown = np.array([place.get(text, -2) for text in texts], np.int32)[codes]
     return np.select([shown == -1, shown == item_a, shown == item_b], [-1, 0, 1], default=UNKNOWN).astype(np.int8)
 
 
-def _is_odd(values: NDArray[np.float64] | None, *, whole: bool) -> bool:
+def _is_odd(values: NDArray[np.float64], *, whole: bool) -> bool:
     """Does a column of numbers hold what a votes table does not?"""
-    if values is None:
-        return False
     if whole:
         return bool(np.any(~np.isfinite(values) | (values < 0) | (values != np.floor(values))))
     return bool(np.any(np.isinf(values) | (values < 0)))

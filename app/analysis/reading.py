@@ -1,7 +1,7 @@
 """Read a votes table strictly from a file or rows, in our column names or another tool's.
 
-Rows are counted from 1, without the header. Nothing is dropped: an error names the row and the value. What was
-recognised without being told is said.
+Rows are counted from 1, without the header. Nothing is dropped: an error names the row and the value. Sentences say
+which names and words were recognised, not given.
 """
 
 from __future__ import annotations
@@ -176,7 +176,7 @@ def _read_strictly(
 def _votes_from_frame(
     frame: pd.DataFrame, columns: Mapping[str, str] | None, choices: Mapping[str, str] | None
 ) -> tuple[VotesTable, list[str]]:
-    """Return the votes, and what was recognised without being told."""
+    """Return the votes, and which names and words were recognised, not given."""
     frame, note = one_vote_a_row(frame, columns or {})
     notes = [note] if note else []
     layout = recognise(tuple(map(str, frame.columns)), columns, choices)

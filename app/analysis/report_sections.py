@@ -155,7 +155,7 @@ def _measures(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     single = [_with_intervals(row) for row in analysis["measures"] if row["dataset"] != ALL]
     single = single if ranked[0]["dataset"] == ALL else []
     correlations = ("pearson_logistic", "pearson", "pearson_monotone", "spearman", "spearman_p", "kendall")
-    told = ("pairs_correct", "auc_better_worse", "auc_different_similar")
+    shares = ("pairs_correct", "auc_better_worse", "auc_different_similar")
     drawn = [figure for name, figure in figures.items() if name.startswith("measure_")]
     shown = [figures["measures"]] if "measures" in figures else []
     rest = f" Figures of the best {MOST_FIGURES} of {len(drawn)}; the folder figures holds all." * (
@@ -169,11 +169,15 @@ def _measures(analysis: Analysis, figures: Figures) -> dict[str, Any]:
         "tables": [
             table(f"Correlations over {where}, best first", ["measure", "better", "n", *correlations], ranked),
             table(
-                "Pairs told rightly, and errors after the logistic fit",
-                ["measure", "pairs_different", "pairs_similar", *told, "rmse", "rmse_epsilon", "outlier_ratio"],
+                "Pairs in the right order, and errors after the logistic fit",
+                ["measure", "pairs_different", "pairs_similar", *shares, "rmse", "rmse_epsilon", "outlier_ratio"],
                 ranked,
             ),
-            *([table("On each dataset", ["measure", "dataset", "n", *correlations, *told], single)] if single else []),
+            *(
+                [table("On each dataset", ["measure", "dataset", "n", *correlations, *shares], single)]
+                if single
+                else []
+            ),
             *_comparisons(analysis),
         ],
     }

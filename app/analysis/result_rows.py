@@ -20,11 +20,10 @@ from app.analysis.scales import LOG_ODDS_PER_JOD, equivalence_columns, preferenc
 from app.analysis.settings import LEVEL
 from app.analysis.thurstone import JOD, fit_thurstone
 from app.analysis.ties import TIE_MODELS
-from app.analysis.triads import Triads, pooled_p_value
+from app.analysis.triads import Triads, by_participant, pooled_p_value
 from app.analysis.votes_table import ALL, NONE, VotesTable
 
 Array = NDArray[np.float64]
-Counts = NDArray[np.int64]
 
 WITHIN_GROUP = "relative to the mean of its group"  # added to the method where votes are separated
 WIDER_INTERVAL = "wider of t on participant errors and normal on information"  # where participants are few
@@ -172,15 +171,14 @@ def _win_probability(fit: Fit, index: int) -> float:
 def _outcomes(votes: VotesTable) -> tuple[list[int], list[int], list[int]]:
     """Count wins, losses and ties of each item."""
     counts = count_pairs(votes)
-    won, lost, tied = (part.astype(np.int64) for part in (counts.wins, counts.losses, counts.ties))
 
-    def by_item(in_first: Counts, in_second: Counts) -> list[int]:
-        result = np.zeros(counts.n_items, np.int64)
-        np.add.at(result, counts.first, in_first)
-        np.add.at(result, counts.second, in_second)
-        return result.tolist()
+    def by_item(in_first: Array, in_second: Array) -> list[int]:
+        n = counts.n_items
+        sums = np.bincount(counts.first, in_first, n) + np.bincount(counts.second, in_second, n)
+        return [int(total) for total in sums]
 
-    return by_item(won, lost), by_item(lost, won), by_item(tied, tied)
+    wins, losses, ties = counts.wins, counts.losses, counts.ties
+    return by_item(wins, losses), by_item(losses, wins), by_item(ties, ties)
 
 
 def contrast_rows(comparison: Comparison, margin_jod: float | None = None) -> Iterator[dict[str, Any]]:
@@ -284,9 +282,6 @@ def triads_row(row: Triads) -> dict[str, Any]:
 
 def pooled_triads(rows: list[Triads]) -> list[dict[str, Any]]:
     """Return each participant's circular triads over all datasets."""
-    by_participant: dict[str, list[Triads]] = {}
-    for row in rows:
-        by_participant.setdefault(row.participant, []).append(row)
     return [
         {
             "participant": participant,
@@ -296,5 +291,5 @@ def pooled_triads(rows: list[Triads]) -> list[dict[str, Any]]:
             "circular_by_chance": sum(row.circular_by_chance for row in by_dataset),
             "p_value": pooled_p_value(by_dataset),
         }
-        for participant, by_dataset in by_participant.items()
+        for participant, by_dataset in by_participant(rows).items()
     ]

@@ -314,6 +314,14 @@ def _grow(wins: tuple[int, ...], n_before: int) -> list[tuple[tuple[int, ...], i
     return results
 
 
+def by_participant(rows: Sequence[Triads]) -> dict[str, list[Triads]]:
+    """Return each participant's triads on all datasets."""
+    parts: dict[str, list[Triads]] = {}
+    for row in rows:
+        parts.setdefault(row.participant, []).append(row)
+    return parts
+
+
 def smallest_p_value(rows: Sequence[Triads]) -> float:
     """Return `pooled_p_value` with the fewest possible contradictions; with few triads it is far above 0.
 

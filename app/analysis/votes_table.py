@@ -97,7 +97,7 @@ class VotesTable:
 
     @property
     def prefers_lower(self) -> NDArray[np.bool_]:
-        """Is the item of the pair's lower index preferred? bool (N,); of no preference nothing is told."""
+        """Is the item of the pair's lower index preferred? bool (N,); without meaning for no preference."""
         return np.asarray((self.choice == A) == (self.item_a < self.item_b))
 
     def where(self, rows: NDArray[np.bool_] | NDArray[np.integer[Any]] | slice) -> VotesTable:

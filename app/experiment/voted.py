@@ -46,10 +46,10 @@ def subjective_section(results: Results, published: Mapping[str, Any]) -> Sectio
         paper, rows = published.get(f"figure_{number}", {}), []
         for dataset in [*results.objective["scenes"], ALL]:
             scored = results.scores(comparison, dataset)
-            told = "; ".join(f"{item} {score:+.2f}" for item, score in scored.items())
+            listed = "; ".join(f"{item} {score:+.2f}" for item, score in scored.items())
             here = order_text(scored, results.told_apart(comparison, dataset))
             truth = order_text(results.truth(comparison, dataset))
-            rows.append((dataset, order_text(paper.get(dataset, ())), here, told, truth))
+            rows.append((dataset, order_text(paper.get(dataset, ())), here, listed, truth))
         columns = ("dataset", "paper", "here", "scores, log-odds", "put in")
         tables.append(Table(f"figure_{number}", f"Values of figure {number}: {LIKED[comparison]}", columns, rows))
         chart = levels_bars(results.score_rows(comparison), results.objective["scenes"])

@@ -208,22 +208,16 @@ class StudyOptions:
 
     def as_json(self) -> dict[str, Any]:
         """Return the options as JSON, which `parse_options` reads."""
-        content = asdict(self)
-        return {
-            **content,
-            "languages": list(self.languages),
-            "optional_stages": list(self.optional_stages),
-            "void_on": list(self.void_on),
-            "without": list(self.without),
-            "minimum_window": list(self.minimum_window),
-            "screening": {key: value for key, value in content["screening"].items() if value is not None},
-            "outside": {**content["outside"], "keep": list(self.outside.keep)},
-            "groups": [{"name": group.name, "datasets": list(group.datasets)} for group in self.groups],
-            "practice_pairs": [asdict(films) for films in self.practice_pairs],
-            "questions": [asdict(q) for q in self.questions],
-            "spoken_questions": list(self.spoken_questions),
-            "lab_sheet": self.lab_sheet.as_json(),
-        }
+        content = _with_lists(asdict(self))
+        screening = {key: value for key, value in content["screening"].items() if value is not None}
+        return {**content, "screening": screening, "lab_sheet": self.lab_sheet.as_json()}
+
+
+def _with_lists(value: Any) -> Any:
+    """Return tables and lists, as deep as they are, with lists in place of tuples, as JSON has them."""
+    if isinstance(value, Mapping):
+        return {key: _with_lists(part) for key, part in value.items()}
+    return [_with_lists(part) for part in value] if isinstance(value, list | tuple) else value
 
 
 def parse_options(content: Mapping[str, Any]) -> StudyOptions:

@@ -108,6 +108,6 @@ def has_seen_both(viewing: Mapping[str, Any]) -> bool:
 
 def press_to_picture_ms(viewing: Mapping[str, Any]) -> float | None:
     """Return the median time from a press to the presented picture of a record's switches; None where none tells it."""
-    told = [switch for switch in viewing["switches"] if switch.get("presented_ms", -1.0) >= switch["at_ms"]]
-    delays = [switch["presented_ms"] - switch["at_ms"] for switch in told]
+    timed = [switch for switch in viewing["switches"] if switch.get("presented_ms", -1.0) >= switch["at_ms"]]
+    delays = [switch["presented_ms"] - switch["at_ms"] for switch in timed]
     return round(median(delays), 1) if delays else None

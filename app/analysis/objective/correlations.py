@@ -44,9 +44,7 @@ def kendalls(values: Array, scores: Array, orders: Indices) -> Array:
 
     Parameters
     ----------
-    values : float64 (N,), of the measure
-    scores : float64 (N,), in their unit
-    orders : intp (P, N), for each order and point the one whose score it gets
+    values, scores, orders : as in `spearmans`
 
     Returns
     -------

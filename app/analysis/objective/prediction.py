@@ -171,7 +171,7 @@ def _errors(residuals: Array, half_widths: Array) -> dict[str, float | None]:
 
 
 def _shares(points: Points, orders: Indices, signs: Array) -> dict[str, Reached]:
-    """Return the shares of pairs told rightly; those that need a direction only where there is one."""
+    """Return the shares of pairs in order and the areas; those that need a direction only where there is one."""
     # Scores in an order stand beside the values as values in the inverse order beside the scores.
     values = np.empty(orders.shape)
     np.put_along_axis(values, orders, points.values[None], axis=1)

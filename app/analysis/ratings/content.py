@@ -46,7 +46,7 @@ def with_tables(analysis: Mapping[str, Any], tables: Mapping[str, list[dict[str,
 def with_measures(
     analysis: Mapping[str, Any], scored: Mapping[str, ScoreSet], settings: AnalysisSettings
 ) -> dict[str, Any]:
-    """Return an analysis with measures compared with the scores of ratings, and what is to be warned of.
+    """Return an analysis with measures compared with the scores of ratings, and warnings about them.
 
     Parameters
     ----------

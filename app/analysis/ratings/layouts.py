@@ -52,8 +52,7 @@ def one_rating_a_row(frame: pd.DataFrame, scale: tuple[float, float]) -> tuple[p
     VotesError
         Naming the row and column of a cell of a wide table that is no rating.
     """
-    theirs = _recognised(list(map(str, frame.columns)))
-    given = frame.rename(columns={name: ours for ours, name in theirs.items()})
+    given, theirs = _renamed(frame)
     notes = [f"{ours} is the column {shown(name)}" for ours, name in theirs.items() if ours != name]
     if {"participant", "condition", "rating"} <= set(given.columns):
         return given, "; ".join(notes)
@@ -67,8 +66,14 @@ def is_of_ratings(frame: pd.DataFrame) -> bool:
     """Does a table hold ratings, in any of the shapes that are read?"""
     if "rating" in frame.columns:  # a study's table of choices has the column, too, and it is empty
         return bool((texts(frame["rating"]) != "").any())
-    given = frame.rename(columns={name: ours for ours, name in _recognised(list(map(str, frame.columns))).items()})
+    given, _ = _renamed(frame)
     return {"participant", "condition", "rating"} <= set(given.columns) or _wide(given) is not None
+
+
+def _renamed(frame: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, str]]:
+    """Return the table with our names where its own are recognised, and our names -> theirs."""
+    theirs = _recognised(list(map(str, frame.columns)))
+    return frame.rename(columns={name: ours for ours, name in theirs.items()}), theirs
 
 
 def _recognised(names: Sequence[str]) -> dict[str, str]:

@@ -10,28 +10,24 @@ from scipy.optimize import brentq
 from scipy.stats import nct, t
 
 from app.analysis.contrasts import SIGNIFICANT
-from app.analysis.power import WANTED_POWER
+from app.analysis.power import WANTED_POWER, StudySize
 
 
 @dataclass(frozen=True)
-class RatingPlan:
+class RatingPlan(StudySize):
     """A study in which every participant rates every condition on every dataset once.
+
+    A hidden reference is a condition, too.
 
     Parameters
     ----------
-    conditions, datasets, participants : numbers of each; a hidden reference is a condition, too
     inconsistency : standard deviation of a participant's ratings around the qualities, grades
     """
 
-    conditions: int
-    datasets: int
-    participants: int
     inconsistency: float
 
     def __post_init__(self) -> None:
-        for name, fewest in (("conditions", 2), ("datasets", 1), ("participants", 2)):
-            if getattr(self, name) < fewest:
-                raise ValueError(f"{name} is {getattr(self, name)}, expected {fewest} or more")
+        super().__post_init__()
         if not self.inconsistency > 0:
             raise ValueError(f"inconsistency is {self.inconsistency}, expected more than 0")
 
