@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from typing import Any
+from uuid import uuid4
 
 import httpx
 import pytest
@@ -20,10 +21,10 @@ PROBLEM = "application/problem+json"
 def manager(server: str, settings: Settings) -> Iterator[httpx.Client]:
     """A program whose token may change studies, and read."""
     scopes = ("read", "personal", "audit", "studies:write", "participants:write")
-    with manage.own_token(settings, "manager", scopes) as token:
-        headers = {"Authorization": f"Bearer {token}"}
-        with httpx.Client(base_url=f"{server}/api/v1/", headers=headers, timeout=60) as client:
-            yield client
+    token = manage.add_token(settings, f"manager {uuid4()}", scopes)["token"]
+    headers = {"Authorization": f"Bearer {token}"}
+    with httpx.Client(base_url=f"{server}/api/v1/", headers=headers, timeout=60) as client:
+        yield client
 
 
 def test_a_study_is_created_edited_opened_copied_and_deleted(own_server: str, own: Settings) -> None:
@@ -94,12 +95,11 @@ def test_an_exclusion_takes_its_own_scope_and_may_be_sent_twice(
     votes = manager.get(f"studies/{taken['slug']}/votes", params={"participant": "P002"}).json()
     assert {row["reason"] for row in votes} == {"looked away"}
     assert [manager.delete(path).status_code for _ in range(2)] == [204, 204]
-    with manage.own_token(settings, "reader", ("read", "studies:write")) as token:
-        answer = httpx.put(
-            f"{server}/api/v1/{path}", json={"reason": "slept"}, headers={"Authorization": f"Bearer {token}"}
-        )
-        assert answer.status_code == 403
-        assert "participants:write" in answer.json()["detail"]
+    token = manage.add_token(settings, f"reader {uuid4()}", ("read", "studies:write"))["token"]
+    headers = {"Authorization": f"Bearer {token}"}
+    answer = httpx.put(f"{server}/api/v1/{path}", json={"reason": "slept"}, headers=headers)
+    assert answer.status_code == 403
+    assert "participants:write" in answer.json()["detail"]
 
 
 def test_a_cookie_changes_nothing_without_the_forms_token(experimenter: Any, taken: dict[str, Any]) -> None:
