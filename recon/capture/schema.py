@@ -142,7 +142,7 @@ class _Parser:
         sensors: list[SensorStream] = []
         for number, entry in enumerate(entries):
             place = f"sensor {_label(entry, 'id', number)}"
-            sides = _sides(entry)
+            sides = sides_of(entry)
             streams: list[CameraStream] = []
             for side in sides:
                 with self._at(f"{place}, {side}"):
@@ -165,8 +165,8 @@ class _Parser:
         return tuple(photographs)
 
 
-def _sides(entry: Any) -> tuple[str, ...]:
-    """Return the cameras that a sensor has to have: without a right one, it has depth maps."""
+def sides_of(entry: Any) -> tuple[str, ...]:
+    """Return the cameras that a sensor's entry has to have: without a right one, it has depth maps."""
     has_one = isinstance(entry, Mapping) and "depth" in entry and "right" not in entry
     return SIDES[:1] if has_one else SIDES
 

@@ -24,7 +24,8 @@ from recon.capture.exporting.views import (
 )
 from recon.capture.format import Capture
 from recon.capture.images import write_picture
-from recon.capture.importing.colmap_model import HALF_PIXEL, MODEL_NAMES, MODELS
+from recon.capture.importing.colmap_model import MODEL_NAMES, MODELS
+from recon.capture.importing.views import HALF_PIXEL
 from recon.geometry.mesh import Cloud
 from recon.storage.files import new_folder
 

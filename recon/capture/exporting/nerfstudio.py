@@ -25,7 +25,8 @@ from recon.capture.exporting.views import (
 )
 from recon.capture.format import Capture
 from recon.capture.images import write_picture
-from recon.capture.importing.nerfstudio import DISTORTION, HALF_PIXEL, TRANSFORMS
+from recon.capture.importing.nerfstudio import DISTORTION, TRANSFORMS
+from recon.capture.importing.views import HALF_PIXEL
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import write_cloud
 from recon.rig import OPENGL

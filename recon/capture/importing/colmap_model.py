@@ -18,9 +18,9 @@ from scipy.spatial.transform import Rotation
 
 from recon.capture.images import CaptureError
 from recon.capture.importing.sources import faults_at
+from recon.capture.importing.views import HALF_PIXEL
 from recon.rig import Camera, rigid
 
-HALF_PIXEL = 0.5
 FILES = ("cameras", "images", "points3D")
 FOLDERS = (".", "sparse/0", "sparse")  # of a model, below the folder that COLMAP worked in
 MODELS: dict[str, tuple[int, tuple[int, ...]]] = {

@@ -37,7 +37,8 @@ from recon.capture.importing.sources import (
     write_recording,
 )
 from recon.capture.pictures import Pictures, find_pictures
-from recon.capture.recording import FRAME_FIELD, SIDES
+from recon.capture.recording import FRAME_FIELD
+from recon.capture.schema import sides_of
 from recon.rig import Camera, rigid
 from recon.storage.files import read_json
 
@@ -128,7 +129,7 @@ def _sensors(described: _Description) -> tuple[SensorSource, ...]:
 def _sensor(described: _Description, entry: Mapping[str, Any], number: int) -> SensorSource:
     name = str(entry.get("id", f"S{number + 1}"))
     with faults_at(f"sensor {name}"):
-        sides = SIDES[:1] if "depth" in entry and "right" not in entry else SIDES
+        sides = sides_of(entry)
         pictures = tuple(_pictures(described.path.parent, entry[side]) for side in sides)
         left_pose = _pose(described, entry["left"], None if number else CAMERA_FROM_WORLD)
         poses = [left_pose, *(_pose(described, entry[side], left_pose) for side in sides[1:])]

@@ -22,14 +22,13 @@ from recon.capture.depth_maps import read_depth_values
 from recon.capture.format import Capture
 from recon.capture.images import IMAGE_SUFFIXES, CaptureError
 from recon.capture.importing.sources import DepthSource, ImportOptions, faults_at, parse_unit, write_recording
-from recon.capture.importing.views import View, bounds_of_points, choose_sensors
+from recon.capture.importing.views import HALF_PIXEL, View, bounds_of_points, choose_sensors
 from recon.capture.pictures import find_pictures
 from recon.geometry.mesh_files import read_points
 from recon.rig import OPENGL, Camera, rigid
 from recon.storage.files import allowed, read_json
 
 TRANSFORMS = "transforms.json"
-HALF_PIXEL = 0.5
 PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 DISTORTION = ("k1", "k2", "p1", "p2", "k3")  # in OpenCV's order
 DEPTHS_IN_UNIT = 1000.0  # nerfstudio's depth_unit_scale_factor

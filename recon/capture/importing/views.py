@@ -14,6 +14,7 @@ from recon.capture.importing.sources import DepthSource, Recording, SensorSource
 from recon.capture.pictures import Pictures, find_pictures
 from recon.rig import Camera
 
+HALF_PIXEL = 0.5  # added to the principal point of programs whose pixel centres are at halves
 BOUNDS_SHARE = (0.02, 0.98)  # of the points, on each axis: reconstructions have stray ones
 BOUNDS_MARGIN = 0.05  # of the longest edge
 
