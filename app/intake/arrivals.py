@@ -91,7 +91,7 @@ def _top(kind: str, folder: Path) -> Path:
         inside = list(folder.iterdir())
         if len(inside) != 1 or not inside[0].is_dir():
             return folder
-        if kind == "films" and any(path.is_file() for path in inside[0].iterdir()):
+        if kind == "films" and any(path.suffix.lower() in VIDEO_SUFFIXES for path in inside[0].iterdir()):
             return folder  # it is the only dataset
         folder = inside[0]
 

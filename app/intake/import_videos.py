@@ -176,7 +176,7 @@ def _check_complete(
         if missing := [name for name in conditions if name not in present]:
             raise StimuliError(
                 f"{folder / dataset}: has no video of {', '.join(missing)}, which other datasets have; every dataset "
-                "needs every condition"
+                "needs every condition, but for one of two videos to practise with (--practice DATASET)"
             )
     n_practice = len(videos) - len(compared)
     if practice is not None and n_practice != 2:

@@ -143,7 +143,7 @@ def spoil(videos: Path, fault: str) -> None:
 @pytest.mark.parametrize(
     ("fault", "why"),
     [
-        ("missing", "street: has no video of low, which other datasets have"),
+        ("missing", "street: has no video of low, which other datasets have; .* to practise with .--practice DATASET"),
         (
             "long",
             "street/low has 12 frames at 25/s .*, the others of street have 10 frames .*must be alike: render",

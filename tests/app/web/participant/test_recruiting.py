@@ -214,6 +214,18 @@ def test_a_study_takes_in_as_many_as_may_finish_and_sends_others_back(
         assert enters(third, study, "p-3").status_code == 201
 
 
+def test_the_overview_of_a_paused_study_does_not_say_that_people_are_taken_in(
+    create: Create, experimenter: Dashboard
+) -> None:
+    study = create(limits={"finished": 2})
+    page = f"/admin/studies/{study['slug']}"
+    assert "People are taken in." in experimenter.get(page).text
+    experimenter.act(f"{page}/state", state="paused")
+    paused = experimenter.get(page).text
+    assert "Paused: nobody new is taken in." in paused
+    assert "People are taken in." not in paused
+
+
 def test_who_takes_too_long_reads_so_and_the_place_is_given_out_again(
     client: httpx.Client, server: str, settings: Settings, create: Create
 ) -> None:

@@ -122,6 +122,12 @@ def test_what_came_before_the_connection_was_lost_is_kept(
 
 ACCEPTED = (
     ("films", "f", zipped({"ball/a.mp4": FILM, "ball/b.mp4": FILM}), "2 films of 1"),
+    (
+        "films",
+        "g",
+        zipped({"V/ball/a.mp4": FILM, "V/box/a.mp4": FILM, "V/conditions.csv": b"condition\n"}),
+        "2 films of 2",
+    ),
     ("clouds", "S1.ply", PLY, "1 cloud"),
     ("measures", "m.csv", MEASURES, "1 row: dataset, approach"),
     ("captures", "raw", zipped({"left/1.png": PNG, "calibration.yml": b"x"}), "recording without capture.json"),
