@@ -102,11 +102,11 @@ def _files(source: Path) -> tuple[Path, list[Path]]:
     files = sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)
     if not files:
         below = sorted({path.parent.name for path in source.glob("*/*") if path.suffix.lower() in SUFFIXES})
-        found = (
+        elsewhere = (
             f" but in {', '.join(below)}: name one of these folders, or write one file that also tells where the "
             "sensors stand, as `capture calibrate` does"
         )
-        raise CaptureError(f"{source}: holds no calibration file ({', '.join(SUFFIXES)}){found if below else ''}")
+        raise CaptureError(f"{source}: holds no calibration file ({', '.join(SUFFIXES)}){elsewhere if below else ''}")
     return source, files
 
 

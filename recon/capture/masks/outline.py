@@ -86,7 +86,13 @@ def likeness(
 def hides_plate(
     picture: NDArray[np.float32], plate: NDArray[np.float32], changed: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Keep changed pixels, bool (H, W), around which the plate's pattern is gone; parameters as `likeness`."""
+    """Mark changed pixels around which the plate's pattern is gone: bool (H, W).
+
+    Parameters
+    ----------
+    picture, plate : float32 (H, W, 3), smoothed
+    changed : bool (H, W), where the two differ
+    """
     other = (changed & (likeness(picture, plate, np.zeros_like(changed), changed) < REPLACED)).astype(np.uint8)
     closed = cv2.morphologyEx(other, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (PATTERN_WINDOW_PX, PATTERN_WINDOW_PX))
