@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -99,12 +100,13 @@ def _tell_of_set(new: NewSet, out: Path, *, as_json: bool) -> None:
     }
     conditions, datasets = counted(len(made.conditions), "condition"), counted(len(made.datasets), "dataset")
     films = f"{counted(len(made.stimuli), 'video')}: {conditions} of {datasets}: {out}"
+    folder = shlex.quote(str(out))
     alone = [dataset for dataset in made.datasets if len(made.of_dataset(dataset)) < FEWEST_CONDITIONS]
     follows = (
         f"A study compares two or more conditions of each dataset, and {', '.join(alone)} has one. Import the films of "
-        f"another condition, too, or join this set with another: reconstudy stimuli merge OTHER_SET {out} -o SET"
+        f"another condition, too, or join this set with another: reconstudy stimuli merge OTHER_SET {folder} -o SET"
         if alone
-        else f"A study of it: reconstudy study create {out} --name NAME"
+        else f"A study of it: reconstudy study create {folder} --name NAME"
     )
     print_result(result, "\n".join([films, *new.notes, follows]), as_json=as_json)
 

@@ -5,6 +5,7 @@ Each command imports what it needs when it runs, so `--help` and the server neve
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -153,7 +154,7 @@ def reconstruct(
     if not any(stream.mask for stream in read_capture(capture.resolve()).sensors):
         progress.say(
             f"{address_of(capture)} has no masks: all that stands in its bounds becomes part of the models, the room, "
-            f"too; `reconstudy capture segment {address_of(capture)}` makes masks"
+            f"too; `reconstudy capture segment {shlex.quote(address_of(capture))}` makes masks"
         )
     result = run_reconstruction(capture, out, options, progress)
     for warning in result["warnings"]:

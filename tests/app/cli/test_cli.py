@@ -122,7 +122,8 @@ def test_wrong_use_ends_with_2(command: Command, tmp_path: Path) -> None:
 def test_a_set_of_one_condition_says_what_a_study_needs(command: Command, stimuli: Path, tmp_path: Path) -> None:
     (tmp_path / "one" / "ball").mkdir(parents=True)
     shutil.copy(stimuli / "ball" / "id_fa.mp4", tmp_path / "one" / "ball" / "a.mp4")
-    told = command("stimuli", "import", tmp_path / "one", "-o", tmp_path / "set")
+    told = command("stimuli", "import", tmp_path / "one", "-o", tmp_path / "my set")
+    assert f"OTHER_SET '{tmp_path / 'my set'}' -o SET" in told.out, "the command can be copied"
     assert "1 video: 1 condition of 1 dataset" in told.out
     assert "A study compares two or more conditions of each dataset, and ball has one." in told.out
     missing = command("study", "create", stimuli, "--name", "X", "--options", tmp_path / "nothing.toml")
