@@ -77,7 +77,8 @@ def _skin(
     red = 0.10 * broad
     ax = abs(x)
     if ax > 560.0:
-        return _hand(look, ax, y, z, fp, tone, red)
+        hand: tuple[float, float, float] = _hand(look, ax, y, z, fp, tone, red)
+        return hand
     r, g, b = look[1] * tone * (1.0 + 0.3 * red), look[2] * tone * (1.0 - red), look[3] * tone * (1.0 - red)
     if y < 1540.0 or z < 30.0:
         if ax > 66.0 and y > 1600.0:  # ears are redder
@@ -265,7 +266,7 @@ def _hair_inside(look: NDArray[np.float64], volume: NDArray[np.float32], x: floa
     if look[18] > 0.0:
         beside = max(1.6 * (ax - 58.0) - max(0.0, z - 2.0), -56.0 - z) + 0.7 * ragged
         line = min(line - 0.5 * max(0.0, ax - 14.0), 1830.0 - 322.0 * _step(beside, -6.0, 8.0))
-    return y - line + ragged
+    return float(y - line + ragged)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)

@@ -274,9 +274,13 @@ def clearances(
     directions: NDArray[np.float64],
     reaches: tuple[float, float, float],
 ) -> NDArray[np.float64]:
-    """Compute distances, float64 (N, 3), mm, from three places along unit directions (N, 3) from surface points (N, 3).
+    """Compute distances, float64 (N, 3), mm, from three places in front of each surface point.
 
-    Convention: parts farther than twice the last and longest reach count as absent.
+    Parameters
+    ----------
+    table : of the parts
+    points, directions : float64 (N, 3), places on the surface, mm, and unit vectors
+    reaches : how far in front, mm; parts farther than twice the last and longest one count as absent
     """
     near = np.empty(len(table), np.int64)
     result = np.empty((len(points), 3))
@@ -298,9 +302,14 @@ def clearances(
 def group_distances(
     table: NDArray[np.float64], groups: NDArray[np.int64], n_groups: int, points: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Compute distances, float64 (N, n_groups), mm, of points (N, 3) to the nearest part of each group alone.
+    """Compute distances, float64 (N, n_groups), mm, of points to the nearest part of each group alone.
 
-    `groups`, int64 (P,), says to which group each part belongs; parts of group -1 count nowhere.
+    Parameters
+    ----------
+    table : of the P parts
+    groups : int64 (P,), the group of each part; parts of group -1 count nowhere
+    n_groups : how many there are
+    points : float64 (N, 3), mm
     """
     result = np.full((len(points), n_groups), np.inf)
     for i in range(len(points)):

@@ -114,7 +114,7 @@ def _openness(
     """Estimate the ambient light that reaches each vertex from distances along its normal."""
     reaches = (12.0, 35.0, 90.0)
     hidden = np.clip(1.0 - clearances(table, vertices, normals, reaches) / reaches, 0.0, 1.0)
-    return np.clip(1.0 - hidden @ (0.30, 0.40, 0.45), 0.15, 1.0).astype(np.float32)
+    return np.asarray(np.clip(1.0 - hidden @ (0.30, 0.40, 0.45), 0.15, 1.0), np.float32)
 
 
 def _bind(

@@ -81,7 +81,8 @@ class Stage:
         surface[:, 6:9] = vertices
         surface[:, 9] = self._openness
         n_cloth = sum(map(len, folds))
-        surface[:n_cloth, 9] *= np.clip(1.0 + FOLD_SHADE * np.concatenate(folds or [np.zeros(0)]), 0.6, 1.1)
+        depths = np.concatenate(folds) if folds else np.zeros(0, np.float32)
+        surface[:n_cloth, 9] *= np.clip(1.0 + FOLD_SHADE * depths, 0.6, 1.1)
         surface[:, 10] = key_share(vertices, normals, self.faces, self._towards_key)
         looks = self._looks.copy()
         looks[: len(moment.blink), 19] = moment.blink
@@ -105,7 +106,7 @@ class Stage:
         return _display(albedo).reshape(places.shape)
 
     def _moved_people(
-        self, transforms: list[NDArray[np.float64]], folds: list[NDArray[np.float64]]
+        self, transforms: list[NDArray[np.float64]], folds: list[NDArray[np.float32]]
     ) -> list[NDArray[np.float64]]:
         return [
             _placed(actor, skin(body.vertices + depths[:, None] * body.normals, body.bones, body.weights, moved))
@@ -118,7 +119,7 @@ class Stage:
 
 
 def _display(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
-    return np.rint(255 * np.clip(linear, 0, 1) ** (1 / 2.2)).astype(np.uint8)
+    return np.asarray(np.rint(255 * np.clip(linear, 0, 1) ** (1 / 2.2)), np.uint8)
 
 
 def _placed(actor: Actor, vertices: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -79,8 +80,9 @@ def _textured(capture: Capture, recorded: dict[int, Path]) -> Iterator[tuple[int
 
 
 def _parameters(capture: Capture) -> SynthParameters:
-    values = read_json(capture.folder / FACTS)["parameters"]
-    return SynthParameters(**{name: tuple(v) if isinstance(v, list) else v for name, v in values.items()})
+    values: dict[str, Any] = read_json(capture.folder / FACTS)["parameters"]
+    arrays = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
+    return SynthParameters(**(values | arrays))
 
 
 def _scene(capture: Capture, out: Path) -> dict[str, object]:

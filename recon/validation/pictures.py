@@ -136,7 +136,14 @@ def in_a_row(pictures: Sequence[NDArray[np.uint8]], gap: int = 12) -> NDArray[np
 
 
 def with_colour_scale(picture: NDArray[np.uint8], limit: float, unit: str = "mm") -> NDArray[np.uint8]:
-    """Set below a picture, uint8 (H, W, 3), the colours from -limit to limit with the numbers beside them."""
+    """Set the colours of errors below a picture, with the numbers beside them.
+
+    Parameters
+    ----------
+    picture : uint8 (H, W, 3)
+    limit : the colours go from -limit to limit
+    unit : of the limit
+    """
     width = picture.shape[1]
     strip = np.full((SCALE_PX, width, 3), 255, np.uint8)
     left, right = width // 2 - SCALE_WIDTH_PX // 2, width // 2 + SCALE_WIDTH_PX // 2
