@@ -24,6 +24,7 @@ from recon.depth.temporal import TemporalParameters
 from recon.geometry.mesh import Mesh
 from recon.geometry.mesh_files import write_mesh
 from recon.models.read import ReadModel, read_model
+from recon.models.scene_file import SCENE_FILE
 from recon.pipeline.film import RenderOptions
 from recon.pipeline.job import ReconstructOptions
 from recon.pipeline.manifest import MANIFEST
@@ -37,7 +38,7 @@ from recon.storage.files import read_json, write_json
 from recon.studio import SynthParameters, synthesise
 from recon.studio.scenes import CUBOID_SIZE_MM, SPHERE_RADIUS_MM
 from recon.studio.truth import MESH as TRUE_MESH
-from recon.studio.truth_models import SCENE_FILE, TRUTH, write_truth_models
+from recon.studio.truth_models import TRUTH, write_truth_models
 from recon.validation.cloud_quality import CloudSettings, Sampling, find_compared, measure_clouds
 from recon.validation.cloud_quality.report import write_cloud_report
 from recon.validation.clouds import named_clouds

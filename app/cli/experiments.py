@@ -105,6 +105,7 @@ def _demo_steps(
     from app.main import running_server
     from recon.capture.format import CAPTURE_FILE, read_capture
     from recon.capture.masks.segment import segment_capture
+    from recon.models.scene_file import SCENE_FILE
     from recon.pipeline.film import RenderOptions
     from recon.pipeline.job import ReconstructOptions
     from recon.pipeline.preview import write_stage_pictures
@@ -112,7 +113,7 @@ def _demo_steps(
     from recon.pipeline.render import render
     from recon.pipeline.run import read_run
     from recon.studio import SynthParameters, synthesise
-    from recon.studio.truth_models import SCENE_FILE, TRUTH, write_truth_models
+    from recon.studio.truth_models import TRUTH, write_truth_models
     from recon.surface import SurfaceParameters
     from recon.validation.films.evaluation import FilmSettings, measure_films
     from recon.validation.films.report import write_films_report

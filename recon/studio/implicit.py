@@ -111,8 +111,8 @@ def body_mesh(
     faces : int32 (M, 3), counter-clockwise seen from outside
     """
     grid = _grid(table, cell, fine)
-    indices, faces, _, _ = marching_cubes(grid_distance(table, *grid), 0.0, gradient_direction="ascent")
-    vertices = project_to_surface(table, _places(indices.astype(np.float64), *grid))
+    indices, faces, _, _ = marching_cubes(grid_distance(table, grid), 0.0, gradient_direction="ascent")
+    vertices = project_to_surface(table, _places(indices.astype(np.float64), grid))
     faces = faces[:, ::-1].astype(np.int32)
     for _ in range(MAX_REFINEMENTS):
         n_before = len(vertices)
@@ -145,20 +145,13 @@ def _axis(low: float, high: float, cell: float, beyond: tuple[float, float], sha
     return np.array(coordinates)
 
 
-def _places(
-    indices: NDArray[np.float64],
-    xs: NDArray[np.float64],
-    ys: NDArray[np.float64],
-    zs: NDArray[np.float64],
-    shrink_x: NDArray[np.float64],
-    shrink_y: NDArray[np.float64],
-    hand_y: float,
-) -> NDArray[np.float64]:
-    """Return places, float64 (N, 3), mm, of fractional indices (N, 3) into a grid; see `_place`."""
+def _places(indices: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
+    """Return places, float64 (N, 3), mm, of fractional indices (N, 3) into a grid."""
+    *axes, shrink_x, shrink_y, hand_y = grid
     i, j, k = indices.T
-    x, y, z = (np.interp(n, np.arange(len(axis)), axis) for n, axis in ((i, xs), (j, ys), (k, zs)))
-    a, b = np.interp(i, np.arange(len(xs)), shrink_x), np.interp(j, np.arange(len(ys)), shrink_y)
-    return np.stack([x * b, hand_y + (y - hand_y) * a, z * a * b], axis=1)
+    x, y, z = (np.interp(n, np.arange(len(axis)), axis) for n, axis in zip((i, j, k), axes, strict=True))
+    a, b = np.interp(i, np.arange(len(shrink_x)), shrink_x), np.interp(j, np.arange(len(shrink_y)), shrink_y)
+    return np.stack(_place.py_func(x, y, z, a, b, hand_y), axis=1)
 
 
 def split_long_edges(
@@ -351,15 +344,7 @@ def _place(x: float, y: float, z: float, shrink_x: float, shrink_y: float, hand_
 
 
 @numba.njit(cache=True, nogil=True)
-def grid_distance(
-    table: NDArray[np.float64],
-    xs: NDArray[np.float64],
-    ys: NDArray[np.float64],
-    zs: NDArray[np.float64],
-    shrink_x: NDArray[np.float64],
-    shrink_y: NDArray[np.float64],
-    hand_y: float,
-) -> NDArray[np.float32]:
+def grid_distance(table: NDArray[np.float64], grid: Grid) -> NDArray[np.float32]:
     """Compute distances, float32 (X, Y, Z), mm, negative inside, on a grid.
 
     Blocks far from the surface hold one rough value.
@@ -367,8 +352,9 @@ def grid_distance(
     Parameters
     ----------
     table : float64 (P, N_COLUMNS), see `part_table`
-    xs, ys, zs, shrink_x, shrink_y, hand_y : the grid, as from `_grid`
+    grid : as from `_grid`
     """
+    xs, ys, zs, shrink_x, shrink_y, hand_y = grid
     result = np.empty((len(xs), len(ys), len(zs)), np.float32)
     n = len(table)
     everything = np.arange(n)

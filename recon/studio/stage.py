@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Mesh
+from recon.rig import transformed
 from recon.studio import objects
 from recon.studio.anatomy import person_parts
 from recon.studio.appearance import vertex_albedo
@@ -115,7 +116,7 @@ class Stage:
 
     def _moved_things(self, moment: Moment) -> list[NDArray[np.float64]]:
         things = zip(self._things, moment.poses, strict=True)
-        return [vertices @ world[:3, :3].T + world[:3, 3] for (vertices, _), world in things]
+        return [transformed(vertices, world) for (vertices, _), world in things]
 
 
 def _display(linear: NDArray[np.float32]) -> NDArray[np.uint8]:

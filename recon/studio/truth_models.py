@@ -16,13 +16,13 @@ import numpy as np
 from recon.capture.format import Capture, CaptureError
 from recon.geometry.mesh import Mesh, Texture
 from recon.geometry.mesh_files import read_mesh, write_mesh
+from recon.models.scene_file import SCENE_FILE
 from recon.storage.files import new_folder, read_json, write_json
 from recon.studio.atlas import lay_out
 from recon.studio.synthesis import SynthParameters, restaged
 from recon.studio.truth import FACTS, MESH
 
 TRUTH = "truth"  # the approach whose models are true
-SCENE_FILE = "scene.json"
 SAME_MM = 0.1  # vertices of one version of the studio differ by rounding alone
 
 

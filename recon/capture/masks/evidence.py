@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from recon.capture.format import Capture, CaptureError, SensorStream, read_frame, read_plates
+from recon.capture.format import Capture, CaptureError, SensorStream, read_frame
 from recon.capture.recording import evenly_chosen
 
 SMOOTHING_PX = 1.0  # standard deviation: takes the noise of single pixels away, keeps edges within a pixel
@@ -21,28 +23,20 @@ VALLEY_EDGE = 1.25  # the valley begins where the histogram has come down to thi
 SAMPLED_FRAMES = 3  # first, middle, last: from which a threshold is found
 
 
-def evidence_of(capture: Capture, stream: SensorStream, frame: int, method: str) -> list[NDArray[np.float32]]:
-    """Measure how much each pixel of (left, right) looks like foreground: float32 (H, W) each, grey levels.
+def evidence_of(picture: NDArray[np.float32], plate: NDArray[np.float32] | None) -> NDArray[np.float32]:
+    """Measure how much each pixel looks like foreground: float32 (H, W), grey levels.
 
-    By threshold: the brightest channel, because a saturated colour is bright, too. By plate: the largest difference
+    Without a plate: the brightest channel, because a saturated colour is bright, too. By plate: the largest difference
     of any channel from the plate in that shade of it which fits best, because a shadow keeps the plate's colour.
 
     Parameters
     ----------
-    capture : the capture
-    stream : a sensor of it
-    frame : number, from 0
-    method : "threshold" or "plate"
+    picture, plate : float32 (H, W, 3), smoothed; None for a dark background
 
     Source of the shade: Horprasert, Harwood, Davis, "A statistical approach for real-time robust background
     subtraction and shadow detection", 1999, brightness and chromaticity distortion.
     """
-    images = read_frame(capture, stream.id, frame)
-    if method == "threshold":
-        return [smoothed(image).max(axis=2) for image in images]
-    plates = read_plates(capture, stream.id)
-    assert plates is not None, "the method was chosen with plates"
-    return [_difference(smoothed(image), smoothed(plate)) for image, plate in zip(images, plates, strict=True)]
+    return np.asarray(picture.max(axis=2)) if plate is None else _difference(picture, plate)
 
 
 def _difference(image: NDArray[np.float32], plate: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -50,20 +44,23 @@ def _difference(image: NDArray[np.float32], plate: NDArray[np.float32]) -> NDArr
     return np.asarray(np.abs(image - shade.clip(*SHADE)[..., None] * plate).max(axis=2))
 
 
-def found_threshold(capture: Capture, stream: SensorStream, method: str) -> float:
+def found_threshold(capture: Capture, stream: SensorStream, plates: Sequence[NDArray[np.float32] | None]) -> float:
     """Choose the evidence, grey levels, above which a pixel is foreground from some frames of a sensor.
 
     Parameters
     ----------
     capture : the capture
     stream : a sensor of it
-    method : "threshold" or "plate"
+    plates : float32 (H, W, 3) of each side, smoothed; None for a dark background
     """
-    frames = evenly_chosen(capture.n_frames, SAMPLED_FRAMES)
     evidence = np.concatenate(
-        [side.ravel() for frame in frames for side in evidence_of(capture, stream, frame, method)]
+        [
+            evidence_of(smoothed(picture), plate).ravel()
+            for frame in evenly_chosen(capture.n_frames, SAMPLED_FRAMES)
+            for picture, plate in zip(read_frame(capture, stream.id, frame), plates, strict=True)
+        ]
     )
-    if method == "threshold":
+    if plates[0] is None:
         return dark_background_threshold(np.bincount(evidence.astype(np.uint8), minlength=256))
     noise = float(np.quantile(evidence, QUIET_SHARE)) / QUIET_DEVIATIONS
     return max(MIN_DIFFERENCE, NOISE_FACTOR * noise)

@@ -144,30 +144,43 @@ def try_strokes(folder: Path, scribbles: Path, place: tuple[str, str, int], out:
 
 
 def _by_evidence(capture: Capture, method: str, threshold: float | None) -> Iterator[_Mask]:
-    clean_up = METHODS[method]
     for stream in capture.sensors:
-        limit = found_threshold(capture, stream, method) if threshold is None else threshold
-        plates = read_plates(capture, stream.id) if method == "plate" else None
+        plates = _smoothed_plates(capture, stream) if method == "plate" else [None] * len(stream.sides)
+        limit = found_threshold(capture, stream, plates) if threshold is None else threshold
         for frame in range(capture.n_frames):
-            pictures, evidences = read_frame(capture, stream.id, frame), evidence_of(capture, stream, frame, method)
-            for side, (picture, evidence) in enumerate(zip(pictures, evidences, strict=True)):
-                mask = tightened(clean_mask(evidence > limit, clean_up), evidence)
-                if mask.any():
-                    mask, doubtful = (
-                        (mask, _not_background(mask, evidence))
-                        if plates is None
-                        else _with_dark(picture, plates[side], mask, limit)
-                    )
-                    mask = clean_mask(grown(picture, mask, doubtful), clean_up)
-                yield stream, side, frame, mask
+            pictures = read_frame(capture, stream.id, frame)
+            for side, (picture, plate) in enumerate(zip(pictures, plates, strict=True)):
+                yield stream, side, frame, _mask(picture, smoothed(picture), plate, limit)
+
+
+def _smoothed_plates(capture: Capture, stream: SensorStream) -> list[NDArray[np.float32] | None]:
+    plates = read_plates(capture, stream.id)
+    assert plates is not None, "the method was chosen with plates"
+    return [smoothed(plate) for plate in plates]
 
 
 def mask_on_dark(picture: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Mask the object of a picture, uint8 (H, W, 3), before a dark background, as the method "threshold" does."""
-    evidence = smoothed(picture).max(axis=2)
-    threshold = dark_background_threshold(np.bincount(evidence.astype(np.uint8).ravel(), minlength=256))
-    mask = tightened(clean_mask(evidence > threshold, METHODS["threshold"]), evidence)
-    return clean_mask(grown(picture, mask, _not_background(mask, evidence)), METHODS["threshold"])
+    smooth = smoothed(picture)
+    histogram = np.bincount(evidence_of(smooth, None).astype(np.uint8).ravel(), minlength=256)
+    return _mask(picture, smooth, None, dark_background_threshold(histogram))
+
+
+def _mask(
+    picture: NDArray[np.uint8], smooth: NDArray[np.float32], plate: NDArray[np.float32] | None, limit: float
+) -> NDArray[np.bool_]:
+    """Mask the object of a picture before its plate, both smoothed, too; before a dark background without a plate."""
+    evidence, clean_up = evidence_of(smooth, plate), METHODS["threshold" if plate is None else "plate"]
+    mask = tightened(clean_mask(evidence > limit, clean_up), evidence)
+    if not mask.any():
+        return mask
+    if plate is None:
+        doubtful = _not_background(mask, evidence)
+    else:
+        changed = np.abs(smooth - plate).max(axis=2) > limit
+        mask = clean_mask(mask | hides_plate(smooth, plate, changed), clean_up)
+        doubtful = changed & ~(likeness(smooth, plate, mask, changed) > KEPT)
+    return clean_mask(grown(picture, mask, doubtful), clean_up)
 
 
 def _not_background(mask: NDArray[np.bool_], evidence: NDArray[np.float32]) -> NDArray[np.bool_]:
@@ -176,16 +189,6 @@ def _not_background(mask: NDArray[np.bool_], evidence: NDArray[np.float32]) -> N
     if not background.size:
         return np.zeros_like(mask)
     return np.asarray(evidence > float(np.median(background)) + MIN_DIFFERENCE)
-
-
-def _with_dark(
-    picture: NDArray[np.uint8], plate: NDArray[np.uint8], mask: NDArray[np.bool_], limit: float
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Add parts that hide the plate's pattern to a mask; also mark what may be the object's and shows no shadow."""
-    smooth, background = smoothed(picture), smoothed(plate)
-    changed = np.abs(smooth - background).max(axis=2) > limit
-    added = clean_mask(mask | hides_plate(smooth, background, changed), METHODS["plate"])
-    return added, changed & ~(likeness(smooth, background, added, changed) > KEPT)
 
 
 def _by_scribbles(capture: Capture, strokes: Strokes) -> Iterator[_Mask]:
