@@ -96,6 +96,10 @@ class Scale:
     video_fps: float
     seconds: float
 
+    def with_frames(self, n_frames: int) -> Scale:
+        """Record each scene in another number of frames of the same time."""
+        return replace(self, n_frames=n_frames, fps=self.fps * n_frames / self.n_frames)
+
 
 SCALES = {
     "small": Scale((360, 640), (640, 640), 3, 5.0, 29, 3, (480, 270), 25.0, 3.0),

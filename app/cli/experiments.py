@@ -183,6 +183,12 @@ def experiment_paper(
     scale: Annotated[
         str, typer.Option(help="small takes minutes; full makes videos in full HD of 15 s and takes hours.")
     ] = "small",
+    frames: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="How many frames show a scene's motion: fewer take less time.  [default: 3; full: 125]"
+        ),
+    ] = None,
     approach: FurtherOption = "",
     colour: Annotated[
         str, typer.Option(help="Sources of the models' colours, a third factor if both: vertices,photographs.")
@@ -208,7 +214,7 @@ def experiment_paper(
         raise typer.BadParameter(f"--scale is {scale!r}, expected {' or '.join(SCALES)}")
     experiment = Experiment(
         out.resolve(),
-        SCALES[scale],
+        SCALES[scale].with_frames(frames or SCALES[scale].n_frames),
         parse_approaches(approach),
         parse_names(colour),
         tuple(models or ()),

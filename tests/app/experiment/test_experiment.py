@@ -21,6 +21,7 @@ from app.experiment.study import people, raters, true_abilities
 from app.intake.reports import Measure
 from app.simulation.rating import LOG_ODDS_OF_SCALE
 from recon.approaches import DEPTH_METHODS, FUSION_METHODS, approaches
+from recon.capture.format import read_capture
 from tests.command_line import Command
 
 APPROACHES = [str(approach) for approach in approaches(DEPTH_METHODS, FUSION_METHODS)]
@@ -227,8 +228,8 @@ def test_an_unknown_scale_is_wrong_use(command: Command, tmp_path: Path) -> None
 
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The scale `small`, but so that it takes a minute: two scenes of one frame, two balls, six people."""
-    scale = recon.experiment.Scale((120, 214), (240, 240), 1, 5.0, 2, 1, (160, 90), 25.0, 0.4)
+    """The scale `small`, but so that it takes a minute: two scenes, two balls, six people."""
+    scale = recon.experiment.Scale((120, 214), (240, 240), 2, 10.0, 2, 1, (160, 90), 25.0, 0.4)
     monkeypatch.setitem(recon.experiment.SCALES, "small", scale)
     monkeypatch.setattr(recon.experiment, "SCENES", ("ball", "face"))
     monkeypatch.setattr(recon.validation.truth.evaluation, "N_SAMPLES", 5000)
@@ -240,10 +241,11 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("tiny")
 def test_a_small_experiment_ends_in_a_report_and_is_not_done_twice(command: Command, tmp_path: Path) -> None:
     out = tmp_path / "paper"
-    asked = ("experiment", "paper", "-o", out, "--approach", "sgm_fb", "--ratings", "--json")
+    asked = ("experiment", "paper", "-o", out, "--frames", "1", "--approach", "sgm_fb", "--ratings", "--json")
     told = command(*asked)
     assert told.code == 0, told.err
     report = json.loads(told.out)
+    assert (read_capture(out / "captures" / "ball").n_frames, read_capture(out / "captures" / "ball").fps) == (1, 5.0)
     wanted = {f"table_{n}" for n in range(1, 5)} | {f"figure_{n}" for n in range(6, 9)} | {"measures", "cuboid"}
     assert wanted <= report["tables"].keys()
     assert {row["measure"] for row in report["tables"]["models"]} == set(app.experiment.study.MEASURES)
