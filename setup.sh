@@ -8,7 +8,7 @@ venv=${1:-.venv}
 # Offscreen OpenGL for the videos, what Open3D is linked to (libgl1, libidn2, libusb), numba's threads (libgomp1), a
 # browser and what drives it (libatomic1) for the browser tests, fonts for plots.
 # "a|b" means: a, or b where the distribution has no a. "?a" means: a, where the distribution has it.
-packages=(libegl1 libgl1-mesa-dri libgl1 libgomp1 libidn2-0 libusb-1.0-0 "?libosmesa6" "chromium|chromium-browser" libatomic1 fonts-dejavu-core)
+packages=(libegl1 libgl1-mesa-dri libgl1 libgomp1 libidn2-0 libusb-1.0-0 "?libosmesa6" "chromium|chromium-browser" libatomic1 fonts-dejavu-core ${TEST_PACKAGES:-})
 
 installed() { dpkg-query -W -f='${Status}' "$1" 2>/dev/null | grep -q 'ok installed'; }
 known() { [ -n "$(apt-cache madison "$1" 2>/dev/null)" ]; }
