@@ -5,23 +5,27 @@ from __future__ import annotations
 import shutil
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import sync_playwright
 
+from app.experiment.study import TRUTH
 from app.files import write_bytes
 from app.main import running_server
-from app.operations.manage import list_studies
+from app.operations import create
 from app.settings import Settings
+from app.study.options import StudyOptions
 from recon.pipeline.preview import webp
 from recon.render.sheet import contact_sheet
 
 PICTURES = Path(__file__).parent / "pictures"
 LARGEST = 200_000  # bytes
 SCREEN = {"width": 1366, "height": 768}
+SEEN_MS = 1500  # of the first film
 WIDTH = 1100  # pixels on the page
 UPPER_BODY = np.s_[40:250, 125:335]  # of a model's picture: where the approaches differ most
 
@@ -54,26 +58,22 @@ def read(path: Path) -> NDArray[np.uint8]:
 
 
 def trial(demo: Path) -> NDArray[np.uint8]:
-    """What a participant sees in the middle of a trial."""
-    settings = Settings(data_dir=demo / "reconstudy", database_url=None)
+    """What a participant sees in the middle of a trial, in a study of the demo's films without a practice."""
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")
-    with running_server(settings) as url, sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
-        page = browser.new_page(viewport=SCREEN)
-        page.goto(f"{url}/s/{list_studies(settings)[0]['invitations'][0]}")
-        enter_trials(page)
-        picture = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR_RGB)
-        browser.close()
+    with TemporaryDirectory() as folder:
+        settings = Settings(data_dir=Path(folder), database_url=None)
+        study = create.create_study(settings, demo / "stimuli", "Demo", options=StudyOptions(without=(TRUTH,)))
+        with running_server(settings) as url, sync_playwright() as playwright:
+            browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
+            page = browser.new_page(viewport=SCREEN)
+            page.goto(f"{url}/s/{study['invitation']}")
+            for view in ("welcome", "instructions-1", "instructions-2", "instructions-3"):
+                page.locator(f"[data-view={view}] [data-primary]").click()
+            page.locator("#trial[data-state=exposure]").wait_for()
+            page.wait_for_timeout(SEEN_MS)
+            picture = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR_RGB)
+            browser.close()
     return np.asarray(picture, np.uint8)
-
-
-def enter_trials(page: Page) -> None:
-    """From the welcome to the middle of the first exposure, by keyboard."""
-    for view in ("welcome", "instructions-1", "instructions-2", "instructions-3"):
-        page.locator(f"[data-view={view}]").wait_for()
-        page.keyboard.press("Enter")
-    page.locator("#trial[data-state=exposure]").wait_for()
-    page.wait_for_timeout(1500)
 
 
 def keep(name: str, picture: NDArray[np.uint8]) -> None:
