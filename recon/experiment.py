@@ -96,9 +96,11 @@ class Scale:
     video_fps: float
     seconds: float
 
-    def with_frames(self, n_frames: int) -> Scale:
-        """Record each scene in another number of frames of the same time."""
-        return replace(self, n_frames=n_frames, fps=self.fps * n_frames / self.n_frames)
+    def resized(self, n_frames: int | None = None, seconds: float | None = None) -> Scale:
+        """Record each scene in another number of frames of the same time, or make videos of another length."""
+        frames = n_frames or self.n_frames
+        fps = self.fps * frames / self.n_frames
+        return replace(self, n_frames=frames, fps=fps, seconds=seconds or self.seconds)
 
 
 SCALES = {

@@ -189,6 +189,9 @@ def experiment_paper(
             min=1, help="How many frames show a scene's motion: fewer take less time.  [default: 3; full: 125]"
         ),
     ] = None,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.2, help="Length of each video.  [default: 3; full: 15]")
+    ] = None,
     approach: FurtherOption = "",
     colour: Annotated[
         str, typer.Option(help="Sources of the models' colours, a third factor if both: vertices,photographs.")
@@ -214,7 +217,7 @@ def experiment_paper(
         raise typer.BadParameter(f"--scale is {scale!r}, expected {' or '.join(SCALES)}")
     experiment = Experiment(
         out.resolve(),
-        SCALES[scale].with_frames(frames or SCALES[scale].n_frames),
+        SCALES[scale].resized(frames, seconds),
         parse_approaches(approach),
         parse_names(colour),
         tuple(models or ()),
@@ -229,8 +232,8 @@ def experiment_paper(
     progress.say(f"{sentence}, less where it was begun before. All of it goes into {out}.")
     planned = [Step(name, partial(work, progress)) for name, work in steps(experiment)]
     planned.append(Step("let people take the study", partial(study.take, by_step(progress))))
-    seconds = run_steps(planned, out / "seconds.json", progress.say)
-    report = write_experiment_report(read_results(study, seconds), scale)
+    taken = run_steps(planned, out / "seconds.json", progress.say)
+    report = write_experiment_report(read_results(study, taken), scale)
     progress.close()
     _tell_of_experiment(out, report, as_json=as_json)
 
