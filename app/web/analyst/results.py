@@ -148,6 +148,13 @@ def rows_of(analysis: Mapping[str, Any], table: str) -> Sequence[Mapping[str, An
     return rows
 
 
+def no_analysis() -> Mapping[str, Any]:
+    """Return the content of analysis.json while there are no votes."""
+    from app.analysis.ratings.content import NO_VOTES
+
+    return NO_VOTES | {"warnings": ["there are no votes yet"], "settings": {}}
+
+
 def analysis_of(database: Database, study_id: int) -> Mapping[str, Any] | None:
     """Return the content of analysis.json for the votes so far; None while there are none."""
     return results_of(database, study_id).analysis
