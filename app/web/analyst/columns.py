@@ -152,6 +152,10 @@ SCORES: Columns = {
     "preference_to_mean": "share of decided votes against a condition of the mean score",
     "preference_to_mean_low": "lower end of its 95 % interval",
     "preference_to_mean_high": "upper end",
+    "ci_method": "what the interval rests on; empty where there is none",
+    "win_probability": "probability of being preferred to another condition at random, given a preference",
+    "penalty": "estimate that stands in for a maximum of separated votes; else empty",
+    "letters": "conditions that share a letter are not told apart (all pairs, Holm)",
 }
 RATINGS: Columns = {
     "dataset": DATASET,
@@ -285,7 +289,7 @@ KINDS = {  # of columns that are no text: a Parquet file needs them for long tab
     **dict.fromkeys(("dmos_low", "dmos_high", "quality", "quality_se", "quality_low", "quality_high"), "float"),
     **dict.fromkeys(("circular_expected_ties", "zeta", "p_value", "circular_by_chance", "share", "mean"), "float"),
     **dict.fromkeys(("minimum", "maximum", "value", "logmar", "low", "high", "limit", "smallest"), "float"),
-    **dict.fromkeys(("pixel_mm", "distance_mm"), "float"),
+    **dict.fromkeys(("pixel_mm", "distance_mm", "win_probability"), "float"),
     **dict.fromkeys(("served_at", "voided_at", "voted_at", "started_at", "finished_at"), "time"),
     **dict.fromkeys(("last_vote_at", "withdrawn_at", "erased_at", "at", "answered_at"), "time"),
     **dict.fromkeys(("written_at", "attached_at", "created_at", "ended_at"), "time"),

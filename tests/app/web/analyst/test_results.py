@@ -138,9 +138,7 @@ def test_a_study_without_votes_has_columns_of_the_same_kinds(
             for study in (new_study(), taken)
         ]
         empty, whole = (pyarrow.parquet.read_schema(io.BytesIO(answer.content)) for answer in answers)
-        assert [(field.name, field.type) for field in empty] == [(field.name, field.type) for field in whole][
-            : len(empty)
-        ]
+        assert [(field.name, field.type) for field in empty] == [(field.name, field.type) for field in whole]
 
 
 def test_only_known_formats_studies_and_tokens_are_answered(
