@@ -98,7 +98,7 @@ def _r(drawn: Drawn) -> str:
         "library(ggplot2)\nlibrary(jsonlite)\n\n"
         f'rows <- fromJSON("analysis.json")${drawn.table}\n{rows}'
         f"ggplot(rows, aes({drawn.x}, reorder({drawn.y}, {drawn.x}){ends})) +\n  {mark}(){panels}\n"
-        'ggsave("figure.svg", width = 183, height = 120, units = "mm")\n'
+        'ggsave("figure.png", width = 183, height = 120, units = "mm")\n'
     )
 
 
