@@ -207,9 +207,11 @@ def group_comparisons(votes: VotesTable, settings: AnalysisSettings) -> list[Gro
 def _scores_by_dataset(compared: Sequence[Comparison]) -> dict[str, dict[str, float]]:
     """Return dataset -> item -> score for every single dataset that has scores."""
     return {
-        comparison.dataset: dict(zip(comparison.fit.items, comparison.fit.scores.tolist(), strict=True))
+        comparison.dataset: dict(zip(comparison.fit.items, scores.tolist(), strict=True))
         for comparison in compared
-        if comparison.comparison == ALL and comparison.dataset != ALL and comparison.fit.scores is not None
+        if comparison.comparison == ALL
+        and comparison.dataset != ALL
+        and (scores := comparison.fit.ranked_scores) is not None
     }
 
 

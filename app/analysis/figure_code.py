@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import count
 from typing import Any
 
 from app.analysis.votes_table import ALL
@@ -49,11 +50,11 @@ def _drawn(name: str, analysis: Mapping[str, Any]) -> Drawn | None:
     ends = ("ci_low", "ci_high")
     kind, _, which = name.partition("_")
     if kind in ("scores", "levels"):
-        called = [row["comparison"] for row in analysis["scores"] if figure_file_name(row["comparison"]) == which]
-        return Drawn("scores", {"comparison": called[0] if called else ALL}, "item", "score", ends, "dataset")
+        comparison = names_by_file(analysis["scores"], "comparison").get(which, ALL)
+        return Drawn("scores", {"comparison": comparison}, "item", "score", ends, "dataset")
     if kind == "group":
-        called = [row["grouping"] for row in analysis["groups"] if figure_file_name(row["grouping"]) == which]
-        return Drawn("groups", {"grouping": called[0], "dataset": ALL}, "item", "score", ends, "group")
+        grouping = names_by_file(analysis["groups"], "grouping")[which]
+        return Drawn("groups", {"grouping": grouping, "dataset": ALL}, "item", "score", ends, "group")
     return FIGURES.get(name)
 
 
@@ -69,9 +70,22 @@ FIGURES = {
 }
 
 
-def figure_file_name(text: str) -> str:
-    """Return a text as a part of a file's name: other signs than letters and digits become underscores."""
-    return "".join(character if character.isalnum() else "_" for character in text)
+def names_by_file(rows: Iterable[Mapping[str, Any]], column: str) -> dict[str, str]:
+    """Return the names in a column by the part of a figure's file name that stands for them.
+
+    Other signs than letters and digits become underscores; names that would share a file are numbered.
+    """
+    names: dict[str, str] = {}
+    taken: set[str] = set()  # in small letters, which some file systems do not tell from capitals
+    for name in dict.fromkeys(row[column] for row in rows):
+        plain = file = "".join(character if character.isalnum() else "_" for character in name)
+        for number in count(2):
+            if file.casefold() not in taken:
+                break
+            file = f"{plain}_{number}"
+        taken.add(file.casefold())
+        names[file] = name
+    return names
 
 
 def _python(drawn: Drawn) -> str:
@@ -98,7 +112,7 @@ def _r(drawn: Drawn) -> str:
         "library(ggplot2)\nlibrary(jsonlite)\n\n"
         f'rows <- fromJSON("analysis.json")${drawn.table}\n{rows}'
         f"ggplot(rows, aes({drawn.x}, reorder({drawn.y}, {drawn.x}){ends})) +\n  {mark}(){panels}\n"
-        'ggsave("figure.svg", width = 183, height = 120, units = "mm")\n'
+        'ggsave("figure.png", width = 183, height = 120, units = "mm")\n'
     )
 
 

@@ -16,7 +16,7 @@ from app.analysis.charts import (
     triads_chart,
 )
 from app.analysis.drawing import FULL, chart_svg, drawn_width, letters_without_font
-from app.analysis.figure_code import figure_code, figure_file_name
+from app.analysis.figure_code import figure_code, names_by_file
 from app.analysis.objective.charts import measure_chart, ranking_chart
 from app.analysis.objective.prediction import measures_by_rank
 from app.analysis.ratings.charts import rating_charts
@@ -57,28 +57,25 @@ def named_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tup
     analysis : the content of analysis.json
     width : of the figures, in pixels
     """
-    for comparison in dict.fromkeys(row["comparison"] for row in analysis["scores"]):
+    for name, comparison in names_by_file(analysis["scores"], "comparison").items():
         rows = [row for row in analysis["scores"] if row["comparison"] == comparison]
         if comparison == ALL:
             yield "scores", f"Scores of all conditions {_ends(rows)}", scores_chart(analysis, comparison, width)
             continue
-        name, what = figure_file_name(comparison), f"Scores by {comparison}"
+        what = f"Scores by {comparison}"
         yield f"levels_{name}", f"{what} on each dataset {_ends(rows)}", levels_chart(analysis, comparison, width)
         yield f"scores_{name}", f"{what} {_ends(rows)}", scores_chart(analysis, comparison, width)
     preferences = "Votes for the row's condition against the column's; columns have the numbers of the rows."
     yield "preferences", preferences, preference_chart(analysis, width=width)
     yield "residuals", "Where the model and the votes differ.", residual_chart(analysis, width=width)
     yield "measures", "How well each measure predicts the scores.", ranking_chart(analysis, width)
+    files = {measure: name for name, measure in names_by_file(analysis["measures"], "measure").items()}
     for measure in measures_by_rank(analysis["measures"]):
-        yield (
-            f"measure_{figure_file_name(measure)}",
-            f"Score against {measure}.",
-            measure_chart(analysis, measure, width),
-        )
-    for grouping in dict.fromkeys(row["grouping"] for row in analysis["groups"]):
+        yield f"measure_{files[measure]}", f"Score against {measure}.", measure_chart(analysis, measure, width)
+    for name, grouping in names_by_file(analysis["groups"], "grouping").items():
         rows = [row for row in analysis["groups"] if row["grouping"] == grouping]
         caption = f"Scores by {grouping}, all datasets, {_intervals(rows)}."
-        yield f"group_{figure_file_name(grouping)}", caption, groups_chart(analysis, grouping, width)
+        yield f"group_{name}", caption, groups_chart(analysis, grouping, width)
     yield "response_times", "Response times of each participant.", response_chart(analysis, width)
     yield "triads", "Circular triads of each participant over all datasets.", triads_chart(analysis, width)
     yield from rating_charts(analysis, width)

@@ -15,6 +15,7 @@ from app.analysis.ties import TIE_MODELS
 
 Array = NDArray[np.float64]
 
+RANKED_TO = 7  # decimals of scores that are ranked; a penalised fit stops within 1e-8 or so of its maximum
 LARGEST_COVARIANCE = 3000  # parameters; beyond, the covariance matrix takes minutes and a gigabyte
 
 
@@ -54,6 +55,11 @@ class Fit:
             return None
         effects = self.theta[: self.design.n_effects]
         return effects if self.design.levels is None else self.design.levels @ effects
+
+    @property
+    def ranked_scores(self) -> Array | None:
+        """Scores in which items that are equal but for rounding errors are equal, float64 (n,), log-odds."""
+        return None if self.scores is None else np.round(self.scores, RANKED_TO)
 
     @cached_property
     def covariance(self) -> Array | None:

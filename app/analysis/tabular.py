@@ -333,7 +333,7 @@ def _read_excel(path: Path) -> pd.DataFrame:
         with pd.ExcelFile(path, engine="openpyxl") as book:
             _check_cells(_cells_up_to(book.book.worksheets[0].iter_rows(values_only=True)))
             sheets = [str(name) for name in book.sheet_names]
-            frame = pd.read_excel(book, sheet_name=0, dtype=object)
+            frame = pd.read_excel(book, sheet_name=0, dtype=object, keep_default_na=False, na_values=[""])
     except ImportError as error:
         raise VotesError("is an Excel file, which needs the package openpyxl: pip install openpyxl") from error
     except (FileNotFoundError, VotesError):

@@ -86,8 +86,8 @@ class VotesTable:
 
     @property
     def is_used(self) -> NDArray[np.bool_]:
-        """Which rows are to be scored, bool (N,): not practice, not excluded, not attention checks."""
-        return np.asarray(~(self.practice | self.excluded) & (self.role == MAIN))
+        """Which rows are to be scored, bool (N,): not practice, excluded or attention checks, nor rows of no vote."""
+        return np.asarray(~(self.practice | self.excluded) & (self.role == MAIN) & (self.count > 0))
 
     @property
     def pair(self) -> NDArray[np.int64]:

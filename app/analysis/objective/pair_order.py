@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from app.analysis.objective.points import Indices
+from app.analysis.objective.points import Indices, without_noise
 
 Array = NDArray[np.float64]
 
@@ -75,7 +75,7 @@ def share_in_order(differences: Array) -> Array:
 
 def pair_differences(values: Array, pairs: Indices) -> Array:
     """Return the first minus the second of each pair, float64 (P, M), of values (P, N) and pairs (M, 2)."""
-    return np.asarray(values[:, pairs[:, 0]] - values[:, pairs[:, 1]])
+    return without_noise(values[:, pairs[:, 0]] - values[:, pairs[:, 1]], values)
 
 
 def _right(differences: Array) -> Array:

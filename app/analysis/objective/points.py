@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 FEWEST_OF_A_DATASET = 2  # points
+ROUNDING = 1e-12  # of the largest value; differences that are closer are equal but for rounding errors
 
 
 @dataclass(frozen=True)
@@ -156,8 +157,14 @@ def matched(score_sets: Mapping[str, ScoreSet], values: Mapping[str, Mapping[str
 
 
 def _relative(values: Array, dataset: Indices) -> Array:
-    """Subtract each dataset's mean; equal values become exactly zero, without rounding noise."""
+    """Subtract each dataset's mean; equal values become exactly zero."""
     _, first, number = np.unique(dataset, return_index=True, return_inverse=True)
     shifted = values - values[first][number]
     means = np.bincount(number, shifted) / np.bincount(number)
-    return np.asarray(shifted - means[number])
+    return without_noise(shifted - means[number], values)
+
+
+def without_noise(differences: Array, values: Array) -> Array:
+    """Return differences of values with rounding errors taken off, so that ranks take equal ones for equal."""
+    step = ROUNDING * float(np.abs(values).max(initial=0.0)) or 1.0
+    return np.asarray(np.round(differences / step) * step)

@@ -26,8 +26,9 @@ def score_sets(compared: Sequence[Comparison]) -> dict[str, ScoreSet]:
 def _score_set(comparison: Comparison) -> ScoreSet:
     """Return the scores of a fit that has any; which pairs differ is left open where there are no tests."""
     fit = comparison.fit
-    assert fit.scores is not None
+    scores = fit.ranked_scores
+    assert scores is not None
     low, high, _ = intervals(fit, comparison.bootstrap)
     half_widths = np.full(len(fit.items), np.nan) if low is None or high is None else (high - low) / 2
     tested = [contrast for contrast in comparison.contrasts if contrast.method != NEVER_COMPARED]
-    return score_set(fit.items, fit.scores, half_widths, tested)
+    return score_set(fit.items, scores, half_widths, tested)

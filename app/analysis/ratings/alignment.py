@@ -13,6 +13,8 @@ from scipy.sparse import coo_array, csr_array, hstack
 from scipy.sparse.csgraph import connected_components
 
 from app.analysis.contrasts import critical_value
+from app.analysis.counts import PairCounts
+from app.analysis.existence import recession
 from app.analysis.ratings.table import RatingTable, numbered_names
 from app.analysis.scales import LOG_ODDS_PER_JOD
 from app.analysis.ties import TIE_MODELS, WITHOUT_TIES, Derivatives, TieModel
@@ -257,15 +259,24 @@ def _fit(seen: Observations) -> _Fit | None:
     centre, unit = float(seen.rating.mean()), float(seen.rating.std()) or 1.0
     counts = [seen.count * (seen.choice == choice) for choice in (A, B, NONE)]
     likelihood = _Likelihood(seen, (seen.rating - centre) / unit, *counts)
+    if not _are_places_finite(likelihood):
+        return None
     start = _start(seen, likelihood)
     n, n_observations = len(seen.items), len(seen.rating) + seen.count.sum()
-    best = minimize(
+
+    def stop_if_too_steep(theta: Array) -> None:
+        if abs(theta[n]) > STEEPEST:  # before numbers overflow
+            raise StopIteration
+
+    optimise: Any = minimize  # its stubs know no callback without a result
+    best = optimise(
         likelihood.loss,
         start,
         jac=likelihood.loss_gradient,
         hess=likelihood.information,
         method="trust-exact",
         options={"gtol": TOLERANCE, "maxiter": MOST_ITERATIONS},
+        callback=stop_if_too_steep,
     )
     theta = np.asarray(best.x)
     information = likelihood.information(theta)
@@ -286,6 +297,26 @@ def _fit(seen: Observations) -> _Fit | None:
     loglik = likelihood.value(best.x) - len(seen.rating) * float(np.log(unit))
     scaled = None if seen.n_participants == 1 else covariance * np.outer(scale, scale)
     return _Fit(theta, scaled, n, seen.n_participants or None, loglik)
+
+
+def _are_places_finite(likelihood: _Likelihood) -> bool:
+    """Do votes go both ways between the rated items and those that were only compared? Else these lie anywhere."""
+    seen, n = likelihood.seen, len(likelihood.seen.items)
+    unrated = np.flatnonzero(~np.isin(np.arange(n), seen.rated))
+    if not len(unrated):
+        return True
+    codes = seen.difference.indices.reshape(-1, 2) @ np.array([n, 1])
+    _, first, pair = np.unique(codes, return_index=True, return_inverse=True)
+    is_turned = seen.difference.data[::2] < 0
+    sides = np.where(is_turned, [likelihood.losses, likelihood.wins], [likelihood.wins, likelihood.losses])
+    wins, losses, ties = (np.bincount(pair, votes).astype(np.float64) for votes in (*sides, likelihood.ties))
+    low, high = np.divmod(codes[first], n)
+    n_pairs, has_ties = len(first), int(likelihood.has_ties)
+    of_pairs = seen.difference[first][:, unrated] * np.where(is_turned, -1.0, 1.0)[first][:, None]
+    effects = csr_array(hstack([of_pairs, csr_array((n_pairs, has_ties))]))
+    to_ties = csr_array(hstack([csr_array(of_pairs.shape), csr_array(np.ones((n_pairs, has_ties)))]))
+    counts = PairCounts(n, low, high, wins, losses, ties)
+    return recession(counts, effects, to_ties if has_ties else None, n_scores=0)[1] is None
 
 
 def _start(seen: Observations, likelihood: _Likelihood) -> Array:

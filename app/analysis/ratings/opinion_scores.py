@@ -63,8 +63,10 @@ def mean_with_interval(values: Array) -> dict[str, Any]:
     """Return the mean of items with its 95 % interval over participants; each item counts alike.
 
     For a single item, and wherever everybody rated every item, it is mean +- t(n - 1) sd / sqrt(n) of the participants'
-    means. Where ratings are missing, the mean of the items' means has the variance n / (n - 1) sum(u^2), where u is a
-    participant's part in it: the average over items of (value - item's mean) / (number of values of the item).
+    means. Where ratings are missing, the mean of the items' means has the variance sum(u^2), where u is a participant's
+    part in it: the average over items of (value - item's mean) / sqrt(k (k - 1)) for k values of the item. One value
+    says nothing about its item's spread; its distance from the mean of all items stands in, times sqrt(n / (n - 1)),
+    which is too large rather than too small (in surveys: strata with a single unit).
 
     Parameters
     ----------
@@ -87,8 +89,11 @@ def mean_with_interval(values: Array) -> dict[str, Any]:
     if n == 1:
         return row | {"mean": mean}
     parts = np.nanmean(values, axis=1)
-    influence = np.nan_to_num((values - item_means) / (~np.isnan(values)).sum(axis=0)).mean(axis=1)
-    error = float(np.sqrt(n / (n - 1) * (influence @ influence)))
+    times = (~np.isnan(values)).sum(axis=0)
+    is_single = times == 1
+    centre, size = np.where(is_single, mean, item_means), np.where(is_single, n, times)
+    influence = np.nan_to_num((values - centre) / times * np.sqrt(size / (size - 1))).mean(axis=1)
+    error = float(np.sqrt(influence @ influence))
     half = critical_value(n) * error
     numbers = {"mean": mean, "se": error, "sd": float(parts.std(ddof=1)), "ci_low": mean - half, "ci_high": mean + half}
     return row | numbers

@@ -152,6 +152,10 @@ SCORES: Columns = {
     "preference_to_mean": "share of decided votes against a condition of the mean score",
     "preference_to_mean_low": "lower end of its 95 % interval",
     "preference_to_mean_high": "upper end",
+    "ci_method": "what the interval rests on; empty where there is none",
+    "win_probability": "probability of being preferred to another condition at random, given a preference",
+    "penalty": "estimate that stands in for a maximum of separated votes; else empty",
+    "letters": "conditions that share a letter are not told apart (all pairs, Holm)",
 }
 RATINGS: Columns = {
     "dataset": DATASET,
@@ -189,7 +193,7 @@ TRIADS: Columns = {
     "circular": "circular triads of strict preferences",
     "circular_expected_ties": "expected circular triads if ties were broken at random",
     "circular_max": "largest possible number of circular triads",
-    "zeta": "coefficient of consistence, 1 - circular / circular_max",
+    "zeta": "coefficient of consistence, 1 - circular_expected_ties / circular_max",
     "p_value": "probability of as few circular triads under random votes on the same pairs, ties in the same places",
     "circular_by_chance": "expected circular triads under random votes",
 }
@@ -272,13 +276,23 @@ SCREENING: Columns = {
     "experimenter": "who entered it",
     "details": "more, as JSON",
 }
-KINDS = {  # of columns of votes, trials, participants and the audit log that are no text
+KINDS = {  # of columns that are no text: a Parquet file needs them for long tables, and where there are no values
     **dict.fromkeys(("practice", "excluded", "frame_locked", "both_seen", "reference", "lighter_film"), "bool"),
+    **dict.fromkeys(("is_reference", "complete", "is_bound"), "bool"),
     **dict.fromkeys(("looks_before", "rating", "number", "attempt", "n_switches", "n_mismatches", "entry"), "int"),
-    **dict.fromkeys(("n_trials", "n_votes", "n_voided"), "int"),
+    **dict.fromkeys(("n_trials", "n_votes", "n_voided", "n_comments", "n_participants", "n_ratings", "n"), "int"),
+    **dict.fromkeys(("wins", "losses", "ties", "n_items", "circular", "circular_max", "n_answered"), "int"),
     **dict.fromkeys(("response_ms", "press_to_picture_ms", "shown_ms", "mean_response_ms"), "float"),
+    **dict.fromkeys(("score", "se", "se_participant", "ci_low", "ci_high", "jod", "jod_low", "jod_high"), "float"),
+    **dict.fromkeys(("jod_thurstone", "jod_thurstone_low", "jod_thurstone_high", "preference_to_mean"), "float"),
+    **dict.fromkeys(("preference_to_mean_low", "preference_to_mean_high", "mos", "sd", "dmos", "dmos_sd"), "float"),
+    **dict.fromkeys(("dmos_low", "dmos_high", "quality", "quality_se", "quality_low", "quality_high"), "float"),
+    **dict.fromkeys(("circular_expected_ties", "zeta", "p_value", "circular_by_chance", "share", "mean"), "float"),
+    **dict.fromkeys(("minimum", "maximum", "value", "logmar", "low", "high", "limit", "smallest"), "float"),
+    **dict.fromkeys(("pixel_mm", "distance_mm", "win_probability"), "float"),
     **dict.fromkeys(("served_at", "voided_at", "voted_at", "started_at", "finished_at"), "time"),
-    **dict.fromkeys(("last_vote_at", "withdrawn_at", "erased_at", "at"), "time"),
+    **dict.fromkeys(("last_vote_at", "withdrawn_at", "erased_at", "at", "answered_at"), "time"),
+    **dict.fromkeys(("written_at", "attached_at", "created_at", "ended_at"), "time"),
 }
 TABLES: dict[str, Columns] = {
     "votes": VOTES,

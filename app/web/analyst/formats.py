@@ -20,6 +20,7 @@ from fastapi.responses import Response, StreamingResponse
 
 from app.files import without_formula
 from app.web import media
+from app.web.analyst.columns import KINDS
 
 Format = Literal["json", "csv", "parquet"]
 CSV = "text/csv; charset=utf-8; header=present"
@@ -109,13 +110,11 @@ class Stored:
     revision : changes whenever a row may have changed
     n_rows : in all
     read : offset, limit (None: to the end) -> rows
-    kinds : of columns that are no text, for Parquet: `bool`, `int`, `float` or `time`
     """
 
     revision: Any
     n_rows: Callable[[], int]
     read: Callable[[int, int | None], Iterable[Mapping[str, Any]]]
-    kinds: Mapping[str, str]
 
 
 def stored_table(stored: Stored, columns: Iterable[str], chosen: TableRequest, name: str) -> Response:
@@ -129,7 +128,7 @@ def stored_table(stored: Stored, columns: Iterable[str], chosen: TableRequest, n
         headers["Content-Disposition"] = f'attachment; filename="{name}.{chosen.format}"'
     rows = stored.read(chosen.offset, chosen.limit)
     parts = {"json": _json_parts, "csv": _csv_parts}.get(chosen.format)
-    content = parts(rows, columns) if parts else _parquet_parts(rows, columns, stored.kinds)
+    content = parts(rows, columns) if parts else _parquet_parts(rows, columns)
     return StreamingResponse(content, media_type=MEDIA_TYPES[chosen.format], headers=headers)
 
 
@@ -157,20 +156,12 @@ def _json_parts(rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> It
     yield b"[]" if before == b"[" else b"]"
 
 
-def _parquet_parts(
-    rows: Iterable[Mapping[str, Any]], columns: Sequence[str], kinds: Mapping[str, str]
-) -> Iterator[bytes]:
+def _parquet_parts(rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> Iterator[bytes]:
     """Write a Parquet file of columns of known kinds, batch by batch, and send it when it is whole."""
     import pyarrow
     import pyarrow.parquet
 
-    types = {
-        "bool": pyarrow.bool_(),
-        "int": pyarrow.int64(),
-        "float": pyarrow.float64(),
-        "time": pyarrow.timestamp("us", "UTC"),
-    }
-    schema = pyarrow.schema([(name, types.get(kinds.get(name, ""), pyarrow.string())) for name in columns])
+    schema = pyarrow.schema([(name, _kind(pyarrow, name)) for name in columns])
     content = SpooledTemporaryFile(IN_MEMORY)  # noqa: SIM115 (closed when it has been sent)
     with pyarrow.parquet.ParquetWriter(content, schema) as writer:
         for batch in _batches(rows, ROWS_AT_ONCE):
@@ -286,7 +277,7 @@ def write_parquet(out: IO[bytes], rows: Iterable[Mapping[str, Any]], columns: Se
     batches: list[list[Any]] = []
     while (batch := list(islice(rows, ROWS_AT_ONCE))) or not batches:
         batches.append([_array(pyarrow, [row.get(column) for row in batch]) for column in columns])
-    arrays = [_joined(pyarrow, parts) for parts in zip(*batches, strict=True)]
+    arrays = [_joined(pyarrow, name, parts) for name, parts in zip(columns, zip(*batches, strict=True), strict=True)]
     pyarrow.parquet.write_table(pyarrow.table(arrays, names=list(columns)), out)
 
 
@@ -302,17 +293,26 @@ def _array(pyarrow: Any, values: Sequence[Any]) -> Any:
     try:
         return pyarrow.array(plain)
     except (pyarrow.ArrowInvalid, pyarrow.ArrowTypeError):
-        return pyarrow.array([None if value is None else str(_plain(value)) for value in plain], pyarrow.string())
+        return pyarrow.array([None if value is None else str(_written(value)) for value in plain], pyarrow.string())
 
 
 def _nested_as_text(value: Any) -> Any:
     return json.dumps(value) if isinstance(value, (dict, list, tuple)) else value
 
 
-def _joined(pyarrow: Any, parts: Sequence[Any]) -> Any:
-    """Join the parts of a column, in their common type, or as text."""
+def _kind(pyarrow: Any, column: str) -> Any:
+    """Return the type of a documented column; text of any other."""
+    kinds = {"bool": pyarrow.bool_(), "int": pyarrow.int64(), "float": pyarrow.float64()}
+    kinds["time"] = pyarrow.timestamp("us", "UTC")
+    return kinds.get(KINDS.get(column, ""), pyarrow.string())
+
+
+def _joined(pyarrow: Any, column: str, parts: Sequence[Any]) -> Any:
+    """Join the parts of a column, in their common type, or as text; without values in the type that it documents."""
     kinds = {part.type for part in parts} - {pyarrow.null()}
-    if kinds == {pyarrow.int64(), pyarrow.float64()}:
+    if not kinds:
+        kind = _kind(pyarrow, column)
+    elif kinds == {pyarrow.int64(), pyarrow.float64()}:
         kind = pyarrow.float64()
     else:
         kind = kinds.pop() if len(kinds) == 1 else pyarrow.string()
@@ -337,11 +337,14 @@ def _plain(value: Any) -> Any:
 def _cell(value: Any) -> Any:
     if value is None:
         return ""
+    return without_formula(value) if isinstance(value, str) else _written(value)
+
+
+def _written(value: Any) -> Any:
+    """Return a value as CSV, and text in Parquet, write it."""
     if isinstance(value, bool):
         return "true" if value else "false"
-    if isinstance(value, str):
-        return without_formula(value)
-    return json.dumps(value) if isinstance(value, (dict, list, tuple)) else _plain(value)
+    return _plain(_nested_as_text(value))
 
 
 def _accepted(accept: str) -> Format:

@@ -148,6 +148,13 @@ def rows_of(analysis: Mapping[str, Any], table: str) -> Sequence[Mapping[str, An
     return rows
 
 
+def no_analysis() -> Mapping[str, Any]:
+    """Return the content of analysis.json while there are no votes."""
+    from app.analysis.ratings.content import NO_VOTES
+
+    return NO_VOTES | {"warnings": ["there are no votes yet"], "settings": {}}
+
+
 def analysis_of(database: Database, study_id: int) -> Mapping[str, Any] | None:
     """Return the content of analysis.json for the votes so far; None while there are none."""
     return results_of(database, study_id).analysis
@@ -304,14 +311,13 @@ def figure(results: Results, name: str, kind: str) -> bytes | None:
 
 def _figure_rows(analysis: Mapping[str, Any], name: str) -> Sequence[Mapping[str, Any]]:
     """Return the numbers behind a figure."""
-    from app.analysis.figure_code import figure_file_name
+    from app.analysis.figure_code import names_by_file
 
     kind, _, which = name.partition("_")
     if name in FIGURE_TABLES:
         return list(analysis.get(FIGURE_TABLES[name], ()))
     if kind in ("scores", "levels"):
-        comparisons = {figure_file_name(row["comparison"]): row["comparison"] for row in analysis["scores"]}
-        wanted = comparisons.get(which, "all")
+        wanted = names_by_file(analysis["scores"], "comparison").get(which, "all")
         return [row for row in analysis["scores"] if row["comparison"] == wanted]
     if kind in ("preferences", "residuals"):
         return [row for row in analysis["pairs"] if row["comparison"] == "all"]
@@ -322,4 +328,5 @@ def _figure_rows(analysis: Mapping[str, Any], name: str) -> Sequence[Mapping[str
     if name == "measures":
         return list(analysis["measures"])
     table, column = ("measures", "measure") if kind == "measure" else ("groups", "grouping")
-    return [row for row in analysis[table] if figure_file_name(row[column]) == which]
+    wanted = names_by_file(analysis[table], column)[which]
+    return [row for row in analysis[table] if row[column] == wanted]

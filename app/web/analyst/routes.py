@@ -48,29 +48,9 @@ from app.web.analyst.formats import (
 )
 from app.web.analyst.openapi import object_answers, table_answers
 from app.web.analyst.openapi_examples import ANALYSIS, STUDY
-from app.web.analyst.results import inputs_of, prepare_results, rows_of
+from app.web.analyst.results import inputs_of, no_analysis, prepare_results, rows_of
 from app.web.gates import Store
 from app.web.roles import AStudy, is_seen, may_read
-
-EMPTY_TABLES = (
-    "scores",
-    "models",
-    "triads",
-    "triads_pooled",
-    "agreement",
-    "observers",
-    "checks",
-    "pairs",
-    "measures",
-    "measure_comparisons",
-)
-EMPTY_ANALYSIS: dict[str, Any] = {
-    "schema_version": 1,
-    **{name: [] for name in EMPTY_TABLES},
-    "findings": [],
-    "warnings": ["there are no votes yet"],
-    "settings": {},
-}
 
 PEOPLE_AT_ONCE = 200
 ENTRIES_AT_ONCE = 2000
@@ -160,7 +140,7 @@ def participants(study: AStudy, database: Store, chosen: ChosenFormat) -> Respon
             yield from people
             left, offset = left - PEOPLE_AT_ONCE, offset + PEOPLE_AT_ONCE
 
-    stored = Stored(revision, n_rows, read, columns.KINDS)
+    stored = Stored(revision, n_rows, read)
     return stored_table(stored, columns.PARTICIPANTS, chosen, f"{study.slug}-participants")
 
 
@@ -239,7 +219,7 @@ def analysis(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
         if is_known(chosen, digest):
             return unchanged(digest)
         prepared = prepare_results(connection, inputs)
-    content = prepared.results().analysis or EMPTY_ANALYSIS
+    content = prepared.results().analysis or no_analysis()
     if chosen.format != "json":
         return table(flattened(content), ("key", "value"), chosen, f"{study.slug}-analysis", digest)
     return json_object(content, chosen, digest)
@@ -296,7 +276,7 @@ def _trial_table(
         rows = trial_page(database, study.id, sought, counts(), is_voted=is_voted, offset=offset, limit=limit)
         return (vote_row(row) for row in rows) if is_voted else rows
 
-    stored = Stored(revision, lambda: sum(n for _, n in counts()), read, columns.KINDS)
+    stored = Stored(revision, lambda: sum(n for _, n in counts()), read)
     return stored_table(stored, columns.TABLES[name], chosen, f"{study.slug}-{name}")
 
 
@@ -334,7 +314,7 @@ def _audit_table(database: Database, chosen: TableRequest, name: str, study_id: 
                     connection, study_id=study_id, search=search, until=newest, limit=size, offset=first
                 )
 
-    stored = Stored([study_id, search, n, newest], lambda: n, read, columns.KINDS)
+    stored = Stored([study_id, search, n, newest], lambda: n, read)
     return stored_table(stored, columns.AUDIT, chosen, name)
 
 

@@ -135,6 +135,20 @@ def test_the_code_of_every_figure_draws_it(
     assert all(figure.code for figure in drawn_figures(few) if figure.name != "residuals")
 
 
+def test_names_that_differ_in_signs_alone_have_figures_of_their_own() -> None:
+    votes = votes_by(CLEAR, 6)
+    items = sorted({vote[side] for vote in votes for side in ("item_a", "item_b")})
+    ages = [{f"p{number}": str(number % n) for number in range(6)} for n in (2, 3)]
+    halves = {item: str(place // 2) for place, item in enumerate(items)}
+    factors = {"a-b": halves, "a b": {item: str(place % 2) for place, item in enumerate(items)}}
+    groups = {"Age?": ages[0], "age!": ages[1]}
+    analysis = analyse(votes_from_rows(votes), AnalysisSettings(groups=groups, factors=factors))
+    names = [name for name, _, _ in named_charts(analysis)]
+    assert len({name.casefold() for name in names}) == len(names)
+    codes = [figure_code(name, analysis).get("R", "") for name in names]
+    assert all(sum(f'"{name}"' in code for code in codes) for name in (*groups, *factors))
+
+
 def test_many_names_look_different_and_none_is_cut_in_the_legend() -> None:
     looks = list(zip(colours_of(40), shapes_of(40), strict=True))
     assert len(set(looks)) == 40

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import friedmanchisquare, ttest_ind
+from scipy.stats import friedmanchisquare, kendalltau, spearmanr, ttest_ind
 
 from app.analysis import AnalysisSettings, VotesError, analyse, analyse_file
 from app.analysis.agreement import concordance, concordance_p_value, dataset_agreement_rows
@@ -134,6 +135,22 @@ def test_concordance_is_friedmans_statistic_with_datasets_as_blocks() -> None:
     found = concordance({str(k): dict(zip("wxyz", row, strict=True)) for k, row in enumerate(values.tolist())}, votes)
     assert found is not None
     assert found["chi2"] == pytest.approx(friedmanchisquare(*values.T)[0])
+
+
+def test_conditions_that_win_equally_often_rank_alike() -> None:
+    """Everybody judges every pair without ties, so scores are in the order of the numbers of wins."""
+    plan = StudyPlan(6, 3, 3, tie_rate=0.0)
+    votes = simulate_votes(plan, np.zeros(6), np.random.default_rng(8))
+    analysis = analyse(votes)
+    wins = np.zeros((3, 6), int)
+    np.add.at(wins, (votes.dataset, np.where(votes.choice == 0, votes.item_a, votes.item_b)), 1)
+    assert any(len(set(row)) < 6 for row in wins.tolist())
+    agreement = {(row["dataset_a"], row["dataset_b"]): row for row in analysis["dataset_agreement"]}
+    for first, second in combinations(range(3), 2):
+        row = agreement[str(first), str(second)]
+        assert row["spearman"] == pytest.approx(spearmanr(wins[first], wins[second]).statistic)
+        assert row["kendall"] == pytest.approx(kendalltau(wins[first], wins[second]).statistic)
+    assert analysis["dataset_concordance"]["chi2"] == pytest.approx(friedmanchisquare(*wins.T)[0])
 
 
 def test_people_with_opinions_of_their_own_make_no_concordance() -> None:

@@ -113,6 +113,15 @@ def test_a_word_for_no_preference_may_be_told_beside_names_of_items(tmp_path: Pa
     assert outcomes(path, choices={"none": "Egal"}) == WANTED
 
 
+def test_words_that_mean_a_missing_value_elsewhere_are_words_in_excel(tmp_path: Path) -> None:
+    pytest.importorskip("openpyxl")
+    rows = [("NA", "ball", "null", "n/a", "None"), ("nan", "ball", "null", "n/a", "a"), (None,) * 5]
+    frame = pd.DataFrame(rows, columns=["participant", "dataset", "item_a", "item_b", "choice"])
+    frame.to_excel(tmp_path / "votes.xlsx", index=False)
+    votes = read_votes(tmp_path / "votes.xlsx")
+    assert (votes.participants, votes.items, votes.choice.tolist()) == (("NA", "nan"), ("null", "n/a"), [2, 0])
+
+
 def test_a_matrix_of_win_counts_becomes_votes(tmp_path: Path) -> None:
     path = write(tmp_path, "wins.csv", ";x;y;z\nx;;3;1\ny;2;0;0\nz;0;4;\n")
     votes, (sentence, *_) = understand_votes([path])

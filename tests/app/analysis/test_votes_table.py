@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from app.analysis import analyse
 from app.analysis.attributes import read_items
 from app.analysis.reading import read_votes, votes_from_rows
 from app.analysis.votes_table import VotesError, bounds_of, numbered, order_of
@@ -47,6 +48,15 @@ def test_practice_and_excluded_votes_stay_in_the_table_and_out_of_the_analysis()
     assert len(votes) == 3
     assert len(votes.used()) == 1
     assert votes.reason.tolist() == ["", "", "colour vision"]
+
+
+def test_rows_that_stand_for_no_vote_are_as_if_they_were_not_there() -> None:
+    votes = [row(), row(choice="b"), row(participant="p2"), row(participant="p3")]
+    none = [row(choice="none"), row(item_b="z"), row(participant="p4")]  # as in a table of counts
+    table = votes_from_rows([vote | {"count": 1} for vote in votes] + [vote | {"count": 0} for vote in none])
+    found, expected = analyse(table), analyse(votes_from_rows(votes))
+    assert found["scores"] == expected["scores"]
+    assert (found["models"], found["warnings"]) == (expected["models"], expected["warnings"])
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet", "json"])

@@ -83,12 +83,12 @@ def by_dataset(rows: Iterable[Row]) -> dict[str, list[Row]]:
 
 def groups_view(analysis: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return each grouping: its groups with their size, a test of their difference, and each item's score in them."""
-    return [_grouping(analysis, name) for name in unique(row["grouping"] for row in analysis["groups"])]
+    from app.analysis.figure_code import names_by_file
+
+    return [_grouping(analysis, name, file) for file, name in names_by_file(analysis["groups"], "grouping").items()]
 
 
-def _grouping(analysis: Mapping[str, Any], name: str) -> dict[str, Any]:
-    from app.analysis.figure_code import figure_file_name
-
+def _grouping(analysis: Mapping[str, Any], name: str, file: str) -> dict[str, Any]:
     datasets = unique(row["dataset"] for row in analysis["groups"])
     dataset = "all" if "all" in datasets else datasets[0]
     rows = [row for row in analysis["groups"] if row["grouping"] == name and row["dataset"] == dataset]
@@ -98,7 +98,7 @@ def _grouping(analysis: Mapping[str, Any], name: str) -> dict[str, Any]:
     tests = [row for row in analysis["tests"] if row["name"] == f"group {name}" and row["dataset"] == dataset]
     return {
         "name": name,
-        "figure": f"group_{figure_file_name(name)}",
+        "figure": f"group_{file}",
         "groups": list(groups.items()),
         "p_value": p_value(tests[0]["p_holm"] if tests else None),
         "rows": [(item, *(cells.get((item, group), NOTHING) for group in groups)) for item in items],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from itertools import combinations
 from pathlib import Path
 from time import process_time
 
@@ -60,6 +61,23 @@ def test_a_measure_that_is_constant_in_each_dataset_has_no_correlation() -> None
     overall = prediction_rows(by_dataset, {"m": values}, {}, RNG)[-1]
     assert overall["dataset"] == "all"
     assert overall["pearson"] is overall["kendall"] is overall["pearson_monotone"] is overall["pairs_correct"] is None
+
+
+def test_ranks_take_for_equal_what_is_equal_but_for_rounding_errors() -> None:
+    values = np.array([[1, 2, 4, 3, 6], [12, 11, 13, 14, 17]])  # tenths
+    scores = np.array([[3, 1, 4, 6, 7], [9, 11, 13, 12, 16]])
+    sets = {name: score_set((row / 10).tolist(), clear=0.25) for name, row in zip("ab", scores, strict=True)}
+    measured = values_of(("a", (values[0] / 10).tolist()), ("b", (values[1] / 10).tolist()))
+    overall = prediction_rows(sets, {"m": measured}, {"m": "higher"}, RNG)[-1]
+    exact = [(5 * table - table.sum(axis=1, keepdims=True)).ravel() for table in (values, scores)]
+    assert overall["spearman"] == pytest.approx(stats.spearmanr(*exact).statistic)
+    assert overall["kendall"] == pytest.approx(stats.kendalltau(*exact).statistic)
+    of_pairs: dict[bool, list[int]] = {True: [], False: []}
+    for value, score in zip(values, scores, strict=True):
+        for a, b in combinations(range(5), 2):
+            of_pairs[abs(int(score[a] - score[b])) > 2].append(abs(int(value[a] - value[b])))
+    area = stats.mannwhitneyu(of_pairs[True], of_pairs[False]).statistic / len(of_pairs[True]) / len(of_pairs[False])
+    assert overall["auc_different_similar"] == pytest.approx(area)
 
 
 def test_pairs_count_in_the_stated_direction_not_in_that_of_the_votes() -> None:

@@ -129,6 +129,30 @@ def test_votes_that_all_follow_the_ratings_have_no_maximum() -> None:
     assert tables["alignment_items"] == []
 
 
+@pytest.mark.parametrize("tie_rate", [0.0, 0.3])
+def test_an_item_that_nobody_rated_and_that_loses_every_vote_has_no_maximum(tie_rate: float) -> None:
+    rng = np.random.default_rng(1)
+    person, item = np.divmod(np.arange(48), 4)
+    table = rating_table(person, item, 2 + item / 2 + rng.normal(0, 0.5, 48), scale=(-20.0, 30.0))
+    a, b = np.triu_indices(5, 1)
+    voter, a, b = np.repeat(np.arange(12), 10), np.tile(a, 12), np.tile(b, 12)
+    choice = np.where(rng.random(120) < tie_rate, 2, rng.random(120) < 0.6)
+    names = ([f"p{i}" for i in range(12)], ["d0"], [f"c{i}" for i in range(5)])
+    mixed, loses = (votes_from_indices(voter, 0 * a, a, b, kind, names=names) for kind in (choice, (b < 4) * choice))
+    assert align(table, mixed)["alignment"][0]["status"] == "ok"
+    assert align(table, loses)["alignment"][0]["status"] == "no maximum"
+
+
+def test_a_slope_that_grows_without_limit_is_no_maximum_and_no_overflow() -> None:
+    rater, item = [0, 1, 1, 2, 2, 3, 4, 5, 6, 7, 8, 8, 9, 10], [2, 0, 3, 0, 1, 2, 0, 3, 1, 2, 0, 2, 1, 2]
+    table = rating_table(rater, item, [2, 2, 1, 1, 2, 1, 2, 2, 1, 1, 1, 1, 1, 1], n_datasets=2)
+    voter, dataset = np.array([11, 12, 4, 6, 13, 10]), np.array([1, 1, 1, 0, 1, 1])
+    choice, one = np.array([1, 1, 2, 1, 2, 0]), np.ones(6, int)
+    names = ([f"p{i}" for i in range(14)], ["d0", "d1"], ["c0", "c1"])
+    votes = votes_from_indices(voter, dataset, one, 0 * one, choice, names=names)
+    assert align(table, votes)["alignment"][0]["status"] == "no maximum"
+
+
 def test_a_single_participant_says_nothing_about_others() -> None:
     table, votes, _ = simulated_study(np.random.default_rng(5))
     everybody = align(table, votes)["alignment_items"]

@@ -45,6 +45,18 @@ def test_the_interval_of_a_condition_covers_the_truth_where_ratings_are_missing(
     assert 0.92 < np.mean(covered) < 0.98
 
 
+@pytest.mark.parametrize("n_raters", [1, 2, 4])
+def test_the_interval_of_a_condition_covers_the_truth_where_every_dataset_has_raters_of_its_own(n_raters: int) -> None:
+    rng, covered, n_items = np.random.default_rng(6), [], 8
+    for _ in range(400):
+        values = np.full((n_items * n_raters, n_items), np.nan)
+        who = np.arange(len(values))
+        values[who, who // n_raters] = 3 + rng.normal(0, 0.7, len(values))
+        row = mean_with_interval(values)
+        covered.append(row["ci_low"] < 3.0 < row["ci_high"])
+    assert 0.91 < np.mean(covered) < 0.98
+
+
 def test_repeated_ratings_of_a_participant_count_as_one_opinion() -> None:
     table = rating_table([0, 0, 1], [0, 0, 0], [1, 3, 5])
     (row,) = item_rows(table)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import httpx
+import pyarrow.parquet
 import pytest
 
 from app.simulation.participants import simulate
@@ -67,6 +68,8 @@ def test_csv_says_the_same_as_json(analyst: httpx.Client, taken: dict[str, Any],
     if name == "analysis":
         keys = {row["key"]: row["value"] for row in table}
         assert keys["scores.0.item"] == analyst.get(path).json()["scores"][0]["item"]
+        parquet = pyarrow.parquet.read_table(io.BytesIO(analyst.get(path, params={"format": "parquet"}).content))
+        assert {row["key"]: row["value"] or "" for row in parquet.to_pylist()} == keys
     else:
         expected = rows(analyst, taken, name)
         assert len(table) == len(expected)
@@ -117,6 +120,25 @@ def test_a_study_without_votes_has_empty_results(
     assert answer.status_code == 200
     assert (answer.json()["scores"] if name == "analysis" else answer.json()) == []
     assert analyst.get(f"/api/v1/studies/{slug}/{name}?format=csv").status_code == 200
+
+
+def test_a_study_without_votes_has_every_part_of_an_analysis(
+    analyst: httpx.Client, taken: dict[str, Any], new_study: Callable[[], dict[str, Any]]
+) -> None:
+    empty, whole = (analyst.get(f"/api/v1/studies/{study['slug']}/analysis").json() for study in (new_study(), taken))
+    assert empty.keys() == whole.keys()
+
+
+def test_a_study_without_votes_has_columns_of_the_same_kinds(
+    analyst: httpx.Client, taken: dict[str, Any], new_study: Callable[[], dict[str, Any]]
+) -> None:
+    for name in ("scores", "triads"):
+        answers = [
+            analyst.get(f"/api/v1/studies/{study['slug']}/{name}", params={"format": "parquet"})
+            for study in (new_study(), taken)
+        ]
+        empty, whole = (pyarrow.parquet.read_schema(io.BytesIO(answer.content)) for answer in answers)
+        assert [(field.name, field.type) for field in empty] == [(field.name, field.type) for field in whole]
 
 
 def test_only_known_formats_studies_and_tokens_are_answered(
