@@ -370,6 +370,7 @@ function leaveForGood() {
     .then(() => outbox.clear())
     .then(() => {
       byId("erased").hidden = !isErasing;
+      if (isErasing) inBrowser.forget(begunKey);
       forgetDraft();
       openLook.forget();
       showAtTheEnd("withdrawn");
