@@ -4,7 +4,7 @@ import { startBreak } from "./break-clock.js";
 import { checkBrowser } from "./browser-check.js";
 import { Refusal, onTrouble, patiently } from "./connection.js";
 import { display } from "./display.js";
-import { obstacleOf } from "./door.js";
+import { keepsCookies, obstacleOf } from "./door.js";
 import { byId, required } from "./elements.js";
 import { endingOnPage, showEnding } from "./ending.js";
 import { forgetDraft, keepDraft, readAnswers, restoreDraft } from "./interview.js";
@@ -73,9 +73,11 @@ document.addEventListener("keydown", pressPrimary);
 page.addEventListener("submit", stayOnSubmit);
 byId("begin").addEventListener("click", begin);
 checkBrowser(byId("browser-check"), technique);
-byId("no-codec").hidden = technique !== null;
-byId("begin").hidden = technique === null;
-if (technique === null) tellTurnedAway(page.dataset.slug ?? "", code, "films").catch(() => {}); // it is for the log only
+const lack = technique === null ? "films" : keepsCookies() ? null : "cookies";
+byId("no-codec").hidden = lack !== "films";
+byId("no-cookies").hidden = lack !== "cookies";
+byId("begin").hidden = lack !== null;
+if (lack) tellLack(lack);
 for (const id of ["continue", "after-interruption", "after-break"]) byId(id).addEventListener("click", goOnWithTrials);
 window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload()); // back to a page that was put aside
 for (const button of page.querySelectorAll("[data-reload]")) button.addEventListener("click", () => location.reload());
@@ -101,7 +103,12 @@ else welcome();
 function turnAway(why) {
   required(HTMLElement, `[data-obstacle=${why}]`, page).hidden = false;
   show("turned-away");
-  tellTurnedAway(page.dataset.slug ?? "", code, why).catch(() => {}); // it is for the log only
+  tellLack(why);
+}
+
+/** For the server's log only. @param {import("./door.js").Lack} what keeps somebody from the study */
+function tellLack(what) {
+  tellTurnedAway(page.dataset.slug ?? "", code, what).catch(() => {});
 }
 
 function welcome() {

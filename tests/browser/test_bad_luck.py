@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from pathlib import Path
 
 import httpx
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
 
 from app.study.options import parse_options
 from tests.browser.study_visitor import NewStudy, Study, Visitor
+from tests.conftest import BROWSER_OPTIONS, browser_path
 
 pytestmark = pytest.mark.browser
 
@@ -23,6 +25,7 @@ NO_STORAGE = """const refuse = () => { throw new DOMException("refused", "Securi
 for (const name of ["localStorage", "sessionStorage", "indexedDB"]) {
     Object.defineProperty(window, name, { get: refuse });
 }"""
+NO_COOKIES = json.dumps({"profile": {"default_content_setting_values": {"cookies": 2}}})
 A_DAY_MS = 86_400_000
 A_WEEKEND_PASSES = """() => {
     const now = performance.now.bind(performance);
@@ -44,6 +47,26 @@ def test_a_browser_without_the_codec_is_told_before_the_study_and_uses_no_invita
     visitor.watches(12)
     visitor.sees("welcome")
     assert study.read("trials") == []
+
+
+def test_a_browser_that_refuses_cookies_is_told_before_the_study_and_uses_no_invitation_up(
+    study: Study, browser: Browser, tmp_path: Path
+) -> None:
+    """A real refusal, by the browser's own setting: then the server would know nobody again."""
+    (tmp_path / "Default").mkdir()
+    (tmp_path / "Default" / "Preferences").write_text(NO_COOKIES)
+    chromium = browser.browser_type
+    context = chromium.launch_persistent_context(tmp_path, executable_path=browser_path(), args=BROWSER_OPTIONS)
+    page, visitor = context.pages[0], Visitor(context.pages[0])
+    page.goto(study.address)
+    visitor.sees("welcome")
+    expect(page.get_by_text("Please allow cookies for this page")).to_be_visible()
+    expect(page.locator("#begin")).to_be_hidden()
+    page.keyboard.press("Enter")
+    visitor.watches(12)
+    visitor.sees("welcome")
+    assert study.read("participants") == []
+    context.close()
 
 
 def test_a_browser_without_h264_sees_the_second_codec(
