@@ -25,6 +25,9 @@ NO_STORAGE = """const refuse = () => { throw new DOMException("refused", "Securi
 for (const name of ["localStorage", "sessionStorage", "indexedDB"]) {
     Object.defineProperty(window, name, { get: refuse });
 }"""
+FULL_DISK = """const refuse = () => { throw new DOMException("the disk is full", "QuotaExceededError"); };
+IDBObjectStore.prototype.put = refuse;
+Storage.prototype.setItem = refuse;"""
 NO_COOKIES = json.dumps({"profile": {"default_content_setting_values": {"cookies": 2}}})
 A_DAY_MS = 86_400_000
 A_WEEKEND_PASSES = """() => {
@@ -83,8 +86,9 @@ def test_a_browser_without_h264_sees_the_second_codec(
     assert b"vp09" in httpx.get(fetched[0]).content
 
 
-def test_a_study_is_finished_where_storage_is_refused(study: Study, page: Page, visitor: Visitor) -> None:
-    page.add_init_script(NO_STORAGE)
+@pytest.mark.parametrize("storage", [NO_STORAGE, FULL_DISK], ids=["refused", "full"])
+def test_a_study_is_finished_without_storage(study: Study, page: Page, visitor: Visitor, storage: str) -> None:
+    page.add_init_script(storage)
     visitor.begin(study)
     for key in ("1", "2", "3"):
         visitor.votes(key)
