@@ -87,9 +87,19 @@ def test_a_browser_without_h264_sees_the_second_codec(
 
 
 @pytest.mark.parametrize("storage", [NO_STORAGE, FULL_DISK], ids=["refused", "full"])
-def test_a_study_is_finished_without_storage(study: Study, page: Page, visitor: Visitor, storage: str) -> None:
+def test_a_study_is_finished_without_storage(
+    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor, storage: str
+) -> None:
+    study = new_study(short_films, 1.6, parse_options({"consent": "You may stop at any time."}))
     page.add_init_script(storage)
-    visitor.begin(study)
+    page.goto(study.address)
+    visitor.sees("welcome")
+    page.keyboard.press("Enter")
+    visitor.sees("consent")
+    page.get_by_label("I have read this").check()
+    for view in ("consent", "instructions-1", "instructions-2", "instructions-3"):
+        visitor.sees(view)
+        page.keyboard.press("Enter")
     for key in ("1", "2", "3"):
         visitor.votes(key)
         visitor.is_in("exposure") if key != "3" else visitor.sees("thanks")
