@@ -27,6 +27,7 @@ const VOTING_S = 5; // of a trial, roughly
 const SHORTEST_WAIT_S = 2; // that is announced
 const ON_THE_WAY = new Set(["introduction", "screening", "practice", "trial"]);
 const TEXTS_HAVE_CHANGED = 412; // status of the answer
+const NOT_IN_THIS_STAGE = 409;
 const MESSAGE_AT_THE_DOOR = new Map([[404, "unknown"], [410, "used"], [409, "used"], [422, "bad_link"]]);
 
 const nInstructions = page.querySelectorAll("[data-view^=instructions-]").length;
@@ -400,10 +401,19 @@ async function guarded(part) {
   try {
     await part();
   } catch (error) {
-    explain(error, show);
+    if (!(await isTimeOver(error))) explain(error, show);
   } finally {
     isUnderWay = false;
   }
+}
+
+/** Shows the end of a session whose time has run out; the server refuses whatever comes after. @param {unknown} error */
+async function isTimeOver(error) {
+  if (!outbox || !(error instanceof Refusal) || error.status !== NOT_IN_THIS_STAGE) return false;
+  const session = await readSession().catch(() => null);
+  if (session?.stage !== "timed_out") return false;
+  await goTo(session);
+  return true;
 }
 
 /** @param {unknown} error @param {(view: string) => void} showView */

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import json
 import logging
+from datetime import timedelta
 from pathlib import Path
 
 import httpx
 import pytest
 from playwright.sync_api import Browser, Page, expect
+from sqlalchemy import func, select, update
 
+from app.settings import Settings
+from app.store.engine import open_database
+from app.store.keys import utc_now
+from app.store.tables import session
 from app.study.options import parse_options
 from tests.browser.study_visitor import NewStudy, Study, Visitor
 from tests.conftest import BROWSER_OPTIONS, browser_path
@@ -104,6 +110,25 @@ def test_a_study_is_finished_without_storage(
         visitor.votes(key)
         visitor.is_in("exposure") if key != "3" else visitor.sees("thanks")
     assert [vote["choice"] for vote in study.read("votes")] == ["a", "none", "b"]
+
+
+@pytest.mark.parametrize("stage", ["screening", "practice"])
+def test_who_runs_out_of_time_before_the_trials_is_told_so(
+    new_study: NewStudy, short_films: Path, settings: Settings, page: Page, visitor: Visitor, stage: str
+) -> None:
+    options = {"optional_stages": [stage], "screening": {"tests": ["colour"]}, "limits": {"minutes": 60}}
+    visitor.begin(new_study(short_films, 1.6, parse_options(options)))
+    visitor.sees(stage)
+    database = open_database(settings.url)
+    with database.writing() as connection:
+        newest = session.c.id == select(func.max(session.c.id)).scalar_subquery()
+        connection.execute(update(session).where(newest).values(started_at=utc_now() - timedelta(hours=2)))
+    database.dispose()
+    page.keyboard.press("Enter")
+    if stage == "practice":
+        visitor.practises()
+        page.keyboard.press("Enter")
+    visitor.sees("timed-out")
 
 
 def test_a_clock_that_jumps_changes_no_record(study: Study, page: Page, visitor: Visitor) -> None:
