@@ -26,8 +26,9 @@ import { openDialog, page, pressPrimary, show, showAtTheEnd, tell, viewOf } from
 const VOTING_S = 5; // of a trial, roughly
 const SHORTEST_WAIT_S = 2; // that is announced
 const ON_THE_WAY = new Set(["introduction", "screening", "practice", "trial"]);
-const TEXTS_HAVE_CHANGED = 412; // status of the answer
+const NO_SESSION = 401; // statuses of answers
 const NOT_IN_THIS_STAGE = 409;
+const TEXTS_HAVE_CHANGED = 412;
 const MESSAGE_AT_THE_DOOR = new Map([[404, "unknown"], [410, "used"], [409, "used"], [422, "bad_link"]]);
 
 const nInstructions = page.querySelectorAll("[data-view^=instructions-]").length;
@@ -374,7 +375,7 @@ function leaveForGood() {
   trials.abandon();
   leaveFullScreen();
   showAtTheEnd("leaving");
-  patiently(isErasing ? eraseOwnData : withdraw)
+  (isErasing ? eraseForGood() : patiently(withdraw))
     .then(() => outbox.clear())
     .then(() => {
       byId("erased").hidden = !isErasing;
@@ -384,6 +385,17 @@ function leaveForGood() {
       showAtTheEnd("withdrawn");
     })
     .catch((error) => explain(error, showAtTheEnd));
+}
+
+/** Has all deleted. When it is asked again because the answer was lost, and the session is gone, then it was deleted. */
+async function eraseForGood() {
+  let tries = 0;
+  await patiently(async () => {
+    tries += 1;
+    await eraseOwnData().catch((error) => {
+      if (tries === 1 || !(error instanceof Refusal) || error.status !== NO_SESSION) throw error;
+    });
+  });
 }
 
 function leaveFullScreen() {
@@ -446,7 +458,7 @@ function messageFor({ status, problem }) {
 /** @param {unknown} error @param {Record<string, string>} problem */
 function sentence(error, problem) {
   if (!(error instanceof Refusal)) return problem.media;
-  return error.status === 401 ? problem.elsewhere : problem.refused;
+  return error.status === NO_SESSION ? problem.elsewhere : problem.refused;
 }
 
 /** @param {Session} session */
