@@ -24,6 +24,7 @@ settings.load_profile("no deadline")
 ROOT = Path(__file__).parent.parent
 NUMBERS = count(1)
 BROWSER_TIMEOUT_MS = 60_000
+BROWSER_OPTIONS = ("--no-sandbox", "--disable-gpu")
 
 
 @pytest.fixture(scope="session")
@@ -51,15 +52,20 @@ def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
     return command_line(monkeypatch, capsys)
 
 
-@pytest.fixture(scope="session")
-def browser() -> Iterator[Browser]:
-    """The distribution's Chromium; one for all tests, because its event loop stays in this thread until the end."""
+def browser_path() -> str:
+    """Find the distribution's Chromium; absent, the test is skipped."""
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")
     if chromium is None:
         pytest.skip("no Chromium found; `make setup` installs it")
+    return chromium
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    """The distribution's Chromium; one for all tests, because its event loop stays in this thread until the end."""
     expect.set_options(timeout=BROWSER_TIMEOUT_MS)
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
+        browser = playwright.chromium.launch(executable_path=browser_path(), args=BROWSER_OPTIONS)
         yield browser
         browser.close()
 

@@ -34,6 +34,11 @@ def page_with_form(
     return page
 
 
+def has_form_token(request: Request) -> bool:
+    """Whether this browser has kept the cookie that came with a form."""
+    return cookie(request, ENTRY_COOKIE) is not None
+
+
 def is_own_form(request: Request, form_token: str) -> bool:
     """Whether our page in this browser sent the form."""
     known = cookie(request, ENTRY_COOKIE) or ""

@@ -1,6 +1,9 @@
 /** Tells before the study begins what keeps this device from it: nobody starts what cannot be shown. */
 
-/** @typedef {"phone" | "screen" | "full_screen"} Obstacle */
+/**
+ * @typedef {"phone" | "screen" | "full_screen"} Obstacle
+ * @typedef {Obstacle | "films" | "cookies"} Lack what keeps somebody from the study
+ */
 
 const LARGEST_TABLET = 1050; // CSS pixels of the shorter side; no tablet on the market has more (13 inch: 1032)
 
@@ -17,6 +20,15 @@ export function obstacleOf({ phones = "true", fullScreen, minimumWindow = "[]", 
   const isWide = width >= leastWidth && Math.ceil(width * devicePixelRatio) >= filmWidth;
   const isHigh = height >= leastHeight && Math.ceil(height * devicePixelRatio) >= filmHeight;
   return isWide && isHigh ? null : "screen";
+}
+
+/** Whether this browser takes cookies, by which the server knows a session again; some that refuse them say otherwise. */
+export function keepsCookies() {
+  const cookie = "cookies=kept";
+  document.cookie = `${cookie}; SameSite=Lax`;
+  const isKept = document.cookie.split("; ").includes(cookie);
+  document.cookie = `${cookie}; Max-Age=0; SameSite=Lax`;
+  return isKept;
 }
 
 /** Whether it is handled by fingers alone, and small. */

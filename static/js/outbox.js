@@ -72,13 +72,23 @@ function letGo(error) {
  * @property {(id: string) => Promise<unknown>} remove
  */
 
-/** @returns {Promise<Shelf>} on disk; in memory where the browser refuses storage */
+/** @returns {Promise<Shelf>} on disk; in memory where the browser refuses storage, and for what the disk has no room for */
 export async function openShelf() {
+  const memory = shelfInMemory();
   try {
-    return shelfOnDisk(await openDatabase());
+    return shelfInBoth(shelfOnDisk(await openDatabase()), memory);
   } catch {
-    return shelfInMemory();
+    return memory;
   }
+}
+
+/** @param {Shelf} disk @param {Shelf} memory for what the disk does not take @returns {Shelf} */
+function shelfInBoth(disk, memory) {
+  return {
+    add: (pending) => disk.add(pending).catch(() => memory.add(pending)),
+    list: async (owner) => [...(await disk.list(owner)), ...(await memory.list(owner))],
+    remove: async (id) => (await memory.remove(id)) || disk.remove(id),
+  };
 }
 
 /** @param {IDBDatabase} database @returns {Shelf} */

@@ -4,7 +4,7 @@ import { startBreak } from "./break-clock.js";
 import { checkBrowser } from "./browser-check.js";
 import { Refusal, onTrouble, patiently } from "./connection.js";
 import { display } from "./display.js";
-import { obstacleOf } from "./door.js";
+import { keepsCookies, obstacleOf } from "./door.js";
 import { byId, required } from "./elements.js";
 import { endingOnPage, showEnding } from "./ending.js";
 import { forgetDraft, keepDraft, readAnswers, restoreDraft } from "./interview.js";
@@ -26,7 +26,9 @@ import { openDialog, page, pressPrimary, show, showAtTheEnd, tell, viewOf } from
 const VOTING_S = 5; // of a trial, roughly
 const SHORTEST_WAIT_S = 2; // that is announced
 const ON_THE_WAY = new Set(["introduction", "screening", "practice", "trial"]);
-const TEXTS_HAVE_CHANGED = 412; // status of the answer
+const NO_SESSION = 401; // statuses of answers
+const NOT_IN_THIS_STAGE = 409;
+const TEXTS_HAVE_CHANGED = 412;
 const MESSAGE_AT_THE_DOOR = new Map([[404, "unknown"], [410, "used"], [409, "used"], [422, "bad_link"]]);
 
 const nInstructions = page.querySelectorAll("[data-view^=instructions-]").length;
@@ -73,9 +75,11 @@ document.addEventListener("keydown", pressPrimary);
 page.addEventListener("submit", stayOnSubmit);
 byId("begin").addEventListener("click", begin);
 checkBrowser(byId("browser-check"), technique);
-byId("no-codec").hidden = technique !== null;
-byId("begin").hidden = technique === null;
-if (technique === null) tellTurnedAway(page.dataset.slug ?? "", code, "films").catch(() => {}); // it is for the log only
+const lack = technique === null ? "films" : keepsCookies() ? null : "cookies";
+byId("no-codec").hidden = lack !== "films";
+byId("no-cookies").hidden = lack !== "cookies";
+byId("begin").hidden = lack !== null;
+if (lack) tellLack(lack);
 for (const id of ["continue", "after-interruption", "after-break"]) byId(id).addEventListener("click", goOnWithTrials);
 window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload()); // back to a page that was put aside
 for (const button of page.querySelectorAll("[data-reload]")) button.addEventListener("click", () => location.reload());
@@ -101,7 +105,12 @@ else welcome();
 function turnAway(why) {
   required(HTMLElement, `[data-obstacle=${why}]`, page).hidden = false;
   show("turned-away");
-  tellTurnedAway(page.dataset.slug ?? "", code, why).catch(() => {}); // it is for the log only
+  tellLack(why);
+}
+
+/** For the server's log only. @param {import("./door.js").Lack} what keeps somebody from the study */
+function tellLack(what) {
+  tellTurnedAway(page.dataset.slug ?? "", code, what).catch(() => {});
 }
 
 function welcome() {
@@ -366,15 +375,27 @@ function leaveForGood() {
   trials.abandon();
   leaveFullScreen();
   showAtTheEnd("leaving");
-  patiently(isErasing ? eraseOwnData : withdraw)
+  (isErasing ? eraseForGood() : patiently(withdraw))
     .then(() => outbox.clear())
     .then(() => {
       byId("erased").hidden = !isErasing;
+      if (isErasing) inBrowser.forget(begunKey);
       forgetDraft();
       openLook.forget();
       showAtTheEnd("withdrawn");
     })
     .catch((error) => explain(error, showAtTheEnd));
+}
+
+/** Has all deleted. When it is asked again because the answer was lost, and the session is gone, then it was deleted. */
+async function eraseForGood() {
+  let tries = 0;
+  await patiently(async () => {
+    tries += 1;
+    await eraseOwnData().catch((error) => {
+      if (tries === 1 || !(error instanceof Refusal) || error.status !== NO_SESSION) throw error;
+    });
+  });
 }
 
 function leaveFullScreen() {
@@ -392,10 +413,19 @@ async function guarded(part) {
   try {
     await part();
   } catch (error) {
-    explain(error, show);
+    if (!(await isTimeOver(error))) explain(error, show);
   } finally {
     isUnderWay = false;
   }
+}
+
+/** Shows the end of a session whose time has run out; the server refuses whatever comes after. @param {unknown} error */
+async function isTimeOver(error) {
+  if (!outbox || !(error instanceof Refusal) || error.status !== NOT_IN_THIS_STAGE) return false;
+  const session = await readSession().catch(() => null);
+  if (session?.stage !== "timed_out") return false;
+  await goTo(session);
+  return true;
 }
 
 /** @param {unknown} error @param {(view: string) => void} showView */
@@ -428,7 +458,7 @@ function messageFor({ status, problem }) {
 /** @param {unknown} error @param {Record<string, string>} problem */
 function sentence(error, problem) {
   if (!(error instanceof Refusal)) return problem.media;
-  return error.status === 401 ? problem.elsewhere : problem.refused;
+  return error.status === NO_SESSION ? problem.elsewhere : problem.refused;
 }
 
 /** @param {Session} session */

@@ -1,4 +1,4 @@
-/** Remembers texts by name: in the browser's storage, or until the page closes where the browser refuses storage. */
+/** Remembers texts by name: in the browser's storage, or until the page closes where that is refused or full. */
 
 /** @param {() => Storage} storage asked for each time, because even reading the property may be refused */
 function remembering(storage) {
@@ -8,15 +8,16 @@ function remembering(storage) {
     /** @param {string} name @returns {string | null} */
     get(name) {
       try {
-        return storage().getItem(name);
+        return here.get(name) ?? storage().getItem(name); // what is here is newer
       } catch {
-        return here.get(name) ?? null;
+        return null;
       }
     },
     /** @param {string} name @param {string} value */
     set(name, value) {
       try {
         storage().setItem(name, value);
+        here.delete(name);
       } catch {
         here.set(name, value);
       }

@@ -225,7 +225,7 @@ export async function readPicture(url) {
   });
 }
 
-/** Reports a browser that cannot show the study, for the server's log. @param {string} slug @param {string} invitation @param {"films" | import("./door.js").Obstacle} why */
+/** Reports a browser that cannot show the study, for the server's log. @param {string} slug @param {string} invitation @param {import("./door.js").Lack} why */
 export function tellTurnedAway(slug, invitation, why) {
   return call("POST", `/studies/${encodeURIComponent(slug)}/turned-away`, { invitation, why });
 }

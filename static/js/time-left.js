@@ -1,13 +1,13 @@
-/** How long the study takes, as the page tells it: in whole minutes, rather too many than too few. */
+/** How long the study takes, as the page tells it: in whole minutes. */
 
 /** @typedef {Partial<Record<import("./session.js").Stage, number>>} Minutes of each stage */
 
-/** @param {Minutes} minutes @returns {number} of all stages together */
+/** @param {Minutes} minutes @returns {number} of all stages together: the sum of what is told of each */
 export function minutesTogether(minutes) {
-  return Math.ceil(sum(Object.values(minutes)));
+  return Object.values(minutes).reduce((sum, stage) => sum + roughly(stage), 0);
 }
 
-/** @param {Minutes} minutes @param {{number: number, total: number}} next trial @returns {number} from it to the end */
+/** @param {Minutes} minutes @param {{number: number, total: number}} next trial @returns {number} from it to the end, rather too many than too few */
 export function minutesLeft({ trial = 0, interview = 0 }, { number, total }) {
   return Math.max(1, Math.ceil(trial * (1 - (number - 1) / total) + interview));
 }
@@ -15,9 +15,4 @@ export function minutesLeft({ trial = 0, interview = 0 }, { number, total }) {
 /** @param {number} [minutes] of a stage @returns {number} */
 export function roughly(minutes = 0) {
   return Math.max(1, Math.round(minutes));
-}
-
-/** @param {number[]} values */
-function sum(values) {
-  return values.reduce((total, value) => total + value, 0);
 }

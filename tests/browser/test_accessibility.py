@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
 
@@ -11,6 +12,7 @@ from app.operations.manage import add_invitation
 from app.settings import Settings
 from app.study.options import parse_options
 from tests.browser.accessibility import check_accessibility
+from tests.browser.screening_answers import picture_of
 from tests.browser.study_visitor import NewStudy, Study, Visitor
 
 pytestmark = pytest.mark.browser
@@ -71,6 +73,30 @@ SHOW = """(name) => {
     for (const view of document.querySelectorAll("[data-view]")) view.hidden = view.dataset.view !== name;
     document.getElementById("study").className = name === "trial" ? "dark" : "light";
 }"""
+
+
+def test_forced_colours_leave_films_votes_and_tests_as_they_are(
+    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
+) -> None:
+    """High contrast takes grounds away: the badge, the card, the dot, and the grey between films."""
+    page.emulate_media(forced_colors="active", reduced_motion="reduce")
+    options = {"optional_stages": ["screening"], "screening": {"distance": "blind spot"}}
+    page.goto(new_study(short_films, 0.8, parse_options(options)).address)
+    visitor.sees("welcome")
+    for view, drawn in (("card", ".bank-card"), ("blind", ".blind-dot")):
+        page.evaluate(SHOW, view)
+        assert np.ptp(picture_of(page.locator(drawn)), axis=2).max() > 50, f"{drawn} has no colour"
+    page.evaluate(SHOW, "instructions-2")
+    a, b = (picture_of(letter).mean() for letter in page.locator(".try .badge span").all())
+    assert a > b + 100
+    visitor.begin(new_study(short_films, 0.8, parse_options({"free_exposure": True})))
+    visitor.is_in("exposure")
+    letters = [picture_of(letter).mean() for letter in page.locator("#trial .badge span").all()[:2]]
+    assert abs(letters[0] - letters[1]) > 100
+    assert (letters[0] > letters[1]) == (visitor.badge == "a")
+    page.keyboard.press("Enter")
+    visitor.is_in("voting")
+    assert (visitor.looks()[[0, 300, -1], [0, 20, -1]] == 128).all()
 
 
 def test_nothing_moves_on_the_light_pages_when_less_motion_is_preferred(

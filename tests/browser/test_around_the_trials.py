@@ -44,6 +44,7 @@ def test_consent_comprehension_interview_and_debriefing(full_study: Study, page:
     page.get_by_label("I have read this").check()
     page.keyboard.press("Enter")
     _read_instructions(visitor)
+    _announced_minutes_add_up(page)
     check_accessibility(page)
     page.get_by_label("I watch A to the end").check()
     page.keyboard.press("Enter")
@@ -98,6 +99,15 @@ def test_what_was_typed_in_the_interview_is_never_shown_to_the_next_participant(
     visitor.sees("interview")
     expect(page.get_by_label("What made one model")).to_have_value("")
     assert "Mine alone" not in page.evaluate("JSON.stringify(sessionStorage)")
+
+
+def _announced_minutes_add_up(page: Page) -> None:
+    first = page.locator("[data-view=instructions-1]")
+    expect(first).to_contain_text("Each pair takes about 1 s, all of them together about 1 min.")
+    stages = [re.findall(r"\d+", line) for line in first.locator("li").all_text_contents()]
+    together = sum(int(minutes) for (minutes,) in stages)
+    assert len(stages) == 3
+    expect(first).to_contain_text(f"Everything together takes about {together} min:")
 
 
 def _read_instructions(visitor: Visitor) -> None:

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import logging
+from datetime import timedelta
 from pathlib import Path
 
 import httpx
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
+from sqlalchemy import func, select, update
 
+from app.settings import Settings
+from app.store.engine import open_database
+from app.store.keys import utc_now
+from app.store.tables import session
 from app.study.options import parse_options
 from tests.browser.study_visitor import NewStudy, Study, Visitor
+from tests.conftest import BROWSER_OPTIONS, browser_path
 
 pytestmark = pytest.mark.browser
 
@@ -23,6 +31,10 @@ NO_STORAGE = """const refuse = () => { throw new DOMException("refused", "Securi
 for (const name of ["localStorage", "sessionStorage", "indexedDB"]) {
     Object.defineProperty(window, name, { get: refuse });
 }"""
+FULL_DISK = """const refuse = () => { throw new DOMException("the disk is full", "QuotaExceededError"); };
+IDBObjectStore.prototype.put = refuse;
+Storage.prototype.setItem = refuse;"""
+NO_COOKIES = json.dumps({"profile": {"default_content_setting_values": {"cookies": 2}}})
 A_DAY_MS = 86_400_000
 A_WEEKEND_PASSES = """() => {
     const now = performance.now.bind(performance);
@@ -46,6 +58,26 @@ def test_a_browser_without_the_codec_is_told_before_the_study_and_uses_no_invita
     assert study.read("trials") == []
 
 
+def test_a_browser_that_refuses_cookies_is_told_before_the_study_and_uses_no_invitation_up(
+    study: Study, browser: Browser, tmp_path: Path
+) -> None:
+    """A real refusal, by the browser's own setting: then the server would know nobody again."""
+    (tmp_path / "Default").mkdir()
+    (tmp_path / "Default" / "Preferences").write_text(NO_COOKIES)
+    chromium = browser.browser_type
+    context = chromium.launch_persistent_context(tmp_path, executable_path=browser_path(), args=BROWSER_OPTIONS)
+    page, visitor = context.pages[0], Visitor(context.pages[0])
+    page.goto(study.address)
+    visitor.sees("welcome")
+    expect(page.get_by_text("Please allow cookies for this page")).to_be_visible()
+    expect(page.locator("#begin")).to_be_hidden()
+    page.keyboard.press("Enter")
+    visitor.watches(12)
+    visitor.sees("welcome")
+    assert study.read("participants") == []
+    context.close()
+
+
 def test_a_browser_without_h264_sees_the_second_codec(
     new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
 ) -> None:
@@ -60,13 +92,43 @@ def test_a_browser_without_h264_sees_the_second_codec(
     assert b"vp09" in httpx.get(fetched[0]).content
 
 
-def test_a_study_is_finished_where_storage_is_refused(study: Study, page: Page, visitor: Visitor) -> None:
-    page.add_init_script(NO_STORAGE)
-    visitor.begin(study)
+@pytest.mark.parametrize("storage", [NO_STORAGE, FULL_DISK], ids=["refused", "full"])
+def test_a_study_is_finished_without_storage(
+    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor, storage: str
+) -> None:
+    study = new_study(short_films, 1.6, parse_options({"consent": "You may stop at any time."}))
+    page.add_init_script(storage)
+    page.goto(study.address)
+    visitor.sees("welcome")
+    page.keyboard.press("Enter")
+    visitor.sees("consent")
+    page.get_by_label("I have read this").check()
+    for view in ("consent", "instructions-1", "instructions-2", "instructions-3"):
+        visitor.sees(view)
+        page.keyboard.press("Enter")
     for key in ("1", "2", "3"):
         visitor.votes(key)
         visitor.is_in("exposure") if key != "3" else visitor.sees("thanks")
     assert [vote["choice"] for vote in study.read("votes")] == ["a", "none", "b"]
+
+
+@pytest.mark.parametrize("stage", ["screening", "practice"])
+def test_who_runs_out_of_time_before_the_trials_is_told_so(
+    new_study: NewStudy, short_films: Path, settings: Settings, page: Page, visitor: Visitor, stage: str
+) -> None:
+    options = {"optional_stages": [stage], "screening": {"tests": ["colour"]}, "limits": {"minutes": 60}}
+    visitor.begin(new_study(short_films, 1.6, parse_options(options)))
+    visitor.sees(stage)
+    database = open_database(settings.url)
+    with database.writing() as connection:
+        newest = session.c.id == select(func.max(session.c.id)).scalar_subquery()
+        connection.execute(update(session).where(newest).values(started_at=utc_now() - timedelta(hours=2)))
+    database.dispose()
+    page.keyboard.press("Enter")
+    if stage == "practice":
+        visitor.practises()
+        page.keyboard.press("Enter")
+    visitor.sees("timed-out")
 
 
 def test_a_clock_that_jumps_changes_no_record(study: Study, page: Page, visitor: Visitor) -> None:

@@ -76,6 +76,21 @@ def test_a_vote_whose_acknowledgement_is_lost_is_sent_again_and_counted_once(
     assert [vote["choice"] for vote in study.votes(1)] == ["b"]
 
 
+def test_an_erasure_whose_answer_is_lost_is_told_as_done(study: Study, page: Page, visitor: Visitor) -> None:
+    visitor.begin(study)
+    visitor.votes("1")
+    visitor.is_in("voting")
+    page.route("**/session/erasure", _lose_the_answer)
+    page.get_by_role("button", name="Withdraw").click()
+    page.get_by_label("Also delete for good what I have given").check()
+    page.get_by_role("button", name="Yes, withdraw").click()
+    expect(page.get_by_text("The connection is interrupted")).to_be_visible()
+    page.unroute_all(behavior="wait")
+    visitor.sees("withdrawn")
+    expect(page.get_by_text("All that you gave was deleted.")).to_be_visible()
+    assert study.read("votes") == []
+
+
 def test_a_vote_that_was_not_sent_before_a_reload_is_sent_after_it(study: Study, page: Page, visitor: Visitor) -> None:
     visitor.begin(study)
     page.route(VOTES, lambda route: route.abort("connectionreset"))

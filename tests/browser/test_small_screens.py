@@ -15,7 +15,11 @@ from tests.browser.study_visitor import NewStudy
 pytestmark = pytest.mark.browser
 
 OPTIONS = {
-    "optional_stages": ["screening", "interview"],
+    "optional_stages": ["screening", "practice", "interview"],
+    "consent": "You may stop at any time.\n\n" * 30,
+    "consent_version": "2",
+    "comprehension": True,
+    "reference": "zebra",
     "questions": [
         {"name": "age", "kind": "number", "required": True},
         {"name": "criteria", "kind": "text"},
@@ -55,6 +59,18 @@ def box_of(element: Locator) -> dict[str, Any]:
     box = element.bounding_box()
     assert box is not None
     return {"left": box["x"], "right": box["x"] + box["width"], "top": box["y"], "bottom": box["y"] + box["height"]}
+
+
+@pytest.mark.parametrize(("width", "height"), [(1366, 768), (1440, 900), (1920, 1080)])
+def test_every_page_but_the_questionnaire_is_seen_whole(show_view: ShowView, width: int, height: int) -> None:
+    view = show_view("welcome", width, height)
+    names = view.page.locator("[data-view]").evaluate_all("(views) => views.map((view) => view.dataset.view)")
+    heights = {}
+    for name in names:
+        view.page.evaluate(SHOW, name)
+        heights[name] = view.page.evaluate("document.documentElement.scrollHeight")
+    del heights["interview"]
+    assert {name: higher for name, higher in heights.items() if higher > height} == {}
 
 
 def test_eleven_steps_of_a_scale_stand_in_one_row(show_view: ShowView) -> None:

@@ -32,7 +32,7 @@ def test_the_vote_waits_until_each_of_both_was_seen_for_as_long_as_the_study_say
     study = new_study(short_films, 1.6, StudyOptions(minimum_viewing_s=0.3))
     visitor.begin(study)
     visitor.is_in("unseen")
-    expect(page.locator("#unseen")).to_contain_text("at least 0.3 seconds")
+    expect(page.locator("#unseen")).to_contain_text("at least 0.3 s.")
     page.keyboard.press("Enter")
     visitor.is_in("exposure")
     page.keyboard.press("Space")

@@ -102,7 +102,7 @@ def _wording(request: Request, database: Database, study: Study, admission: Admi
 
 @router.post("/studies/{slug}/turned-away", status_code=204)
 def turn_away(slug: Slug, body: TurnedAwayBody, request: Request) -> None:
-    """Say that a browser cannot show a study's films, for the log; its invitation stays unused."""
+    """Say that a browser or device cannot take part in a study, for the log; its invitation stays unused."""
     invitation_to(request, slug, body.invitation)
     browser = request.headers.get("user-agent", "")[:200]
     throttle(request).count(REMARKS, "remark", address(request))

@@ -22,7 +22,7 @@ from app.study.language_pack import LanguagePack, nested_texts
 from app.study.privacy import collected
 from app.study.stage_data import consent_to_send
 from app.study.wording import offered_languages, wording
-from app.web.form_token import is_own_form, own_form, page_with_form
+from app.web.form_token import has_form_token, is_own_form, own_form, page_with_form
 from app.web.gates import (
     PARTICIPANT_COOKIE,
     Now,
@@ -63,7 +63,7 @@ router = APIRouter(include_in_schema=False)
 def entrance_page(request: Request, code: str = "") -> Response:
     if code.strip():
         return see_invitation(code)
-    return _page(request, "participant/entrance.html")
+    return _page(request, "participant/entrance.html", keeps_cookies=True)
 
 
 @router.get("/s/{code}")
@@ -169,7 +169,7 @@ def resume_elsewhere(
     """Resume a session in this browser; sending the form twice does no harm."""
     if not is_own_form(request, form_token):
         log.warning("a resume code came from elsewhere than the entrance's form")
-        return _page(request, "participant/entrance.html", 403)
+        return _page(request, "participant/entrance.html", 403, keeps_cookies=has_form_token(request))
     throttle(request).check(WRONG_CODES, address(request))
     token = resume_session(database, resume_code.strip().lower(), form_token)
     if token is None:

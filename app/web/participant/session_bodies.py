@@ -66,8 +66,8 @@ class AdmissionBody(Strict):
 
 
 class TurnedAwayBody(AdmissionBody):
-    why: Literal["films", "phone", "screen", "full_screen"] = Field(
-        default="films", description="what this device lacks for the study, or that it is a phone"
+    why: Literal["films", "cookies", "phone", "screen", "full_screen"] = Field(
+        default="films", description="what this browser or device lacks for the study, or that it is a phone"
     )
 
 

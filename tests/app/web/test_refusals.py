@@ -121,6 +121,8 @@ def test_a_browser_that_was_turned_away_is_logged_and_uses_nothing_up(
     answer = client.post(path, json={"invitation": study["invitation"]}, headers={"User-Agent": "Old Browser"})
     assert answer.status_code == 204
     assert f"study {study['slug']}: turned away (films): 'Old Browser'" in caplog.text
+    assert client.post(path, json={"invitation": study["invitation"], "why": "cookies"}).status_code == 204
+    assert "turned away (cookies)" in caplog.text
     assert is_problem(client.post(path, json={"invitation": "nobodys"}), 404)
 
 

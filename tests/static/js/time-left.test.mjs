@@ -7,8 +7,12 @@ import { minutesLeft, minutesTogether, roughly } from "../../../static/js/time-l
 
 const MINUTES = { introduction: 1.5, screening: 4.2, trial: 20, interview: 2.2 };
 
-test("all stages are announced together, rather too long than too short", () => {
+test("all stages together take as long as the minutes announced of each", () => {
   assert.equal(minutesTogether(MINUTES), 28);
+  for (const minutes of [{ introduction: 1.5, trial: 0.34 }, { introduction: 2.4, screening: 5.4, trial: 0.4 }]) {
+    const announced = Object.values(minutes).map(roughly);
+    assert.equal(minutesTogether(minutes), announced.reduce((sum, stage) => sum + stage));
+  }
 });
 
 test("the time left shrinks with every trial and ends with the questions", () => {

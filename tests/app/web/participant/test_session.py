@@ -262,6 +262,16 @@ def test_the_form_to_go_on_may_be_sent_twice_by_the_browser_that_has_it(particip
         assert elsewhere.get("/api/v1/session").status_code == 200
 
 
+def test_a_code_from_a_browser_that_refuses_cookies_is_answered_with_what_to_do(
+    participant: httpx.Client, server: str
+) -> None:
+    code = participant.get("/api/v1/session").json()["resume_code"]
+    answer = httpx.post(f"{server}/resume", data={"resume_code": code, "form_token": "of a lost cookie"})
+    assert answer.status_code == 403
+    assert "Please allow cookies for this page" in answer.text
+    assert "Please allow cookies for this page" not in httpx.get(server).text
+
+
 def test_the_way_ends_after_the_last_vote(participant: httpx.Client, vote_body: VoteBody) -> None:
     seen = set()
     for number in range(1, 7):
