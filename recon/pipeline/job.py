@@ -144,6 +144,9 @@ def planned_job(capture: Capture, run: Path, options: ReconstructOptions) -> Job
     """
     options = replace(options, depths=options.depths or default_depths(capture))
     options.methods.check(options.depth_methods, options.fusion_methods)
+    if not options.fusion_methods:
+        known = ", ".join(options.methods.fusion)
+        raise ValueError(f"no fusion was named, so there is nothing to make; expected some of {known}")
     check_colours(options.colours)
     check_sensors(capture, options.depth_methods)
     voxel = options.surface.voxel_mm or depth_resolution(capture)
