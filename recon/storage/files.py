@@ -34,6 +34,12 @@ def allowed(path: Path) -> Path:
     return path
 
 
+def check_exists(path: Path) -> None:
+    """Raise a ValueError if there is no such file or folder."""
+    if not path.exists():
+        raise ValueError(f"{path}: there is no such file or folder")
+
+
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path` that becomes `path` if the block ends without an error.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -61,6 +62,10 @@ class ViewSettings:
     frames: range | None = None
     models: tuple[Path, ...] = ()
     threshold: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.threshold is not None and not 0 < self.threshold < math.inf:
+            raise ValueError(f"threshold is {self.threshold:g} mm, expected a length above 0")
 
 
 @dataclass(frozen=True, eq=False)

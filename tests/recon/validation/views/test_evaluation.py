@@ -230,3 +230,9 @@ def test_a_missing_recording_or_frame_is_named(run: Path, capture: Capture, tmp_
         assert measure_views(run, ViewSettings(capture=tmp_path / "moved"))[0]["views"]
     finally:
         move(str(tmp_path / "moved"), str(capture.folder))
+
+
+@pytest.mark.parametrize("threshold", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_threshold_that_is_no_length_is_refused(threshold: float) -> None:
+    with pytest.raises(ValueError, match=f"threshold is {threshold:g} mm, expected a length above 0"):
+        ViewSettings(threshold=threshold)
