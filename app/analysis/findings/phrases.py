@@ -74,10 +74,10 @@ def with_interval(row: Mapping[str, Any], value: str, ends: str) -> str | None:
     value : name of the value
     ends : beginning of the limits' names
     """
-    low, high = row[f"{ends}_low"], row[f"{ends}_high"]
+    low, high = row.get(f"{ends}_low"), row.get(f"{ends}_high")
     if row[value] is None:
         return None
-    return unsigned(row[value]) + ("" if low is None else f" [{unsigned(low)}, {unsigned(high)}]")
+    return unsigned(row[value]) + ("" if low is None or high is None else f" [{unsigned(low)}, {unsigned(high)}]")
 
 
 def percent(share: float) -> str:

@@ -49,7 +49,7 @@ def report_view(record: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         "digest": record["digest"],
         "figures": [_figure(stem, names) for stem in sorted(stems)],
         "pictures": [{"caption": _caption(name.removesuffix(".png")), "picture": name} for name in singles],
-        "tables": [_table(folder / name) for name in names if name.endswith(".csv")],
+        "tables": [table for name in names if name.endswith(".csv") and (table := _table(folder / name))["n_rows"]],
     }
 
 
