@@ -53,7 +53,7 @@ def main() -> None:
         if "RECONSTUDY_DEBUG" in os.environ:
             raise
         cause = f" ({error})" if str(error) else ""
-        _fail(f"the memory is not enough{cause}; ask for less, such as a smaller size, fewer frames or fewer workers")
+        _fail(f"the memory is not enough{cause}; ask for less, or use a machine with more")
     except StudyError as error:
         _fail(error.detail)
 
