@@ -7,7 +7,7 @@ relative to the capture's folder and stay inside it; `{frame}` or `{frame:04d}` 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -235,6 +235,19 @@ def check_fps(fps: Any) -> float:
     if not _is_number(fps) or not fps > 0:
         raise CaptureError(f"fps is {fps!r}, expected a positive number")
     return float(fps)
+
+
+def chosen_frames(folder: Path, frames: Sequence[int], wanted: range | None) -> list[int]:
+    """Return those of a recording's or run's frames that were asked for; None asks for all.
+
+    A CaptureError says that there is none of them.
+    """
+    chosen = [frame for frame in frames if wanted is None or frame in wanted]
+    if wanted is not None and not chosen:
+        raise CaptureError(
+            f"{folder}: has frames {frames[0]} to {frames[-1]}, none of them in {wanted.start}:{wanted.stop}"
+        )
+    return chosen
 
 
 def check_count(count: Any, name: str, *, at_least: int) -> int:
