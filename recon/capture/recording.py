@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from recon.capture.images import IMAGE_SUFFIXES, VIDEO_SUFFIXES, CaptureError, is_video
 from recon.rig import Camera, Rig, Sensor, checked_bounds, rigid
+from recon.storage.files import check_safe_name
 
 KINDS = ("scene", "sphere", "cuboid")
 GIVEN = "given"  # the depth method that takes the depth maps of the capture
@@ -220,7 +221,10 @@ def check_name(name: Any) -> str:
     """Return the scene's name, or raise a CaptureError that says what is wrong with it."""
     if not isinstance(name, str) or not name.strip():
         raise CaptureError(f"name is {name!r}, expected the scene's name")
-    return name
+    try:
+        return check_safe_name(name)  # films are written into a folder of this name
+    except ValueError as error:
+        raise CaptureError(f"name: {error}") from error
 
 
 def check_kind(kind: Any) -> str:
