@@ -242,9 +242,18 @@ def check_fps(fps: Any) -> float:
 
 
 def chosen_frames(folder: Path, frames: Sequence[int], wanted: range | None) -> list[int]:
-    """Return those of a recording's or run's frames that were asked for; None asks for all.
+    """Return the frames that were asked for.
 
-    A CaptureError says that there is none of them.
+    Parameters
+    ----------
+    folder : of the recording or run, for the message
+    frames : which it has
+    wanted : which of them; None for all
+
+    Raises
+    ------
+    CaptureError
+        If it has none of them.
     """
     chosen = [frame for frame in frames if wanted is None or frame in wanted]
     if wanted is not None and not chosen:

@@ -149,7 +149,14 @@ def reconstruct(
 def reconstruct_capture(
     capture: Capture, run: Path, options: ReconstructOptions, progress: Progress = no_progress
 ) -> dict[str, Any]:
-    """Do as `reconstruct` does, for a capture that was read already."""
+    """Do as `reconstruct` does, for a capture that was read already.
+
+    Parameters
+    ----------
+    capture : the recording
+    run : folder of the run
+    options, progress : as of `reconstruct`
+    """
     run = run.resolve()
     job = planned_job(capture, run, options)
     options, views, models = job.options, list(chain.from_iterable(job.sequences)), job.models
