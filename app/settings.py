@@ -55,7 +55,7 @@ class Settings(BaseSettings):
     )
     allowed_hosts: str | None = Field(
         default=None,
-        description="host names to answer to, with commas between, `*` for any; unset: IP addresses and this machine's "
+        description="host names to answer to, with commas between, * for any; unset: IP addresses and this machine's "
         "name; that of the public address always",
     )
     media_accel: str | None = Field(

@@ -80,7 +80,7 @@ def plan_study(
     dict, with powers and detectable differences for one dataset and for all datasets pooled; None where the power stays
     below 80 % even at the largest difference
     """
-    if effect_jod <= 0:
+    if not 0 < effect_jod < np.inf:
         raise ValueError(f"effect_jod is {effect_jod}, expected a difference above 0")
     single = replace(plan, datasets=1)
     seeds = rng.integers(0, 2**63, 2)

@@ -7,12 +7,12 @@ from typing import Any
 
 from app.analysis.contrasts import SIGNIFICANT
 from app.analysis.findings.pairs import better_first
-from app.analysis.findings.phrases import p_phrase
+from app.analysis.findings.phrases import p_phrase, with_interval
 from app.analysis.findings.ranking import overall
 from app.analysis.objective.against_scores import score_unit
 from app.analysis.objective.prediction import measures_by_rank
 from app.analysis.ratings.report_sections import rating_sections
-from app.analysis.report_tables import ROWS, Analysis, Figures, Row, section, table, with_interval
+from app.analysis.report_tables import ROWS, Analysis, Figures, Row, section, table
 from app.analysis.votes_table import ALL
 
 MOST_FIGURES = 8  # of measures in the report

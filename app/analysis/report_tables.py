@@ -118,18 +118,3 @@ def _cell(column: str, value: Any) -> Any:
     """Return a value, a p-value as text: small ones as a bound, because their tails are not to be trusted."""
     is_p = column in P_VALUES and isinstance(value, float)
     return value if not is_p else f"< {LOWEST_P}" if value < LOWEST_P else f"{value:.3f}"
-
-
-def with_interval(row: Row, name: str, ends: str) -> str | None:
-    """Return a value and its interval as text; None without a value.
-
-    Parameters
-    ----------
-    row : with the value, and its limits under `ends` + `_low`, `_high`
-    name : of the value
-    ends : beginning of the limits' names
-    """
-    value, low, high = row[name], row[f"{ends}_low"], row[f"{ends}_high"]
-    if value is None:
-        return None
-    return f"{value:.2f}" if low is None else f"{value:.2f} [{low:.2f}, {high:.2f}]"

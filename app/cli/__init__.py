@@ -49,6 +49,11 @@ def main() -> None:
         if "RECONSTUDY_DEBUG" in os.environ or (advice is None and isinstance(error, ModuleNotFoundError)):
             raise
         _fail(f"{error}; {advice}" if advice else _sentence(error))
+    except MemoryError as error:
+        if "RECONSTUDY_DEBUG" in os.environ:
+            raise
+        cause = f" ({error})" if str(error) else ""
+        _fail(f"the memory is not enough{cause}; ask for less, or use a machine with more")
     except StudyError as error:
         _fail(error.detail)
 

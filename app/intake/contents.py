@@ -67,12 +67,22 @@ def read_contents(entry: Path) -> Contents:
     models = (_model(place, file) for place, file in files if place.lower().endswith(".ply"))
     return Contents(
         films,
-        _ending(places, SHOWN_PICTURES)[:MOST_SHOWN],
+        _pictures(places)[:MOST_SHOWN],
         [model for model, _ in zip(filter(None, models), range(MOST_MODELS), strict=False)],
         _ending(places, (".html",))[:MOST_SHOWN],
         _ending(places, (".csv",))[:MOST_SHOWN],
         {place: file.stat().st_size for place, file in files},
     )
+
+
+def _pictures(places: list[str]) -> list[str]:
+    """Return the pictures; of a figure in several forms the drawing, which is sharp at any size."""
+    drawings = {place.removesuffix(".svg") for place in places if place.endswith(".svg")}
+    return [
+        place
+        for place in _ending(places, SHOWN_PICTURES)
+        if place.endswith(".svg") or Path(place).with_suffix("").as_posix() not in drawings
+    ]
 
 
 def _ending(places: list[str], suffixes: tuple[str, ...]) -> list[str]:

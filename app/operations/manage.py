@@ -168,7 +168,7 @@ def add_token(
 @contextmanager
 def own_token(settings: Settings, purpose: str) -> Iterator[str]:
     """Make a bearer token for this program's own use, to read, named by purpose and time; it ends with the block."""
-    name = f"{purpose} {utc_now().isoformat(timespec='microseconds')}"
+    name = f"{purpose} {utc_now():%Y-%m-%d %H:%M:%S.%f}"
     try:
         yield str(add_token(settings, name)["token"])
     finally:
@@ -287,9 +287,11 @@ def _note(database: Database, action: str, subject: str, **detail: Any) -> None:
 def _only_study(database: Database) -> studies.Study:
     with database.reading() as connection:
         there = studies.all_studies(connection)
-    if len(there) != 1:
-        names = ", ".join(study.slug for study in there) or "none"
-        raise ValueError(f"there are several studies or none ({names}); say which is meant with --study")
+    if not there:
+        raise ValueError("there is no study yet; `reconstudy study create` makes one")
+    if len(there) > 1:
+        names = ", ".join(study.slug for study in there)
+        raise ValueError(f"there are several studies: {names}; say which is meant with --study")
     return there[0]
 
 

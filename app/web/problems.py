@@ -40,6 +40,16 @@ SECRET = ("form_token", "current", "password", "again")
 NOT_SHOWN = (*SECRET, "seen")  # fields that hold secrets, or that nobody typed
 FEWEST_TYPED = 20  # characters; shorter texts are soon typed again
 LOGGED_PARAMETERS = ("slug", "stage", "trial")
+HEADINGS = {  # of pages, for people; programs get the phrases of HTTP
+    403: "Not allowed",
+    404: "Not found",
+    405: "Not possible here",
+    409: "Not possible now",
+    410: "No longer here",
+    413: "Too large",
+    422: "Not accepted",
+    429: "Too many requests",
+}
 SENTENCES = {
     404: "There is nothing at this address.",
     405: "This address does not take that method.",
@@ -184,7 +194,11 @@ def _answer(
     if not _is_page(request):
         return problem(status, detail, extra=extra, headers=headers)
     person = signed_in_person(request) if _is_dashboard(request) and status != 401 and status < 500 else None
-    context: dict[str, Any] = {"title": HTTPStatus(status).phrase, "detail": detail, "typed": typed}
+    context: dict[str, Any] = {
+        "title": HEADINGS.get(status, HTTPStatus(status).phrase),
+        "detail": detail,
+        "typed": typed,
+    }
     if status == 401 and _is_dashboard(request):
         return page_with_form(request, "admin/sign_in.html", context, status, headers)
     context["experimenter"] = person

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.storage.files import whole_file
+from recon.storage.files import write_bytes
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v")
@@ -47,11 +47,15 @@ def read_stored_image(path: Path) -> NDArray[np.generic]:
     return np.ascontiguousarray(pixels if pixels.ndim == 2 else pixels[..., 2::-1])
 
 
-def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
-    """Write a picture, uint8 (H, W, 3) RGB or (H, W), as PNG or JPEG by its suffix, whole or not at all."""
+def write_picture(path: Path, picture: NDArray[np.uint8]) -> bytes:
+    """Write a picture, uint8 (H, W, 3) RGB or (H, W), as PNG or JPEG by its suffix, whole or not at all.
+
+    Returns the file's bytes: a report's page holds them, too.
+    """
     _, encoded = cv2.imencode(path.suffix, picture if picture.ndim == 2 else picture[..., ::-1])
-    with whole_file(path) as temporary:
-        temporary.write_bytes(encoded.tobytes())
+    content = encoded.tobytes()
+    write_bytes(path, content)
+    return content
 
 
 def read_video_frame(path: Path, frame: int) -> NDArray[np.uint8]:

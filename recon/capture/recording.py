@@ -7,7 +7,7 @@ relative to the capture's folder and stay inside it; `{frame}` or `{frame:04d}` 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from recon.capture.images import IMAGE_SUFFIXES, VIDEO_SUFFIXES, CaptureError, is_video
 from recon.rig import Camera, Rig, Sensor, checked_bounds, rigid
+from recon.storage.files import check_safe_name
 
 KINDS = ("scene", "sphere", "cuboid")
 GIVEN = "given"  # the depth method that takes the depth maps of the capture
@@ -220,7 +221,10 @@ def check_name(name: Any) -> str:
     """Return the scene's name, or raise a CaptureError that says what is wrong with it."""
     if not isinstance(name, str) or not name.strip():
         raise CaptureError(f"name is {name!r}, expected the scene's name")
-    return name
+    try:
+        return check_safe_name(name)  # films are written into a folder of this name
+    except ValueError as error:
+        raise CaptureError(f"name: {error}") from error
 
 
 def check_kind(kind: Any) -> str:
@@ -235,6 +239,28 @@ def check_fps(fps: Any) -> float:
     if not _is_number(fps) or not fps > 0:
         raise CaptureError(f"fps is {fps!r}, expected a positive number")
     return float(fps)
+
+
+def chosen_frames(folder: Path, frames: Sequence[int], wanted: range | None) -> list[int]:
+    """Return the frames that were asked for.
+
+    Parameters
+    ----------
+    folder : of the recording or run, for the message
+    frames : which it has
+    wanted : which of them; None for all
+
+    Raises
+    ------
+    CaptureError
+        If it has none of them.
+    """
+    chosen = [frame for frame in frames if wanted is None or frame in wanted]
+    if wanted is not None and not chosen:
+        raise CaptureError(
+            f"{folder}: has frames {frames[0]} to {frames[-1]}, none of them in {wanted.start}:{wanted.stop}"
+        )
+    return chosen
 
 
 def check_count(count: Any, name: str, *, at_least: int) -> int:

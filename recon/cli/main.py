@@ -132,7 +132,7 @@ def reconstruct(
     from recon.cloud import CloudParameters
     from recon.depth.temporal import TemporalParameters
     from recon.pipeline.job import ReconstructOptions
-    from recon.pipeline.reconstruct import reconstruct as run_reconstruction
+    from recon.pipeline.reconstruct import reconstruct_capture
     from recon.surface import SurfaceParameters
 
     options = ReconstructOptions(
@@ -151,12 +151,13 @@ def reconstruct(
         cluster=cluster,
     )
     progress = ProgressLine()
-    if not any(stream.mask for stream in read_capture(capture.resolve()).sensors):
+    recording = read_capture(capture.resolve())
+    if not any(stream.mask for stream in recording.sensors):
         progress.say(
             f"{address_of(capture)} has no masks: all that stands in its bounds becomes part of the models, the room, "
             f"too; `reconstudy capture segment {shlex.quote(address_of(capture))}` makes masks"
         )
-    result = run_reconstruction(capture, out, options, progress)
+    result = reconstruct_capture(recording, out, options, progress)
     for warning in result["warnings"]:
         progress.say(f"warning: {warning}")
     progress.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
 from collections.abc import Collection
@@ -148,8 +149,10 @@ def parse_position(text: str) -> tuple[float, float, float]:
     """Read the numbers of "x,y,z"."""
     try:
         x, y, z = (float(value) for value in text.split(","))
-    except ValueError as error:
-        raise typer.BadParameter(f"{text!r} is not a position; expected x,y,z in mm") from error
+    except ValueError:
+        x = y = z = math.nan
+    if not all(map(math.isfinite, (x, y, z))):
+        raise typer.BadParameter(f"{text!r} is not a position; expected x,y,z in mm")
     return x, y, z
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from recon.cli.console import counted
+
 SHOWN_OF_CLOUDS = ("d1_psnr_db", "d2_psnr_db", "chamfer", "f_score", "y_psnr_db", "pointssim_colour")
 
 
@@ -79,7 +81,7 @@ def sphere_sentences(report: Mapping[str, Any]) -> list[str]:
     """List the inliers of each sensor, and what was left out."""
     lines = [
         f"{row['sensor']} ({row['subset']}): {row['inliers']:.2%} within {row['threshold_mm']:g} mm "
-        f"in {row['n_samples']} samples"
+        f"in {counted(row['n_samples'], 'sample')}"
         for row in report["table"]
     ]
     lines += [f"left out: {row['name']}: {'; '.join(row['reasons'])}" for row in report["excluded"]]

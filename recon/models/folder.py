@@ -9,25 +9,11 @@ from typing import Annotated
 from pydantic import AfterValidator
 
 from recon.models.read import READERS
+from recon.storage.files import check_safe_name
 
 NUMBERED = re.compile(r"(.*?)(\d+)")  # of a frame: any letters, then its number
 BESIDE = {".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".bin", ".txt", ".md", ".json"}
-LONGEST_NAME = 100
 FORMATS = ", ".join(READERS)
-RESERVED = (".mask", ".master", ".quality")  # endings of files that stand beside a video
-
-
-def check_safe_name(name: str) -> str:
-    """Return a name of a scene, an approach or a level, or raise a ValueError if files cannot be called so."""
-    is_odd = name != name.strip() or not name.isprintable() or any(letter in name for letter in '/\\:*?"<>|')
-    if not name or len(name) > LONGEST_NAME or is_odd or name.startswith(".") or name.endswith(RESERVED):
-        raise ValueError(
-            f'{name!r} is no name for files; expected up to {LONGEST_NAME} letters without / \\ : * ? " < > |, without '
-            f"a dot in front, spaces at the ends, or the ending {' or '.join(RESERVED)}"
-        )
-    if name == "all":
-        raise ValueError("'all' is what results call everything together; choose another name")
-    return name
 
 
 SafeName = Annotated[str, AfterValidator(check_safe_name)]

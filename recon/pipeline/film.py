@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import partial
@@ -20,7 +21,7 @@ from recon.render.checked import holds_checked_frames, write_checked_video
 from recon.render.frames import describe_renderer, render_masked_frames
 from recon.render.path_file import write_path
 from recon.render.quality import VideoCheck
-from recon.render.scene import scene_around
+from recon.render.scene import check_background, scene_around
 from recon.render.video import SILHOUETTE, VideoError, join_videos, probe_video, write_video
 from recon.rig import Camera
 from recon.storage.artefacts import Artefacts, code_version
@@ -28,6 +29,7 @@ from recon.storage.files import read_json, write_json
 
 PART_FRAMES = 50  # two groups of pictures; nothing is predicted across them, so joining parts costs no quality
 PARTS = ".parts"
+LARGEST_SIDE = 16384  # pixels, which x264 takes
 WHERE = ("workers", "cluster")  # options that say where work runs, not what is made
 LOOPS = ("repeat", "bounce", "static")
 
@@ -64,6 +66,14 @@ class RenderOptions:
     cluster: str | None = None
 
     def __post_init__(self) -> None:
+        if any(side % 2 or not 2 <= side <= LARGEST_SIDE for side in self.size):
+            raise ValueError(
+                f"size is {self.size[0]}x{self.size[1]}, expected even numbers of pixels from 2 to {LARGEST_SIDE}"
+            )
+        for name in ("fps", "seconds"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise ValueError(f"{name} is {getattr(self, name):g}, expected a number above 0")
+        check_background(self.background)
         for loop in (self.loop, *self.loops.values()):
             if loop not in LOOPS:
                 raise ValueError(f"loop is {loop!r}, expected one of {', '.join(LOOPS)}")

@@ -11,7 +11,7 @@ import numpy as np
 from recon.approaches import DEPTH_METHODS, FUSION_METHODS, VERTICES, Approach, approaches, check_colours
 from recon.capture.depth_maps import depth_view
 from recon.capture.format import Capture, CaptureError
-from recon.capture.recording import GIVEN
+from recon.capture.recording import GIVEN, chosen_frames
 from recon.cloud import CloudParameters
 from recon.depth.temporal import TemporalParameters
 from recon.pipeline.methods import Methods
@@ -144,6 +144,9 @@ def planned_job(capture: Capture, run: Path, options: ReconstructOptions) -> Job
     """
     options = replace(options, depths=options.depths or default_depths(capture))
     options.methods.check(options.depth_methods, options.fusion_methods)
+    if not options.fusion_methods:
+        known = ", ".join(options.methods.fusion)
+        raise ValueError(f"no fusion was named, so there is nothing to make; expected some of {known}")
     check_colours(options.colours)
     check_sensors(capture, options.depth_methods)
     voxel = options.surface.voxel_mm or depth_resolution(capture)
@@ -151,7 +154,8 @@ def planned_job(capture: Capture, run: Path, options: ReconstructOptions) -> Job
     options = replace(options, outlines=options.outlines and any(stream.mask for stream in capture.sensors))
     if options.outlines:
         options = replace(options, surface=widened(options.surface))
-    return Job(capture, _chosen_frames(capture, options.frames), options, Artefacts(run))
+    frames = chosen_frames(capture.folder, range(capture.n_frames), options.frames)
+    return Job(capture, frames, options, Artefacts(run))
 
 
 def default_depths(capture: Capture) -> tuple[str, ...]:
@@ -193,10 +197,3 @@ def depth_resolution(capture: Capture) -> float:
         pixel = distance / float(camera.K[0, 0])
         sizes.append(max(pixel, pixel * distance / stream.sensor.baseline / 3) if stream.right else pixel)
     return round(max(sizes), 3)
-
-
-def _chosen_frames(capture: Capture, wanted: range | None) -> list[int]:
-    frames = [frame for frame in range(capture.n_frames) if wanted is None or frame in wanted]
-    if not frames:
-        raise ValueError(f"{capture.folder}: has frames 0 to {capture.n_frames - 1}, none of them in {wanted}")
-    return frames

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from recon.approaches import VERTICES
-from recon.capture.format import read_capture
+from recon.capture.format import Capture, read_capture
 from recon.capture.images import read_stored_image
 from recon.depth import StereoPair
 from recon.depth.disparity_io import write_disparity
@@ -143,8 +143,22 @@ def reconstruct(
         If the capture, a method or the frames are wrong, or no sensor sees anything in a frame; `run` then holds only
         whole files.
     """
+    return reconstruct_capture(read_capture(capture_folder.resolve()), run, options, progress)
+
+
+def reconstruct_capture(
+    capture: Capture, run: Path, options: ReconstructOptions, progress: Progress = no_progress
+) -> dict[str, Any]:
+    """Do as `reconstruct` does, for a capture that was read already.
+
+    Parameters
+    ----------
+    capture : the recording
+    run : folder of the run
+    options, progress : as of `reconstruct`
+    """
     run = run.resolve()
-    job = planned_job(read_capture(capture_folder.resolve()), run, options)
+    job = planned_job(capture, run, options)
     options, views, models = job.options, list(chain.from_iterable(job.sequences)), job.models
 
     timings: dict[str, float] = {}

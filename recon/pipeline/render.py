@@ -54,9 +54,9 @@ def render(
     sources = read_sources([folder.resolve() for folder in folders])
     check_loops(sources, options)
     check_path_is_read_only(sources, options, out)
+    _check_practice(practice, [source.dataset for source in sources for _ in source.sequences])
     with open_pool(options.workers, options.cluster) as pool:
         films, warnings = planned_films(sources, options, pool, progress)
-        _check_practice(practice, films)
         remove_leftovers(out)
         paths = {film.dataset: make_path(film, out) for film in {film.dataset: film for film in films}.values()}
         parts = [
@@ -82,10 +82,10 @@ def render(
     return write_manifest(out, out.name, stimuli, provenance, practice=practice)
 
 
-def _check_practice(practice: str, films: Sequence[Film]) -> None:
+def _check_practice(practice: str, datasets: Sequence[str]) -> None:
+    """Raise a ValueError if the practice does not fit; `datasets` holds the scene of every film."""
     if not practice:
         return
-    datasets = [film.dataset for film in films]
     n_practised = datasets.count(practice)
     n_compared = len(datasets) - n_practised
     if n_practised != 2 or n_compared == 0:

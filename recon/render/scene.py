@@ -159,6 +159,12 @@ class Shot:
     threads: int = 1
 
 
+def check_background(name: str) -> None:
+    """Raise a ValueError if there is no such background."""
+    if name not in BACKGROUNDS:
+        raise ValueError(f"there is no background {name!r}; expected one of {', '.join(BACKGROUNDS)}")
+
+
 def scene_around(bounds: NDArray[np.floating], cameras: Sequence[Camera], background: str = "studio") -> Scene:
     """Place a background around a dataset, lit from beside its whole camera path, for every frame and approach.
 
@@ -173,8 +179,7 @@ def scene_around(bounds: NDArray[np.floating], cameras: Sequence[Camera], backgr
     ValueError
         If there is no such background, no camera, or the bounds are empty.
     """
-    if background not in BACKGROUNDS:
-        raise ValueError(f"there is no background {background!r}; expected one of {', '.join(BACKGROUNDS)}")
+    check_background(background)
     if not cameras:
         raise ValueError("a scene needs the cameras that look at it, found none")
     bounds = checked_bounds(bounds)

@@ -15,6 +15,8 @@ from pathlib import Path
 from typing import Any
 
 FULL = 2**16  # bytes; with less left on the disk, that is why writing failed
+LONGEST_NAME = 100  # letters
+RESERVED = (".mask", ".master", ".quality")  # endings of files that stand beside a video
 STALE_S = 3600.0  # after so long without a write, a temporary file of another host has no writer any more
 FILES_BELOW = "RECONSTUDY_FILES_BELOW"  # folders with : between, as a job of the server has it; unset: any folder
 
@@ -32,6 +34,25 @@ def allowed(path: Path) -> Path:
     if below is not None and not any(path.resolve().is_relative_to(folder) for folder in below.split(os.pathsep)):
         raise ValueError(f"{path} lies outside the server's folders; put it beside the file that names it")
     return path
+
+
+def check_safe_name(name: str) -> str:
+    """Return a name of a scene, an approach or a level, or raise a ValueError if files cannot be called so."""
+    is_odd = name != name.strip() or not name.isprintable() or any(letter in name for letter in '/\\:*?"<>|')
+    if not name or len(name) > LONGEST_NAME or is_odd or name.startswith(".") or name.endswith(RESERVED):
+        raise ValueError(
+            f'{name!r} is no name for files; expected up to {LONGEST_NAME} letters without / \\ : * ? " < > |, without '
+            f"a dot in front, spaces at the ends, or the ending {' or '.join(RESERVED)}"
+        )
+    if name == "all":
+        raise ValueError("'all' is what results call everything together; choose another name")
+    return name
+
+
+def check_exists(path: Path) -> None:
+    """Raise a ValueError if there is no such file or folder."""
+    if not path.exists():
+        raise ValueError(f"{path}: there is no such file or folder")
 
 
 @contextmanager

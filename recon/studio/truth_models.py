@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from recon.capture.format import Capture, CaptureError
+from recon.capture.recording import chosen_frames
 from recon.geometry.mesh import Mesh, Texture
 from recon.geometry.mesh_files import read_mesh, write_mesh
 from recon.models.scene_file import SCENE_FILE
@@ -49,12 +50,7 @@ def write_truth_models(capture: Capture, out: Path, frames: range | None = None)
     missing = [path for path in meshes.values() if not path.is_file()]
     if missing:
         raise CaptureError(f"{missing[0]}: there is no such mesh; only synthetic captures have true meshes")
-    wanted = range(capture.n_frames) if frames is None else frames
-    chosen = [frame for frame in meshes if frame in wanted]
-    if not chosen:
-        raise CaptureError(
-            f"{capture.folder}: has frames 0 to {capture.n_frames - 1}, none of them in {wanted.start}:{wanted.stop}"
-        )
+    chosen = chosen_frames(capture.folder, range(capture.n_frames), frames)
     with new_folder(out) as folder:
         (folder / TRUTH).mkdir()
         for frame, mesh in _textured(capture, {frame: meshes[frame] for frame in chosen}):

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import error_colours
-from recon.storage.files import write_bytes
 from recon.validation.sampling import axes_facing, subsample
 
 SIDE_PX = 360  # of each of the four squares
@@ -173,18 +171,6 @@ def window_around(mask: NDArray[np.bool_]) -> tuple[slice, slice]:
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     margin = round(AROUND * max(np.ptp(rows), np.ptp(columns))) + 1
     return slice(max(rows[0] - margin, 0), rows[-1] + margin), slice(max(columns[0] - margin, 0), columns[-1] + margin)
-
-
-def png(picture: NDArray[np.uint8]) -> bytes:
-    """Encode an RGB picture uint8 (H, W, 3) as PNG."""
-    return bytes(cv2.imencode(".png", picture[..., ::-1])[1].tobytes())
-
-
-def write_picture(path: Path, picture: NDArray[np.uint8]) -> bytes:
-    """Write an RGB picture uint8 (H, W, 3) as a PNG file, and return its bytes for the page."""
-    content = png(picture)
-    write_bytes(path, content)
-    return content
 
 
 def _square(places: NDArray[np.floating], colours: NDArray[np.integer], radius: float) -> NDArray[np.uint8]:

@@ -14,9 +14,11 @@ import cv2
 import numpy as np
 import pytest
 
+from recon.capture import format as capture_format
 from recon.capture.masks.segment import segment_capture
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import read_mesh, write_cloud, write_no_cloud
+from recon.storage.files import read_json
 from recon.studio import SynthParameters, synthesise
 from tests.command_line import Command
 
@@ -202,6 +204,16 @@ def test_a_capture_without_masks_is_pointed_out_before_the_work(
     told = command("reconstruct", capture, "-o", tmp_path / "other", *where)
     assert told.code == 0, told.err
     assert "has no masks: all that stands in its bounds" in told.err.splitlines()[0]
+
+
+def test_a_capture_is_read_once_for_a_run(
+    command: Command, capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: list[Path] = []
+    monkeypatch.setattr(capture_format, "read_json", lambda path: read.append(path) or read_json(path))
+    where = ("--depth", "id", "--fusion", "fb", "--frames", "0:1")
+    assert command("reconstruct", capture, "-o", tmp_path / "run", *where).code == 0
+    assert read == [capture / "capture.json"]
 
 
 def test_a_disk_that_fills_up_while_rendering_is_named(command: Command, capture: Path, small_disk: Path) -> None:

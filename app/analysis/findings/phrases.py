@@ -65,6 +65,21 @@ def number_with_interval(
     return f"{show(row[value])} (95 % interval {show(low)} to {show(high)})"
 
 
+def with_interval(row: Mapping[str, Any], value: str, ends: str) -> str | None:
+    """Return "0.50 [0.20, 0.80]" of a row, for a table; None where there is no value.
+
+    Parameters
+    ----------
+    row : with the value, and its limits under `ends` + `_low`, `_high`
+    value : name of the value
+    ends : beginning of the limits' names
+    """
+    low, high = row.get(f"{ends}_low"), row.get(f"{ends}_high")
+    if row[value] is None:
+        return None
+    return unsigned(row[value]) + ("" if low is None or high is None else f" [{unsigned(low)}, {unsigned(high)}]")
+
+
 def percent(share: float) -> str:
     """Return a share as a percentage; one that is not certain never as 0 or 100 %."""
     if 0 < share < 0.005:

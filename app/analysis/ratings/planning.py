@@ -28,7 +28,7 @@ class RatingPlan(StudySize):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.inconsistency > 0:
+        if not 0 < self.inconsistency < np.inf:
             raise ValueError(f"inconsistency is {self.inconsistency}, expected more than 0")
 
     @property
@@ -49,7 +49,7 @@ def plan_ratings(plan: RatingPlan, effect: float) -> dict[str, Any]:
     -------
     dict, with powers and detectable differences for one dataset and over all datasets
     """
-    if effect <= 0:
+    if not 0 < effect < np.inf:
         raise ValueError(f"effect is {effect}, expected a difference above 0")
     single, n_trials = replace(plan, datasets=1), plan.conditions * plan.datasets
     return {

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from app.analysis.findings.phrases import with_interval
 from app.analysis.ratings.table import PROTOCOLS
-from app.analysis.report_tables import Analysis, Figures, Row, section, table, with_interval
+from app.analysis.report_tables import Analysis, Figures, Row, section, table
 
 EXPLAINED = {
     "ok": "the quality weights each participant by consistency and takes off individual bias (ITU-T P.910 Annex E)",

@@ -186,12 +186,16 @@ class NewName(Field):
 
     def made_from(self, values: Values, settings: Settings) -> str:
         """Return the name by the pattern, with a number where it is taken."""
-        parts = {name: _plain(value) for name, value in values.items() if value is not None}
-        name = self.pattern.format(**parts)[:80]
+        name = self.by_pattern(values)
         numbered = (f"{name}-{number}" if number > 1 else name for number in range(1, 10_000))
         return checked_name(
             "runs", next(free for free in numbered if not (place(settings, self.shelf) / free).exists())
         )
+
+    def by_pattern(self, values: Values) -> str:
+        """Return the name by the pattern, taken or not."""
+        parts = {name: _plain(value) for name, value in values.items() if value is not None}
+        return self.pattern.format(**parts)[:80]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -283,6 +287,15 @@ class Text(Field):
         if len(text) > LONGEST_TEXT or not re.fullmatch(self.form, text):
             raise self.refuse(given, f"for example {self.example}")
         return text
+
+
+@dataclass(frozen=True, kw_only=True)
+class Names(Text):
+    """Names with commas between; the command gets its option once for each."""
+
+    def words(self, value: Any, settings: Settings) -> list[str]:  # noqa: ARG002
+        """Return the option for each name, in order."""
+        return [f"{self.option}={name.strip()}" for name in value.split(",")]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -113,7 +113,7 @@ FILMS = (
                 help="WIDTHxHEIGHT, pixels, both even",
                 option="--size",
                 default="1920x1080",
-                form=r"[1-9]\d{1,3}x[1-9]\d{1,3}",
+                form=r"[1-9]\d{0,2}[02468]x[1-9]\d{0,2}[02468]",
                 example="1920x1080",
             ),
             Number(name="fps", label="Frames a second", option="--fps", default=25, low=1, high=120),

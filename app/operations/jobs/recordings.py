@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from app.errors import InvalidError
 from app.intake.captures import CAPTURE_FILE
 from app.intake.strokes import STROKES_FILE
@@ -12,6 +14,21 @@ from app.settings import Settings
 
 CALIBRATION_FILE = "calibration.yml"
 NUMBER = r"-?\d+(?:\.\d+)?"
+
+
+CAPTURE_NAME = NewName(
+    name="name",
+    label="Name",
+    help="of the new capture and its scene",
+    shelf="captures",
+    pattern="{source}-capture",
+)
+
+
+def _scene_name(values: Values, _settings: Settings) -> list[str]:
+    """Return the option for the scene's name; without a name in the form, the source tells it."""
+    is_made = re.fullmatch(rf"{re.escape(CAPTURE_NAME.by_pattern(values))}(?:-\d+)?", values["name"])
+    return [] if is_made else [f"--name={values['name']}"]
 
 
 def _calibrated(values: Values) -> tuple[str, str]:
@@ -101,7 +118,7 @@ RECORDINGS = (
                 lacks=CAPTURE_FILE,
                 is_required=True,
             ),
-            NewName(name="name", label="Name", help="of the new capture", shelf="captures", pattern="{source}-capture"),
+            CAPTURE_NAME,
             Text(
                 name="pairs",
                 label="Pairs",
@@ -153,6 +170,7 @@ RECORDINGS = (
         ),
         out_option="",
         output=named("captures"),
+        more=_scene_name,
     ),
     JobKind(
         name="segment",

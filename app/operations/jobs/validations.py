@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from app.intake.stimuli import MANIFEST
 from app.intake.summaries import RUN_FILE
-from app.operations.jobs.fields import SETS, Choice, Entries, Entry, Number, Text
+from app.operations.jobs.fields import SETS, Choice, Entries, Entry, Names, Number, Text
 from app.operations.jobs.kind import JobKind, named
 from app.operations.jobs.shared_fields import FRAMES, NAME_FORM, report_name
 
@@ -45,10 +45,18 @@ THRESHOLDS = Text(
 CLOUDS = Entries(
     name="clouds",
     label="Clouds",
-    help="PLY files, or folders of them, by one sensor: one for each place",
+    help="PLY files, or folders of them: one for each sensor and place",
     shelves=("clouds",),
     takes="files",
     is_required=True,
+)
+SENSORS = Names(
+    name="sensors",
+    label="Sensors",
+    help="names for the clouds, in their order; fewer names than clouds repeat; empty: one sensor saw all of them",
+    option="--sensor",
+    form=rf"{NAME_FORM}(?:, *{NAME_FORM})*",
+    example="S1,S2",
 )
 
 
@@ -147,6 +155,7 @@ VALIDATIONS = (
                 low=0.001,
                 high=1e6,
             ),
+            SENSORS,
             report_name("{clouds}-sphere"),
             THRESHOLDS,
             UNIT,
@@ -171,6 +180,7 @@ VALIDATIONS = (
                 form=r"\d+(?:\.\d+)?(?:x\d+(?:\.\d+)?){2}",
                 example="220x320x160",
             ),
+            SENSORS,
             report_name("{clouds}-cuboid"),
             THRESHOLDS,
             UNIT,

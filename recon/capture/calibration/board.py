@@ -58,7 +58,10 @@ class Board:
 
     def __post_init__(self) -> None:
         if min(self.columns, self.rows) < 3 or self.square_mm <= 0:
-            raise CaptureError(f"board {self}: expected at least 3x3 and a positive length of the squares")
+            raise CaptureError(
+                f"board: {self.columns}x{self.rows} with squares of {self.square_mm:g} mm, expected at least 3x3 and a "
+                "positive length"
+            )
         if self.kind == "charuco" and not 0 < self.marker_mm < self.square_mm:
             raise CaptureError(f"board: the markers of {self.marker_mm} mm do not fit squares of {self.square_mm} mm")
 

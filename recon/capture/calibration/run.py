@@ -38,7 +38,7 @@ from recon.capture.importing.opencv import SUFFIXES, write_calibration
 from recon.capture.pictures import steady_rate
 from recon.capture.recording import SIDES, evenly_chosen
 from recon.rig import Rig, Sensor
-from recon.storage.files import new_folder, write_json
+from recon.storage.files import check_exists, new_folder, write_json
 from recon.workers import Progress, no_progress
 
 SCHEMA_VERSION = 1
@@ -151,6 +151,8 @@ def calibrate_folders(
 
 
 def _camera_folders(sources: Sequence[Path]) -> dict[str, tuple[Path, Path]]:
+    for source in sources:
+        check_exists(source)
     if len(sources) == 1:
         base = sources[0]
         if sides := _sides(base):

@@ -21,7 +21,7 @@ from recon.capture.images import CaptureError
 from recon.capture.importing.sources import UPWARDS, ImportOptions, Recording, SensorSource, faults_at, write_recording
 from recon.capture.pictures import find_pictures
 from recon.rig import Camera, Rig, Sensor, rigid
-from recon.storage.files import whole_file
+from recon.storage.files import check_exists, whole_file
 
 SUFFIXES = (".yml", ".yaml", ".xml")
 KEYS: dict[str, tuple[str, ...]] = {
@@ -97,8 +97,7 @@ def _write_sensor(storage: Any, sensor: Sensor) -> None:
 def _files(source: Path) -> tuple[Path, list[Path]]:
     if source.is_file():
         return source.parent, [source]
-    if not source.is_dir():
-        raise CaptureError(f"{source}: there is no such file or folder")
+    check_exists(source)
     files = sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)
     if not files:
         below = sorted({path.parent.name for path in source.glob("*/*") if path.suffix.lower() in SUFFIXES})

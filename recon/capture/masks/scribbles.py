@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from recon.capture.format import Capture
 from recon.capture.images import CaptureError, read_image
 from recon.capture.masks.outline import Models, cut
-from recon.storage.files import read_json
+from recon.storage.files import check_exists, read_json
 
 COLOURS = {"foreground": (0, 255, 0), "background": (255, 0, 0)}
 LABELS = {"foreground": cv2.GC_FGD, "background": cv2.GC_BGD}
@@ -83,6 +83,7 @@ def mask_of_key_frame(
 
 
 def _read(path: Path, capture: Capture) -> Strokes:
+    check_exists(path)
     return _from_json(path, capture) if path.is_file() else _from_folder(path, capture)
 
 

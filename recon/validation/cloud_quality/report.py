@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from recon.capture.images import write_picture
 from recon.geometry.mesh import LIMIT_SHARE, error_limit
 from recon.validation.cloud_quality.compared import SYMMETRIC
 from recon.validation.cloud_quality.evaluation import SOURCE, Comparison
 from recon.validation.cloud_quality.measures import WITH_SCORES
 from recon.validation.page import PALETTE, Section, plain_name, write_figure, write_numbers, write_page
-from recon.validation.pictures import error_picture, write_picture
+from recon.validation.pictures import error_picture
 
 MOST_PICTURES = 6
 WHOLE = ("", SYMMETRIC)  # directions of values that hold for both

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from recon.models.shape import SHAPE_SUFFIXES
 from recon.pipeline.run import RUN_FILE, mesh_name, read_run
+from recon.storage.files import check_exists
 from recon.validation.clouds import TEXT_SUFFIXES
 from recon.validation.measures import EVERY_DATASET
 
@@ -143,8 +144,7 @@ def _frames_of(path: Path) -> Files:
     """Return a file, or those of a folder by the numbers that their names end with."""
     if path.is_file():
         return {None: path}
-    if not path.is_dir():
-        raise ValueError(f"{path}: there is no such file or folder")
+    check_exists(path)
     files: dict[int | None, Path] = {}
     for file in _cloud_files(path):
         number = re.search(r"\d+$", file.stem)

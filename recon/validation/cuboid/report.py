@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.capture.images import write_picture
 from recon.geometry.mesh import error_limit
 from recon.validation.cuboid.evaluation import FLATNESS_CUT, MeasuredCuboid, MeasuredFace
 from recon.validation.page import (
@@ -21,7 +22,7 @@ from recon.validation.page import (
     write_numbers,
     write_page,
 )
-from recon.validation.pictures import error_picture, face_map, in_a_row, write_picture
+from recon.validation.pictures import error_picture, face_map, in_a_row
 
 EDGES = (
     "An end is measured at a visible face, or where the points of the other faces end (outline); at an outline, "

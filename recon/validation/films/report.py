@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from recon.capture.images import write_picture
 from recon.validation.films.film import ACTOR, MeasuredFilm
 from recon.validation.films.tables import measured_values
 from recon.validation.page import PALETTE, Section, plain_name, write_figure, write_numbers, write_page
-from recon.validation.pictures import write_picture
 
 TITLES = {
     "psnr_y": "PSNR-Y, dB",

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from recon.capture.images import write_picture
 from recon.geometry.mesh import error_colours, error_limit
 from recon.geometry.mesh_files import write_coloured
 from recon.validation.known_object.evaluation import MeasuredObject
@@ -20,7 +21,7 @@ from recon.validation.page import (
     write_numbers,
     write_page,
 )
-from recon.validation.pictures import error_picture, write_picture
+from recon.validation.pictures import error_picture
 
 COLOURED = "errors.ply"
 HISTOGRAM_BINS = 80

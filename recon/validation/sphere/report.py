@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from recon.capture.images import write_picture
 from recon.validation.page import (
     Section,
     curve_chart,
@@ -18,7 +19,7 @@ from recon.validation.page import (
     write_numbers,
     write_page,
 )
-from recon.validation.pictures import sphere_picture, write_picture
+from recon.validation.pictures import sphere_picture
 from recon.validation.sphere.cell_picture import cell_picture
 from recon.validation.sphere.exclusion import MIN_SURFACE_SHARE, part_limits
 from recon.validation.sphere.model import OWN

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from recon.capture.images import write_picture
 from recon.geometry.mesh import LIMIT_SHARE, error_colours, error_limit
 from recon.geometry.mesh_files import write_coloured
 from recon.validation.clouds import read_shape
 from recon.validation.page import PALETTE, Section, percent, write_figure, write_numbers, write_page
-from recon.validation.pictures import error_picture, write_picture
+from recon.validation.pictures import error_picture
 from recon.validation.truth.evaluation import sample_evenly, signed_distances_to
 
 MEASURES = ("precision", "recall", "f_score")

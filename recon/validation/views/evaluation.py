@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from recon.approaches import FUSION_METHODS, parse_approach
 from recon.capture.format import Capture, read_capture
+from recon.capture.recording import chosen_frames
 from recon.cloud import CloudParameters
 from recon.geometry.mesh import Mesh
 from recon.geometry.mesh_files import read_mesh
@@ -62,6 +64,10 @@ class ViewSettings:
     models: tuple[Path, ...] = ()
     threshold: float | None = None
 
+    def __post_init__(self) -> None:
+        if self.threshold is not None and not 0 < self.threshold < math.inf:
+            raise ValueError(f"threshold is {self.threshold:g} mm, expected a length above 0")
+
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
@@ -89,9 +95,7 @@ def measure_views(
     """
     run = read_run(folder)
     capture = _capture(run, settings)
-    frames = [frame for frame in run.frames if settings.frames is None or frame in settings.frames]
-    if not frames:
-        raise ValueError(f"{folder}: has frames {run.frames[0]} to {run.frames[-1]}, none of them in {settings.frames}")
+    frames = chosen_frames(folder, run.frames, settings.frames)
     threshold = settings.threshold or depth_step(run)
     others = _other_models(run, settings.models)
     sensors = cross_sensor_rows(run, frames, threshold)

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.capture.images import write_picture
 from recon.geometry.mesh import error_colours
 from recon.validation.page import PALETTE, Section, percent, plain_name, write_figure, write_numbers, write_page
-from recon.validation.pictures import tile, window_around, write_picture
+from recon.validation.pictures import tile, window_around
 from recon.validation.views.evaluation import FLOOR, Comparison
 from recon.validation.views.image_quality import luma
 from recon.validation.views.novel_view import Photograph

@@ -7,6 +7,7 @@ import pytest
 
 from app.analysis.bradley_terry import fit_scores
 from app.analysis.power import StudyPlan, detectable_jod, plan_study, power, simulate_votes
+from app.analysis.ratings.planning import RatingPlan, plan_ratings
 
 
 def test_simulated_votes_have_the_abilities_and_ties_put_in() -> None:
@@ -58,3 +59,13 @@ def test_few_people_who_agree_by_chance_are_no_finding() -> None:
 @pytest.mark.slow
 def test_a_plan_without_a_chance_has_no_detectable_difference() -> None:
     assert detectable_jod(StudyPlan(2, 1, 2, tie_rate=0.5), 1, 100) is None
+
+
+@pytest.mark.parametrize("effect", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_difference_that_is_none_is_refused(effect: float) -> None:
+    for name, plan in (
+        ("effect_jod", lambda: plan_study(StudyPlan(3, 1, 4), np.random.default_rng(1), effect_jod=effect)),
+        ("effect", lambda: plan_ratings(RatingPlan(3, 1, 4, 0.8), effect)),
+    ):
+        with pytest.raises(ValueError, match=f"{name} is {effect}, expected a difference above 0"):
+            plan()

@@ -117,6 +117,21 @@ def test_wrong_use_ends_with_2(command: Command, tmp_path: Path) -> None:
     told = command("render", tmp_path, "-o", tmp_path / "set", "--size", "huge")
     assert told.code == 2
     assert "'huge' is not a size" in told.err
+    told = command("validate", "sphere", tmp_path, "--radius", 150, "-o", tmp_path / "r", "--viewpoint", "1,nan,3")
+    assert told.code == 2
+    assert "'1,nan,3' is not a position" in told.err
+
+
+def test_memory_that_is_not_enough_is_told_in_a_sentence(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def too_large(*_: object, progress: object) -> None:  # noqa: ARG001
+        raise MemoryError("Unable to allocate 74.5 GiB")
+
+    monkeypatch.setattr("recon.studio.synthesise", too_large)
+    told = command("capture", "synth", tmp_path / "out", "--scene", "ball")
+    assert told.code == 1
+    assert told.err.startswith("reconstudy: the memory is not enough (Unable to allocate 74.5 GiB); ask for less")
 
 
 def test_a_set_of_one_condition_says_what_a_study_needs(command: Command, stimuli: Path, tmp_path: Path) -> None:

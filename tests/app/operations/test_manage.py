@@ -100,6 +100,17 @@ def test_an_invitation_needs_a_study_and_a_place(settings: Settings, study: dict
         manage.add_invitation(settings, study["slug"], places=0)
 
 
+@pytest.mark.slow
+def test_without_a_name_there_has_to_be_one_study(stimulus_set: Path, tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    with pytest.raises(ValueError, match="there is no study yet; `reconstudy study create` makes one"):
+        manage.attach_results(settings, [])
+    for name in ("First", "Second"):
+        create.create_study(settings, stimulus_set, name)
+    with pytest.raises(ValueError, match="there are several studies: second, first; say which is meant with --study"):
+        manage.attach_results(settings, [])
+
+
 def test_another_database_must_be_upgraded_by_hand(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, database_url=f"sqlite:///{tmp_path / 'other.sqlite'}")
     with pytest.raises(ValueError, match="reconstudy db upgrade"):

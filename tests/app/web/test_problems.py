@@ -32,6 +32,7 @@ def test_a_person_reads_a_page_instead(client: httpx.Client) -> None:
     assert answer.status_code == 404
     assert answer.headers["content-type"].startswith("text/html")
     assert "There is nothing at this address." in answer.text
+    assert "<h1>Not found</h1>" in answer.text
 
 
 @pytest.mark.slow

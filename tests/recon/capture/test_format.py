@@ -144,6 +144,9 @@ def no_baseline(content: Content) -> None:
         (lambda c: c.update(schema_version=2), "schema_version is 2, this program reads 1"),
         (lambda c: c.pop("schema_version"), "schema_version is missing"),
         (lambda c: c.update(name=""), "name is ''"),
+        (lambda c: c.update(name="../ball"), "name: '../ball' is no name for files"),  # films lie in DATASET/
+        (lambda c: c.update(name="/ball"), "name: '/ball' is no name for files"),
+        (lambda c: c.update(name="two\nlines"), "is no name for files"),
         (lambda c: c.update(kind="film"), "kind is 'film', expected one of scene, sphere, cuboid"),
         (lambda c: c.update(fps=0), "fps is 0, expected a positive number"),
         (lambda c: c.update(fps="25"), "fps is '25'"),

@@ -306,6 +306,9 @@ def test_folders_that_have_an_approach_in_common_are_refused_before_rendering(mo
 
 
 def test_a_scene_with_two_videos_is_for_practice(run: Path, tmp_path: Path) -> None:
+    def never(what: str, _done: int, _total: int) -> None:
+        raise AssertionError(f"{what}: work began with a wrong practice")
+
     warm_up = tmp_path / "warm-up"
     write_mesh(warm_up / "good.ply", blob(2))
     write_obj(warm_up / "coarse.obj")
@@ -315,7 +318,7 @@ def test_a_scene_with_two_videos_is_for_practice(run: Path, tmp_path: Path) -> N
         ("wram-up", "'wram-up' has 0 videos"),
     ):
         with pytest.raises(ValueError, match=f"the practice {found}"):
-            render([run, warm_up], tmp_path / "set", SHORT, practice=wrong)
+            render([run, warm_up], tmp_path / "set", SHORT, never, practice=wrong)
     assert not (tmp_path / "set" / "ball").exists(), "nothing is rendered for a wrong name"
     manifest = read_json(render([run, warm_up], tmp_path / "set", SHORT, practice="warm-up"))
     assert [entry["dataset"] for entry in manifest["stimuli"]] == ["ball"]

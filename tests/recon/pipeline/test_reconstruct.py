@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
 from shutil import copytree
+from typing import Any
 
 import numpy as np
 import pytest
@@ -373,8 +375,26 @@ def test_a_run_from_before_recordings_were_noted_is_read_as_before(run: Path, tm
         recorded_in(read_run(older))
 
 
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"size": (0, 0)}, "size is 0x0, expected even numbers of pixels from 2 to 16384"),
+        ({"size": (96, 65)}, "size is 96x65, expected even"),
+        ({"size": (96, 100_000)}, "size is 96x100000, expected even"),
+        ({"background": "pink"}, "there is no background 'pink'; expected one of studio, dark, plain"),
+        ({"fps": 0.0}, "fps is 0, expected a number above 0"),
+        ({"fps": float("nan")}, "fps is nan, expected a number above 0"),
+        ({"seconds": float("nan")}, "seconds is nan, expected a number above 0"),
+        ({"seconds": float("inf")}, "seconds is inf, expected a number above 0"),
+    ],
+)
+def test_how_to_film_is_checked_before_anything_is_read(wrong: dict[str, Any], said: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(said)):
+        RenderOptions(**wrong)
+
+
 def test_frames_that_a_capture_does_not_have_are_named(capture: Capture, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="has frames 0 to 1, none of them in"):
+    with pytest.raises(ValueError, match="has frames 0 to 1, none of them in 5:9"):
         reconstruct(capture.folder, tmp_path / "run", ReconstructOptions(frames=range(5, 9)))
     assert not (tmp_path / "run").exists()
 
@@ -384,6 +404,8 @@ def test_an_unknown_method_is_named_before_anything_is_made(capture: Capture, tm
         reconstruct(capture.folder, tmp_path / "run", ReconstructOptions(depths=("xx",)))
     with pytest.raises(ValueError, match="unknown fusion method 'fc', expected one of fa, fb"):
         reconstruct(capture.folder, tmp_path / "run", ReconstructOptions(fusions=("fc",)))
+    with pytest.raises(ValueError, match="no fusion was named, so there is nothing to make; expected some of fa, fb"):
+        reconstruct(capture.folder, tmp_path / "run", ReconstructOptions(fusions=()))
     assert not (tmp_path / "run").exists()
 
 

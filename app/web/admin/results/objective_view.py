@@ -11,7 +11,7 @@ from typing import Any
 
 from app.intake.reports import EVERY_DATASET
 from app.operations.attach import listed
-from app.web.admin.results.scores_view import MINUS, NOTHING, by_dataset, decimal, p_value, unique, with_interval
+from app.web.admin.results.scores_view import MINUS, NOTHING, by_dataset, decimal, p_value, unique
 
 SHOWN = (  # of a measure, with intervals
     *("pearson_logistic", "pearson", "spearman", "kendall"),
@@ -49,7 +49,7 @@ def report_view(record: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         "digest": record["digest"],
         "figures": [_figure(stem, names) for stem in sorted(stems)],
         "pictures": [{"caption": _caption(name.removesuffix(".png")), "picture": name} for name in singles],
-        "tables": [_table(folder / name) for name in names if name.endswith(".csv")],
+        "tables": [table for name in names if name.endswith(".csv") and (table := _table(folder / name))["n_rows"]],
     }
 
 
@@ -61,6 +61,7 @@ def attachment_notes(detail: Mapping[str, Any]) -> list[str]:
 
 def measure_lines(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Say of each measure, best first, how well it predicts the scores, and if people prefer what it calls worse."""
+    from app.analysis.findings.phrases import with_interval
     from app.analysis.objective.prediction import measures_by_rank
 
     last = {row["measure"]: row for row in rows}
@@ -72,7 +73,7 @@ def measure_lines(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             "points": last[name]["n"],
             "p_value": p_value(last[name]["spearman_p"]),
             "rmse": decimal(last[name]["rmse"]),
-            **{key: with_interval(last[name], key, key) for key in SHOWN},
+            **{key: with_interval(last[name], key, key) or NOTHING for key in SHOWN},
         }
         for name in measures_by_rank(rows)
     ]

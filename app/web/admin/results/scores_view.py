@@ -89,11 +89,13 @@ def groups_view(analysis: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _grouping(analysis: Mapping[str, Any], name: str, file: str) -> dict[str, Any]:
+    from app.analysis.findings.phrases import with_interval
+
     datasets = unique(row["dataset"] for row in analysis["groups"])
     dataset = "all" if "all" in datasets else datasets[0]
     rows = [row for row in analysis["groups"] if row["grouping"] == name and row["dataset"] == dataset]
     groups = {row["group"]: row["n_participants"] for row in rows}
-    cells = {(row["item"], row["group"]): with_interval(row, "score", "ci") for row in rows}
+    cells = {(row["item"], row["group"]): with_interval(row, "score", "ci") or NOTHING for row in rows}
     items = unique(row["item"] for row in sorted(rows, key=lambda row: -(row["score"] or 0)))
     tests = [row for row in analysis["tests"] if row["name"] == f"group {name}" and row["dataset"] == dataset]
     return {
@@ -105,16 +107,9 @@ def _grouping(analysis: Mapping[str, Any], name: str, file: str) -> dict[str, An
     }
 
 
-def with_interval(row: Row, name: str, limits: str) -> str:
-    """Format a value with its interval, whose columns begin with `limits`."""
-    low, high = row.get(f"{limits}_low"), row.get(f"{limits}_high")
-    interval = "" if low is None else f" ({decimal(low)} to {decimal(high)})"
-    return f"{decimal(row[name])}{interval}"
-
-
-def decimal(value: float | None, digits: int = 2) -> str:
-    """Format a number with a true minus sign; None as a dash."""
-    return NOTHING if value is None else f"{value:.{digits}f}".replace("-", MINUS)
+def decimal(value: float | None) -> str:
+    """Format a number with two decimals and a true minus sign; None as a dash."""
+    return NOTHING if value is None else f"{value:.2f}".replace("-", MINUS)
 
 
 def p_value(value: float | None) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from pathlib import Path as FilePath
 from typing import Annotated, Any
 from urllib.parse import quote
 
@@ -17,7 +18,7 @@ from app.operations.extras import has_extra, install_command
 from app.operations.jobs import queueing
 from app.operations.jobs.command import LOG, job_folder, log_tail
 from app.operations.jobs.estimate import whole_left_s
-from app.operations.jobs.fields import SETS, Choices, Entries, Entry, Field, NewName, Switch
+from app.operations.jobs.fields import SETS, Choices, Entries, Entry, Field, NewName, Switch, place
 from app.operations.jobs.kind import JobKind
 from app.operations.jobs.kinds import GROUPS, KINDS
 from app.settings import Settings
@@ -77,6 +78,12 @@ def result_address(job: QueuedJob) -> str | None:
     if job.started_at is None:
         return None
     return "/admin/sets" if shelf == SETS else f"/admin/files/{shelf}/{quote(name)}"
+
+
+def _output(job: QueuedJob, server: Settings) -> FilePath:
+    """Return where what a job makes lies; a job that failed early has made nothing."""
+    shelf, _, name = job.output.partition("/")
+    return place(server, shelf) / name
 
 
 def duration(time: timedelta) -> str:
@@ -218,6 +225,7 @@ def _job_of(request: Request, public_id: str) -> dict[str, Any]:
     return {
         "shown": shown_job(job, moment),
         "whole_left": "" if whole_s is None else duration(timedelta(seconds=whole_s)),
+        "has_output": _output(job, settings(request)).exists(),
         "job": job,
         "ahead": ahead,
         "is_possible": is_possible,

@@ -151,6 +151,36 @@ def test_a_folder_of_clouds_stands_for_its_files(here: Settings) -> None:
     assert [Path(word).name for word in words[2:5]] == ["S1.ply", "1.ply", "2.ply"]
 
 
+def test_clouds_of_several_sensors_are_named_in_order(here: Settings) -> None:
+    for name, size in (("validate-sphere", {"radius": 150}), ("validate-cuboid", {"size": "1x2x3"})):
+        kind = job_kind(name)
+        asked = {"clouds": ["placed"], **size, "sensors": "S1, left one,S1"}
+        words = kind.argv(kind.read(asked, here).arguments, here)
+        assert [word for word in words if word.startswith("--sensor")] == [
+            "--sensor=S1",
+            "--sensor=left one",
+            "--sensor=S1",
+        ]
+        for wrong in (",", "S1,,S2", "S1,-x", "S1=0"):
+            with pytest.raises(InvalidError, match=r"Sensors: .* expected for example S1,S2"):
+                kind.read(asked | {"sensors": wrong}, here)
+
+
+def test_an_imported_scene_is_called_as_the_form_says_else_as_its_source(here: Settings) -> None:
+    kind = job_kind("import-recording")
+
+    def names(**asked: str) -> list[str]:
+        words = kind.argv(kind.read({"format": "opencv", "source": "recording", **asked}, here).arguments, here)
+        return [word for word in words if word.startswith("--name")] + [Path(words[-1]).name]
+
+    assert names(name="table tennis") == ["--name=table tennis", "table tennis"]
+    assert names() == ["recording-capture"]
+    taken = here.intake_dir / "captures" / "recording-capture"
+    taken.mkdir()
+    assert names() == ["recording-capture-2"]
+    taken.rmdir()
+
+
 def test_an_entry_knows_what_can_be_done_with_it(here: Settings) -> None:
     starts = {kind.name: (field, value) for kind, field, value in kinds_for(here, "runs", "done")}
     assert starts["render"] == ("sources", "runs/done")

@@ -220,6 +220,13 @@ def test_a_report_on_all_datasets_says_so_and_names_of_others_stay_whole(tmp_pat
     assert report_view(record, tmp_path)["subject"] == "ball: id_fa; every dataset: pm_fb"
 
 
+def test_a_report_shows_its_tables_but_those_without_rows(tmp_path: Path) -> None:
+    (tmp_path / "curve.csv").write_text("threshold,inliers\n5,0.5\n")
+    (tmp_path / "measures.csv").write_text("dataset,approach\n")
+    tables = report_view({"kind": "sphere", "subject": "", "digest": "0"}, tmp_path)["tables"]
+    assert [(table["file"], table["n_rows"]) for table in tables] == [("curve.csv", 1)]
+
+
 @pytest.mark.parametrize(
     ("better", "low", "high", "said"),
     [

@@ -118,6 +118,12 @@ def test_a_board_that_cannot_be_is_refused(text: str) -> None:
         parse_board(text)
 
 
+def test_a_folder_of_board_pictures_that_is_not_there_is_named(tmp_path: Path) -> None:
+    for sources in ([tmp_path / "gone"], [tmp_path / "gone", tmp_path]):
+        with pytest.raises(ValueError, match=r"gone: there is no such file or folder"):
+            calibrate_folders(sources, COARSE, tmp_path / "calibration.yml")
+
+
 @pytest.mark.parametrize("text", ["charuco:8x6:90:66", "chessboard:7x6:90"])
 @pytest.mark.parametrize("is_turned", [False, True])
 def test_a_printed_board_is_found_where_it_is_also_turned_round(text: str, is_turned: bool) -> None:

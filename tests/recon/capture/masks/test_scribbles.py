@@ -125,6 +125,11 @@ def test_what_is_wrong_in_scribbles_is_named(
         read_scribbles(write_json(tmp_path / "strokes.json", entries), ball)
 
 
+def test_strokes_that_are_not_there_are_named(ball: Capture, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"gone\.json: there is no such file or folder"):
+        read_scribbles(tmp_path / "gone.json", ball)
+
+
 def test_strokes_are_tried_on_one_picture_before_other_cameras_have_some(ball: Capture, tmp_path: Path) -> None:
     path, out = write_json(tmp_path / "strokes.json", strokes()[:2]), tmp_path / "mask.png"
     mask = try_strokes(ball.folder, path, ("S1", "left", KEY), out)

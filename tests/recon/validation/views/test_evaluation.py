@@ -221,7 +221,7 @@ def test_the_command_finds_the_recording_and_writes_a_report(run: Path, capture:
 
 
 def test_a_missing_recording_or_frame_is_named(run: Path, capture: Capture, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="none of them in"):
+    with pytest.raises(ValueError, match="none of them in 5:9"):
         measure_views(run, ViewSettings(frames=range(5, 9)))
     with pytest.raises(ValueError, match="--capture FOLDER"):
         measure_views(run, ViewSettings(capture=tmp_path))
@@ -230,3 +230,9 @@ def test_a_missing_recording_or_frame_is_named(run: Path, capture: Capture, tmp_
         assert measure_views(run, ViewSettings(capture=tmp_path / "moved"))[0]["views"]
     finally:
         move(str(tmp_path / "moved"), str(capture.folder))
+
+
+@pytest.mark.parametrize("threshold", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_threshold_that_is_no_length_is_refused(threshold: float) -> None:
+    with pytest.raises(ValueError, match=f"threshold is {threshold:g} mm, expected a length above 0"):
+        ViewSettings(threshold=threshold)

@@ -83,6 +83,11 @@ def test_a_job_is_started_watched_cancelled_and_resumed(server: str, here: Setti
         failed = eva.get(address).text
         assert "films/mine: holds no video" in failed
         assert "Try again" in failed
+        assert "Look at what there is" not in failed  # it failed before it made anything
+        made = here.sets_dir / "mine"
+        made.mkdir(parents=True)
+        assert "Look at what there is" in eva.get(address).text
+        made.rmdir()
         again = re.search(r'href="(/admin/work/new/[^"]+)"', failed)
         assert again
         assert again[1] == f"{FORM}?films=mine&amp;practice=box"
