@@ -200,7 +200,7 @@ def _matching(folder: Path, pattern: str) -> tuple[Path, ...]:
     while (path := image_path(folder, pattern, first + len(files))).is_file():
         files.append(path)
     last = first + len(files) - 1
-    for later in sorted(glob(FRAME_FIELD.sub("*", escape(str(folder / pattern))))):
+    for later in sorted(glob(FRAME_FIELD.sub("*", escape(str(folder / pattern))))):  # noqa: PTH207  # may be absolute
         numbers = [int(number) for number in re.findall(r"\d+", later) if int(number) > last]
         if any(image_path(folder, pattern, number) == Path(later) for number in numbers):
             raise CaptureError(f"{path}: there is no such image, but later ones such as {Path(later).name}")
