@@ -64,6 +64,8 @@ def _sentence(error: Exception) -> str:
         return str(error)
     path = Path(error.filename2 or error.filename)  # the second: where a temporary file was to go
     if isinstance(error, PermissionError):
+        while not os.path.exists(path) and path != path.parent:  # noqa: PTH110  # Path.exists raises this error again
+            path = path.parent
         return f"{path}: permission denied; look at who may read or write it"
     if isinstance(error, FileExistsError | NotADirectoryError):
         for place in (path, *path.parents):

@@ -19,6 +19,7 @@ VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v")
 SPENT = sys.maxsize  # a decoder's next frame after a failure: every later call starts again
 MAX_OPEN_VIDEOS = 64  # decoders kept open per process: 32 sensors
 JPEG_END = b"\xff\xd9"  # OpenCV fills what is missing of a cut-off JPEG with grey
+JPEG_SCAN = b"\xff\xda"
 
 
 class CaptureError(ValueError):
@@ -149,8 +150,19 @@ def _image_bytes(path: Path) -> NDArray[np.uint8]:
         raise CaptureError(f"{path}: there is no such image") from error
     except OSError as error:
         raise CaptureError(f"{path}: cannot be read: {error.strerror}") from error
-    if path.suffix.lower() in (".jpg", ".jpeg") and not content.rstrip(b"\0").endswith(JPEG_END):
+    if path.suffix.lower() in (".jpg", ".jpeg") and content.find(JPEG_END, _jpeg_scan(content)) < 0:
         raise CaptureError(f"{path}: is cut off after {len(content)} bytes, before the end of its JPEG data")
     if not content:
         raise CaptureError(f"{path}: is empty")
     return np.frombuffer(content, dtype=np.uint8)
+
+
+def _jpeg_scan(content: bytes) -> int:
+    """Return where a JPEG's own data begin, after segments that may hold a thumbnail with an end of its own.
+
+    Phones append a film or notes, so the end need not be the last that a file holds.
+    """
+    place = 2
+    while content[place : place + 1] == b"\xff" and content[place : place + 2] != JPEG_SCAN:
+        place += 2 + int.from_bytes(content[place + 2 : place + 4], "big")
+    return place

@@ -27,10 +27,18 @@ MAX_UNEVEN = 0.25  # of the mean interval between a video's frames; above, its f
 
 @dataclass(frozen=True)
 class Pictures:
-    """One camera's recording: image files in the order of time, or one video; and its clean plate."""
+    """One camera's recording.
+
+    Parameters
+    ----------
+    files : images in the order of time, or one video
+    plate : the clean plate, or None
+    is_folder : whether the files are all that a folder holds, so that nobody has said which belong together
+    """
 
     files: tuple[Path, ...]
     plate: Path | None = None
+    is_folder: bool = False
 
     @property
     def is_video(self) -> bool:
@@ -87,7 +95,8 @@ def _in_folder(folder: Path) -> Pictures:
         raise CaptureError(f"{folder}: holds no images ({', '.join(IMAGE_SUFFIXES)})")
     if len({path.suffix for path in frames}) > 1:
         raise CaptureError(f"{folder}: holds images of several formats, expected one")
-    return Pictures(frames, next((path for path in images if path.stem == PLATE_STEM), None))
+    plate = next((path for path in images if path.stem == PLATE_STEM), None)
+    return Pictures(frames, plate, is_folder=True)
 
 
 def _by_number(path: Path) -> list[tuple[int, str]]:

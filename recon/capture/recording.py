@@ -7,6 +7,7 @@ relative to the capture's folder and stay inside it; `{frame}` or `{frame:04d}` 
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -248,7 +249,7 @@ def chosen_frames(folder: Path, frames: Sequence[int], wanted: range | None) -> 
     ----------
     folder : of the recording or run, for the message
     frames : which it has
-    wanted : which of them; None for all
+    wanted : which of them, up to sys.maxsize where they have no end; None for all
 
     Raises
     ------
@@ -257,9 +258,8 @@ def chosen_frames(folder: Path, frames: Sequence[int], wanted: range | None) -> 
     """
     chosen = [frame for frame in frames if wanted is None or frame in wanted]
     if wanted is not None and not chosen:
-        raise CaptureError(
-            f"{folder}: has frames {frames[0]} to {frames[-1]}, none of them in {wanted.start}:{wanted.stop}"
-        )
+        end = "" if wanted.stop == sys.maxsize else wanted.stop
+        raise CaptureError(f"{folder}: has frames {frames[0]} to {frames[-1]}, none of them in {wanted.start}:{end}")
     return chosen
 
 

@@ -183,7 +183,7 @@ def _depth_maps(entry: Mapping[str, Any]) -> DepthMaps | None:
     if "depth" not in entry:
         return None
     content = _mapping(entry["depth"])
-    size = _size(content) if "size" in content else None
+    size = size_of(content) if "size" in content else None
     return DepthMaps(_text(content, "image"), content.get("scale_mm", 1.0), content.get("kind", "z"), size)
 
 
@@ -194,13 +194,14 @@ def _stream(entry: Any) -> CameraStream:
 def _camera(entry: Mapping[str, Any]) -> Camera:
     return Camera(
         K=_numbers(entry, "K"),
-        size=_size(entry),
+        size=size_of(entry),
         cam_from_world=_numbers(entry, "cam_from_world"),
         dist=_numbers({"dist": [], **entry}, "dist"),
     )
 
 
-def _size(content: Mapping[str, Any]) -> tuple[int, int]:
+def size_of(content: Mapping[str, Any]) -> tuple[int, int]:
+    """Return the (width, height) that an entry tells in pixels, or raise a CaptureError."""
     size = _list(content, "size")
     if len(size) != 2 or any(isinstance(value, bool) or not isinstance(value, int) for value in size):
         raise CaptureError(f"size is {size}, expected [width, height] in whole pixels")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 import warnings
 from collections.abc import Collection
 from importlib.metadata import entry_points
@@ -96,7 +97,7 @@ def parse_frames(text: str | None) -> range | None:
     ends = re.fullmatch(r"(\d*):(\d*)", text)
     if ends is None:
         raise typer.BadParameter(f"{text!r} is not a range of frames; expected A:B, for example 0:25")
-    return range(int(ends[1] or 0), int(ends[2]) if ends[2] else 2**31)
+    return range(int(ends[1] or 0), int(ends[2]) if ends[2] else sys.maxsize)
 
 
 def parse_pairs(text: str) -> tuple[tuple[int, int], ...]:

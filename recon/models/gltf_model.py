@@ -116,17 +116,17 @@ class _Reader:
         else:
             children = {child for node in nodes for child in node.get("children", ())}
             roots = [index for index in range(len(nodes)) if index not in children]
-        placed, waiting = [], [(index, np.eye(4)) for index in roots]
+        placed, waiting = [], [(index, np.eye(4), 1) for index in roots]
         while waiting:
-            index, parent = waiting.pop(0)
+            index, parent, depth = waiting.pop(0)
             node = nodes[index]
             with np.errstate(invalid="ignore", over="ignore"):  # of numbers that are no transform
                 world = parent @ _transform(node)
             check_finite(world, "a row of a node's transform")
             if "mesh" in node:
                 placed.append((self._document["meshes"][node["mesh"]], world))
-            waiting += [(child, world) for child in node.get("children", ())]
-            if len(placed) + len(waiting) > 1_000_000:
+            waiting += [(child, world, depth + 1) for child in node.get("children", ())]
+            if depth > len(nodes) or len(placed) + len(waiting) > 1_000_000:
                 raise ValueError("its nodes go in a circle")
         return placed
 

@@ -121,7 +121,7 @@ def _lines(path: Path) -> _Lines:
                 begun = text[:-1] + " "
                 continue
             begun = ""
-            keyword, _, rest = text.partition(" ")
+            keyword, rest = (*text.split(None, 1), "", "")[:2]  # by spaces or tabs
             if keyword == "f":
                 if faces is None:
                     faces = _Faces(material, (len(lines.vertices), len(lines.places), len(lines.normals)))

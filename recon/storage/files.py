@@ -80,15 +80,18 @@ def whole_file(path: Path) -> Iterator[Path]:
 def new_folder(out: Path) -> Iterator[Path]:
     """Yield a temporary folder beside `out` that becomes `out` if the block ends without an error.
 
-    A ValueError says that `out` exists and is not an empty folder.
+    A ValueError says that `out` exists and is not an empty folder, or is the one that this process works in.
     """
+    place = out.resolve()  # where a link leads
+    if place == Path.cwd():
+        raise ValueError(f"{out}: is the current folder, which cannot be replaced; name one to make in it")
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
         raise ValueError(f"{out}: exists already; choose another folder or remove it first")
-    temporary = out.with_name(f".{out.name}.{os.getpid()}.part")
+    temporary = place.with_name(f".{place.name}.{os.getpid()}.part")
     temporary.mkdir(parents=True)
     try:
         yield temporary
-        temporary.rename(out)
+        temporary.rename(place)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 

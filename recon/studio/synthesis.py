@@ -116,7 +116,7 @@ def synthesise(out: Path, parameters: SynthParameters, *, progress: Progress = n
     ----------
     out : the folder, which is made
     parameters : what is recorded
-    progress : told after each frame
+    progress : told after each camera's picture of the empty room, then after each frame
 
     Raises
     ------
@@ -151,7 +151,11 @@ class _Recording:
         n_frames = self._parameters.n_frames
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             self._stage = self.stage()
-            self._views = list(pool.map(self._empty_view, self._cameras().items()))
+            self._views = []
+            cameras = self._cameras()
+            for view in pool.map(self._empty_view, cameras.items()):
+                self._views.append(view)
+                progress("Placing cameras", len(self._views), len(cameras))
             extents = []
             for done, extent in enumerate(pool.map(self._record_frame, range(n_frames)), start=1):
                 extents.append(extent)

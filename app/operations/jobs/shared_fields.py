@@ -2,10 +2,26 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from app.intake.captures import CAPTURE_FILE
 from app.operations.jobs.fields import Entry, NewName, Text
+from app.settings import Settings
 
 NAME_FORM = r"[^\W_][\w .+-]*"  # of datasets and approaches
+
+
+class FrameRange(Text):
+    """A range of frames, of which there is at least one."""
+
+    def checked(self, given: Any, settings: Settings) -> str:
+        """Return the range, whose end comes after its beginning."""
+        text = super().checked(given, settings)
+        first, _, end = text.partition(":")
+        if end and int(end) <= int(first or 0):
+            raise self.refuse(given, f"an end after the first frame, for example {self.example}")
+        return text
+
 
 CAPTURE = Entry(
     name="capture",
@@ -15,7 +31,7 @@ CAPTURE = Entry(
     holds=CAPTURE_FILE,
     is_required=True,
 )
-FRAMES = Text(
+FRAMES = FrameRange(
     name="frames",
     label="Frames",
     help="A:B for the frames A to B-1; empty: all",

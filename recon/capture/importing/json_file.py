@@ -15,8 +15,10 @@ world is the first left camera's frame turned by half a circle about x: x right,
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from glob import escape, glob
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +40,7 @@ from recon.capture.importing.sources import (
 )
 from recon.capture.pictures import Pictures, find_pictures
 from recon.capture.recording import FRAME_FIELD
-from recon.capture.schema import sides_of
+from recon.capture.schema import sides_of, size_of
 from recon.rig import Camera, rigid
 from recon.storage.files import read_json
 
@@ -144,7 +146,9 @@ def _sensor(described: _Description, entry: Mapping[str, Any], number: int) -> S
 def _depth(folder: Path, entry: Mapping[str, Any]) -> DepthSource:
     image = entry["image"]
     files = _matching(folder, image) if isinstance(image, str) else tuple(folder / name for name in image)
-    size = tuple(entry["size"]) if "size" in entry else None
+    if not files:
+        raise CaptureError("depth: image is an empty list, expected depth maps")
+    size = size_of(entry) if "size" in entry else None
     return DepthSource(files, entry.get("scale_mm", 1.0), entry.get("kind", "z"), size)
 
 
@@ -175,6 +179,8 @@ def _transform(value: Any, unit_mm: float) -> NDArray[np.float64]:
 def _pictures(folder: Path, entry: Mapping[str, Any]) -> Pictures:
     image = entry["image"]
     plate = folder / entry["plate"] if "plate" in entry else None
+    if not image or not isinstance(image, str | list):
+        raise CaptureError(f"image is {image!r}, expected a pattern, a list of files, a folder or a video")
     if isinstance(image, list):
         return Pictures(tuple(folder / name for name in image), plate)
     if FRAME_FIELD.search(image):
@@ -193,6 +199,11 @@ def _matching(folder: Path, pattern: str) -> tuple[Path, ...]:
     files: list[Path] = []
     while (path := image_path(folder, pattern, first + len(files))).is_file():
         files.append(path)
+    last = first + len(files) - 1
+    for later in sorted(glob(FRAME_FIELD.sub("*", escape(str(folder / pattern))))):  # noqa: PTH207  # may be absolute
+        numbers = [int(number) for number in re.findall(r"\d+", later) if int(number) > last]
+        if any(image_path(folder, pattern, number) == Path(later) for number in numbers):
+            raise CaptureError(f"{path}: there is no such image, but later ones such as {Path(later).name}")
     return tuple(files)
 
 

@@ -6,6 +6,7 @@ and the world is turned so that y is up.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -33,6 +34,7 @@ from recon.capture.recording import SIDES, check_bounds
 from recon.rig import Camera, rigid
 from recon.storage.files import new_folder
 
+MOST_STEPS = 2  # from a picture's number to the next one's, on average; above, the numbers are times or the like
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 UPWARDS = {
     "y": np.eye(3),
@@ -160,14 +162,18 @@ def write_recording(out: Path, recording: Recording, options: ImportOptions) -> 
     Raises
     ------
     CaptureError
-        If pictures are missing, counts differ, a video's frame rate is variable or not the others', or nothing tells
-        the bounds. Nothing is left behind.
+        If there is no sensor, pictures are missing, counts differ, folders lack pictures of different numbers, a
+        video's frame rate is variable or not the others', or nothing tells the bounds. Nothing is left behind.
     """
+    if not recording.sensors:
+        raise CaptureError("the source names no sensors, expected at least one")
     turn = rigid(UPWARDS[options.up or recording.up], np.zeros(3))
     fps = options.fps or recording.fps or _video_fps(recording) or DEFAULT_FPS
     sensors = tuple(_stream(source, turn) for source in recording.sensors)
+    names = _held_out_names([path for _, path in recording.held_out])
     held_out = tuple(
-        HeldOut(_turned(camera, turn), f"held_out/{path.name}", frame=0) for camera, path in recording.held_out
+        HeldOut(_turned(camera, turn), f"held_out/{name}", frame=0)
+        for (camera, _), name in zip(recording.held_out, names, strict=True)
     )
     with new_folder(out) as folder:
         capture = Capture(
@@ -209,6 +215,13 @@ def _stream(source: SensorSource, turn: NDArray[np.float64]) -> SensorStream:
     )
 
 
+def _held_out_names(files: Sequence[Path]) -> list[str]:
+    """Return names of the copies, numbered where two files have the same: each camera's folder may hold a 0001.png."""
+    names = [path.name for path in files]
+    is_unique = len({name.lower() for name in names}) == len(names)
+    return names if is_unique else [f"{number:04d}_{name}" for number, name in enumerate(names, start=1)]
+
+
 def _depth_maps(sensor_id: str, source: DepthSource | None) -> DepthMaps | None:
     if source is None:
         return None
@@ -246,7 +259,36 @@ def _n_frames(recording: Recording, wanted: int | None) -> int:
             f"{place} has {count} frames, expected {wanted or max(counts.values())}; take fewer frames if the cameras "
             "were started together, else find out which frames are missing"
         )
-    return wanted or max(counts.values())
+    n_frames = wanted or max(counts.values())
+    _check_gaps(recording, n_frames)
+    return n_frames
+
+
+def _check_gaps(recording: Recording, n_frames: int) -> None:
+    """Raise a CaptureError if folders lack pictures of different numbers: one's third would stand beside a fourth."""
+    folders = {place: pictures.files for place, pictures in _all_pictures(recording) if pictures.is_folder}
+    counters = {place: counter for place, files in folders.items() if (counter := _counter(files[:n_frames]))}
+    first = next(iter(counters), "")
+    for place in counters:
+        differing = [
+            frame for frame, pair in enumerate(zip(counters[first], counters[place], strict=True)) if len(set(pair)) > 1
+        ]
+        if differing:
+            names = [f"{folders[where][differing[0]].name} of {where}" for where in (first, place)]
+            raise CaptureError(
+                f"{names[0]} would be taken for the same instant as {names[1]}, because pictures before them are "
+                "missing; remove the pictures of the instants that not all cameras have"
+            )
+
+
+def _counter(files: Sequence[Path]) -> list[int]:
+    """Return the numbers of files from their first on; empty where their names do not count frames, as times do not."""
+    numbers = np.array([[int(part) for part in re.findall(r"\d+", path.stem)] for path in files], dtype=object)
+    if numbers.ndim != 2 or not numbers.shape[1]:
+        return []
+    changing = [column.tolist() for column in (numbers - numbers[0]).T if column.any()]
+    is_counter = len(changing) == 1 and 0 < changing[0][-1] < MOST_STEPS * len(files)
+    return changing[0] if is_counter else []
 
 
 def _video_fps(recording: Recording) -> float | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -89,7 +90,8 @@ def find_compared(
     }
     if not shared:
         told = "; ".join(f"{name}: {_told(files)}" for name, files in approaches.items())
-        asked = "" if frames is None else f", asked for {frames.start} to {frames.stop - 1}"
+        end = "the last" if frames is None or frames.stop == sys.maxsize else frames.stop - 1
+        asked = "" if frames is None else f", asked for {frames.start} to {end}"
         raise ValueError(f"there is no frame that all have ({told}; {reference}: {_told(references)}{asked})")
     ordered = sorted(shared, key=lambda frame: -1 if frame is None else frame)
     return Compared(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import html
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -183,6 +185,17 @@ def test_match_takes_no_image_for_one_of_another_kind(
     assert told.code == 1
     assert sentence in told.err
     assert not (tmp_path / "d.npy").exists()
+
+
+def test_permission_that_is_missing_is_told_with_the_folder_that_denies_it(
+    command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def denied(out: Path, *_: object, **__: object) -> None:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(out.with_name(f".{out.name}.77.part")))
+
+    monkeypatch.setattr("recon.studio.synthesise", denied)
+    told = command("capture", "synth", tmp_path / "new" / "out", "--scene", "ball")
+    assert told.err == f"reconstudy: {tmp_path}: permission denied; look at who may read or write it\n"
 
 
 def test_match_says_in_a_sentence_that_a_pair_has_no_texture(command: Command, tmp_path: Path) -> None:

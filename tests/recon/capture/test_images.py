@@ -126,3 +126,15 @@ def test_an_orientation_tag_does_not_turn_the_image_away_from_its_calibration(tm
 def test_videos_are_told_by_their_name() -> None:
     assert is_video("S1/Left.MP4")
     assert not is_video("S1/left/{frame:04d}.png")
+
+
+def test_a_jpeg_may_end_before_its_file_does_but_not_in_its_thumbnail_alone(tmp_path: Path) -> None:
+    picture = np.random.default_rng(1).integers(0, 255, (48, 64, 3)).astype(np.uint8)
+    encoded = cv2.imencode(".jpg", picture)[1].tobytes()
+    thumbnail = b"\xff\xe1" + (len(encoded) + 2).to_bytes(2, "big") + encoded
+    whole = encoded[:2] + thumbnail + encoded[2:]
+    (tmp_path / "phone.jpg").write_bytes(whole + b"\0\0appended film")
+    assert read_image(tmp_path / "phone.jpg").shape == (48, 64, 3)
+    (tmp_path / "cut.jpg").write_bytes(whole[:-100])
+    with pytest.raises(CaptureError, match="is cut off"):
+        read_image(tmp_path / "cut.jpg")

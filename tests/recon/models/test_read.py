@@ -18,7 +18,7 @@ from recon.geometry.mesh import Mesh, Splats
 from recon.geometry.mesh_files import write_mesh
 from recon.geometry.normals import surface_normals
 from recon.geometry.srgb import srgb_bytes
-from recon.models.read import NEUTRAL, Placement, read_model
+from recon.models.read import NEUTRAL, Placement, read_contents, read_model
 from recon.models.scene_file import Y_FROM
 from tests.recon.geometry.test_mesh import mesh_of
 
@@ -478,3 +478,21 @@ def test_alpha_is_left_out_of_a_texture(tmp_path: Path) -> None:
     path = textured_obj(tmp_path)
     cv2.imwrite(str(tmp_path / "b.png"), np.full((4, 4, 4), (*GREEN[::-1], 0), np.uint8))
     assert texels(mesh_from(path))[1].tolist() == list(GREEN)
+
+
+def test_nodes_in_a_circle_are_refused_even_where_they_hold_no_mesh(tmp_path: Path) -> None:
+    document = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"children": [1]}, {"children": [0]}],
+    }
+    (tmp_path / "a.gltf").write_text(json.dumps(document))
+    with pytest.raises(ValueError, match="circle"):
+        read_contents(tmp_path / "a.gltf")
+
+
+def test_an_obj_file_may_part_its_words_by_tabs(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text("v\t0 0 0\nv\t1 0 0\nv \t0 1 0\nf\t1 2\t3\n")
+    (part,) = read_contents(tmp_path / "a.obj").parts
+    assert part.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    assert part.faces.tolist() == [[0, 1, 2]]

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from app.intake.models import read_models
 from recon.capture.format import Capture
 from recon.capture.images import read_image
+from recon.cli.options import parse_frames
 from recon.export_models import write_models
 from recon.geometry.mesh_files import read_mesh
 from recon.pipeline.film import Film, RenderOptions, make_part, make_path, shown_frames
@@ -396,6 +397,8 @@ def test_how_to_film_is_checked_before_anything_is_read(wrong: dict[str, Any], s
 def test_frames_that_a_capture_does_not_have_are_named(capture: Capture, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="has frames 0 to 1, none of them in 5:9"):
         reconstruct(capture.folder, tmp_path / "run", ReconstructOptions(frames=range(5, 9)))
+    with pytest.raises(ValueError, match=r"none of them in 5:$"):
+        reconstruct(capture.folder, tmp_path / "run", ReconstructOptions(frames=parse_frames("5:")))
     assert not (tmp_path / "run").exists()
 
 

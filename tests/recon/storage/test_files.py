@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from recon.storage.files import STALE_S, read_json, remove_leftovers, whole_file, write_json
+from recon.storage.files import STALE_S, new_folder, read_json, remove_leftovers, whole_file, write_json
 
 
 def test_a_file_appears_only_when_the_block_ends(tmp_path: Path) -> None:
@@ -90,3 +90,29 @@ def test_json_that_the_system_does_not_give_is_named_without_its_number(tmp_path
     (tmp_path / "a.json").mkdir()
     with pytest.raises(ValueError, match=r"a\.json: cannot be read: is a directory$"):
         read_json(tmp_path / "a.json")
+
+
+@pytest.mark.parametrize("is_there", [True, False])
+def test_a_new_folder_is_made_where_a_link_leads(tmp_path: Path, is_there: bool) -> None:
+    if is_there:
+        (tmp_path / "disk").mkdir()
+    (tmp_path / "link").symlink_to("disk")
+    with new_folder(tmp_path / "link") as folder:
+        (folder / "a.txt").write_text("content")
+    assert (tmp_path / "disk/a.txt").read_text() == "content"
+    assert (tmp_path / "link").is_symlink()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["disk", "link"]
+
+
+def test_the_current_folder_is_no_new_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    def make() -> None:
+        with new_folder(Path()):
+            pass
+
+    with pytest.raises(ValueError, match="is the current folder"):
+        make()
+    (tmp_path / "a.txt").write_text("mine")
+    with pytest.raises(ValueError, match=r"exists already|is the current folder"):
+        make()

@@ -127,6 +127,8 @@ def test_values_are_refused_with_what_was_expected(here: Settings) -> None:
         ({"voxel": float("nan")}, "expected a number"),
         ({"depth": ["id", "best"]}, "expected some of id, dr, pm, sgm, given"),
         ({"frames": "1-2"}, "expected for example 0:25"),
+        ({"frames": "5:1"}, "Frames: '5:1' was given, expected an end after the first frame"),
+        ({"frames": ":0"}, "expected an end after the first frame"),
         ({"temporal": "maybe"}, "expected yes or no"),
         ({"methods": "x.toml"}, "There is no field 'methods'"),
         ({"name": "done"}, "there is 'done' already"),

@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from recon.capture.checking.check import check_capture
-from recon.capture.format import Capture, CaptureError, DepthMaps, read_capture, read_frame, read_plates
+from recon.capture.format import (
+    Capture,
+    CaptureError,
+    DepthMaps,
+    read_capture,
+    read_frame,
+    read_held_out,
+    read_plates,
+)
 from recon.capture.importing.colmap import import_colmap
 from recon.capture.importing.json_file import import_json
 from recon.capture.importing.opencv import import_opencv, write_calibration
@@ -377,3 +385,87 @@ def test_the_real_sphere_comes_in_by_its_own_calibration(real_data: Path, tmp_pa
     assert report.rows is not None
     assert report.rows.vertical_error_px is not None
     assert report.rows.vertical_error_px < 0.25
+
+
+def test_held_out_photographs_of_one_name_in_several_folders_stay_apart(tmp_path: Path) -> None:
+    source = colmap_model(tmp_path / "source")
+    table = (source / "images.txt").read_text()
+    for name in ("S2_left", "S2_right"):
+        (source / "images" / name).mkdir()
+        (source / "images" / f"{name}.png").rename(source / "images" / name / "0001.png")
+        table = table.replace(f"{name}.png", f"{name}/0001.png")
+    (source / "images.txt").write_text(table)
+    made = import_colmap(source, tmp_path / "out", [(11, 12)], ImportOptions(unit_mm=1000.0, bounds=BOUNDS))
+    photographs = [read_held_out(made, photograph) for photograph in made.held_out]
+    assert [picture[0, 0, 0] for picture in photographs] == [150, 200]  # as colmap_model paints S2's
+
+
+def test_cameras_that_lack_pictures_of_different_instants_are_refused(tmp_path: Path) -> None:
+    record(tmp_path / "source")
+    path = described(tmp_path / "source")
+    for frame in range(9, 14):
+        for sensor in RIG.sensors:
+            for side in ("left", "right"):
+                write_picture(path.parent / sensor.id / side / f"cam4_{frame}.png", frame)
+                (path.parent / sensor.id / side / f"{frame}.png").unlink(missing_ok=True)
+    (path.parent / "S1/left/cam4_11.png").unlink()
+    for place in ("S1/right", "S2/left", "S2/right"):
+        (path.parent / place / "cam4_10.png").unlink()
+    with pytest.raises(CaptureError, match=r"cam4_10\.png of sensor S1, left .* as cam4_11\.png of sensor S1, right"):
+        import_json(path, tmp_path / "out", OPTIONS)
+    assert not (tmp_path / "out").exists()
+    (path.parent / "S1/left/cam4_10.png").unlink()
+    for place in ("S1/right", "S2/left", "S2/right"):
+        (path.parent / place / "cam4_11.png").unlink()
+    assert import_json(path, tmp_path / "out", OPTIONS).n_frames == 3
+
+
+def test_pictures_that_are_named_by_their_times_need_not_have_the_same_numbers(tmp_path: Path) -> None:
+    record(tmp_path / "source")
+    path = described(tmp_path / "source")
+    for number, sensor in enumerate(RIG.sensors):
+        for side in ("left", "right"):
+            for frame in (9, 10):
+                place = path.parent / sensor.id / side
+                (place / f"{frame}.png").rename(place / f"{40_000_000 * frame + 7 * number * frame}.png")
+    assert import_json(path, tmp_path / "out", OPTIONS).n_frames == 2
+
+
+def test_a_pattern_with_a_frame_missing_in_the_middle_is_refused(tmp_path: Path) -> None:
+    record(tmp_path / "source")
+    path = described(tmp_path / "source")
+    content = json.loads(path.read_text())
+    for entry in content["sensors"]:
+        for side in ("left", "right"):
+            for frame in (0, 1, 3):
+                write_picture(path.parent / f"shot{frame:03d}/{entry['id']}_{side}.png", frame)
+            entry[side]["image"] = f"shot{{frame:03d}}/{entry['id']}_{side}.png"
+    path.write_text(json.dumps(content))
+    with pytest.raises(CaptureError, match=r"shot002/S1_left\.png: there is no such image, but later ones"):
+        import_json(path, tmp_path / "out", OPTIONS)
+
+
+@pytest.mark.parametrize(
+    ("keys", "wrong", "said"),
+    [
+        (("sensors",), [], "names no sensors"),
+        (("sensors", 0, "left", "image"), 5, "sensor S1: image is 5"),
+        (("sensors", 0, "left", "image"), [], r"sensor S1: image is \[\]"),
+        (("sensors", 0, "depth"), {"image": []}, "sensor S1: depth: image is an empty list"),
+        (("sensors", 0, "depth"), {"image": ["d.png"], "size": ["a", "b"]}, "sensor S1: size is .*whole pixels"),
+        (("sensors", 0, "depth"), {"image": ["d.png"], "size": [3]}, "sensor S1: size is .*whole pixels"),
+    ],
+)
+def test_parts_of_a_json_that_hold_nothing_are_named(
+    tmp_path: Path, keys: tuple[str | int, ...], wrong: Any, said: str
+) -> None:
+    record(tmp_path / "source")
+    path = described(tmp_path / "source")
+    content = json.loads(path.read_text())
+    part = content
+    for key in keys[:-1]:
+        part = part[key]
+    part[keys[-1]] = wrong
+    path.write_text(json.dumps(content))
+    with pytest.raises(CaptureError, match=said):
+        import_json(path, tmp_path / "out", OPTIONS)
