@@ -224,7 +224,7 @@ def token_add(
 
 @app.command()
 def backup(
-    file: Annotated[Path, typer.Argument(help="ZIP file to write.")],
+    file: Annotated[Path, typer.Argument(help="ZIP file to write; an earlier backup of this name is replaced.")],
     media: Annotated[
         bool, typer.Option("--media", help="Include the pair videos, attached reports and models.")
     ] = False,
