@@ -22,7 +22,7 @@ from app.store.attached_models import model_digests
 from app.store.attached_reports import report_digests
 from app.store.backup import FACTS, faults_of, holds_nothing, read_tables, refuse_what_is_held, write_tables
 from app.store.designs import film_files
-from app.store.engine import Database, Transaction, open_database
+from app.store.engine import Database, Transaction, embedded_file, open_database
 from app.store.keys import utc_now
 
 MEDIA = "media/"
@@ -236,5 +236,5 @@ def _films(database: Database) -> dict[str, str]:
 
 def _check_is_there(settings: Settings) -> None:
     """Refuse an SQLite database that is not there, which opening it would make."""
-    if settings.is_sqlite and not (kept := Path(settings.url.removeprefix("sqlite:///"))).exists():
+    if (kept := embedded_file(settings.url)) is not None and not kept.exists():
         raise ValueError(f"{kept}: there is no database; RECONSTUDY_DATA_DIR names its folder")

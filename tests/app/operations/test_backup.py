@@ -271,6 +271,15 @@ def test_a_backup_replaces_an_earlier_one_and_no_other_file(tmp_path: Path) -> N
     assert [person["name"] for person in manage.list_experimenters(there)] == ["Ada", "Eva"]
 
 
+@pytest.mark.parametrize("address", ["sqlite+pysqlite:///{}", "sqlite:///{}?timeout=5"])
+def test_a_database_is_found_by_any_address_that_sqlite_takes(tmp_path: Path, address: str) -> None:
+    settings = Settings(data_dir=tmp_path, database_url=address.format(tmp_path / "elsewhere.sqlite"))
+    manage.upgrade_database(settings)
+    manage.add_experimenter(settings, "Ada")
+    assert back_up(settings, tmp_path / "backup.zip")["tables"]["experimenter"] == 1
+    assert check(settings)["faults"] == []
+
+
 def test_a_backup_is_not_replaced_by_that_of_an_empty_database(tmp_path: Path) -> None:
     """Who types `backup` for `restore` on a new server keeps what there is to restore."""
     settings, new = Settings(data_dir=tmp_path / "data"), Settings(data_dir=tmp_path / "new")
