@@ -159,7 +159,7 @@ def admin_remove(
     experimenter: Annotated[str, typer.Argument(metavar="NAME", help="The experimenter's name.")],
     as_json: JsonOption = False,
 ) -> None:
-    """End an experimenter's access at once; the audit log keeps what they did, and `admin add` lets them in again."""
+    """End an experimenter's access and tokens at once; the audit log stays, and `admin add` lets them in again."""
     from app.operations.manage import remove_experimenter
     from app.settings import Settings
 
@@ -224,7 +224,7 @@ def token_add(
 
 @app.command()
 def backup(
-    file: Annotated[Path, typer.Argument(help="ZIP file to write.")],
+    file: Annotated[Path, typer.Argument(help="ZIP file to write; an earlier backup of this name is replaced.")],
     media: Annotated[
         bool, typer.Option("--media", help="Include the pair videos, attached reports and models.")
     ] = False,

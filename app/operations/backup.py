@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import zlib
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
+from tempfile import TemporaryFile
+from typing import IO, Any
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 
 from app.files import PRIVATE, file_digest, is_plain_name, whole_file
@@ -19,20 +20,20 @@ from app.operations.erasure import erase_again
 from app.settings import Settings
 from app.store.attached_models import model_digests
 from app.store.attached_reports import report_digests
-from app.store.backup import faults_of, read_tables, refuse_what_is_held, write_tables
+from app.store.backup import FACTS, faults_of, holds_nothing, read_tables, refuse_what_is_held, write_tables
 from app.store.designs import film_files
-from app.store.engine import Database, Transaction, open_database
+from app.store.engine import Database, Transaction, embedded_file, open_database
 from app.store.keys import utc_now
 
 MEDIA = "media/"
-DAMAGED = (BadZipFile, zlib.error, EOFError)
+DAMAGED = (BadZipFile, zlib.error, EOFError, RuntimeError)  # RuntimeError: bits say that an entry is encrypted
 ATTACHED = re.compile(r"reports/[0-9a-f]{64}/([^/]+)|models/[0-9a-f]{64}\.ply")  # in the data folder
 
 
 def back_up(
     settings: Settings, path: Path, *, with_media: bool = False, encrypt_to: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Write all rows to a file; the server may run.
+    """Write all rows to a file; the server may run. An earlier backup of this name is replaced by the whole new one.
 
     Parameters
     ----------
@@ -44,29 +45,62 @@ def back_up(
     Raises
     ------
     ValueError
-        If there is no database, or a public key is none.
+        If there is no database, a public key is none, or the file is there and would be missed.
     """
     given = (*encrypt_to, *([settings.backup_encrypt_to] if settings.backup_encrypt_to else []))
     recipients = read_recipients(given) if given else []
     _check_is_there(settings)
     with open_database(settings.url) as database, ExitStack() as files:
+        replaces = path.exists()
+        if replaces:
+            _check_may_be_replaced(path, database)
         temporary = files.enter_context(whole_file(path))
-        if recipients:
-            encrypted, temporary = temporary, temporary.with_name(f"{temporary.name}.plain")
-            files.callback(temporary.unlink, missing_ok=True)
-        temporary.touch(PRIVATE)
-        with ZipFile(temporary, "w", ZIP_DEFLATED) as archive:
-            tables = write_tables(database, archive, utc_now())
-            videos = sorted(_films(database)) if with_media else []
-            for name in videos:
-                archive.write(settings.media_dir / name, MEDIA + name, ZIP_STORED)
-            attached = _attached(settings, database) if with_media else []
-            for file in attached:
-                archive.write(file, file.relative_to(settings.data_dir).as_posix())
-        if recipients:
-            encrypt(temporary, encrypted, recipients)
-    counts = {"videos": len(videos), "attached": len(attached), "encrypted": bool(recipients)}
+        with _new_private(temporary) as written:
+            # without a name: if this process is killed, nobody can read what it had not encrypted yet
+            plain = files.enter_context(TemporaryFile(dir=path.parent)) if recipients else written
+            with ZipFile(plain, "w", ZIP_DEFLATED) as archive:
+                tables = write_tables(database, archive, utc_now())
+                videos = sorted(_films(database)) if with_media else []
+                for name in videos:
+                    archive.write(settings.media_dir / name, MEDIA + name, ZIP_STORED)
+                attached = _attached(settings, database) if with_media else []
+                for file in attached:
+                    archive.write(file, file.relative_to(settings.data_dir).as_posix())
+            if recipients:
+                plain.seek(0)
+                encrypt(plain, written, recipients)
+            written.flush()
+            os.fsync(written.fileno())
+    counts = {"videos": len(videos), "attached": len(attached), "encrypted": bool(recipients), "replaced": replaces}
     return {"file": str(path), "bytes": path.stat().st_size, "tables": tables, **counts}
+
+
+def _new_private(path: Path) -> IO[bytes]:
+    return os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, PRIVATE), "w+b")
+
+
+def _check_may_be_replaced(path: Path, database: Database) -> None:
+    """Refuse to write over what is no backup, and over a backup where the database holds nothing to back up."""
+    if not _is_backup(path):
+        raise ValueError(f"{path}: is there and is no backup, so it was left as it is; name another file")
+    if holds_nothing(database):
+        raise ValueError(
+            f"{path}: is a backup, and the database is empty, so the backup was left as it is; "
+            "`reconstudy restore` brings it back, or name another file"
+        )
+
+
+def _is_backup(path: Path) -> bool:
+    """Whether a file is a backup, encrypted or not, or empty, as `mktemp` makes it."""
+    if not path.is_file():
+        return False
+    if path.stat().st_size == 0 or is_encrypted(path):
+        return True
+    try:
+        with ZipFile(path) as archive:
+            return FACTS in archive.namelist()
+    except (BadZipFile, NotImplementedError):
+        return False
 
 
 def restore(settings: Settings, path: Path, *, replace: bool = False, identity: Path | None = None) -> dict[str, Any]:
@@ -93,21 +127,22 @@ def restore(settings: Settings, path: Path, *, replace: bool = False, identity: 
     except OSError as error:
         raise ValueError(f"{path}: is not a backup: {error}") from error
     if not is_locked:
-        return _restore(settings, path, replace=replace)
+        with path.open("rb") as file:
+            return _restore(settings, path, file, replace=replace)
     if identity is None:
         raise ValueError(f"{path}: is encrypted; name the file of a private key that opens it: --identity FILE")
     settings.data_dir.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(prefix=".restore-", dir=settings.data_dir) as folder:
-        plain = Path(folder) / path.name
+    with TemporaryFile(dir=settings.data_dir) as plain:  # without a name: nothing readable stays
         decrypt(path, plain, identity)
-        return _restore(settings, plain, replace=replace)
+        return _restore(settings, path, plain, replace=replace)
 
 
-def _restore(settings: Settings, path: Path, *, replace: bool) -> dict[str, Any]:
+def _restore(settings: Settings, path: Path, content: IO[bytes], *, replace: bool) -> dict[str, Any]:
     try:
-        archive = ZipFile(path)
-    except (OSError, BadZipFile) as error:
+        archive = ZipFile(content)
+    except (OSError, BadZipFile, NotImplementedError) as error:
         raise ValueError(f"{path}: is not a backup: {error}") from error
+    archive.filename = str(path)  # for messages
     with archive, open_database(settings.url) as database:
         videos = [name.removeprefix(MEDIA) for name in archive.namelist() if name.startswith(MEDIA)]
         if strange := [name for name in videos if not is_plain_name(name)]:
@@ -201,5 +236,5 @@ def _films(database: Database) -> dict[str, str]:
 
 def _check_is_there(settings: Settings) -> None:
     """Refuse an SQLite database that is not there, which opening it would make."""
-    if settings.is_sqlite and not (kept := Path(settings.url.removeprefix("sqlite:///"))).exists():
+    if (kept := embedded_file(settings.url)) is not None and not kept.exists():
         raise ValueError(f"{kept}: there is no database; RECONSTUDY_DATA_DIR names its folder")

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
-
-from app.files import PRIVATE
+from typing import IO, Any
 
 HEADER = b"age-encryption.org/v1"  # begins every encrypted file
 EXPECTED = "a public key such as age1… or ssh-ed25519 …, or a file of them"
@@ -36,14 +33,11 @@ def read_recipients(given: Sequence[str]) -> list[Any]:
     return recipients
 
 
-def encrypt(plain: Path, encrypted: Path, recipients: Sequence[Any]) -> None:
-    """Encrypt a file to public keys, any of whose owners can decrypt it."""
+def encrypt(plain: IO[bytes], encrypted: IO[bytes], recipients: Sequence[Any]) -> None:
+    """Encrypt what a file holds to public keys, any of whose owners can decrypt it."""
     from pyrage import encrypt_io
 
-    with plain.open("rb") as source, _new_private(encrypted) as target:
-        encrypt_io(source, target, list(recipients))
-        target.flush()
-        os.fsync(target.fileno())
+    encrypt_io(plain, encrypted, list(recipients))
 
 
 def is_encrypted(path: Path) -> bool:
@@ -52,13 +46,13 @@ def is_encrypted(path: Path) -> bool:
         return file.read(len(HEADER)) == HEADER
 
 
-def decrypt(encrypted: Path, plain: Path, identity: Path) -> None:
+def decrypt(encrypted: Path, plain: IO[bytes], identity: Path) -> None:
     """Decrypt a file by a private key.
 
     Parameters
     ----------
     encrypted : the file
-    plain : what to write
+    plain : open file to write to
     identity : file of the private key: one of age-keygen, or an SSH key without a passphrase
 
     Raises
@@ -77,8 +71,8 @@ def decrypt(encrypted: Path, plain: Path, identity: Path) -> None:
     except IdentityError as error:
         raise ValueError(f"{identity}: is no private key of age or SSH: {error}") from error
     try:
-        with encrypted.open("rb") as source, _new_private(plain) as target:
-            decrypt_io(source, target, identities)
+        with encrypted.open("rb") as source:
+            decrypt_io(source, plain, identities)
     except (DecryptError, OSError) as error:  # OSError: what was encrypted is damaged
         raise ValueError(f"{encrypted}: cannot be decrypted by {identity}: {error}") from error
 
@@ -93,7 +87,3 @@ def _lines(path: Path, expected: str) -> Iterator[str]:
     if not keys:
         raise ValueError(f"{path}: holds no key, expected {expected}")
     yield from keys
-
-
-def _new_private(path: Path) -> Any:
-    return os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, PRIVATE), "wb")

@@ -6,6 +6,8 @@ before anybody sees the restored rows.
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import json
 import os
 from collections.abc import Iterator, Mapping
@@ -13,6 +15,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from app.errors import UnavailableError
 from app.files import PRIVATE
 from app.settings import Settings
 from app.store.audit import Actor, Entry, record
@@ -22,6 +25,7 @@ from app.store.participants import Person, person_of_session, sessions_of
 from app.store.studies import Study, study_by_slug
 
 LIST = "erasures.jsonl"  # in the data folder
+NOT_NOTED = "This cannot be erased at the moment, because the server's disk is full. Please try again later."
 HOUSEKEEPING = "housekeeping"  # who deletes personal data at the end of their time, in the audit log
 
 
@@ -80,13 +84,28 @@ def erase_again(settings: Settings, connection: Transaction) -> int:
 
 
 def _note(settings: Settings, entry: Mapping[str, Any]) -> None:
-    """Add to the list, on disk before the erasure is committed: a crash between erases at a restore, and never not."""
+    """Add to the list, on disk before the erasure is committed: a crash between erases at a restore, and never not.
+
+    Raises
+    ------
+    UnavailableError
+        If the disk takes no more, or only the beginning of a line.
+    """
     path = settings.data_dir / LIST
     path.parent.mkdir(parents=True, exist_ok=True)
-    file = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, PRIVATE)
+    file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, PRIVATE)
     try:
-        os.write(file, json.dumps(entry).encode() + b"\n")
-        os.fsync(file)
+        fcntl.flock(file, fcntl.LOCK_EX)
+        n_bytes = os.fstat(file).st_size
+        is_torn = n_bytes > 0 and os.pread(file, 1, n_bytes - 1) != b"\n"  # by a power cut
+        line = b"\n" * is_torn + json.dumps(entry).encode() + b"\n"
+        try:
+            if os.write(file, line) < len(line):
+                raise OSError(errno.ENOSPC, "the disk took the beginning of the line alone")
+            os.fsync(file)
+        except OSError as error:
+            os.ftruncate(file, n_bytes)
+            raise UnavailableError(NOT_NOTED) from error
     finally:
         os.close(file)
 

@@ -16,8 +16,8 @@ from app.intake.part_uploads import remove_expired, remove_killed
 from app.settings import Settings
 
 LEFT_FOR = timedelta(days=1)
-# the names that app/files.py, app/web/admin/uploads.py and app/operations/backup.py give
-FILES, UPLOADS, RESTORED = ".*.part*", ".upload-*", ".restore-*"
+# the names that app/files.py and app/web/admin/uploads.py give
+FILES, UPLOADS = ".*.part*", ".upload-*"
 
 log = logging.getLogger(__name__)
 
@@ -42,7 +42,6 @@ def _leftovers(settings: Settings) -> Iterator[Path]:
     data = settings.data_dir
     yield from settings.sets_dir.glob(UPLOADS)
     yield from (data / "uploads").glob(UPLOADS)
-    yield from data.glob(RESTORED)
     for folder in (settings.media_dir, data / "stills", data / "models", data / "reports"):
         yield from folder.glob(FILES)
 

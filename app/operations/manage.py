@@ -231,7 +231,7 @@ def list_experimenters(settings: Settings) -> list[dict[str, Any]]:
 
 
 def remove_experimenter(settings: Settings, name: str) -> None:
-    """End an experimenter's access and sessions; their name stays in the audit log, and a new link lets them in again.
+    """End an experimenter's access, sessions and tokens; the audit log keeps their name, a new link lets them in again.
 
     Raises
     ------
@@ -241,8 +241,8 @@ def remove_experimenter(settings: Settings, name: str) -> None:
     with open_store(settings) as database, database.writing() as connection:
         if experimenter_named(connection, name) is None:
             raise ValueError(f"there is no experimenter called {name!r}; `reconstudy admin list` shows all")
-        disable(connection, name, utc_now())
-        record(connection, COMMAND_LINE, Entry("access ended", subject=name), utc_now())
+        tokens = disable(connection, name, utc_now())
+        record(connection, COMMAND_LINE, Entry("access ended", subject=name, detail={"tokens": tokens}), utc_now())
 
 
 def change_study_standing(settings: Settings, slug: str, standing: studies.Standing) -> dict[str, Any]:

@@ -83,13 +83,18 @@ def read_tables(
         If the archive is not whole or of a newer version, or the database holds these or tables of another program.
     """
     facts = _facts(archive)
+    for name, table_facts in facts["tables"].items():  # before anybody has to wait
+        _check_rows(archive, name, table_facts)
     with database.writing() as connection:
         _empty(connection, replace=replace)
         upgrade_within(connection, facts["revision"])
+        if unknown := facts["tables"].keys() - set(inspect(connection).get_table_names()):
+            raise ValueError(f"{archive.filename}: holds a table {min(unknown)!r}, which its version does not have")
         reflected = MetaData()
         reflected.reflect(connection, only=list(facts["tables"]))
         for table in reflected.sorted_tables:
-            _fill(connection, table, _rows(archive, table.name, facts["tables"][table.name]))
+            with archive.open(_file_of(table.name)) as lines:
+                _fill(connection, table, map(json.loads, lines))
         upgrade_within(connection, newest_version())
         before_commit(connection)
     return {name: table["rows"] for name, table in facts["tables"].items()}
@@ -97,7 +102,7 @@ def read_tables(
 
 def _write_table(connection: Connection, table: Table, archive: ZipFile) -> dict[str, Any]:
     digest, n_rows = hashlib.sha256(), 0
-    with archive.open(f"tables/{table.name}.jsonl", "w", force_zip64=True) as file:
+    with archive.open(_file_of(table.name), "w", force_zip64=True) as file:
         for row in connection.execute(
             select(table).order_by(*table.primary_key).execution_options(yield_per=ROWS_AT_ONCE)
         ):
@@ -108,10 +113,19 @@ def _write_table(connection: Connection, table: Table, archive: ZipFile) -> dict
     return {"rows": n_rows, "sha256": digest.hexdigest()}
 
 
+def _file_of(table_name: str) -> str:
+    return f"tables/{table_name}.jsonl"
+
+
 def _facts(archive: ZipFile) -> dict[str, Any]:
     if FACTS not in archive.namelist():
         raise ValueError(f"{archive.filename}: holds no {FACTS}; expected a file that `reconstudy backup` wrote")
-    facts: dict[str, Any] = json.loads(archive.read(FACTS))
+    try:
+        facts = json.loads(archive.read(FACTS))
+    except ValueError as error:
+        raise ValueError(f"{archive.filename}: {FACTS} is not readable as JSON: {error}") from error
+    if not isinstance(facts, dict) or not isinstance(facts.get("tables"), dict):
+        raise ValueError(f"{archive.filename}: {FACTS} lists no tables; expected a file that `reconstudy backup` wrote")
     if facts.get("schema_version") != SCHEMA_VERSION or facts.get("revision") not in revisions():
         raise ValueError(
             f"{archive.filename}: is of version {facts.get('revision')}, which this program does not know; "
@@ -129,6 +143,14 @@ def refuse_what_is_held(database: Database, *, replace: bool = False) -> None:
     """
     with database.reading() as connection:
         _droppable(connection, replace=replace)
+
+
+def holds_nothing(database: Database) -> bool:
+    """Whether there is nothing in a database that somebody would miss."""
+    with database.reading() as connection:
+        present = MetaData()
+        present.reflect(connection, only=lambda name, _: name in metadata.tables)
+        return not _held(connection, present)
 
 
 def _empty(connection: Connection, *, replace: bool) -> None:
@@ -197,15 +219,16 @@ def _held(connection: Connection, present: MetaData) -> str:
     return ", ".join(f"{count} {what}" for what, count in counts.items() if count)
 
 
-def _rows(archive: ZipFile, name: str, facts: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """Yield the rows of a table; raises at the end if their number or digest is wrong."""
+def _check_rows(archive: ZipFile, name: str, facts: Any) -> None:
+    """Raise unless the rows of a table are those that were written."""
+    if _file_of(name) not in archive.namelist():
+        raise ValueError(f"{archive.filename}: the rows of {name} are missing; it is damaged")
     digest, n_rows = hashlib.sha256(), 0
-    with archive.open(f"tables/{name}.jsonl") as file:
+    with archive.open(_file_of(name)) as file:
         for line in file:
             digest.update(line)
             n_rows += 1
-            yield json.loads(line)
-    if digest.hexdigest() != facts["sha256"] or n_rows != facts["rows"]:
+    if facts != {"rows": n_rows, "sha256": digest.hexdigest()}:
         raise ValueError(f"{archive.filename}: the rows of {name} are not those that were written; it is damaged")
 
 

@@ -136,7 +136,8 @@ class Database:
             yield
         except (OperationalError, InterfaceError, PoolTimeoutError) as error:
             if not self._is_away:
-                log.warning("the database does not answer: %s", str(getattr(error, "orig", error)).partition("\n")[0])
+                reason = str(getattr(error, "orig", error)).partition("\n")[0]
+                log.warning("the database %s does not answer: %s", self.engine.url.database, reason)
             self._is_away = True
             raise UnavailableError("This cannot be kept or looked up at the moment. Please try again soon.") from error
         if self._is_away:

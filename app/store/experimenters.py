@@ -13,7 +13,7 @@ from app.errors import ConflictError, NotFoundError
 from app.store.engine import Database
 from app.store.keys import digest, new_secret
 from app.store.second_factors import end_second_factor
-from app.store.tables import experimenter, experimenter_session, study
+from app.store.tables import api_token, experimenter, experimenter_session, study
 
 Role = Literal["viewer", "experimenter", "owner"]
 ROLES: tuple[Role, ...] = ("viewer", "experimenter", "owner")  # each may do what those before it may
@@ -280,8 +280,12 @@ def check_studies(connection: Connection, slugs: Sequence[str]) -> list[str] | N
     return sorted(known)
 
 
-def disable(connection: Connection, name: str, now: datetime) -> None:
-    """Disable an account and end its sessions; a new link enables it again.
+def disable(connection: Connection, name: str, now: datetime) -> list[str]:
+    """Disable an account, end its sessions and revoke the tokens it has made; a new link enables the account again.
+
+    Returns
+    -------
+    names of the tokens that were valid until now
 
     Raises
     ------
@@ -293,6 +297,9 @@ def disable(connection: Connection, name: str, now: datetime) -> None:
     for experimenter_id in connection.scalars(ended.returning(experimenter.c.id)).all():
         end_all_sessions(connection, experimenter_id)
     _refuse_to_lock_out(connection)
+    theirs = (api_token.c.created_by == name, api_token.c.revoked_at.is_(None))
+    revoked = update(api_token).where(*theirs).values(revoked_at=now).returning(api_token.c.name)
+    return list(connection.scalars(revoked))
 
 
 def experimenter_named(connection: Connection, name: str) -> Experimenter | None:

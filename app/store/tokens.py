@@ -9,7 +9,7 @@ from typing import Any
 
 from sqlalchemy import Connection, Select, exists, insert, or_, select, update
 
-from app.store.experimenters import check_studies, experimenter_named
+from app.store.experimenters import Role, check_studies, experimenter_named
 from app.store.keys import digest, new_secret
 from app.store.tables import api_token
 
@@ -28,6 +28,11 @@ SCOPES = {
     JOBS: "jobs on recordings and films: see, start, cancel and retry them",
 }
 READING = (READ, PERSONAL, AUDIT)  # scopes that change nothing
+SCOPES_OF_ROLE: dict[Role, tuple[str, ...]] = {
+    "viewer": (READ,),
+    "experimenter": (READ, PERSONAL, AUDIT, JOBS, STUDIES, PEOPLE),
+    "owner": (READ, PERSONAL, AUDIT, JOBS, STUDIES, PEOPLE),
+}
 
 
 @dataclass(frozen=True)
@@ -83,7 +88,7 @@ def insert_token(
 
 
 def token_by_secret(connection: Connection, secret: str, now: datetime) -> Token | None:
-    """Find a valid token by its secret; it opens no study that its maker sees no more."""
+    """Find a valid token by its secret; it does and opens no more than its maker may by now."""
     row = connection.execute(
         _tokens().where(
             api_token.c.token_hash == digest(secret),
@@ -95,7 +100,10 @@ def token_by_secret(connection: Connection, secret: str, now: datetime) -> Token
         return None
     token = _token(row._mapping)
     maker = experimenter_named(connection, token.created_by) if token.created_by else None
-    if maker is None or maker.studies is None:
+    if maker is None:
+        return token
+    token = replace(token, scopes=tuple(scope for scope in token.scopes if scope in SCOPES_OF_ROLE[maker.role]))
+    if maker.studies is None:
         return token
     common = maker.studies if token.studies is None else set(token.studies) & set(maker.studies)
     return replace(token, studies=tuple(common))

@@ -28,6 +28,7 @@ from app.store.studies import study_by_id
 from app.store.vote_writer import VoteWriter
 from app.study.language_pack import LanguagePack
 from app.study.text import check_text
+from app.web.limits.connections import network_of
 from app.web.limits.throttle import PIECE, SENT_PIECES, WRONG_CODES, Throttle
 
 log = logging.getLogger(__name__)
@@ -103,8 +104,8 @@ def route_of(scope: Scope) -> str:
 
 
 def address(request: Request) -> str:
-    """Return the client's network address, to count requests by; it is stored nowhere."""
-    return request.client.host if request.client else "unknown"
+    """Return the client's network address, of IPv6 its network, to count requests by; it is stored nowhere."""
+    return network_of(request.client.host) if request.client else "unknown"
 
 
 def is_secure(request: Request) -> bool:

@@ -16,7 +16,7 @@ from app.errors import ForbiddenError, NotFoundError, StudyError, UnauthorisedEr
 from app.store.audit import STRANGER, Actor, Entry, record_alone
 from app.store.experimenters import SESSION_LASTS, Experimenter, Role, is_session_open, open_session
 from app.store.studies import Study, study_by_slug
-from app.store.tokens import AUDIT, JOBS, PEOPLE, PERSONAL, READ, STUDIES, token_by_secret
+from app.store.tokens import SCOPES_OF_ROLE, token_by_secret
 from app.web.gates import address, bearer, cookie, database, now, set_cookie, settings, throttle
 from app.web.limits.throttle import WRONG_TOKENS
 
@@ -28,11 +28,6 @@ NO_TOKEN = (
     "This takes a token, sent as the header `Authorization: Bearer TOKEN`. An owner makes one in the dashboard under "
     "Tokens, or on the server by `reconstudy token add NAME`."
 )
-SCOPES_OF_ROLE: dict[Role, tuple[str, ...]] = {
-    "viewer": (READ,),
-    "experimenter": (READ, PERSONAL, AUDIT, JOBS, STUDIES, PEOPLE),
-    "owner": (READ, PERSONAL, AUDIT, JOBS, STUDIES, PEOPLE),
-}
 ANYBODYS = re.compile(r"/admin(/(account(/.*)?|logout|jobs/[^/]+))?|GET /api/v1/studies")
 ACCOUNT = re.compile(r"/admin/(account(/.*)?|logout)")
 ALL_STUDIES = "/duplicate"  # ends addresses below a study that make another one

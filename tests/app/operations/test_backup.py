@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -210,6 +211,85 @@ def test_a_damaged_backup_changes_nothing(here: Settings, tmp_path: Path) -> Non
     (tmp_path / "no.zip").write_bytes(b"something else")
     with pytest.raises(ValueError, match="is not a backup"):
         restore(here, tmp_path / "no.zip")
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"tables/vote.jsonl": None}, "the rows of vote are missing"),
+        ({"backup.json": b"{"}, "backup.json is not readable as JSON"),
+        ({"backup.json": b"[1]"}, "backup.json lists no tables"),
+        ({"tables/session.jsonl": b'{"id": 1}\n'}, "the rows of session are not those"),
+        ({"tables/session.jsonl": b"[1]\n"}, "the rows of session are not those"),
+    ],
+)
+def test_a_backup_that_is_not_whole_is_named_with_what_is_wrong(
+    tmp_path: Path, change: dict[str, bytes | None], complaint: str
+) -> None:
+    settings = Settings(data_dir=tmp_path / "data")
+    manage.add_experimenter(settings, "Ada")
+    back_up(settings, tmp_path / "backup.zip")
+    with ZipFile(tmp_path / "backup.zip") as whole, ZipFile(tmp_path / "changed.zip", "w") as changed:
+        for name in whole.namelist():
+            if (content := change.get(name, whole.read(name))) is not None:
+                changed.writestr(name, content)
+    with pytest.raises(ValueError, match=rf"changed\.zip: {re.escape(complaint)}"):
+        restore(settings, tmp_path / "changed.zip", replace=True)
+    assert [person["name"] for person in manage.list_experimenters(settings)] == ["Ada"]
+
+
+def test_whatever_byte_of_a_backup_is_damaged_the_refusal_says_so(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path / "data")
+    manage.upgrade_database(settings)
+    back_up(settings, tmp_path / "backup.zip")
+    content = bytearray((tmp_path / "backup.zip").read_bytes())
+    at = content.rindex(b"PK\x01\x02")  # of the last entry, backup.json: what a reader of the archive goes by
+    for offset, value in ((6, 99), (8, 1), (10, 77), (46, ord("X"))):  # version, encryption, compression, name
+        damaged = content.copy()
+        damaged[at + offset] = value
+        (tmp_path / "damaged.zip").write_bytes(damaged)
+        with pytest.raises(ValueError, match=r"damaged\.zip: (is damaged|is not a backup|holds no backup\.json)"):
+            restore(settings, tmp_path / "damaged.zip")
+
+
+def test_a_backup_replaces_an_earlier_one_and_no_other_file(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path / "data")
+    manage.add_experimenter(settings, "Ada")
+    backup = tmp_path / "nightly.zip"
+    backup.touch()  # as mktemp makes it
+    assert back_up(settings, backup)["replaced"] is True
+    manage.add_experimenter(settings, "Eva")
+    assert back_up(settings, backup)["replaced"] is True
+    assert back_up(settings, tmp_path / "other.zip")["replaced"] is False
+    (tmp_path / "notes.txt").write_text("of the study")
+    for name in ("notes.txt", "data/study.sqlite", "data"):
+        with pytest.raises(ValueError, match="is there and is no backup"):
+            back_up(settings, tmp_path / name)
+    assert (tmp_path / "notes.txt").read_text() == "of the study"
+    there = Settings(data_dir=tmp_path / "there")
+    restore(there, backup)
+    assert [person["name"] for person in manage.list_experimenters(there)] == ["Ada", "Eva"]
+
+
+@pytest.mark.parametrize("address", ["sqlite+pysqlite:///{}", "sqlite:///{}?timeout=5"])
+def test_a_database_is_found_by_any_address_that_sqlite_takes(tmp_path: Path, address: str) -> None:
+    settings = Settings(data_dir=tmp_path, database_url=address.format(tmp_path / "elsewhere.sqlite"))
+    manage.upgrade_database(settings)
+    manage.add_experimenter(settings, "Ada")
+    assert back_up(settings, tmp_path / "backup.zip")["tables"]["experimenter"] == 1
+    assert check(settings)["faults"] == []
+
+
+def test_a_backup_is_not_replaced_by_that_of_an_empty_database(tmp_path: Path) -> None:
+    """Who types `backup` for `restore` on a new server keeps what there is to restore."""
+    settings, new = Settings(data_dir=tmp_path / "data"), Settings(data_dir=tmp_path / "new")
+    manage.add_experimenter(settings, "Ada")
+    back_up(settings, tmp_path / "backup.zip")
+    assert manage.set_up_path(new) is not None  # a server has started
+    with pytest.raises(ValueError, match="is a backup, and the database is empty"):
+        back_up(new, tmp_path / "backup.zip")
+    restore(new, tmp_path / "backup.zip")
+    assert [person["name"] for person in manage.list_experimenters(new)] == ["Ada"]
 
 
 @pytest.mark.parametrize("name", ["media/", "media/..", "media/../votes.mp4", "media/a\\b.mp4", "media/.hidden.mp4"])

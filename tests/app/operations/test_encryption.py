@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from app.operations import backup as backup_module
 from app.operations import manage
 from app.operations.backup import back_up, restore
 from app.settings import Settings
@@ -51,6 +53,29 @@ def test_a_backup_that_was_encrypted_comes_back_by_its_key_alone(settings: Setti
     with pytest.raises(ValueError, match=r"mine\.pub: is no private key"):
         restored(backup, tmp_path / "mine.pub", tmp_path)
     assert restored(backup, tmp_path / "mine.key", tmp_path) == [NAME]
+
+
+def test_no_file_is_readable_while_a_backup_is_encrypted_or_restored(
+    settings: Settings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A process that is killed meanwhile leaves what the disk holds then."""
+    backup, there, plain = tmp_path / "backup.zip.age", Settings(data_dir=tmp_path / "there"), []
+
+    def look(name: str) -> None:
+        function = getattr(backup_module, name)
+
+        def looking(*arguments: Any, **options: Any) -> Any:
+            files = [path for path in tmp_path.rglob("*") if path.is_file()]
+            plain.append([path.name for path in files if path.read_bytes().startswith(b"PK")])
+            return function(*arguments, **options)
+
+        monkeypatch.setattr(backup_module, name, looking)
+
+    for name in ("encrypt", "read_tables"):
+        look(name)
+    back_up(settings, backup, encrypt_to=[str(tmp_path / "mine.pub")])
+    restore(there, backup, identity=tmp_path / "mine.key")
+    assert plain == [[], []]
 
 
 def test_a_damaged_encrypted_backup_is_refused(settings: Settings, tmp_path: Path) -> None:

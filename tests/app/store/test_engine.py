@@ -232,3 +232,11 @@ def test_what_postgresql_cannot_hold_is_not_found_and_not_kept(postgres: Postgre
     with pytest.raises(InvalidError), database.writing() as connection:
         connection.execute(insert(api_token).values(**token_row("\0")))
     database.dispose()
+
+
+def test_a_database_that_cannot_be_opened_is_named_in_the_log(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    place = tmp_path / "study.sqlite"
+    place.mkdir()
+    with open_database(f"sqlite:///{place}") as database, pytest.raises(UnavailableError), database.reading():
+        pass
+    assert f"the database {place} does not answer: unable to open database file" in caplog.text

@@ -109,8 +109,8 @@ def change_studies(actor: ActingOwner, name: Name, database: Store, study: Chose
 def disable_user(actor: ActingOwner, name: Name, database: Store) -> Response:
     with database.writing() as connection:
         _person(connection, name)
-        disable(connection, name, actor.now)
-        actor.note(connection, "access ended", subject=name)
+        tokens = disable(connection, name, actor.now)
+        actor.note(connection, "access ended", subject=name, tokens=tokens)
     return see("/admin/users")
 
 

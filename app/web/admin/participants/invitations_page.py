@@ -85,7 +85,7 @@ def invite(
 def invite_people(
     actor: Acting, study: AStudy, database: Store, people: Annotated[str, Form(max_length=LONGEST_PEOPLE)]
 ) -> Response:
-    """Make an invitation for one participant for invitation line of a list, which becomes its label."""
+    """Make an invitation for one participant for each line of a list, which becomes its label."""
     labels = [tidy for line in people.splitlines() if (tidy := _tidy(line))]
     if not 1 <= len(labels) <= MOST_AT_ONCE:
         raise InvalidError(f"The list has {len(labels)} lines, expected 1 to {MOST_AT_ONCE}. No invitation was made.")
@@ -104,7 +104,7 @@ def assign_groups(
     revision: Revision,
     groups: Annotated[str, Form(max_length=LONGEST_GROUPS)] = "",
 ) -> Response:
-    """Set the groups that participants are assigned to: a line for invitation, `NAME` or `NAME: DATASET, DATASET`."""
+    """Set the groups that participants are assigned to: a line for each, `NAME` or `NAME: DATASET, DATASET`."""
     with database.reading() as connection:
         datasets = datasets_of(connection, study.id)
     try:
@@ -137,7 +137,7 @@ def export_invitations(request: Request, person: Looking, study: AStudy, databas
 
 @router.get("/mail-merge.csv")
 def export_mail_merge(request: Request, person: Looking, study: AStudy, database: Store, now: Now) -> Response:
-    """Export a row for invitation labelled invitation with places left: name and address of its label, and the link.
+    """Export a row for each labelled invitation with places left: name and address of its label, and the link.
 
     It begins with the mark of UTF-8, without which office programs take names for those of another alphabet.
     """
@@ -153,7 +153,7 @@ def export_mail_merge(request: Request, person: Looking, study: AStudy, database
 
 @router.get("/print")
 def print_sheet(request: Request, person: Looking, study: AStudy, database: Store) -> Response:
-    """Show a sheet to print: a card with QR code, link and label for invitation invitation with places left."""
+    """Show a sheet to print: a card with QR code, link and label for each invitation with places left."""
     with database.reading() as connection:
         invitations = [invitation for invitation in invitations_of(connection, study.id) if not invitation.is_used]
     links = [_link(request, invitation) for invitation in invitations]

@@ -391,6 +391,19 @@ def test_guessing_tokens_is_slowed_down(tmp_path: Path) -> None:
         assert statuses == [401] * 30 + [429]
 
 
+def test_all_addresses_of_an_ipv6_client_count_as_one(tmp_path: Path) -> None:
+    with running_server(Settings(data_dir=tmp_path)) as url, httpx.Client(base_url=url) as stranger:
+        statuses = [
+            stranger.get(
+                "/api/v1/studies", headers={"Authorization": "Bearer guess", "X-Forwarded-For": f"2001:db8::{number:x}"}
+            ).status_code
+            for number in range(31)
+        ]
+        assert statuses == [401] * 30 + [429]
+        neighbour = {"Authorization": "Bearer guess", "X-Forwarded-For": "2001:db8:0:1::1"}
+        assert stranger.get("/api/v1/studies", headers=neighbour).status_code == 401
+
+
 def test_the_api_limits_how_often_one_asks(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, api_requests_per_minute=3)
     bearer = {"Authorization": f"Bearer {manage.add_token(settings, 'eager')['token']}"}

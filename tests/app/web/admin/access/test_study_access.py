@@ -128,6 +128,30 @@ def test_access_changes_at_once_and_with_it_that_of_tokens_made_before(
         manage.add_token(settings, "forged", ["read"], ["forged"])
 
 
+def test_tokens_do_no_more_than_their_maker_may_and_end_with_their_makers_access(
+    server: str, settings: Settings, studies: tuple[str, str]
+) -> None:
+    path = f"{server}/api/v1/studies/{studies[0]}"
+    with (
+        signed_in(server, settings, "Olga Owner", "owner") as olga,
+        signed_in(server, settings, "Tim", "owner") as tim,
+    ):
+        page = tim.act("/admin/tokens", name="of Tim", scope=["read", "personal", "audit"]).text
+        (secret,) = re.findall(r"<code>([\w-]{40,})</code>", page)
+        tim_reads = {"Authorization": f"Bearer {secret}"}
+        assert httpx.get(f"{path}/participants", headers=tim_reads).status_code == 200
+        olga.act("/admin/users/role", name="Tim", role="viewer")
+        assert httpx.get(f"{path}/participants", headers=tim_reads).status_code == 403
+        assert httpx.get(f"{path}/votes", headers=tim_reads).status_code == 200
+        olga.act("/admin/users/disable", name="Tim")
+        assert httpx.get(f"{path}/votes", headers=tim_reads).status_code == 401
+        shown = olga.get("/admin/audit?search=access+ended").text
+        assert "of Tim" in shown
+    assert {row["name"]: row["state"] for row in manage.list_tokens(settings)}["of Tim"] == "revoked"
+    manage.add_experimenter(settings, "Tim")
+    assert httpx.get(f"{path}/votes", headers=tim_reads).status_code == 401
+
+
 def test_who_saw_a_deleted_study_does_not_see_another_of_its_name(settings: Settings, new_study: NewStudy) -> None:
     gone = new_study()["slug"]
     manage.add_experimenter(settings, "Last Guest", "viewer", [gone])

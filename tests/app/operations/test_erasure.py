@@ -1,0 +1,93 @@
+"""An erasure is on the list that every restore applies, or it has not happened."""
+
+from __future__ import annotations
+
+import json
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from sqlalchemy import select
+
+from app.errors import UnavailableError
+from app.operations.backup import back_up, restore
+from app.operations.erasure import LIST, erase_participant
+from app.settings import Settings
+from app.store.audit import Actor
+from app.store.engine import Database, open_database
+from app.store.migrate import upgrade
+from app.store.participants import participant_labelled
+from app.store.studies import study_by_slug
+from app.store.tables import participant
+from tests.seeded_studies import NOW, seed_voters
+
+EARLIER = json.dumps({"session": "x" * 22, "at": NOW.isoformat()}) + "\n"
+MANY = 40_000  # so that the list is the longest file of the server
+
+
+@contextmanager
+def no_file_grows_past(n_bytes: int) -> Iterator[None]:
+    """Writing takes what still fits, then nothing, as on a full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> Settings:
+    settings = Settings(data_dir=tmp_path / "data", database_url=None)
+    with open_database(settings.url) as database:
+        upgrade(database)
+        seed_voters(database, 2, 3)
+    return settings
+
+
+def erase(settings: Settings, database: Database, label: str) -> None:
+    with database.reading() as connection:
+        study = study_by_slug(connection, "test")
+        assert study is not None
+        person = participant_labelled(connection, study.id, label)
+    erase_participant(settings, database, study, person, Actor(0, "Eva", NOW))
+
+
+def erased(settings: Settings) -> set[str]:
+    with open_database(settings.url) as database, database.reading() as connection:
+        return set(connection.scalars(select(participant.c.label).where(participant.c.erased_at.is_not(None))))
+
+
+@pytest.mark.parametrize("n_left", [0, 10])
+def test_who_cannot_be_noted_on_a_full_disk_is_not_erased(settings: Settings, tmp_path: Path, n_left: int) -> None:
+    back_up(settings, tmp_path / "before.zip")
+    noted = settings.data_dir / LIST
+    noted.write_text(EARLIER * MANY)
+    with open_database(settings.url) as database:
+        with (
+            no_file_grows_past(noted.stat().st_size + n_left),
+            pytest.raises(UnavailableError, match="disk is full"),
+        ):
+            erase(settings, database, "P001")
+        assert erased(settings) == set()
+        assert noted.read_text() == EARLIER * MANY
+        erase(settings, database, "P001")
+    noted.write_text("".join(noted.read_text().splitlines(keepends=True)[MANY:]))
+    assert restore(settings, tmp_path / "before.zip", replace=True)["erased_again"] == 1
+    assert erased(settings) == {"P001"}
+
+
+def test_a_line_that_a_power_cut_tore_takes_no_later_one_with_it(settings: Settings, tmp_path: Path) -> None:
+    back_up(settings, tmp_path / "before.zip")
+    noted = settings.data_dir / LIST
+    noted.write_text(EARLIER + EARLIER[:20])
+    with open_database(settings.url) as database:
+        erase(settings, database, "P002")
+    with pytest.raises(ValueError, match=f"{LIST}, line 2: is no erasure"):
+        restore(settings, tmp_path / "before.zip", replace=True)
+    lines = noted.read_text().splitlines(keepends=True)
+    noted.write_text(lines[0] + lines[2])
+    assert restore(settings, tmp_path / "before.zip", replace=True)["erased_again"] == 1
+    assert erased(settings) == {"P002"}
