@@ -336,8 +336,9 @@ def _items_without_place(seen: Observations) -> list[tuple[str, str]]:
     to_ties = csr_array(hstack([csr_array(of_pairs.shape), csr_array(np.ones((n_pairs, has_ties)))]))
     counts = PairCounts(n, low, high, wins, losses, ties)
     direction = recession(counts, effects, to_ties if has_ties else None, n_scores=0)[1]
-    moved = [] if direction is None else unrated[np.abs(direction[: len(unrated)]) > STILL]
-    return [seen.items[index] for index in moved]
+    if direction is None:
+        return []
+    return [seen.items[index] for index in unrated[np.abs(direction[: len(unrated)]) > STILL]]
 
 
 def _start(seen: Observations, likelihood: _Likelihood) -> Array:
