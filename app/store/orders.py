@@ -24,8 +24,8 @@ def take_order_slot(connection: Connection, study: Study, now: datetime) -> int:
     """Take the slot for a new participant: the first abandoned one, which its holder loses, or else the next new one.
 
     Abandoned are the slots of participants who have withdrawn, are excluded or screened out, or have votes missing and
-    sent nothing for as many hours as the study's options say, or whose time is over. The caller has locked the study's row, so nobody
-    else takes a slot.
+    sent nothing for as many hours as the study's options say, or whose time is over. The caller has locked the study's
+    row, so nobody else takes a slot.
     """
     given_up = connection.execute(
         select(participant.c.id, participant.c.order_slot)
