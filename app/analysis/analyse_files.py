@@ -127,6 +127,11 @@ def _with_ratings(analysis: Mapping[str, Any], rated: RatingTable, votes: VotesT
         result["warnings"].append(
             f"ratings and votes are not on one scale: {shared['status']} ({shared['n_shared']} items in common)"
         )
+    if shared["left_out"]:
+        result["warnings"].append(
+            f"ratings and votes: {shared['left_out']} left out of the common scale, as nobody rated it and votes on it "
+            "all go one way"
+        )
     return result
 
 

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from app.analysis.tabular import named, refuse, shown
-from app.analysis.votes_table import CHOICES, VotesError
+from app.analysis.votes_table import CHOICES, NONE, VotesError
 
 REQUIRED = ("participant", "dataset", "item_a", "item_b", "choice")
 OPTIONAL = (
@@ -183,7 +183,7 @@ def choice_codes(
     Returns
     -------
     codes : int8 (N,), 0 for item_a, 1 for item_b, 2 for none
-    note : empty for our own words
+    note : empty for our own words, unless they name items, too
 
     Raises
     ------
@@ -192,6 +192,8 @@ def choice_codes(
     """
     known = layout.choice_codes
     codes = _by_word(values, known)
+    if not layout.choices and (codes >= 0).all() and _may_name_items(values, items, codes):
+        return codes, "choice a is item_a and b is item_b, although items are named a and b, too"
     if (codes < 0).any() and set(layout.choices) <= {"none"}:
         lower = np.array([str(value).lower() for value in values], object)
         ties = TIES | {word.lower(): 2 for word in layout.choices.values()}
@@ -211,6 +213,15 @@ def choice_codes(
         ),
     )
     return codes, ""
+
+
+def _may_name_items(
+    values: NDArray[np.object_], items: tuple[NDArray[np.object_], NDArray[np.object_]], codes: NDArray[np.int8]
+) -> bool:
+    """Could each choice of a side be an item's name as well, and some then mean the other side?"""
+    is_first, is_second, is_side = values == items[0], values == items[1], codes != NONE
+    differs = np.where(is_first, 0, 1) != codes
+    return bool(((is_first | is_second) | ~is_side).all() and (differs & is_side).any())
 
 
 def _by_word(values: NDArray[np.object_], words: Mapping[str, int]) -> NDArray[np.int8]:

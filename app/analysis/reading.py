@@ -158,7 +158,9 @@ def _read_quickly(
     if not set(REQUIRED) <= there.keys() or len(set(header)) < len(header) or set(layout.columns) - there.keys():
         return None
     table = quick_votes(path, there, layout.choice_codes)
-    return None if table is None else (table, "text in UTF-8, commas between cells", layout.notes)
+    if table is None or ({"a", "b"} & set(table.items) and not layout.choices):  # a choice may be a name
+        return None
+    return table, "text in UTF-8, commas between cells", layout.notes
 
 
 def _read_strictly(

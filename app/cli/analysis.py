@@ -217,7 +217,11 @@ def plan(
     from app.analysis.ratings.planning import RatingPlan, plan_ratings
     from app.study.duration import trials_s
     from app.study.protocols import RATED, parse_protocol
+    from app.study.study_file import EXPOSURE_BOUNDS_S
 
+    shortest, longest = EXPOSURE_BOUNDS_S
+    if not shortest <= exposure <= longest:
+        raise typer.BadParameter(f"--exposure is {exposure:g}, expected {shortest:g} to {longest:g} seconds")
     chosen, _ = parse_protocol({"protocol": protocol})
     is_rated = chosen in RATED
     if is_rated:

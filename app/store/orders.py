@@ -14,7 +14,7 @@ from app.store.tables import assignment, participant, session, stage_record, tri
 from app.study.adaptive import adaptive_pairs
 from app.study.balance import OrderPlan, TakenOrder
 from app.study.options import parse_options
-from app.study.stages import ENDS, FINISHED, INTERVIEW, TIMED_OUT, WITHDRAWN
+from app.study.stages import ENDS, FINISHED, INTERVIEW, SCREENED_OUT, TIMED_OUT, WITHDRAWN
 from app.study.trial import MAIN, PlannedPair, PlannedTrial
 
 ALL_VOTED = (INTERVIEW, FINISHED)  # stages in which every trial has a vote
@@ -23,9 +23,9 @@ ALL_VOTED = (INTERVIEW, FINISHED)  # stages in which every trial has a vote
 def take_order_slot(connection: Connection, study: Study, now: datetime) -> int:
     """Take the slot for a new participant: the first abandoned one, which its holder loses, or else the next new one.
 
-    Abandoned are the slots of participants who have withdrawn, are excluded, or have votes missing and sent nothing for
-    as many hours as the study's options say, or whose time is over. The caller has locked the study's row, so nobody
-    else takes a slot.
+    Abandoned are the slots of participants who have withdrawn, are excluded or screened out, or have votes missing and
+    sent nothing for as many hours as the study's options say, or whose time is over. The caller has locked the study's
+    row, so nobody else takes a slot.
     """
     given_up = connection.execute(
         select(participant.c.id, participant.c.order_slot)
@@ -153,4 +153,4 @@ def _is_given_up(study: Study, now: datetime) -> ColumnElement[bool]:
         session.c.stage.not_in(ALL_VOTED), session.c.started_at < long_ago, *(~signal for signal in heard_of)
     )
     is_late = and_(session.c.stage.not_in(ALL_VOTED), session.c.started_at < begun_before) if begun_before else false()
-    return or_(session.c.stage.in_((WITHDRAWN, TIMED_OUT)), is_abandoned, is_late, is_excluded())
+    return or_(session.c.stage.in_((WITHDRAWN, TIMED_OUT, SCREENED_OUT)), is_abandoned, is_late, is_excluded())

@@ -58,7 +58,7 @@ def adaptive_pairs(
     ----------
     pairs : all pairs of the study
     votes : so far; a pair without votes may be missing
-    n_pairs : of each dataset
+    n_pairs : of each dataset; all where there are fewer
     seed : the study's
     slot : the participant's; with the seed it decides between pairs of equal gain
     """
@@ -75,7 +75,8 @@ def adaptive_pairs(
             wins[top, bottom], wins[bottom, top], ties[top, bottom] = votes.get(pair.key, (0, 0, 0))
             ties[bottom, top] = ties[top, bottom]
         by_stimuli = {frozenset((place[pair.top], place[pair.bottom])): pair.key for pair in dataset_pairs}
-        indices = choose_pairs(wins, ties, n_pairs, np.random.default_rng([seed, slot, number]))
+        n_chosen = min(n_pairs, len(dataset_pairs))  # a dataset may lack conditions
+        indices = choose_pairs(wins, ties, n_chosen, np.random.default_rng([seed, slot, number]))
         chosen.update(by_stimuli[frozenset(both)] for both in indices)
     return [pair for pair in pairs if pair.is_identical or pair.key in chosen]
 

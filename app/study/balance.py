@@ -67,6 +67,11 @@ class OrderPlan:
         """Do participants rate films one by one?"""
         return self.protocol in RATED
 
+    @property
+    def uneven(self) -> int:
+        """The largest imbalance of the design: one, which both orders show twice, the second mirroring the first."""
+        return 2 if self.repetition.both_orders else 1
+
     def order_of_slot(self, slot: int, pairs: Sequence[PlannedPair]) -> list[PlannedTrial]:
         """Return the order of these pairs that follows from seed and slot; of a group, only those that it sees."""
         if (group := self.group(slot)) is not None:
@@ -152,9 +157,7 @@ def _rules_of_each(
     foreign = sum(list(order.trials) != plan.order(order) for order in orders)
     twice = sum(n > 1 for n in Counter(order.slot for order in holding).values())
     seen = [_seen(plan, order) for order in orders]
-    runs = [longest_run([plan.pair(trial).stimuli for trial in order.trials]) for order in orders]
-    # With both orders the second half mirrors the first, so an imbalance of one may count twice.
-    once = 2 if plan.repetition.both_orders else 1
+    runs = [longest_run(_free_to_change(plan, order)) for order in orders]
     of_slots = [
         _rule("orders that do not follow from seed and slot", "each", foreign, 0),
         _rule("slots held by two participants", "each", twice, 0),
@@ -164,8 +167,13 @@ def _rules_of_each(
     return [
         *of_slots,
         _rule("surplus of trials with a stimulus as A over as B", "each", _worst(seen, _as_a), 1),
-        _rule("surplus of trials with A first over B first", "each", _worst(seen, _label_first), once),
-        _rule("surplus of trials with a stimulus first over second, by label", "each", _worst(seen, _first_as), once),
+        _rule("surplus of trials with A first over B first", "each", _worst(seen, _label_first), plan.uneven),
+        _rule(
+            "surplus of trials with a stimulus first over second, by label",
+            "each",
+            _worst(seen, _first_as),
+            plan.uneven,
+        ),
         _rule("trials in a row with the same stimulus", "each", max(runs, default=0), LONGEST_RUN),
     ]
 
@@ -201,7 +209,9 @@ def _rules_across(plan: OrderPlan, orders: Sequence[TakenOrder], group: str) -> 
     followers.update(neighbours for row in rows for neighbours in pairwise(row))
     uneven = len(williams_square(len(datasets))) // len(datasets)  # while the last block of slots is not full
     by_pair = (
-        [] if plan.is_adaptive else [_rule("spread of the four ways in which a pair is seen", group, _spread(ways), 1)]
+        []
+        if plan.is_adaptive
+        else [_rule("spread of the four ways in which a pair is seen", group, _spread(ways), plan.uneven)]
     )
     return [
         *by_pair,
@@ -234,6 +244,15 @@ def _seen(plan: OrderPlan, order: TakenOrder) -> list[_Seen]:
             a, b = (pair.top, pair.bottom) if trial.a_half == "top" else (pair.bottom, pair.top)
             seen.append(_Seen(pair.dataset, pair.key, a, b, a if trial.first_shown == "a" else b))
     return seen
+
+
+def _free_to_change(plan: OrderPlan, order: TakenOrder) -> list[frozenset[int]]:
+    """Return the stimuli of each trial, without datasets of two conditions, whose pair is in every trial."""
+    shown = [plan.pair(trial) for trial in order.trials]
+    seen: dict[int, set[int]] = {}
+    for pair in shown:
+        seen.setdefault(pair.dataset, set()).update(pair.stimuli)
+    return [pair.stimuli for pair in shown if len(seen[pair.dataset]) > 2]
 
 
 Surplus = Callable[[_Seen], Iterable[tuple[Hashable, int]]]

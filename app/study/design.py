@@ -157,6 +157,8 @@ def shuffle_pairs(
             left.remove(order[-1])
         else:
             return order[len(before) :]
+        if len(order) == len(before):  # no pair may come first, whatever is drawn
+            break
     return [pairs[index] for index in rng.permutation(len(pairs))]
 
 

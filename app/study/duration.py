@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from app.study.acuity import AcuityTest
 from app.study.options import StudyOptions
+from app.study.recruiting import OutsideOptions
 from app.study.screening import ScreeningOptions, colour_setup, n_items
 from app.study.stages import INTERVIEW, INTRODUCTION, PRACTICE, SCREENING, TRIAL
 
@@ -41,7 +42,7 @@ def stage_minutes(options: StudyOptions, n_trials: int, exposure_s: float) -> di
         PRACTICE: PRACTICE_PAGES_S + trials_s(options.n_practice, exposure_s),
         TRIAL: trials_s(n_trials, exposure_s) + n_breaks(n_trials, options.break_every) * max(BREAK_S, options.break_s),
         INTERVIEW: sum(ANSWER_S[question.kind] for question in options.questions)
-        + SPOKEN_ANSWER_S * len(options.spoken_questions),
+        + SPOKEN_ANSWER_S * len(_asked_aloud(options)),
     }
     return {stage: round(seconds[stage] / 60, 2) for stage in options.way if stage in seconds}
 
@@ -56,6 +57,11 @@ def n_breaks(n_trials: int, break_every: int) -> int:
     if break_every == 0:
         return 0
     return max(0, n_trials - FEWEST_AFTER_BREAK) // break_every
+
+
+def _asked_aloud(options: StudyOptions) -> tuple[str, ...]:
+    """Return the spoken questions; none where people come from a recruiting platform, as nobody is there to ask."""
+    return options.spoken_questions if options.outside == OutsideOptions() else ()
 
 
 def _screening_s(screening: ScreeningOptions) -> float:

@@ -33,6 +33,7 @@ const MESSAGE_AT_THE_DOOR = new Map([[404, "unknown"], [410, "used"], [409, "use
 
 const nInstructions = page.querySelectorAll("[data-view^=instructions-]").length;
 const breakEvery = Number(page.dataset.breakEvery); // trials; 0: never
+const leastBreak_s = Number(page.dataset.breakS);
 const code = page.dataset.code ?? "";
 const outside = JSON.parse(page.dataset.outside ?? "{}"); // of a recruiting platform's link
 const beginKey = ["begin", code, ...Object.values(outside).slice(0, 1)].join(" "); // another id is another person
@@ -54,6 +55,7 @@ let agreedText = ""; // digest of the consent's text that was agreed to before t
 let ending = null; // of the session
 let lighterKey = ""; // under which the browser remembers that the session's films are those for slow lines
 let consentKey = ""; // under which the tab remembers the digest of the consent's text that was agreed to
+let breakKey = ""; // under which the browser remembers the answers before the last break, and when one may go on
 let isUnderWay = false; // see `guarded`
 let stopClock = () => {}; // of a break
 
@@ -164,7 +166,7 @@ async function goOn(before) {
   }
   const session = await patiently(readSession); // counts the votes that were still in this browser
   tellSession(session);
-  trials.lastBreak = session.progress.done;
+  trials.lastBreak = restOfBreak(session.progress.done) ? 0 : session.progress.done;
   if (session.stage !== "trial") await goTo(session);
   else if (session.was_away_long) showInstructions(1);
   else show("resume");
@@ -358,7 +360,21 @@ async function runTrials() {
     return;
   }
   show(end);
-  if (end === "break") stopClock = startBreak(viewOf(end), Number(page.dataset.breakS));
+  if (end === "break") takeBreak(trials.lastBreak);
+}
+
+/** Starts a break's clock, or goes on with that of a break during which the page was left. @param {number} answered */
+function takeBreak(answered) {
+  const rest_s = restOfBreak(answered);
+  if (!rest_s) inBrowser.set(breakKey, `${answered} ${Date.now() + 1000 * leastBreak_s}`);
+  stopClock = startBreak(viewOf("break"), rest_s || leastBreak_s);
+}
+
+/** @param {number} answered trials @returns {number} seconds until one may go on; 0: no such break goes on */
+function restOfBreak(answered) {
+  const [before, until] = (inBrowser.get(breakKey) ?? "").split(" ").map(Number);
+  if (before !== answered || !until) return 0;
+  return Math.min(leastBreak_s, Math.max(0, Math.ceil((until - Date.now()) / 1000))); // clocks may be set
 }
 
 /** @param {string} view the last one */
@@ -471,6 +487,7 @@ async function enterSession(session) {
   pageKey = `instructions of ${session.session}`;
   consentKey = `consent of ${session.session}`;
   lighterKey = `films for slow lines of ${session.session}`;
+  breakKey = `break of ${session.session}`;
   if (inBrowser.get(lighterKey)) trials.lighten();
   if (agreedText) inTab.set(consentKey, agreedText);
   if (questionnaire) restoreDraft(questionnaire, session.session);

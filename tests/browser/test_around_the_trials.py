@@ -338,6 +338,28 @@ def test_a_break_is_grey_and_its_clock_says_when_to_go_on(
     expect(page.locator("#trial .left")).to_have_text(re.compile("^about [0-9]+ min left$"))
 
 
+def test_a_break_cannot_be_cut_short_by_leaving_the_page(
+    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
+) -> None:
+    page.clock.install()
+    options = {"both_orders": True, "identical_pairs": 1, "break_every": 1, "break_s": 90}
+    visitor.begin(new_study(short_films, 0.1, parse_options(options)))
+    visitor.votes("2")
+    visitor.sees("break")
+    page.clock.fast_forward(60_000)
+    page.reload()
+    visitor.sees("resume")
+    page.keyboard.press("Enter")
+    visitor.sees("break")
+    expect(page.locator("[data-view=break]")).to_contain_text(re.compile("You can go on in 0:[0-3]"))
+    expect(page.locator("#after-break")).to_be_disabled()
+    page.clock.fast_forward(30_000)
+    page.reload()  # the break is over: none is offered again
+    visitor.sees("resume")
+    page.keyboard.press("Enter")
+    visitor.is_in("voting")
+
+
 def test_a_pair_that_comes_again_keeps_its_number_and_a_pair_of_the_practice_says_so(
     new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
 ) -> None:

@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 FEWEST_SHARED = 3  # items that are both rated and compared; a line through two says nothing
 STEEPEST = 50.0  # log-odds per standard deviation of the ratings; beyond it the slope grows without limit
 CERTAIN = -0.01  # log-likelihood of all votes; above it they all follow the ratings, and the slope grows without limit
+STILL = 1e-6  # of a direction whose largest step is 1
 TOLERANCE = 1e-6  # of the gradient, per observation
 MOST_ITERATIONS = 500
 
@@ -73,7 +74,8 @@ def align(table: RatingTable, votes: VotesTable) -> dict[str, list[dict[str, Any
     Returns
     -------
     dict, `alignment_items` (`quality` on the rating scale; `score` in log-odds, with mean 0 in each dataset) and
-    `alignment`, a single row. Without items in common, or without a maximum, there are no items, and the row's `status`
+    `alignment`, a single row; its `left_out` names items that nobody rated and that votes place nowhere, as they all go
+    one way. Without items in common, or without a maximum, there are no items, and the row's `status`
     says why.
 
     Source
@@ -81,7 +83,7 @@ def align(table: RatingTable, votes: VotesTable) -> dict[str, list[dict[str, Any
     Perez-Ortiz, Mikhailiuk, Zerman, Hulusic, Valenzise and Mantiuk (2020), "From Pairwise Comparisons and Rating to a
     Unified Quality Scale", with the Bradley-Terry-Davidson model in place of Thurstone's.
     """
-    seen = _observations(table, votes)
+    seen, left_out = _placed_observations(table, votes)
     compared = np.unique(seen.difference.indices)
     n_shared = len(np.intersect1d(np.unique(seen.rated), compared))
     row: dict[str, Any] = {
@@ -90,6 +92,7 @@ def align(table: RatingTable, votes: VotesTable) -> dict[str, list[dict[str, Any
         "n_ratings": len(seen.rating),
         "n_votes": int(seen.count.sum()),
         "n_participants": seen.n_participants or None,
+        "left_out": ", ".join(f"{condition} of {dataset}" for dataset, condition in left_out) or None,
         **dict.fromkeys(("slope", "slope_low", "slope_high", "rating_noise", "log_nu", "loglik")),
     }
     if n_shared < FEWEST_SHARED:
@@ -165,6 +168,23 @@ def _observations(table: RatingTable, votes: VotesTable) -> Observations:
         voter=voter,
         n_participants=len(people) if votes.has_participants else 0,
     )
+
+
+def _placed_observations(table: RatingTable, votes: VotesTable) -> tuple[Observations, list[tuple[str, str]]]:
+    """Return what was seen of the items that have a place, and the others.
+
+    Where votes on an item that nobody rated all go one way, the likelihood rises as it moves away without end, towards
+    that of the other votes: leaving the item out changes no other estimate.
+    """
+    seen, left_out = _observations(table, votes), list[tuple[str, str]]()
+    while nowhere := _items_without_place(seen):
+        left_out += nowhere
+        is_gone = np.zeros((len(votes.datasets), len(votes.items)), bool)
+        for dataset, item in nowhere:
+            is_gone[votes.datasets.index(dataset), votes.items.index(item)] = True
+        votes = votes.where(~(is_gone[votes.dataset, votes.item_a] | is_gone[votes.dataset, votes.item_b]))
+        seen = _observations(table, votes)
+    return seen, left_out
 
 
 @dataclass(frozen=True)
@@ -259,8 +279,6 @@ def _fit(seen: Observations) -> _Fit | None:
     centre, unit = float(seen.rating.mean()), float(seen.rating.std()) or 1.0
     counts = [seen.count * (seen.choice == choice) for choice in (A, B, NONE)]
     likelihood = _Likelihood(seen, (seen.rating - centre) / unit, *counts)
-    if not _are_places_finite(likelihood):
-        return None
     start = _start(seen, likelihood)
     n, n_observations = len(seen.items), len(seen.rating) + seen.count.sum()
 
@@ -299,24 +317,28 @@ def _fit(seen: Observations) -> _Fit | None:
     return _Fit(theta, scaled, n, seen.n_participants or None, loglik)
 
 
-def _are_places_finite(likelihood: _Likelihood) -> bool:
-    """Do votes go both ways between the rated items and those that were only compared? Else these lie anywhere."""
-    seen, n = likelihood.seen, len(likelihood.seen.items)
+def _items_without_place(seen: Observations) -> list[tuple[str, str]]:
+    """Return items that were only compared, and between which and the others votes do not go both ways."""
+    n = len(seen.items)
     unrated = np.flatnonzero(~np.isin(np.arange(n), seen.rated))
     if not len(unrated):
-        return True
+        return []
     codes = seen.difference.indices.reshape(-1, 2) @ np.array([n, 1])
     _, first, pair = np.unique(codes, return_index=True, return_inverse=True)
+    votes_a, votes_b, tied = (seen.count * (seen.choice == choice) for choice in (A, B, NONE))
     is_turned = seen.difference.data[::2] < 0
-    sides = np.where(is_turned, [likelihood.losses, likelihood.wins], [likelihood.wins, likelihood.losses])
-    wins, losses, ties = (np.bincount(pair, votes).astype(np.float64) for votes in (*sides, likelihood.ties))
+    sides = np.where(is_turned, [votes_b, votes_a], [votes_a, votes_b])
+    wins, losses, ties = (np.bincount(pair, votes).astype(np.float64) for votes in (*sides, tied))
     low, high = np.divmod(codes[first], n)
-    n_pairs, has_ties = len(first), int(likelihood.has_ties)
+    n_pairs, has_ties = len(first), int(tied.any())
     of_pairs = seen.difference[first][:, unrated] * np.where(is_turned, -1.0, 1.0)[first][:, None]
     effects = csr_array(hstack([of_pairs, csr_array((n_pairs, has_ties))]))
     to_ties = csr_array(hstack([csr_array(of_pairs.shape), csr_array(np.ones((n_pairs, has_ties)))]))
     counts = PairCounts(n, low, high, wins, losses, ties)
-    return recession(counts, effects, to_ties if has_ties else None, n_scores=0)[1] is None
+    direction = recession(counts, effects, to_ties if has_ties else None, n_scores=0)[1]
+    if direction is None:
+        return []
+    return [seen.items[index] for index in unrated[np.abs(direction[: len(unrated)]) > STILL]]
 
 
 def _start(seen: Observations, likelihood: _Likelihood) -> Array:

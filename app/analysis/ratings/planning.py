@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.stats import nct, t
+from scipy.stats import ncf, t
 
 from app.analysis.contrasts import SIGNIFICANT
 from app.analysis.power import WANTED_POWER, StudySize
@@ -77,7 +77,7 @@ def rating_power(plan: RatingPlan, effect: float) -> float:
     """
     df, shift = plan.participants - 1, effect / plan.difference_se
     limit = float(t.ppf(1 - SIGNIFICANT / 2, df))
-    return float(nct.sf(limit, df, shift) + nct.cdf(-limit, df, shift))
+    return float(ncf.sf(limit**2, 1, df, shift**2))  # of T squared, as the tails of scipy's nct may be NaN
 
 
 def detectable_difference(plan: RatingPlan) -> float:

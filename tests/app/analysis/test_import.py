@@ -203,3 +203,15 @@ def test_formulas_are_disarmed_in_tables_and_read_back_as_they_were(tmp_path: Pa
         assert table_csv([{"item_a": f"{mark}1"}], ()).partition("item_a\n")[2].lstrip('"').startswith(f"'{mark}1")
     path = write(tmp_path, "v.csv", "participant,dataset,item_a,item_b,choice\np,d,'=cmd,'-3 dB,a\n")
     assert read_votes(path).items == ("=cmd", "-3 dB")
+
+
+def test_sides_are_said_to_be_meant_where_items_are_named_like_them(tmp_path: Path) -> None:
+    header = "participant,dataset,item_a,item_b,choice\n"
+    sides = "choice a is item_a and b is item_b, although items are named a and b, too"
+    for rows, is_said in (
+        ("p1,d,a,b,a\np1,d,b,a,a\n", True),
+        ("p1,d,a,b,a\np1,d,b,a,none\n", False),  # both readings say the same
+        ("p1,d,b,a,a\np1,d,x,y,a\n", False),  # no names: a is none of x and y
+    ):
+        path = write(tmp_path, "votes.csv", header + rows)
+        assert any(sides in sentence for sentence in understand_votes([path])[1]) == is_said

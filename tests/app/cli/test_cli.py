@@ -506,6 +506,13 @@ def test_a_reference_that_is_not_there_is_named(command: Command, stimuli: Path)
     assert "the reference 'truth' is not among them" in told.err
 
 
+@pytest.mark.parametrize("exposure", ["nan", "-3", "inf"])
+def test_a_plan_is_made_for_films_of_a_possible_length_only(command: Command, exposure: str) -> None:
+    told = command("plan", "--conditions", 2, "--datasets", 1, "--participants", 9, "--exposure", exposure)
+    assert told.code == 2
+    assert "expected 0.1 to 3600 seconds" in " ".join(told.err.replace("│", " ").split())
+
+
 @pytest.mark.slow
 def test_films_are_rated_where_the_protocol_says_so_and_planned_in_grades(command: Command, stimuli: Path) -> None:
     refused = command("study", "create", stimuli, "--name", "Rated", "--protocol", "DCR")

@@ -14,10 +14,11 @@ from app.store.invitations import Invitation
 from app.store.orders import study_plan, taken_orders
 from app.store.sessions import complete_stage, session_by_token, withdraw
 from app.store.studies import study_by_id
-from app.store.tables import assignment, participant, study
+from app.store.tables import assignment, participant, session, study
 from app.store.trials import mark_served, next_trials
 from app.store.vote_records import Vote
 from app.study.balance import TakenOrder, balance_report
+from app.study.stages import SCREENED_OUT
 from tests.app.store.voting import Participant, keep_vote
 from tests.seeded_studies import begin_session
 
@@ -94,6 +95,16 @@ def test_the_slot_of_who_withdraws_is_given_out_at_once(
     begin_session(database, invite(None), now)
     begin_session(database, invite(None), now)
     assert holders(database, study_id, now) == {0: "P001", 1: "P004", 2: "P003", 3: "P005"}
+
+
+def test_the_slot_of_who_is_screened_out_is_given_out_at_once(
+    database: Database, study_id: int, invite: MakeInvitation, now: datetime
+) -> None:
+    begin_session(database, invite(None), now)
+    with database.writing() as connection:
+        connection.execute(update(session).values(stage=SCREENED_OUT))
+    begin_session(database, invite(None), now)
+    assert holders(database, study_id, now) == {0: "P002"}
 
 
 def test_a_study_says_itself_after_how_many_hours_a_slot_is_abandoned(

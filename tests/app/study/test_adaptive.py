@@ -134,3 +134,10 @@ def test_votes_for_the_top_are_not_taken_for_votes_for_the_bottom() -> None:
 def test_a_study_that_cannot_be_adaptive_is_refused(n_pairs: int, n_conditions: int, why: str) -> None:
     with pytest.raises(ValueError, match=why):
         check_adaptive(n_pairs, n_conditions)
+
+
+def test_a_dataset_with_fewer_pairs_than_asked_for_shows_all_of_them() -> None:
+    small = [PlannedPair(key, 1, *both) for key, both in enumerate(combinations(range(3), 2))]
+    large = [PlannedPair(10 + key, 2, *both) for key, both in enumerate(combinations(range(10, 25), 2))]
+    chosen = adaptive_pairs([*small, *large], {}, 20, seed=1, slot=0)
+    assert Counter(pair.dataset for pair in chosen) == {1: 3, 2: 20}

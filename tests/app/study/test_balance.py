@@ -52,6 +52,19 @@ def test_the_designs_own_orders_break_no_rule(n: int, n_stimuli: int, n_people: 
     assert report["ok"]
 
 
+def test_both_orders_are_even_after_any_number_of_participants() -> None:
+    for seed in range(20):
+        plan = replace(plan_of(1, 4, Repetition(both_orders=True)), seed=seed)
+        orders = [taken(plan, slot) for slot in range(4)]
+        for n_people in (1, 2, 3, 4):
+            assert failing(plan, orders[:n_people]) == set(), (seed, n_people)
+
+
+def test_trials_of_two_conditions_cannot_help_holding_both() -> None:
+    plan = plan_of(2, 2, Repetition(both_orders=True, repeated_pairs=1))
+    assert failing(plan, [taken(plan, slot) for slot in range(4)]) == set()
+
+
 def edited(order: TakenOrder, **changes: Any) -> TakenOrder:
     first, *others = order.trials
     return replace(order, trials=[replace(first, **changes), *others])

@@ -40,6 +40,14 @@ def test_more_to_do_takes_longer() -> None:
     assert [stage for stage in longer if longer[stage] <= shorter[stage]] == ["interview"], "one question, not three"
 
 
+@pytest.mark.parametrize("outside", [{"id": "PROLIFIC_PID"}, {"code": "C1A2"}, {"random_codes": True}])
+def test_spoken_questions_take_no_time_of_people_from_a_platform(outside: dict[str, object]) -> None:
+    here = {"optional_stages": ["interview"]}
+    silent = stage_minutes(parse_options(here | {"spoken_questions": []}), 10, 5.0)
+    assert stage_minutes(parse_options(here), 10, 5.0)["interview"] == pytest.approx(silent["interview"] + 2.25)
+    assert stage_minutes(parse_options(here | {"outside": outside}), 10, 5.0) == silent
+
+
 @pytest.mark.parametrize(("n_trials", "break_every", "expected"), [(75, 25, 2), (75, 0, 0), (29, 25, 0), (30, 25, 1)])
 def test_no_break_is_offered_shortly_before_the_end(n_trials: int, break_every: int, expected: int) -> None:
     assert n_breaks(n_trials, break_every) == expected

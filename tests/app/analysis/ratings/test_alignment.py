@@ -130,7 +130,7 @@ def test_votes_that_all_follow_the_ratings_have_no_maximum() -> None:
 
 
 @pytest.mark.parametrize("tie_rate", [0.0, 0.3])
-def test_an_item_that_nobody_rated_and_that_loses_every_vote_has_no_maximum(tie_rate: float) -> None:
+def test_an_item_that_nobody_rated_and_that_loses_every_vote_is_left_out(tie_rate: float) -> None:
     rng = np.random.default_rng(1)
     person, item = np.divmod(np.arange(48), 4)
     table = rating_table(person, item, 2 + item / 2 + rng.normal(0, 0.5, 48), scale=(-20.0, 30.0))
@@ -139,8 +139,11 @@ def test_an_item_that_nobody_rated_and_that_loses_every_vote_has_no_maximum(tie_
     choice = np.where(rng.random(120) < tie_rate, 2, rng.random(120) < 0.6)
     names = ([f"p{i}" for i in range(12)], ["d0"], [f"c{i}" for i in range(5)])
     mixed, loses = (votes_from_indices(voter, 0 * a, a, b, kind, names=names) for kind in (choice, (b < 4) * choice))
-    assert align(table, mixed)["alignment"][0]["status"] == "ok"
-    assert align(table, loses)["alignment"][0]["status"] == "no maximum"
+    assert align(table, mixed)["alignment"][0]["left_out"] is None
+    tables, without = align(table, loses), align(table, loses.where(b < 4))
+    assert tables["alignment"][0] == without["alignment"][0] | {"left_out": "c4 of d0"}
+    assert tables["alignment"][0]["status"] == "ok"
+    assert tables["alignment_items"] == without["alignment_items"]
 
 
 def test_a_slope_that_grows_without_limit_is_no_maximum_and_no_overflow() -> None:

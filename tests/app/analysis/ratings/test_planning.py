@@ -35,3 +35,13 @@ def test_numbers_that_make_no_study_are_named() -> None:
         RatingPlan(6, 3, 12, 0)
     with pytest.raises(ValueError, match="effect is -1"):
         plan_ratings(PLAN, -1)
+
+
+def test_power_rises_to_one_with_the_effect_for_few_and_for_many() -> None:
+    for participants in (2, 3, 5, 10, 100, 1000):
+        plan = RatingPlan(2, 1, participants, 0.7)
+        powers = np.array([rating_power(plan, float(effect)) for effect in np.geomspace(1e-3, 1e4, 150)])
+        assert powers[0] == pytest.approx(0.05, abs=1e-3)
+        assert powers[-1] == pytest.approx(1)
+        assert (np.diff(powers) > -1e-9).all()
+        assert rating_power(plan, detectable_difference(plan)) == pytest.approx(0.8, abs=1e-3)
