@@ -84,6 +84,7 @@ def monotones(values: Array, scores: Array, signs: Array) -> Array:
     starts = np.flatnonzero(np.diff(values[order], prepend=-np.inf) > 0)
     sizes = np.diff(starts, append=len(values))
     centred = signs[:, None] * (scores - scores.mean(axis=1, keepdims=True))[:, order]
+    centred /= np.abs(centred).max()  # else the squares of tiny scores are 0
     groups = np.add.reduceat(centred, starts, axis=1)  # (P, G), sums over items of equal value
     fitted = np.full(groups.shape, -np.inf)
     for start in range(len(starts)):
