@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from itertools import count
+from itertools import chain, count
 from typing import Any
 
 from app.analysis.votes_table import ALL
@@ -78,11 +78,9 @@ def names_by_file(rows: Iterable[Mapping[str, Any]], column: str) -> dict[str, s
     names: dict[str, str] = {}
     taken: set[str] = set()  # in small letters, which some file systems do not tell from capitals
     for name in dict.fromkeys(row[column] for row in rows):
-        plain = file = "".join(character if character.isalnum() else "_" for character in name)
-        for number in count(2):
-            if file.casefold() not in taken:
-                break
-            file = f"{plain}_{number}"
+        plain = "".join(character if character.isalnum() else "_" for character in name)
+        candidates = chain([plain], (f"{plain}_{number}" for number in count(2)))
+        file = next(candidate for candidate in candidates if candidate.casefold() not in taken)
         taken.add(file.casefold())
         names[file] = name
     return names

@@ -316,14 +316,19 @@ def test_a_break_is_offered_as_often_as_the_study_says(
     visitor.is_in("voting")
 
 
-def test_a_break_is_grey_and_its_clock_says_when_to_go_on(
-    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
-) -> None:
-    page.clock.install()
+def comes_to_a_break_of_90_s(new_study: NewStudy, short_films: Path, visitor: Visitor) -> None:
+    """On a clock that the test turns."""
+    visitor.page.clock.install()
     options = {"both_orders": True, "identical_pairs": 1, "break_every": 1, "break_s": 90}
     visitor.begin(new_study(short_films, 0.1, parse_options(options)))
     visitor.votes("2")
     visitor.sees("break")
+
+
+def test_a_break_is_grey_and_its_clock_says_when_to_go_on(
+    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
+) -> None:
+    comes_to_a_break_of_90_s(new_study, short_films, visitor)
     assert (visitor.looks()[[0, 300, -1], [0, 20, -1]] == 128).all(), "no bright page between two films"
     page.clock.fast_forward(60_000)
     view = page.locator("[data-view=break]")
@@ -341,11 +346,7 @@ def test_a_break_is_grey_and_its_clock_says_when_to_go_on(
 def test_a_break_cannot_be_cut_short_by_leaving_the_page(
     new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
 ) -> None:
-    page.clock.install()
-    options = {"both_orders": True, "identical_pairs": 1, "break_every": 1, "break_s": 90}
-    visitor.begin(new_study(short_films, 0.1, parse_options(options)))
-    visitor.votes("2")
-    visitor.sees("break")
+    comes_to_a_break_of_90_s(new_study, short_films, visitor)
     page.clock.fast_forward(60_000)
     page.reload()
     visitor.sees("resume")
