@@ -24,7 +24,8 @@ settings.load_profile("no deadline")
 ROOT = Path(__file__).parent.parent
 NUMBERS = count(1)
 BROWSER_TIMEOUT_MS = 60_000
-BROWSER_OPTIONS = ("--no-sandbox", "--disable-gpu")
+# Each window would draw pages of the browser's own besides, which takes more than ours.
+BROWSER_OPTIONS = ("--no-sandbox", "--disable-gpu", "--disable-features=WebUIOmniboxPopup,WebUIOmniboxAimPopup")
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,6 @@ must be in the database in the end, once, whatever happened in between.
 from __future__ import annotations
 
 import asyncio
-import shutil
 from collections import Counter
 from collections.abc import Sequence, Set
 from contextlib import suppress
@@ -21,6 +20,7 @@ from sqlalchemy import select
 
 from app.store.engine import open_database
 from app.store.tables import trial, vote
+from tests.conftest import BROWSER_OPTIONS, browser_path
 from tests.seeded_studies import Voter
 from tests.study_server import ROOT, StudyServer
 
@@ -85,8 +85,7 @@ async def vote_in_chaos(server: StudyServer, voters: Sequence[Voter], rng: Rando
     """Let voters vote on all their trials while tabs, connections and the server die; then let every outbox empty."""
     seen, places = Seen(), asyncio.Semaphore(at_once)
     async with async_playwright() as playwright:
-        chromium = shutil.which("chromium") or shutil.which("chromium-browser")
-        browser = await playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
+        browser = await playwright.chromium.launch(executable_path=browser_path(), args=BROWSER_OPTIONS)
 
         async def sit_down(voter: Voter) -> None:
             async with places:

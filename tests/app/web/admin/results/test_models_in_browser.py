@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from base64 import b64decode
 from collections.abc import Callable, Iterator
 from itertools import count
@@ -19,6 +18,7 @@ from app.operations import manage
 from app.settings import Settings
 from tests.app.web.admin import small_models
 from tests.app.web.admin.dashboard_client import files_of, sign_in, zipped
+from tests.conftest import BROWSER_OPTIONS, browser_path
 
 pytestmark = [
     pytest.mark.browser,
@@ -44,16 +44,10 @@ def packages() -> None:
 def graphics(browser: Browser, request: pytest.FixtureRequest) -> Iterator[Browser]:
     """The same Chromium with WebGL, drawn without a graphics card."""
     request.getfixturevalue("packages")
-    arguments = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-    drawing = browser.browser_type.launch(executable_path=chromium(), args=arguments)
+    arguments = [*BROWSER_OPTIONS, "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    drawing = browser.browser_type.launch(executable_path=browser_path(), args=arguments)
     yield drawing
     drawing.close()
-
-
-def chromium() -> str:
-    found = shutil.which("chromium") or shutil.which("chromium-browser")
-    assert found is not None
-    return found
 
 
 @pytest.fixture(scope="module")
@@ -199,7 +193,7 @@ def test_a_model_that_cannot_be_loaded_is_told_in_its_place_and_asked_for_again(
 
 @pytest.mark.usefixtures("packages")
 def test_a_browser_without_webgl_says_so(browser: Browser, server: str, settings: Settings, path: str) -> None:
-    without = browser.browser_type.launch(executable_path=chromium(), args=["--no-sandbox", "--disable-3d-apis"])
+    without = browser.browser_type.launch(executable_path=browser_path(), args=[*BROWSER_OPTIONS, "--disable-3d-apis"])
     page = without.new_page(base_url=server)
     sign_in(page, settings)
     page.goto(path)
