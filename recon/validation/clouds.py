@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,6 +19,7 @@ from recon.models.shape import GLTF_SUFFIXES, SHAPE_SUFFIXES, read_model_shape
 MIN_POINTS = 50
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "in": 25.4, "m": 1000.0}
 TEXT_SUFFIXES = (".xyz", ".txt", ".asc", ".csv", ".pts")
+DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+(e[-+]?\d+)?", re.IGNORECASE)
 MAX_DISTANCE = 1e5  # times the length that is fitted; float32 then still resolves a hundredth of that length
 
 
@@ -154,12 +157,34 @@ def with_fitting_unit(
 def _read_text(path: Path) -> NDArray[np.float64]:
     if not path.is_file():
         raise ValueError(f"{path}: there is no such file")
-    lines = path.read_text(encoding="utf-8", errors="replace").replace(",", " ").splitlines()
-    rows = [line.split()[:3] for line in lines if line.strip() and not line.lstrip().startswith(("#", "//"))]
-    try:
-        points = np.array([[float(value) for value in row] for row in rows])
-    except ValueError as error:
-        raise ValueError(f"{path}: is not text with numbers x y z on each line: {error}") from error
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise ValueError(f"{path}: expected numbers x y z on each line, found {points.shape[0]} lines that differ")
+    lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+    told = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and not _is_note(line)]
+    if path.suffix.lower() == ".pts" and told and told[0][1].strip().isdecimal():
+        n_points, told = int(told[0][1]), told[1:]
+        if n_points != len(told):
+            raise ValueError(f"{path}: its first line promises {n_points} points, {len(told)} follow; is it cut off?")
+    points = np.array([_numbers(path, number, line) for number, line in told])
+    if not len(points):
+        raise ValueError(f"{path}: holds no points")
     return points
+
+
+def _is_note(line: str) -> bool:
+    return line.lstrip().startswith(("#", "//"))
+
+
+def _numbers(path: Path, number: int, line: str) -> list[float]:
+    """Read x, y and z of a line; a ValueError names the line that does not begin with them."""
+    words = line.split()
+    if len(words) >= 3 and any(DECIMAL_COMMA.fullmatch(word) for word in words[:3]):
+        raise ValueError(f"{path}: line {number} is {line!r:.60}, with decimal commas; write decimal points instead")
+    try:
+        x, y, z = (float(word) for word in line.replace(",", " ").split()[:3])
+    except ValueError:
+        x = y = z = math.nan
+    if not all(map(math.isfinite, (x, y, z))):
+        raise ValueError(
+            f"{path}: line {number} is {line!r:.60}, expected finite numbers x y z, parted by spaces or commas; "
+            "remove such lines, or put # before those that are notes"
+        )
+    return [x, y, z]
