@@ -17,8 +17,9 @@ from app.cli import analysis, experiments, languages, server, studies
 from app.errors import StudyError
 from app.operations.extras import missing_extra
 from recon.cli.main import app as recon_app
+from recon.cli.options import LocalPathsGroup
 
-app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
+app = typer.Typer(cls=LocalPathsGroup, no_args_is_help=True, pretty_exceptions_enable=False)
 for part in (recon_app, experiments.app, studies.app, languages.app, server.app, analysis.app):
     app.add_typer(part)
 

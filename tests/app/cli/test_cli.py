@@ -124,6 +124,33 @@ def test_wrong_use_ends_with_2(command: Command, tmp_path: Path) -> None:
     assert "'1,nan,3' is not a position" in told.err
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("export", "MESH", "s3://bucket/a b/0000.glb"),
+        ("export", "https://host:80/0000.ply", "OUT"),
+        ("capture", "check", "file:///recordings/ball"),
+        ("validate", "cuboid", "MESH", "memory://box.ply", "--size", "1x1x1", "-o", "OUT"),
+        ("validate", "mesh", "MESH", "--truth", "MESH", "-o", "s3://bucket/report"),
+    ],
+)
+def test_a_url_is_refused_where_paths_of_this_machine_are_expected(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = command(*words)
+    url = next(word for word in words if "://" in word).replace(":///", "://")
+    assert outcome.code == 2
+    assert f"{url} is a URL; expected a file or folder of this machine" in outcome.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_command_that_takes_urls_still_does(command: Command, tmp_path: Path) -> None:
+    outcome = command("reconstruct", "memory://nothing", "-o", tmp_path / "run")
+    assert outcome.code == 1
+    assert "memory://nothing/capture.json: there is no such file" in outcome.err
+
+
 def test_memory_that_is_not_enough_is_told_in_a_sentence(
     command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
