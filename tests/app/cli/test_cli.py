@@ -16,6 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from fsspec.implementations.memory import MemoryFileSystem
 from numpy.typing import NDArray
 
 from recon.render.video import write_video
@@ -122,6 +123,18 @@ def test_wrong_use_ends_with_2(command: Command, tmp_path: Path) -> None:
     told = command("validate", "sphere", tmp_path, "--radius", 150, "-o", tmp_path / "r", "--viewpoint", "1,nan,3")
     assert told.code == 2
     assert "'1,nan,3' is not a position" in told.err
+
+
+def test_what_is_wrong_behind_a_url_is_named_by_it(command: Command, capture: Path, tmp_path: Path) -> None:
+    store = MemoryFileSystem()
+    store.put(str(capture), "/half", recursive=True)
+    store.rm("/half/S1/left/0000.png")
+    outcome = command("reconstruct", "memory://half", "-o", tmp_path / "run")
+    assert "reconstudy: memory://half/S1/left/0000.png: there is no such file" in outcome.err
+    store.pipe("/half/S1/left/0000.png", b"<html>")
+    outcome = command("reconstruct", "memory://half", "-o", tmp_path / "run")
+    assert "`reconstudy capture segment FOLDER` on a copy of it here makes masks" in outcome.err
+    assert "reconstudy: memory://half/S1/left/0000.png: is not readable as an image" in outcome.err
 
 
 @pytest.mark.parametrize(
