@@ -17,8 +17,10 @@ from app.cli import analysis, experiments, languages, server, studies
 from app.errors import StudyError
 from app.operations.extras import missing_extra
 from recon.cli.main import app as recon_app
+from recon.cli.options import LocalPathsGroup
+from recon.storage.remote import with_addresses
 
-app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
+app = typer.Typer(cls=LocalPathsGroup, no_args_is_help=True, pretty_exceptions_enable=False)
 for part in (recon_app, experiments.app, studies.app, languages.app, server.app, analysis.app):
     app.add_typer(part)
 
@@ -61,7 +63,7 @@ def main() -> None:
 def _sentence(error: Exception) -> str:
     """Say what failed; of the system's errors without their number, and with what is in the way."""
     if not isinstance(error, OSError) or not isinstance(error.filename, str) or error.strerror is None:
-        return str(error)
+        return with_addresses(str(error))
     path = Path(error.filename2 or error.filename)  # the second: where a temporary file was to go
     if isinstance(error, PermissionError):
         while not os.path.exists(path) and path != path.parent:  # noqa: PTH110  # Path.exists raises this error again

@@ -20,6 +20,9 @@ SPENT = sys.maxsize  # a decoder's next frame after a failure: every later call 
 MAX_OPEN_VIDEOS = 64  # decoders kept open per process: 32 sensors
 JPEG_END = b"\xff\xd9"  # OpenCV fills what is missing of a cut-off JPEG with grey
 JPEG_SCAN = b"\xff\xda"
+PNG_START = b"\x89PNG"
+PNG_DEPTH = 24  # the byte that holds the bits of a channel
+SENSOR_BITS = 12  # that cameras give; some programs write them into the lower bits of 16
 
 
 class CaptureError(ValueError):
@@ -34,9 +37,15 @@ def is_video(path: str | Path) -> bool:
 def read_image(path: Path) -> NDArray[np.uint8]:
     """Read a PNG or JPEG as RGB uint8 (H, W, 3), as the camera stored it: an EXIF orientation is not applied.
 
-    A CaptureError says that the file is missing, is not an image, or is cut off.
+    Of 16 bits, the upper 8 are taken.
+
+    A CaptureError says that the file is missing, is not an image, or is cut off; or that it has 16 bits with values of
+    12 or fewer, of which the upper 8 show next to nothing.
     """
-    return np.asarray(_decoded(path, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION), np.uint8)
+    content = _image_bytes(path)
+    if content[:PNG_DEPTH].tobytes().startswith(PNG_START) and content[PNG_DEPTH : PNG_DEPTH + 1] == 16:
+        _check_upper_bits(path, _pixels(path, content, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR))
+    return np.asarray(_pixels(path, content, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION), np.uint8)
 
 
 def read_stored_image(path: Path) -> NDArray[np.generic]:
@@ -136,8 +145,21 @@ def _open_video(path: Path, _changed_ns: int, _n_bytes: int, _process: int) -> _
     return _Video(path)  # keyed by the process too: a forked decoder shares its file position with its parent
 
 
+def _check_upper_bits(path: Path, pixels: NDArray[np.generic]) -> None:
+    brightest = int(np.max(pixels))
+    if 0 < brightest < 2**SENSOR_BITS:
+        raise CaptureError(
+            f"{path}: has 16 bits, but no value above {brightest}, and would be taken for black; write the camera's "
+            "pictures with 8 bits, or spread their values over all 16, all pictures alike"
+        )
+
+
 def _decoded(path: Path, flags: int) -> NDArray[np.generic]:
-    pixels = cv2.imdecode(_image_bytes(path), flags)
+    return _pixels(path, _image_bytes(path), flags)
+
+
+def _pixels(path: Path, content: NDArray[np.uint8], flags: int) -> NDArray[np.generic]:
+    pixels = cv2.imdecode(content, flags)
     if pixels is None:
         raise CaptureError(f"{path}: is not readable as an image (PNG or JPEG expected)")
     return np.asarray(pixels)

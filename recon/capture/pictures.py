@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from recon.storage.files import allowed
 DEFAULT_FPS = 25.0
 PLATE_STEM = "plate"
 MAX_UNEVEN = 0.25  # of the mean interval between a video's frames; above, its frame rate is variable
+MOST_FASTER = 1.001  # one video than another; above, frames of one number are not of one instant
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,15 @@ def steady_rate(path: Path) -> float:
             f"{intervals.max() * 1000:.1f} ms; record or convert it at a constant rate"
         )
     return round(1.0 / mean, 3)
+
+
+def common_rate(videos: Mapping[str, Path]) -> float:
+    """Return the frames a second of all videos, by their names in messages; a CaptureError if they differ."""
+    rates = {name: steady_rate(video) for name, video in videos.items()}
+    slow, fast = min(rates, key=rates.__getitem__), max(rates, key=rates.__getitem__)
+    if rates[fast] > MOST_FASTER * rates[slow]:
+        raise CaptureError(f"{slow} has {rates[slow]:.3f} frames a second, {fast} {rates[fast]:.3f}; expected one rate")
+    return rates[slow]
 
 
 def copy_file(source: Path, target: Path) -> None:

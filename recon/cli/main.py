@@ -31,7 +31,7 @@ from recon.cli.options import (
     parse_size,
 )
 from recon.cli.validate import app as validate_app
-from recon.storage.remote import address_of
+from recon.storage.remote import address_of, is_copy
 
 OR_URL = "or an fsspec URL such as s3://BUCKET/NAME"
 
@@ -153,9 +153,10 @@ def reconstruct(
     progress = ProgressLine()
     recording = read_capture(capture.resolve())
     if not any(stream.mask for stream in recording.sensors):
+        folder = "FOLDER` on a copy of it here" if is_copy(capture) else f"{shlex.quote(str(capture))}`"
         progress.say(
             f"{address_of(capture)} has no masks: all that stands in its bounds becomes part of the models, the room, "
-            f"too; `reconstudy capture segment {shlex.quote(address_of(capture))}` makes masks"
+            f"too; `reconstudy capture segment {folder} makes masks"
         )
     result = reconstruct_capture(recording, out, options, progress)
     for warning in result["warnings"]:

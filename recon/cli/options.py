@@ -6,13 +6,13 @@ import math
 import re
 import sys
 import warnings
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperCommand, TyperOption
+from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from recon.approaches import Approach, parse_approach
 from recon.plugins import DEPTH_GROUP, FUSION_GROUP
@@ -37,8 +37,20 @@ FurtherOption = Annotated[
     str, typer.Option(help="Further approaches beside these combinations, comma-separated: sgm_fb,pm_poisson.")
 ]
 
+SCHEME = re.compile(r"[a-z][a-z0-9+.-]+:", re.IGNORECASE)  # of a URL, as a path's first part
+
 PLUGIN_NAMES = "installed plug-ins"  # in the help of an option: what stands for the names of those that are installed
 PLUGIN_GROUPS = {"method": DEPTH_GROUP, "depth": DEPTH_GROUP, "fusion": FUSION_GROUP}
+
+
+class LocalPathsGroup(TyperGroup):
+    """The root of all commands: where one of them takes no URL, it refuses one, instead of a folder called `s3:`."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        for command in _commands_of(self):
+            for parameter in command.params:
+                parameter.callback = parameter.callback or _refuse_url
 
 
 class MethodsCommand(TyperCommand):
@@ -52,6 +64,25 @@ class MethodsCommand(TyperCommand):
                 names = "".join(f"{name}, " for name in installed_names(group))
                 parameter.help = parameter.help.replace(f"{PLUGIN_NAMES}, ", names)
         super().format_help(ctx, formatter)
+
+
+def _commands_of(group: TyperGroup) -> Iterator[Any]:
+    for command in group.commands.values():
+        if isinstance(command, TyperGroup):
+            yield from _commands_of(command)
+        else:
+            yield command
+
+
+def _refuse_url(_context: Any, _parameter: Any, value: Any) -> Any:
+    """Return a parameter's value; URLs that a command takes have become the paths of their copies before."""
+    for path in value if isinstance(value, list | tuple) else [value]:
+        if isinstance(path, Path) and path.parts and SCHEME.fullmatch(path.parts[0]):
+            address = f"{path.parts[0]}//{'/'.join(path.parts[1:])}"
+            raise typer.BadParameter(
+                f"{address} is a URL; expected a file or folder of this machine: copy it here first"
+            )
+    return value
 
 
 def installed_names(group: str) -> list[str]:

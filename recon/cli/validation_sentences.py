@@ -108,10 +108,11 @@ def object_sentences(report: Mapping[str, Any]) -> list[str]:
 
 
 def mesh_sentences(report: Mapping[str, Any]) -> list[str]:
-    """List the mean distances from and to the truth, and the F-score at the threshold of the table."""
+    """List the mean distances from and to the truth, the F-score at the threshold of the table, and the remarks."""
     threshold = report["settings"]["table_threshold_mm"]
     score = next(row for row in report["scores"] if row["threshold_mm"] == threshold)
     return [
         f"accuracy {report['accuracy']['mean_mm']:.3g} mm, completeness {report['completeness']['mean_mm']:.3g} mm, "
-        f"F-score {score['f_score']:.2%} at {threshold:g} mm"
+        f"F-score {score['f_score']:.2%} at {threshold:g} mm",
+        *(f"remark: {remark}" for remark in report["remarks"]),
     ]

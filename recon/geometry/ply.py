@@ -22,6 +22,7 @@ from recon.storage.files import refused
 FLOAT_NORMAL = ("nx", "ny", "nz")
 UINT8_COLOUR = ("red", "green", "blue")
 FACE_LISTS = ("vertex_indices", "vertex_index")
+STRIPS = "tristrips"  # Stanford's form of triangles
 TRIANGLES = {"face": dict.fromkeys(FACE_LISTS, 3)}  # lists of known length can be mapped into memory
 LONGEST_HEADER = 64 * 1024  # bytes; plyfile reads headers letter by letter
 END_OF_HEADER = b"end_header"
@@ -105,10 +106,19 @@ def optional_columns(path: Path, ply: PlyData, *choices: Sequence[str]) -> NDArr
 
 
 def face_list(ply: PlyData) -> str | None:
-    """Return the name of the property that holds the corners of faces; None where there are no faces."""
+    """Return the name of the property that holds the corners of faces; None where there are no faces.
+
+    A ValueError says that there are triangles in another form: without them, a mesh would be taken for a cloud.
+    """
+    if STRIPS in ply and ply[STRIPS].count:
+        raise ValueError(f"its triangles are strips ({STRIPS}), which are not read; save it with faces")
     if "face" not in ply or not ply["face"].count:
         return None
-    return next((name for name in FACE_LISTS if name in ply["face"]), None)
+    name = next((name for name in FACE_LISTS if name in ply["face"]), None)
+    if name is None:
+        properties = ", ".join(each.name for each in ply["face"].properties)
+        raise ValueError(f"its faces have {properties or 'nothing'}, expected {' or '.join(FACE_LISTS)}")
+    return name
 
 
 def triangles(path: Path, ply: PlyData) -> NDArray[np.integer]:

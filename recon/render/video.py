@@ -45,6 +45,7 @@ SILHOUETTE = Encoding(0, "veryfast")  # lossless; 0.2 to 0.6 MB for 4 s of full 
 
 # ffmpeg opens the file alone, as what it is: a playlist that is called a film would lead it to other files and servers.
 FILE_ALONE = ("-protocol_whitelist", "file", "-format_whitelist", "mov,matroska,webm,avi")
+STUDIO_RANGE = "scale=out_range=tv"  # changes films of full range alone, as phones and screen recorders make them
 
 
 class VideoError(ValueError):
@@ -161,7 +162,7 @@ def read_video(path: Path) -> Iterator[NDArray[np.uint8]]:
 
 
 def read_luma(path: Path) -> Iterator[NDArray[np.uint8]]:
-    """Decode the luma of a 4:2:0 video's frames as stored, uint8 (H, W), 16 to 235.
+    """Decode the luma of a 4:2:0 video's frames, uint8 (H, W), 16 to 235: as stored, but where it is of full range.
 
     Raises
     ------
@@ -257,8 +258,8 @@ def _feed(pipes: list[IO[bytes]], path: Path, frames: Iterable[NDArray[np.uint8]
 
 def _decoded(path: Path, facts: VideoFacts, pixels: str, n_bytes: int) -> Iterator[NDArray[np.uint8]]:
     """Decode raw frames of a video, flat; exactly as many as it holds."""
-    conversion = ["-vf", f"scale=in_color_matrix=bt709:in_range=tv:flags={SCALER}"] if pixels == "rgb24" else []
-    command = [*_reader(path), *conversion, "-fps_mode", "passthrough", "-pix_fmt", pixels, "-f", "rawvideo", "-"]
+    conversion = f"scale=in_color_matrix=bt709:in_range=tv:flags={SCALER}" if pixels == "rgb24" else STUDIO_RANGE
+    command = [*_reader(path), "-vf", conversion, "-fps_mode", "passthrough", "-pix_fmt", pixels, "-f", "rawvideo", "-"]
     with tempfile.TemporaryFile() as complaints:
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=complaints)
         assert process.stdout is not None  # it was opened as a pipe

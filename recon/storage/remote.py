@@ -8,6 +8,7 @@ it reads a file, and `stored` after it wrote one. Copies may be removed whenever
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -39,6 +40,13 @@ def place(address: str) -> Path:
 def address_of(path: Path) -> str:
     """Return the URL of a copy; other paths as they are."""
     return _url(path) or str(path)
+
+
+def with_addresses(sentence: str) -> str:
+    """Return a sentence with URLs in place of the paths of their copies, which nobody has ever named."""
+    folder = _place_of_copies()
+    names = "|".join(re.escape(str(path)) for path in (folder, folder.resolve()))
+    return re.sub(rf"(?:{names})/([\w+.-]+:)/", r"\1//", sentence)
 
 
 def fetched(path: Path) -> Path:
@@ -114,8 +122,12 @@ def _url(path: Path) -> str | None:
     return None
 
 
+def _place_of_copies() -> Path:
+    return Path(tempfile.gettempdir()) / f"{COPIES}{os.getuid()}"
+
+
 def _copies() -> Path:
-    folder = Path(tempfile.gettempdir()) / f"{COPIES}{os.getuid()}"
+    folder = _place_of_copies()
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if folder.is_symlink() or folder.stat().st_uid != os.getuid():
         raise ValueError(f"{folder}: is not ours; remove it, or set TMPDIR to a folder that nobody else writes to")

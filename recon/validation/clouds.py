@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,7 +19,12 @@ from recon.models.shape import GLTF_SUFFIXES, SHAPE_SUFFIXES, read_model_shape
 MIN_POINTS = 50
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "in": 25.4, "m": 1000.0}
 TEXT_SUFFIXES = (".xyz", ".txt", ".asc", ".csv", ".pts")
+DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+(e[-+]?\d+)?", re.IGNORECASE)
 MAX_DISTANCE = 1e5  # times the length that is fitted; float32 then still resolves a hundredth of that length
+ODD_SCALE, OTHER_UNIT = 8.0, 75.0  # ratios of size: to be remarked; to be refused, with room for noise below 100
+NEAR_UNIT = 0.25  # relative difference from the ratio of two units
+TELLING = 50  # points; fewer say nothing about scale
+UNITS_APART = {1000: "metres against millimetres", 100: "metres against centimetres"}
 
 
 class FitError(ValueError):
@@ -151,15 +158,73 @@ def with_fitting_unit(
     return error
 
 
+def size_remarks(names: tuple[str, str], measured: NDArray[np.floating], reference: NDArray[np.floating]) -> list[str]:
+    """Return sentences on another size or place, or raise a ValueError if the units must differ.
+
+    Parameters
+    ----------
+    names : of what is measured and of its reference, in the sentences
+    measured, reference : floating (N, 3) and (M, 3)
+    """
+    name, reference_name = names
+    size, real_size = (float(np.linalg.norm(np.ptp(points, axis=0))) for points in (measured, reference))
+    if min(len(measured), len(reference)) < TELLING or not min(size, real_size) > 0:
+        return []
+    ratio = max(size, real_size) / min(size, real_size)
+    if ratio >= ODD_SCALE:
+        unit = next((unit for unit in UNITS_APART if abs(ratio / unit - 1) < NEAR_UNIT), None)
+        doubt = "." if unit is None else f": {UNITS_APART[unit]}?"
+        relation = "larger" if size > real_size else "smaller"
+        sentence = (
+            f"{name}: is about {_round_figure(unit or ratio)} times {relation} than its reference "
+            f"{reference_name} (diagonals {size:.3g} and {real_size:.3g}){doubt}"
+        )
+        if ratio >= OTHER_UNIT:
+            raise ValueError(f"{sentence} Bring both to one unit first")
+        return [sentence]
+    low, high = measured.min(axis=0), measured.max(axis=0)
+    if (low > reference.max(axis=0)).any() or (high < reference.min(axis=0)).any():
+        return [f"{name}: lies wholly beside its reference {reference_name}; are both in the same coordinates?"]
+    return []
+
+
 def _read_text(path: Path) -> NDArray[np.float64]:
     if not path.is_file():
         raise ValueError(f"{path}: there is no such file")
-    lines = path.read_text(encoding="utf-8", errors="replace").replace(",", " ").splitlines()
-    rows = [line.split()[:3] for line in lines if line.strip() and not line.lstrip().startswith(("#", "//"))]
-    try:
-        points = np.array([[float(value) for value in row] for row in rows])
-    except ValueError as error:
-        raise ValueError(f"{path}: is not text with numbers x y z on each line: {error}") from error
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise ValueError(f"{path}: expected numbers x y z on each line, found {points.shape[0]} lines that differ")
+    lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+    told = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and not _is_note(line)]
+    if path.suffix.lower() == ".pts" and told and told[0][1].strip().isdecimal():
+        n_points, told = int(told[0][1]), told[1:]
+        if n_points != len(told):
+            raise ValueError(f"{path}: its first line promises {n_points} points, {len(told)} follow; is it cut off?")
+    points = np.array([_numbers(path, number, line) for number, line in told])
+    if not len(points):
+        raise ValueError(f"{path}: holds no points")
     return points
+
+
+def _is_note(line: str) -> bool:
+    return line.lstrip().startswith(("#", "//"))
+
+
+def _numbers(path: Path, number: int, line: str) -> list[float]:
+    """Read x, y and z of a line; a ValueError names the line that does not begin with them."""
+    words = line.split()
+    if len(words) >= 3 and any(DECIMAL_COMMA.fullmatch(word) for word in words[:3]):
+        raise ValueError(f"{path}: line {number} is {line!r:.60}, with decimal commas; write decimal points instead")
+    try:
+        x, y, z = (float(word) for word in line.replace(",", " ").split()[:3])
+    except ValueError:
+        x = y = z = math.nan
+    if not all(map(math.isfinite, (x, y, z))):
+        raise ValueError(
+            f"{path}: line {number} is {line!r:.60}, expected finite numbers x y z, parted by spaces or commas; "
+            "remove such lines, or put # before those that are notes"
+        )
+    return [x, y, z]
+
+
+def _round_figure(ratio: float) -> str:
+    """Write a ratio with two digits, and spaces between thousands."""
+    digits = 1 - int(np.floor(np.log10(ratio)))
+    return f"{round(ratio, digits):,.0f}".replace(",", " ")

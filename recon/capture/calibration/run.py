@@ -35,7 +35,7 @@ from recon.capture.images import (
     write_picture,
 )
 from recon.capture.importing.opencv import SUFFIXES, write_calibration
-from recon.capture.pictures import steady_rate
+from recon.capture.pictures import common_rate
 from recon.capture.recording import SIDES, evenly_chosen
 from recon.rig import Rig, Sensor
 from recon.storage.files import check_exists, new_folder, write_json
@@ -127,17 +127,18 @@ def calibrate_folders(
     Raises
     ------
     CaptureError
-        If pictures are missing or cannot be used, with the reason for each; nothing is written then.
+        If pictures are missing or cannot be used, with the reason for each, or videos have different rates; nothing is
+        written then.
     """
     if out.suffix not in SUFFIXES:
         raise CaptureError(f"{out}: ends in {out.suffix!r}, expected one of {', '.join(SUFFIXES)}")
     folders = _camera_folders(sources)
-    n_cameras = 2 * len(folders)
+    n_cameras, n_frames = 2 * len(folders), _shared_frames(folders)
     cameras: dict[str, tuple[_Camera, _Camera]] = {}
     for number, (name, pair) in enumerate(folders.items()):
-        left = _look(pair[0], board)
+        left = _look(pair[0], board, n_frames)
         progress("Finding corners", 2 * number + 1, n_cameras)
-        cameras[name] = (left, _look(pair[1], board))
+        cameras[name] = (left, _look(pair[1], board, n_frames))
         progress("Finding corners", 2 * number + 2, n_cameras)
     views = {name: (left.views, right.views) for name, (left, right) in cameras.items()}
     pairs = calibrate_rig(board, [_pair(name, board, pair) for name, pair in cameras.items()], views)
@@ -178,17 +179,25 @@ def _sides(folder: Path) -> tuple[Path, Path] | None:
     return (recordings[0], recordings[1]) if len(recordings) == len(SIDES) else None
 
 
-def _shots(source: Path) -> dict[str, _Shot]:
+def _shared_frames(folders: Mapping[str, tuple[Path, Path]]) -> int:
+    """Return how many frames all videos have, 0 without videos; a CaptureError if their rates differ."""
+    videos = {str(source): source for pair in folders.values() for source in pair if is_video(source)}
+    if not videos:
+        return 0
+    common_rate(videos)
+    return min(len(video_times(video)) for video in videos.values())
+
+
+def _shots(source: Path, n_frames: int) -> dict[str, _Shot]:
     if is_video(source):
-        steady_rate(source)
-        frames = evenly_chosen(len(video_times(source)), MAX_VIDEO_FRAMES)
+        frames = evenly_chosen(n_frames, MAX_VIDEO_FRAMES)
         return {f"{frame:06d}": _Shot(source, frame) for frame in frames}
     files = (path for path in sorted(source.glob("*")) if path.suffix.lower() in IMAGE_SUFFIXES)
     return {path.stem: _Shot(path) for path in files}
 
 
-def _look(source: Path, board: Board) -> _Camera:
-    shots = _shots(source)
+def _look(source: Path, board: Board, n_frames: int) -> _Camera:
+    shots = _shots(source, n_frames)
     if not shots:
         raise CaptureError(f"{source}: holds no images ({', '.join(IMAGE_SUFFIXES)})")
     views, rejected, size = dict[str, Corners](), dict[str, str](), (0, 0)

@@ -29,7 +29,7 @@ from recon.capture.format import (
     write_capture,
 )
 from recon.capture.images import video_times
-from recon.capture.pictures import DEFAULT_FPS, Pictures, copy_file, steady_rate
+from recon.capture.pictures import DEFAULT_FPS, Pictures, common_rate, copy_file
 from recon.capture.recording import SIDES, check_bounds
 from recon.rig import Camera, rigid
 from recon.storage.files import new_folder
@@ -292,16 +292,8 @@ def _counter(files: Sequence[Path]) -> list[int]:
 
 
 def _video_fps(recording: Recording) -> float | None:
-    rates = {}
-    for place, pictures in _all_pictures(recording):
-        if pictures.is_video:
-            rates[place] = steady_rate(pictures.files[0])
-    if not rates:
-        return None
-    slow, fast = min(rates, key=rates.__getitem__), max(rates, key=rates.__getitem__)
-    if rates[fast] > 1.001 * rates[slow]:
-        raise CaptureError(f"{slow} has {rates[slow]:.3f} frames a second, {fast} {rates[fast]:.3f}; expected one rate")
-    return rates[slow]
+    videos = {place: pictures.files[0] for place, pictures in _all_pictures(recording) if pictures.is_video}
+    return common_rate(videos) if videos else None
 
 
 def _bounds(

@@ -53,11 +53,6 @@ def longest_side(cloud: PointSet) -> float:
     return float(np.ptp(cloud.points, axis=0).max())
 
 
-def diagonal(cloud: PointSet) -> float:
-    """Return the diagonal of the bounding box, in the unit of length."""
-    return float(np.linalg.norm(np.ptp(cloud.points, axis=0).astype(np.float64)))
-
-
 @dataclass(frozen=True, eq=False)
 class Places:
     """The places where points lie, each once, in the order of x, then y, then z.

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import imageio_ffmpeg
 
-from recon.render.video import FILE_ALONE, VideoError
+from recon.render.video import FILE_ALONE, STUDIO_RANGE, VideoError
 from recon.storage.files import read_json
 
 MODEL = "vmaf_v0.6.1"  # Netflix's default: a screen of full HD at three times its height
@@ -47,9 +47,10 @@ def vmaf_scores(film: Path, reference: Path, *, every: int = 1, threads: int = 1
     Li, Aaron, Katsavounidis, Moorthy, Manohara, "Toward a practical perceptual video quality metric" (2016); libvmaf,
     model vmaf_v0.6.1.
     """
-    in_step = "settb=1/1000,setpts=N,format=yuv420p"  # frame by frame, whatever the containers say of their times
+    in_step = "settb=1/1000,setpts=N"  # frame by frame, whatever the containers say of their times
+    alike = f"{in_step},{STUDIO_RANGE},format=yuv420p"
     options = f"model=version={MODEL}:n_threads={threads}:n_subsample={every}:log_fmt=json:log_path=vmaf.json"
-    graph = f"[0:v:0]{in_step}[film];[1:v:0]{in_step}[reference];[film][reference]libvmaf={options}"
+    graph = f"[0:v:0]{alike}[film];[1:v:0]{alike}[reference];[film][reference]libvmaf={options}"
     inputs = [part for video in (film, reference) for part in (*FILE_ALONE, "-i", f"file:{video.resolve()}")]
     exact = ("-xerror", "-err_detect", "explode")
     with tempfile.TemporaryDirectory() as folder:  # the log's name is relative: a filter's options take no ":" or "\\"

@@ -103,14 +103,22 @@ def place_model(
     parameters = parameters or RegistrationParameters()
     diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     checked = checked_points(points, diagonal, "model's diagonal")
-    unit = _fitting_unit(diagonal, checked)
-    if unit is not None:
-        extent = float(np.linalg.norm(np.ptp(checked, axis=0)))
+    extent = float(np.linalg.norm(np.ptp(checked, axis=0)))
+    sizes = f"the cloud is {extent:.3g} mm across, the model {diagonal:.4g} mm"
+    if (unit := _fitting_unit(diagonal, extent)) is not None:
         raise FitError(
-            f"the cloud is {extent:.3g} mm across, the model {diagonal:.4g} mm; it would suit the model in {unit}:"
-            f" say so with --unit {unit}"
+            f"{sizes}; it would suit the model in {unit}: say so with --unit {unit}, or mend the model's size if that "
+            "is wrong"
         )
-    return _placed(vertices, faces, checked, diagonal, parameters)
+    try:
+        return _placed(vertices, faces, checked, diagonal, parameters)
+    except FitError as error:
+        model_unit = _models_unit(diagonal, extent)
+        if model_unit is None:
+            raise
+        raise FitError(
+            f"{error}; {sizes}, which would suit the cloud in {model_unit}: say so with --model-unit {model_unit}"
+        ) from error
 
 
 def _placed(
@@ -230,9 +238,17 @@ def _motion(solution: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArr
     return rigid(turn, middle + solution[3:] - turn @ middle)
 
 
-def _fitting_unit(diagonal: float, points: NDArray[np.float32]) -> str | None:
+def _fitting_unit(diagonal: float, extent: float) -> str | None:
     """Return the unit in which the cloud would be about as large as the model; None where none is needed or helps."""
-    extent = float(np.linalg.norm(np.ptp(points, axis=0)))
     if SMALLEST_EXTENT * diagonal < extent:
         return None
     return next((unit for unit, length in UNITS_MM.items() if 0.3 * diagonal < extent * length < 1.5 * diagonal), None)
+
+
+def _models_unit(diagonal: float, extent: float) -> str | None:
+    """Return the unit in which the model would be about as large as the cloud; None for mm, or where none helps.
+
+    The cloud may show more than the model, so that this is no reason to refuse it.
+    """
+    larger = [(unit, diagonal * length) for unit, length in UNITS_MM.items() if length > 1]
+    return next((unit for unit, size in larger if 0.3 * size < extent < 1.5 * size), None)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Shape
-from recon.validation.clouds import read_shape
+from recon.validation.clouds import read_shape, size_remarks
 from recon.validation.measures import LESS, MORE, Subject, check_thresholds, measure_rows
 from recon.validation.sampling import between_corners, cell_means, order_by_cells, search_tree, spread_over_triangles
 from recon.validation.triangles import TriangleTree
@@ -136,7 +136,7 @@ def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, A
     Raises
     ------
     ValueError
-        If a file cannot be read or a threshold is not positive.
+        If a file cannot be read or holds a single point, their units differ, or a threshold is not positive.
     """
     thresholds = settings.thresholds
     check_thresholds(thresholds)
@@ -148,6 +148,10 @@ def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, A
     rng = np.random.default_rng(settings.seed)
     shapes = read_shape(mesh), read_shape(truth)
     measured, real = (sample_evenly(shape, N_SAMPLES, rng) for shape in shapes)
+    for path, points in ((mesh, measured), (truth, real)):
+        if len(points) < 2:
+            raise ValueError(f"{path}: holds a single point, expected a mesh or a cloud")
+    remarks = size_remarks((str(mesh), str(truth)), measured, real)
     exact = compared(distances_to(shapes[1], measured), distances_to(shapes[0], real), thresholds)
     between = nearest_distances(measured, real), nearest_distances(real, measured)
     report: dict[str, Any] = {
@@ -167,6 +171,7 @@ def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, A
             "voxel_mm": settings.voxel,
             "scanner_mm": settings.scanner,
         },
+        "remarks": remarks,
         **exact,
         "sampled": compared(*between, thresholds)
         if settings.cell is None

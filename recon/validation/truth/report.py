@@ -33,6 +33,8 @@ def write_mesh_report(report: Mapping[str, Any], out: Path) -> Path:
         Section("Scores as ETH3D counts them", _eth3d_text(report), _eth3d_rows(report)),
         _errors(report, out),
     ]
+    if report["remarks"]:
+        sections.insert(0, Section("Remarks", rows=[{"remark": remark} for remark in report["remarks"]]))
     return write_page(out / "report.html", "Comparison with the truth", sections)
 
 

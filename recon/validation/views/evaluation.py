@@ -91,7 +91,7 @@ def measure_views(
     Raises
     ------
     ValueError
-        If the folder is no run, its recording cannot be read, or it has none of the frames.
+        If the folder is no run, its recording cannot be read or is of another scene, or it has none of the frames.
     """
     run = read_run(folder)
     capture = _capture(run, settings)
@@ -144,10 +144,14 @@ def mean_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 def _capture(run: Run, settings: ViewSettings) -> Capture:
     folder = settings.capture or recorded_in(run)
+    advice = f"say where the recording of {run.dataset} is with --capture FOLDER"
     try:
-        return read_capture(folder)
+        capture = read_capture(folder)
     except ValueError as error:
-        raise ValueError(f"{error}; say where the recording of {run.dataset} is with --capture FOLDER") from error
+        raise ValueError(f"{error}; {advice}") from error
+    if capture.name != run.dataset:
+        raise ValueError(f"{folder}: is the recording of {capture.name}, the run is of {run.dataset}; {advice}")
+    return capture
 
 
 def _renderings(

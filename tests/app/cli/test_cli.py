@@ -16,6 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from fsspec.implementations.memory import MemoryFileSystem
 from numpy.typing import NDArray
 
 from recon.render.video import write_video
@@ -122,6 +123,45 @@ def test_wrong_use_ends_with_2(command: Command, tmp_path: Path) -> None:
     told = command("validate", "sphere", tmp_path, "--radius", 150, "-o", tmp_path / "r", "--viewpoint", "1,nan,3")
     assert told.code == 2
     assert "'1,nan,3' is not a position" in told.err
+
+
+def test_what_is_wrong_behind_a_url_is_named_by_it(command: Command, capture: Path, tmp_path: Path) -> None:
+    store = MemoryFileSystem()
+    store.put(str(capture), "/half", recursive=True)
+    store.rm("/half/S1/left/0000.png")
+    outcome = command("reconstruct", "memory://half", "-o", tmp_path / "run")
+    assert "reconstudy: memory://half/S1/left/0000.png: there is no such file" in outcome.err
+    store.pipe("/half/S1/left/0000.png", b"<html>")
+    outcome = command("reconstruct", "memory://half", "-o", tmp_path / "run")
+    assert "`reconstudy capture segment FOLDER` on a copy of it here makes masks" in outcome.err
+    assert "reconstudy: memory://half/S1/left/0000.png: is not readable as an image" in outcome.err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("export", "MESH", "s3://bucket/a b/0000.glb"),
+        ("export", "https://host:80/0000.ply", "OUT"),
+        ("capture", "check", "file:///recordings/ball"),
+        ("validate", "cuboid", "MESH", "memory://box.ply", "--size", "1x1x1", "-o", "OUT"),
+        ("validate", "mesh", "MESH", "--truth", "MESH", "-o", "s3://bucket/report"),
+    ],
+)
+def test_a_url_is_refused_where_paths_of_this_machine_are_expected(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = command(*words)
+    url = next(word for word in words if "://" in word).replace(":///", "://")
+    assert outcome.code == 2
+    assert f"{url} is a URL; expected a file or folder of this machine" in outcome.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_command_that_takes_urls_still_does(command: Command, tmp_path: Path) -> None:
+    outcome = command("reconstruct", "memory://nothing", "-o", tmp_path / "run")
+    assert outcome.code == 1
+    assert "memory://nothing/capture.json: there is no such file" in outcome.err
 
 
 def test_memory_that_is_not_enough_is_told_in_a_sentence(

@@ -138,3 +138,26 @@ def test_a_jpeg_may_end_before_its_file_does_but_not_in_its_thumbnail_alone(tmp_
     (tmp_path / "cut.jpg").write_bytes(whole[:-100])
     with pytest.raises(CaptureError, match="is cut off"):
         read_image(tmp_path / "cut.jpg")
+
+
+def test_of_16_bits_the_upper_8_are_taken(tmp_path: Path) -> None:
+    picture = np.random.default_rng(1).integers(0, 256, (12, 16, 3)).astype(np.uint8)
+    cv2.imwrite(str(tmp_path / "full.png"), picture[..., ::-1].astype(np.uint16) * 257)
+    assert np.array_equal(read_image(tmp_path / "full.png"), picture)
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12])
+@pytest.mark.parametrize("n_channels", [1, 3, 4])
+def test_bits_of_a_camera_in_the_lower_ones_of_16_are_not_taken_for_black(
+    tmp_path: Path, bits: int, n_channels: int
+) -> None:
+    picture = np.random.default_rng(1).integers(0, 2**bits, (12, 16, n_channels)).astype(np.uint16)
+    picture[0, 0], picture[..., 3:] = 2**bits - 1, 65535
+    cv2.imwrite(str(tmp_path / "raw.png"), picture)
+    with pytest.raises(CaptureError, match=rf"raw.png: has 16 bits, but no value above {2**bits - 1}, .*; write"):
+        read_image(tmp_path / "raw.png")
+
+
+def test_an_empty_mask_of_16_bits_is_empty(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "mask.png"), np.zeros((12, 16), np.uint16))
+    assert not read_image(tmp_path / "mask.png").any()

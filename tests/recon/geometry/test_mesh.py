@@ -17,7 +17,16 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from recon.geometry.mesh import Cloud, Mesh, Texture, error_colours, merge_meshes
-from recon.geometry.mesh_files import read_cloud, read_mesh, read_points, write_cloud, write_measured, write_mesh
+from recon.geometry.mesh_files import (
+    read_cloud,
+    read_mesh,
+    read_ply_shape,
+    read_points,
+    write_cloud,
+    write_measured,
+    write_mesh,
+)
+from recon.models.read import read_contents
 from recon.surface.components import drop_small_components
 from recon.surface.holes import close_holes
 
@@ -272,6 +281,23 @@ def test_a_bad_ply_is_refused_in_every_kind(tmp_path: Path, kind: str, content: 
     (tmp_path / "bad.ply").write_bytes(ply(kind, **content))
     with pytest.raises(ValueError, match=rf"bad\.ply: .*({complaint})"):
         read_mesh(tmp_path / "bad.ply")
+
+
+@pytest.mark.parametrize(
+    ("element", "complaint"),
+    [
+        ("element tristrips 1\nproperty list int int vertex_indices", "triangles are strips .* save it with faces"),
+        ("element face 1\nproperty list int int corners", "faces have corners, expected vertex_indices or vertex_ind"),
+    ],
+)
+def test_triangles_in_another_form_make_no_cloud_of_a_mesh(tmp_path: Path, element: str, complaint: str) -> None:
+    points = "element vertex 3\nproperty float x\nproperty float y\nproperty float z"
+    text = f"ply\nformat ascii 1.0\n{points}\n{element}\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+    (tmp_path / "mesh.ply").write_text(text, encoding="ascii")
+    for read in (read_ply_shape, read_contents):
+        with pytest.raises(ValueError, match=rf"mesh.ply: its {complaint}"):
+            read(tmp_path / "mesh.ply")
+    assert len(read_points(tmp_path / "mesh.ply")) == 3
 
 
 def test_values_that_their_property_cannot_hold_are_refused(tmp_path: Path) -> None:

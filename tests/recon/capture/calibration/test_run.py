@@ -9,11 +9,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from recon.capture.calibration import run
 from recon.capture.calibration.board import Board, Corners, parse_board
 from recon.capture.calibration.run import calibrate_folders
 from recon.capture.calibration.solve import calibrate_camera, calibrate_pair, calibrate_rig
-from recon.capture.images import CaptureError
+from recon.capture.images import CaptureError, read_video_frame
 from recon.rig import Rig
 from tests.recon.capture.calibration.board_pictures import (
     board_picture,
@@ -252,17 +254,47 @@ def test_nothing_is_written_when_no_board_is_found(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["images"]
 
 
+def film_of(pictures: Path, film: Path, fps: float = 25.0, most: int | None = None) -> Path:
+    writer = cv2.VideoWriter(str(film), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"FFV1"), fps, SIZE)
+    for path in sorted(pictures.iterdir())[:most]:
+        writer.write(cv2.imread(str(path)))
+    writer.release()
+    return film
+
+
 @pytest.mark.slow
 def test_videos_give_the_calibration_that_their_frames_give(photographed: tuple[Path, Rig], tmp_path: Path) -> None:
     folder, _ = photographed
-    films = []
-    for side in ("left", "right"):
-        films.append(tmp_path / f"{side}.avi")
-        writer = cv2.VideoWriter(str(films[-1]), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"FFV1"), 25.0, SIZE)
-        for path in sorted((folder / "S1" / side).iterdir()):
-            writer.write(cv2.imread(str(path)))
-        writer.release()
+    films = [film_of(folder / "S1" / side, tmp_path / f"{side}.avi") for side in ("left", "right")]
     by_videos = calibrate_folders(films, COARSE, tmp_path / "by_videos.yml")
     by_images = calibrate_folders([folder], COARSE, tmp_path / "by_images.yml")
     error = relative_error(by_videos.rig.sensors[0], by_images.rig.sensors[0])
     assert max(error.values()) < 0.002  # the codec rounds colours
+
+
+@pytest.mark.slow
+def test_videos_of_different_rates_make_no_calibration(photographed: tuple[Path, Rig], tmp_path: Path) -> None:
+    folder = photographed[0] / "S1"
+    films = [film_of(folder / side, tmp_path / f"{side}.avi", fps) for side, fps in (("left", 25), ("right", 30))]
+    with pytest.raises(CaptureError, match=r"left.avi has 25.000 frames a second, .*right.avi 30.000; expected one"):
+        calibrate_folders(films, COARSE, tmp_path / "calibration.yml")
+    assert sorted(tmp_path.iterdir()) == films
+
+
+@pytest.mark.slow
+def test_videos_of_different_lengths_are_looked_at_in_the_same_frames(
+    photographed: tuple[Path, Rig], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = photographed[0] / "S1"
+    films = [film_of(folder / side, tmp_path / f"{side}.avi", most=n) for side, n in (("left", 12), ("right", 14))]
+    looked_at: dict[Path, set[int]] = {film: set() for film in films}
+
+    def read(path: Path, frame: int) -> NDArray[np.uint8]:
+        looked_at[path].add(frame)
+        return read_video_frame(path, frame)
+
+    monkeypatch.setattr(run, "MAX_VIDEO_FRAMES", 10)
+    monkeypatch.setattr(run, "read_video_frame", read)
+    calibrate_folders(films, COARSE, tmp_path / "calibration.yml")
+    assert len(looked_at[films[0]]) == 10
+    assert looked_at[films[0]] == looked_at[films[1]]

@@ -108,6 +108,19 @@ def test_vmaf_is_near_100_for_an_equal_film_and_falls_with_blur(stimuli: Path, t
     assert vmaf_scores(blurs[0], truth, threads=2) == vmaf_scores(blurs[0], truth)
 
 
+def test_a_film_of_full_range_is_compared_by_what_it_shows(tmp_path: Path) -> None:
+    stimuli = write_set(tmp_path / "set", {"disc/truth": FRAMES, "disc/phone": FRAMES})
+    film, full = stimuli / "disc/phone.mp4", tmp_path / "full.mp4"
+    ranges = ["-vf", "scale=in_range=tv:out_range=pc,format=yuvj420p", "-color_range", "pc", "-crf", "4"]
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", str(film), *ranges, str(full)]
+    subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
+    full.replace(film)
+    (measured,) = measure_films(stimuli, FilmSettings("truth"))[1]
+    assert min(measured.values["psnr_y"]) > 45  # 28 where 0 to 255 are taken for 16 to 235
+    assert min(measured.values["vmaf"]) > 95
+    assert np.nanmax(measured.values["flicker"]) < 0.3
+
+
 def test_films_without_masks_are_measured_whole_and_it_is_said(command: Command, tmp_path: Path) -> None:
     stimuli = write_set(tmp_path / "set", {"disc/truth": FRAMES, "disc/soft": blurred(FRAMES, 1)})
     told = command("validate", "films", stimuli, "--reference", "truth", "-o", tmp_path / "report")

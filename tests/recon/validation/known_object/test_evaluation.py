@@ -100,6 +100,15 @@ def test_a_cloud_without_the_model_is_refused(points: NDArray[np.float64], messa
         place_model(*lump(), points)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("unit", "length"), [("m", 1000), ("in", 25.4)])
+def test_a_model_in_another_unit_is_told_from_one_that_is_not_there(unit: str, length: float) -> None:
+    vertices, faces = lump()
+    cloud = half_cloud((vertices, faces), 1)[0]
+    with pytest.raises(FitError, match=rf"mm across, the model .* mm, which would suit .* with --model-unit {unit}$"):
+        place_model(vertices / length, faces, cloud)
+
+
 def test_parameters_are_checked() -> None:
     with pytest.raises(ValueError, match="delta is 0"):
         RegistrationParameters(delta=0.0)

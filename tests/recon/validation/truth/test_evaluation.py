@@ -251,6 +251,28 @@ def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
         measure_mesh(tmp_path / "bad.ply", tmp_path / "bad.ply", MeshSettings((0.0,)))
 
 
+@pytest.mark.parametrize("scale", [1000, 0.001, 100])
+def test_a_mesh_in_another_unit_than_the_truth_is_refused(tmp_path: Path, scale: float) -> None:
+    mesh, truth = write_mesh(tmp_path / "a.ply", square(3, 100 * scale)), write_mesh(tmp_path / "b.ply", square(0))
+    with pytest.raises(ValueError, match=r"a.ply: is about 1?[ \d]*00 times (larger|smaller).*Bring both to one unit"):
+        measure_mesh(mesh, truth, MeshSettings((1.0,)))
+
+
+def test_a_mesh_beside_the_truth_is_remarked(tmp_path: Path) -> None:
+    mesh, truth = write_mesh(tmp_path / "a.ply", square(3)), write_mesh(tmp_path / "b.ply", square(0))
+    (remark,) = measure_mesh(mesh, truth, MeshSettings((1.0,)))["remarks"]
+    assert "lies wholly beside its reference" in remark
+    assert measure_mesh(truth, truth, MeshSettings((1.0,)))["remarks"] == []
+
+
+def test_a_truth_of_one_point_is_refused(tmp_path: Path) -> None:
+    mesh, truth = write_mesh(tmp_path / "a.ply", square(3)), tmp_path / "one.xyz"
+    truth.write_text("1 2 3\n", encoding="utf-8")
+    for pair in ((mesh, truth), (truth, mesh)):
+        with pytest.raises(ValueError, match=r"one.xyz: holds a single point, expected a mesh or a cloud"):
+            measure_mesh(*pair, MeshSettings((1.0,)))
+
+
 @pytest.mark.slow
 def test_the_command_writes_its_report(tmp_path: Path) -> None:
     mesh, truth = write_mesh(tmp_path / "a.ply", square(3.0)), write_mesh(tmp_path / "b.ply", square(0.0))

@@ -232,6 +232,12 @@ def test_a_missing_recording_or_frame_is_named(run: Path, capture: Capture, tmp_
         move(str(tmp_path / "moved"), str(capture.folder))
 
 
+def test_the_photographs_of_another_scene_are_refused(run: Path, tmp_path: Path) -> None:
+    synthesise(tmp_path / "ball", SynthParameters(scene="ball", n_sensors=2, n_frames=1, size=(64, 48)))
+    with pytest.raises(ValueError, match=r"is the recording of ball, the run is of sphere; say where .* --capture FOL"):
+        measure_views(run, ViewSettings(capture=tmp_path / "ball"))
+
+
 @pytest.mark.parametrize("threshold", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_threshold_that_is_no_length_is_refused(threshold: float) -> None:
     with pytest.raises(ValueError, match=f"threshold is {threshold:g} mm, expected a length above 0"):
