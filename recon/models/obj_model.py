@@ -122,6 +122,8 @@ def _lines(path: Path) -> _Lines:
                 continue
             begun = ""
             keyword, rest = (*text.split(None, 1), "", "")[:2]  # by spaces or tabs
+            if keyword == "f" or keyword in by_keyword:
+                rest = rest.partition("#")[0]  # names may hold one, numbers do not
             if keyword == "f":
                 if faces is None:
                     faces = _Faces(material, (len(lines.vertices), len(lines.places), len(lines.normals)))

@@ -491,6 +491,14 @@ def test_nodes_in_a_circle_are_refused_even_where_they_hold_no_mesh(tmp_path: Pa
         read_contents(tmp_path / "a.gltf")
 
 
+def test_notes_at_the_ends_of_an_obj_files_lines_are_no_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "noted.obj"
+    path.write_text("v 0 0 0 # a corner\nv 1 0 0#next\nv 0 1 0\n\nf 1 2 3 # 4 5\n")
+    (part,) = read_contents(path).parts
+    assert part.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    assert part.faces.tolist() == [[0, 1, 2]]
+
+
 def test_an_obj_file_may_part_its_words_by_tabs(tmp_path: Path) -> None:
     (tmp_path / "a.obj").write_text("v\t0 0 0\nv\t1 0 0\nv \t0 1 0\nf\t1 2\t3\n")
     (part,) = read_contents(tmp_path / "a.obj").parts
