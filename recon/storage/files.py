@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import glob
 import json
 import os
 import re
@@ -80,6 +81,8 @@ def whole_file(path: Path) -> Iterator[Path]:
 def new_folder(out: Path) -> Iterator[Path]:
     """Yield a temporary folder beside `out` that becomes `out` if the block ends without an error.
 
+    What a killed process of this host began of it is removed.
+
     A ValueError says that `out` exists and is not an empty folder, or is the one that this process works in.
     """
     place = out.resolve()  # where a link leads
@@ -87,7 +90,12 @@ def new_folder(out: Path) -> Iterator[Path]:
         raise ValueError(f"{out}: is the current folder, which cannot be replaced; name one to make in it")
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
         raise ValueError(f"{out}: exists already; choose another folder or remove it first")
-    temporary = place.with_name(f".{place.name}.{os.getpid()}.part")
+    begun = f".{place.name}.{_host()}-"
+    for path in place.parent.glob(f"{glob.escape(begun)}*.part"):
+        process = path.stem.removeprefix(begun)
+        if process.isdecimal() and not _is_running(int(process)):
+            shutil.rmtree(path, ignore_errors=True)
+    temporary = place.with_name(f"{begun}{os.getpid()}.part")
     temporary.mkdir(parents=True)
     try:
         yield temporary
@@ -100,7 +108,7 @@ def remove_leftovers(folder: Path) -> None:
     """Remove the temporary files below `folder` whose process was killed before it could rename them."""
     for path in folder.rglob(".*.part*"):
         name = re.fullmatch(r"\..+\.(\w+)-(\d+)\.part(\..+)?", path.name)
-        if name and _is_abandoned(path, host=name[1], process=int(name[2])):
+        if name and path.is_file() and _is_abandoned(path, host=name[1], process=int(name[2])):
             path.unlink(missing_ok=True)
 
 

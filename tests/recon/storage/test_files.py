@@ -92,6 +92,21 @@ def test_json_that_the_system_does_not_give_is_named_without_its_number(tmp_path
         read_json(tmp_path / "a.json")
 
 
+def test_a_new_folder_removes_what_a_killed_process_began_of_it(tmp_path: Path) -> None:
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    with new_folder(tmp_path / "a") as folder:
+        left = folder.with_name(folder.name.replace(str(os.getpid()), str(ended.pid)))
+        (left / "S1").mkdir(parents=True)
+    (tmp_path / "a").rmdir()
+    with new_folder(tmp_path / "b"):
+        assert left.exists()
+    with new_folder(tmp_path / "a") as folder:
+        assert not left.exists()
+        assert folder.exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
+
+
 @pytest.mark.parametrize("is_there", [True, False])
 def test_a_new_folder_is_made_where_a_link_leads(tmp_path: Path, is_there: bool) -> None:
     if is_there:
