@@ -91,6 +91,7 @@ def study(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
         "conditions": conditions,
         "factors": study.factors,
         **{name: getattr(options, name) for name in ("protocol", "scale", "reference")},
+        "revision": study.revision,
         "lab_sheet": options.lab_sheet.as_json(),
     }
     return json_object(whole, chosen)
