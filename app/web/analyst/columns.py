@@ -316,9 +316,11 @@ _OBSERVED = dict.fromkeys((*OBSERVERS_OF_PAIRS, *OBSERVERS_OF_RATINGS), "float")
 KINDS = {  # of columns that are no text: a Parquet file needs them for long tables, and where there are no values
     **_OBSERVED,
     **dict.fromkeys(("practice", "excluded", "frame_locked", "both_seen", "reference", "lighter_film"), "bool"),
-    **dict.fromkeys(("is_reference", "complete", "is_bound", "is_bt500_outlier", "is_correlation_low"), "bool"),
+    **dict.fromkeys(
+        ("is_reference", "complete", "is_bound", "is_cancelling", "is_bt500_outlier", "is_correlation_low"), "bool"
+    ),
     **dict.fromkeys(("one_side_unseen", "repeated_pairs", "repeats_consistent", "bt500_above", "bt500_below"), "int"),
-    **dict.fromkeys(("n_datasets", "n_conditions", "n_pairs", "n_started", "n_finished"), "int"),
+    **dict.fromkeys(("n_datasets", "n_conditions", "n_pairs", "n_started", "n_finished", "done", "total"), "int"),
     **dict.fromkeys(("looks_before", "rating", "number", "attempt", "n_switches", "n_mismatches", "entry"), "int"),
     **dict.fromkeys(("n_trials", "n_votes", "n_voided", "n_comments", "n_participants", "n_ratings", "n"), "int"),
     **dict.fromkeys(("wins", "losses", "ties", "n_items", "circular", "circular_max", "n_answered"), "int"),
@@ -329,7 +331,7 @@ KINDS = {  # of columns that are no text: a Parquet file needs them for long tab
     **dict.fromkeys(("dmos_low", "dmos_high", "quality", "quality_se", "quality_low", "quality_high"), "float"),
     **dict.fromkeys(("circular_expected_ties", "zeta", "p_value", "circular_by_chance", "share", "mean"), "float"),
     **dict.fromkeys(("minimum", "maximum", "value", "logmar", "low", "high", "limit", "smallest"), "float"),
-    **dict.fromkeys(("pixel_mm", "distance_mm", "win_probability", "exposure_s"), "float"),
+    **dict.fromkeys(("pixel_mm", "distance_mm", "win_probability", "exposure_s", "left_s"), "float"),
     **dict.fromkeys(("served_at", "voided_at", "voted_at", "started_at", "finished_at"), "time"),
     **dict.fromkeys(("last_vote_at", "withdrawn_at", "erased_at", "at", "answered_at"), "time"),
     **dict.fromkeys(("written_at", "attached_at", "created_at", "ended_at"), "time"),
@@ -354,6 +356,7 @@ TABLES: dict[str, Columns] = {
 FURTHER: dict[str, Columns] = {  # columns that the study's protocol decides about
     "observers": OBSERVERS_OF_PAIRS | OBSERVERS_OF_RATINGS
 }
+DOCUMENTED = {name for columns in (*TABLES.values(), *FURTHER.values(), STUDIES, JOBS) for name in columns}
 
 
 def with_others(columns: Iterable[str], rows: Iterable[Mapping[str, Any]]) -> list[str]:

@@ -90,6 +90,6 @@ def _add_examples(operation: dict[str, Any]) -> None:
         schema = content["schema"]
         row = schema.get("items", schema)
         if "properties" in row:
-            content["example"] = [example_row(row["properties"])]
+            content["example"] = [example_row(row["required"])]
         elif (name := str(row.get("$ref", "")).rsplit("/", 1)[-1]) in EXAMPLES:
             content["example"] = [EXAMPLES[name]] if "items" in schema else EXAMPLES[name]
