@@ -17,8 +17,10 @@ def new_secret() -> str:
 
 
 def new_opaque_id() -> str:
-    """Return a random name, which says nothing about what it names."""
-    return secrets.token_urlsafe(12)
+    """Return a random name, which says nothing about what it names; no spreadsheet takes it for a formula."""
+    while (name := secrets.token_urlsafe(12)).startswith("-"):
+        pass
+    return name
 
 
 def new_code(length: int = CODE_LENGTH) -> str:

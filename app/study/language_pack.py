@@ -14,13 +14,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 from app.files import packaged
-from app.study.text import check_text
+from app.study.text import check_text, is_one_line
 
 SHIPPED = "languages"  # folder of the packs that come with the program
 MODEL = "en"
 HEAD = ("language", "direction", "status")
 DIRECTIONS = ("ltr", "rtl")
 STATUSES = ("reviewed", "draft")
+LONGEST_NAME = 60  # characters of a language's name, which stands on a button
 PLURALS = ("zero", "one", "two", "few", "many", "other")  # of Unicode CLDR; each language uses some, always "other"
 BY = "by"  # names the placeholder of a plural text whose number chooses the form
 TAG = re.compile(r"[a-z]{2,3}(-[A-Za-z0-9]{2,8})*")
@@ -66,7 +67,7 @@ def read_language_pack(path: Path) -> LanguagePack:
     if faults:
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
         raise LanguagePackError(f"{path}: {faults[0]}{more}")
-    content = json.loads(path.read_text(encoding="utf-8"))
+    content = _read_content(path)
     language, direction, status = (content.pop(key) for key in HEAD)
     return LanguagePack(path.stem, language, direction, status, flat_texts(content))
 
@@ -76,12 +77,38 @@ def language_pack_faults(path: Path) -> list[str]:
     if path.suffix != ".json" or not TAG.fullmatch(path.stem):
         return [f"its name is {path.name!r}, expected the language's tag and .json, such as fr.json or zh-Hant.json"]
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = _read_content(path)
+    except _TwiceError as error:
+        return [str(error)]
+    except RecursionError:
+        return ["it holds too many lists within one another, expected an object with the texts"]
     except (OSError, ValueError) as error:
         return [f"it cannot be read as JSON in UTF-8: {error}"]
+    try:
+        check_text(content)
+    except ValueError as error:
+        return [str(error)]
     if not isinstance(content, dict):
         return [f"it holds {type(content).__name__}, expected an object with the texts"]
     return [*_head_faults(content), *texts_faults(flat_texts({k: v for k, v in content.items() if k not in HEAD}))]
+
+
+class _TwiceError(ValueError):
+    """A name stands twice in an object, so that one of its texts would be lost."""
+
+
+def _read_content(path: Path) -> Any:
+    """Read JSON in UTF-8, with or without the byte-order mark of some editors."""
+    return json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=_object)
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in content:
+            raise _TwiceError(f"{name!r} stands there twice in one object, expected once: one of them would be lost")
+        content[name] = value
+    return content
 
 
 def texts_faults(texts: Mapping[str, Any]) -> list[str]:
@@ -159,11 +186,15 @@ def _is_plural(value: Mapping[str, Any]) -> bool:
 
 def _head_faults(content: Mapping[str, Any]) -> Iterator[str]:
     name = content.get("language")
-    if not isinstance(name, str) or not name.strip() or HTML.search(name):
-        yield f"language is {name!r}, expected the language's name in itself, such as Français"
+    if not isinstance(name, str) or not _is_name(name):
+        yield f"language is {name!r:.60}, expected the language's name in itself, such as Français"
     for key, known in (("direction", DIRECTIONS), ("status", STATUSES)):
         if content.get(key) not in known:
             yield f"{key} is {content.get(key)!r}, expected {' or '.join(known)}"
+
+
+def _is_name(text: str) -> bool:
+    return 0 < len(text.strip()) <= LONGEST_NAME and is_one_line(text) and not HTML.search(text)
 
 
 def _plural_faults(key: str, text: Mapping[str, Any], model: Mapping[str, str], *, may_leave_out: bool) -> list[str]:

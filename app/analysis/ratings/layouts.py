@@ -65,7 +65,7 @@ def one_rating_a_row(frame: pd.DataFrame, scale: tuple[float, float]) -> tuple[p
 def is_of_ratings(frame: pd.DataFrame) -> bool:
     """Does a table hold ratings, in any of the shapes that are read?"""
     if "rating" in frame.columns:  # a study's table of choices has the column, too, and it is empty
-        return bool((texts(frame["rating"]) != "").any())
+        return "condition" in frame.columns or bool((texts(frame["rating"]) != "").any())
     given, _ = _renamed(frame)
     return {"participant", "condition", "rating"} <= set(given.columns) or _wide(given) is not None
 

@@ -27,7 +27,7 @@ from app.store.trial_records import trial_records
 from app.store.vote_records import vote_records
 from app.study.options import parse_options
 from app.study.study_file import write_study_file
-from app.web.analyst.columns import TABLES, with_others
+from app.web.analyst.columns import FURTHER, TABLES, with_others
 from app.web.analyst.formats import PART, write_csv
 from app.web.analyst.results import inputs_of, items_factors, prepare_results, rows_of
 
@@ -154,7 +154,8 @@ def _dictionary(study: Study) -> str:
         rows = "".join(f"| {label} | {_cell(text)} |\n" for label, text in noted)
         parts.append(f"\n## Lab sheet\n\n| what | as noted by the experimenter |\n|---|---|\n{rows}")
     for name, columns in TABLES.items():
-        rows = "".join(f"| {column} | {meaning} |\n" for column, meaning in columns.items())
+        described = columns | FURTHER.get(name, {})
+        rows = "".join(f"| {column} | {meaning} |\n" for column, meaning in described.items())
         parts.append(f"\n## {name}.csv\n\n| column | meaning |\n|---|---|\n{rows}")
     parts.append(
         "\n## items.csv\n\nThe levels of the conditions, for `reconstudy analyse votes.csv --items items.csv`; missing "

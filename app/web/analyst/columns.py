@@ -201,6 +201,42 @@ OBSERVERS: Columns = {
     "participant": PARTICIPANT,
     "flags": "what is unusual about the votes; a reason to look, not to exclude",
 }
+OBSERVERS_OF_PAIRS: Columns = {
+    "n_votes": "votes that count",
+    "one_side_unseen": "votes given although A or B was never on screen; empty where that was not recorded",
+    "tie_rate": "share of votes without preference",
+    "side_a_rate": "share of decided votes for A",
+    "side_a_expected": "the same as everybody's scores explain it",
+    "side_a_p_value": "exact test of the two",
+    "first_shown_rate": "share of decided votes for what was shown first",
+    "first_shown_expected": "the same as everybody's scores explain it",
+    "first_shown_p_value": "exact test of the two",
+    "repeated_pairs": "pairs judged more than once",
+    "repeats_consistent": "those of them with the same answer each time",
+    "median_response_ms": "median response time, milliseconds",
+    "fastest_decile_ms": "response time that a tenth of the votes stay below, milliseconds",
+    "median_press_to_picture_ms": "median over the votes of press_to_picture_ms; empty where not recorded",
+    "circular": "circular triads over all datasets",
+    "circular_p_value": "probability of as few circular triads under random votes",
+    "loglik_per_vote_left_out": "log-likelihood per vote under scores fitted without the participant",
+}
+OBSERVERS_OF_RATINGS: Columns = {
+    "n_ratings": "ratings",
+    "mean": "mean rating",
+    "bias": "how much higher than the others the participant rates",
+    "bias_low": "lower end of its 95 % interval",
+    "bias_high": "upper end",
+    "inconsistency": "standard deviation of what quality and bias leave",
+    "inconsistency_low": "lower end of its 95 % interval; empty where there is none",
+    "inconsistency_high": "upper end",
+    "correlation": "Pearson's, with the mean opinion scores of the same items",
+    "bt500_above": "ratings far above the mean (ITU-R BT.500)",
+    "bt500_below": "ratings far below the mean",
+    "bt500_share": "share of ratings far from the mean",
+    "bt500_imbalance": "how one-sided these are, 0 to 1; empty where there are none",
+    "is_bt500_outlier": "true if ITU-R BT.500 names the participant",
+    "is_correlation_low": "true if the correlation is below 0.75",
+}
 MEASUREMENTS: Columns = {
     "dataset": DATASET,
     "approach": "condition",
@@ -276,9 +312,15 @@ SCREENING: Columns = {
     "experimenter": "who entered it",
     "details": "more, as JSON",
 }
+_OBSERVED = dict.fromkeys((*OBSERVERS_OF_PAIRS, *OBSERVERS_OF_RATINGS), "float")
 KINDS = {  # of columns that are no text: a Parquet file needs them for long tables, and where there are no values
+    **_OBSERVED,
     **dict.fromkeys(("practice", "excluded", "frame_locked", "both_seen", "reference", "lighter_film"), "bool"),
-    **dict.fromkeys(("is_reference", "complete", "is_bound"), "bool"),
+    **dict.fromkeys(
+        ("is_reference", "complete", "is_bound", "is_cancelling", "is_bt500_outlier", "is_correlation_low"), "bool"
+    ),
+    **dict.fromkeys(("one_side_unseen", "repeated_pairs", "repeats_consistent", "bt500_above", "bt500_below"), "int"),
+    **dict.fromkeys(("n_datasets", "n_conditions", "n_pairs", "n_started", "n_finished", "done", "total"), "int"),
     **dict.fromkeys(("looks_before", "rating", "number", "attempt", "n_switches", "n_mismatches", "entry"), "int"),
     **dict.fromkeys(("n_trials", "n_votes", "n_voided", "n_comments", "n_participants", "n_ratings", "n"), "int"),
     **dict.fromkeys(("wins", "losses", "ties", "n_items", "circular", "circular_max", "n_answered"), "int"),
@@ -289,7 +331,7 @@ KINDS = {  # of columns that are no text: a Parquet file needs them for long tab
     **dict.fromkeys(("dmos_low", "dmos_high", "quality", "quality_se", "quality_low", "quality_high"), "float"),
     **dict.fromkeys(("circular_expected_ties", "zeta", "p_value", "circular_by_chance", "share", "mean"), "float"),
     **dict.fromkeys(("minimum", "maximum", "value", "logmar", "low", "high", "limit", "smallest"), "float"),
-    **dict.fromkeys(("pixel_mm", "distance_mm", "win_probability"), "float"),
+    **dict.fromkeys(("pixel_mm", "distance_mm", "win_probability", "exposure_s", "left_s"), "float"),
     **dict.fromkeys(("served_at", "voided_at", "voted_at", "started_at", "finished_at"), "time"),
     **dict.fromkeys(("last_vote_at", "withdrawn_at", "erased_at", "at", "answered_at"), "time"),
     **dict.fromkeys(("written_at", "attached_at", "created_at", "ended_at"), "time"),
@@ -311,6 +353,10 @@ TABLES: dict[str, Columns] = {
     "validation": MEASUREMENTS,
     "audit": AUDIT,
 }
+FURTHER: dict[str, Columns] = {  # columns that the study's protocol decides about
+    "observers": OBSERVERS_OF_PAIRS | OBSERVERS_OF_RATINGS
+}
+DOCUMENTED = {name for columns in (*TABLES.values(), *FURTHER.values(), STUDIES, JOBS) for name in columns}
 
 
 def with_others(columns: Iterable[str], rows: Iterable[Mapping[str, Any]]) -> list[str]:

@@ -20,7 +20,7 @@ from fastapi.responses import Response, StreamingResponse
 
 from app.files import without_formula
 from app.web import media
-from app.web.analyst.columns import KINDS
+from app.web.analyst.columns import DOCUMENTED, KINDS
 
 Format = Literal["json", "csv", "parquet"]
 CSV = "text/csv; charset=utf-8; header=present"
@@ -308,11 +308,15 @@ def _kind(pyarrow: Any, column: str) -> Any:
 
 
 def _joined(pyarrow: Any, column: str, parts: Sequence[Any]) -> Any:
-    """Join the parts of a column, in their common type, or as text; without values in the type that it documents."""
+    """Join the parts of a column: in the type that it documents, else in their common type, or as text."""
     kinds = {part.type for part in parts} - {pyarrow.null()}
-    if not kinds:
+    if not kinds or column in DOCUMENTED:
         kind = _kind(pyarrow, column)
-    elif kinds == {pyarrow.int64(), pyarrow.float64()}:
+        try:
+            return pyarrow.chunked_array([part.cast(kind) for part in parts], kind)
+        except (pyarrow.ArrowInvalid, pyarrow.ArrowNotImplementedError):  # then it is what its values are
+            pass
+    if kinds == {pyarrow.int64(), pyarrow.float64()}:
         kind = pyarrow.float64()
     else:
         kind = kinds.pop() if len(kinds) == 1 else pyarrow.string()

@@ -29,9 +29,15 @@ PROBLEM = {
 }
 
 
-def table_answers(columns: Columns) -> Answers:
-    """Return the responses of a route that sends a table."""
-    properties = {name: {"description": meaning} for name, meaning in columns.items()}
+def table_answers(columns: Columns, further: Columns | None = None) -> Answers:
+    """Return the responses of a route that sends a table.
+
+    Parameters
+    ----------
+    columns : that every row has
+    further : that rows have in some studies
+    """
+    properties = {name: {"description": meaning} for name, meaning in (columns | (further or {})).items()}
     row = {"type": "object", "properties": properties, "required": list(columns)}
     example = example_row(columns)
     json_table = {"schema": {"type": "array", "items": row}}
@@ -84,6 +90,6 @@ def _add_examples(operation: dict[str, Any]) -> None:
         schema = content["schema"]
         row = schema.get("items", schema)
         if "properties" in row:
-            content["example"] = [example_row(row["properties"])]
+            content["example"] = [example_row(row["required"])]
         elif (name := str(row.get("$ref", "")).rsplit("/", 1)[-1]) in EXAMPLES:
             content["example"] = [EXAMPLES[name]] if "items" in schema else EXAMPLES[name]

@@ -370,6 +370,7 @@ STUDY = {
     "protocol": "PC",
     "scale": 5,
     "reference": "",
+    "revision": 1,
     "lab_sheet": {"display": "ASUS VG278", "size_inch": 27.0, "white_point": "5000 K", "distance_cm": 90.0},
 }
 ANALYSIS = {

@@ -60,6 +60,7 @@ PEOPLE = (*ANSWERS, tables.session, tables.exclusion)
 SCREENED = (tables.screening_display, tables.screening_test, tables.screening_item, tables.screening_entry)
 
 router = APIRouter(prefix="/api/v1", tags=["results"])
+OBSERVERS = table_answers(columns.OBSERVERS, columns.FURTHER["observers"])
 READING, PERSONAL_TOO, AUDITING = ([Depends(may_read(scope))] for scope in (READ, PERSONAL, AUDIT_SCOPE))
 
 OfParticipant = Annotated[str | None, Query(alias="participant", max_length=40, description="only this participant")]
@@ -72,7 +73,7 @@ def studies(request: Request, database: Store, chosen: ChosenFormat) -> Response
     with database.reading() as connection:
         listed = [study for study in all_studies(connection) if is_seen(request, study)]
         progress = progress_by_study(connection)  # read second: it then covers every study listed
-    rows = [study_summary(study, progress[study.id]) for study in listed]
+    rows = [study_summary(study, progress[study.id]) | {"created_at": study.created_at} for study in listed]
     return table(rows, columns.STUDIES, chosen, "studies")
 
 
@@ -90,6 +91,7 @@ def study(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
         "conditions": conditions,
         "factors": study.factors,
         **{name: getattr(options, name) for name in ("protocol", "scale", "reference")},
+        "revision": study.revision,
         "lab_sheet": options.lab_sheet.as_json(),
     }
     return json_object(whole, chosen)
@@ -198,7 +200,7 @@ def triads(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     return _results(database, study, chosen, "triads")
 
 
-@router.get("/studies/{slug}/observers", responses=table_answers(columns.OBSERVERS), dependencies=READING)
+@router.get("/studies/{slug}/observers", responses=OBSERVERS, dependencies=READING)
 def observers(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """Flag what is unusual about each participant's votes, with the numbers behind it."""
     return _results(database, study, chosen, "observers")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 from urllib.parse import quote
 
 from fastapi import Request
 from fastapi.responses import RedirectResponse
+from starlette.datastructures import QueryParams
 
 from app.store.admission import WhyClosed, why_closed
 from app.store.designs import has_single_films, largest_film
@@ -113,6 +114,7 @@ def _state_of_link(
     if session is not None and session.study_id == study.id and options.id not in request.query_params:
         return "mine", held  # or a preview, which nobody sent
     try:
+        _check_said_once(request.query_params, (options.id, *options.keep))
         arrival = options.arrival(request.query_params)
     except ValueError as error:
         log.warning("study %s: a recruiting platform's link is refused: %s", study.slug, error)
@@ -123,3 +125,10 @@ def _state_of_link(
     if session_of_outside_id(connection, study.id, arrival.outside_id) is None:
         return for_anybody, arrival
     return ("open" if options.resume == "anywhere" else "begun_elsewhere"), arrival
+
+
+def _check_said_once(parameters: QueryParams, names: Iterable[str]) -> None:
+    """Refuse a link that gives a parameter two values: it is not known who comes."""
+    for name in names:
+        if len(set(parameters.getlist(name))) > 1:
+            raise ValueError(f"{name} stands twice in the link, with different values")

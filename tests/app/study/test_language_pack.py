@@ -108,6 +108,12 @@ def test_a_form_for_one_or_two_may_leave_out_the_number() -> None:
         ("fr.json", json.dumps({**ENGLISH, "direction": "up"}), "direction is 'up', expected ltr or rtl"),
         ("fr.json", json.dumps({**ENGLISH, "status": "done"}), "status is 'done', expected reviewed or draft"),
         ("fr.json", json.dumps({**ENGLISH, "language": ""}), "language is '', expected the language's name"),
+        ("fr.json", json.dumps({**ENGLISH, "language": "\ud800"}), "half of a character (a lone surrogate)"),
+        ("fr.json", json.dumps({**ENGLISH, "language": "Fran\ncais"}), "expected the language's name"),
+        ("fr.json", json.dumps({**ENGLISH, "language": "x" * 10**6}), "expected the language's name"),
+        ("fr.json", json.dumps(ENGLISH)[:-1] + ', "language": "Twice"}', "'language' stands there twice"),
+        ("fr.json", json.dumps({**ENGLISH, "\ud800": "?"}), "half of a character (a lone surrogate)"),
+        ("fr.json", "[" * 100_000, "it holds too many lists within one another"),
     ],
 )
 def test_a_pack_with_a_fault_is_refused_with_the_reason(tmp_path: Path, name: str, content: str, fault: str) -> None:
@@ -116,3 +122,9 @@ def test_a_pack_with_a_fault_is_refused_with_the_reason(tmp_path: Path, name: st
     with pytest.raises(LanguagePackError, match=r"french\.txt|fr\.json") as refusal:
         read_language_pack(path)
     assert fault in str(refusal.value)
+
+
+def test_a_pack_that_an_editor_has_given_a_byte_order_mark_and_its_ends_of_lines_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "fr.json"
+    path.write_bytes(json.dumps(ENGLISH, indent=1).replace("\n", "\r\n").encode("utf-8-sig"))
+    assert read_language_pack(path).texts == model_texts()

@@ -120,6 +120,11 @@ def test_what_is_wrong_with_a_file_is_named(write: Write, rows: list[str], heade
     assert says in str(refusal.value)
 
 
+@pytest.mark.parametrize("rows", [[], ["a,d,x,", "a,d,y,"]])
+def test_a_table_of_ratings_without_any_is_known_as_such(write: Write, rows: list[str]) -> None:
+    assert holds_ratings(write(*rows, header=HEADER))
+
+
 def test_another_scale_is_accepted_when_it_is_named(write: Write) -> None:
     table = read_ratings(write("a,d,x,87.5"), (0.0, 100.0))
     assert (table.rating.tolist(), table.high) == ([87.5], 100.0)

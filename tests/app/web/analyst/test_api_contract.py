@@ -122,6 +122,20 @@ def test_a_table_has_the_same_columns_and_rows_in_every_format(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["", *TABLES])
+def test_a_column_of_a_parquet_file_has_the_same_type_with_and_without_values(
+    analyst: httpx.Client, taken: dict[str, Any], name: str
+) -> None:
+    path = f"/api/v1/studies/{taken['slug']}/{name}" if name else "/api/v1/studies"
+
+    def types(**page: int) -> dict[str, str]:
+        content = analyst.get(path, params={"format": "parquet"} | page).raise_for_status().content
+        return {field.name: str(field.type) for field in pyarrow.parquet.read_schema(io.BytesIO(content))}
+
+    assert types() == types(offset=10**6)
+
+
+@pytest.mark.slow
 def test_pages_together_are_the_table(analyst: httpx.Client, taken: dict[str, Any]) -> None:
     path = f"/api/v1/studies/{taken['slug']}/votes"
     whole = rows(analyst, path)
@@ -176,7 +190,9 @@ def test_the_archive_is_whole_and_says_what_is_in_it(analyst: httpx.Client, take
     assert {"study.toml", "analysis.json", *(f"{name}.csv" for name in TABLES)} < files.keys()
     dictionary = files["README.md"].decode()
     for name, columns in TABLES.items():
-        assert all(f"| {column} |" in dictionary for column in columns), name
+        section = dictionary.split(f"## {name}.csv")[1].split("\n## ")[0]
+        header = next(csv.reader(io.StringIO(files[f"{name}.csv"].decode())))
+        assert all(f"| {column} |" in section for column in [*columns, *header]), name
 
 
 PERSONAL = ("participants", "screening", "questionnaire", "comments", "comment_tags", "demographics", "archive.zip")

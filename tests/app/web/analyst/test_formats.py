@@ -16,7 +16,9 @@ import pyarrow.parquet
 import pytest
 from fastapi.responses import Response, StreamingResponse
 
+from app.web.analyst.columns import JOBS, STUDIES, TABLES, Columns
 from app.web.analyst.formats import IN_MEMORY, ROWS_AT_ONCE, Format, TableRequest, table
+from app.web.analyst.openapi_examples import example_row
 
 COLUMNS = ("participant", "choice", "response_ms")
 
@@ -75,6 +77,17 @@ def test_a_page_of_a_table_says_how_many_there_are_and_what_is_known_is_not_sent
     assert (again.status_code, again.body) == (304, b"")
     more = ask(votes(51), "json", limit=3, offset=10, known=page.headers["etag"])
     assert (content_of(more), more.headers["x-total-count"]) == (content, "51")
+
+
+@pytest.mark.parametrize("columns", [*TABLES.values(), JOBS, STUDIES])
+def test_a_column_of_parquet_has_its_type_whatever_its_values_are(columns: Columns) -> None:
+    example = example_row(columns)
+
+    def types(rows: list[dict[str, Any]]) -> dict[str, pyarrow.DataType]:
+        answer = table(rows, columns, TableRequest("parquet", "", None, 0), "rows")
+        return {field.name: field.type for field in pyarrow.parquet.read_schema(io.BytesIO(content_of(answer)))}
+
+    assert types([example]) == types([])
 
 
 def test_a_column_of_several_kinds_is_text_in_parquet() -> None:

@@ -21,6 +21,7 @@ from app.settings import Settings
 from app.simulation.participants import simulate
 from app.study.options import parse_options
 from app.web.admin.results.scores_view import decimal
+from app.web.analyst.columns import OBSERVERS, OBSERVERS_OF_RATINGS
 from tests.app.web.admin.dashboard_client import Dashboard
 
 pytestmark = pytest.mark.slow
@@ -57,7 +58,9 @@ def test_mean_opinion_scores_are_means_of_the_votes_and_are_compared_with_measur
         ]
         assert row["mos"] == pytest.approx(mean(counted))
         assert row["is_reference"] == (row["condition"] == "pm_fb")
-    assert [row["participant"] for row in analyst.get(f"{path}/observers").json()] == [f"P00{n}" for n in range(1, 6)]
+    observers = analyst.get(f"{path}/observers").json()
+    assert [row["participant"] for row in observers] == [f"P00{n}" for n in range(1, 6)]
+    assert list(observers[0]) == [*OBSERVERS, *OBSERVERS_OF_RATINGS]
     assert analyst.get(f"{path}/scores").json() == []
     with zipfile.ZipFile(io.BytesIO(analyst.get(f"{path}/archive.zip").content)) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith("/analysis.json"))

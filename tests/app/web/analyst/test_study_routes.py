@@ -43,7 +43,8 @@ def test_a_study_is_created_edited_opened_copied_and_deleted(own_server: str, ow
         assert (wrong.status_code, wrong.headers["content-type"]) == (422, PROBLEM)
         assert "brake_every" in wrong.json()["detail"]
 
-        revision = made.json()["revision"]
+        revision = client.get("studies/over-rest").json()["revision"]
+        assert revision == made.json()["revision"]
         edited = client.patch("studies/over-rest", json={"revision": revision, "options": {"break_every": 9}}).json()
         assert (edited["options"]["break_every"], edited["name"]) == (9, "Over REST")
         assert client.patch("studies/over-rest", json={"revision": revision, "name": "late"}).status_code == 409

@@ -164,6 +164,14 @@ def test_a_link_that_does_not_say_who_comes_is_refused(client: httpx.Client, cre
     assert client.get(study["path"]).status_code == 422
 
 
+@pytest.mark.parametrize("name", ["PERSON", "TASK"])
+def test_a_link_that_says_two_different_things_is_refused(client: httpx.Client, create: Create, name: str) -> None:
+    path = create()["path"]
+    rest = "PERSON=p-1&" if name == "TASK" else ""
+    assert client.get(f"{path}?{rest}{name}=a&{name}=a").status_code == 200
+    assert client.get(f"{path}?{rest}{name}=a&{name}=b").status_code == 422
+
+
 def test_ids_and_codes_are_in_no_table_that_analysts_read(
     client: httpx.Client, analyst: httpx.Client, create: Create, vote_body: VoteBody
 ) -> None:
