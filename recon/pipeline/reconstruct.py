@@ -49,7 +49,7 @@ from recon.pipeline.stages import (
 from recon.pipeline.textures import compare_photographs, make_textured
 from recon.programs import ProgramError
 from recon.storage.artefacts import Artefacts
-from recon.storage.files import remove_leftovers
+from recon.storage.files import alone_in, remove_leftovers
 from recon.surface import SurfaceParameters
 from recon.workers import Pool, Progress, no_progress, open_pool
 
@@ -140,8 +140,8 @@ def reconstruct(
     Raises
     ------
     ValueError
-        If the capture, a method or the frames are wrong, or no sensor sees anything in a frame; `run` then holds only
-        whole files.
+        If the capture, a method or the frames are wrong, no sensor sees anything in a frame, or another start is
+        writing into `run`, which then holds only whole files.
     """
     return reconstruct_capture(read_capture(capture_folder.resolve()), run, options, progress)
 
@@ -159,11 +159,17 @@ def reconstruct_capture(
     """
     run = run.resolve()
     job = planned_job(capture, run, options)
+    with alone_in(run):
+        return _made(job, progress)
+
+
+def _made(job: Job, progress: Progress) -> dict[str, Any]:
+    """Make what is not finished of a run, and return the content of ``run.json``."""
+    run = job.artefacts.folder
     options, views, models = job.options, list(chain.from_iterable(job.sequences)), job.models
 
     timings: dict[str, float] = {}
     with open_pool(options.workers, options.cluster) as pool:
-        run.mkdir(parents=True, exist_ok=True)
         remove_leftovers(run)
         fetch_log(run)
 
