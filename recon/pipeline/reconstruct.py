@@ -158,6 +158,8 @@ def reconstruct_capture(
     options, progress : as of `reconstruct`
     """
     run = run.resolve()
+    if run == capture.folder.resolve():
+        raise ValueError(f"{run}: is the capture itself; choose another folder for the run")
     job = planned_job(capture, run, options)
     with alone_in(run):
         return _made(job, progress)

@@ -234,6 +234,14 @@ def test_a_second_start_into_the_same_folder_is_refused_while_the_first_goes_on(
     assert command(*filmed).code == 0
 
 
+def test_a_run_into_its_own_capture_is_refused(command: Command, capture: Path) -> None:
+    before = sorted(capture.rglob("*"))
+    told = command("reconstruct", capture, "-o", capture, "--depth", "id", "--fusion", "fb", "--frames", "0:1")
+    assert told.code == 1
+    assert f"{capture}: is the capture itself; choose another folder for the run" in told.err
+    assert sorted(capture.rglob("*")) == before
+
+
 def test_a_disk_that_fills_up_while_rendering_is_named(command: Command, capture: Path, small_disk: Path) -> None:
     run = capture.parent / "run"
     assert command("reconstruct", capture, "-o", run, "--depth", "id", "--fusion", "fb", "--frames", "0:1").code == 0
