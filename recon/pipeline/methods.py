@@ -23,7 +23,9 @@ from recon.fusion import FUSIONS, DepthView, asks_for_views, fused
 from recon.fusion.program import FusionProgram, fuse_by_program
 from recon.geometry.mesh import Cloud, Mesh
 from recon.methods_file import Table, read_tables
+from recon.pipeline.keys import digest_once
 from recon.plugins import DEPTH_GROUP, FUSION_GROUP, Plugin, PluginError, default_parameters, registered
+from recon.programs import Program
 from recon.surface import NoSurfaceError, SurfaceParameters, with_voxel
 
 NO_SEED = "none"  # of PM in a methods file: planes at random, as Bleyer et al. 2011 start
@@ -193,7 +195,7 @@ def fusion_parameters(method: OurFusion | Installed, run: SurfaceParameters) -> 
 def depth_key(method: DepthMethod) -> dict[str, Any]:
     """Describe a depth method for a key, by what its result depends on."""
     if isinstance(method, DepthProgram):
-        return {"command": method.command, "output": method.output}
+        return _program_key(method)
     if isinstance(method, Installed):
         return _plugin_key(method, method.load()[1])
     return asdict(method)
@@ -202,7 +204,7 @@ def depth_key(method: DepthMethod) -> dict[str, Any]:
 def fusion_key(method: FusionMethod, run: SurfaceParameters) -> dict[str, Any]:
     """Describe a fusion for a key, by what its result depends on in a run with these parameters."""
     if isinstance(method, FusionProgram):
-        return {"command": method.command, "output": method.output, "voxel_mm": run.voxel_mm}
+        return _program_key(method) | {"voxel_mm": run.voxel_mm}
     if isinstance(method, Installed):
         return _plugin_key(method, fusion_parameters(method, run))
     return {"method": method.method, "parameters": asdict(fusion_parameters(method, run))}
@@ -296,6 +298,11 @@ def _with_voxel_of(run: SurfaceParameters, parameters: Any) -> Any:
     if has_voxel and parameters.voxel_mm is None:
         return replace(parameters, voxel_mm=run.voxel_mm)
     return parameters
+
+
+def _program_key(method: Program) -> dict[str, Any]:
+    files = {str(path): digest_once(path) for path in method.files()}
+    return {"command": method.command, "output": method.output, "files": files}
 
 
 def _plugin_key(method: Installed, parameters: Any) -> dict[str, Any]:

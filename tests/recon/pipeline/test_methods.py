@@ -344,7 +344,10 @@ def test_programs_and_variants_go_the_whole_way_in_worker_processes(
 
 @pytest.mark.slow
 def test_a_failure_names_its_frame_and_the_run_is_resumed(capture: Capture, tmp_path: Path) -> None:
-    fails_once = "import os, sys\nif '0001' in os.getcwd() and 'S2' in os.getcwd(): raise SystemExit('out of memory')\n"
+    busy = tmp_path / "busy"
+    busy.touch()
+    is_busy = f"os.path.exists({str(busy)!r}) and '0001' in os.getcwd() and 'S2' in os.getcwd()"
+    fails_once = f"import os, sys\nif {is_busy}: raise SystemExit('out of memory')\n"
     path, run = methods_file(tmp_path, fails_once + BOX_FILTER), tmp_path / "run"
     options = ReconstructOptions(depths=("mine",), fusions=("fb",), methods=read_methods(path))
     with pytest.raises(
@@ -354,7 +357,7 @@ def test_a_failure_names_its_frame_and_the_run_is_resumed(capture: Capture, tmp_
     assert "out of memory" in Path(str(error.value).split("its log is ")[1]).read_text()
     assert not (run / "run.json").exists()
     assert made(run) == [f"matched/mine/{view}.npy" for view in ("S1/0000", "S1/0001", "S2/0000")]
-    methods_file(tmp_path)
+    busy.unlink()
     reconstruct(capture.folder, run, replace(options, methods=read_methods(path)))
     assert [name for name in made(run) if name.startswith("matched")].count("matched/mine/S1/0000.npy") == 1
     assert np.isfinite(read_disparity(run / "matched/mine/S2/0001.npy")).any()
@@ -364,8 +367,8 @@ def test_a_failure_names_its_frame_and_the_run_is_resumed(capture: Capture, tmp_
 def test_a_changed_method_alone_is_run_again(capture: Capture, tmp_path: Path) -> None:
     run = tmp_path / "run"
 
-    def reconstructed(more: str, extra: str = "") -> set[str]:
-        path = methods_file(tmp_path, more=more)
+    def reconstructed(more: str, extra: str = "", text: str = BOX_FILTER) -> set[str]:
+        path = methods_file(tmp_path, text, more=more)
         path.write_text(path.read_text().replace("{min_disparity}", "{min_disparity}" + extra))
         before = len(made(run)) if (run / "log.jsonl").exists() else 0
         options = ReconstructOptions(depths=("mine", "id8"), fusions=("fb",), methods=read_methods(path))
@@ -377,6 +380,7 @@ def test_a_changed_method_alone_is_run_again(capture: Capture, tmp_path: Path) -
     assert reconstructed("timeout_s = 7\n" + variant.format("8.0")) == set()
     assert reconstructed(variant.format(9)) == {"id8"}
     assert reconstructed(variant.format(9), " --version=2") == {"mine"}
+    assert reconstructed(variant.format(9), " --version=2", BOX_FILTER.replace("(7, 7)", "(5, 5)")) == {"mine"}
 
 
 def test_match_takes_a_method_of_a_methods_file(command: Command, tmp_path: Path) -> None:
