@@ -107,6 +107,21 @@ def test_what_a_program_finds_behind_the_mask_or_outside_the_range_is_dropped(tm
     assert np.array_equal(np.isfinite(matched), mask & (np.arange(40) >= 20)[:, None])
 
 
+def test_disparities_that_all_lie_outside_the_range_are_refused(tmp_path: Path) -> None:
+    text = "import sys, numpy as np; a = np.full((40, 80), np.nan); a[:20] = -5; a[9] = -7.5; np.save(sys.argv[3], a)"
+    sentence = r"all disparities of the program, -7\.5 to -5, lie outside the range 0 to 11; .* left minus right column"
+    with pytest.raises(ProgramError, match=sentence):
+        match_by_program(shifted_pair(5), program(tmp_path, text), tmp_path / "work")
+    nothing = "import sys, numpy as np; np.save(sys.argv[3], np.full((40, 80), np.nan))"
+    assert np.isnan(match_by_program(shifted_pair(5), program(tmp_path, nothing), tmp_path / "work")).all()
+
+
+def test_a_tiff_of_whole_numbers_is_refused(tmp_path: Path) -> None:
+    text = "import sys, cv2, numpy as np; cv2.imwrite(sys.argv[3], np.full((40, 80), 5 * 256, np.uint16))"
+    with pytest.raises(ProgramError, match=r"out\.tiff: holds uint16, expected floating numbers"):
+        match_by_program(shifted_pair(5), program(tmp_path, text, output="tiff"), tmp_path / "work")
+
+
 def test_a_program_gets_masks_where_its_command_asks_for_them(tmp_path: Path) -> None:
     pair = shifted_pair(5)
     mask = np.zeros((40, 80), np.bool_)
