@@ -38,7 +38,7 @@ def write_disparity(path: Path, disparity: NDArray[np.floating]) -> None:
     ValueError
         If the suffix is none of these or the map is not two-dimensional.
     """
-    _check_suffix(path)
+    check_suffix(path)
     values = np.ascontiguousarray(disparity, dtype=np.float32)
     if values.ndim != 2:
         raise ValueError(f"{path}: a disparity map has two dimensions, found shape {values.shape}")
@@ -62,7 +62,7 @@ def read_disparity(path: Path) -> NDArray[np.float32]:
         If the file is missing, damaged, of an unknown suffix, a TIFF of whole numbers, or a PNG, whose colours are not
         disparities.
     """
-    _check_suffix(path)
+    check_suffix(path)
     if path.suffix == ".png":
         raise ValueError(f"{path}: a PNG is a coloured preview; read the PFM, NPY or TIFF instead")
     if not path.is_file():
@@ -97,7 +97,8 @@ def colour_preview(disparity: NDArray[np.floating]) -> NDArray[np.uint8]:
     return np.ascontiguousarray(np.where(valid[..., None], colours, 0), dtype=np.uint8)
 
 
-def _check_suffix(path: Path) -> None:
+def check_suffix(path: Path) -> None:
+    """Raise a ValueError if a file's name has the suffix of no format."""
     if path.suffix not in SUFFIXES:
         raise ValueError(
             f"{path}: unknown format {path.suffix or 'without a suffix'!r}; expected {', '.join(SUFFIXES)}"

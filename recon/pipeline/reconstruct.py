@@ -22,7 +22,7 @@ from recon.approaches import VERTICES
 from recon.capture.format import Capture, read_capture
 from recon.capture.images import read_stored_image
 from recon.depth import StereoPair
-from recon.depth.disparity_io import write_disparity
+from recon.depth.disparity_io import check_suffix, write_disparity
 from recon.geometry.mesh import Cloud, Mesh
 from recon.pipeline.film import WHERE
 from recon.pipeline.job import Job, ReconstructOptions, planned_job
@@ -78,9 +78,14 @@ def match_files(
     Raises
     ------
     ValueError
-        If the method is unknown or the images cannot be matched; nothing is written then but the log of a program.
+        If the method is unknown, `out` is one of the images or of no known format, or the images cannot be matched;
+        nothing is written then but the log of a program.
     """
     methods.check((method,), ())
+    check_suffix(out)
+    for path in (left, right):
+        if out.exists() and path.exists() and out.samefile(path):
+            raise ValueError(f"{out}: is one of the pictures to match; choose another name for the disparities")
     images = [np.asarray(read_stored_image(path)) for path in (left, right)]
     pair = StereoPair(images[0], images[1], n_disparities, min_disparity)  # which refuses what is not 8 bits
     started = time.perf_counter()

@@ -418,6 +418,27 @@ def test_match_takes_a_method_of_a_methods_file(command: Command, tmp_path: Path
     assert "or one of a methods file (--methods)" in told.err
 
 
+def test_match_does_not_overwrite_a_picture_nor_search_for_a_format_that_is_not(
+    command: Command, tmp_path: Path
+) -> None:
+    pair = shifted_pair(5)
+    pictures = [tmp_path / f"{side}.png" for side in ("left", "right")]
+    for path, image in zip(pictures, (pair.left, pair.right), strict=True):
+        cv2.imwrite(str(path), image)
+    (tmp_path / "link.png").symlink_to(pictures[1])
+    before = [path.read_bytes() for path in pictures]
+    for out, sentence in (
+        ("left.png", "is one of the pictures to match"),
+        ("link.png", "is one of the pictures to match"),
+        ("out.PFM", "unknown format '.PFM'"),
+    ):
+        told = command("match", *pictures, "--disparities", 12, "-o", tmp_path / out, "--methods",
+                       methods_file(tmp_path, "raise SystemExit('begun')"), "--method", "mine")  # fmt: skip
+        assert told.code == 1
+        assert f"{tmp_path / out}: {sentence}" in told.err
+    assert [path.read_bytes() for path in pictures] == before
+
+
 @pytest.mark.slow
 def test_every_parameter_of_table_2_is_set_by_a_methods_file_and_recorded_in_the_run(
     capture: Capture, tmp_path: Path
