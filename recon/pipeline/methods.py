@@ -5,7 +5,9 @@ docs/depth.md shows a methods file and a package.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import redirect_stdout
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 
 from recon.capture.recording import GIVEN
 from recon.depth import DEFAULTS, MATCHERS, Parameters, StereoPair, matched
-from recon.depth.pair import within_pair
+from recon.depth.pair import check_range, within_pair
 from recon.depth.patchmatch import PmParameters
 from recon.depth.program import DepthProgram, match_by_program
 from recon.depth.temporal import TemporalParameters
@@ -24,7 +26,7 @@ from recon.fusion.program import FusionProgram, fuse_by_program
 from recon.geometry.mesh import Cloud, Mesh
 from recon.methods_file import Table, read_tables
 from recon.pipeline.keys import digest_once
-from recon.plugins import DEPTH_GROUP, FUSION_GROUP, Plugin, PluginError, default_parameters, registered
+from recon.plugins import DEPTH_GROUP, FAILURES, FUSION_GROUP, Plugin, PluginError, default_parameters, registered
 from recon.programs import Program
 from recon.surface import NoSurfaceError, SurfaceParameters, with_voxel
 
@@ -264,14 +266,21 @@ def _match_by_plugin(method: Installed, pair: StereoPair) -> NDArray[np.float32]
     """Match by a plug-in: float32 (H, W), pixels; what it finds outside the range or on the background is dropped."""
     function, parameters = method.load()
     try:
-        result = function(pair) if parameters is None else function(pair, parameters)
-    except Exception as error:  # a package of others may raise anything
+        with redirect_stdout(sys.stderr):  # what a command prints may be JSON
+            result = function(pair) if parameters is None else function(pair, parameters)
+    except FAILURES as error:
         raise PluginError(f"{method.plugin} failed: {error!r}") from error
     expected = (pair.height, pair.width)
     if not isinstance(result, np.ndarray) or result.shape != expected or result.dtype.kind not in "fiu":
         shown = f"{result.dtype} {result.shape}" if isinstance(result, np.ndarray) else f"a {type(result).__name__}"
         raise PluginError(f"{method.plugin} returned {shown}, expected float32 {expected}")
-    return within_pair(pair, result.astype(np.float32))
+    with np.errstate(over="ignore"):  # infinity is no disparity
+        disparity = result.astype(np.float32)
+    try:
+        check_range(pair, disparity)
+    except ValueError as error:
+        raise PluginError(f"{method.plugin}: {error}") from error
+    return within_pair(pair, disparity)
 
 
 def _fuse_by_plugin(
@@ -280,10 +289,11 @@ def _fuse_by_plugin(
     function, _ = method.load()
     parameters = fusion_parameters(method, with_voxel(clouds, run))
     try:
-        mesh, warnings = fused(function, clouds, parameters, views)
+        with redirect_stdout(sys.stderr):
+            mesh, warnings = fused(function, clouds, parameters, views)
     except NoSurfaceError:
         raise
-    except Exception as error:  # a package of others may raise anything
+    except FAILURES as error:
         raise PluginError(f"{method.plugin} failed: {error!r}") from error
     returned: object = mesh
     if not isinstance(returned, Mesh) or not len(returned.faces):

@@ -109,7 +109,7 @@ def test_what_a_program_finds_behind_the_mask_or_outside_the_range_is_dropped(tm
 
 def test_disparities_that_all_lie_outside_the_range_are_refused(tmp_path: Path) -> None:
     text = "import sys, numpy as np; a = np.full((40, 80), np.nan); a[:20] = -5; a[9] = -7.5; np.save(sys.argv[3], a)"
-    sentence = r"all disparities of the program, -7\.5 to -5, lie outside the range 0 to 11; .* left minus right column"
+    sentence = r"all disparities found, -7\.5 to -5, lie outside the range 0 to 11; .* left minus right column"
     with pytest.raises(ProgramError, match=sentence):
         match_by_program(shifted_pair(5), program(tmp_path, text), tmp_path / "work")
     nothing = "import sys, numpy as np; np.save(sys.argv[3], np.full((40, 80), np.nan))"
