@@ -216,6 +216,23 @@ def test_a_capture_is_read_once_for_a_run(
     assert read == [capture / "capture.json"]
 
 
+TRIANGLE = """import sys
+head = ["ply", "format ascii 1.0", "element vertex 3", *(f"property float {axis}" for axis in "xyz")]
+faces = ["element face 1", "property list uchar int vertex_indices", "end_header"]
+open(sys.argv[1], "w").write("\\n".join([*head, *faces, "9 9 9", "9.1 9 9", "9 9.1 9", "3 0 1 2", ""]))
+"""
+
+
+def test_a_programs_mesh_outside_all_masks_is_named(command: Command, capture: Path, tmp_path: Path) -> None:
+    (tmp_path / "fuse.py").write_text(TRIANGLE)
+    methods = tmp_path / "methods.toml"
+    methods.write_text(f"[fusion.mine]\ncommand = \"'{sys.executable}' fuse.py {{out}} {{clouds}}\"\noutput = 'ply'\n")
+    arguments = ("--depth", "id", "--fusion", "mine", "--methods", methods, "--frames", "0:1")
+    told = command("reconstruct", capture, "-o", tmp_path / "run", *arguments)
+    assert told.code == 1
+    assert "id_mine: frame 0 has no model: nothing of its surface lies inside the sensors' masks" in told.err
+
+
 def test_a_second_start_into_the_same_folder_is_refused_while_the_first_goes_on(
     command: Command, capture: Path, tmp_path: Path
 ) -> None:
