@@ -274,6 +274,7 @@ WRONG_FILES = {
     "a name of ours": ('[depth.sgm]\nmethod = "id"', r"\[depth.sgm\]: there is a method sgm already"),
     "a fusion of ours": ('[fusion.fa]\nmethod = "fb"', r"\[fusion.fa\]: there is a method fa already"),
     "a name that is a path": ('[depth."../a"]\nmethod = "id"', r"'../a' is no name of a method"),
+    "the name of everything": ('[depth.all]\nmethod = "id"', "'all' is what results call everything together"),
     "a name with an underscore": ('[depth.a_b]\nmethod = "id"', "'a_b' is no name of a method"),
     "no output": ('[depth.a]\ncommand = "a"', r"\[depth.a\]: output is missing"),
     "an unknown output": ('[depth.a]\ncommand = "a"\noutput = "exr"', r"\[depth.a\] command, output: output is 'exr'"),
