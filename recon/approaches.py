@@ -40,6 +40,8 @@ def check_method_name(name: str) -> None:
     """Raise a ValueError if a method cannot be called this."""
     if not METHOD_NAME.fullmatch(name):
         raise ValueError(f"{name!r} is no name of a method; expected up to 50 of a-z, 0-9 and -, for example dr-sigma8")
+    if name == "all":
+        raise ValueError("'all' is what results call everything together; choose another name")
 
 
 def check_colours(names: Sequence[str]) -> None:

@@ -6,9 +6,11 @@ broken disturbs no other.
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections import Counter
 from collections.abc import Collection
+from contextlib import redirect_stdout
 from dataclasses import dataclass, is_dataclass
 from functools import cache
 from hashlib import sha256
@@ -20,6 +22,9 @@ from pathlib import Path
 from recon.approaches import check_method_name
 
 DEPTH_GROUP, FUSION_GROUP, MEASURES_GROUP = "reconstudy.depth", "reconstudy.fusion", "reconstudy.measures"
+
+# A package of others may raise anything; its sys.exit would end a command as if all were done.
+FAILURES = (Exception, SystemExit)
 
 
 class PluginError(ValueError):
@@ -52,8 +57,9 @@ class Plugin:
     def load(self) -> object:
         """Import what the entry point names, or raise a PluginError that says what is wrong."""
         try:
-            return EntryPoint(self.name, self.target, "").load()
-        except Exception as error:  # a package of others may raise anything
+            with redirect_stdout(sys.stderr):
+                return EntryPoint(self.name, self.target, "").load()
+        except FAILURES as error:
             raise PluginError(f"{self} cannot be imported ({self.target}): {error!r}") from error
 
     def code_version(self) -> str:

@@ -87,6 +87,12 @@ class Program:
             ) from error
         return filled
 
+    def files(self) -> list[Path]:
+        """Return the files that the command names, such as a script beside the methods file, or weights after a `=`."""
+        named = [text.replace("{folder}", self.folder) for text in shlex.split(self.command)]
+        paths = [Path(self.folder) / part for text in named for part in dict.fromkeys((text, text.partition("=")[2]))]
+        return [path for path in paths if _is_file(path)]
+
     def asks_for(self, name: str) -> bool:
         """Return whether the command uses a name in braces."""
         return f"{{{name}}}" in self.command

@@ -22,6 +22,7 @@ JPEG_END = b"\xff\xd9"  # OpenCV fills what is missing of a cut-off JPEG with gr
 JPEG_SCAN = b"\xff\xda"
 PNG_START = b"\x89PNG"
 PNG_DEPTH = 24  # the byte that holds the bits of a channel
+PNG_16 = bytes([16])
 SENSOR_BITS = 12  # that cameras give; some programs write them into the lower bits of 16
 
 
@@ -43,7 +44,8 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     12 or fewer, of which the upper 8 show next to nothing.
     """
     content = _image_bytes(path)
-    if content[:PNG_DEPTH].tobytes().startswith(PNG_START) and content[PNG_DEPTH : PNG_DEPTH + 1] == 16:
+    head = content[: PNG_DEPTH + 1].tobytes()
+    if head.startswith(PNG_START) and head[PNG_DEPTH:] == PNG_16:
         _check_upper_bits(path, _pixels(path, content, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR))
     return np.asarray(_pixels(path, content, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION), np.uint8)
 
@@ -159,7 +161,10 @@ def _decoded(path: Path, flags: int) -> NDArray[np.generic]:
 
 
 def _pixels(path: Path, content: NDArray[np.uint8], flags: int) -> NDArray[np.generic]:
-    pixels = cv2.imdecode(content, flags)
+    try:
+        pixels = cv2.imdecode(content, flags)
+    except cv2.error as error:  # more pixels than OpenCV takes
+        raise CaptureError(f"{path}: is not readable as an image: {error.err}") from error
     if pixels is None:
         raise CaptureError(f"{path}: is not readable as an image (PNG or JPEG expected)")
     return np.asarray(pixels)

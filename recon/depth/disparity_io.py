@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -37,7 +38,7 @@ def write_disparity(path: Path, disparity: NDArray[np.floating]) -> None:
     ValueError
         If the suffix is none of these or the map is not two-dimensional.
     """
-    _check_suffix(path)
+    check_suffix(path)
     values = np.ascontiguousarray(disparity, dtype=np.float32)
     if values.ndim != 2:
         raise ValueError(f"{path}: a disparity map has two dimensions, found shape {values.shape}")
@@ -58,9 +59,10 @@ def read_disparity(path: Path) -> NDArray[np.float32]:
     Raises
     ------
     ValueError
-        If the file is missing, damaged, of an unknown suffix, or a PNG, whose colours are not disparities.
+        If the file is missing, damaged, of an unknown suffix, a TIFF of whole numbers, or a PNG, whose colours are not
+        disparities.
     """
-    _check_suffix(path)
+    check_suffix(path)
     if path.suffix == ".png":
         raise ValueError(f"{path}: a PNG is a coloured preview; read the PFM, NPY or TIFF instead")
     if not path.is_file():
@@ -78,9 +80,7 @@ def read_disparity_png16(path: Path) -> NDArray[np.float32]:
 
     Returns float32 (H, W), pixels, NaN where unmatched; a ValueError says that the file is something else.
     """
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise ValueError(f"{path}: is not readable as PNG")
+    image = _read_image(path, "PNG")
     if image.ndim != 2 or image.dtype != np.uint16:
         raise ValueError(f"{path}: holds {image.dtype} of shape {image.shape}, expected one channel of 16 bits")
     return np.where(image > 0, image / np.float32(PNG16_SCALE), np.float32(np.nan)).astype(np.float32)
@@ -97,7 +97,8 @@ def colour_preview(disparity: NDArray[np.floating]) -> NDArray[np.uint8]:
     return np.ascontiguousarray(np.where(valid[..., None], colours, 0), dtype=np.uint8)
 
 
-def _check_suffix(path: Path) -> None:
+def check_suffix(path: Path) -> None:
+    """Raise a ValueError if a file's name has the suffix of no format."""
     if path.suffix not in SUFFIXES:
         raise ValueError(
             f"{path}: unknown format {path.suffix or 'without a suffix'!r}; expected {', '.join(SUFFIXES)}"
@@ -114,9 +115,22 @@ def _read_values(path: Path) -> NDArray[np.generic]:
         return _read_pfm(path)
     if path.suffix == ".npy":
         return read_npy(path)
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    image = _read_image(path, "TIFF")
+    if image.dtype.kind != "f":
+        raise ValueError(
+            f"{path}: holds {image.dtype}, expected floating numbers: whole ones do not say what their unit is, nor "
+            "what is unmatched"
+        )
+    return image
+
+
+def _read_image(path: Path, kind: str) -> NDArray[Any]:
+    try:
+        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:  # more pixels than OpenCV takes
+        raise ValueError(f"{path}: is not readable as {kind}: {error.err}") from error
     if image is None:
-        raise ValueError(f"{path}: is not readable as TIFF")
+        raise ValueError(f"{path}: is not readable as {kind}")
     return np.asarray(image)
 
 

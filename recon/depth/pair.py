@@ -116,6 +116,16 @@ def has_texture(pair: StereoPair) -> bool:
     return True
 
 
+def check_range(pair: StereoPair, disparity: NDArray[np.float32]) -> None:
+    """Raise a ValueError if disparities of somebody else's method, (H, W), pixels, are all outside a pair's range."""
+    matched, highest = disparity[np.isfinite(disparity)], pair.min_disparity + pair.n_disparities - 1
+    if len(matched) and ((matched < pair.min_disparity - 0.5) | (matched > highest + 0.5)).all():
+        raise ValueError(
+            f"all disparities found, {matched.min():g} to {matched.max():g}, lie outside the range "
+            f"{pair.min_disparity} to {highest}; a disparity is left minus right column, in pixels"
+        )
+
+
 def within_pair(pair: StereoPair, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
     """Drop disparities, float32 (H, W), pixels, outside a pair's range or on its left background: NaN."""
     highest = pair.min_disparity + pair.n_disparities - 1

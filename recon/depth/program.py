@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from recon.capture.images import write_picture
 from recon.depth.disparity_io import read_disparity, read_disparity_png16
-from recon.depth.pair import StereoPair, within_pair
+from recon.depth.pair import StereoPair, check_range, within_pair
 from recon.programs import Program, ProgramError, Value, check_written, workplace
 
 READERS = {
@@ -92,4 +92,5 @@ def _read_result(out: Path, read: Callable[[Path], NDArray[np.float32]], pair: S
             f"the program wrote {width}x{height} disparities, expected {pair.width}x{pair.height}, "
             "as many as the left picture has pixels"
         )
+    check_range(pair, disparity)
     return disparity

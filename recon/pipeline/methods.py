@@ -5,7 +5,9 @@ docs/depth.md shows a methods file and a package.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import redirect_stdout
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 
 from recon.capture.recording import GIVEN
 from recon.depth import DEFAULTS, MATCHERS, Parameters, StereoPair, matched
-from recon.depth.pair import within_pair
+from recon.depth.pair import check_range, within_pair
 from recon.depth.patchmatch import PmParameters
 from recon.depth.program import DepthProgram, match_by_program
 from recon.depth.temporal import TemporalParameters
@@ -23,7 +25,9 @@ from recon.fusion import FUSIONS, DepthView, asks_for_views, fused
 from recon.fusion.program import FusionProgram, fuse_by_program
 from recon.geometry.mesh import Cloud, Mesh
 from recon.methods_file import Table, read_tables
-from recon.plugins import DEPTH_GROUP, FUSION_GROUP, Plugin, PluginError, default_parameters, registered
+from recon.pipeline.keys import digest_once
+from recon.plugins import DEPTH_GROUP, FAILURES, FUSION_GROUP, Plugin, PluginError, default_parameters, registered
+from recon.programs import Program
 from recon.surface import NoSurfaceError, SurfaceParameters, with_voxel
 
 NO_SEED = "none"  # of PM in a methods file: planes at random, as Bleyer et al. 2011 start
@@ -193,7 +197,7 @@ def fusion_parameters(method: OurFusion | Installed, run: SurfaceParameters) -> 
 def depth_key(method: DepthMethod) -> dict[str, Any]:
     """Describe a depth method for a key, by what its result depends on."""
     if isinstance(method, DepthProgram):
-        return {"command": method.command, "output": method.output}
+        return _program_key(method)
     if isinstance(method, Installed):
         return _plugin_key(method, method.load()[1])
     return asdict(method)
@@ -202,7 +206,7 @@ def depth_key(method: DepthMethod) -> dict[str, Any]:
 def fusion_key(method: FusionMethod, run: SurfaceParameters) -> dict[str, Any]:
     """Describe a fusion for a key, by what its result depends on in a run with these parameters."""
     if isinstance(method, FusionProgram):
-        return {"command": method.command, "output": method.output, "voxel_mm": run.voxel_mm}
+        return _program_key(method) | {"voxel_mm": run.voxel_mm}
     if isinstance(method, Installed):
         return _plugin_key(method, fusion_parameters(method, run))
     return {"method": method.method, "parameters": asdict(fusion_parameters(method, run))}
@@ -262,14 +266,21 @@ def _match_by_plugin(method: Installed, pair: StereoPair) -> NDArray[np.float32]
     """Match by a plug-in: float32 (H, W), pixels; what it finds outside the range or on the background is dropped."""
     function, parameters = method.load()
     try:
-        result = function(pair) if parameters is None else function(pair, parameters)
-    except Exception as error:  # a package of others may raise anything
+        with redirect_stdout(sys.stderr):  # what a command prints may be JSON
+            result = function(pair) if parameters is None else function(pair, parameters)
+    except FAILURES as error:
         raise PluginError(f"{method.plugin} failed: {error!r}") from error
     expected = (pair.height, pair.width)
     if not isinstance(result, np.ndarray) or result.shape != expected or result.dtype.kind not in "fiu":
         shown = f"{result.dtype} {result.shape}" if isinstance(result, np.ndarray) else f"a {type(result).__name__}"
         raise PluginError(f"{method.plugin} returned {shown}, expected float32 {expected}")
-    return within_pair(pair, result.astype(np.float32))
+    with np.errstate(over="ignore"):  # infinity is no disparity
+        disparity = result.astype(np.float32)
+    try:
+        check_range(pair, disparity)
+    except ValueError as error:
+        raise PluginError(f"{method.plugin}: {error}") from error
+    return within_pair(pair, disparity)
 
 
 def _fuse_by_plugin(
@@ -278,10 +289,11 @@ def _fuse_by_plugin(
     function, _ = method.load()
     parameters = fusion_parameters(method, with_voxel(clouds, run))
     try:
-        mesh, warnings = fused(function, clouds, parameters, views)
+        with redirect_stdout(sys.stderr):
+            mesh, warnings = fused(function, clouds, parameters, views)
     except NoSurfaceError:
         raise
-    except Exception as error:  # a package of others may raise anything
+    except FAILURES as error:
         raise PluginError(f"{method.plugin} failed: {error!r}") from error
     returned: object = mesh
     if not isinstance(returned, Mesh) or not len(returned.faces):
@@ -296,6 +308,11 @@ def _with_voxel_of(run: SurfaceParameters, parameters: Any) -> Any:
     if has_voxel and parameters.voxel_mm is None:
         return replace(parameters, voxel_mm=run.voxel_mm)
     return parameters
+
+
+def _program_key(method: Program) -> dict[str, Any]:
+    files = {str(path): digest_once(path) for path in method.files()}
+    return {"command": method.command, "output": method.output, "files": files}
 
 
 def _plugin_key(method: Installed, parameters: Any) -> dict[str, Any]:

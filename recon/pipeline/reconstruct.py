@@ -22,7 +22,7 @@ from recon.approaches import VERTICES
 from recon.capture.format import Capture, read_capture
 from recon.capture.images import read_stored_image
 from recon.depth import StereoPair
-from recon.depth.disparity_io import write_disparity
+from recon.depth.disparity_io import check_suffix, write_disparity
 from recon.geometry.mesh import Cloud, Mesh
 from recon.pipeline.film import WHERE
 from recon.pipeline.job import Job, ReconstructOptions, planned_job
@@ -49,7 +49,7 @@ from recon.pipeline.stages import (
 from recon.pipeline.textures import compare_photographs, make_textured
 from recon.programs import ProgramError
 from recon.storage.artefacts import Artefacts
-from recon.storage.files import remove_leftovers
+from recon.storage.files import alone_in, remove_leftovers
 from recon.surface import SurfaceParameters
 from recon.workers import Pool, Progress, no_progress, open_pool
 
@@ -78,9 +78,14 @@ def match_files(
     Raises
     ------
     ValueError
-        If the method is unknown or the images cannot be matched; nothing is written then but the log of a program.
+        If the method is unknown, `out` is one of the images or of no known format, or the images cannot be matched;
+        nothing is written then but the log of a program.
     """
     methods.check((method,), ())
+    check_suffix(out)
+    for path in (left, right):
+        if out.exists() and path.exists() and out.samefile(path):
+            raise ValueError(f"{out}: is one of the pictures to match; choose another name for the disparities")
     images = [np.asarray(read_stored_image(path)) for path in (left, right)]
     pair = StereoPair(images[0], images[1], n_disparities, min_disparity)  # which refuses what is not 8 bits
     started = time.perf_counter()
@@ -140,8 +145,8 @@ def reconstruct(
     Raises
     ------
     ValueError
-        If the capture, a method or the frames are wrong, or no sensor sees anything in a frame; `run` then holds only
-        whole files.
+        If the capture, a method or the frames are wrong, no sensor sees anything in a frame, or another start is
+        writing into `run`, which then holds only whole files.
     """
     return reconstruct_capture(read_capture(capture_folder.resolve()), run, options, progress)
 
@@ -158,12 +163,20 @@ def reconstruct_capture(
     options, progress : as of `reconstruct`
     """
     run = run.resolve()
+    if run == capture.folder.resolve():
+        raise ValueError(f"{run}: is the capture itself; choose another folder for the run")
     job = planned_job(capture, run, options)
+    with alone_in(run):
+        return _made(job, progress)
+
+
+def _made(job: Job, progress: Progress) -> dict[str, Any]:
+    """Make what is not finished of a run, and return the content of ``run.json``."""
+    run = job.artefacts.folder
     options, views, models = job.options, list(chain.from_iterable(job.sequences)), job.models
 
     timings: dict[str, float] = {}
     with open_pool(options.workers, options.cluster) as pool:
-        run.mkdir(parents=True, exist_ok=True)
         remove_leftovers(run)
         fetch_log(run)
 

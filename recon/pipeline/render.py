@@ -17,7 +17,7 @@ from recon.pipeline.manifest import write_manifest
 from recon.pipeline.run import versions
 from recon.pipeline.sources import Source, read_sources, scenes_apart
 from recon.render.frames import choose_renderer
-from recon.storage.files import remove_leftovers
+from recon.storage.files import alone_in, remove_leftovers
 from recon.storage.remote import remove
 from recon.workers import Pool, Progress, no_progress, open_pool
 
@@ -46,8 +46,8 @@ def render(
     ------
     ValueError
         If a folder is neither a run nor a models folder, a model cannot be filmed, two folders have a film in common or
-        would take different paths around one scene, a file of cameras does not fit, or the practice does not have two
-        videos beside others. Nothing is written then.
+        would take different paths around one scene, a file of cameras does not fit, the practice does not have two
+        videos beside others, or another start is writing into the folder. Nothing is written then.
     """
     out = out.resolve()
     options = replace(options, renderer=choose_renderer(options.renderer))
@@ -57,29 +57,31 @@ def render(
     _check_practice(practice, [source.dataset for source in sources for _ in source.sequences])
     with open_pool(options.workers, options.cluster) as pool:
         films, warnings = planned_films(sources, options, pool, progress)
-        remove_leftovers(out)
-        paths = {film.dataset: make_path(film, out) for film in {film.dataset: film for film in films}.values()}
-        parts = [
-            partial(make_part, film, out, part, threads=pool.threads)
-            for film in films
-            if not is_finished(film, out)
-            for part in film.parts
-        ]
-        _run_parts(parts, pool, progress)
-        stimuli = list(pool.run([partial(make_film, film, out) for film in films]))
-        remove_leftovers(out)  # of workers that were lost
-    remove(out / PARTS)
-    path = options.path.name if isinstance(options.path, Path) else options.path
-    provenance = {
-        "runs": [source.provenance for source in sources if source.is_run],
-        "models": [source.provenance | _digests(source, films) for source in sources if not source.is_run],
-        "render": {name: value for name, value in asdict(options).items() if name not in WHERE} | {"path": path},
-        "paths": paths,
-        "warnings": [*warnings, *scenes_apart(sources, practice)],
-        "versions": versions(),
-    }
-    stimuli.sort(key=lambda stimulus: (stimulus.dataset, stimulus.approach))
-    return write_manifest(out, out.name, stimuli, provenance, practice=practice)
+        with alone_in(out):
+            remove_leftovers(out)
+            paths = {film.dataset: make_path(film, out) for film in {film.dataset: film for film in films}.values()}
+            parts = [
+                partial(make_part, film, out, part, threads=pool.threads)
+                for film in films
+                if not is_finished(film, out)
+                for part in film.parts
+            ]
+            _run_parts(parts, pool, progress)
+            stimuli = list(pool.run([partial(make_film, film, out) for film in films]))
+            remove_leftovers(out)  # of workers that were lost
+            remove(out / PARTS)
+            path = options.path.name if isinstance(options.path, Path) else options.path
+            provenance = {
+                "runs": [source.provenance for source in sources if source.is_run],
+                "models": [source.provenance | _digests(source, films) for source in sources if not source.is_run],
+                "render": {name: value for name, value in asdict(options).items() if name not in WHERE}
+                | {"path": path},
+                "paths": paths,
+                "warnings": [*warnings, *scenes_apart(sources, practice)],
+                "versions": versions(),
+            }
+            stimuli.sort(key=lambda stimulus: (stimulus.dataset, stimulus.approach))
+            return write_manifest(out, out.name, stimuli, provenance, practice=practice)
 
 
 def _check_practice(practice: str, datasets: Sequence[str]) -> None:

@@ -200,6 +200,11 @@ def make_mesh(job: Job, approach: Approach, frame: int) -> list[str]:
             if job.options.outlines:
                 sights = read_sights(job.capture, job.capture.sensors_for(approach.depth), sensors, frame)
                 mesh, left_out = with_outlines(sights, job.voxel_mm, made_of)
+                if not len(mesh.faces):
+                    raise NoSurfaceError(
+                        "nothing of its surface lies inside the sensors' masks; expected coordinates of the clouds, in "
+                        "mm, and masks that are white on the object"
+                    )
             else:
                 mesh, left_out = made_of(sensors)
         except NoSurfaceError as error:

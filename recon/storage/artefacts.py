@@ -90,7 +90,10 @@ class Artefacts:
         path = self.folder / name
         if not (is_there(path) and is_there(self._note(name))):
             return False
-        note = self._read_note(name)
+        try:
+            note = self._read_note(name)
+        except ValueError:  # a crash of the machine can leave an empty file
+            return False
         if note.get("key") != key_of(key):
             return False
         return is_copy(path) or note.get("sha256") == file_digest(path)  # an object store keeps its own digests

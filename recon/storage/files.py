@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import glob
 import json
 import os
@@ -102,6 +103,31 @@ def new_folder(out: Path) -> Iterator[Path]:
         temporary.rename(place)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Make a folder, and be the only one of this function's callers that writes into it; it ends with the process.
+
+    Two that write into one folder would mix their files, each whole, into a result that neither of them describes.
+
+    A ValueError says that another one is at it. Where a disk knows no locks, as some network disks, nobody is refused.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        os.close(handle)
+        raise ValueError(
+            f"{folder}: another start is writing into it; wait until that has ended, or choose another folder"
+        ) from error
+    except OSError:  # no locks here
+        pass
+    try:
+        yield
+    finally:
+        os.close(handle)
 
 
 def remove_leftovers(folder: Path) -> None:

@@ -18,7 +18,7 @@ from recon.capture import format as capture_format
 from recon.capture.masks.segment import segment_capture
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import read_mesh, write_cloud, write_no_cloud
-from recon.storage.files import read_json
+from recon.storage.files import alone_in, read_json
 from recon.studio import SynthParameters, synthesise
 from tests.command_line import Command
 
@@ -214,6 +214,49 @@ def test_a_capture_is_read_once_for_a_run(
     where = ("--depth", "id", "--fusion", "fb", "--frames", "0:1")
     assert command("reconstruct", capture, "-o", tmp_path / "run", *where).code == 0
     assert read == [capture / "capture.json"]
+
+
+TRIANGLE = """import sys
+head = ["ply", "format ascii 1.0", "element vertex 3", *(f"property float {axis}" for axis in "xyz")]
+faces = ["element face 1", "property list uchar int vertex_indices", "end_header"]
+open(sys.argv[1], "w").write("\\n".join([*head, *faces, "9 9 9", "9.1 9 9", "9 9.1 9", "3 0 1 2", ""]))
+"""
+
+
+def test_a_programs_mesh_outside_all_masks_is_named(command: Command, capture: Path, tmp_path: Path) -> None:
+    (tmp_path / "fuse.py").write_text(TRIANGLE)
+    methods = tmp_path / "methods.toml"
+    methods.write_text(f"[fusion.mine]\ncommand = \"'{sys.executable}' fuse.py {{out}} {{clouds}}\"\noutput = 'ply'\n")
+    arguments = ("--depth", "id", "--fusion", "mine", "--methods", methods, "--frames", "0:1")
+    told = command("reconstruct", capture, "-o", tmp_path / "run", *arguments)
+    assert told.code == 1
+    assert "id_mine: frame 0 has no model: nothing of its surface lies inside the sensors' masks" in told.err
+
+
+def test_a_second_start_into_the_same_folder_is_refused_while_the_first_goes_on(
+    command: Command, capture: Path, tmp_path: Path
+) -> None:
+    run, films = tmp_path / "run", tmp_path / "set"
+    made = ("reconstruct", capture, "-o", run, "--depth", "id", "--fusion", "fb", "--frames", "0:1")
+    filmed = ("render", run, "-o", films, "--size", "64x48", "--seconds", 0.1)
+    with alone_in(run):
+        told = command(*made)
+    assert (told.code, list(run.iterdir())) == (1, [])
+    assert f"{run}: another start is writing into it" in told.err
+    assert command(*made).code == 0
+    with alone_in(films):
+        told = command(*filmed)
+    assert (told.code, list(films.iterdir())) == (1, [])
+    assert f"{films}: another start is writing into it" in told.err
+    assert command(*filmed).code == 0
+
+
+def test_a_run_into_its_own_capture_is_refused(command: Command, capture: Path) -> None:
+    before = sorted(capture.rglob("*"))
+    told = command("reconstruct", capture, "-o", capture, "--depth", "id", "--fusion", "fb", "--frames", "0:1")
+    assert told.code == 1
+    assert f"{capture}: is the capture itself; choose another folder for the run" in told.err
+    assert sorted(capture.rglob("*")) == before
 
 
 def test_a_disk_that_fills_up_while_rendering_is_named(command: Command, capture: Path, small_disk: Path) -> None:

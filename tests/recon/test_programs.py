@@ -38,6 +38,16 @@ def test_a_file_beside_the_methods_file_may_be_named_alone(tmp_path: Path) -> No
     assert arguments == ["python", str(tmp_path / "match.py"), "other.py", "d", "--model=match.py"]
 
 
+def test_the_files_that_a_command_names_are_found(tmp_path: Path) -> None:
+    elsewhere = tmp_path / "elsewhere/tool"
+    for path in (tmp_path / "fuse me.py", tmp_path / "w.bin", tmp_path / "v.bin", elsewhere):
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+    command = f"{elsewhere} 'fuse me.py' {{folder}}/w.bin --more={{folder}}/v.bin --none= elsewhere {{out}} 3"
+    names = ["tool", "fuse me.py", "w.bin", "v.bin"]
+    assert [path.name for path in Joining(command, "txt", folder=str(tmp_path)).files()] == names
+
+
 def test_an_argument_longer_than_a_file_name_is_no_file() -> None:
     assert Joining(f"run {300 * 'x'}", "txt").arguments({}) == ["run", 300 * "x"]
 

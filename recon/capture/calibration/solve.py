@@ -25,6 +25,8 @@ MIN_IMAGES = 6
 MIN_SHARED = 6  # corners that both cameras of a pair see
 MAX_ERROR_FACTOR = 3.0  # times the median of a camera's images
 MIN_REJECTED_PX = 0.5  # an image with a smaller error is never rejected for it
+MAX_TOGETHER_PX = 1.0  # median error with all cameras fitted together; good ones have as much as each by itself
+MAX_TOGETHER_FACTOR = 5.0  # times the error of each by itself
 MIN_TILT_DEG = 20.0
 MAX_FOCAL_DEVIATION = 0.01  # share; a larger standard deviation means that the views are too alike
 FLAGS = cv2.CALIB_FIX_K3  # one radial coefficient less: lenses of studios are mild, and k3 is ill determined
@@ -164,7 +166,7 @@ def calibrate_pair(
     Raises
     ------
     CaptureError
-        If they share too few instants.
+        If they share too few instants, or do not show the same ones.
     """
     first, second = cameras
     shared = [
@@ -200,7 +202,8 @@ def calibrate_rig(
     Raises
     ------
     CaptureError
-        If a sensor shares no instant with those that are placed already, or the board has no first corner.
+        If a sensor shares no instant with those that are placed already, does not show the same ones, or the board has
+        no first corner.
     """
     if len(pairs) > 1 and board.is_symmetric:
         raise CaptureError(
@@ -247,7 +250,22 @@ def _refined(
         )
         for sighting in sightings
     }
-    return tuple(_refined_pair(pair, cameras, boards, errors) for pair in pairs)
+    refined = tuple(_refined_pair(pair, cameras, boards, errors) for pair in pairs)
+    for pair in refined:
+        _check_instants(pair)
+    return refined
+
+
+def _check_instants(pair: PairCalibration) -> None:
+    """Raise a CaptureError if images of one name cannot be of one instant: each camera fits, but not all together."""
+    together = float(np.median(list(pair.errors.values())))
+    alone = max(camera.error_px for camera in pair.cameras)
+    if together > max(MAX_TOGETHER_PX, MAX_TOGETHER_FACTOR * alone):
+        raise CaptureError(
+            f"sensor {pair.sensor.id}: corners are {together:.2f} px off with all cameras fitted together (median), "
+            f"{alone:.2f} px with each by itself; images of one name must be of one instant, and no camera may move "
+            "between them"
+        )
 
 
 def _refined_pair(

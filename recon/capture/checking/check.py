@@ -26,6 +26,7 @@ from recon.capture.checking.continuity import (
     count_warnings,
     frozen_cameras,
     glance_at,
+    is_one_camera_twice,
 )
 from recon.capture.checking.matches import Matches, match_pictures
 from recon.capture.checking.sensor import SensorCheck, brightness_ratios, check_sensor, measured_frames
@@ -86,7 +87,12 @@ def check_capture(capture_folder: Path) -> CheckReport:
     glances, unreadable = _look_through(capture_folder, draft)
     checks = [check_sensor(capture_folder, stream, n_frames, draft.bounds) for stream in draft.sensors]
     problems = [*draft.problems, *unreadable, *frozen_cameras(glances), *synchrony_problems(draft.sensors, glances)]
-    problems += [problem for check in checks for problem in check.problems]
+    doubled = [stream.id for stream in draft.sensors if is_one_camera_twice(stream, glances)]
+    problems += [
+        f"sensor {name}: its left and right pictures are the same, one camera's; give each camera its own"
+        for name in doubled
+    ]
+    problems += [problem for check in checks if check.report.id not in doubled for problem in check.problems]
     comparisons = [] if problems else list(_comparisons(capture_folder, draft, checks))
     problems += disagreements(comparisons)
     warnings = [

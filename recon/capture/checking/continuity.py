@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from recon.capture.format import image_path
 from recon.capture.images import is_video, video_times
-from recon.capture.recording import FRAME_FIELD, CameraStream
+from recon.capture.recording import FRAME_FIELD, CameraStream, SensorStream
 
 THUMBNAIL_WIDTH = 64  # pixels: averages that noise does not reach
 STILL_SHARE = 0.05  # of a camera's usual change from frame to frame
@@ -49,6 +49,15 @@ def glance_at(picture: NDArray[np.uint8]) -> Glance:
     size = (THUMBNAIL_WIDTH, max(1, round(THUMBNAIL_WIDTH * picture.shape[0] / picture.shape[1])))
     grey = cv2.cvtColor(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
     return Glance(grey.astype(np.float32), zlib.crc32(picture.tobytes()))
+
+
+def is_one_camera_twice(stream: SensorStream, glances: Glances) -> bool:
+    """Tell whether a sensor's left and right pictures are the same ones, of more than one colour, in all frames."""
+    if stream.right is None:
+        return False
+    left, right = (glances.get(side.image, {}) for side in stream.cameras)
+    shared = [frame for frame in left if frame in right and np.ptp(left[frame].thumbnail) > 0]
+    return bool(shared) and all(left[frame].checksum == right[frame].checksum for frame in shared)
 
 
 def frozen_cameras(glances: Glances) -> Iterator[str]:

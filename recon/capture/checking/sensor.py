@@ -17,6 +17,7 @@ from recon.capture.checking.diagnosis import MIN_MATCHES, diagnose
 from recon.capture.checking.matches import Matches, epipolar_errors, joined, match_pictures
 from recon.capture.checking.sensor_report import Rows, SensorReport
 from recon.capture.format import CaptureError, SensorStream, frame_pictures, mask_pictures, read_mask, read_picture
+from recon.capture.masks.outline import edge_share
 from recon.capture.noise import noise_deviation
 from recon.capture.recording import evenly_chosen
 from recon.capture.rectify import Rectification, rectify, rectify_images, rectify_masks
@@ -24,7 +25,9 @@ from recon.rig import Sensor
 
 MAX_VERTICAL_ERROR_PX = 1.0  # above, matching along rows fails; good calibrations reach 0.1 to 0.3
 MEASURED_FRAMES = 3  # first, middle, last
-MIN_INSIDE = 0.05  # of the matched points have a disparity of the bounds; the rest is background
+MIN_INSIDE = 0.05  # of the matched points have a disparity of the bounds, or of the masks lie in them
+MIN_BOUNDS_PX = 256  # of a picture that show the bounds; an object of fewer has no shape
+MAX_EDGE = 0.9  # of the picture's edge that masks cover; an object fills less, its background all
 MATCHED_PX = 0.25  # what disparities are good to: root mean square on benchmarks with known truth
 TEXTURE_WINDOW = 9  # pixels, about a matcher's
 MIN_TEXTURE = 2.5  # grey levels of local standard deviation, the noise's taken off
@@ -127,28 +130,63 @@ def _with_pair(
     )
     return SensorCheck(
         report,
-        (*check.problems, *(faults or _row_problems(rectification, rows, misfit))),
+        (
+            *check.problems,
+            *(faults or _row_problems(rectification, rows, misfit)),
+            *_bounds_problems(folder, stream, n_frames, bounds),
+        ),
         (*check.warnings, *_exposure_warnings(stream.id, looks), *_texture_warnings(report)),
         {frame: look.matches for frame, look in by_frame.items()},
     )
+
+
+def _bounds_problems(folder: Path, stream: SensorStream, n_frames: int, bounds: NDArray[np.float64]) -> Iterator[str]:
+    """Say that bounds in front of a sensor show next to nothing, or not what is masked; distortion is left out."""
+    area = bounds_area(stream.left.camera, bounds)
+    n_pixels = int(area.sum())
+    if n_pixels < MIN_BOUNDS_PX:
+        size = "x".join(f"{length:.4g}" for length in bounds[1] - bounds[0])
+        yield (
+            f"sensor {stream.id}: the bounds of {size} mm show as {n_pixels} pixels of the left picture, expected at "
+            f"least {MIN_BOUNDS_PX}; they are the box around the object, in mm"
+        )
+        return
+    inside = []
+    for frame in measured_frames(n_frames if stream.mask else 0):
+        with suppress(CaptureError):  # listed already
+            mask = read_mask(mask_pictures(folder, stream, frame)[0])
+            inside += [float(area[mask].mean())] if mask.any() else []
+    if inside and np.mean(inside) < MIN_INSIDE:
+        yield (
+            f"sensor {stream.id}: {np.mean(inside):.0%} of what the left masks show lies within the bounds; check the "
+            "bounds, their unit (mm) and the masks"
+        )
 
 
 def _check_masks(
     folder: Path, stream: SensorStream, n_frames: int
 ) -> tuple[tuple[float, ...] | None, list[str], list[str]]:
     """Return the mean share of foreground in each camera's masks, None without masks; problems and warnings."""
-    shares = {}
+    shares, edges = {}, []
     for frame in range(n_frames if stream.mask else 0):
         with suppress(CaptureError):  # listed already
-            shares[frame] = [float(read_mask(picture).mean()) for picture in mask_pictures(folder, stream, frame)]
+            masks = [read_mask(picture) for picture in mask_pictures(folder, stream, frame)]
+            shares[frame] = [float(mask.mean()) for mask in masks]
+            edges.append([edge_share(mask) for mask in masks])
     if not shares:
         return None, [], []
     coverage = tuple(map(float, np.mean(list(shares.values()), axis=0)))
     if min(coverage) == 0:
         return coverage, [f"sensor {stream.id}: the masks of a camera are empty in all frames"], []
-    empty = [frame for frame, share in shares.items() if min(share) == 0]
-    sentence = f"sensor {stream.id}: a mask is empty in {_listed(empty)}; the sensor sees nothing there"
-    return coverage, [], [sentence] if empty else []
+    warnings = []
+    if empty := [frame for frame, share in shares.items() if min(share) == 0]:
+        warnings.append(f"sensor {stream.id}: a mask is empty in {_listed(empty)}; the sensor sees nothing there")
+    if (edge := float(np.mean(edges, axis=0).max())) > MAX_EDGE:
+        warnings.append(
+            f"sensor {stream.id}: the masks of a camera cover {edge:.0%} of the pictures' edges; white is the object, "
+            "black the background: are they the other way round?"
+        )
+    return coverage, [], warnings
 
 
 def _listed(frames: Sequence[int]) -> str:

@@ -20,6 +20,11 @@ Models = tuple[NDArray[np.float64], NDArray[np.float64]]
 """GrabCut's colours of background and foreground."""
 
 
+def edge_share(mask: NDArray[np.bool_]) -> float:
+    """Return the share of a picture's outermost pixels that a mask, bool (H, W), covers."""
+    return float(np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]]).mean())
+
+
 def tightened(mask: NDArray[np.bool_], evidence: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Trim from a mask the rim where less than half of the object's own evidence is left.
 

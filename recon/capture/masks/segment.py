@@ -36,7 +36,7 @@ from recon.capture.masks.evidence import (
     found_threshold,
     smoothed,
 )
-from recon.capture.masks.outline import KEPT, grown, hides_plate, likeness, tightened
+from recon.capture.masks.outline import KEPT, edge_share, grown, hides_plate, likeness, tightened
 from recon.capture.masks.scribbles import Strokes, mask_of_key_frame, propagated, read_scribbles
 from recon.workers import Progress, no_progress
 
@@ -59,6 +59,7 @@ class CleanUp:
     min_part: float = 1e-3
 
 
+MAX_EDGE = 0.5  # of a picture's edge that an object before a dark background reaches
 SCRIBBLES = CleanUp(max_hole=2e-4)
 _Mask = tuple[SensorStream, int, int, NDArray[np.bool_]]  # stream, side, frame, mask
 METHODS = {"plate": CleanUp(max_hole=2e-4), "threshold": CleanUp(max_hole=3e-3)}  # dark crevices look like background
@@ -87,8 +88,8 @@ def segment_capture(
     Raises
     ------
     CaptureError
-        If the method is unknown, a plate or image is missing or unreadable, scribbles are wrong, or a mask is empty;
-        `capture.json` is as it was, then.
+        If the method is unknown, a plate or image is missing or unreadable, scribbles are wrong, a mask is empty, or a
+        background without plate is not dark; `capture.json` is as it was, then.
     """
     capture = read_capture(folder)
     if scribbles is not None:
@@ -150,7 +151,14 @@ def _by_evidence(capture: Capture, method: str, threshold: float | None) -> Iter
         for frame in range(capture.n_frames):
             pictures = read_frame(capture, stream.id, frame)
             for side, (picture, plate) in enumerate(zip(pictures, plates, strict=True)):
-                yield stream, side, frame, _mask(picture, smoothed(picture), plate, limit)
+                mask = _mask(picture, smoothed(picture), plate, limit)
+                if plate is None and (share := edge_share(mask)) > MAX_EDGE:
+                    raise CaptureError(
+                        f"{stream.id}/{stream.sides[side]}, frame {frame}: {share:.0%} of the picture's edge is "
+                        f"brighter than {limit:.0f} grey levels, so the background is not dark; record clean plates, "
+                        "or draw strokes (--scribbles)"
+                    )
+                yield stream, side, frame, mask
 
 
 def _smoothed_plates(capture: Capture, stream: SensorStream) -> list[NDArray[np.float32] | None]:

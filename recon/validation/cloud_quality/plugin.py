@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from math import isnan
 
-from recon.plugins import MEASURES_GROUP, Plugin, PluginError, registered
+from recon.plugins import FAILURES, MEASURES_GROUP, Plugin, PluginError, registered
 from recon.validation.cloud_quality.compared import SYMMETRIC, TO_DISTORTED, TO_REFERENCE, Pair, Value
 from recon.validation.cloud_quality.measures import MEASURES, Measure, Scale
 from recon.validation.cloud_quality.points import PointSet
@@ -66,5 +66,5 @@ def _measure_by_plugin(plugin: Plugin, pair: Pair, _scale: Scale) -> list[Value]
         raise PluginError(f"{plugin}: {plugin.target} is no function")
     try:
         return checked_values(measure(pair.reference.cloud, pair.distorted.cloud))
-    except Exception as error:  # a package of others may raise anything
+    except FAILURES as error:
         raise PluginError(f"{plugin}: {error}") from error

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -92,7 +93,7 @@ def test_a_video_that_was_replaced_is_read_anew(video: Path, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 0.98])
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.002, 0.3, 0.7, 0.98])
 def test_an_image_that_is_cut_off_is_never_read_as_whole(tmp_path: Path, suffix: str, share: float) -> None:
     path = tmp_path / f"whole{suffix}"
     cv2.imwrite(str(path), np.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=np.uint8))
@@ -100,6 +101,15 @@ def test_an_image_that_is_cut_off_is_never_read_as_whole(tmp_path: Path, suffix:
     content = path.read_bytes()
     path.write_bytes(content[: int(len(content) * share)])
     with pytest.raises(CaptureError, match=str(path)):
+        read_image(path)
+
+
+def test_an_image_with_too_many_pixels_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "huge.png"
+    cv2.imwrite(str(path), np.zeros((8, 8, 3), np.uint8))
+    head = b"IHDR" + struct.pack(">II", 200_000, 200_000) + path.read_bytes()[24:29]
+    path.write_bytes(path.read_bytes()[:12] + head + struct.pack(">I", zlib.crc32(head)) + path.read_bytes()[33:])
+    with pytest.raises(CaptureError, match=r"huge\.png: is not readable as an image: "):
         read_image(path)
 
 

@@ -143,7 +143,10 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Capture:
 
 @pytest.mark.slow
 def test_a_run_with_a_program_that_failed_is_resumed(capture: Capture, tmp_path: Path) -> None:
-    fails_once = f"import os\nif '0001' in os.getcwd(): raise SystemExit('out of memory')\n{FACES}"
+    busy = tmp_path / "busy"
+    busy.touch()
+    is_busy = f"os.path.exists({str(busy)!r}) and '0001' in os.getcwd()"
+    fails_once = f"import os\nif {is_busy}: raise SystemExit('out of memory')\n{FACES}"
     path, run = methods_file(tmp_path, fails_once), tmp_path / "run"
     options = ReconstructOptions(depths=("id",), fusions=("mine",), methods=read_methods(path))
     with pytest.raises(
@@ -152,7 +155,7 @@ def test_a_run_with_a_program_that_failed_is_resumed(capture: Capture, tmp_path:
         reconstruct(capture.folder, run, options)
     assert "out of memory" in Path(str(error.value).split("its log is ")[1]).read_text()
     assert not (run / "run.json").exists()
-    methods_file(tmp_path)
+    busy.unlink()
     content = reconstruct(capture.folder, run, options)
     made = [json.loads(line)["made"] for line in (run / "log.jsonl").read_text().splitlines()]
     assert made.count("meshes/id_mine/0000.ply") == made.count("meshes/id_mine/0001.ply") == 1

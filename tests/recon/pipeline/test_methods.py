@@ -107,6 +107,21 @@ def test_what_a_program_finds_behind_the_mask_or_outside_the_range_is_dropped(tm
     assert np.array_equal(np.isfinite(matched), mask & (np.arange(40) >= 20)[:, None])
 
 
+def test_disparities_that_all_lie_outside_the_range_are_refused(tmp_path: Path) -> None:
+    text = "import sys, numpy as np; a = np.full((40, 80), np.nan); a[:20] = -5; a[9] = -7.5; np.save(sys.argv[3], a)"
+    sentence = r"all disparities found, -7\.5 to -5, lie outside the range 0 to 11; .* left minus right column"
+    with pytest.raises(ProgramError, match=sentence):
+        match_by_program(shifted_pair(5), program(tmp_path, text), tmp_path / "work")
+    nothing = "import sys, numpy as np; np.save(sys.argv[3], np.full((40, 80), np.nan))"
+    assert np.isnan(match_by_program(shifted_pair(5), program(tmp_path, nothing), tmp_path / "work")).all()
+
+
+def test_a_tiff_of_whole_numbers_is_refused(tmp_path: Path) -> None:
+    text = "import sys, cv2, numpy as np; cv2.imwrite(sys.argv[3], np.full((40, 80), 5 * 256, np.uint16))"
+    with pytest.raises(ProgramError, match=r"out\.tiff: holds uint16, expected floating numbers"):
+        match_by_program(shifted_pair(5), program(tmp_path, text, output="tiff"), tmp_path / "work")
+
+
 def test_a_program_gets_masks_where_its_command_asks_for_them(tmp_path: Path) -> None:
     pair = shifted_pair(5)
     mask = np.zeros((40, 80), np.bool_)
@@ -259,6 +274,7 @@ WRONG_FILES = {
     "a name of ours": ('[depth.sgm]\nmethod = "id"', r"\[depth.sgm\]: there is a method sgm already"),
     "a fusion of ours": ('[fusion.fa]\nmethod = "fb"', r"\[fusion.fa\]: there is a method fa already"),
     "a name that is a path": ('[depth."../a"]\nmethod = "id"', r"'../a' is no name of a method"),
+    "the name of everything": ('[depth.all]\nmethod = "id"', "'all' is what results call everything together"),
     "a name with an underscore": ('[depth.a_b]\nmethod = "id"', "'a_b' is no name of a method"),
     "no output": ('[depth.a]\ncommand = "a"', r"\[depth.a\]: output is missing"),
     "an unknown output": ('[depth.a]\ncommand = "a"\noutput = "exr"', r"\[depth.a\] command, output: output is 'exr'"),
@@ -344,7 +360,10 @@ def test_programs_and_variants_go_the_whole_way_in_worker_processes(
 
 @pytest.mark.slow
 def test_a_failure_names_its_frame_and_the_run_is_resumed(capture: Capture, tmp_path: Path) -> None:
-    fails_once = "import os, sys\nif '0001' in os.getcwd() and 'S2' in os.getcwd(): raise SystemExit('out of memory')\n"
+    busy = tmp_path / "busy"
+    busy.touch()
+    is_busy = f"os.path.exists({str(busy)!r}) and '0001' in os.getcwd() and 'S2' in os.getcwd()"
+    fails_once = f"import os, sys\nif {is_busy}: raise SystemExit('out of memory')\n"
     path, run = methods_file(tmp_path, fails_once + BOX_FILTER), tmp_path / "run"
     options = ReconstructOptions(depths=("mine",), fusions=("fb",), methods=read_methods(path))
     with pytest.raises(
@@ -354,7 +373,7 @@ def test_a_failure_names_its_frame_and_the_run_is_resumed(capture: Capture, tmp_
     assert "out of memory" in Path(str(error.value).split("its log is ")[1]).read_text()
     assert not (run / "run.json").exists()
     assert made(run) == [f"matched/mine/{view}.npy" for view in ("S1/0000", "S1/0001", "S2/0000")]
-    methods_file(tmp_path)
+    busy.unlink()
     reconstruct(capture.folder, run, replace(options, methods=read_methods(path)))
     assert [name for name in made(run) if name.startswith("matched")].count("matched/mine/S1/0000.npy") == 1
     assert np.isfinite(read_disparity(run / "matched/mine/S2/0001.npy")).any()
@@ -364,8 +383,8 @@ def test_a_failure_names_its_frame_and_the_run_is_resumed(capture: Capture, tmp_
 def test_a_changed_method_alone_is_run_again(capture: Capture, tmp_path: Path) -> None:
     run = tmp_path / "run"
 
-    def reconstructed(more: str, extra: str = "") -> set[str]:
-        path = methods_file(tmp_path, more=more)
+    def reconstructed(more: str, extra: str = "", text: str = BOX_FILTER) -> set[str]:
+        path = methods_file(tmp_path, text, more=more)
         path.write_text(path.read_text().replace("{min_disparity}", "{min_disparity}" + extra))
         before = len(made(run)) if (run / "log.jsonl").exists() else 0
         options = ReconstructOptions(depths=("mine", "id8"), fusions=("fb",), methods=read_methods(path))
@@ -377,6 +396,7 @@ def test_a_changed_method_alone_is_run_again(capture: Capture, tmp_path: Path) -
     assert reconstructed("timeout_s = 7\n" + variant.format("8.0")) == set()
     assert reconstructed(variant.format(9)) == {"id8"}
     assert reconstructed(variant.format(9), " --version=2") == {"mine"}
+    assert reconstructed(variant.format(9), " --version=2", BOX_FILTER.replace("(7, 7)", "(5, 5)")) == {"mine"}
 
 
 def test_match_takes_a_method_of_a_methods_file(command: Command, tmp_path: Path) -> None:
@@ -397,6 +417,27 @@ def test_match_takes_a_method_of_a_methods_file(command: Command, tmp_path: Path
     assert told.code == 1
     assert "unknown depth method 'mine', expected one of id, dr, pm, sgm" in told.err
     assert "or one of a methods file (--methods)" in told.err
+
+
+def test_match_does_not_overwrite_a_picture_nor_search_for_a_format_that_is_not(
+    command: Command, tmp_path: Path
+) -> None:
+    pair = shifted_pair(5)
+    pictures = [tmp_path / f"{side}.png" for side in ("left", "right")]
+    for path, image in zip(pictures, (pair.left, pair.right), strict=True):
+        cv2.imwrite(str(path), image)
+    (tmp_path / "link.png").symlink_to(pictures[1])
+    before = [path.read_bytes() for path in pictures]
+    for out, sentence in (
+        ("left.png", "is one of the pictures to match"),
+        ("link.png", "is one of the pictures to match"),
+        ("out.PFM", "unknown format '.PFM'"),
+    ):
+        told = command("match", *pictures, "--disparities", 12, "-o", tmp_path / out, "--methods",
+                       methods_file(tmp_path, "raise SystemExit('begun')"), "--method", "mine")  # fmt: skip
+        assert told.code == 1
+        assert f"{tmp_path / out}: {sentence}" in told.err
+    assert [path.read_bytes() for path in pictures] == before
 
 
 @pytest.mark.slow

@@ -108,6 +108,15 @@ BROKEN = {
         "import numpy as np\ndef match(pair): return np.zeros((80, 40))\n",
         "returned float64 (80, 40), expected float32 (40, 80)",
     ),
+    "ends the program": (
+        "import sys\ndef match(pair): sys.exit(0)\n",
+        "plug-in flat of {name} 1.0 failed: SystemExit(0)",
+    ),
+    "ends the program at import": ("import sys\nsys.exit(0)\n", "cannot be imported ({name}:match): SystemExit(0)"),
+    "has the other sign": (
+        "import numpy as np\ndef match(pair): return np.full((40, 80), -5.0)\n",
+        "all disparities found, -5 to -5, lie outside the range",
+    ),
     "raises": ("def match(pair): return pair.no_such_name\n", "plug-in flat of {name} 1.0 failed: AttributeError("),
     "is no function": ("match = 3\n", "is no method: it is a int, expected a function"),
     "has parameters without a default": (
@@ -126,9 +135,16 @@ def test_a_broken_plug_in_is_named_when_it_is_used(packages: Path, tmp_path: Pat
     with pytest.raises(PluginError) as raised:
         matched(methods, "flat", shifted_pair(5), tmp_path)
     assert sentence.format(name=name) in str(raised.value)
-    assert str(raised.value).startswith(f"plug-in flat of {name} 1.0 ")
+    assert str(raised.value).startswith(f"plug-in flat of {name} 1.0")
     assert "\n" not in str(raised.value)
     assert matched(methods, "sgm", shifted_pair(5), tmp_path).shape == (40, 80)
+
+
+def test_what_a_plug_in_prints_is_no_result(packages: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    chatty = "print('loaded')\n" + CODE.replace("    return np.full", "    print('matching')\n    return np.full")
+    flat_package(packages, "others_chatty", chatty)
+    matched(read_methods(None), "flat", shifted_pair(5), tmp_path)
+    assert capsys.readouterr() == ("", "loaded\nmatching\n")
 
 
 def test_a_wrong_parameter_of_a_plug_in_is_named_with_its_place(packages: Path, tmp_path: Path) -> None:

@@ -37,6 +37,15 @@ def test_a_damaged_or_missing_artefact_is_made_again(tmp_path: Path, damage) -> 
     assert (tmp_path / "b.txt").read_text() == "one"
 
 
+@pytest.mark.parametrize("note", ["", "[]", "\0" * 99])
+def test_an_artefact_with_a_damaged_note_is_made_again(tmp_path: Path, note: str) -> None:
+    artefacts = Artefacts(tmp_path)
+    artefacts.make("b.txt", {}, write_text("one"))
+    (tmp_path / ".finished/b.txt.json").write_text(note)
+    assert artefacts.make("b.txt", {}, write_text("two")) == ["b.txt"]
+    assert artefacts.digest("b.txt") == file_digest(tmp_path / "b.txt")
+
+
 def test_an_artefact_whose_making_failed_does_not_count(tmp_path: Path) -> None:
     artefacts = Artefacts(tmp_path)
     artefacts.make("b.txt", {"input": 1}, write_text("one"))

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from recon.storage.files import STALE_S, new_folder, read_json, remove_leftovers, whole_file, write_json
+from recon.storage.files import STALE_S, alone_in, new_folder, read_json, remove_leftovers, whole_file, write_json
 
 
 def test_a_file_appears_only_when_the_block_ends(tmp_path: Path) -> None:
@@ -63,6 +63,36 @@ def test_what_another_host_writes_is_left_alone_until_nobody_writes_it(tmp_path:
     os.utime(path, (long_ago, long_ago))
     remove_leftovers(tmp_path)
     assert not path.exists()
+
+
+def test_two_are_never_in_a_folder_at_once(tmp_path: Path) -> None:
+    folder = tmp_path / "a/run"
+
+    def enter() -> None:
+        with alone_in(folder):
+            pass
+
+    with alone_in(folder), pytest.raises(ValueError, match=r"run: another start is writing into it; wait until"):
+        enter()
+    enter()
+    assert not list(folder.iterdir())
+
+
+def test_a_folder_is_free_when_the_process_in_it_was_killed(tmp_path: Path) -> None:
+    code = (
+        "import sys; from pathlib import Path; from recon.storage.files import alone_in\n"
+        "with alone_in(Path(sys.argv[1])): print('in', flush=True); sys.stdin.read()"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None
+        other.stdout.readline()
+        with pytest.raises(ValueError, match="another start is writing"), alone_in(tmp_path):
+            pass
+        other.kill()
+        other.wait()
+        with alone_in(tmp_path):
+            pass
 
 
 def test_json_comes_back_as_it_was(tmp_path: Path) -> None:

@@ -111,6 +111,15 @@ def test_too_few_images_and_pairs_are_named() -> None:
         calibrate_pair("S1", COARSE, (cameras[0], cameras[1]), (left, renamed))
 
 
+def test_images_of_one_name_that_are_not_of_one_instant_are_refused() -> None:
+    rig = studio_rig()
+    left, right = corners_seen(COARSE, rig, n_views=14, noise_px=0.1, seed=7)["S1"]
+    late = dict(zip(right, [*list(right.values())[1:], next(iter(right.values()))], strict=True))
+    cameras = [calibrate_camera(side, COARSE, (1280, 720), views) for side, views in (("l", left), ("r", late))]
+    with pytest.raises(CaptureError, match=r"sensor S1: corners are \d.* px off .* must be of one instant"):
+        calibrate_pair("S1", COARSE, (cameras[0], cameras[1]), (left, late))
+
+
 @pytest.mark.parametrize(
     "text",
     ["chessboard:9x6", "chessboard:9:25", "charuco:11x8:30", "dots:4x4:5", "charuco:11x8:30:31", "chessboard:2x9:5"],

@@ -103,6 +103,43 @@ def test_an_object_outside_the_bounds_is_noticed(board: Capture) -> None:
     assert all("px (median), the bounds span 0 to" in problem for problem in problems)
 
 
+def test_bounds_in_metres_are_noticed(board: Capture) -> None:
+    middle = board.bounds.mean(axis=0)
+    write_capture(replace(board, bounds=middle + (board.bounds - middle) / 1000))
+    problems = check_capture(board.folder).problems
+    assert [problem.partition(":")[0] for problem in problems] == ["sensor S1", "sensor S2"]
+    assert all("pixels of the left picture, expected at least 256; they are the box" in problem for problem in problems)
+
+
+def masked(board: Capture, left_out: int) -> Capture:
+    """The capture with one mask for all pictures: white but for the first rows."""
+    mask = np.full((SIZE[1], SIZE[0]), 255, dtype=np.uint8)
+    mask[:left_out] = 0
+    for frame in range(board.n_frames):
+        cv2.imwrite(str(board.folder / f"mask{frame}.png"), mask)
+    streams = (replace(stream, mask=("mask{frame}.png", "mask{frame}.png")) for stream in board.sensors)
+    return replace(board, sensors=tuple(streams))
+
+
+def test_masks_that_lie_outside_the_bounds_are_noticed(board: Capture) -> None:
+    low = masked(board, SIZE[1] * 9 // 10)
+    write_capture(low)
+    assert not any("lies within the bounds" in problem for problem in check_capture(board.folder).problems)
+    (x, y, z), (right, top, near) = board.bounds
+    write_capture(replace(low, bounds=np.array([[x, (y + 2 * top) / 3, z], [right, top, near]])))
+    problems = check_capture(board.folder).problems
+    assert any(
+        "S1: 0% of what the left masks show lies within the bounds; check the bounds" in text for text in problems
+    )
+
+
+def test_masks_that_cover_the_pictures_edges_are_named(board: Capture) -> None:
+    write_capture(masked(board, 0))
+    assert any("S1: the masks of a camera cover" in warning for warning in check_capture(board.folder).warnings)
+    write_capture(masked(board, SIZE[1] // 3))
+    assert not any("cover" in warning for warning in check_capture(board.folder).warnings)
+
+
 def test_masks_are_measured_and_empty_ones_are_a_problem(board: Capture) -> None:
     streams = []
     for stream, height in zip(board.sensors, (SIZE[1] // 2, 0), strict=True):

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -52,6 +53,18 @@ def test_a_frozen_camera_is_named(board: Capture) -> None:
     (problem,) = check_capture(board.folder).problems
     assert problem.startswith("S1/right/{frame:04d}.png: the camera is frozen")
     assert problem.endswith("from frame 0 to 5")
+
+
+def test_one_cameras_pictures_on_both_sides_are_named_and_not_taken_for_a_turned_camera(board: Capture) -> None:
+    for frame in range(N_FRAMES):
+        shutil.copyfile(picture(board, "left", frame), picture(board, "right", frame))
+    assert check_capture(board.folder).problems == (
+        "sensor S1: its left and right pictures are the same, one camera's; give each camera its own",
+    )
+    content = json.loads((board.folder / "capture.json").read_text())
+    content["sensors"][0]["right"]["image"] = content["sensors"][0]["left"]["image"]
+    (board.folder / "capture.json").write_text(json.dumps(content))
+    assert any("pictures are the same" in problem for problem in check_capture(board.folder).problems)
 
 
 def test_a_frame_that_only_differs_by_compression_is_a_repeated_one(board: Capture) -> None:

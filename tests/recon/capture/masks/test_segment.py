@@ -113,6 +113,14 @@ def test_a_failure_leaves_the_capture_as_it_was(tmp_path: Path) -> None:
     assert not list(board.folder.rglob("*mask*"))
 
 
+def test_a_background_that_is_not_dark_is_not_taken_for_the_object(tmp_path: Path) -> None:
+    board = record_board(tmp_path / "board")
+    brighten_background(board)
+    with pytest.raises(CaptureError, match=r"S1/left, frame 0: \d+% of the picture's edge .* so the background is not"):
+        segment_capture(board.folder, method="threshold")
+    assert read_capture(board.folder).sensors[0].mask is None
+
+
 def test_a_method_that_is_unknown_or_lacks_its_plate_is_named(tmp_path: Path) -> None:
     board = record_board(tmp_path / "board")
     with pytest.raises(CaptureError, match="method is 'magic', expected one of plate, threshold"):
