@@ -198,14 +198,23 @@ def test_full_says_how_long_it_takes_and_waits_to_be_told(command: Command, tmp_
     assert not (tmp_path / "full").exists()
 
 
-def test_models_of_no_scene_of_the_experiment_are_refused(command: Command, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("dataset", "sentence"),
+    [
+        ("dancer", "is of dataset dancer, expected ball or box or people or standing or face"),
+        ("ball", "mine: has models of ball, but none of box, people, standing, face; give a folder for each scene"),
+    ],
+)
+def test_models_of_no_scene_of_the_experiment_or_of_some_only_are_refused(
+    command: Command, tmp_path: Path, dataset: str, sentence: str
+) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "0.ply").touch()
-    scene = {"schema_version": 1, "dataset": "dancer", "fps": 25, "units": "m", "up": "y", "path": {"orbit": {}}}
+    scene = {"schema_version": 1, "dataset": dataset, "fps": 25, "units": "m", "up": "y", "path": {"orbit": {}}}
     (tmp_path / "scene.json").write_text(json.dumps(scene), encoding="utf-8")
     told = command("experiment", "paper", "-o", tmp_path / "out", "--models", tmp_path)
     assert told.code == 1
-    assert "is of dataset dancer, expected ball or box or people or standing or face" in told.err
+    assert sentence in told.err
     assert not (tmp_path / "out").exists()
 
 
