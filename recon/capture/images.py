@@ -20,9 +20,6 @@ SPENT = sys.maxsize  # a decoder's next frame after a failure: every later call 
 MAX_OPEN_VIDEOS = 64  # decoders kept open per process: 32 sensors
 JPEG_END = b"\xff\xd9"  # OpenCV fills what is missing of a cut-off JPEG with grey
 JPEG_SCAN = b"\xff\xda"
-PNG_START = b"\x89PNG"
-PNG_DEPTH = 24  # the byte that holds the bits of a channel
-PNG_16 = bytes([16])
 SENSOR_BITS = 12  # that cameras give; some programs write them into the lower bits of 16
 
 
@@ -43,11 +40,11 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     A CaptureError says that the file is missing, is not an image, or is cut off; or that it has 16 bits with values of
     12 or fewer, of which the upper 8 show next to nothing.
     """
-    content = _image_bytes(path)
-    head = content[: PNG_DEPTH + 1].tobytes()
-    if head.startswith(PNG_START) and head[PNG_DEPTH:] == PNG_16:
-        _check_upper_bits(path, _pixels(path, content, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR))
-    return np.asarray(_pixels(path, content, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION), np.uint8)
+    pixels = _decoded(path, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+    if pixels.dtype == np.uint16:
+        _check_upper_bits(path, pixels)
+        pixels = pixels >> 8
+    return np.asarray(pixels, np.uint8)
 
 
 def read_stored_image(path: Path) -> NDArray[np.generic]:
@@ -147,7 +144,7 @@ def _open_video(path: Path, _changed_ns: int, _n_bytes: int, _process: int) -> _
     return _Video(path)  # keyed by the process too: a forked decoder shares its file position with its parent
 
 
-def _check_upper_bits(path: Path, pixels: NDArray[np.generic]) -> None:
+def _check_upper_bits(path: Path, pixels: NDArray[np.integer]) -> None:
     brightest = int(np.max(pixels))
     if 0 < brightest < 2**SENSOR_BITS:
         raise CaptureError(
@@ -156,13 +153,9 @@ def _check_upper_bits(path: Path, pixels: NDArray[np.generic]) -> None:
         )
 
 
-def _decoded(path: Path, flags: int) -> NDArray[np.generic]:
-    return _pixels(path, _image_bytes(path), flags)
-
-
-def _pixels(path: Path, content: NDArray[np.uint8], flags: int) -> NDArray[np.generic]:
+def _decoded(path: Path, flags: int) -> NDArray[np.integer]:
     try:
-        pixels = cv2.imdecode(content, flags)
+        pixels = cv2.imdecode(_image_bytes(path), flags)
     except cv2.error as error:  # more pixels than OpenCV takes
         raise CaptureError(f"{path}: is not readable as an image: {error.err}") from error
     if pixels is None:
