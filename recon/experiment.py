@@ -153,25 +153,14 @@ Step = tuple[str, Callable[[Progress], None]]  # a name, and what makes what is 
 
 
 def steps(experiment: Experiment) -> list[Step]:
-    """List what is to be done, in order; a ValueError if models by other programs are not of these scenes, all five."""
+    """List what is to be done, in order; a ValueError if models by other programs are not of all these scenes."""
     scale = experiment.scale
     check_colours(experiment.colours)
     Methods().check(
         tuple(approach.depth for approach in experiment.further),
         tuple(approach.fusion for approach in experiment.further),
     )
-    given: dict[str, set[str]] = {}
-    for source in read_sources(experiment.models):
-        if source.dataset not in SCENES:
-            raise ValueError(f"{source.setting.source}: is of dataset {source.dataset}, expected {' or '.join(SCENES)}")
-        for sequence in source.sequences:
-            given.setdefault(sequence.approach, set()).add(source.dataset)
-    for approach, scenes in given.items():
-        if missing := [scene for scene in SCENES if scene not in scenes]:
-            those = ", ".join(sorted(scenes))
-            raise ValueError(
-                f"{approach}: has models of {those}, but none of {', '.join(missing)}; give a folder for each scene"
-            )
+    _check_scenes(read_sources(experiment.models))
     planned: list[Step] = []
     for scene in SCENES:
         parameters = SynthParameters(scene=scene, n_frames=scale.n_frames, size=scale.size, fps=scale.fps, seed=SEED)
@@ -188,6 +177,21 @@ def steps(experiment: Experiment) -> list[Step]:
         ("compare the videos with the truth's", partial(compare_films, experiment)),
         ("write down what was measured", partial(write_objective, experiment)),
     ]
+
+
+def _check_scenes(sources: Sequence[Source]) -> None:
+    given: dict[str, set[str]] = {}
+    for source in sources:
+        if source.dataset not in SCENES:
+            raise ValueError(f"{source.setting.source}: is of dataset {source.dataset}, expected {' or '.join(SCENES)}")
+        for sequence in source.sequences:
+            given.setdefault(sequence.approach, set()).add(source.dataset)
+    for approach, scenes in given.items():
+        if missing := [scene for scene in SCENES if scene not in scenes]:
+            those = ", ".join(sorted(scenes))
+            raise ValueError(
+                f"{approach}: has models of {those}, but none of {', '.join(missing)}; give a folder for each scene"
+            )
 
 
 def record(experiment: Experiment, name: str, parameters: SynthParameters, progress: Progress) -> None:
