@@ -153,10 +153,10 @@ def reconstruct(
     progress = ProgressLine()
     recording = read_capture(capture.resolve())
     if not any(stream.mask for stream in recording.sensors):
-        folder = "FOLDER` on a copy of it here" if is_copy(capture) else f"{shlex.quote(str(capture))}`"
+        folder, where = ("FOLDER", " on a copy of it here") if is_copy(capture) else (shlex.quote(str(capture)), "")
         progress.say(
             f"{address_of(capture)} has no masks: all that stands in its bounds becomes part of the models, the room, "
-            f"too; `reconstudy capture segment {folder} makes masks"
+            f"too; `reconstudy capture segment {folder}`{where} makes masks"
         )
     result = reconstruct_capture(recording, out, options, progress)
     for warning in result["warnings"]:

@@ -122,15 +122,14 @@ def _lines(path: Path) -> _Lines:
                 continue
             begun = ""
             keyword, rest = (*text.split(None, 1), "", "")[:2]  # by spaces or tabs
-            if keyword == "f" or keyword in by_keyword:
-                rest = rest.partition("#")[0]  # names may hold one, numbers do not
+            numbers = rest.partition("#")[0]  # a note may follow them; names may hold this sign
             if keyword == "f":
                 if faces is None:
                     faces = _Faces(material, (len(lines.vertices), len(lines.places), len(lines.normals)))
                     lines.faces.append(faces)
-                faces.lines.append(rest)
+                faces.lines.append(numbers)
             elif keyword in by_keyword:
-                by_keyword[keyword].append(rest)
+                by_keyword[keyword].append(numbers)
                 faces = None
             elif keyword == "usemtl":
                 material, faces = rest.strip(), None

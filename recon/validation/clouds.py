@@ -209,8 +209,8 @@ def _is_note(line: str) -> bool:
 
 def _numbers(path: Path, number: int, line: str) -> list[float]:
     """Read x, y and z of a line; a ValueError names the line that does not begin with them."""
-    words = line.split()
-    if len(words) >= 3 and any(DECIMAL_COMMA.fullmatch(word) for word in words[:3]):
+    words = line.split() if "," in line else []
+    if len(words) >= 3 and any(map(DECIMAL_COMMA.fullmatch, words[:3])):
         raise ValueError(f"{path}: line {number} is {line!r:.60}, with decimal commas; write decimal points instead")
     try:
         x, y, z = (float(word) for word in line.replace(",", " ").split()[:3])

@@ -312,9 +312,8 @@ SCREENING: Columns = {
     "experimenter": "who entered it",
     "details": "more, as JSON",
 }
-_OBSERVED = dict.fromkeys((*OBSERVERS_OF_PAIRS, *OBSERVERS_OF_RATINGS), "float")
 KINDS = {  # of columns that are no text: a Parquet file needs them for long tables, and where there are no values
-    **_OBSERVED,
+    **dict.fromkeys((*OBSERVERS_OF_PAIRS, *OBSERVERS_OF_RATINGS), "float"),  # but those below
     **dict.fromkeys(("practice", "excluded", "frame_locked", "both_seen", "reference", "lighter_film"), "bool"),
     **dict.fromkeys(
         ("is_reference", "complete", "is_bound", "is_cancelling", "is_bt500_outlier", "is_correlation_low"), "bool"
