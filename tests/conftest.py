@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 from collections.abc import Callable, Iterator
@@ -106,3 +107,9 @@ def database(new_migrated_url: Callable[[], str]) -> Iterator[Database]:
     database = open_database(new_migrated_url())
     yield database
     database.dispose()
+
+
+def pytest_collection_finish() -> None:
+    """Keep what was imported and collected out of every later search for unused objects."""
+    gc.collect()
+    gc.freeze()

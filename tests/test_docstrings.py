@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
@@ -24,9 +25,14 @@ def name_of(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
 
 
+@cache
+def module_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def public_functions(path: Path) -> Iterator[Function]:
     """Functions of a module and methods of its classes whose names do not begin with an underscore."""
-    module = ast.parse(path.read_text(encoding="utf-8"))
+    module = module_of(path)
     classes = [node for node in module.body if isinstance(node, ast.ClassDef) and not node.name.startswith("_")]
     for node in [*module.body, *(node for owner in classes for node in owner.body)]:
         if isinstance(node, Function) and not node.name.startswith("_"):
@@ -50,7 +56,7 @@ def handles_arrays(function: Function) -> bool:
 
 def bound_names(path: Path) -> Iterator[tuple[int, str]]:
     """Names that a module gives to parameters and variables."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(module_of(path)):
         if isinstance(node, ast.arg):
             yield node.lineno, node.arg
         elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):

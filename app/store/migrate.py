@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from alembic import command
 from alembic.config import Config
 from alembic.migration import MigrationContext
@@ -50,7 +52,9 @@ def why_not_ready(database: Database) -> str | None:
     return None
 
 
+@cache
 def newest_version() -> str:
+    """Return the newest version; its files are read once, as every probe of the server's health asks for it."""
     head = ScriptDirectory.from_config(_config()).get_current_head()
     assert head is not None, "there is at least one migration"
     return head

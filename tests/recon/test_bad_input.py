@@ -192,6 +192,7 @@ def test_a_full_disk_is_named_and_nothing_is_half_written(command: Command, capt
             json.loads(line)
 
 
+@pytest.mark.slow
 def test_a_capture_without_masks_is_pointed_out_before_the_work(
     command: Command, capture: Path, tmp_path: Path
 ) -> None:
@@ -233,6 +234,7 @@ def test_a_programs_mesh_outside_all_masks_is_named(command: Command, capture: P
     assert "id_mine: frame 0 has no model: nothing of its surface lies inside the sensors' masks" in told.err
 
 
+@pytest.mark.slow
 def test_a_second_start_into_the_same_folder_is_refused_while_the_first_goes_on(
     command: Command, capture: Path, tmp_path: Path
 ) -> None:

@@ -7,7 +7,9 @@ package registers it in the entry-point group ``reconstudy.measures``; docs/meas
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
+from contextlib import redirect_stdout
 from functools import partial
 from math import isnan
 
@@ -65,6 +67,7 @@ def _measure_by_plugin(plugin: Plugin, pair: Pair, _scale: Scale) -> list[Value]
     if not callable(measure):
         raise PluginError(f"{plugin}: {plugin.target} is no function")
     try:
-        return checked_values(measure(pair.reference.cloud, pair.distorted.cloud))
+        with redirect_stdout(sys.stderr):  # what a command prints may be JSON
+            return checked_values(measure(pair.reference.cloud, pair.distorted.cloud))
     except FAILURES as error:
         raise PluginError(f"{plugin}: {error}") from error

@@ -129,6 +129,7 @@ def with_a_winner(votes: Votes, winner: str) -> Votes:
     ]
 
 
+@pytest.mark.slow
 def test_a_condition_that_wins_everything_leaves_the_others_their_inference() -> None:
     votes = votes_by({"good": 1.0, "fair": 0.0, "bad": -1.0, "best": 0.0}, 22)
     won = with_a_winner(votes, "best")
@@ -161,6 +162,7 @@ def test_a_condition_that_wins_everything_leaves_the_others_their_inference() ->
     assert "Of best and bad, every decided vote prefers best: its share is at least 87 %" in text["difference"]
 
 
+@pytest.mark.slow
 def test_separation_is_no_less_evidence_than_its_neighbour() -> None:
     def p_value(*choices: str) -> float:
         votes = [

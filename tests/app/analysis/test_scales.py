@@ -155,6 +155,7 @@ def scores_by_pwcmp() -> np.ndarray[Any, Any]:
     return np.asarray(found.x - found.x.mean())
 
 
+@pytest.mark.slow
 def test_jod_with_and_without_the_prior_are_those_of_pwcmp() -> None:
     plain = {row["item"]: row["jod_thurstone"] for row in analyse(votes_from_rows(tone_mapping("")))["scores"]}
     assert {item: jod - plain["ferwerda96"] for item, jod in plain.items()} == pytest.approx(BY_PWCMP, abs=2e-5)

@@ -338,6 +338,7 @@ def test_a_study_is_created_and_listed(command: Command, stimuli: Path) -> None:
     assert "tiny (open): 0 of 0 participants finished, 0 votes" in listed.out
 
 
+@pytest.mark.slow
 def test_a_video_with_another_digest_is_named(command: Command, stimuli: Path) -> None:
     video = stimuli / "ball/id_fa.mp4"
     shutil.copy(stimuli / "ball/id_fb.mp4", video)
@@ -592,6 +593,7 @@ def test_an_exported_study_is_imported_beside_the_same_stimuli_only(
     assert "this is another stimulus set" in told.err
 
 
+@pytest.mark.slow
 def test_an_invitation_is_made_for_so_many(command: Command, stimuli: Path) -> None:
     command("study", "create", stimuli, "--name", "Tiny")
     made = json.loads(command("study", "invite", "tiny", "--places", 3, "--json").out)

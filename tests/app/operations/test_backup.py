@@ -213,6 +213,7 @@ def test_a_damaged_backup_changes_nothing(here: Settings, tmp_path: Path) -> Non
         restore(here, tmp_path / "no.zip")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
@@ -252,6 +253,7 @@ def test_whatever_byte_of_a_backup_is_damaged_the_refusal_says_so(tmp_path: Path
             restore(settings, tmp_path / "damaged.zip")
 
 
+@pytest.mark.slow
 def test_a_backup_replaces_an_earlier_one_and_no_other_file(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path / "data")
     manage.add_experimenter(settings, "Ada")
@@ -280,6 +282,7 @@ def test_a_database_is_found_by_any_address_that_sqlite_takes(tmp_path: Path, ad
     assert check(settings)["faults"] == []
 
 
+@pytest.mark.slow
 def test_a_backup_is_not_replaced_by_that_of_an_empty_database(tmp_path: Path) -> None:
     """Who types `backup` for `restore` on a new server keeps what there is to restore."""
     settings, new = Settings(data_dir=tmp_path / "data"), Settings(data_dir=tmp_path / "new")
@@ -380,6 +383,7 @@ def test_videos_travel_with_a_backup_and_are_checked(stimulus_set: Path, tmp_pat
     assert check(there)["faults"] == [f"{first}: is missing", f"{second}: is not the file that was prepared"]
 
 
+@pytest.mark.slow
 def test_attached_models_and_reports_are_checked(here: Settings, tmp_path: Path) -> None:
     (tmp_path / "report").mkdir()
     (tmp_path / "report" / "report.json").write_text('{"kind": "sphere", "measures": []}', encoding="utf-8")

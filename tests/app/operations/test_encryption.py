@@ -55,6 +55,7 @@ def test_a_backup_that_was_encrypted_comes_back_by_its_key_alone(settings: Setti
     assert restored(backup, tmp_path / "mine.key", tmp_path) == [NAME]
 
 
+@pytest.mark.slow
 def test_no_file_is_readable_while_a_backup_is_encrypted_or_restored(
     settings: Settings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -60,6 +60,7 @@ def erased(settings: Settings) -> set[str]:
         return set(connection.scalars(select(participant.c.label).where(participant.c.erased_at.is_not(None))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_left", [0, 10])
 def test_who_cannot_be_noted_on_a_full_disk_is_not_erased(settings: Settings, tmp_path: Path, n_left: int) -> None:
     back_up(settings, tmp_path / "before.zip")

@@ -111,6 +111,7 @@ def test_without_a_name_there_has_to_be_one_study(stimulus_set: Path, tmp_path: 
         manage.attach_results(settings, [])
 
 
+@pytest.mark.slow
 def test_another_database_must_be_upgraded_by_hand(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, database_url=f"sqlite:///{tmp_path / 'other.sqlite'}")
     with pytest.raises(ValueError, match="reconstudy db upgrade"):

@@ -133,6 +133,7 @@ def test_under_either_label_a_stimulus_is_first_as_often_as_second(design: list[
     assert all(abs(count) <= 1 for count in surplus.values())
 
 
+@pytest.mark.slow
 @given(designs, seeds, st.integers(0, 100))
 def test_four_participants_see_each_pair_in_all_four_ways(design: list[int], seed: int, block: int) -> None:
     pairs = pairs_of(design)

@@ -38,6 +38,7 @@ def test_content_may_be_as_deep_as_said_and_no_deeper() -> None:
         check_text([content])
 
 
+@pytest.mark.slow
 @given(CONTENT)
 def test_text_that_can_be_stored_stays_as_it_is(content: Any) -> None:
     assert storable_content(content) == content

@@ -188,6 +188,7 @@ def test_a_png_of_8_bits_is_refused_as_png16(tmp_path: Path) -> None:
         match_by_program(shifted_pair(5), program(tmp_path, text, output="png16"), tmp_path / "work")
 
 
+@pytest.mark.slow
 def test_a_program_that_hangs_is_stopped_with_all_it_started(tmp_path: Path) -> None:
     text = """
 import subprocess

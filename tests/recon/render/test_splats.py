@@ -146,6 +146,7 @@ def test_a_disc_shades_what_lies_behind_it() -> None:
     assert beside == shading
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), radius=st.floats(0.1, 5))
 def test_heights_of_discs_are_those_of_a_slow_search(seed: int, radius: float) -> None:

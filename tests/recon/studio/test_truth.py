@@ -194,6 +194,7 @@ def test_matches_fit_the_calibration_only_with_its_distortion(bent: Capture) -> 
     assert report.rows.vertical_error_px < 0.25
 
 
+@pytest.mark.slow
 def test_the_true_meshes_become_the_models_of_an_approach(quiet: Capture, tmp_path: Path) -> None:
     out = tmp_path / "models"
     assert write_truth_models(quiet, out) == [0, 1]
@@ -212,6 +213,7 @@ def corners(mesh: Mesh) -> NDArray[np.float32]:
     return mesh.vertices[mesh.faces]
 
 
+@pytest.mark.slow
 def test_a_texel_of_the_truth_has_the_colour_of_its_place(quiet: Capture, tmp_path: Path) -> None:
     write_truth_models(quiet, tmp_path / "models", range(1))
     mesh = read_mesh(tmp_path / "models/truth/0000.glb")
@@ -230,6 +232,7 @@ def test_a_texel_of_the_truth_has_the_colour_of_its_place(quiet: Capture, tmp_pa
     np.testing.assert_array_equal(mesh.texture.pixels, expected)
 
 
+@pytest.mark.slow
 def test_a_recording_of_another_studio_has_no_textured_truth(quiet: Capture, tmp_path: Path) -> None:
     other = tmp_path / "other"
     shutil.copytree(quiet.folder / "truth", other / "truth")
@@ -240,6 +243,7 @@ def test_a_recording_of_another_studio_has_no_textured_truth(quiet: Capture, tmp
     assert not (tmp_path / "models").exists()
 
 
+@pytest.mark.slow
 def test_the_frames_of_the_truth_can_be_chosen(quiet: Capture, tmp_path: Path, command: Command) -> None:
     told = command("capture", "truth", quiet.folder, "-o", tmp_path / "models", "--frames", "1:")
     assert told.code == 0, told.err

@@ -130,6 +130,7 @@ def error_rates(n_datasets: int, n_measures: int, *, is_shared: bool, seed: int)
     return {name: float(np.mean(excluded)) for name, excluded in errors.items()}
 
 
+@pytest.mark.slow
 def test_random_numbers_seldom_seem_to_predict_one_dataset() -> None:
     rates = error_rates(1, 400, is_shared=False, seed=2)
     assert all(0.03 <= rate <= 0.075 for rate in rates.values()), rates

@@ -65,6 +65,7 @@ def ratings(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_measures_are_compared_with_opinion_scores_in_grades(ratings: Path, tmp_path: Path) -> None:
     measures = tmp_path / "measures.csv"
     rows = [f"{dataset},c{index},{index**3},{7 - index}" for dataset in ("ball", "box") for index in range(6)]

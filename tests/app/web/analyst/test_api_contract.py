@@ -145,6 +145,7 @@ def test_pages_together_are_the_table(analyst: httpx.Client, taken: dict[str, An
     assert {row["participant"] for row in rows(analyst, path, params={"participant": "P002"})} == {"P002"}
 
 
+@pytest.mark.slow
 def test_what_has_not_changed_is_not_sent_again(analyst: httpx.Client, taken: dict[str, Any]) -> None:
     for name in ("scores", "analysis", "screening", "participants", "validation", "archive.zip"):
         path = f"/api/v1/studies/{taken['slug']}/{name}"
@@ -154,6 +155,7 @@ def test_what_has_not_changed_is_not_sent_again(analyst: httpx.Client, taken: di
         assert analyst.get(path, headers={"If-None-Match": '"other"'}).status_code == 200
 
 
+@pytest.mark.slow
 def test_personal_tables_are_not_stored_by_browsers(
     analyst: httpx.Client, own_server: str, own: Settings, taken: dict[str, Any]
 ) -> None:
@@ -199,6 +201,7 @@ PERSONAL = ("participants", "screening", "questionnaire", "comments", "comment_t
 SCOPE_OF = dict.fromkeys(PERSONAL, "personal")
 
 
+@pytest.mark.slow
 def test_a_token_opens_its_scopes_only(own: Settings, own_server: str, taken: dict[str, Any]) -> None:
     names = [*TABLES, "analysis", "archive.zip"]
     for scope in ("read", "personal", "audit"):

@@ -27,6 +27,7 @@ def manager(server: str, settings: Settings) -> Iterator[httpx.Client]:
         yield client
 
 
+@pytest.mark.slow
 def test_a_study_is_created_edited_opened_copied_and_deleted(own_server: str, own: Settings) -> None:
     scopes = ("studies:write", "audit", "read")
     token = manage.add_token(own, "whole life", scopes)["token"]

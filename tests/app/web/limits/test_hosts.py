@@ -39,6 +39,7 @@ def test_hosts_are_known(allowed: str | None, public_url: str | None, known: lis
     assert [is_known(host) for host in unknown] == [False] * len(unknown)
 
 
+@pytest.mark.slow
 def test_another_name_is_refused_and_the_page_has_its_headers(tmp_path: Path) -> None:
     with running_server(Settings(data_dir=tmp_path, database_url=None, allowed_hosts="")) as url:
         refused = httpx.get(f"{url}/healthz", headers={"Host": "evil.example"})

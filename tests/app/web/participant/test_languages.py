@@ -135,6 +135,7 @@ def test_what_was_read_is_in_the_participants_table_and_the_archive(
     assert hashlib.sha256(again.encode()).hexdigest() == shown
 
 
+@pytest.mark.slow
 def test_a_pack_in_the_data_folder_is_used_once_it_is_whole(tmp_path: Path, stimulus_set: Path) -> None:
     settings = Settings(data_dir=tmp_path / "server")
     whole = json.loads((packaged(SHIPPED) / "de.json").read_text(encoding="utf-8"))

@@ -192,6 +192,7 @@ def test_the_temples_own_shadows_belong_to_it(real_data: Path) -> None:
     assert not mask[:, :60].any()
 
 
+@pytest.mark.slow
 def test_the_temple_is_whole_and_the_cloth_is_gone(real_data: Path, tmp_path: Path) -> None:
     capture = import_middlebury(real_data / "temple", tmp_path / "temple", n_frames=1)
     segment_capture(capture.folder)

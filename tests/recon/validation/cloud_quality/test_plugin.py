@@ -19,6 +19,7 @@ import numpy as np
 from recon.validation.cloud_quality import Value
 
 def centroid(reference, distorted):
+    print("this is no JSON")
     shift = distorted.points.mean(axis=0, dtype=float) - reference.points.mean(axis=0, dtype=float)
     return [Value("centroid_shift", float(np.linalg.norm(shift)), "mm", "lower")]
 

@@ -39,6 +39,7 @@ def methods(tmp_path: Path) -> Path:
     return file
 
 
+@pytest.mark.slow
 def test_a_program_measures_every_pair_and_stands_beside_ours(command: Command, methods: Path, tmp_path: Path) -> None:
     reference = write(tmp_path / "reference.ply", ball(100))
     clouds = [write(tmp_path / f"{name}.ply", ball(n)) for name, n in (("half", 50), ("tenth", 10))]

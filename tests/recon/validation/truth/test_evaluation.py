@@ -258,6 +258,7 @@ def test_a_mesh_in_another_unit_than_the_truth_is_refused(tmp_path: Path, scale:
         measure_mesh(mesh, truth, MeshSettings((1.0,)))
 
 
+@pytest.mark.slow
 def test_a_mesh_beside_the_truth_is_remarked(tmp_path: Path) -> None:
     mesh, truth = write_mesh(tmp_path / "a.ply", square(3)), write_mesh(tmp_path / "b.ply", square(0))
     (remark,) = measure_mesh(mesh, truth, MeshSettings((1.0,)))["remarks"]

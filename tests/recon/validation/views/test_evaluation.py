@@ -232,6 +232,7 @@ def test_a_missing_recording_or_frame_is_named(run: Path, capture: Capture, tmp_
         move(str(tmp_path / "moved"), str(capture.folder))
 
 
+@pytest.mark.slow
 def test_the_photographs_of_another_scene_are_refused(run: Path, tmp_path: Path) -> None:
     synthesise(tmp_path / "ball", SynthParameters(scene="ball", n_sensors=2, n_frames=1, size=(64, 48)))
     with pytest.raises(ValueError, match=r"is the recording of ball, the run is of sphere; say where .* --capture FOL"):
