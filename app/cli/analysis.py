@@ -28,7 +28,7 @@ def simulate(
         typer.Option(help="JSON file: {condition or dataset/condition: ability in natural log-odds}; default: random."),
     ] = None,
     tie_rate: Annotated[float, typer.Option(min=0, max=0.99, help="Chance of no preference between equals.")] = 0.2,
-    seed: Annotated[int, typer.Option(help="Seed of the abilities and choices.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the abilities and choices.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
     """Let artificial participants of known preference take the whole study over HTTP."""
@@ -77,7 +77,7 @@ BootstrapOption = Annotated[
     int,
     typer.Option(min=0, help="Bootstrap replicates over participants for the intervals; 0: t intervals."),
 ]
-SeedOption = Annotated[int, typer.Option(help="Seed of the bootstrap.")]
+SeedOption = Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")]
 EquivalenceOption = Annotated[
     float | None,
     typer.Option(help="Margin in JOD; tests which pairs of conditions differ by less (two one-sided tests)."),
@@ -207,7 +207,7 @@ def plan(
     ] = TYPICAL_INCONSISTENCY,
     exposure: Annotated[float, typer.Option(help="Seconds of a trial's film, for the minutes of a session.")] = 15.0,
     replicates: Annotated[int, typer.Option(min=10, help="Simulated studies for each power, where compared.")] = 400,
-    seed: Annotated[int, typer.Option(help="Seed of the simulation.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
     """Find a study's power and sample size: by simulation for comparisons, by a paired t-test for ratings."""

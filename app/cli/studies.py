@@ -121,7 +121,7 @@ def study_create(
     exposure: Annotated[
         float | None, typer.Option(help="Seconds that a pair is shown; default: length of the shortest video.")
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of all participants' orders; default: random.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of all participants' orders; default: random.")] = None,
     preset: Annotated[
         str, typer.Option(help="Options to start from: paper (a laboratory), quick (pairs only) or online (at home).")
     ] = "quick",

@@ -40,7 +40,7 @@ def capture_synth(
     depth_maps: Annotated[
         bool, typer.Option("--depth-maps", help="Record by single cameras with depth maps instead of by stereo pairs.")
     ] = False,
-    seed: Annotated[int, typer.Option(help="Seed; the same seed gives the same bytes.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed; the same seed gives the same bytes.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
     """Record a synthetic scene, with its true depth, masks and mesh."""
