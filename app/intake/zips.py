@@ -18,7 +18,8 @@ MOST_RATIO = 200  # unpacked to packed; films and models hardly compress
 PACKED_BY = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # others may ask for gigabytes to unpack a byte
 LARGEST: Mapping[str, int] = {".json": LARGEST_JSON}  # bytes of a file by its suffix; others share the upload's limit
 LEFT_OUT = ("__MACOSX", "Thumbs.db", "desktop.ini")  # what desktops add to folders, besides hidden files
-DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError)  # the last: encrypted, or an unknown compression
+# A RuntimeError says that it is encrypted or packed in an unknown way, the last one that a name is not in UTF-8.
+DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, UnicodeDecodeError)
 BEGINNINGS: Mapping[str, tuple[bytes, ...]] = {  # how files begin whose content is shown or decoded
     ".png": (b"\x89PNG\r\n\x1a\n",),
     ".jpg": (b"\xff\xd8\xff",),
@@ -56,6 +57,8 @@ def check_zip(packed: Path, largest_mb: int, most_files: int = MOST_FILES) -> No
             _check_entries(_files_in(archive), largest_mb, most_files)
     except zipfile.BadZipFile as error:
         raise InvalidError("This is not a zip file.") from error
+    except DAMAGED as error:
+        raise InvalidError(f"The zip file cannot be read: {error}. Pack it again, then repeat.") from error
 
 
 def unpack(packed: Path, out: Path, limit: int, suffixes: Collection[str], kind: str) -> None:

@@ -259,6 +259,12 @@ def leave(database: Database, name: str, now: datetime) -> None:
         connection.execute(delete(worker).where(worker.c.name == name))
 
 
+def give_back(database: Database, name: str, public_ids: Collection[str], now: datetime) -> None:
+    """Queue jobs again that a worker has but does not run; those that were to be cancelled are."""
+    with database.writing() as connection:
+        _put_back(connection, (queued_job.c.worker == name) & queued_job.c.public_id.in_(public_ids), now)
+
+
 def workers(connection: Connection, now: datetime) -> list[Worker]:
     """List the workers that are alive."""
     columns = [worker.c[name] for name in Worker.__dataclass_fields__]

@@ -202,6 +202,9 @@ def capture_calibrate(
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Where to write calibration.yml; its report goes beside it.")
     ],
+    replace: Annotated[
+        bool, typer.Option("--replace", help="Let an earlier calibration of that name, and its report, give way.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Calibrate cameras, stereo pairs and the sensors' places from pictures of a board."""
@@ -209,7 +212,7 @@ def capture_calibrate(
     from recon.capture.calibration.run import calibrate_folders
 
     progress = ProgressLine()
-    report = calibrate_folders(images, parse_board(board), out, progress=progress)
+    report = calibrate_folders(images, parse_board(board), out, replaces=replace, progress=progress)
     progress.close()
     result = {"calibration": str(out), **report.as_json()}
     print_result(

@@ -79,17 +79,17 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def new_folder(out: Path) -> Iterator[Path]:
+def new_folder(out: Path, *, replaces: bool = False) -> Iterator[Path]:
     """Yield a temporary folder beside `out` that becomes `out` if the block ends without an error.
 
-    What a killed process of this host began of it is removed.
+    What a killed process of this host began of it is removed. With `replaces`, so is what `out` was before.
 
     A ValueError says that `out` exists and is not an empty folder, or is the one that this process works in.
     """
     place = out.resolve()  # where a link leads
     if place == Path.cwd():
         raise ValueError(f"{out}: is the current folder, which cannot be replaced; name one to make in it")
-    if out.exists() and not (out.is_dir() and not any(out.iterdir())):
+    if not replaces and out.exists() and not (out.is_dir() and not any(out.iterdir())):
         raise ValueError(f"{out}: exists already; choose another folder or remove it first")
     begun = f".{place.name}.{_host()}-"
     for path in place.parent.glob(f"{glob.escape(begun)}*.part"):
@@ -100,6 +100,8 @@ def new_folder(out: Path) -> Iterator[Path]:
     temporary.mkdir(parents=True)
     try:
         yield temporary
+        if replaces and place.exists():
+            shutil.rmtree(place)
         temporary.rename(place)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)

@@ -126,7 +126,8 @@ class Command:
         is_new = progress.step not in self._step_ends
         self._step_ends[progress.step] = time.monotonic() - self._began_s
         if is_new or has_ended:
-            write_json(self._folder / STEPS, self._step_ends)
+            with suppress(OSError):  # such as a full disk: later estimates miss it, and the job needs it not
+                write_json(self._folder / STEPS, self._step_ends)
         return progress
 
     def stop(self, patience_s: float) -> None:
@@ -149,7 +150,7 @@ class Command:
             memory = ", which the system sends where memory runs out" if status == -signal.SIGKILL else ""
             return f"The command was ended by signal {-status} ({signal.strsignal(-status)}){memory}."
         last = next((line for line in reversed(log_tail(self._folder, 20)) if line.strip()), "")
-        return last.removeprefix("reconstudy: ")
+        return last.removeprefix("reconstudy: ").removeprefix("Error: ").removeprefix("Invalid value: ")
 
     def _signal(self, number: int) -> None:
         with suppress(ProcessLookupError):
@@ -165,6 +166,7 @@ def _environment(folder: Path, threads: int, below: Sequence[Path]) -> dict[str,
         PROGRESS_FILE: str(folder / PROGRESS),
         FILES_BELOW: os.pathsep.join(map(str, below)),
         "PYTHONUNBUFFERED": "1",
+        "TYPER_USE_RICH": "0",  # what the command line refuses is a sentence then, not a frame around one
     }
     return limits | FILE_ALONE | kept | ours
 

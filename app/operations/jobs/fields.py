@@ -120,13 +120,14 @@ class Entry(Field):
         path = place(settings, kind) / plain if kind in self.shelves and is_plain(plain) else None
         if path is None or not self._is_fit(path):
             needed = f" with a {self.holds}" if self.holds else f" without a {self.lacks}" if self.lacks else ""
+            needed = " that is or holds PLY files" if self.takes == "files" else needed
             raise self.refuse(name, f"the name of something{needed} in {' or '.join(self.shelves)}")
         return path
 
     def words(self, value: Any, settings: Settings) -> list[str]:
         """Return the entry's path, or those of the files in it."""
         path = self.path(value, settings)
-        paths = sorted(path.glob("*.ply")) if self.takes == "files" and path.is_dir() else [path]
+        paths = _clouds_in(path) if self.takes == "files" and path.is_dir() else [path]
         return [f"{self.option}={path}" if self.option else str(path) for path in paths]
 
     def value_for(self, settings: Settings, kind: str, name: str) -> str | None:
@@ -142,7 +143,13 @@ class Entry(Field):
             return False
         is_taken = (path.is_dir() and self.takes != "file") or (path.is_file() and self.takes != "folder")
         is_other = bool(self.lacks) and (path / self.lacks).is_file()
+        if self.takes == "files" and path.is_dir() and not _clouds_in(path):
+            return False
         return is_taken and not is_other and (not self.holds or (path / self.holds).is_file())
+
+
+def _clouds_in(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.iterdir() if path.suffix.lower() == ".ply" and path.is_file())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -261,7 +268,7 @@ class Number(Field):
         """Return the number."""
         try:
             value = float(given) if isinstance(given, str | int | float) and not isinstance(given, bool) else math.nan
-        except ValueError:
+        except (ValueError, OverflowError):  # the latter: a whole number of hundreds of digits
             value = math.nan
         if not self.low <= value <= self.high or (self.is_whole and value != int(value)):
             raise self.refuse(given, f"a {'whole ' * self.is_whole}number from {self.low:g} to {self.high:g}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from app.operations.jobs.fields import SETS, Choice, Choices, Entries, Entry, NewName, Number, Switch, Text
 from app.operations.jobs.kind import JobKind, named
-from app.operations.jobs.shared_fields import CAPTURE, FRAMES, PRACTICE
+from app.operations.jobs.shared_fields import CAPTURE, FRAMES, NAME_FORM, PRACTICE
 
 FILMS = (
     JobKind(
@@ -155,6 +155,14 @@ FILMS = (
                     "repeat": "starts again",
                     "static": "shows its first model alone",
                 },
+            ),
+            Text(
+                name="static",
+                label="Still approaches",
+                help="approaches of one model beside others that move, with commas",
+                option="--static",
+                form=rf"{NAME_FORM}(?:, *{NAME_FORM})*",
+                example="scan",
             ),
             PRACTICE,
         ),

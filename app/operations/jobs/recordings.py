@@ -7,12 +7,13 @@ import re
 from app.errors import InvalidError
 from app.intake.captures import CAPTURE_FILE
 from app.intake.strokes import STROKES_FILE
-from app.operations.jobs.fields import Choice, Entry, NewName, Number, Text, Values, place
+from app.operations.jobs.fields import Choice, Entry, NewName, Number, Switch, Text, Values, place
 from app.operations.jobs.kind import JobKind, named
 from app.operations.jobs.shared_fields import CAPTURE, report_name
 from app.settings import Settings
 
 CALIBRATION_FILE = "calibration.yml"
+CALIBRATED = (CALIBRATION_FILE, "calibration_report")  # what a calibration makes
 NUMBER = r"-?\d+(?:\.\d+)?"
 
 
@@ -35,6 +36,14 @@ def _calibrated(values: Values) -> tuple[str, str]:
     """Return where a calibration goes: to the recording of the same cameras, else beside the pictures."""
     recording = values.get("recording")
     return ("captures", recording) if recording else ("calibration", values["pictures"])
+
+
+def _refuse_second_calibration(values: Values, settings: Settings) -> list[str]:
+    shelf, name = _calibrated(values)
+    folder = place(settings, shelf) / name
+    if any((folder / made).exists() for made in CALIBRATED) and not values.get("replace"):
+        raise InvalidError(f"{shelf}/{name} has a calibration already. Switch on Replace if it is to give way.")
+    return []
 
 
 def _strokes(values: Values, settings: Settings) -> list[str]:
@@ -86,9 +95,16 @@ RECORDINGS = (
                 help="gets the calibration.yml, with which it can be imported; none: it stays beside the pictures",
                 shelves=("captures",),
             ),
+            Switch(
+                name="replace",
+                label="Replace",
+                help="an earlier calibration there, with its report",
+                option="--replace",
+            ),
         ),
         output=_calibrated,
         out_file=CALIBRATION_FILE,
+        more=_refuse_second_calibration,
     ),
     JobKind(
         name="import-recording",

@@ -8,7 +8,7 @@ from app.intake.stimuli import MANIFEST
 from app.intake.summaries import RUN_FILE
 from app.operations.jobs.fields import SETS, Choice, Entries, Entry, Names, Number, Text
 from app.operations.jobs.kind import JobKind, named
-from app.operations.jobs.shared_fields import FRAMES, NAME_FORM, report_name
+from app.operations.jobs.shared_fields import CAPTURE, FRAMES, NAME_FORM, report_name
 
 DATASET = Text(
     name="dataset",
@@ -69,6 +69,7 @@ VALIDATIONS = (
         fields=(
             Entry(name="run", label="Run", shelves=("runs",), holds=RUN_FILE, is_required=True),
             report_name("{run}-views"),
+            replace(CAPTURE, option="--capture", help="empty: where the run says that it was", is_required=False),
             FRAMES,
             Number(
                 name="threshold",

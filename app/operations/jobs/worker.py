@@ -29,6 +29,7 @@ from app.store.queue import (
     Worker,
     beat,
     end_job,
+    give_back,
     jobs_of,
     leave,
     list_jobs,
@@ -101,11 +102,12 @@ class JobWorker:
         if time.monotonic() - self._beaten_s >= BEATS_EVERY_S:
             beat(self._database, self._me, self._clock())
             self._beaten_s = time.monotonic()
-        if self._running:
-            with self._database.reading() as connection:
-                mine = jobs_of(connection, self._me.name)
-            for running in list(self._running.values()):
-                self._look_after(running, mine.get(running.job.public_id))
+        with self._database.reading() as connection:
+            mine = jobs_of(connection, self._me.name)
+        if lost := mine.keys() - self._running.keys():  # their end could not be stored
+            give_back(self._database, self._me.name, lost, self._clock())
+        for running in list(self._running.values()):
+            self._look_after(running, mine.get(running.job.public_id))
         while len(self._running) < self._me.n_at_once:
             job = take_job(self._database, self._me.name, self._me.kinds, self._clock())
             if job is None:

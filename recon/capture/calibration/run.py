@@ -112,7 +112,7 @@ class CalibrationReport:
 
 
 def calibrate_folders(
-    sources: Sequence[Path], board: Board, out: Path, *, progress: Progress = no_progress
+    sources: Sequence[Path], board: Board, out: Path, *, replaces: bool = False, progress: Progress = no_progress
 ) -> CalibrationReport:
     """Calibrate all sensors of a rig and write the OpenCV file and its report.
 
@@ -121,17 +121,22 @@ def calibrate_folders(
     sources : one folder with `left` and `right` (folders of images, or videos `left.mp4`), or with a folder of these
         for every sensor; or the cameras' folders or videos themselves, left and right of each sensor in turn
     board : the board in the pictures
-    out : the calibration file; a report of the same name must not exist
+    out : the calibration file; its report is the folder `<its name>_report` beside it
+    replaces : whether it takes the place of an earlier calibration and its report, once it is made
     progress : told after each picture
 
     Raises
     ------
     CaptureError
-        If pictures are missing or cannot be used, with the reason for each, or videos have different rates; nothing is
-        written then.
+        If pictures are missing or cannot be used, with the reason for each, or videos have different rates, or there
+        is a calibration that may not be replaced; nothing is written then.
     """
     if out.suffix not in SUFFIXES:
         raise CaptureError(f"{out}: ends in {out.suffix!r}, expected one of {', '.join(SUFFIXES)}")
+    report_folder = out.with_name(f"{out.stem}_report")
+    for made in (out, report_folder):
+        if made.exists() and not replaces:
+            raise CaptureError(f"{made}: exists already; name another file, or let it be replaced (--replace)")
     folders = _camera_folders(sources)
     n_cameras, n_frames = 2 * len(folders), _shared_frames(folders)
     cameras: dict[str, tuple[_Camera, _Camera]] = {}
@@ -143,7 +148,7 @@ def calibrate_folders(
     views = {name: (left.views, right.views) for name, (left, right) in cameras.items()}
     pairs = calibrate_rig(board, [_pair(name, board, pair) for name, pair in cameras.items()], views)
     report = CalibrationReport(pairs, _rejected(cameras, pairs))
-    with new_folder(out.with_name(f"{out.stem}_report")) as folder:
+    with new_folder(report_folder, replaces=replaces) as folder:
         write_json(folder / "report.json", report.as_json())
         for calibrated in report.pairs:
             _draw(folder, calibrated, cameras[calibrated.sensor.id])

@@ -70,7 +70,7 @@ def import_json(
 
     Parameters
     ----------
-    source : the JSON file; its file names are relative to its folder
+    source : the JSON file, or the folder that it is alone in; its file names are relative to its folder
     out : the capture's folder, absent or empty
     options : where given, they come before what the file says
     shots : of a short form, names of the shots to take as frames, in this order; None for all
@@ -81,6 +81,7 @@ def import_json(
         Naming the file and what is wrong in it. Nothing is left behind.
     """
     options = options or ImportOptions()
+    source = _description_in(source) if source.is_dir() else source
     content = read_json(source)
     unit = options.unit_mm or parse_unit(str(content.get("units", "mm")))
     described = _Description(source, content, unit)
@@ -96,6 +97,14 @@ def import_json(
             up=str(content.get("up", "y")),
         )
     return write_recording(out, recording, options)
+
+
+def _description_in(folder: Path) -> Path:
+    paths = sorted(folder.glob("*.json"))
+    if len(paths) != 1:
+        named = f" ({', '.join(path.name for path in paths)})" if paths else ""
+        raise CaptureError(f"{folder}: holds {len(paths)} JSON files{named}, expected one that describes the recording")
+    return paths[0]
 
 
 def _short_form(described: _Description, shots: Sequence[str] | None) -> SensorSource:

@@ -73,6 +73,19 @@ def test_a_name_that_is_twice_in_an_archive_is_named_without_a_path_on_the_serve
         receive(tmp_path / "packed.zip", tmp_path / "out")
 
 
+def test_a_name_that_is_not_in_utf_8_and_a_newer_kind_of_zip_are_refused(tmp_path: Path) -> None:
+    packed = tmp_path / "packed.zip"
+    with zipfile.ZipFile(packed, "w") as archive:
+        archive.writestr("ü.csv", "x")
+    whole = packed.read_bytes()
+    directory = whole.find(b"PK\x01\x02")
+    name = whole.rfind("ü".encode())
+    for at, instead in ((name, b"\xff\xfe"), (directory + 6, b"\x63")):
+        packed.write_bytes(whole[:at] + instead + whole[at + len(instead) :])
+        with pytest.raises(InvalidError, match=r"The zip file cannot be read: .*Pack it again"):
+            receive(packed, tmp_path / "out")
+
+
 def receive(packed: Path, out: Path) -> None:
     check_zip(packed, 4096)
     unpack(packed, out, 4096 * MB, (".csv", ".json"), "results")

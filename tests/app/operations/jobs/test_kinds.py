@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -151,6 +152,38 @@ def test_a_folder_of_clouds_stands_for_its_files(here: Settings) -> None:
     kind = job_kind("validate-sphere")
     words = kind.argv(kind.read({"clouds": ["S1.ply", "placed"], "radius": 150}, here).arguments, here)
     assert [Path(word).name for word in words[2:5]] == ["S1.ply", "1.ply", "2.ply"]
+
+
+def test_a_folder_of_clouds_holds_some_in_any_case_of_letters(here: Settings) -> None:
+    clouds = here.intake_dir / "clouds"
+    for name in ("upper/1.PLY", "nested/S1/1.ply"):
+        (clouds / name).parent.mkdir(parents=True)
+        (clouds / name).touch()
+    kind = job_kind("validate-sphere")
+    words = kind.argv(kind.read({"clouds": "upper", "radius": 150}, here).arguments, here)
+    assert Path(words[2]) == (clouds / "upper/1.PLY").absolute()
+    with pytest.raises(InvalidError, match="expected the name of something that is or holds PLY files in clouds"):
+        kind.read({"clouds": "nested", "radius": 150}, here)
+
+
+def test_a_whole_number_of_hundreds_of_digits_is_no_number_here(here: Settings) -> None:
+    with pytest.raises(InvalidError, match="expected a number from"):
+        job_kind("validate-sphere").read({"clouds": "S1.ply", "radius": 10**400}, here)
+
+
+@pytest.mark.parametrize("made", ["calibration.yml", "calibration_report/report.json"])
+def test_an_earlier_calibration_gives_way_only_where_that_is_said(here: Settings, made: str) -> None:
+    kind = job_kind("calibrate")
+    recording = here.intake_dir / "captures" / "by hand"
+    (recording / made).parent.mkdir(parents=True)
+    (recording / made).touch()
+    asked = {"pictures": "board", "board": "chessboard:9x6:25", "recording": "by hand"}
+    try:
+        with pytest.raises(InvalidError, match="captures/by hand has a calibration already"):
+            kind.read(asked, here)
+        assert "--replace" in kind.argv(kind.read(asked | {"replace": "yes"}, here).arguments, here)
+    finally:
+        shutil.rmtree(recording)
 
 
 def test_clouds_of_several_sensors_are_named_in_order(here: Settings) -> None:

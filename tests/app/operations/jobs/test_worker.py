@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import signal
 import sys
 import threading
@@ -10,9 +11,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from app.errors import UnavailableError
 from app.files import write_json
 from app.operations.jobs import command, worker
 from app.operations.jobs.command import STEPS, Command, job_folder, log_tail, step_ends
@@ -88,6 +91,48 @@ def test_a_command_that_fails_ends_its_job_with_its_own_sentence(here: Settings,
     assert "reconstudy stimuli import" in first
     assert last.startswith("reconstudy: ")
     assert not (here.sets_dir / "mine").exists()
+
+
+def test_what_the_command_line_refuses_ends_a_job_with_a_sentence(tmp_path: Path) -> None:
+    refused = Command(
+        tmp_path / "job", ["validate", "sphere", "a.ply", "--radius=5", "-o=r", "--thresholds=100:5"], 1, NOW
+    )
+    while refused.status is None:
+        time.sleep(0.02)
+    assert refused.outcome().startswith("'100:5' are no thresholds")
+
+
+def test_a_job_whose_end_could_not_be_stored_does_not_run_for_ever(
+    here: Settings, database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    public_id, runner = queued(here, database), JobWorker(here, database)
+    (here.intake_dir / "films" / "mine").rmdir()
+    store, is_away = worker.end_job, [True]
+
+    def away_once(*end: Any) -> None:
+        if is_away.pop():
+            raise UnavailableError("The database does not answer.")
+        store(*end)
+
+    is_away.insert(0, False)
+    monkeypatch.setattr(worker, "end_job", away_once)
+    with pytest.raises(UnavailableError):
+        runner.look()
+    assert job(database, public_id).state == "running"
+    ended = look_until(runner, database, public_id, lambda job: job.state == "failed")
+    assert "Films" in ended.detail
+
+
+def test_a_job_is_done_although_the_disk_is_too_full_for_its_steps(
+    here: Settings, database: Database, runs: Callable[[str], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(command, "write_json", full)
+    runs(SAYS_AND_WAITS.replace("time.sleep(60)", "time.sleep(0.1)"))
+    public_id = queued(here, database)
+    look_until(JobWorker(here, database), database, public_id, lambda job: job.state == "done")
 
 
 def test_a_worker_without_the_extra_takes_only_what_it_can_do(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -212,6 +212,12 @@ def test_photographs_of_a_board_become_a_calibration_file_with_its_report(
     assert drawn.shape[:2] == (SIZE[1], 2 * SIZE[0])
     found = {path.stem for path in (tmp_path / "calibration_report/corners/S1/left").iterdir()}
     assert found >= set(report.pairs[0].cameras[0].errors)
+    with pytest.raises(CaptureError, match=r"calibration.yml: exists already; .*--replace"):
+        calibrate_folders([images], COARSE, tmp_path / "calibration.yml")
+    (tmp_path / "calibration_report/old").touch()
+    again = calibrate_folders([images], COARSE, tmp_path / "calibration.yml", replaces=True)
+    assert again.rejected == report.rejected
+    assert not (tmp_path / "calibration_report/old").exists()
 
 
 def too_few(images: Path) -> None:

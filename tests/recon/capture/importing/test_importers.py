@@ -259,6 +259,17 @@ def test_images_are_taken_in_the_order_of_their_numbers_and_plates_are_kept(tmp_
     assert plates[1][0, 0, 0] == 7
 
 
+def test_a_folder_with_one_json_is_imported_by_it(tmp_path: Path) -> None:
+    record(tmp_path / "source")
+    path = described(tmp_path / "source")
+    by_file, by_folder = import_json(path, tmp_path / "1"), import_json(path.parent, tmp_path / "2")
+    assert [sensor.id for sensor in by_folder.sensors] == [sensor.id for sensor in by_file.sensors]
+    assert by_folder.n_frames == by_file.n_frames
+    (path.parent / "other.json").write_text("{}")
+    with pytest.raises(CaptureError, match=r"holds 2 JSON files \(.*other.json.*\), expected one that describes"):
+        import_json(path.parent, tmp_path / "3")
+
+
 def test_a_json_may_describe_a_camera_with_depth_maps(tmp_path: Path) -> None:
     record(tmp_path)
     for frame in (1, 2):
