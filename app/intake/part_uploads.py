@@ -99,6 +99,14 @@ def standing(intake: Path, upload_id: str) -> Standing:
     return Standing(upload, upload.size, datetime.fromtimestamp(changed_s, UTC))
 
 
+def received_bytes(intake: Path, upload_id: str) -> int:
+    """Return how many bytes of an upload lie on the disk; none of one that is not begun, or whose work has ended."""
+    try:
+        return _part(intake, upload_id).stat().st_size
+    except FileNotFoundError:
+        return 0
+
+
 @contextmanager
 def appending(intake: Path, upload_id: str, offset: int) -> Iterator[IO[bytes]]:
     """Yield the file of an upload, open at its end, for one request at a time.

@@ -28,6 +28,7 @@ from app.intake.part_uploads import (
     checking,
     discard,
     note_job,
+    received_bytes,
     remove_expired,
     standing,
     upload_id,
@@ -68,10 +69,10 @@ def begin(request: Request, actor: UploadingActor, wanted: NewUpload, database: 
     """Begin an upload, or go on with the same one: the answer says where, and from which byte."""
     server = settings(request)
     name = wanted.name.strip()
-    _check_wanted(server, wanted, name)
-    remove_expired(server.intake_dir, actor.now)
     facts = (wanted.kind, name, wanted.file, wanted.size)
     upload = PartUpload(upload_id(actor.id, *facts, wanted.modified), *facts, by=actor.name)
+    remove_expired(server.intake_dir, actor.now)
+    _check_wanted(server, wanted, name, received_bytes(server.intake_dir, upload.id))
     begun = begin_upload(server.intake_dir, upload)
     if begun.offset == 0:
         entry = Entry("upload begun", subject=f"{wanted.kind}/{name}", detail={"bytes": wanted.size})
@@ -115,8 +116,8 @@ def discard_upload(request: Request, actor: Acting, upload: UploadId, database: 
     return see("/admin/files")
 
 
-def _check_wanted(server: Settings, wanted: NewUpload, name: str) -> None:
-    """Refuse before a byte is sent what could not be kept."""
+def _check_wanted(server: Settings, wanted: NewUpload, name: str, n_received: int) -> None:
+    """Refuse before a byte is sent what could not be kept; `n_received` bytes of it are on the disk already."""
     if wanted.kind not in EXPECTED:
         raise InvalidError(f"Nothing can be uploaded to {wanted.kind!r}; expected one of {', '.join(EXPECTED)}.")
     free_path(server.intake_dir, wanted.kind, name)
@@ -129,7 +130,7 @@ def _check_wanted(server: Settings, wanted: NewUpload, name: str) -> None:
         )
     server.intake_dir.mkdir(parents=True, exist_ok=True)
     free = shutil.disk_usage(server.intake_dir).free
-    if wanted.size * ROOM_FACTOR > free:
+    if wanted.size * ROOM_FACTOR - n_received > free:
         raise TooLargeError(
             f"The file has {wanted.size // MB} MB and needs about twice that to unpack; the server's disk has "
             f"{free // MB} MB free. Delete entries that nobody needs, then repeat."

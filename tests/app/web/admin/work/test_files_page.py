@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import httpx
@@ -195,6 +196,25 @@ def test_an_upload_that_could_not_be_kept_is_refused_before_it_begins(own_server
             answer = begin(eva, **({"kind": "captures", "name": "x", "content": b"x"} | changes))
             assert answer.status_code in (413, 422)
             assert complaint in answer.json()["detail"]
+
+
+def test_an_upload_for_which_there_was_room_goes_on(
+    own_server: str, own: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def leave(free: int) -> None:
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=free))
+
+    content = b"x" * 1000
+    with signed_in(own_server, own, "Eva") as eva:
+        leave(2000)
+        upload = begin(eva, "captures", "ball", content).json()["upload"]
+        add(eva, upload, content[:500], 0)
+        leave(1500)
+        again = begin(eva, "captures", "ball", content)
+        assert (again.status_code, again.json()["offset"]) == (200, 500)
+        assert begin(eva, "captures", "other", content).status_code == 413, "nothing of it is there yet"
+        leave(1499)
+        assert "MB free" in begin(eva, "captures", "ball", content).json()["detail"]
 
 
 def test_an_upload_that_nobody_goes_on_with_is_removed_after_a_day(own_server: str, own: Settings) -> None:
