@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -9,7 +10,7 @@ from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NoReturn
 
 import httpx
 import pytest
@@ -19,6 +20,7 @@ from app.operations import create
 from app.operations.leftovers import remove_leftovers
 from app.settings import Settings
 from app.store.keys import utc_now
+from app.web.admin.work import file_uploads
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in, zipped
 
 pytestmark = pytest.mark.slow
@@ -50,6 +52,11 @@ def put(folder: Path, files: dict[str, bytes]) -> Path:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
     return folder
+
+
+def raise_disk_full(*_: object) -> NoReturn:
+    """Stand for `shelve`; it runs in another process."""
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 @pytest.fixture(autouse=True)
@@ -215,6 +222,25 @@ def test_an_upload_for_which_there_was_room_goes_on(
         assert begin(eva, "captures", "other", content).status_code == 413, "nothing of it is there yet"
         leave(1499)
         assert "MB free" in begin(eva, "captures", "ball", content).json()["detail"]
+
+
+def test_a_complete_upload_is_kept_when_its_check_fails_for_the_servers_reasons(
+    own_server: str, own: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = zipped(capture())
+    with signed_in(own_server, own, "Eva") as eva:
+        with monkeypatch.context() as patched:
+            patched.setattr(file_uploads, "shelve", raise_disk_full)
+            failed = send(eva, "captures", "ball", content).text
+        assert "No space left on device" in failed
+        assert "choose the same file again" in failed
+        assert "100 % of" in eva.get("/admin/files").text
+        again = begin(eva, "captures", "ball", content)
+        told = again.json()
+        assert (again.status_code, told["offset"], told["job"]) == (200, len(content), None)
+        shown = ends(eva, add(eva, told["upload"], b"", len(content)).json()["job"])
+        assert shown.url.path == "/admin/files/captures/ball"
+    assert [path.suffix for path in (own.intake_dir / ".uploads").iterdir()] == [".json"]
 
 
 def test_an_upload_that_nobody_goes_on_with_is_removed_after_a_day(own_server: str, own: Settings) -> None:
