@@ -340,6 +340,33 @@ def test_an_entry_is_deleted_when_its_name_is_typed(own_server: str, own: Settin
     assert not [path for path in own.intake_dir.rglob("*") if path.is_file()]
 
 
+def test_an_entry_that_the_server_may_not_read_spoils_no_page(
+    own_server: str, own: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def may(path: Any, *mode: Any, **more: Any) -> bool:
+        return Path(path).name != "closed" and whole(path, *mode, **more)
+
+    whole = os.access
+    for name in ("closed", "ball"):
+        put(own.intake_dir / "captures" / name, capture())
+    with signed_in(own_server, own, "Eva") as eva:
+        monkeypatch.setattr(os, "access", may)
+        shown = eva.get("/admin/files")
+        assert shown.status_code == 200
+        assert "captures/closed" in shown.text
+        assert "cannot be read" in shown.text
+        form = eva.get("/admin/work/new/check")
+        assert form.status_code == 200
+        assert "ball</option>" in form.text
+        assert "closed" not in form.text
+        for answer in (
+            eva.get("/admin/files/captures/closed"),
+            eva.act("/admin/files/captures/closed/delete", again="closed"),
+        ):
+            assert answer.status_code == 404
+            assert "cannot be read" in answer.text
+
+
 def test_strokes_are_kept_picture_by_picture(own_server: str, own: Settings) -> None:
     folder = put(own.intake_dir / "captures" / "c", capture())
     line = {"label": "foreground", "points": [[0, 0.2]], "width": 3}
