@@ -9,7 +9,7 @@ from pathlib import Path
 
 from app.intake.import_videos import MASK, MASTER
 from app.intake.models import LARGEST_BYTES, LONGEST_HEADER
-from app.intake.summaries import files_of
+from app.intake.summaries import files_of, is_readable
 
 PLAYABLE = (".mp4", ".webm")  # by browsers
 SHOWN_PICTURES = (".png", ".jpg", ".jpeg", ".svg", ".webp")
@@ -58,7 +58,7 @@ class Contents:
 def read_contents(entry: Path) -> Contents:
     """Sort the files of an entry; the first of each sort, where there are very many."""
     base = entry.parent if entry.is_file() else entry
-    files = [(file.relative_to(base).as_posix(), file) for file in files_of(entry)]
+    files = [(file.relative_to(base).as_posix(), file) for file in files_of(entry) if is_readable(file)]
     places = [place for place, _ in files]
     films: dict[str, list[str]] = {}
     for place in _ending(places, PLAYABLE)[:MOST_SHOWN]:

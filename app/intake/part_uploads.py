@@ -83,6 +83,9 @@ def begin_upload(intake: Path, upload: PartUpload) -> Standing:
 def standing(intake: Path, upload_id: str) -> Standing:
     """Return how far an upload is.
 
+    Work that was noted counts while it holds the file's lock, and once it has ended and removed the file. Otherwise its
+    process was killed, or it failed for the server's reasons, and the file can be checked again: its job is None.
+
     Raises
     ------
     NotFoundError
@@ -92,11 +95,22 @@ def standing(intake: Path, upload_id: str) -> Standing:
     if upload is None:
         raise NotFoundError("There is no such upload; it may have been discarded. Please choose the file again.")
     part = _part(intake, upload_id)
-    if part.is_file():
+    try:
         fact = part.stat()
+        if upload.job is not None and not is_locked(part):
+            upload = replace(upload, job=None)
         return Standing(upload, fact.st_size, datetime.fromtimestamp(fact.st_mtime, UTC))
-    changed_s = _description(intake, upload_id).stat().st_mtime
-    return Standing(upload, upload.size, datetime.fromtimestamp(changed_s, UTC))
+    except FileNotFoundError:  # its work has ended, perhaps just now
+        changed_s = _description(intake, upload_id).stat().st_mtime
+        return Standing(upload, upload.size, datetime.fromtimestamp(changed_s, UTC))
+
+
+def received_bytes(intake: Path, upload_id: str) -> int:
+    """Return how many bytes of an upload lie on the disk; none of one that is not begun, or whose work has ended."""
+    try:
+        return _part(intake, upload_id).stat().st_size
+    except FileNotFoundError:
+        return 0
 
 
 @contextmanager
@@ -133,10 +147,22 @@ def note_job(intake: Path, upload: PartUpload, job: str) -> None:
 
 @contextmanager
 def checking(intake: Path, upload_id: str) -> Iterator[Path]:
-    """Yield the file of a complete upload, which stays locked while it is checked."""
-    with _part(intake, upload_id).open("rb") as file:
+    """Yield the file of a complete upload, which stays locked while it is checked and is removed afterwards.
+
+    It is kept where the block ends with an `OSError`, such as a full disk: the file is not at fault, and may be large.
+    """
+    part = _part(intake, upload_id)
+    with part.open("rb") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
-        yield _part(intake, upload_id)
+        is_kept = False
+        try:
+            yield part
+        except OSError:
+            is_kept = True
+            raise
+        finally:
+            if not is_kept:
+                part.unlink(missing_ok=True)
 
 
 def remove_killed(intake: Path) -> list[str]:
@@ -147,8 +173,6 @@ def remove_killed(intake: Path) -> list[str]:
         if not (part.is_file() and is_locked(part)):
             shutil.rmtree(folder, ignore_errors=True)
             killed.append(folder.stem)
-            if upload := _read(intake, folder.stem):
-                write_json(_description(intake, upload.id), asdict(replace(upload, job=None)))
     return killed
 
 

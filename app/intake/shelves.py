@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from app.errors import InvalidError
-from app.intake.summaries import SUMMARIES, walk
+from app.intake.summaries import SUMMARIES, is_readable, walk
 
 KINDS: tuple[str, ...] = tuple(SUMMARIES)
 PLAIN_NAME = re.compile(r"[^\W_](?:[\w .+-]{0,98}[\w+-])?")  # letters and digits of any script
@@ -25,6 +25,7 @@ SUFFIXES: Mapping[str, tuple[str, ...]] = {  # of entries that are files
     "clouds": (".ply",),
     "measures": (".csv",),
 }
+UNREADABLE = "cannot be read: give the server's user access to it"
 HIDDEN = ".uploads"  # folder of the intake folder for what is on its way in or out
 FOLDERS = frozenset({"captures", "calibration", "models", "films", "clouds", "runs"})  # kinds whose entries are folders
 
@@ -75,11 +76,13 @@ def entry_path(folder: Path, kind: str, name: str) -> Path:
     Raises
     ------
     InvalidError
-        If the name is not plain, or nothing of this name lies there.
+        If the name is not plain, nothing of this name lies there, or the server's user may not read it.
     """
     path = shelf(folder, kind) / checked_name(kind, name)
     if not _is_entry(kind, path):
         raise InvalidError(f"There is nothing called {name!r} in {kind}; it may have been deleted.")
+    if not is_readable(path):
+        raise InvalidError(f"{name!r} in {kind} {UNREADABLE}.")
     return path
 
 
@@ -103,13 +106,20 @@ def remove_entry(folder: Path, kind: str, name: str) -> None:
     Raises
     ------
     InvalidError
-        If there is none.
+        If there is none, or the server's user may not remove all of it; what is left then lies where it was.
     """
     path = entry_path(folder, kind, name)
     removed = folder / HIDDEN / f"{secrets.token_hex(16)}.work"
     removed.parent.mkdir(exist_ok=True)
-    path.rename(removed)
-    shutil.rmtree(removed) if removed.is_dir() else removed.unlink()
+    try:
+        path.rename(removed)
+        shutil.rmtree(removed) if removed.is_dir() else removed.unlink()
+    except PermissionError as error:
+        if removed.exists():
+            removed.rename(path)
+        raise InvalidError(
+            f"{name!r} in {kind}, or a folder in it, belongs to another user of the server, who has to delete it there."
+        ) from error
 
 
 def file_in(folder: Path, kind: str, name: str, place: str) -> Path:
@@ -174,8 +184,9 @@ def _is_entry(kind: str, path: Path) -> bool:
 def _entry(kind: str, path: Path) -> ShelfEntry:
     facts: list[os.stat_result] = []
     for file in walk(path) if path.is_dir() else [path]:
-        with suppress(FileNotFoundError):  # a job has just removed it
+        with suppress(FileNotFoundError, PermissionError):  # a job has just removed it, or its folder is closed
             facts.append(file.stat())
     changed_s = max((fact.st_mtime for fact in facts), default=path.stat().st_mtime)
     size = sum(fact.st_size for fact in facts)
-    return ShelfEntry(kind, path.name, size, datetime.fromtimestamp(changed_s, UTC), SUMMARIES[kind](path))
+    summary = SUMMARIES[kind](path) if is_readable(path) else UNREADABLE
+    return ShelfEntry(kind, path.name, size, datetime.fromtimestamp(changed_s, UTC), summary)

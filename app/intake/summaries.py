@@ -35,8 +35,11 @@ def files_of(path: Path) -> list[Path]:
 
 
 def walk(folder: Path | str) -> Iterator[os.DirEntry[str]]:
-    """Yield the files below a folder as `files_of` does, without asking the disk for each: there may be very many."""
-    with suppress(FileNotFoundError), os.scandir(folder) as entries:  # a job may remove a folder meanwhile
+    """Yield the files below a folder as `files_of` does, without asking the disk for each: there may be very many.
+
+    Folders that a job removes meanwhile, or that the server's user may not read, are left out.
+    """
+    with suppress(FileNotFoundError, PermissionError), os.scandir(folder) as entries:
         for entry in sorted(entries, key=lambda entry: entry.name):
             if entry.name.startswith("."):
                 continue
@@ -44,6 +47,11 @@ def walk(folder: Path | str) -> Iterator[os.DirEntry[str]]:
                 yield from walk(entry.path)
             elif entry.is_file(follow_symlinks=False):
                 yield entry
+
+
+def is_readable(path: Path) -> bool:
+    """Whether the server's user may read a file, or list and enter a folder; what was copied by hand may be closed."""
+    return os.access(path, os.R_OK) and (not path.is_dir() or os.access(path, os.X_OK))
 
 
 def capture_summary(folder: Path) -> str:

@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 from app.errors import InvalidError
 from app.intake.shelves import checked_name, is_plain, shelf
+from app.intake.summaries import is_readable
 from app.settings import Settings
 
 SETS = "sets"  # the stimulus sets' folder, beside the shelves of the intake folder
@@ -139,7 +140,7 @@ class Entry(Field):
         return f"{kind}/{name}" if len(self.shelves) > 1 else name
 
     def _is_fit(self, path: Path) -> bool:
-        if path.is_symlink() or not is_plain(path.name):
+        if path.is_symlink() or not is_plain(path.name) or not is_readable(path):
             return False
         is_taken = (path.is_dir() and self.takes != "file") or (path.is_file() and self.takes != "folder")
         is_other = bool(self.lacks) and (path / self.lacks).is_file()

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from app.errors import InvalidError
-from app.intake.shelves import KINDS, entries, entry_path, free_path, shelf
+from app.intake.shelves import KINDS, entries, entry_path, free_path, remove_entry, shelf
 
 SENSOR = {"id": "S1", "left": {"image": "l.mp4", "size": [64, 48]}, "right": {"image": "r.mp4", "size": [64, 48]}}
 NO_CAPTURE = "capture.json does not describe a capture: 'n_frames' is missing. `reconstudy capture check` tells more."
@@ -79,6 +82,52 @@ def test_a_link_inside_an_entry_is_not_followed(tmp_path: Path) -> None:
     (tmp_path / "runs" / "r" / "link.csv").symlink_to(tmp_path / "secret.csv")
     (entry,) = entries(tmp_path, "runs")
     assert (entry.size, entry.summary) == (4, "1 file")
+
+
+def refuse(*_: object, **__: object) -> None:
+    raise PermissionError(13, "Permission denied")
+
+
+def test_an_entry_that_the_server_may_not_read_is_listed_with_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put(tmp_path, "captures/closed/capture.json")
+    put(tmp_path, "captures/open/left/1.png")
+    monkeypatch.setattr(os, "access", lambda path, _: Path(path).name != "closed")
+    listed = {entry.name: entry.summary for entry in entries(tmp_path, "captures")}
+    assert listed.keys() == {"open", "closed"}
+    assert listed["closed"] == "cannot be read: give the server's user access to it"
+    assert listed["open"].endswith("1 picture")
+    with pytest.raises(InvalidError, match="'closed' in captures cannot be read: give the server's user access to it"):
+        entry_path(tmp_path, "captures", "closed")
+
+
+def test_a_folder_in_an_entry_that_the_server_may_not_read_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def scan(folder: Path | str) -> Any:
+        return refuse() if Path(folder).name == "closed" else whole(folder)
+
+    whole = os.scandir
+    put(tmp_path, "runs/r/closed/a.txt")
+    put(tmp_path, "runs/r/b.txt", "1234")
+    monkeypatch.setattr(os, "scandir", scan)
+    (entry,) = entries(tmp_path, "runs")
+    assert (entry.size, entry.summary) == (4, "1 file")
+
+
+@pytest.mark.parametrize("where", [(Path, "rename"), (shutil, "rmtree")])
+def test_an_entry_that_the_server_may_not_delete_stays_where_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: tuple[Any, str]
+) -> None:
+    file = put(tmp_path, "runs/r/a.txt")
+    with monkeypatch.context() as patched:
+        patched.setattr(*where, refuse)
+        with pytest.raises(InvalidError, match="another user of the server, who has to delete it there"):
+            remove_entry(tmp_path, "runs", "r")
+    assert file.is_file()
+    remove_entry(tmp_path, "runs", "r")
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
 def test_a_taken_name_and_a_wrong_ending_are_refused(tmp_path: Path) -> None:

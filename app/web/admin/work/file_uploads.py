@@ -6,8 +6,10 @@ stopped. When all is there, a task of the server checks it and puts it on its sh
 
 from __future__ import annotations
 
+import logging
 import shutil
 from contextlib import suppress
+from pathlib import Path as FilePath
 from typing import IO, Annotated
 
 from fastapi import APIRouter, Header, Path, Request
@@ -16,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
 
-from app.errors import InvalidError, TooLargeError
+from app.errors import InvalidError, TooLargeError, UnavailableError
 from app.ffmpeg import Progress
 from app.intake.arrivals import EXPECTED, Limits, shelve
 from app.intake.bounds import in_bounds
@@ -28,6 +30,7 @@ from app.intake.part_uploads import (
     checking,
     discard,
     note_job,
+    received_bytes,
     remove_expired,
     standing,
     upload_id,
@@ -50,6 +53,8 @@ UploadId = Annotated[str, Path(max_length=40)]
 
 router = APIRouter(prefix="/admin/files/upload", include_in_schema=False)
 
+log = logging.getLogger(__name__)
+
 
 class NewUpload(BaseModel):
     """What the browser says of a file before it sends it; `modified` in ms since 1970."""
@@ -68,10 +73,10 @@ def begin(request: Request, actor: UploadingActor, wanted: NewUpload, database: 
     """Begin an upload, or go on with the same one: the answer says where, and from which byte."""
     server = settings(request)
     name = wanted.name.strip()
-    _check_wanted(server, wanted, name)
-    remove_expired(server.intake_dir, actor.now)
     facts = (wanted.kind, name, wanted.file, wanted.size)
     upload = PartUpload(upload_id(actor.id, *facts, wanted.modified), *facts, by=actor.name)
+    remove_expired(server.intake_dir, actor.now)
+    _check_wanted(server, wanted, name, received_bytes(server.intake_dir, upload.id))
     begun = begin_upload(server.intake_dir, upload)
     if begun.offset == 0:
         entry = Entry("upload begun", subject=f"{wanted.kind}/{name}", detail={"bytes": wanted.size})
@@ -115,8 +120,8 @@ def discard_upload(request: Request, actor: Acting, upload: UploadId, database: 
     return see("/admin/files")
 
 
-def _check_wanted(server: Settings, wanted: NewUpload, name: str) -> None:
-    """Refuse before a byte is sent what could not be kept."""
+def _check_wanted(server: Settings, wanted: NewUpload, name: str, n_received: int) -> None:
+    """Refuse before a byte is sent what could not be kept; `n_received` bytes of it are on the disk already."""
     if wanted.kind not in EXPECTED:
         raise InvalidError(f"Nothing can be uploaded to {wanted.kind!r}; expected one of {', '.join(EXPECTED)}.")
     free_path(server.intake_dir, wanted.kind, name)
@@ -129,7 +134,7 @@ def _check_wanted(server: Settings, wanted: NewUpload, name: str) -> None:
         )
     server.intake_dir.mkdir(parents=True, exist_ok=True)
     free = shutil.disk_usage(server.intake_dir).free
-    if wanted.size * ROOM_FACTOR > free:
+    if wanted.size * ROOM_FACTOR - n_received > free:
         raise TooLargeError(
             f"The file has {wanted.size // MB} MB and needs about twice that to unpack; the server's disk has "
             f"{free // MB} MB free. Delete entries that nobody needs, then repeat."
@@ -158,21 +163,32 @@ def _told(known: Standing) -> dict[str, object]:
 def _start_shelving(server: Settings, database: Database, actor: Actor, upload: PartUpload) -> str:
     """Start the task that checks and keeps a complete upload; return its address."""
     intake, limits = server.intake_dir, Limits(server.largest_intake_mb, server.most_intake_files)
+    title = f"Checking the upload {upload.name}"
 
     def work(_tell: Progress) -> str:
-        folder = work_folder(intake, upload.id)
-        shutil.rmtree(folder, ignore_errors=True)  # of an attempt that was killed
-        with checking(intake, upload.id) as received:
-            try:
-                place = in_bounds(shelve, intake, upload.kind, upload.name, received, folder, limits)
-            finally:
-                shutil.rmtree(folder, ignore_errors=True)
-                received.unlink(missing_ok=True)
+        try:
+            place = _checked(intake, upload, limits)
+        except OSError as error:
+            log.warning("%s failed: %s", title, error)
+            raise UnavailableError(
+                f"{error.strerror or error}. The server's log names the file. What was sent is kept for a day: once "
+                "this is put right, choose the same file again under the same name, and it is checked again at once."
+            ) from error
         entry = Entry("file uploaded", subject=f"{upload.kind}/{place.name}", detail={"bytes": upload.size})
         record_alone(database, actor.name, entry, actor.now)
         return f"/admin/files/{upload.kind}/{place.name}"
 
-    title = f"Checking the upload {upload.name}"
     task = f"/admin/jobs/{start_task(database, actor, title, work, subject=f'upload {upload.id}')}"
     note_job(intake, upload, task)
     return task
+
+
+def _checked(intake: FilePath, upload: PartUpload, limits: Limits) -> FilePath:
+    """Put a complete upload on its shelf and return its place there; nothing that was unpacked besides is left."""
+    folder = work_folder(intake, upload.id)
+    with checking(intake, upload.id) as received:
+        shutil.rmtree(folder, ignore_errors=True)  # of an attempt that was killed
+        try:
+            return in_bounds(shelve, intake, upload.kind, upload.name, received, folder, limits)
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)

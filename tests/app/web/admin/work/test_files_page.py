@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
 from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, NoReturn
 
 import httpx
 import pytest
@@ -18,6 +20,7 @@ from app.operations import create
 from app.operations.leftovers import remove_leftovers
 from app.settings import Settings
 from app.store.keys import utc_now
+from app.web.admin.work import file_uploads
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in, zipped
 
 pytestmark = pytest.mark.slow
@@ -49,6 +52,11 @@ def put(folder: Path, files: dict[str, bytes]) -> Path:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
     return folder
+
+
+def raise_disk_full(*_: object) -> NoReturn:
+    """Stand for `shelve`; it runs in another process."""
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 @pytest.fixture(autouse=True)
@@ -197,6 +205,44 @@ def test_an_upload_that_could_not_be_kept_is_refused_before_it_begins(own_server
             assert complaint in answer.json()["detail"]
 
 
+def test_an_upload_for_which_there_was_room_goes_on(
+    own_server: str, own: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def leave(free: int) -> None:
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=free))
+
+    content = b"x" * 1000
+    with signed_in(own_server, own, "Eva") as eva:
+        leave(2000)
+        upload = begin(eva, "captures", "ball", content).json()["upload"]
+        add(eva, upload, content[:500], 0)
+        leave(1500)
+        again = begin(eva, "captures", "ball", content)
+        assert (again.status_code, again.json()["offset"]) == (200, 500)
+        assert begin(eva, "captures", "other", content).status_code == 413, "nothing of it is there yet"
+        leave(1499)
+        assert "MB free" in begin(eva, "captures", "ball", content).json()["detail"]
+
+
+def test_a_complete_upload_is_kept_when_its_check_fails_for_the_servers_reasons(
+    own_server: str, own: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = zipped(capture())
+    with signed_in(own_server, own, "Eva") as eva:
+        with monkeypatch.context() as patched:
+            patched.setattr(file_uploads, "shelve", raise_disk_full)
+            failed = send(eva, "captures", "ball", content).text
+        assert "No space left on device" in failed
+        assert "choose the same file again" in failed
+        assert "100 % of" in eva.get("/admin/files").text
+        again = begin(eva, "captures", "ball", content)
+        told = again.json()
+        assert (again.status_code, told["offset"], told["job"]) == (200, len(content), None)
+        shown = ends(eva, add(eva, told["upload"], b"", len(content)).json()["job"])
+        assert shown.url.path == "/admin/files/captures/ball"
+    assert [path.suffix for path in (own.intake_dir / ".uploads").iterdir()] == [".json"]
+
+
 def test_an_upload_that_nobody_goes_on_with_is_removed_after_a_day(own_server: str, own: Settings) -> None:
     with signed_in(own_server, own, "Eva") as eva:
         upload = begin(eva, "captures", "ball", b"12345").json()["upload"]
@@ -292,6 +338,33 @@ def test_an_entry_is_deleted_when_its_name_is_typed(own_server: str, own: Settin
         assert eva.get("/admin/files/runs/r").status_code == 404
         assert "runs/r" in eva.get("/admin/audit?search=file+deleted").text
     assert not [path for path in own.intake_dir.rglob("*") if path.is_file()]
+
+
+def test_an_entry_that_the_server_may_not_read_spoils_no_page(
+    own_server: str, own: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def may(path: Any, *mode: Any, **more: Any) -> bool:
+        return Path(path).name != "closed" and whole(path, *mode, **more)
+
+    whole = os.access
+    for name in ("closed", "ball"):
+        put(own.intake_dir / "captures" / name, capture())
+    with signed_in(own_server, own, "Eva") as eva:
+        monkeypatch.setattr(os, "access", may)
+        shown = eva.get("/admin/files")
+        assert shown.status_code == 200
+        assert "captures/closed" in shown.text
+        assert "cannot be read" in shown.text
+        form = eva.get("/admin/work/new/check")
+        assert form.status_code == 200
+        assert "ball</option>" in form.text
+        assert "closed" not in form.text
+        for answer in (
+            eva.get("/admin/files/captures/closed"),
+            eva.act("/admin/files/captures/closed/delete", again="closed"),
+        ):
+            assert answer.status_code == 404
+            assert "cannot be read" in answer.text
 
 
 def test_strokes_are_kept_picture_by_picture(own_server: str, own: Settings) -> None:
