@@ -185,6 +185,24 @@ def capture_export(
     print_result(result, f"Wrote frame {frame} of {capture} for {kind}: {out}", as_json=as_json)
 
 
+@app.command("board")
+def capture_board(
+    board: Annotated[str, typer.Argument(help="As `capture calibrate` takes it, for example charuco:14x10:50:37.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="SVG file to write; it has the board's true size.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Draw a calibration board for printing."""
+    from recon.capture.calibration.board import parse_board
+    from recon.storage.files import write_bytes
+
+    if out.suffix.lower() != ".svg":
+        raise typer.BadParameter(f"{out} ends in {out.suffix!r}, expected .svg")
+    chosen = parse_board(board)
+    write_bytes(out, chosen.drawing().encode())
+    advice = f"Print it at 100 % of its size, and measure: ten squares are {10 * chosen.square_mm:g} mm."
+    print_result({"board": board, "file": str(out)}, f"Drew {board}: {out}\n{advice}", as_json=as_json)
+
+
 @app.command("calibrate")
 def capture_calibrate(
     images: Annotated[

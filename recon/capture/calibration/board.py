@@ -9,6 +9,7 @@ Convention: the board's frame has its origin at the first corner, x along the fi
 
 from __future__ import annotations
 
+from base64 import b64encode
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from recon.capture.images import CaptureError
 
 DEFAULT_DICTIONARY = "DICT_5X5_100"
+PRINTED_SQUARE = 200  # pixels of its edge
 MIN_CORNERS = 12  # of a board that is partly covered
 MIN_SPREAD = 0.05  # of the corners across to along their main direction: below, they are on one line
 REFINED_WITHIN = 0.4  # of the distance to the next corner, to all sides
@@ -64,6 +66,12 @@ class Board:
             )
         if self.kind == "charuco" and not 0 < self.marker_mm < self.square_mm:
             raise CaptureError(f"board: the markers of {self.marker_mm} mm do not fit squares of {self.square_mm} mm")
+        if self.kind == "charuco" and self.columns * self.rows // 2 > len(self._markers.bytesList):
+            raise CaptureError(
+                f"board: {self.columns}x{self.rows} squares take {self.columns * self.rows // 2} markers, and "
+                f"{self.dictionary} has {len(self._markers.bytesList)}; expected fewer squares, or a larger dictionary "
+                "such as DICT_5X5_1000"
+            )
 
     @cached_property
     def points(self) -> NDArray[np.float64]:
@@ -102,10 +110,24 @@ class Board:
         squares = np.where((column + row) % 2 == 0, 0, 255).astype(np.uint8)
         return np.pad(np.kron(squares, np.ones((edge, edge), dtype=np.uint8)), edge, constant_values=255)
 
+    def drawing(self) -> str:
+        """Draw the board for printing as an SVG file of its true size, with a margin of one square."""
+        picture = self.picture(PRINTED_SQUARE / self.square_mm)
+        height, width = (length * self.square_mm / PRINTED_SQUARE for length in picture.shape)
+        encoded = b64encode(cv2.imencode(".png", picture)[1].tobytes()).decode("ascii")
+        return (
+            f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:g}mm" height="{height:g}mm" '
+            f'viewBox="0 0 {width:g} {height:g}"><image width="{width:g}" height="{height:g}" '
+            f'style="image-rendering: pixelated" href="data:image/png;base64,{encoded}"/></svg>\n'
+        )
+
+    @cached_property
+    def _markers(self) -> Any:
+        return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
+
     @cached_property
     def _charuco(self) -> Any:
-        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
-        return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_mm, self.marker_mm, dictionary)
+        return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_mm, self.marker_mm, self._markers)
 
     def _find_charuco(self, grey: NDArray[np.uint8]) -> Corners:
         pixels, ids, _, _ = cv2.aruco.CharucoDetector(self._charuco).detectBoard(grey)

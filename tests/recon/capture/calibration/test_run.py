@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
+from base64 import b64decode
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +19,7 @@ from recon.capture.calibration.run import calibrate_folders
 from recon.capture.calibration.solve import calibrate_camera, calibrate_pair, calibrate_rig
 from recon.capture.images import CaptureError, read_video_frame
 from recon.rig import Rig
+from tests.command_line import Command
 from tests.recon.capture.calibration.board_pictures import (
     board_picture,
     board_pose,
@@ -122,7 +125,15 @@ def test_images_of_one_name_that_are_not_of_one_instant_are_refused() -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["chessboard:9x6", "chessboard:9:25", "charuco:11x8:30", "dots:4x4:5", "charuco:11x8:30:31", "chessboard:2x9:5"],
+    [
+        "chessboard:9x6",
+        "chessboard:9:25",
+        "charuco:11x8:30",
+        "dots:4x4:5",
+        "charuco:11x8:30:31",
+        "chessboard:2x9:5",
+        "charuco:40x40:50:37",
+    ],
 )
 def test_a_board_that_cannot_be_is_refused(text: str) -> None:
     with pytest.raises(CaptureError, match=r"expected|do not fit"):
@@ -147,6 +158,20 @@ def test_a_printed_board_is_found_where_it_is_also_turned_round(text: str, is_tu
     if is_turned:
         expected = np.array(picture.shape[::-1]) - 1 - expected
     np.testing.assert_allclose(found.pixels, expected, atol=0.3)
+
+
+@pytest.mark.parametrize("text", ["charuco:14x10:50:37", "chessboard:9x6:22.5"])
+def test_a_board_is_drawn_in_its_true_size(text: str, tmp_path: Path, command: Command) -> None:
+    board, out = parse_board(text), tmp_path / "board.svg"
+    command("capture", "board", text, "-o", out)
+    drawn = out.read_text()
+    width_mm = float(re.findall(r'width="([\d.]+)mm"', drawn)[0])
+    picture = cv2.imdecode(np.frombuffer(b64decode(drawn.partition("base64,")[2].partition('"')[0]), np.uint8), 0)
+    assert picture is not None
+    found = board.find(picture)
+    assert len(found) == len(board.points)
+    distance = np.linalg.norm(found.pixels[-1] - found.pixels[0]) * width_mm / picture.shape[1]
+    assert distance == pytest.approx(np.linalg.norm(board.points[-1] - board.points[0]), rel=1e-3)
 
 
 @pytest.mark.slow
