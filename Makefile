@@ -3,9 +3,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := app recon migrations tests bench deploy docs/reference.py setup.py
 export PATH := $(CURDIR)/$(BIN):$(PATH)
-# Tests run in a process for each core, those in a browser in one more, as they wait a third of their time; file by file,
-# so that what a file's tests share is made once; in the order of their names, as the files of few and long tests would
-# otherwise come last, and alone.
+# All tests run in a process for each core and two more, as those in a browser wait half of their time; quick ones, which
+# do not wait, in one for each core. File by file, so that what a file's tests share is made once; in the order of their
+# names, as the files of few and long tests would otherwise come last, and alone.
 CORES := $(shell nproc)
 PARALLEL := --maxprocesses 6 --dist loadfile --no-loadscope-reorder --numprocesses
 # A test that fails may only have been late on a busy machine: it is tried once more, with nothing beside it.
@@ -39,8 +39,7 @@ test: setup
 	ruff check $(SOURCES)
 	mypy
 	mkdocs build --quiet
-	pytest $(PARALLEL) $(CORES) --durations=30 -m "not browser" || $(ONCE_MORE)
-	pytest $(PARALLEL) $(shell expr $(CORES) + 1) -m "browser and not alone" || $(ONCE_MORE)
+	pytest $(PARALLEL) $(shell expr $(CORES) + 2) --durations=30 -m "not alone" || $(ONCE_MORE)
 	pytest -m alone tests/browser || $(ONCE_MORE)
 	@$(MAKE) --no-print-directory browser-code
 
