@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from app.operations.jobs.fields import SETS, Choice, Choices, Entries, Entry, NewName, Number, Switch, Text
 from app.operations.jobs.kind import JobKind, named
-from app.operations.jobs.shared_fields import CAPTURE, FRAMES, NAME_FORM, PRACTICE
+from app.operations.jobs.shared_fields import CAPTURE, FRAMES, NAMES_FORM, PRACTICE
 
 FILMS = (
     JobKind(
@@ -161,7 +161,7 @@ FILMS = (
                 label="Still approaches",
                 help="approaches of one model beside others that move, with commas",
                 option="--static",
-                form=rf"{NAME_FORM}(?:, *{NAME_FORM})*",
+                form=NAMES_FORM,
                 example="scan",
             ),
             PRACTICE,

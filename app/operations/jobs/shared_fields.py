@@ -9,6 +9,7 @@ from app.operations.jobs.fields import Entry, NewName, Text
 from app.settings import Settings
 
 NAME_FORM = r"[^\W_][\w .+-]*"  # of datasets and approaches
+NAMES_FORM = rf"{NAME_FORM}(?:, *{NAME_FORM})*"
 
 
 class FrameRange(Text):

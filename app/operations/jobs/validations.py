@@ -8,7 +8,7 @@ from app.intake.stimuli import MANIFEST
 from app.intake.summaries import RUN_FILE
 from app.operations.jobs.fields import SETS, Choice, Entries, Entry, Names, Number, Text
 from app.operations.jobs.kind import JobKind, named
-from app.operations.jobs.shared_fields import CAPTURE, FRAMES, NAME_FORM, report_name
+from app.operations.jobs.shared_fields import CAPTURE, FRAMES, NAME_FORM, NAMES_FORM, report_name
 
 DATASET = Text(
     name="dataset",
@@ -55,7 +55,7 @@ SENSORS = Names(
     label="Sensors",
     help="names for the clouds, in their order; fewer names than clouds repeat; empty: one sensor saw all of them",
     option="--sensor",
-    form=rf"{NAME_FORM}(?:, *{NAME_FORM})*",
+    form=NAMES_FORM,
     example="S1,S2",
 )
 
