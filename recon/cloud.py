@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from recon.capture.rectify import Rectification
 from recon.geometry.mesh import Cloud
+from recon.workers import in_bands
 
 __all__ = [
     "CloudParameters",
@@ -197,15 +199,22 @@ def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float32]:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True), dtype=np.float32)
 
 
-@njit(parallel=True, cache=True)
 def support(relative: NDArray[np.float32], jump: float) -> NDArray[np.float32]:
     """Measure which share of each pixel's 5x5 window is of its own surface: float32 (H, W), 0 where invalid.
 
     `relative`, float32 (H, W), is the disparity from infinity, NaN where invalid.
     """
+    share = np.zeros(relative.shape, np.float32)
+    in_bands(len(relative), partial(_support_kernel, relative, jump, share))
+    return share
+
+
+@njit(cache=True, nogil=True)
+def _support_kernel(
+    relative: NDArray[np.float32], jump: float, share: NDArray[np.float32], start: int, stop: int
+) -> None:
     height, width = relative.shape
-    share = np.zeros((height, width), np.float32)
-    for row in prange(height):
+    for row in range(start, stop):
         for column in range(width):
             if np.isnan(relative[row, column]):
                 continue
@@ -217,10 +226,8 @@ def support(relative: NDArray[np.float32], jump: float) -> NDArray[np.float32]:
                     if abs(relative[v, u] - relative[row, column]) <= jump * 0.5 * (1 + distance):
                         count += 1
             share[row, column] = count / window
-    return share
 
 
-@njit(parallel=True, cache=True)
 def fit_planes(
     relative: NDArray[np.float32], rows: NDArray[np.int64], columns: NDArray[np.int64], radius: int, jump: float
 ) -> NDArray[np.float64]:
@@ -240,9 +247,24 @@ def fit_planes(
     float64 (N, 4)
         d0 at the pixel, a, b, and the root mean square residual, pixels; NaN where too few points fix no plane.
     """
-    height, width = relative.shape
     planes = np.full((len(rows), 4), np.nan)
-    for index in prange(len(rows)):
+    in_bands(len(rows), partial(_plane_kernel, relative, rows, columns, radius, jump, planes))
+    return planes
+
+
+@njit(cache=True, nogil=True)
+def _plane_kernel(
+    relative: NDArray[np.float32],
+    rows: NDArray[np.int64],
+    columns: NDArray[np.int64],
+    radius: int,
+    jump: float,
+    planes: NDArray[np.float64],
+    start: int,
+    stop: int,
+) -> None:
+    height, width = relative.shape
+    for index in range(start, stop):
         row, column = rows[index], columns[index]
         centre = relative[row, column]
         n = su = sv = suu = suv = svv = sd = sud = svd = sdd = 0.0
@@ -275,10 +297,8 @@ def fit_planes(
         planes[index, 1] = a
         planes[index, 2] = b
         planes[index, 3] = np.sqrt(max(cdd - a * cud - b * cvd, 0.0) / n)
-    return planes
 
 
-@njit(parallel=True, cache=True)
 def back_project(
     relative: NDArray[np.float32],
     rows: NDArray[np.int64],
@@ -307,12 +327,31 @@ def back_project(
     sigma : float64 (N,), mm along the line of sight
     cosine : float64 (N,), between normal and line of sight; 0 where there is no plane
     """
+    points, normals = np.empty((len(rows), 3)), np.zeros((len(rows), 3))
+    sigma, cosine = np.empty(len(rows)), np.zeros(len(rows))
+    project = partial(_point_kernel, relative, rows, columns, planes, intrinsics, focal_baseline, disparity_sigma)
+    in_bands(len(rows), partial(project, points, normals, sigma, cosine))
+    return points, normals, sigma, cosine
+
+
+@njit(cache=True, nogil=True)
+def _point_kernel(
+    relative: NDArray[np.float32],
+    rows: NDArray[np.int64],
+    columns: NDArray[np.int64],
+    planes: NDArray[np.float64],
+    intrinsics: NDArray[np.float64],
+    focal_baseline: float,
+    disparity_sigma: float,
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    sigma: NDArray[np.float64],
+    cosine: NDArray[np.float64],
+    start: int,
+    stop: int,
+) -> None:
     fx, fy, cx, cy = intrinsics
-    points = np.empty((len(rows), 3))
-    normals = np.zeros((len(rows), 3))
-    sigma = np.empty(len(rows))
-    cosine = np.zeros(len(rows))
-    for index in prange(len(rows)):
+    for index in range(start, stop):
         row, column = rows[index], columns[index]
         d0, a, b, residual = planes[index]
         d = float(relative[row, column])
@@ -333,4 +372,3 @@ def back_project(
         normals[index, 2] = nz / length
         cosine[index] = -(nx * x + ny * y + nz) / (length * ray)
         sigma[index] = ray * z / d * np.sqrt(disparity_sigma * disparity_sigma + residual * residual)
-    return points, normals, sigma, cosine

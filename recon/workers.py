@@ -2,6 +2,9 @@
 
 Tasks are independent, and each writes its results to files. If a worker is lost, another one runs its task again and
 writes the same file.
+
+Within a task, threads share what kernels do that release the interpreter's lock: as many as numba may use
+(`NUMBA_NUM_THREADS`, `numba.set_num_threads`). No result depends on their number.
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ import multiprocessing
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
@@ -233,3 +236,23 @@ def _keep_memory() -> None:
         mallopt = getattr(ctypes.CDLL(None), "mallopt", lambda *_: 0)  # musl has none
         mallopt(M_MMAP_THRESHOLD, KEPT_MEMORY)
         mallopt(M_TRIM_THRESHOLD, KEPT_MEMORY)
+
+
+def in_bands(length: int, work: Callable[[int, int], None]) -> None:
+    """Call `work(first, last)` for bands of the rows or columns 0 to `length`, one band for each thread."""
+    edges = [length * band // _threads() for band in range(_threads() + 1)]
+    with ThreadPoolExecutor(max_workers=len(edges) - 1) as pool:
+        list(pool.map(work, edges[:-1], edges[1:]))
+
+
+def in_both(work: Callable[[int], Result]) -> tuple[Result, Result]:
+    """Call `work` for the left view (0) and the right (1), at the same time if there are two threads."""
+    with ThreadPoolExecutor(max_workers=min(_threads(), 2)) as pool:
+        left, right = pool.map(work, (0, 1))
+    return left, right
+
+
+def _threads() -> int:
+    import numba
+
+    return int(numba.get_num_threads())

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.depth.bands import in_bands, in_both
 from recon.depth.census import WINDOW, WINDOWS
 from recon.depth.consistency import consistent, lands_inside
 from recon.depth.hierarchy import TILE_BITS, search_windows
@@ -25,6 +24,7 @@ from recon.depth.refinement import filled, local_planes, without_specks
 from recon.depth.slanted import SURFACE_STEP, aggregate_along_surface
 from recon.depth.slopes import tile_slopes
 from recon.depth.views import View, views_of
+from recon.workers import in_bands, in_both
 
 WHOLE_IMAGE_BITS = 30  # a tile larger than any image
 COARSE_THRESHOLD = 1  # pixels by which the views may differ on levels that only say where to search

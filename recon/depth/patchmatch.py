@@ -20,7 +20,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.depth.bands import in_bands
 from recon.depth.consistency import consistent, lands_inside
 from recon.depth.cvf import DrParameters, match_views, refined
 from recon.depth.pair import StereoPair, has_texture
@@ -28,6 +27,7 @@ from recon.depth.plane_search import SLOPE_SHARE, Settings, sweep
 from recon.depth.refinement import filled, without_specks
 from recon.depth.texture import GREY_SCALE, MAX_DISTANCE, texture_of
 from recon.depth.views import Level, View, views_of
+from recon.workers import in_bands
 
 SLOPE_WINDOW = 5  # pixels over which the seed's slopes are averaged
 

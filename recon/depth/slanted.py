@@ -11,7 +11,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.depth.bands import in_bands
 from recon.depth.guide import Passages
 from recon.depth.lanes import (
     N_LANES,
@@ -26,6 +25,7 @@ from recon.depth.lanes import (
     zeros,
 )
 from recon.depth.subpixel import vertex
+from recon.workers import in_bands
 
 N_KEPT = N_LANES // 2  # lanes that are held: all that a winner and its parabola may need
 CENTRE = 3  # the lane that stands for the surface itself

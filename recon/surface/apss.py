@@ -11,12 +11,15 @@ Guennebaud, Germann and Gross, Dynamic Sampling and Rendering of Algebraic Point
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from recon.surface.band import Band, neighbours_of
 from recon.surface.cells import Cells
+from recon.workers import in_bands
 
 SMALLEST_SPREAD = 1e-3  # voxels squared; points in one place have no curvature
 
@@ -40,9 +43,11 @@ def signed_field(
     field (B, 8, 8, 8), voxels, negative inside, NaN where points do not support it; gradient (B, 3, 8, 8, 8), unit;
     colour (B, 3, 8, 8, 8), 0 to 255; all float32, the latter two without meaning where the field is NaN
     """
-    field, gradient, colour = _fit_spheres(
-        cells.moments, cells.starts, neighbours_of(band, cells), overhang, agreement, min_points
-    )
+    neighbours = neighbours_of(band, cells)
+    field = np.empty((len(neighbours), 8, 8, 8), np.float32)
+    gradient, colour = (np.empty((len(neighbours), 3, 8, 8, 8), np.float32) for _ in range(2))
+    fit = partial(_fit_spheres, cells.moments, cells.starts, neighbours, overhang, agreement, min_points)
+    in_bands(len(neighbours), partial(fit, field, gradient, colour))
     return field, gradient, colour
 
 
@@ -190,7 +195,7 @@ def _sum_block(
     return flat.reshape((8, 8, 15, 8))
 
 
-@njit(parallel=True, cache=True)
+@njit(cache=True, nogil=True)
 def _fit_spheres(
     moments: NDArray[np.float32],
     starts: NDArray[np.int64],
@@ -198,22 +203,22 @@ def _fit_spheres(
     overhang: float,
     agreement: float,
     min_points: float,
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    field: NDArray[np.float32],
+    gradient: NDArray[np.float32],
+    colour: NDArray[np.float32],
+    start: int,
+    stop: int,
+) -> None:
     """Fit as `signed_field` does; `neighbours` (B, 27) holds the index of each surrounding block's cells.
 
     One thread computes a block from its cells in a fixed order, so that the result does not depend on the threads.
     """
-    n_blocks = len(neighbours)
-    field = np.empty((n_blocks, 8, 8, 8), np.float32)
-    gradient = np.empty((n_blocks, 3, 8, 8, 8), np.float32)
-    colour = np.empty((n_blocks, 3, 8, 8, 8), np.float32)
-    for block in prange(n_blocks):
+    for block in range(start, stop):
         sums = _sum_block(moments, starts, neighbours[block])
         _solve_block(
             sums, np.float32(overhang), np.float32(agreement), np.float32(min_points),
             field[block], gradient[block], colour[block],
         )  # fmt: skip
-    return field, gradient, colour
 
 
 @njit(cache=True)

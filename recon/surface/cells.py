@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Cloud
 from recon.surface.blocks import BLOCK, LARGEST_AXIS, block_coordinates, block_keys, neighbours_in
+from recon.workers import in_bands
 
 BLOCKS_PER_AREA = 1.5  # blocks that a block's side of surface crosses, averaged over directions
 WEIGHT_RANGE = (1 / 16, 4.0)  # of a point against the median: no single sensor is ignored or trusted alone
@@ -75,9 +77,12 @@ def gather(cloud: Cloud, voxel: float, reach: Reach) -> Cells:
     rank[np.argsort(keys)] = np.arange(len(keys))
     order, point_starts = _sort_by_block(rank[numbers], len(keys))
     sigma = np.zeros(len(cloud), np.float32) if cloud.sigma is None else cloud.sigma
-    moments, starts = _cell_moments(
-        cloud.points, cloud.normals, cloud.colours, _weights(cloud), sigma, order, point_starts, voxel
-    )
+    n_cells = np.zeros(len(point_starts), np.int64)
+    in_bands(len(keys), partial(_count_cells, cloud.points, order, point_starts, voxel, n_cells))
+    starts = np.cumsum(n_cells)
+    moments = np.empty((starts[-1], 14), np.float32)
+    sums = partial(_sum_cells, cloud.points, cloud.normals, cloud.colours, _weights(cloud), sigma, order, point_starts)
+    in_bands(len(keys), partial(sums, voxel, starts, moments))
     cells = Cells(block_coordinates(np.sort(keys)) + lowest, starts, moments)
     _set_radius(cells, np.diff(point_starts), reach)
     return cells
@@ -176,8 +181,29 @@ def _cell_in_block(point: NDArray[np.float32], voxel: float) -> int:
     return x << 6 | y << 3 | int(np.floor(float(point[2]) / voxel)) & 7
 
 
-@njit(parallel=True, cache=True)
-def _cell_moments(
+@njit(cache=True, nogil=True)
+def _count_cells(
+    points: NDArray[np.float32],
+    order: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    voxel: float,
+    counts: NDArray[np.int64],
+    first: int,
+    last: int,
+) -> None:
+    """Count the cells that hold points of each block `first` to `last`, one place later than the block's.
+
+    Block b holds the points `order[starts[b] : starts[b + 1]]`.
+    """
+    for block in range(first, last):
+        is_cell = np.zeros(512, np.bool_)
+        for index in order[starts[block] : starts[block + 1]]:
+            is_cell[_cell_in_block(points[index], voxel)] = True
+        counts[block + 1] = is_cell.sum()
+
+
+@njit(cache=True, nogil=True)
+def _sum_cells(
     points: NDArray[np.float32],
     normals: NDArray[np.float32],
     colours: NDArray[np.uint8],
@@ -186,58 +212,27 @@ def _cell_moments(
     order: NDArray[np.int64],
     starts: NDArray[np.int64],
     voxel: float,
-) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Compute the moments (C, 14) of `Cells`, with the mean sigma in place of the radius, and each block's first cell.
-
-    Block b holds the points `order[starts[b] : starts[b + 1]]`.
-    """
-    n_cells = np.zeros(len(starts), np.int64)
-    for block in prange(len(starts) - 1):
-        n_cells[block + 1] = _count_cells(points, order[starts[block] : starts[block + 1]], voxel)
-    cell_starts = np.cumsum(n_cells)
-    moments = np.empty((cell_starts[-1], 14), np.float32)
-    for block in prange(len(starts) - 1):
-        chosen = order[starts[block] : starts[block + 1]]
-        cells = moments[cell_starts[block] : cell_starts[block + 1]]
-        _sum_block(points, normals, colours, weights, sigma, chosen, voxel, cells)
-    return moments, cell_starts
-
-
-@njit(cache=True)
-def _count_cells(points: NDArray[np.float32], chosen: NDArray[np.int64], voxel: float) -> int:
-    """Count the cells of a block that hold the chosen points."""
-    is_cell = np.zeros(512, np.bool_)
-    for index in chosen:
-        is_cell[_cell_in_block(points[index], voxel)] = True
-    return int(is_cell.sum())
-
-
-@njit(cache=True)
-def _sum_block(
-    points: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    colours: NDArray[np.uint8],
-    weights: NDArray[np.float64],
-    sigma: NDArray[np.float32],
-    chosen: NDArray[np.int64],
-    voxel: float,
+    cell_starts: NDArray[np.int64],
     moments: NDArray[np.float32],
+    first: int,
+    last: int,
 ) -> None:
-    """Write the moments of one block's cells, which hold the chosen points."""
-    sums = np.zeros((512, 14))
-    corner = np.empty(3)
-    for axis in range(3):
-        corner[axis] = 8.0 * _block_of(points[chosen[0]], axis, voxel)
-    for index in chosen:
-        cell = _cell_in_block(points[index], voxel)
-        _add_point(
-            points[index], normals[index], colours[index], weights[index], sigma[index], corner, voxel, sums[cell]
-        )
-    count = 0
-    for cell in range(512):
-        if sums[cell, 3] > 0:
-            _finish_moments(sums[cell], moments[count])
-            count += 1
+    """Write the moments (C, 14) of `Cells` in blocks `first` to `last`, with the mean sigma in place of the radius."""
+    for block in range(first, last):
+        sums = np.zeros((512, 14))
+        corner = np.empty(3)
+        for axis in range(3):
+            corner[axis] = 8.0 * _block_of(points[order[starts[block]]], axis, voxel)
+        for index in order[starts[block] : starts[block + 1]]:
+            _add_point(
+                points[index], normals[index], colours[index], weights[index], sigma[index], corner, voxel,
+                sums[_cell_in_block(points[index], voxel)],
+            )  # fmt: skip
+        count = cell_starts[block]
+        for cell in range(512):
+            if sums[cell, 3] > 0:
+                _finish_moments(sums[cell], moments[count])
+                count += 1
 
 
 @njit(cache=True)

@@ -10,11 +10,13 @@ field alone, this band of blocks 58 MB and 0.4 s, with normals and colours.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
+
+from recon.workers import in_bands
 
 # A face's corners, counter-clockwise seen from outside the cube; corner number x + 2 y + 4 z.
 CUBE_FACES = ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6))
@@ -97,14 +99,19 @@ def march(
     """
     table = triangle_table()
     corners = edge_corners()
-    n_vertices, n_faces = _count_crossings(field, neighbours, (table[:, :, 0] >= 0).sum(axis=1))
-    vertex_starts, face_starts = _starts(n_vertices), _starts(n_faces)
+    counts = np.empty((2, len(field)), np.int64)
+    in_bands(len(field), partial(_count_crossings, field, neighbours, (table[:, :, 0] >= 0).sum(axis=1), counts))
+    vertex_starts, face_starts = _starts(counts[0]), _starts(counts[1])
     if vertex_starts[-1] > np.iinfo(np.int32).max:
         raise ValueError(f"the surface would have {vertex_starts[-1]} vertices, more than int32 can number")
-    numbers, vertices, normals, colours = _place_vertices(
-        field, gradient, colour, blocks, neighbours, vertex_starts, MARGIN
-    )
-    faces = _join_vertices(field, neighbours, numbers, vertex_starts, face_starts, table, corners)
+    numbers = np.zeros((len(field), 8, 8, 8, 3), np.uint16)
+    vertices = np.empty((vertex_starts[-1], 3))
+    normals, colours = np.empty(vertices.shape, np.float32), np.empty(vertices.shape, np.uint8)
+    place = partial(_place_vertices, field, gradient, colour, blocks, neighbours, vertex_starts, MARGIN)
+    in_bands(len(field), partial(place, numbers, vertices, normals, colours))
+    faces = np.empty((face_starts[-1], 3), np.int32)
+    join = partial(_join_vertices, field, neighbours, numbers, vertex_starts, face_starts, table, corners)
+    in_bands(len(field), partial(join, faces))
     return vertices, faces, normals, colours
 
 
@@ -164,16 +171,18 @@ def _count_in_block(samples: NDArray[np.float32], n_triangles: NDArray[np.int64]
     return n_vertices, n_faces
 
 
-@njit(parallel=True, cache=True)
+@njit(cache=True, nogil=True)
 def _count_crossings(
-    field: NDArray[np.float32], neighbours: NDArray[np.int32], n_triangles: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Count vertices and faces of each block (B,), (B,)."""
-    n_vertices = np.zeros(len(field), np.int64)
-    n_faces = np.zeros(len(field), np.int64)
-    for block in prange(len(field)):
-        n_vertices[block], n_faces[block] = _count_in_block(_with_rim(field, neighbours, block), n_triangles)
-    return n_vertices, n_faces
+    field: NDArray[np.float32],
+    neighbours: NDArray[np.int32],
+    n_triangles: NDArray[np.int64],
+    counts: NDArray[np.int64],
+    start: int,
+    stop: int,
+) -> None:
+    """Count vertices and faces, (2, B), of the blocks `start` to `stop`."""
+    for block in range(start, stop):
+        counts[0, block], counts[1, block] = _count_in_block(_with_rim(field, neighbours, block), n_triangles)
 
 
 @njit(cache=True)
@@ -240,7 +249,7 @@ def _place_in_block(
                     count += 1
 
 
-@njit(parallel=True, cache=True)
+@njit(cache=True, nogil=True)
 def _place_vertices(
     field: NDArray[np.float32],
     gradient: NDArray[np.float32],
@@ -249,20 +258,21 @@ def _place_vertices(
     neighbours: NDArray[np.int32],
     starts: NDArray[np.int64],
     margin: float,
-) -> tuple[NDArray[np.uint16], NDArray[np.float64], NDArray[np.float32], NDArray[np.uint8]]:
+    numbers: NDArray[np.uint16],
+    vertices: NDArray[np.float64],
+    normals: NDArray[np.float32],
+    colours: NDArray[np.uint8],
+    start: int,
+    stop: int,
+) -> None:
     """Place a vertex on every edge that the surface crosses, and number it within its block (B, 8, 8, 8, 3)."""
-    numbers = np.zeros((len(field), 8, 8, 8, 3), np.uint16)
-    vertices = np.empty((starts[-1], 3))
-    normals = np.empty((starts[-1], 3), np.float32)
-    colours = np.empty((starts[-1], 3), np.uint8)
-    for block in prange(len(field)):
+    for block in range(start, stop):
         first, last = starts[block], starts[block + 1]
         if last > first:
             _place_in_block(
                 field, gradient, colour, blocks[block], neighbours, block, margin,
                 numbers[block], vertices[first:last], normals[first:last], colours[first:last],
             )  # fmt: skip
-    return numbers, vertices, normals, colours
 
 
 @njit(cache=True)
@@ -294,7 +304,7 @@ def _join_in_block(
                     face += 1
 
 
-@njit(parallel=True, cache=True)
+@njit(cache=True, nogil=True)
 def _join_vertices(
     field: NDArray[np.float32],
     neighbours: NDArray[np.int32],
@@ -303,12 +313,13 @@ def _join_vertices(
     face_starts: NDArray[np.int64],
     table: NDArray[np.int8],
     corners: NDArray[np.int64],
-) -> NDArray[np.int32]:
+    faces: NDArray[np.int32],
+    start: int,
+    stop: int,
+) -> None:
     """Join the faces (M, 3) of every cube whose eight corners have a value."""
-    faces = np.empty((face_starts[-1], 3), np.int32)
-    for block in prange(len(field)):
+    for block in range(start, stop):
         first, last = face_starts[block], face_starts[block + 1]
         if last > first:
             samples = _with_rim(field, neighbours, block)
             _join_in_block(samples, neighbours, block, numbers, vertex_starts, table, corners, faces[first:last])
-    return faces

@@ -14,13 +14,15 @@ Ericson, "Real-Time Collision Detection" (2005), section 5.1.5, for the nearest 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from recon.geometry.normals import area_vectors
 from recon.validation.sampling import order_by_cells
+from recon.workers import in_bands
 
 LEAF_FACES = 4
 MOST_PENDING = 64  # boxes that wait while a tree of depth 32 is searched
@@ -76,8 +78,10 @@ class TriangleTree:
         wanted = np.asarray(points, dtype=np.float64)
         order = order_by_cells(wanted)  # neighbours follow each other: the boxes of the last search are in the cache
         back = np.argsort(order, kind="stable")
-        results = _nearest(wanted[order], self._corners, self._order, self._boxes, self._ranges)
-        feet, faces, features = (values[back] for values in results)
+        feet, (faces, features) = np.empty(wanted.shape), np.empty((2, len(wanted)), np.int64)
+        search = partial(_nearest, wanted[order], self._corners, self._order, self._boxes, self._ranges)
+        in_bands(len(wanted), partial(search, feet, faces, features))
+        feet, faces, features = feet[back], faces[back], features[back]
         normals = self._unit_normals(faces, features)
         apart = wanted - feet
         distances = np.linalg.norm(apart, axis=1)
@@ -171,13 +175,10 @@ def _box_distance2(box, x, y, z):  # type: ignore[no-untyped-def]  # numba
     return dx * dx + dy * dy + dz * dz
 
 
-@njit(parallel=True, cache=True)
-def _nearest(points, corners, order, boxes, ranges):  # type: ignore[no-untyped-def]  # numba
+@njit(cache=True, nogil=True)
+def _nearest(points, corners, order, boxes, ranges, feet, faces, features, start, stop):  # type: ignore[no-untyped-def]  # numba
     """Find the nearest places (N, 3), faces (N,) and features (N,): 0 inside, 1 to 3 corners, 4 to 6 edges."""
-    feet = np.empty((len(points), 3))
-    faces = np.empty(len(points), np.int64)
-    features = np.empty(len(points), np.int64)
-    for i in prange(len(points)):
+    for i in range(start, stop):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         pending, at = np.empty(MOST_PENDING, np.int64), np.empty(MOST_PENDING)
         pending[0], at[0] = 0, 0.0
@@ -207,7 +208,6 @@ def _nearest(points, corners, order, boxes, ranges):  # type: ignore[no-untyped-
             if d_second < best:
                 pending[n_pending], at[n_pending] = second, d_second
                 n_pending += 1
-    return feet, faces, features
 
 
 @njit(cache=True, nogil=True, inline="always")
