@@ -69,7 +69,7 @@ class Plugin:
     def load(self) -> Callable[..., Any]:
         """Import the function that the entry point names, or raise a PluginError that says what is wrong."""
         with self.running(failure=f"cannot be imported ({self.target})"):
-            function = EntryPoint(self.name, self.target, "").load()
+            function: object = EntryPoint(self.name, self.target, "").load()
         if not callable(function):
             raise PluginError(f"{self} is no method: it is a {type(function).__name__}, expected a function")
         return function

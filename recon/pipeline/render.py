@@ -71,8 +71,8 @@ def _make_films(films: Sequence[Film], out: Path, pool: Pool, progress: Progress
     unfinished = [film for film in films if not is_finished(film, out)]
     parts = [partial(make_part, film, out, part, threads=pool.threads) for film in unfinished for part in film.parts]
     _run_parts(parts, pool, progress)
-    stimuli = pool.run([partial(make_film, film, out) for film in films])
-    stimuli = sorted(stimuli, key=lambda stimulus: (stimulus.dataset, stimulus.approach))
+    stimuli = list(pool.run([partial(make_film, film, out) for film in films]))
+    stimuli.sort(key=lambda stimulus: (stimulus.dataset, stimulus.approach))
     remove_leftovers(out)  # of workers that were lost
     remove(out / PARTS)
     return stimuli
