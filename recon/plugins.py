@@ -9,8 +9,8 @@ from __future__ import annotations
 import sys
 import warnings
 from collections import Counter
-from collections.abc import Collection
-from contextlib import redirect_stdout
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, is_dataclass
 from functools import cache
 from hashlib import sha256
@@ -18,13 +18,11 @@ from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from inspect import Parameter, signature
 from pathlib import Path
+from typing import Any
 
 from recon.approaches import check_method_name
 
 DEPTH_GROUP, FUSION_GROUP, MEASURES_GROUP = "reconstudy.depth", "reconstudy.fusion", "reconstudy.measures"
-
-# A package of others may raise anything; its sys.exit would end a command as if all were done.
-FAILURES = (Exception, SystemExit)
 
 
 class PluginError(ValueError):
@@ -54,26 +52,38 @@ class Plugin:
     def __str__(self) -> str:
         return f"plug-in {self.name} of {self.package} {self.version}"
 
-    def load(self) -> object:
-        """Import what the entry point names, or raise a PluginError that says what is wrong."""
+    @contextmanager
+    def running(self, *answers: type[Exception], failure: str = "failed") -> Iterator[None]:
+        """Run its code: any error but these is a PluginError, and what it prints goes to standard error.
+
+        What a command prints may be JSON, and a sys.exit would end it as if all were done.
+        """
         try:
             with redirect_stdout(sys.stderr):
-                return EntryPoint(self.name, self.target, "").load()
-        except FAILURES as error:
-            raise PluginError(f"{self} cannot be imported ({self.target}): {error!r}") from error
+                yield
+        except answers:
+            raise
+        except (Exception, SystemExit) as error:
+            raise PluginError(f"{self} {failure}: {error!r}") from error
+
+    def load(self) -> Callable[..., Any]:
+        """Import the function that the entry point names, or raise a PluginError that says what is wrong."""
+        with self.running(failure=f"cannot be imported ({self.target})"):
+            function: object = EntryPoint(self.name, self.target, "").load()
+        if not callable(function):
+            raise PluginError(f"{self} is no method: it is a {type(function).__name__}, expected a function")
+        return function
 
     def code_version(self) -> str:
         """Digest the source of its module, or of all modules of its package, after it was loaded."""
         return _source_digest(self.target.partition(":")[0].partition(".")[0])
 
 
-def default_parameters(function: object) -> object | None:
+def default_parameters(function: Callable[..., Any]) -> object | None:
     """Return the parameters that a method has by default: a dataclass, the default of its second parameter.
 
     None says that it takes nothing but the pair, or the clouds. A TypeError says that it is no such function.
     """
-    if not callable(function):
-        raise TypeError(f"it is a {type(function).__name__}, expected a function")
     positional = [
         parameter
         for parameter in signature(function).parameters.values()

@@ -10,6 +10,7 @@ import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from glob import escape, glob
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -216,6 +217,21 @@ def image_path(folder: Path, pattern: str, frame: int) -> Path:
     frame : number, from 0
     """
     return folder / FRAME_FIELD.sub(lambda field: field.group().format(frame=frame), pattern)
+
+
+def frames_after(folder: Path, pattern: str, last: int) -> list[int]:
+    """Return the numbers, in order, of a pattern's files at frames after the last one.
+
+    Parameters
+    ----------
+    folder, pattern : as of `image_path`
+    last : number of a frame
+    """
+    if not FRAME_FIELD.search(pattern):
+        return []
+    paths = glob(FRAME_FIELD.sub("*", escape(str(folder / pattern))))  # noqa: PTH207  # the pattern may be absolute
+    numbers = {int(number) for path in paths for number in re.findall(r"\d+", path)}
+    return sorted(number for number in numbers if number > last and image_path(folder, pattern, number).is_file())
 
 
 def check_name(name: Any) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from recon.cli.console import JsonOption, ProgressLine, counted, print_result
-from recon.cli.options import parse_bounds, parse_frames, parse_pairs, parse_position, parse_size
+from recon.cli.options import parse_bounds, parse_frames, parse_pairs, parse_position, parse_size, telling
 
 if TYPE_CHECKING:
     from recon.capture.checking.check import CheckReport
@@ -133,24 +133,25 @@ def capture_import(
     from recon.capture.importing.middlebury import FPS, import_middlebury
     from recon.capture.importing.nerfstudio import import_nerfstudio
     from recon.capture.importing.opencv import import_opencv
-    from recon.capture.importing.sources import ImportOptions, parse_unit
+    from recon.capture.importing.sources import GapWarning, ImportOptions, parse_unit
 
     box, unit = parse_bounds(bounds), parse_unit(units) if units else None
     options = ImportOptions(name=name, n_frames=frames, bounds=box, unit_mm=unit, fps=fps, up=up)
-    if kind == "middlebury":
-        views = parse_pairs(pairs or TEMPLE_PAIRS)
-        import_middlebury(source, out, pairs=views, n_frames=frames or 3, bounds=box, name=name, fps=fps or FPS)
-    elif kind == "opencv":
-        import_opencv(source, out, options)
-    elif kind in ("colmap", "nerfstudio", "meshroom"):
-        importers = {"colmap": import_colmap, "nerfstudio": import_nerfstudio, "meshroom": import_meshroom}
-        importers[kind](source, out, parse_pairs(pairs) if pairs else None, options)
-    elif kind == "json":
-        names = tuple(shot.strip() for shot in shots.split(",")) if shots else None
-        import_json(source, out, options, shots=names)
-    else:
-        expected = "middlebury, opencv, colmap, nerfstudio, meshroom or json"
-        raise typer.BadParameter(f"{kind!r} is not a format that can be imported; expected {expected}")
+    with telling(GapWarning):
+        if kind == "middlebury":
+            views = parse_pairs(pairs or TEMPLE_PAIRS)
+            import_middlebury(source, out, pairs=views, n_frames=frames or 3, bounds=box, name=name, fps=fps or FPS)
+        elif kind == "opencv":
+            import_opencv(source, out, options)
+        elif kind in ("colmap", "nerfstudio", "meshroom"):
+            importers = {"colmap": import_colmap, "nerfstudio": import_nerfstudio, "meshroom": import_meshroom}
+            importers[kind](source, out, parse_pairs(pairs) if pairs else None, options)
+        elif kind == "json":
+            names = tuple(shot.strip() for shot in shots.split(",")) if shots else None
+            import_json(source, out, options, shots=names)
+        else:
+            expected = "middlebury, opencv, colmap, nerfstudio, meshroom or json"
+            raise typer.BadParameter(f"{kind!r} is not a format that can be imported; expected {expected}")
     report = check_capture(out)
     print_result({"capture": str(out), **report.as_json()}, _check_sentences(out, report), as_json=as_json)
 

@@ -7,6 +7,7 @@ import re
 import sys
 import warnings
 from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -95,12 +96,18 @@ def find_methods(path: Path | None) -> Methods:
     from recon.pipeline.methods import read_methods
     from recon.plugins import PluginWarning
 
+    with telling(PluginWarning):
+        return read_methods(path)
+
+
+@contextmanager
+def telling(kind: type[Warning]) -> Iterator[None]:
+    """Print warnings on standard error once all is done, one a line."""
     with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", PluginWarning)
-        methods = read_methods(path)
+        warnings.simplefilter("always", kind)
+        yield
     for warning in caught:
         typer.echo(f"warning: {warning.message}", err=True)
-    return methods
 
 
 def parse_size(text: str) -> tuple[int, int]:

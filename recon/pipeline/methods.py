@@ -5,9 +5,7 @@ docs/depth.md shows a methods file and a package.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import redirect_stdout
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -26,7 +24,7 @@ from recon.fusion.program import FusionProgram, fuse_by_program
 from recon.geometry.mesh import Cloud, Mesh
 from recon.methods_file import Table, read_tables
 from recon.pipeline.keys import digest_once
-from recon.plugins import DEPTH_GROUP, FAILURES, FUSION_GROUP, Plugin, PluginError, default_parameters, registered
+from recon.plugins import DEPTH_GROUP, FUSION_GROUP, Plugin, PluginError, default_parameters, registered
 from recon.programs import Program
 from recon.surface import NoSurfaceError, SurfaceParameters, with_voxel
 
@@ -63,7 +61,6 @@ class Installed:
             parameters = default_parameters(function)
         except (TypeError, ValueError) as error:
             raise PluginError(f"{self.plugin} is no method: {error}") from error
-        assert callable(function)
         if self.table is None or not self.table.settings:
             return function, parameters
         if parameters is None:
@@ -265,11 +262,8 @@ def _fusion_method(table: Table, known: Mapping[str, FusionMethod]) -> FusionMet
 def _match_by_plugin(method: Installed, pair: StereoPair) -> NDArray[np.float32]:
     """Match by a plug-in: float32 (H, W), pixels; what it finds outside the range or on the background is dropped."""
     function, parameters = method.load()
-    try:
-        with redirect_stdout(sys.stderr):  # what a command prints may be JSON
-            result = function(pair) if parameters is None else function(pair, parameters)
-    except FAILURES as error:
-        raise PluginError(f"{method.plugin} failed: {error!r}") from error
+    with method.plugin.running():
+        result = function(pair) if parameters is None else function(pair, parameters)
     expected = (pair.height, pair.width)
     if not isinstance(result, np.ndarray) or result.shape != expected or result.dtype.kind not in "fiu":
         shown = f"{result.dtype} {result.shape}" if isinstance(result, np.ndarray) else f"a {type(result).__name__}"
@@ -288,13 +282,8 @@ def _fuse_by_plugin(
 ) -> tuple[Mesh, list[str]]:
     function, _ = method.load()
     parameters = fusion_parameters(method, with_voxel(clouds, run))
-    try:
-        with redirect_stdout(sys.stderr):
-            mesh, warnings = fused(function, clouds, parameters, views)
-    except NoSurfaceError:
-        raise
-    except FAILURES as error:
-        raise PluginError(f"{method.plugin} failed: {error!r}") from error
+    with method.plugin.running(NoSurfaceError):
+        mesh, warnings = fused(function, clouds, parameters, views)
     returned: object = mesh
     if not isinstance(returned, Mesh) or not len(returned.faces):
         shown = "a Mesh without faces" if isinstance(returned, Mesh) else f"a {type(returned).__name__}"

@@ -13,7 +13,7 @@ from typing import Any
 
 from recon.pipeline.film import PARTS, WHERE, Film, RenderOptions, is_finished, make_film, make_part, make_path
 from recon.pipeline.film_plan import check_loops, check_path_is_read_only, planned_films
-from recon.pipeline.manifest import write_manifest
+from recon.pipeline.manifest import Stimulus, write_manifest
 from recon.pipeline.run import versions
 from recon.pipeline.sources import Source, read_sources, scenes_apart
 from recon.render.frames import choose_renderer
@@ -58,30 +58,35 @@ def render(
     with open_pool(options.workers, options.cluster) as pool:
         films, warnings = planned_films(sources, options, pool, progress)
         with alone_in(out):
-            remove_leftovers(out)
             paths = {film.dataset: make_path(film, out) for film in {film.dataset: film for film in films}.values()}
-            parts = [
-                partial(make_part, film, out, part, threads=pool.threads)
-                for film in films
-                if not is_finished(film, out)
-                for part in film.parts
-            ]
-            _run_parts(parts, pool, progress)
-            stimuli = list(pool.run([partial(make_film, film, out) for film in films]))
-            remove_leftovers(out)  # of workers that were lost
-            remove(out / PARTS)
-            path = options.path.name if isinstance(options.path, Path) else options.path
-            provenance = {
-                "runs": [source.provenance for source in sources if source.is_run],
-                "models": [source.provenance | _digests(source, films) for source in sources if not source.is_run],
-                "render": {name: value for name, value in asdict(options).items() if name not in WHERE}
-                | {"path": path},
-                "paths": paths,
-                "warnings": [*warnings, *scenes_apart(sources, practice)],
-                "versions": versions(),
-            }
-            stimuli.sort(key=lambda stimulus: (stimulus.dataset, stimulus.approach))
+            stimuli = _make_films(films, out, pool, progress)
+            told = {"paths": paths, "warnings": [*warnings, *scenes_apart(sources, practice)]}
+            provenance = _provenance(sources, films, options) | told
             return write_manifest(out, out.name, stimuli, provenance, practice=practice)
+
+
+def _make_films(films: Sequence[Film], out: Path, pool: Pool, progress: Progress) -> list[Stimulus]:
+    """Make the films that are not finished, and return the stimuli of all."""
+    remove_leftovers(out)
+    unfinished = [film for film in films if not is_finished(film, out)]
+    parts = [partial(make_part, film, out, part, threads=pool.threads) for film in unfinished for part in film.parts]
+    _run_parts(parts, pool, progress)
+    stimuli = list(pool.run([partial(make_film, film, out) for film in films]))
+    stimuli.sort(key=lambda stimulus: (stimulus.dataset, stimulus.approach))
+    remove_leftovers(out)  # of workers that were lost
+    remove(out / PARTS)
+    return stimuli
+
+
+def _provenance(sources: Sequence[Source], films: Sequence[Film], options: RenderOptions) -> dict[str, Any]:
+    """Describe what the films are made of, for the manifest."""
+    path = options.path.name if isinstance(options.path, Path) else options.path
+    return {
+        "runs": [source.provenance for source in sources if source.is_run],
+        "models": [source.provenance | _digests(source, films) for source in sources if not source.is_run],
+        "render": {name: value for name, value in asdict(options).items() if name not in WHERE} | {"path": path},
+        "versions": versions(),
+    }
 
 
 def _check_practice(practice: str, datasets: Sequence[str]) -> None:

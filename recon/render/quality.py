@@ -14,6 +14,10 @@ from numpy.typing import NDArray
 MEAN_PSNR_DB, FRAME_PSNR_DB, MEAN_SSIM = 48.0, 44.0, 0.99
 LOSSLESS_DB = 100.0
 
+WINDOW_PX, SIGMA_PX = 11, 1.5  # of SSIM: Wang et al. (2004), section III-C
+MARGIN = WINDOW_PX // 2  # pixels whose window reaches over the picture's edge
+C1, C2 = np.float32((0.01 * 255) ** 2), np.float32((0.03 * 255) ** 2)
+
 
 @dataclass(frozen=True)
 class VideoCheck:
@@ -57,21 +61,34 @@ def psnr_of(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> float:
 
 
 def ssim_of(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> float:
-    """Compute the structural similarity of two images (H, W), Gaussian window of 11 pixels, without a border of 5.
+    """Compute the mean structural similarity of two images (H, W), without their margin."""
+    _, similarity = ssim_maps(image.astype(np.float32), other.astype(np.float32))
+    return float(without_margin(similarity).mean(dtype=np.float64))
+
+
+def ssim_maps(a: NDArray[np.float32], b: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Compute contrast times structure, and SSIM, at each pixel of two images (H, W), 0 to 255: float32 (H, W) each.
+
+    In the margin, windows see the image mirrored at its edge.
 
     Source
     ------
-    Wang, Bovik, Sheikh, Simoncelli 2004, equation 13
+    Wang, Bovik, Sheikh, Simoncelli, "Image quality assessment: from error visibility to structural similarity"
+    (2004), equation 13.
     """
-    a, b = image.astype(np.float32), other.astype(np.float32)
-    mean_a, mean_b = _windowed(a), _windowed(b)
-    variances = _windowed(a * a) + _windowed(b * b) - mean_a**2 - mean_b**2
-    covariance = _windowed(a * b) - mean_a * mean_b
-    c1, c2 = np.float32((0.01 * 255) ** 2), np.float32((0.03 * 255) ** 2)
-    similarity = (2 * mean_a * mean_b + c1) * (2 * covariance + c2)
-    similarity /= (mean_a**2 + mean_b**2 + c1) * (variances + c2)
-    return float(similarity[5:-5, 5:-5].mean(dtype=np.float64))
+    mean_a, mean_b = ssim_window(a), ssim_window(b)
+    both, product = mean_a * mean_b, ssim_window(a * b)
+    squares = mean_a * mean_a + mean_b * mean_b
+    variances = ssim_window(a * a + b * b) - squares
+    structure = (2 * (product - both) + C2) / (variances + C2)
+    return structure, structure * (2 * both + C1) / (squares + C1)
 
 
-def _windowed(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.asarray(cv2.GaussianBlur(image, (11, 11), 1.5), np.float32)
+def without_margin(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Cut off the pixels whose window reaches over the edge: (H, W) to (H - 10, W - 10)."""
+    return np.ascontiguousarray(image[MARGIN:-MARGIN, MARGIN:-MARGIN])
+
+
+def ssim_window(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Average an image (H, W) over the Gaussian window of SSIM."""
+    return np.asarray(cv2.GaussianBlur(image, (WINDOW_PX, WINDOW_PX), SIGMA_PX), np.float32)

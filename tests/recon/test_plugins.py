@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
@@ -9,6 +10,8 @@ import pytest
 
 from recon.plugins import DEPTH_GROUP, Plugin, PluginError, PluginWarning, registered
 from tests.installed_package import install
+
+FLAT = Plugin("flat", "theirs:match", "theirs", "1.0")
 
 
 @pytest.fixture
@@ -65,3 +68,27 @@ def test_two_packages_with_a_name_in_common_are_both_left_out(packages: Path) ->
         pytest.warns(PluginWarning, match=r"same of their_two 1\.0 is left out: .* same of their_one 1\.0: remove one"),
     ):
         assert not registered(DEPTH_GROUP)
+
+
+@pytest.mark.parametrize(
+    ("code", "sentence"),
+    [
+        ("raise KeyError('left')", "plug-in flat of theirs 1.0 failed: KeyError('left')"),
+        ("raise SystemExit(0)", "plug-in flat of theirs 1.0 failed: SystemExit(0)"),
+        ("raise StopIteration", "plug-in flat of theirs 1.0 failed: StopIteration()"),
+    ],
+)
+def test_what_a_plug_in_raises_names_it_and_the_kind_of_error(code: str, sentence: str) -> None:
+    with pytest.raises(PluginError, match=f"^{re.escape(sentence)}$"), FLAT.running():
+        exec(code)
+
+
+def test_an_error_that_is_an_answer_passes_as_it_is() -> None:
+    with pytest.raises(LookupError, match="no surface"), FLAT.running(LookupError):
+        raise KeyError("no surface")
+
+
+def test_what_a_plug_in_prints_goes_to_standard_error(capsys: pytest.CaptureFixture[str]) -> None:
+    with FLAT.running():
+        print("matching")
+    assert capsys.readouterr() == ("", "matching\n")

@@ -97,6 +97,7 @@ def check_capture(capture_folder: Path) -> CheckReport:
     problems += disagreements(comparisons)
     warnings = [
         *_without_masks(draft.sensors),
+        *(() if problems else _bounds_beside_pictures(draft)),
         *unlike_exposures(comparisons),
         *count_warnings(capture_folder, draft.cameras, n_frames),
         *continuity_warnings(glances),
@@ -113,6 +114,16 @@ def _without_masks(sensors: Sequence[SensorStream]) -> Iterator[str]:
                 f"sensor {stream.id} has no masks, but others have: what it sees of the background within the bounds "
                 "becomes surface; make masks of all sensors by `capture segment`"
             )
+
+
+def _bounds_beside_pictures(draft: Draft) -> Iterator[str]:
+    """Say that no camera of stereo pairs, whose bounds lie in front of them, shows the middle of the bounds."""
+    if draft.bounds is None or any(stream.right is None for stream in draft.sensors):
+        return
+    middle = draft.bounds.mean(axis=0, keepdims=True)
+    shares = [stream.camera.project(middle)[0] / stream.camera.size for stream in draft.cameras]  # of width and height
+    if not any(((share >= 0) & (share < 1)).all() for share in shares):
+        yield "no camera shows the middle of the bounds; they are the box around the object, in mm"
 
 
 def _comparisons(folder: Path, draft: Draft, checks: Sequence[SensorCheck]) -> Iterator[Comparison]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -12,9 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.capture.format import image_path
 from recon.capture.images import is_video, video_times
-from recon.capture.recording import FRAME_FIELD, CameraStream, SensorStream
+from recon.capture.recording import CameraStream, SensorStream, frames_after
 
 THUMBNAIL_WIDTH = 64  # pixels: averages that noise does not reach
 STILL_SHARE = 0.05  # of a camera's usual change from frame to frame
@@ -79,7 +78,7 @@ def continuity_warnings(glances: Glances) -> Iterator[str]:
 
 
 def count_warnings(folder: Path, cameras: Iterable[CameraStream], n_frames: int) -> Iterator[str]:
-    """Say one sentence for every camera that has recorded more frames than the capture says.
+    """Say one sentence for every camera that has recorded more frames than the capture says, or has a gap before them.
 
     Parameters
     ----------
@@ -88,22 +87,25 @@ def count_warnings(folder: Path, cameras: Iterable[CameraStream], n_frames: int)
     n_frames : as the capture says
     """
     for camera in cameras:
-        count = _count(folder, camera.image, n_frames)
-        if count > n_frames:
+        later = _later_frames(folder, camera.image, n_frames)
+        if later and later[-1] >= n_frames + len(later):
+            first = min(set(range(n_frames, later[-1])) - set(later))
             yield (
-                f"{folder / camera.image}: has {count} frames, the capture {n_frames}; unequal counts mean that "
-                "cameras were not started together or that another one lost frames"
+                f"{folder / camera.image}: lacks frame {first} but has later ones, up to {later[-1]}; where all "
+                "cameras lack a frame, the motion jumps: leave the later ones out, or number them without a gap"
+            )
+        elif later:
+            yield (
+                f"{folder / camera.image}: has {n_frames + len(later)} frames, the capture {n_frames}; unequal counts "
+                "mean that cameras were not started together or that another one lost frames"
             )
 
 
-def _count(folder: Path, pattern: str, n_frames: int) -> int:
-    if is_video(pattern):
-        path = folder / pattern
-        return len(video_times(path)) if path.is_file() else 0
-    count = n_frames
-    while FRAME_FIELD.search(pattern) and image_path(folder, pattern, count).is_file():
-        count += 1
-    return count
+def _later_frames(folder: Path, pattern: str, n_frames: int) -> Sequence[int]:
+    if not is_video(pattern):
+        return frames_after(folder, pattern, n_frames - 1)
+    path = folder / pattern
+    return range(n_frames, len(video_times(path))) if path.is_file() else ()
 
 
 def _still(by_frame: Mapping[int, Glance]) -> Iterator[tuple[int, int, bool]]:

@@ -45,12 +45,14 @@ class _Look:
     matches : of the pictures as recorded
     left_to_right : (M,) ratios of brightness at the matches
     textured : share of the area; None if there is none
+    inside : share of the left mask that lies within the bounds; None without a mask, or if it is empty
     """
 
     rows: NDArray[np.float64]
     matches: Matches
     left_to_right: NDArray[np.float64]
     textured: float | None
+    inside: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,17 +135,16 @@ def _with_pair(
         (
             *check.problems,
             *(faults or _row_problems(rectification, rows, misfit)),
-            *_bounds_problems(folder, stream, n_frames, bounds),
+            *_bounds_problems(stream, bounds, looks),
         ),
         (*check.warnings, *_exposure_warnings(stream.id, looks), *_texture_warnings(report)),
         {frame: look.matches for frame, look in by_frame.items()},
     )
 
 
-def _bounds_problems(folder: Path, stream: SensorStream, n_frames: int, bounds: NDArray[np.float64]) -> Iterator[str]:
+def _bounds_problems(stream: SensorStream, bounds: NDArray[np.float64], looks: Sequence[_Look]) -> Iterator[str]:
     """Say that bounds in front of a sensor show next to nothing, or not what is masked; distortion is left out."""
-    area = bounds_area(stream.left.camera, bounds)
-    n_pixels = int(area.sum())
+    n_pixels = int(bounds_area(stream.left.camera, bounds).sum())
     if n_pixels < MIN_BOUNDS_PX:
         size = "x".join(f"{length:.4g}" for length in bounds[1] - bounds[0])
         yield (
@@ -151,11 +152,7 @@ def _bounds_problems(folder: Path, stream: SensorStream, n_frames: int, bounds: 
             f"least {MIN_BOUNDS_PX}; they are the box around the object, in mm"
         )
         return
-    inside = []
-    for frame in measured_frames(n_frames if stream.mask else 0):
-        with suppress(CaptureError):  # listed already
-            mask = read_mask(mask_pictures(folder, stream, frame)[0])
-            inside += [float(area[mask].mean())] if mask.any() else []
+    inside = [look.inside for look in looks if look.inside is not None]
     if inside and np.mean(inside) < MIN_INSIDE:
         yield (
             f"sensor {stream.id}: {np.mean(inside):.0%} of what the left masks show lies within the bounds; check the "
@@ -216,6 +213,7 @@ def _look(
         matches,
         brightness_ratios(left, right, matches),
         _textured(pair[0], areas[0]),
+        float(bounds_area(stream.left.camera, bounds)[masks[0]].mean()) if masks and masks[0].any() else None,
     )
 
 

@@ -15,10 +15,8 @@ world is the first left camera's frame turned by half a circle about x: x right,
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from glob import escape, glob
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +37,7 @@ from recon.capture.importing.sources import (
     write_recording,
 )
 from recon.capture.pictures import Pictures, find_pictures
-from recon.capture.recording import FRAME_FIELD
+from recon.capture.recording import FRAME_FIELD, frames_after
 from recon.capture.schema import sides_of, size_of
 from recon.rig import Camera, rigid
 from recon.storage.files import read_json
@@ -208,11 +206,9 @@ def _matching(folder: Path, pattern: str) -> tuple[Path, ...]:
     files: list[Path] = []
     while (path := image_path(folder, pattern, first + len(files))).is_file():
         files.append(path)
-    last = first + len(files) - 1
-    for later in sorted(glob(FRAME_FIELD.sub("*", escape(str(folder / pattern))))):  # noqa: PTH207  # may be absolute
-        numbers = [int(number) for number in re.findall(r"\d+", later) if int(number) > last]
-        if any(image_path(folder, pattern, number) == Path(later) for number in numbers):
-            raise CaptureError(f"{path}: there is no such image, but later ones such as {Path(later).name}")
+    if later := frames_after(folder, pattern, first + len(files)):
+        example = image_path(folder, pattern, later[0]).name
+        raise CaptureError(f"{path}: there is no such image, but later ones such as {example}")
     return tuple(files)
 
 

@@ -7,6 +7,7 @@ and the world is turned so that y is up.
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -44,6 +45,10 @@ UPWARDS = {
     "x": np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]),
     "-x": np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
 }  # rotations that turn this axis of the source's world to +y
+
+
+class GapWarning(UserWarning):
+    """Numbers of pictures that leave out an instant, the same in all cameras."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,7 +270,10 @@ def _n_frames(recording: Recording, wanted: int | None) -> int:
 
 
 def _check_gaps(recording: Recording, n_frames: int) -> None:
-    """Raise a CaptureError if folders lack pictures of different numbers: one's third would stand beside a fourth."""
+    """Raise a CaptureError if folders lack pictures of different numbers: one's third would stand beside a fourth.
+
+    Where all lack the same, there is a GapWarning.
+    """
     folders = {place: pictures.files for place, pictures in _all_pictures(recording) if pictures.is_folder}
     counters = {place: counter for place, files in folders.items() if (counter := _counter(files[:n_frames]))}
     first = next(iter(counters), "")
@@ -279,6 +287,15 @@ def _check_gaps(recording: Recording, n_frames: int) -> None:
                 f"{names[0]} would be taken for the same instant as {names[1]}, because pictures before them are "
                 "missing; remove the pictures of the instants that not all cameras have"
             )
+    steps = np.diff(counters.get(first, []))
+    if len(steps) and steps.max() > steps.min():
+        before, after = folders[first][np.argmax(steps > steps.min()) :][:2]
+        warnings.warn(
+            f"{first}: {after.name} follows {before.name}; where pictures between them are missing in all cameras, the "
+            "motion jumps",
+            GapWarning,
+            stacklevel=2,
+        )
 
 
 def _counter(files: Sequence[Path]) -> list[int]:

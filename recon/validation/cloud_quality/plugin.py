@@ -7,13 +7,11 @@ package registers it in the entry-point group ``reconstudy.measures``; docs/meas
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
-from contextlib import redirect_stdout
 from functools import partial
 from math import isnan
 
-from recon.plugins import FAILURES, MEASURES_GROUP, Plugin, PluginError, registered
+from recon.plugins import MEASURES_GROUP, Plugin, registered
 from recon.validation.cloud_quality.compared import SYMMETRIC, TO_DISTORTED, TO_REFERENCE, Pair, Value
 from recon.validation.cloud_quality.measures import MEASURES, Measure, Scale
 from recon.validation.cloud_quality.points import PointSet
@@ -64,10 +62,5 @@ def checked_values(values: object) -> list[Value]:
 
 def _measure_by_plugin(plugin: Plugin, pair: Pair, _scale: Scale) -> list[Value]:
     measure = plugin.load()
-    if not callable(measure):
-        raise PluginError(f"{plugin}: {plugin.target} is no function")
-    try:
-        with redirect_stdout(sys.stderr):  # what a command prints may be JSON
-            return checked_values(measure(pair.reference.cloud, pair.distorted.cloud))
-    except FAILURES as error:
-        raise PluginError(f"{plugin}: {error}") from error
+    with plugin.running():
+        return checked_values(measure(pair.reference.cloud, pair.distorted.cloud))

@@ -125,7 +125,9 @@ def _approaches(clouds: Sequence[Path], names: Sequence[str]) -> tuple[dict[str,
         else:
             files = {next(remaining, cloud.stem if cloud.is_file() else cloud.resolve().name): _frames_of(cloud)}
         if twice := next((name for name in files if name in approaches), None):
-            raise ValueError(f"{cloud}: there is a cloud of {twice} already; tell them apart with --approach NAME")
+            meshes = next(iter(files[twice].values())).parent
+            instead = f"give {meshes} instead of the run" if cloud in runs else "tell them apart"
+            raise ValueError(f"{cloud}: there is a cloud of {twice} already; {instead}, with --approach NAME")
         approaches |= files
     return approaches, datasets
 

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from recon.render.quality import WINDOW_PX
 from recon.validation.films.film import MeasuredFilm, measure_film
-from recon.validation.films.likeness import SMALLEST_PX, WINDOW_PX
+from recon.validation.films.likeness import SMALLEST_PX
 from recon.validation.films.stimuli import Pair, paired, read_films
 from recon.validation.films.tables import WORST_PERCENT, pooled_rows, study_measures
 from recon.validation.films.vmaf import MODEL, has_vmaf

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-WINDOW_PX, SIGMA_PX = 11, 1.5  # the window of SSIM
+from recon.render.quality import ssim_window
 
 
 def excess_change(
@@ -40,5 +40,4 @@ def excess_change(
     (clause 7.8.3 of the edition of 10/2023).
     """
     changes = [cv2.absdiff(later, earlier).astype(np.float32) for later, earlier in zip(now, before, strict=True)]
-    excess = cv2.GaussianBlur(changes[0] - changes[1], (WINDOW_PX, WINDOW_PX), SIGMA_PX)
-    return np.asarray(np.maximum(excess, 0), np.float32)
+    return np.asarray(np.maximum(ssim_window(changes[0] - changes[1]), 0), np.float32)

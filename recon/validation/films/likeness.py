@@ -10,10 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.render.quality import WINDOW_PX, ssim_maps, without_margin
+
 PEAK = 255.0
-WINDOW_PX, SIGMA_PX = 11, 1.5  # Wang et al. (2004), section III-C
-C1, C2 = (0.01 * PEAK) ** 2, (0.03 * PEAK) ** 2
-MARGIN = WINDOW_PX // 2  # pixels whose window reaches over the picture's edge
 SCALE_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # Wang, Simoncelli, Bovik (2003), section 3.2
 SMALLEST_PX = WINDOW_PX * 2 ** (len(SCALE_WEIGHTS) - 1)  # the window must fit into the smallest scale
 
@@ -60,9 +59,9 @@ def likenesses(
     n_scales = len(SCALE_WEIGHTS) if min(image.shape) >= SMALLEST_PX else 1
     structures, similarities = np.empty((len(weights), n_scales)), np.empty((len(weights), n_scales))
     for scale in range(n_scales):
-        structure, similarity = _maps(a, b)
+        structure, similarity = map(without_margin, ssim_maps(a, b))
         for index, weight in enumerate(weights):
-            inside = None if weight is None else _inner(weight)
+            inside = None if weight is None else without_margin(weight)
             structures[index, scale] = _mean(structure, inside)
             similarities[index, scale] = _mean(similarity, inside)
         if scale + 1 < n_scales:
@@ -76,18 +75,7 @@ def likenesses(
 
 def similarity_map(image: NDArray[np.uint8], reference: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Compute SSIM at each pixel of two frames uint8 (H, W), float32 (H - 10, W - 10): without the edge."""
-    return _maps(image.astype(np.float32), reference.astype(np.float32))[1]
-
-
-def _maps(a: NDArray[np.float32], b: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return contrast times structure, and SSIM, at each pixel whose window lies inside: (H - 10, W - 10)."""
-    mean_a, mean_b = _windowed(a), _windowed(b)
-    both, product = mean_a * mean_b, _windowed(a * b)
-    squares = mean_a * mean_a + mean_b * mean_b
-    variances = _windowed(a * a + b * b) - squares
-    structure = (2 * (product - both) + np.float32(C2)) / (variances + np.float32(C2))
-    similarity = structure * (2 * both + np.float32(C1)) / (squares + np.float32(C1))
-    return structure, np.asarray(similarity, np.float32)
+    return without_margin(ssim_maps(image.astype(np.float32), reference.astype(np.float32))[1])
 
 
 def _multi_scale(structures: NDArray[np.float64], similarities: NDArray[np.float64]) -> float:
@@ -106,14 +94,6 @@ def _mean(values: NDArray[np.float32], weight: NDArray[np.float32] | None) -> fl
     total = float(weight.sum(dtype=np.float64))
     # A region of a few pixels along the edge may vanish from the inner part: then all of the map counts alike.
     return float(np.vdot(values, weight)) / total if total else float(values.mean(dtype=np.float64))
-
-
-def _windowed(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    return _inner(cv2.GaussianBlur(image, (WINDOW_PX, WINDOW_PX), SIGMA_PX))
-
-
-def _inner(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.ascontiguousarray(image[MARGIN:-MARGIN, MARGIN:-MARGIN])
 
 
 def _halved(image: NDArray[np.float32]) -> NDArray[np.float32]:

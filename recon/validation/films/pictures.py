@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.validation.films.likeness import MARGIN, similarity_map
+from recon.render.quality import MARGIN
+from recon.validation.films.likeness import similarity_map
 from recon.validation.pictures import tile, window_around
 
 OUTLINE = (213, 94, 0)  # Okabe and Ito's vermilion

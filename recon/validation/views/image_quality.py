@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-SSIM_SIGMA = 1.5  # pixels, in a window of 11, Wang et al. (2004)
-SSIM_C1, SSIM_C2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
+from recon.render.quality import ssim_maps
+
 GRADIENT_C = 170.0  # Xue et al. (2014), for values up to 255
 PREWITT = np.array([[1, 0, -1], [1, 0, -1], [1, 0, -1]], np.float32) / 3
 LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # ITU-R BT.709
@@ -30,19 +30,8 @@ def psnr(picture: NDArray[np.uint8], photograph: NDArray[np.uint8], where: NDArr
 
 
 def ssim_map(picture: NDArray[np.uint8], photograph: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Compute the structural similarity of the luma of RGB pictures at each pixel, float32 (H, W).
-
-    Source
-    ------
-    Wang, Bovik, Sheikh, Simoncelli, "Image quality assessment: from error visibility to structural similarity"
-    (2004), equation 13.
-    """
-    a, b = luma(picture), luma(photograph)
-    mean_a, mean_b = _blurred(a), _blurred(b)
-    var_a, var_b = _blurred(a * a) - mean_a**2, _blurred(b * b) - mean_b**2
-    both = _blurred(a * b) - mean_a * mean_b
-    likeness = (2 * mean_a * mean_b + SSIM_C1) * (2 * both + SSIM_C2)
-    return np.asarray(likeness / ((mean_a**2 + mean_b**2 + SSIM_C1) * (var_a + var_b + SSIM_C2)), dtype=np.float32)
+    """Compute the structural similarity of the luma of RGB pictures at each pixel, float32 (H, W)."""
+    return ssim_maps(luma(picture), luma(photograph))[1]
 
 
 def gradient_map(picture: NDArray[np.uint8], photograph: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -59,10 +48,6 @@ def gradient_map(picture: NDArray[np.uint8], photograph: NDArray[np.uint8]) -> N
 def luma(picture: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Convert an RGB picture (H, W, 3) to luma, float32 (H, W), 0 to 255."""
     return np.asarray(picture.astype(np.float32) @ LUMA)
-
-
-def _blurred(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.asarray(cv2.GaussianBlur(values, (11, 11), SSIM_SIGMA))
 
 
 def _gradient(values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -103,6 +103,12 @@ def test_an_object_outside_the_bounds_is_noticed(board: Capture) -> None:
     assert all("px (median), the bounds span 0 to" in problem for problem in problems)
 
 
+def test_bounds_beside_the_pictures_are_named(board: Capture) -> None:
+    write_capture(replace(board, bounds=np.add(board.bounds, (100.0, 0.0, 0.0))))
+    warnings = check_capture(board.folder).warnings
+    assert "no camera shows the middle of the bounds; they are the box around the object, in mm" in warnings
+
+
 def test_bounds_in_metres_are_noticed(board: Capture) -> None:
     middle = board.bounds.mean(axis=0)
     write_capture(replace(board, bounds=middle + (board.bounds - middle) / 1000))

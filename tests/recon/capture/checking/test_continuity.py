@@ -99,6 +99,16 @@ def test_more_pictures_than_frames_are_unequal_counts(board: Capture) -> None:
     assert "left/{frame:04d}.png: has 8 frames, the capture 6" in warning
 
 
+def test_a_frame_that_all_cameras_lack_is_named(board: Capture) -> None:
+    for side in ("left", "right"):
+        picture(board, side, N_FRAMES - 2).unlink()
+    path = board.folder / "capture.json"
+    path.write_text(path.read_text().replace(f'"n_frames": {N_FRAMES}', f'"n_frames": {N_FRAMES - 2}'))
+    left, right = check_capture(board.folder).warnings
+    assert "left/{frame:04d}.png: lacks frame 4 but has later ones, up to 5; where all cameras lack a frame" in left
+    assert "right/{frame:04d}.png" in right
+
+
 def test_a_longer_video_is_an_unequal_count(board: Capture) -> None:
     writer = cv2.VideoWriter(
         str(board.folder / "left.avi"), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"FFV1"), 25.0, SIZE

@@ -27,9 +27,10 @@ from recon.capture.format import (
 from recon.capture.importing.colmap import import_colmap
 from recon.capture.importing.json_file import import_json
 from recon.capture.importing.opencv import import_opencv, write_calibration
-from recon.capture.importing.sources import ImportOptions, parse_unit
+from recon.capture.importing.sources import GapWarning, ImportOptions, parse_unit
 from recon.capture.pictures import find_pictures
 from recon.rig import Camera, Rig, Sensor, look_at
+from tests.command_line import Command
 
 SIZE = (320, 240)
 BOUNDS = np.array([[-500.0, -500, -500], [500, 500, 500]])
@@ -428,7 +429,18 @@ def test_cameras_that_lack_pictures_of_different_instants_are_refused(tmp_path: 
     (path.parent / "S1/left/cam4_10.png").unlink()
     for place in ("S1/right", "S2/left", "S2/right"):
         (path.parent / place / "cam4_11.png").unlink()
-    assert import_json(path, tmp_path / "out", OPTIONS).n_frames == 3
+    with pytest.warns(GapWarning, match=r"sensor S1, left: cam4_12\.png follows cam4_9\.png"):
+        assert import_json(path, tmp_path / "out", OPTIONS).n_frames == 3
+
+
+def test_an_instant_that_no_camera_has_is_named(command: Command, tmp_path: Path) -> None:
+    record(tmp_path / "source", n_frames=3)
+    path = described(tmp_path / "source")
+    for later in path.parent.rglob("11.png"):
+        later.rename(later.with_name("12.png"))
+    told = command("capture", "import", "json", path, tmp_path / "out")
+    assert "warning: sensor S1, left: 12.png follows 10.png; where pictures between them are missing" in told.err
+    assert read_capture(tmp_path / "out").n_frames == 3
 
 
 def test_pictures_that_are_named_by_their_times_need_not_have_the_same_numbers(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from shutil import copy
+from shutil import copy, copytree
 
 import numpy as np
 import pytest
@@ -244,8 +244,9 @@ def test_clouds_that_do_not_fit_together_are_refused(command: Command, tmp_path:
         assert message in refusal(command, out, *arguments)
 
 
-def test_a_run_brings_its_approaches_and_its_dataset(command: Command, tmp_path: Path) -> None:
-    capture, run = tmp_path / "capture", tmp_path / "run"
+def true_run(folder: Path) -> tuple[Path, Path]:
+    """Make a capture of two frames, and a run whose two approaches are the true mesh of the second."""
+    capture, run = folder / "capture", folder / "run"
     synthesise(capture, SynthParameters(scene="sphere", n_sensors=2, n_frames=2, size=(64, 48)))
     truth = capture / "truth" / "mesh" / "0001.ply"
     for approach in ("id_fa", "id_fb"):
@@ -254,8 +255,23 @@ def test_a_run_brings_its_approaches_and_its_dataset(command: Command, tmp_path:
     copy(capture / "capture.json", run)
     content = {"schema_version": 1, "approaches": ["id_fa", "id_fb"], "frames": [1], "versions": {}}
     (run / RUN_FILE).write_text(json.dumps(content))
+    return capture, run
+
+
+def test_a_run_brings_its_approaches_and_its_dataset(command: Command, tmp_path: Path) -> None:
+    capture, run = true_run(tmp_path)
     report = validate(command, tmp_path / "report", run, "--reference", capture / "truth", *FAST, "--density", 0.01)
     assert {value["approach"] for value in report["values"]} == {"id_fa", "id_fb"}
     assert report["settings"]["dataset"] == "sphere"
     assert report["settings"]["frames"] == [1]
     assert {value["value"] for value in report["values"] if value["measure"] == "d1_mse"} == {0}
+
+
+def test_two_runs_of_the_same_approaches_are_told_apart_as_the_refusal_says(command: Command, tmp_path: Path) -> None:
+    capture, run = true_run(tmp_path)
+    meshes = copytree(run, tmp_path / "again") / "meshes" / "id_fa"
+    out, options = tmp_path / "report", ("--reference", capture / "truth", *FAST, "--density", 0.01)
+    said = refusal(command, out, run, tmp_path / "again", *options)
+    assert f"there is a cloud of id_fa already; give {meshes} instead of the run, with --approach NAME" in said
+    report = validate(command, out, run, meshes, "--approach", "again", *options)
+    assert {value["approach"] for value in report["values"]} == {"id_fa", "id_fb", "again"}

@@ -25,6 +25,9 @@ def centroid(reference, distorted):
 
 def broken(reference, distorted):
     return 3
+
+def stumbling(reference, distorted):
+    return {}["colours"]
 """
 
 
@@ -32,19 +35,26 @@ def test_an_installed_measure_stands_beside_ours(
     command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(tmp_path)
-    entries = "[reconstudy.measures]\ncentroid = their_centroid:centroid\nbroken = their_centroid:broken\n"
+    entries = "[reconstudy.measures]\n" + "".join(
+        f"{name} = their_centroid:{name}\n" for name in ("centroid", "broken", "stumbling")
+    )
     install(tmp_path, "their_centroid", CENTROID, entries)
     reference = write(tmp_path / "reference.ply", ball())
     moved = PointSet("moved", ball().points + np.float32([3, 0, 4]))
     cloud = write(tmp_path / "moved.ply", moved)
     out = tmp_path / "report"
-    report = validate(command, out, cloud, "--reference", reference, "--measures", "centroid,broken")
+    report = validate(command, out, cloud, "--reference", reference, "--measures", "centroid,broken,stumbling")
     (row,) = table(out)
     assert row["measure"] == "centroid_shift"
     assert float(row["value"]) == pytest.approx(5, rel=1e-5)
     assert row["source"] == "plug-in centroid of their_centroid 1.0"
-    assert [skipped["measure"] for skipped in report["skipped"]] == ["broken"]
-    assert "it returned 3, expected a list of Value" in report["skipped"][0]["reason"]
+    assert {skipped["measure"]: skipped["reason"] for skipped in report["skipped"]} == {
+        name: f"plug-in {name} of their_centroid 1.0 failed: {error}"
+        for name, error in (
+            ("broken", "TypeError('it returned 3, expected a list of Value')"),
+            ("stumbling", "KeyError('colours')"),
+        )
+    }
 
 
 def mean_distance(reference: PointSet, distorted: PointSet) -> list[Value]:
