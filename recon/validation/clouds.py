@@ -136,14 +136,11 @@ def checked_points(points: NDArray[np.floating], length: float, name: str) -> ND
     return np.ascontiguousarray(points, dtype=np.float32)
 
 
-def with_fitting_unit(
-    error: FitError, points: NDArray[np.float32], fit: Callable[[NDArray[np.float32]], object]
-) -> FitError:
-    """Return the error of a fit, with the unit in which it would find its shape, if there is such a unit.
+def hint_at_unit(points: NDArray[np.float32], fit: Callable[[NDArray[np.float32]], object]) -> str:
+    """Return the end of an error's sentence: the unit in which a fit would find its shape; "" if there is none.
 
     Parameters
     ----------
-    error : of the fit to the points as they are
     points : float32 (N, 3), taken to be in mm
     fit : fits to points in mm, or raises a FitError
     """
@@ -154,8 +151,8 @@ def with_fitting_unit(
             fit(points * np.float32(length))
         except FitError:
             continue
-        return FitError(f"{error}; it would fit if the cloud were in {unit}: say so with --unit {unit}")
-    return error
+        return f"; it would fit if the cloud were in {unit}: say so with --unit {unit}"
+    return ""
 
 
 def size_remarks(names: tuple[str, str], measured: NDArray[np.floating], reference: NDArray[np.floating]) -> list[str]:
