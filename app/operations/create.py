@@ -241,7 +241,8 @@ def new_slug(database: Database, name: str) -> str:
 
 def _read_toml(path: Path, expected: str) -> str:
     if not path.is_file():
-        raise ValueError(f"{path}: there is no such file; expected {expected}")
+        problem = "is a folder" if path.is_dir() else "there is no such file"
+        raise ValueError(f"{path}: {problem}; expected {expected}")
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from recon.geometry.mesh import Shape
 from recon.geometry.mesh_files import read_ply_shape, read_points
 from recon.models.shape import GLTF_SUFFIXES, SHAPE_SUFFIXES, read_model_shape
+from recon.storage.files import why_no_file
 
 MIN_POINTS = 50
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "in": 25.4, "m": 1000.0}
@@ -187,7 +188,7 @@ def size_remarks(names: tuple[str, str], measured: NDArray[np.floating], referen
 
 def _read_text(path: Path) -> NDArray[np.float64]:
     if not path.is_file():
-        raise ValueError(f"{path}: there is no such file")
+        raise ValueError(f"{path}: {why_no_file(path)}")
     lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
     told = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and not _is_note(line)]
     if path.suffix.lower() == ".pts" and told and told[0][1].strip().isdecimal():

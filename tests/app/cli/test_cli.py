@@ -186,6 +186,8 @@ def test_a_set_of_one_condition_says_what_a_study_needs(command: Command, stimul
     missing = command("study", "create", stimuli, "--name", "X", "--options", tmp_path / "nothing.toml")
     assert f"{tmp_path / 'nothing.toml'}: there is no such file; expected a TOML file" in missing.err
     assert "Errno" not in missing.err
+    folder = command("study", "create", stimuli, "--name", "X", "--options", tmp_path)
+    assert f"{tmp_path}: is a folder; expected a TOML file" in folder.err
 
 
 def test_no_help_loses_words_in_brackets(command: Command) -> None:
