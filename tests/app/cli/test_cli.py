@@ -595,6 +595,30 @@ def test_an_exported_study_is_imported_beside_the_same_stimuli_only(
     assert "this is another stimulus set" in told.err
 
 
+@pytest.mark.parametrize("url", ["https://study.example.org", "https://study.example.org/"])
+def test_a_link_leads_to_the_address_that_is_given_with_or_without_a_slash_at_its_end(
+    command: Command, url: str
+) -> None:
+    added = json.loads(command("admin", "add", "Me", "--url", url, "--json").out)
+    assert added["link"] == f"https://study.example.org{added['path']}"
+
+
+@pytest.mark.parametrize("url", ["study.example.org", "https://", "https://study.example.org/s"])
+def test_an_address_for_links_that_leads_nowhere_is_refused(command: Command, url: str) -> None:
+    told = command("admin", "add", "Me", "--url", url)
+    assert told.code == 2
+    assert "is no address of a server; expected" in told.err
+
+
+@pytest.mark.parametrize("key", ['name = "Tiny"', "exposure_s = 1.5", "[options]"])
+def test_a_study_file_in_place_of_its_options_is_named(command: Command, tmp_path: Path, key: str) -> None:
+    path = tmp_path / "tiny.toml"
+    path.write_text(key, encoding="utf-8")
+    told = command("study", "create", tmp_path, "--name", "Tiny", "--options", path)
+    assert told.code == 1
+    assert "tiny.toml: is a study file; make its study by `reconstudy study import FILE" in told.err
+
+
 @pytest.mark.slow
 def test_an_invitation_is_made_for_so_many(command: Command, stimuli: Path) -> None:
     command("study", "create", stimuli, "--name", "Tiny")
