@@ -19,6 +19,7 @@ import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 from numpy.typing import NDArray
 
+from app.settings import Settings
 from recon.render.video import write_video
 from recon.storage.files import read_json, write_json
 from tests.app import tiny_stimuli
@@ -601,6 +602,21 @@ def test_a_link_leads_to_the_address_that_is_given_with_or_without_a_slash_at_it
 ) -> None:
     added = json.loads(command("admin", "add", "Me", "--url", url, "--json").out)
     assert added["link"] == f"https://study.example.org{added['path']}"
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("PUBLIC_URL", "https://study.example.org/"), ("LOG_FORMAT", "JSON"), ("LARGEST_UPLOAD_MB", "4 GB")],
+)
+def test_a_setting_that_is_wrong_is_named_in_one_line(
+    command: Command, monkeypatch: pytest.MonkeyPatch, name: str, value: str
+) -> None:
+    monkeypatch.setenv(f"RECONSTUDY_{name}", value)
+    told = command("status")
+    assert told.code == 1
+    assert told.err.startswith(f"reconstudy: RECONSTUDY_{name} is '{value}': ")
+    assert told.err.count("\n") == 1
+    assert str(Settings.model_fields[name.lower()].description) in told.err
 
 
 @pytest.mark.parametrize("url", ["study.example.org", "https://", "https://study.example.org/s"])
