@@ -62,6 +62,8 @@ def main() -> None:
 
 def _sentence(error: Exception) -> str:
     """Say what failed; of the system's errors without their number, and with what is in the way."""
+    if isinstance(error, ValueError) and (setting := _wrong_setting(error)):
+        return setting
     if not isinstance(error, OSError) or not isinstance(error.filename, str) or error.strerror is None:
         return with_addresses(str(error))
     path = Path(error.filename2 or error.filename)  # the second: where a temporary file was to go
@@ -74,6 +76,20 @@ def _sentence(error: Exception) -> str:
             if place.is_file():
                 return f"{place}: is a file, expected a folder; choose another name"
     return f"{path}: {error.strerror.lower()}"
+
+
+def _wrong_setting(error: ValueError) -> str | None:
+    """Name the environment variable that the server's settings refuse, and what it is for; None of other errors."""
+    from pydantic import ValidationError
+
+    from app.settings import Settings
+
+    if not isinstance(error, ValidationError) or error.title != Settings.__name__:
+        return None
+    fault = error.errors()[0]
+    name = str(fault["loc"][0])
+    meaning = Settings.model_fields[name].description
+    return f"RECONSTUDY_{name.upper()} is {fault['input']!r}: {fault['msg']}. Its meaning: {meaning}"
 
 
 def _fail(sentence: str, code: int = 1) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -11,10 +12,19 @@ from recon.cli.console import ProgressLine
 if TYPE_CHECKING:
     from app.ffmpeg import Progress
 
+
+def _server_address(url: str | None) -> str | None:
+    address = url and url.rstrip("/")
+    if address and not re.fullmatch(r"https?://[^/\s]+", address):
+        raise typer.BadParameter(f"{url!r} is no address of a server; expected one such as https://study.example.org")
+    return address
+
+
 UrlOption = Annotated[
     str | None,
     typer.Option(
-        help="Address of the server, for printed links; default: the public one, where it runs, or port 8000."
+        callback=_server_address,
+        help="Address of the server, for printed links; default: the public one, where it runs, or port 8000.",
     ),
 ]
 

@@ -28,6 +28,7 @@ from app.store.keys import utc_now
 from app.store.orders import planned_trials
 from app.study.options import StudyOptions, parse_options
 from app.study.presets import QUICK, read_preset
+from app.study.study_file import KEYS as STUDY_FILE_KEYS
 from app.study.study_file import parse_study_file
 from app.study.text import is_one_line
 from app.study.wording import LONGEST_NAME, check_languages, refused_languages
@@ -191,7 +192,7 @@ def read_options(path: Path | None, given: Mapping[str, Any], preset: str = QUIC
     text = _read_toml(path, "a TOML file of a study's options")
     try:
         in_file = tomllib.loads(text)
-        if "options" in in_file:
+        if set(STUDY_FILE_KEYS) & set(in_file):
             raise ValueError(
                 "is a study file; make its study by `reconstudy study import FILE --stimuli SET`, or give --options a "
                 "file of what its table options holds"
@@ -241,7 +242,8 @@ def new_slug(database: Database, name: str) -> str:
 
 def _read_toml(path: Path, expected: str) -> str:
     if not path.is_file():
-        raise ValueError(f"{path}: there is no such file; expected {expected}")
+        problem = "is a folder" if path.is_dir() else "there is no such file"
+        raise ValueError(f"{path}: {problem}; expected {expected}")
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:

@@ -25,7 +25,7 @@ DatasetOption = Annotated[str, typer.Option(help="Scene of a study that the resu
 ApproachOption = Annotated[
     list[str] | None, typer.Option(help="Approach of a study that the results are for, such as pm_fb; may be repeated.")
 ]
-ReportOption = Annotated[Path, typer.Option("--out", "-o", help="Folder of the report.")]
+ReportOption = Annotated[Path, typer.Option("--out", "-o", file_okay=False, help="Folder of the report.")]
 SensorsOption = Annotated[
     list[str] | None, typer.Option(help="Sensor of each cloud, in order; fewer names than clouds repeat.")
 ]

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.storage.files import whole_file
+from recon.storage.files import whole_file, why_no_file
 from recon.storage.npy import read_npy
 
 PFM_HEADER = re.compile(rb"\s*(\S+)\s+(\S+)\s+(\S+)\s+(\S+)\s?")  # one space ends it: floats may look like spaces
@@ -66,7 +66,7 @@ def read_disparity(path: Path) -> NDArray[np.float32]:
     if path.suffix == ".png":
         raise ValueError(f"{path}: a PNG is a coloured preview; read the PFM, NPY or TIFF instead")
     if not path.is_file():
-        raise ValueError(f"{path}: there is no such file")
+        raise ValueError(f"{path}: {why_no_file(path)}")
     values = _read_values(path)
     if values.ndim != 2 or values.dtype.kind not in "fiu":
         raise ValueError(f"{path}: holds {values.dtype} of shape {values.shape}, expected numbers in two dimensions")

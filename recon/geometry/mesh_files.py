@@ -26,7 +26,7 @@ from recon.geometry.ply import (
     triangles,
     vector_columns,
 )
-from recon.storage.files import write_bytes
+from recon.storage.files import why_no_file, write_bytes
 
 
 def write_cloud(path: Path, cloud: Cloud) -> Path:
@@ -214,7 +214,7 @@ def read_ply_shape(path: Path) -> Shape:
 
 def _mesh_of_glb(path: Path) -> Mesh:
     if not path.is_file():
-        raise ValueError("there is no such file")
+        raise ValueError(why_no_file(path))
     vertices, faces, normals, colours, png = read_glb(path.read_bytes())
     if not png:
         return Mesh(vertices, faces, normals, colours.astype(np.uint8))

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from plyfile import PlyData, PlyElement, PlyParseError
 
-from recon.storage.files import refused
+from recon.storage.files import refused, why_no_file
 
 FLOAT_NORMAL = ("nx", "ny", "nz")
 UINT8_COLOUR = ("red", "green", "blue")
@@ -63,7 +63,7 @@ def read_ply(path: Path) -> PlyData:
         If the file is missing, damaged or without points.
     """
     if not path.is_file():
-        raise ValueError(f"{path}: there is no such file")
+        raise ValueError(f"{path}: {why_no_file(path)}")
     try:
         ply = _parsed(path)
     except OSError as error:

@@ -22,6 +22,7 @@ from recon.geometry.glb import GLB_BINARY, GLB_JSON, GLB_MAGIC
 from recon.geometry.srgb import light_of_bytes, srgb_bytes
 from recon.models.part import Contents, Part, check_finite, decode_picture
 from recon.rig import transformed
+from recon.storage.files import why_no_file
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
@@ -49,7 +50,7 @@ def read_gltf_model(path: Path) -> Contents:
         If the file is missing or damaged, a buffer or picture is missing, or it needs an extension that is not read.
     """
     if not path.is_file():
-        raise ValueError("there is no such file")
+        raise ValueError(why_no_file(path))
     content = path.read_bytes()
     is_binary = path.suffix.lower() == ".glb"
     text, binary = _chunks(content) if is_binary else (content, None)

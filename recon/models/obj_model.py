@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.models.part import Contents, Part, colours_from, decode_picture, fan
+from recon.storage.files import why_no_file
 
 OPTIONS = re.compile(r"-(\w+)((?:\s+(?:on|off|-?[\d.]+(?:e-?\d+)?))*)\s+")  # before the file's name in `map_Kd`
 FORMS = {  # of the corners of faces, all alike, with how many numbers a corner has; `++` never looks back
@@ -67,7 +68,7 @@ def read_obj_model(path: Path) -> Contents:
         If the file is missing or damaged, or an MTL file, a material or a texture that it names is missing.
     """
     if not path.is_file():
-        raise ValueError("there is no such file")
+        raise ValueError(why_no_file(path))
     lines = _lines(path)
     contents = Contents([path])
     materials = _materials(contents, lines.libraries, {faces.material for faces in lines.faces})

@@ -20,7 +20,7 @@ import imageio_ffmpeg
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.storage.files import whole_file
+from recon.storage.files import whole_file, why_no_file
 
 GOP = 25  # frames from one entry point to the next, which a player can jump to
 ENCODER_THREADS = 2  # part of the result: x264 writes other bytes for another number
@@ -134,7 +134,7 @@ def probe_video(path: Path) -> VideoFacts:
         If the file is missing or holds no video that ffmpeg can read.
     """
     if not path.is_file():
-        raise VideoError(f"{path}: there is no such file")
+        raise VideoError(f"{path}: {why_no_file(path)}")
     command = [*_reader(path), "-map", "0:v:0", "-c", "copy", "-f", "framecrc", "-"]
     lines = _run(command, f"{path}: cannot be read as a video").decode("utf-8", "replace").splitlines()
     header = dict(line[1:].split(": ", 1) for line in lines if line.startswith("#") and ": " in line)

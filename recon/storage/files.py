@@ -57,6 +57,11 @@ def check_exists(path: Path) -> None:
         raise ValueError(f"{path}: there is no such file or folder")
 
 
+def why_no_file(path: Path) -> str:
+    """Return the end of a sentence on a path where a file should be, and is none."""
+    return "is a folder, expected a file" if path.is_dir() else "there is no such file"
+
+
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path` that becomes `path` if the block ends without an error.

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from recon.geometry.mesh import Shape
 from recon.geometry.mesh_files import read_ply_shape, read_points
 from recon.models.shape import GLTF_SUFFIXES, SHAPE_SUFFIXES, read_model_shape
+from recon.storage.files import why_no_file
 
 MIN_POINTS = 50
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "in": 25.4, "m": 1000.0}
@@ -136,14 +137,11 @@ def checked_points(points: NDArray[np.floating], length: float, name: str) -> ND
     return np.ascontiguousarray(points, dtype=np.float32)
 
 
-def with_fitting_unit(
-    error: FitError, points: NDArray[np.float32], fit: Callable[[NDArray[np.float32]], object]
-) -> FitError:
-    """Return the error of a fit, with the unit in which it would find its shape, if there is such a unit.
+def hint_at_unit(points: NDArray[np.float32], fit: Callable[[NDArray[np.float32]], object]) -> str:
+    """Return the end of an error's sentence: the unit in which a fit would find its shape; "" if there is none.
 
     Parameters
     ----------
-    error : of the fit to the points as they are
     points : float32 (N, 3), taken to be in mm
     fit : fits to points in mm, or raises a FitError
     """
@@ -154,8 +152,8 @@ def with_fitting_unit(
             fit(points * np.float32(length))
         except FitError:
             continue
-        return FitError(f"{error}; it would fit if the cloud were in {unit}: say so with --unit {unit}")
-    return error
+        return f"; it would fit if the cloud were in {unit}: say so with --unit {unit}"
+    return ""
 
 
 def size_remarks(names: tuple[str, str], measured: NDArray[np.floating], reference: NDArray[np.floating]) -> list[str]:
@@ -190,7 +188,7 @@ def size_remarks(names: tuple[str, str], measured: NDArray[np.floating], referen
 
 def _read_text(path: Path) -> NDArray[np.float64]:
     if not path.is_file():
-        raise ValueError(f"{path}: there is no such file")
+        raise ValueError(f"{path}: {why_no_file(path)}")
     lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
     told = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and not _is_note(line)]
     if path.suffix.lower() == ".pts" and told and told[0][1].strip().isdecimal():

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.validation.clouds import FitError, checked_points, with_fitting_unit
+from recon.validation.clouds import FitError, checked_points, hint_at_unit
 from recon.validation.cuboid.model import CuboidFit, Face, band_of
 from recon.validation.cuboid.planes import Plane, plane_sequence
 from recon.validation.cuboid.refinement import measured_edges, refined
@@ -59,7 +59,7 @@ def fit_cuboid(points: NDArray[np.floating], size: Size, seed: int = 1) -> Cuboi
     except FitError as error:
         if np.ptp(checked, axis=0).max() > min(size):  # large enough already
             raise
-        raise with_fitting_unit(error, checked, lambda scaled: _fit(scaled, size, seed)) from error
+        raise FitError(f"{error}{hint_at_unit(checked, lambda scaled: _fit(scaled, size, seed))}") from error
 
 
 def check_size(size: Size) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.validation.clouds import FitError, checked_points, with_fitting_unit
+from recon.validation.clouds import FitError, checked_points, hint_at_unit
 from recon.validation.sampling import first_in_cells, subsample, thinned
 from recon.validation.sphere.kernels import local_consensus
 from recon.validation.sphere.model import SphereFit, band_of
@@ -52,7 +52,7 @@ def fit_sphere(points: NDArray[np.floating], radius: float, seed: int = 1) -> Sp
     except TwoSpheresError:
         raise
     except FitError as error:
-        raise with_unit_of_sphere(error, points, radius, seed) from error
+        raise FitError(f"{error}{hint_at_unit_of_sphere(points, radius, seed)}") from error
 
 
 def check_alone(points: NDArray[np.float32], fit: SphereFit, seed: int) -> None:
@@ -69,20 +69,19 @@ def check_alone(points: NDArray[np.float32], fit: SphereFit, seed: int) -> None:
     _check_single([fit, *(other for other in spheres if _are_apart(fit, other))])
 
 
-def with_unit_of_sphere(error: FitError, points: NDArray[np.float32], radius: float, seed: int) -> FitError:
-    """Return the error that no sphere was found, with the unit in which there would be one, if there is such a unit.
+def hint_at_unit_of_sphere(points: NDArray[np.float32], radius: float, seed: int) -> str:
+    """Return the end of the sentence that no sphere was found: the unit in which there would be one; "" if none is.
 
     Parameters
     ----------
-    error : of the search
     points : float32 (N, 3), mm
     radius : mm
     seed : of the search
     """
     sample = subsample(points, seed)
     if np.ptp(sample, axis=0).min() > WIDE * radius:  # larger than a ball already
-        return error
-    return with_fitting_unit(error, sample, lambda scaled: _fit(scaled, scaled, radius, seed, N_TRIALS_PER_UNIT))
+        return ""
+    return hint_at_unit(sample, lambda scaled: _fit(scaled, scaled, radius, seed, N_TRIALS_PER_UNIT))
 
 
 def _fit(

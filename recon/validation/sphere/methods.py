@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from recon.validation.clouds import FitError, checked_points
 from recon.validation.sampling import fibonacci_sphere, subsample
-from recon.validation.sphere.consensus import check_alone, fit_sphere, with_unit_of_sphere
+from recon.validation.sphere.consensus import check_alone, fit_sphere, hint_at_unit_of_sphere
 from recon.validation.sphere.model import SphereFit
 from recon.validation.sphere.refinement import refine_sphere
 from recon.validation.super4pcs import Super4PCSParameters, super4pcs
@@ -30,7 +30,7 @@ def fit_super4pcs(points: NDArray[np.float32], radius: float, seed: int) -> Sphe
     try:
         fit = refine_sphere(points, _registered(points, radius, seed), radius, subsample(points, seed))
     except FitError as error:
-        raise with_unit_of_sphere(error, points, radius, seed) from error
+        raise FitError(f"{error}{hint_at_unit_of_sphere(points, radius, seed)}") from error
     check_alone(points, fit, seed)
     return fit
 

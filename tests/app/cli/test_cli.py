@@ -19,6 +19,7 @@ import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 from numpy.typing import NDArray
 
+from app.settings import Settings
 from recon.render.video import write_video
 from recon.storage.files import read_json, write_json
 from tests.app import tiny_stimuli
@@ -186,6 +187,8 @@ def test_a_set_of_one_condition_says_what_a_study_needs(command: Command, stimul
     missing = command("study", "create", stimuli, "--name", "X", "--options", tmp_path / "nothing.toml")
     assert f"{tmp_path / 'nothing.toml'}: there is no such file; expected a TOML file" in missing.err
     assert "Errno" not in missing.err
+    folder = command("study", "create", stimuli, "--name", "X", "--options", tmp_path)
+    assert f"{tmp_path}: is a folder; expected a TOML file" in folder.err
 
 
 def test_no_help_loses_words_in_brackets(command: Command) -> None:
@@ -591,6 +594,45 @@ def test_an_exported_study_is_imported_beside_the_same_stimuli_only(
     told = command("study", "import", file)
     assert told.code == 1
     assert "this is another stimulus set" in told.err
+
+
+@pytest.mark.parametrize("url", ["https://study.example.org", "https://study.example.org/"])
+def test_a_link_leads_to_the_address_that_is_given_with_or_without_a_slash_at_its_end(
+    command: Command, url: str
+) -> None:
+    added = json.loads(command("admin", "add", "Me", "--url", url, "--json").out)
+    assert added["link"] == f"https://study.example.org{added['path']}"
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("PUBLIC_URL", "https://study.example.org/"), ("LOG_FORMAT", "JSON"), ("LARGEST_UPLOAD_MB", "4 GB")],
+)
+def test_a_setting_that_is_wrong_is_named_in_one_line(
+    command: Command, monkeypatch: pytest.MonkeyPatch, name: str, value: str
+) -> None:
+    monkeypatch.setenv(f"RECONSTUDY_{name}", value)
+    told = command("status")
+    assert told.code == 1
+    assert told.err.startswith(f"reconstudy: RECONSTUDY_{name} is '{value}': ")
+    assert told.err.count("\n") == 1
+    assert str(Settings.model_fields[name.lower()].description) in told.err
+
+
+@pytest.mark.parametrize("url", ["study.example.org", "https://", "https://study.example.org/s"])
+def test_an_address_for_links_that_leads_nowhere_is_refused(command: Command, url: str) -> None:
+    told = command("admin", "add", "Me", "--url", url)
+    assert told.code == 2
+    assert "is no address of a server; expected" in told.err
+
+
+@pytest.mark.parametrize("key", ['name = "Tiny"', "exposure_s = 1.5", "[options]"])
+def test_a_study_file_in_place_of_its_options_is_named(command: Command, tmp_path: Path, key: str) -> None:
+    path = tmp_path / "tiny.toml"
+    path.write_text(key, encoding="utf-8")
+    told = command("study", "create", tmp_path, "--name", "Tiny", "--options", path)
+    assert told.code == 1
+    assert "tiny.toml: is a study file; make its study by `reconstudy study import FILE" in told.err
 
 
 @pytest.mark.slow

@@ -50,3 +50,11 @@ def test_the_count_that_begins_a_scanners_pts_file_is_no_point(tmp_path: Path) -
 def test_text_without_points_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"cloud.xyz: holds no points"):
         read_shape(write(tmp_path / "cloud.xyz", "# nothing\n"))
+
+
+@pytest.mark.parametrize("name", ["a.ply", "a.obj", "a.glb", "a.xyz", "truth"])
+def test_a_folder_where_a_cloud_should_be_is_called_a_folder(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).mkdir()
+    for read in (read_measured, read_shape):
+        with pytest.raises(ValueError, match=f"{name}: is a folder, expected a file"):
+            read(tmp_path / name)

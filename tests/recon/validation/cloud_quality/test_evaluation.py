@@ -216,6 +216,16 @@ def test_values_that_are_no_numbers_and_empty_files_are_refused_by_place(command
     assert "there is no such file" in refusal(command, out, tmp_path / "gone.ply", "--reference", truth)
 
 
+def test_a_file_where_the_report_should_be_is_named_before_anything_is_measured(
+    command: Command, tmp_path: Path
+) -> None:
+    cloud = write(tmp_path / "a.ply", ball(20))
+    told = command("validate", "cloud", cloud, "--reference", cloud, "-o", cloud)
+    assert told.code == 2
+    assert "'--out' / '-o'" in told.err
+    assert "clouds: " not in told.err
+
+
 @pytest.mark.slow
 def test_clouds_that_do_not_fit_together_are_refused(command: Command, tmp_path: Path) -> None:
     one_file, other_file = (write(tmp_path / f"{name}.ply", ball(20)) for name in ("mine", "yours"))

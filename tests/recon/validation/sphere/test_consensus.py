@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -138,6 +140,20 @@ def test_another_unit_is_named(unit: str, length: float, method: str) -> None:
     points, _ = cap()
     with pytest.raises(FitError, match=f"--unit {unit}"):
         METHODS[method](points / np.float32(length), RADIUS, 1)
+
+
+def causes(error: BaseException) -> Iterator[BaseException]:
+    while error.__cause__ is not None:
+        error = error.__cause__
+        yield error
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_failure_is_not_its_own_cause_or_whoever_looks_for_the_first_cause_never_ends(method: str) -> None:
+    points, _ = cap()
+    with pytest.raises(FitError) as failure:
+        METHODS[method](1000 * points, RADIUS, 1)
+    assert len(list(islice(causes(failure.value), 10))) < 10
 
 
 @pytest.mark.parametrize("radius", [0.0, -1.0, float("nan"), float("inf")])
