@@ -118,7 +118,7 @@ def read_tables(path: Path | None, kind: str, taken: Collection[str]) -> dict[st
     for name, table in _table(content.get(kind, {}), f"{path}: {kind}").items():
         place = f"{path}: [{kind}.{name}]"
         if name in taken:
-            raise ValueError(f"{place}: there is a method {name} already; choose another name")
+            raise ValueError(f"{place}: there is a {kind} {name} already; choose another name")
         try:
             check_method_name(name)
         except ValueError as error:

@@ -255,15 +255,13 @@ def study_attach(
     attached = attach_results(Settings(), results, study, only=only or ())
     sentences = []
     if attached["measures"]:
-        sentences.append(
-            f"Attached {attached['n_values']} values to {attached['study']}: {listed(attached['measures'])}"
-        )
+        values = counted(attached["n_values"], "value")
+        sentences.append(f"Attached {values} to {attached['study']}: {listed(attached['measures'])}")
     elif attached["reports"]:
-        sentences.append(
-            f"Attached {attached['reports']} reports to {attached['study']}; they name no approach to compare"
-        )
+        reports = counted(attached["reports"], "report")
+        sentences.append(f"Attached {reports} to {attached['study']}, without an approach to compare")
     if attached["models"]:
-        sentences.append(f"Attached {attached['models']} models to {attached['study']}")
+        sentences.append(f"Attached {counted(attached['models'], 'model')} to {attached['study']}")
     if attached["ignored"]:
         sentences.append(f"The study does not compare {listed(attached['ignored'])}: left out.")
     sentences += [f"{note}." for note in attached["notes"]]
