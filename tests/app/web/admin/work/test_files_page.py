@@ -224,6 +224,22 @@ def test_an_upload_for_which_there_was_room_goes_on(
         assert "MB free" in begin(eva, "captures", "ball", content).json()["detail"]
 
 
+def test_an_upload_whose_check_runs_needs_no_more_room(
+    own_server: str, own: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = b"x" * 1000
+    with signed_in(own_server, own, "Eva") as eva:
+        upload = begin(eva, "captures", "ball", content).json()["upload"]
+        known = part_uploads.standing(own.intake_dir, upload[-32:]).upload
+        part_uploads.work_folder(own.intake_dir, known.id).with_suffix(".part").write_bytes(content)
+        part_uploads.note_job(own.intake_dir, known, "/admin/jobs/1")
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=0))
+        assert begin(eva, "captures", "ball", content).status_code == 413, "it would be unpacked now"
+        with part_uploads.checking(own.intake_dir, known.id):
+            again = begin(eva, "captures", "ball", content)
+        assert (again.status_code, again.json()["job"]) == (200, "/admin/jobs/1")
+
+
 def test_a_complete_upload_is_kept_when_its_check_fails_for_the_servers_reasons(
     own_server: str, own: Settings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
