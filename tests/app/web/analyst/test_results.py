@@ -42,6 +42,20 @@ def test_a_study_tells_what_it_compares_and_how_far_it_is(analyst: httpx.Client,
     assert summary.items() <= found.items()
 
 
+@pytest.mark.parametrize("name", ["votes", "scores", "analysis", "archive.zip"])
+def test_head_answers_the_headers_of_a_table_alone(
+    server: str, analyst: httpx.Client, taken: dict[str, Any], name: str
+) -> None:
+    address = f"/api/v1/studies/{taken['slug']}/{name}"
+    head, whole = analyst.head(address), analyst.get(address)
+    assert (head.status_code, head.content) == (200, b"")
+    for header in ("etag", "content-type", "vary"):
+        assert head.headers[header] == whole.headers[header]
+    assert head.headers.get("x-total-count") == whole.headers.get("x-total-count")
+    assert analyst.head(address, headers={"If-None-Match": whole.headers["etag"]}).status_code == 304
+    assert httpx.head(server + address).status_code == 401
+
+
 LATER = "press_to_picture_ms,protocol,rating,reference,lighter_film"
 
 
