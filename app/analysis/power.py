@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 from scipy.stats import binomtest
 
 from app.analysis.bradley_terry import fit_scores
@@ -16,9 +17,11 @@ from app.analysis.scales import LOG_ODDS_PER_JOD
 from app.analysis.votes_table import VotesTable, votes_from_indices
 
 Array = NDArray[np.float64]
+Tell = Callable[[], None]
 
 WANTED_POWER = 0.8
 LARGEST_EFFECT_JOD = 4.0
+HALVINGS = 9  # of the largest effect: to 0.01 JOD
 DEFAULT_SPREAD = 0.4  # log-odds; makes clustered errors about 1.4 times the naive ones, as on real panels
 DEFAULT_TIE_RATE = 0.2
 
@@ -64,7 +67,12 @@ class StudyPlan(StudySize):
 
 
 def plan_study(
-    plan: StudyPlan, rng: np.random.Generator, *, effect_jod: float = 0.5, replicates: int = 400
+    plan: StudyPlan,
+    rng: np.random.Generator,
+    *,
+    effect_jod: float = 0.5,
+    replicates: int = 400,
+    progress: Callable[[str, int, int], None] | None = None,
 ) -> dict[str, Any]:
     """Return the power for a difference of two conditions, and the difference detected with 80 % power.
 
@@ -74,6 +82,7 @@ def plan_study(
     rng : Generator
     effect_jod : true difference of two conditions; the others lie halfway between them
     replicates : simulated studies for each power; its standard error is at most 0.5 / sqrt(replicates)
+    progress : told what is simulated, how many studies are, and how many will be at most
 
     Returns
     -------
@@ -82,8 +91,12 @@ def plan_study(
     """
     if not 0 < effect_jod < np.inf:
         raise ValueError(f"effect_jod is {effect_jod}, expected a difference above 0")
-    single = replace(plan, datasets=1)
-    seeds = rng.integers(0, 2**63, 2)
+    sizes = {"one dataset": replace(plan, datasets=1), "all datasets": plan}
+    results = []
+    for (where, size), seed in zip(sizes.items(), rng.integers(0, 2**63, 2).tolist(), strict=True):
+        tell = _teller(progress, f"studies of {where} simulated", replicates * (HALVINGS + 2))
+        results.append((power(size, effect_jod, seed, replicates, tell), detectable_jod(size, seed, replicates, tell)))
+    (power_single, detectable_single), (power_pooled, detectable_pooled) = results
     return {
         "conditions": plan.conditions,
         "datasets": plan.datasets,
@@ -94,14 +107,26 @@ def plan_study(
         "votes": plan.pairs * plan.datasets * plan.participants,
         "replicates": replicates,
         "effect_jod": effect_jod,
-        "power_one_dataset": power(single, effect_jod, int(seeds[0]), replicates),
-        "power_pooled": power(plan, effect_jod, int(seeds[1]), replicates),
-        "detectable_jod_one_dataset": detectable_jod(single, int(seeds[0]), replicates),
-        "detectable_jod_pooled": detectable_jod(plan, int(seeds[1]), replicates),
+        "power_one_dataset": power_single,
+        "power_pooled": power_pooled,
+        "detectable_jod_one_dataset": detectable_single,
+        "detectable_jod_pooled": detectable_pooled,
     }
 
 
-def power(plan: StudyPlan, effect_jod: float, seed: int, replicates: int) -> float:
+def _teller(progress: Callable[[str, int, int], None] | None, what: str, total: int) -> Tell:
+    """Return what counts the simulated studies, and tells of each."""
+    if progress is None:
+        return _tell_nobody
+    done = count(1)
+    return lambda: progress(what, next(done), total)
+
+
+def _tell_nobody() -> None:
+    """Ignore that a study was simulated."""
+
+
+def power(plan: StudyPlan, effect_jod: float, seed: int, replicates: int, tell: Tell = _tell_nobody) -> float:
     """Return the share of simulated studies in which the two conditions differ significantly (5 %, t on
     participants).
 
@@ -111,12 +136,16 @@ def power(plan: StudyPlan, effect_jod: float, seed: int, replicates: int) -> flo
     effect_jod : true difference of the two conditions
     seed : for the simulated votes
     replicates : simulated studies
+    tell : called after each
     """
     rng = np.random.default_rng(seed)
     abilities = np.zeros(plan.conditions)
     abilities[0], abilities[1] = effect_jod * LOG_ODDS_PER_JOD / 2, -effect_jod * LOG_ODDS_PER_JOD / 2
-    detections = [_is_detected(simulate_votes(plan, abilities, rng)) for _ in range(replicates)]
-    return float(np.mean(detections))
+    n_detected = 0
+    for _ in range(replicates):
+        n_detected += _is_detected(simulate_votes(plan, abilities, rng))
+        tell()
+    return n_detected / replicates
 
 
 def _is_detected(votes: VotesTable) -> bool:
@@ -162,7 +191,7 @@ def simulate_votes(plan: StudyPlan, abilities: Array, rng: np.random.Generator) 
     return votes_from_indices(who, dataset, low[pair], high[pair], choice, names=names)
 
 
-def detectable_jod(plan: StudyPlan, seed: int, replicates: int) -> float | None:
+def detectable_jod(plan: StudyPlan, seed: int, replicates: int, tell: Tell = _tell_nobody) -> float | None:
     """Return the difference detected with 80 % power; None if it is larger than any considered.
 
     Every difference uses the same random numbers, so the power rises almost steadily with it.
@@ -172,13 +201,13 @@ def detectable_jod(plan: StudyPlan, seed: int, replicates: int) -> float | None:
     plan : the study
     seed : for the simulated votes
     replicates : simulated studies for each difference
+    tell : called after each study
     """
-
-    def excess(effect_jod: float) -> float:
-        return power(plan, effect_jod, seed, replicates) - WANTED_POWER
-
-    if excess(LARGEST_EFFECT_JOD) < 0:
+    low, high = 0.0, LARGEST_EFFECT_JOD
+    if power(plan, high, seed, replicates, tell) < WANTED_POWER:
         return None
-    if excess(0.0) >= 0:  # by chance, with very few replicates
-        return 0.0
-    return float(brentq(excess, 0.0, LARGEST_EFFECT_JOD, xtol=0.01))
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        is_enough = power(plan, middle, seed, replicates, tell) >= WANTED_POWER
+        low, high = (low, middle) if is_enough else (middle, high)
+    return high

@@ -206,7 +206,9 @@ def plan(
         float, typer.Option(help="Standard deviation of somebody's ratings around the qualities, in grades.")
     ] = TYPICAL_INCONSISTENCY,
     exposure: Annotated[float, typer.Option(help="Seconds of a trial's film, for the minutes of a session.")] = 15.0,
-    replicates: Annotated[int, typer.Option(min=10, help="Simulated studies for each power, where compared.")] = 400,
+    replicates: Annotated[
+        int, typer.Option(min=10, max=10_000, help="Simulated studies for each power, where compared.")
+    ] = 400,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
@@ -222,13 +224,20 @@ def plan(
     shortest, longest = EXPOSURE_BOUNDS_S
     if not shortest <= exposure <= longest:
         raise typer.BadParameter(f"--exposure is {exposure:g}, expected {shortest:g} to {longest:g} seconds")
+    for option, value in (("--effect", effect), ("--inconsistency", inconsistency)):
+        if not 0 < value < math.inf:
+            raise typer.BadParameter(f"{option} is {value:g}, expected more than 0")
     chosen, _ = parse_protocol({"protocol": protocol})
     is_rated = chosen in RATED
     if is_rated:
         result = plan_ratings(RatingPlan(conditions, datasets, participants, inconsistency), effect)
     else:
         design = StudyPlan(conditions, datasets, participants, tie_rate=tie_rate)
-        result = plan_study(design, np.random.default_rng(seed), effect_jod=effect, replicates=replicates)
+        progress = ProgressLine()
+        result = plan_study(
+            design, np.random.default_rng(seed), effect_jod=effect, replicates=replicates, progress=progress
+        )
+        progress.close()
     n_trials = result["votes_per_participant"]
     result |= {"protocol": chosen, "trials": n_trials, "minutes": max(1, round(trials_s(n_trials, exposure) / 60))}
     unit, suffix = ("grades", "") if is_rated else ("JOD", "_jod")

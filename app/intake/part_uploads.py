@@ -24,6 +24,7 @@ from app.intake.shelves import HIDDEN
 
 ID = re.compile("[0-9a-f]{32}")
 KEPT_FOR = timedelta(days=1)  # since the last part
+ROOM_FACTOR = 2  # of an upload's size on the disk: the zip file and what is in it
 
 
 @dataclass(frozen=True)
@@ -105,12 +106,14 @@ def standing(intake: Path, upload_id: str) -> Standing:
         return Standing(upload, upload.size, datetime.fromtimestamp(changed_s, UTC))
 
 
-def received_bytes(intake: Path, upload_id: str) -> int:
-    """Return how many bytes of an upload lie on the disk; none of one that is not begun, or whose work has ended."""
+def bytes_to_come(intake: Path, upload_id: str, size: int) -> int:
+    """Return what an upload of so many bytes will still take on the disk; nothing more once its check runs."""
+    part = _part(intake, upload_id)
     try:
-        return _part(intake, upload_id).stat().st_size
-    except FileNotFoundError:
-        return 0
+        n_received = part.stat().st_size
+        return 0 if n_received == size and is_locked(part) else size * ROOM_FACTOR - n_received
+    except FileNotFoundError:  # not begun, or its work has ended
+        return size * ROOM_FACTOR
 
 
 @contextmanager

@@ -15,12 +15,13 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from app.errors import InvalidError
+from app.errors import ForbiddenError, InvalidError
 from app.intake.summaries import SUMMARIES, is_readable, walk
 
 KINDS: tuple[str, ...] = tuple(SUMMARIES)
 PLAIN_NAME = re.compile(r"[^\W_](?:[\w .+-]{0,98}[\w+-])?")  # letters and digits of any script
-LONGEST_NAME = 200  # bytes; file systems take 255
+LONGEST_PART = 255  # bytes of a file's or folder's name, by the file system
+LONGEST_NAME = 200  # bytes; leaves room for what is added to it
 SUFFIXES: Mapping[str, tuple[str, ...]] = {  # of entries that are files
     "clouds": (".ply",),
     "measures": (".csv",),
@@ -63,8 +64,14 @@ def shelf(folder: Path, kind: str) -> Path:
 
 
 def entries(folder: Path, kind: str) -> list[ShelfEntry]:
-    """Return what lies on the shelf of a kind, the newest first; names that are not plain are left out."""
-    place = shelf(folder, kind)
+    """Return what lies on the shelf of a kind, the newest first; names that are not plain are left out.
+
+    Raises
+    ------
+    ForbiddenError
+        If the server's user may not read the shelf.
+    """
+    place = _open_shelf(folder, kind)
     paths = sorted(place.iterdir()) if place.is_dir() else []
     listed = [_entry(kind, path) for path in paths if _is_entry(kind, path)]
     return sorted(listed, key=lambda entry: entry.changed_at, reverse=True)
@@ -76,13 +83,14 @@ def entry_path(folder: Path, kind: str, name: str) -> Path:
     Raises
     ------
     InvalidError
-        If the name is not plain, nothing of this name lies there, or the server's user may not read it.
+        If the name is not plain, or nothing of this name lies there.
+    ForbiddenError
+        If the server's user may not read it.
     """
-    path = shelf(folder, kind) / checked_name(kind, name)
+    path = _open_shelf(folder, kind) / checked_name(kind, name)
     if not _is_entry(kind, path):
         raise InvalidError(f"There is nothing called {name!r} in {kind}; it may have been deleted.")
-    if not is_readable(path):
-        raise InvalidError(f"{name!r} in {kind} {UNREADABLE}.")
+    _check_readable(path, f"{name!r} in {kind}")
     return path
 
 
@@ -93,8 +101,10 @@ def free_path(folder: Path, kind: str, name: str) -> Path:
     ------
     InvalidError
         If the name is not plain, or taken.
+    ForbiddenError
+        If the server's user may not read the shelf.
     """
-    path = shelf(folder, kind) / checked_name(kind, name)
+    path = _open_shelf(folder, kind) / checked_name(kind, name)
     if path.exists() or path.is_symlink():
         raise InvalidError(f"There is {name!r} in {kind} already; choose another name, or delete that one first.")
     return path
@@ -135,15 +145,20 @@ def file_in(folder: Path, kind: str, name: str, place: str) -> Path:
     ------
     InvalidError
         If there is no such entry or file, or the place leads out of the entry.
+    ForbiddenError
+        If the server's user may not read it, or a folder on the way to it.
     """
     entry = entry_path(folder, kind, name)
     if entry.is_file() and place == name:
         return entry
-    path, parts = entry, place.split("/")
-    for part in parts:
+    path = entry
+    for part in place.split("/"):
         path = path / part
-        if not part or part.startswith(".") or "\0" in part or path.is_symlink():
+        if not part or part.startswith(".") or "\0" in part or len(part.encode()) > LONGEST_PART:
             break
+        if path.is_symlink() or not path.exists():
+            break
+        _check_readable(path, f"{place[:200]!r} in {name!r}")
     else:
         if path.is_file():
             return path
@@ -171,6 +186,19 @@ def checked_name(kind: str, name: str) -> str:
     if kind not in FOLDERS and not name.lower().endswith(SUFFIXES[kind]):
         raise InvalidError(f"The name {name!r} has to end in {' or '.join(SUFFIXES[kind])}.")
     return name
+
+
+def _open_shelf(folder: Path, kind: str) -> Path:
+    """Return the folder of a kind, once it is known that the server's user may read it if it is there."""
+    place = shelf(folder, kind)
+    if place.exists():
+        _check_readable(place, f"The server's folder {kind}")
+    return place
+
+
+def _check_readable(path: Path, called: str) -> None:
+    if not is_readable(path):
+        raise ForbiddenError(f"{called} {UNREADABLE}.")
 
 
 def _is_entry(kind: str, path: Path) -> bool:

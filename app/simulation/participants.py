@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -52,16 +52,12 @@ class Preference:
         name = f"{dataset}/{item}"
         return self.abilities[name if name in self.abilities else item]
 
-    def missing(self, datasets: Sequence[str], items: Sequence[str]) -> list[str]:
-        """List what has no ability: an item, or "dataset/item" where the item has one in other datasets."""
-        lacking = [
-            (dataset, item)
-            for item in items
-            for dataset in datasets
-            if item not in self.abilities and f"{dataset}/{item}" not in self.abilities
-        ]
-        nowhere = {item for item in items if [name for _, name in lacking].count(item) == len(datasets)}
-        return sorted({item if item in nowhere else f"{dataset}/{item}" for dataset, item in lacking})
+    def missing(self, stimuli: Set[tuple[str, str]]) -> list[str]:
+        """List what has no ability, of stimuli by (dataset, item): an item, or "dataset/item" if others of it have."""
+        named = self.abilities.keys()
+        lacking = {(dataset, item) for dataset, item in stimuli if named.isdisjoint({item, f"{dataset}/{item}"})}
+        known = {item for _, item in stimuli - lacking}
+        return sorted({f"{dataset}/{item}" if item in known else item for dataset, item in lacking})
 
     def choose(self, dataset: str, item_a: str, item_b: str, rng: np.random.Generator) -> str:
         return choose(self.ability(dataset, item_a), self.ability(dataset, item_b), self.tie_rate, rng)
@@ -130,12 +126,12 @@ def simulate(
             Preference(abilities if person.abilities is None else person.abilities, tie_rate) for person in people
         ]
         for preference in preferences:
-            if missing := preference.missing(study["datasets"], items):
+            if missing := preference.missing({(row["dataset"], row["item"]) for row in study["stimuli"]}):
                 raise ValueError(f"no ability for {missing}, expected one for every item of the study {slug!r}")
         for number, (person, preference) in enumerate(zip(people, preferences, strict=True)):
             rngs = np.random.default_rng([seed, number]), np.random.default_rng([seed, number, 1])
             session = begin(client, slug, invitation, person.observer, rngs[1], outside_id=outside_id)
-            total = len(people) * session["progress"]["total"]
+            total = n_votes + (len(people) - number) * session["progress"]["total"]  # if the others see as many
             rater = draw_rater(np.random.default_rng([seed, number, 2]))
             for _ in _votes(client, slug, session, token, preference, rater, rngs[0]):
                 n_votes += 1

@@ -98,7 +98,7 @@ class Entry(Field):
         names: list[str] = []
         for kind in self.shelves:
             folder = place(settings, kind)
-            paths = sorted(folder.iterdir()) if folder.is_dir() else []
+            paths = sorted(folder.iterdir()) if folder.is_dir() and is_readable(folder) else []
             names += [self._name(kind, path.name) for path in paths if self._is_fit(path)]
         return names
 
@@ -140,7 +140,7 @@ class Entry(Field):
         return f"{kind}/{name}" if len(self.shelves) > 1 else name
 
     def _is_fit(self, path: Path) -> bool:
-        if path.is_symlink() or not is_plain(path.name) or not is_readable(path):
+        if not is_plain(path.name) or not is_readable(path) or path.is_symlink():
             return False
         is_taken = (path.is_dir() and self.takes != "file") or (path.is_file() and self.takes != "folder")
         is_other = bool(self.lacks) and (path / self.lacks).is_file()

@@ -69,7 +69,7 @@ VALIDATIONS = (
         fields=(
             Entry(name="run", label="Run", shelves=("runs",), holds=RUN_FILE, is_required=True),
             report_name("{run}-views"),
-            replace(CAPTURE, option="--capture", help="empty: where the run says that it was", is_required=False),
+            replace(CAPTURE, option="--capture", help="none: where the run says that it was", is_required=False),
             FRAMES,
             Number(
                 name="threshold",

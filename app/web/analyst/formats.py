@@ -225,7 +225,8 @@ def unchanged(digest: str) -> Response:
 
 
 def _own_headers(digest: str) -> dict[str, str]:
-    return {"ETag": f'"{digest[:TAG_LENGTH]}"', "Cache-Control": "no-store", "Vary": "Accept, Authorization, Cookie"}
+    """Return the headers of a table or object; its tag is weak, as it may be compressed on its way."""
+    return {"ETag": f'W/"{digest[:TAG_LENGTH]}"', "Cache-Control": "no-store", "Vary": "Accept, Authorization, Cookie"}
 
 
 def _parts(content: IO[bytes]) -> Iterator[bytes]:

@@ -366,6 +366,7 @@ STUDY = {
     **{name: ROW[name] for name in ("n_pairs", "n_started", "n_finished", "n_votes")},
     "datasets": ["ball", "box"],
     "conditions": [{"item": "approach_2", "levels": {"light": "side", "pose": "far"}}],
+    "stimuli": [{"dataset": "ball", "item": "approach_2"}, {"dataset": "box", "item": "approach_2"}],
     "factors": {"light": ["front", "side", "back"], "pose": ["near", "far"]},
     "protocol": "PC",
     "scale": 5,

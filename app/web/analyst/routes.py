@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import Response
+from fastapi.routing import APIRoute
 
 from app.operations.manage import study_summary
 from app.store import tables
@@ -17,7 +18,7 @@ from app.store.audit import audit_records, audit_state
 from app.store.comments import comment_records, tag_names, tag_records
 from app.store.counted_votes import vote_state
 from app.store.demographics import demographic_records
-from app.store.designs import conditions_of, datasets_of
+from app.store.designs import conditions_of, datasets_of, stimulus_names
 from app.store.engine import Database, Transaction
 from app.store.interviews import questionnaire_records
 from app.store.measurements import measurement_records
@@ -83,12 +84,14 @@ def study(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     with database.reading() as connection:
         conditions = [{"item": name, "levels": levels} for name, levels in conditions_of(connection, study.id).items()]
         datasets = datasets_of(connection, study.id)
+        stimuli = sorted(stimulus_names(connection, study.id).values())
         progress = progress_of(connection, study.id)
     options = parse_options(study.options)
     whole = {
         **study_summary(study, progress),
         "datasets": datasets,
         "conditions": conditions,
+        "stimuli": [{"dataset": dataset, "item": item} for dataset, item in stimuli],
         "factors": study.factors,
         **{name: getattr(options, name) for name in ("protocol", "scale", "reference")},
         "revision": study.revision,
@@ -258,6 +261,13 @@ def archive(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     write_archive(content, database, study.id)
     headers = {"Content-Disposition": f'attachment; filename="{study.slug}.zip"'}
     return streamed(content, "application/zip", chosen, headers)
+
+
+for _route in [each for each in router.routes if isinstance(each, APIRoute)]:  # HEAD asks for the headers alone
+    _address = _route.path.removeprefix(router.prefix)
+    router.add_api_route(
+        _address, _route.endpoint, methods=["HEAD"], dependencies=_route.dependencies, include_in_schema=False
+    )
 
 
 def _trial_table(

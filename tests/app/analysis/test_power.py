@@ -34,10 +34,19 @@ def test_different_opinions_cost_power() -> None:
 @pytest.mark.slow
 def test_a_study_of_the_papers_size_detects_what_is_known() -> None:
     """0.91 JOD in one dataset and 0.41 pooled over five, for people whose errors are about 1.4 times the naive ones."""
-    plan = plan_study(StudyPlan(6, 5, 22), np.random.default_rng(2), replicates=150)
+    told: list[tuple[str, int, int]] = []
+    plan = plan_study(
+        StudyPlan(6, 5, 22), np.random.default_rng(2), replicates=150, progress=lambda *each: told.append(each)
+    )
     assert plan["votes"] == 1650
     assert plan["detectable_jod_one_dataset"] == pytest.approx(0.91, abs=0.15)
     assert plan["detectable_jod_pooled"] == pytest.approx(0.43, abs=0.08)
+    n_studies = 150 * 11  # of the power asked for, of the largest difference, and of each halving
+    assert told == [
+        (f"studies of {where} simulated", done, n_studies)
+        for where in ("one dataset", "all datasets")
+        for done in range(1, n_studies + 1)
+    ]
 
 
 @pytest.mark.parametrize(

@@ -557,6 +557,31 @@ def test_a_plan_is_made_for_films_of_a_possible_length_only(command: Command, ex
     assert "expected 0.1 to 3600 seconds" in " ".join(told.err.replace("│", " ").split())
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "expected"),
+    [
+        ("--effect", "-1", "--effect is -1, expected more than 0"),
+        ("--inconsistency", "nan", "--inconsistency is nan, expected more than 0"),
+        ("--replicates", "1000000", "Invalid value for '--replicates'"),
+    ],
+)
+@pytest.mark.parametrize("protocol", ["PC", "ACR"])
+def test_a_plan_of_impossible_numbers_is_refused_by_its_options(
+    command: Command, option: str, value: str, expected: str, protocol: str
+) -> None:
+    sizes = ("--conditions", 2, "--datasets", 1, "--participants", 9, "--protocol", protocol)
+    told = command("plan", *sizes, option, value)
+    assert told.code == 2
+    assert expected in " ".join(told.err.replace("│", " ").split())
+
+
+def test_a_plan_tells_how_far_its_simulation_is(command: Command) -> None:
+    told = command("plan", "--conditions", 2, "--datasets", 1, "--participants", 30, "--replicates", 10, "--json")
+    assert json.loads(told.out)["replicates"] == 10
+    assert "studies of one dataset simulated: 110/110" in told.err
+    assert "studies of all datasets simulated: 110/110" in told.err
+
+
 @pytest.mark.slow
 def test_films_are_rated_where_the_protocol_says_so_and_planned_in_grades(command: Command, stimuli: Path) -> None:
     refused = command("study", "create", stimuli, "--name", "Rated", "--protocol", "DCR")

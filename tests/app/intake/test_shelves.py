@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from app.errors import InvalidError
+from app.errors import ForbiddenError, InvalidError
 from app.intake.shelves import KINDS, entries, entry_path, free_path, remove_entry, shelf
 
 SENSOR = {"id": "S1", "left": {"image": "l.mp4", "size": [64, 48]}, "right": {"image": "r.mp4", "size": [64, 48]}}
@@ -98,7 +98,9 @@ def test_an_entry_that_the_server_may_not_read_is_listed_with_what_to_do(
     assert listed.keys() == {"open", "closed"}
     assert listed["closed"] == "cannot be read: give the server's user access to it"
     assert listed["open"].endswith("1 picture")
-    with pytest.raises(InvalidError, match="'closed' in captures cannot be read: give the server's user access to it"):
+    with pytest.raises(
+        ForbiddenError, match="'closed' in captures cannot be read: give the server's user access to it"
+    ):
         entry_path(tmp_path, "captures", "closed")
 
 

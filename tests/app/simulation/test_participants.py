@@ -15,6 +15,7 @@ from app.settings import Settings
 from app.simulation.observer import Observer
 from app.simulation.participants import Person, simulate
 from app.study.options import parse_options
+from tests.app import tiny_stimuli
 from tests.app.web.http_checks import is_problem
 
 NewStudy = Callable[[], dict[str, Any]]
@@ -77,6 +78,40 @@ def test_a_preference_may_differ_between_datasets(
             assert (preferred == "id_fa") == (vote["dataset"] == "ball")
     with pytest.raises(ValueError, match=r"no ability for \['box/id_fa'\]"):
         simulate(server, study["slug"], study["invitation"], token, 1, {"ball/id_fa": 1.0} | rest)
+
+
+def test_an_ability_is_needed_for_what_a_dataset_has_only(
+    server: str, token: str, settings: Settings, tmp_path: Path
+) -> None:
+    tiny_stimuli.write_set(tmp_path, ("ball", "box"), ABILITIES)
+    shown = [("ball", "id_fa"), ("ball", "id_fb"), ("box", "id_fb"), ("box", "pm_fb")]
+    tiny_stimuli.write_manifest(tmp_path, [tiny_stimuli.stimulus(tmp_path, *each) for each in shown])
+    study = create.create_study(settings, tmp_path, "Some of each", exposure_s=0.4)
+    own = {f"{dataset}/{item}": ABILITIES[item] for dataset, item in shown}
+    lacking = {name: own[name] for name in ("ball/id_fb", "box/pm_fb")}
+    with pytest.raises(ValueError, match=r"no ability for \['box/id_fb', 'id_fa'\]"):
+        simulate(server, study["slug"], study["invitation"], token, 1, lacking)
+    assert simulate(server, study["slug"], study["invitation"], token, 1, own)["votes"] == 2
+
+
+@pytest.mark.slow
+def test_progress_ends_with_all_votes_where_groups_see_different_datasets(
+    server: str, token: str, settings: Settings, stimulus_set: Path
+) -> None:
+    options = parse_options({"groups": [{"name": "ball", "datasets": ["ball"]}, {"name": "both"}]})
+    study = create.create_study(settings, stimulus_set, "Groups", exposure_s=0.4, options=options)
+    told: list[tuple[int, int]] = []
+    simulate(
+        server,
+        study["slug"],
+        study["invitation"],
+        token,
+        4,
+        progress=lambda _, done, total: told.append((done, total)),
+    )
+    assert [done for done, _ in told] == list(range(1, 19))
+    assert told[-1] == (18, 18)
+    assert all(done < total for done, total in told[:-1])
 
 
 @pytest.mark.slow

@@ -27,10 +27,10 @@ from app.intake.part_uploads import (
     Standing,
     appending,
     begin_upload,
+    bytes_to_come,
     checking,
     discard,
     note_job,
-    received_bytes,
     remove_expired,
     standing,
     upload_id,
@@ -46,8 +46,6 @@ from app.web.admin.layout import see
 from app.web.admin.uploads import UploadingActor
 from app.web.gates import Store, settings
 from app.web.roles import Acting, Looking
-
-ROOM_FACTOR = 2  # of an upload's size on the disk: the zip file and what is in it
 
 UploadId = Annotated[str, Path(max_length=40)]
 
@@ -76,7 +74,7 @@ def begin(request: Request, actor: UploadingActor, wanted: NewUpload, database: 
     facts = (wanted.kind, name, wanted.file, wanted.size)
     upload = PartUpload(upload_id(actor.id, *facts, wanted.modified), *facts, by=actor.name)
     remove_expired(server.intake_dir, actor.now)
-    _check_wanted(server, wanted, name, received_bytes(server.intake_dir, upload.id))
+    _check_wanted(server, wanted, name, bytes_to_come(server.intake_dir, upload.id, wanted.size))
     begun = begin_upload(server.intake_dir, upload)
     if begun.offset == 0:
         entry = Entry("upload begun", subject=f"{wanted.kind}/{name}", detail={"bytes": wanted.size})
@@ -120,8 +118,8 @@ def discard_upload(request: Request, actor: Acting, upload: UploadId, database: 
     return see("/admin/files")
 
 
-def _check_wanted(server: Settings, wanted: NewUpload, name: str, n_received: int) -> None:
-    """Refuse before a byte is sent what could not be kept; `n_received` bytes of it are on the disk already."""
+def _check_wanted(server: Settings, wanted: NewUpload, name: str, to_come: int) -> None:
+    """Refuse before a byte is sent what could not be kept; it will take `to_come` bytes more on the disk."""
     if wanted.kind not in EXPECTED:
         raise InvalidError(f"Nothing can be uploaded to {wanted.kind!r}; expected one of {', '.join(EXPECTED)}.")
     free_path(server.intake_dir, wanted.kind, name)
@@ -134,7 +132,7 @@ def _check_wanted(server: Settings, wanted: NewUpload, name: str, n_received: in
         )
     server.intake_dir.mkdir(parents=True, exist_ok=True)
     free = shutil.disk_usage(server.intake_dir).free
-    if wanted.size * ROOM_FACTOR - n_received > free:
+    if to_come > free:
         raise TooLargeError(
             f"The file has {wanted.size // MB} MB and needs about twice that to unpack; the server's disk has "
             f"{free // MB} MB free. Delete entries that nobody needs, then repeat."

@@ -14,7 +14,7 @@ from anyio import CapacityLimiter, to_thread
 from fastapi import APIRouter, Form, Path, Request
 from fastapi.responses import FileResponse, Response
 
-from app.errors import ConflictError, InvalidError, NotFoundError, StimuliError
+from app.errors import ConflictError, ForbiddenError, InvalidError, NotFoundError, StimuliError
 from app.ffmpeg import Progress
 from app.files import read_json
 from app.films.strips import write_picture
@@ -23,7 +23,7 @@ from app.intake.captures import CaptureOutline, picture_path, read_outline
 from app.intake.contents import read_contents
 from app.intake.part_uploads import unfinished
 from app.intake.reports import REPORT, TABLE
-from app.intake.shelves import KINDS, entries, entry_path, file_in, remove_entry
+from app.intake.shelves import KINDS, ShelfEntry, entries, entry_path, file_in, remove_entry
 from app.intake.summaries import SUMMARIES
 from app.operations.attach import attach
 from app.operations.jobs.kinds import KINDS as JOB_KINDS
@@ -72,8 +72,10 @@ router = APIRouter(prefix="/admin/files", include_in_schema=False)
 @router.get("")
 def files_page(request: Request, person: Person) -> Response:
     server = settings(request)
+    shelves = {kind: _listed(server.intake_dir, kind) for kind in KINDS}
     context = {
-        "shelves": {kind: entries(server.intake_dir, kind) for kind in KINDS},
+        "shelves": {kind: listed for kind, (listed, _) in shelves.items()},
+        "faults": [fault for _, fault in shelves.values() if fault],
         "titles": TITLES,
         "expected": EXPECTED,
         "unfinished": unfinished(server.intake_dir),
@@ -223,6 +225,8 @@ def entry_of(request: Request, kind: str, name: str) -> FilePath:
     ------
     NotFoundError
         If there is none.
+    ForbiddenError
+        If the server's user may not read it.
     """
     try:
         return entry_path(settings(request).intake_dir, kind, name)
@@ -233,6 +237,14 @@ def entry_of(request: Request, kind: str, name: str) -> FilePath:
 def entry_address(kind: str, name: str) -> str:
     """Return the address of an entry's page."""
     return f"/admin/files/{kind}/{quote(name)}"
+
+
+def _listed(folder: FilePath, kind: str) -> tuple[list[ShelfEntry], str]:
+    """Return the entries of a shelf, or why they cannot be listed."""
+    try:
+        return entries(folder, kind), ""
+    except ForbiddenError as error:
+        return [], error.detail
 
 
 def _is_attachable(path: FilePath) -> bool:

@@ -42,6 +42,40 @@ def test_a_study_tells_what_it_compares_and_how_far_it_is(analyst: httpx.Client,
     assert summary.items() <= found.items()
 
 
+@pytest.mark.parametrize("name", ["votes", "scores", "analysis", "archive.zip"])
+def test_head_answers_the_headers_of_a_table_alone(
+    server: str, analyst: httpx.Client, taken: dict[str, Any], name: str
+) -> None:
+    address = f"/api/v1/studies/{taken['slug']}/{name}"
+    head, whole = analyst.head(address), analyst.get(address)
+    assert (head.status_code, head.content) == (200, b"")
+    for header in ("etag", "content-type", "vary"):
+        assert head.headers[header] == whole.headers[header]
+    assert head.headers.get("x-total-count") == whole.headers.get("x-total-count")
+    assert analyst.head(address, headers={"If-None-Match": whole.headers["etag"]}).status_code == 304
+    assert httpx.head(server + address).status_code == 401
+
+
+@pytest.mark.parametrize("media_type", ["application/json", "text/csv", "application/vnd.apache.parquet"])
+def test_a_long_table_is_compressed_unless_its_format_is(
+    analyst: httpx.Client, taken: dict[str, Any], media_type: str
+) -> None:
+    address = f"/api/v1/studies/{taken['slug']}/votes"
+    packed, plain = (
+        analyst.get(address, headers={"Accept": media_type, "Accept-Encoding": coding})
+        for coding in ("gzip", "identity")
+    )
+    is_packed = "parquet" not in media_type
+    assert packed.headers.get("content-encoding") == ("gzip" if is_packed else None)
+    assert packed.content == plain.content
+    assert packed.num_bytes_downloaded < plain.num_bytes_downloaded / (2 if is_packed else 0.9)
+    assert packed.headers["etag"] == plain.headers["etag"]
+    assert packed.headers["etag"].startswith('W/"'), "one for both codings"
+    assert "Accept-Encoding" in packed.headers["vary"] or not is_packed
+    known = {"Accept": media_type, "If-None-Match": packed.headers["etag"]}
+    assert analyst.get(address, headers=known).status_code == 304
+
+
 LATER = "press_to_picture_ms,protocol,rating,reference,lighter_film"
 
 

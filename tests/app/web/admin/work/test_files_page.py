@@ -224,6 +224,22 @@ def test_an_upload_for_which_there_was_room_goes_on(
         assert "MB free" in begin(eva, "captures", "ball", content).json()["detail"]
 
 
+def test_an_upload_whose_check_runs_needs_no_more_room(
+    own_server: str, own: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = b"x" * 1000
+    with signed_in(own_server, own, "Eva") as eva:
+        upload = begin(eva, "captures", "ball", content).json()["upload"]
+        known = part_uploads.standing(own.intake_dir, upload[-32:]).upload
+        part_uploads.work_folder(own.intake_dir, known.id).with_suffix(".part").write_bytes(content)
+        part_uploads.note_job(own.intake_dir, known, "/admin/jobs/1")
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=0))
+        assert begin(eva, "captures", "ball", content).status_code == 413, "it would be unpacked now"
+        with part_uploads.checking(own.intake_dir, known.id):
+            again = begin(eva, "captures", "ball", content)
+        assert (again.status_code, again.json()["job"]) == (200, "/admin/jobs/1")
+
+
 def test_a_complete_upload_is_kept_when_its_check_fails_for_the_servers_reasons(
     own_server: str, own: Settings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -363,8 +379,38 @@ def test_an_entry_that_the_server_may_not_read_spoils_no_page(
             eva.get("/admin/files/captures/closed"),
             eva.act("/admin/files/captures/closed/delete", again="closed"),
         ):
-            assert answer.status_code == 404
+            assert answer.status_code == 403
             assert "cannot be read" in answer.text
+
+
+def test_a_file_or_a_whole_shelf_that_the_server_may_not_read_is_named(
+    own_server: str, own: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def may(path: Any, *mode: Any, **more: Any) -> bool:
+        return Path(path).name not in {"calibration", "left"} and whole(path, *mode, **more)
+
+    whole = os.access
+    put(own.intake_dir / "captures" / "ball", capture())
+    put(own.intake_dir / "calibration" / "board", {"left.png": PNG})
+    with signed_in(own_server, own, "Eva") as eva:
+        monkeypatch.setattr(os, "access", may)
+        shown = eva.get("/admin/files")
+        assert shown.status_code == 200
+        assert "captures/ball" in shown.text
+        assert "folder calibration cannot be read: give the server&#39;s user access to it." in shown.text
+        assert eva.get("/admin/work/new/calibrate").status_code == 200
+        for place in (
+            "captures/ball/file/S1/left/0000.png",
+            "captures/ball/pictures/S1/left/0.jpg",
+            "calibration/board",
+            "calibration/board/file/left.png",
+        ):
+            answer = eva.get(f"/admin/files/{place}")
+            assert answer.status_code == 403
+            assert "cannot be read: give the server&#39;s user access to it." in answer.text
+        assert "cannot be read" in begin(eva, "calibration", "other", PNG).json()["detail"]
+        assert eva.get("/admin/files/captures/ball/file/S1/right/0000.png").status_code == 200
+        assert eva.get(f"/admin/files/captures/ball/file/{'x' * 300}").status_code == 404
 
 
 def test_strokes_are_kept_picture_by_picture(own_server: str, own: Settings) -> None:

@@ -149,3 +149,12 @@ def test_a_server_without_the_extra_says_what_it_cannot_do(
         assert "pip install" in said
         assert "without the extra" in eva.get("/admin/work/new/check").text
         assert "without the extra" not in eva.get(FORM).text
+
+
+def test_a_form_says_of_each_empty_field_what_it_means(server: str, here: Settings) -> None:
+    with signed_in(server, here, "Eva", "experimenter") as eva:
+        form = eva.get("/admin/work/new/validate-views").text
+    assert "of the report&#39;s folder; empty: after what is chosen above" in form
+    assert "none: where the run says that it was" in form
+    assert '<option value="">none</option>' in form
+    assert "empty: all; for example 0:25" in form
