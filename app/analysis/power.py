@@ -118,6 +118,7 @@ def _teller(progress: Callable[[str, int, int], None] | None, what: str, total: 
     """Return what counts the simulated studies, and tells of each."""
     if progress is None:
         return _tell_nobody
+    progress(what, 0, total)  # the first may take long
     done = count(1)
     return lambda: progress(what, next(done), total)
 

@@ -45,7 +45,7 @@ def test_a_study_of_the_papers_size_detects_what_is_known() -> None:
     assert told == [
         (f"studies of {where} simulated", done, n_studies)
         for where in ("one dataset", "all datasets")
-        for done in range(1, n_studies + 1)
+        for done in range(n_studies + 1)
     ]
 
 
