@@ -6,7 +6,6 @@ import csv
 import json
 from itertools import combinations
 from pathlib import Path
-from time import process_time
 
 import numpy as np
 import pytest
@@ -207,14 +206,3 @@ def test_measures_are_compared_on_single_datasets_even_if_these_are_not_reported
 def test_better_is_higher_or_lower() -> None:
     with pytest.raises(ValueError, match="better of the measure 'psnr' is 'more', expected higher or lower"):
         AnalysisSettings(better={"psnr": "more"})
-
-
-@pytest.mark.slow
-def test_forty_measures_on_five_datasets_take_seconds() -> None:
-    rng = np.random.default_rng(1)
-    by_dataset = {f"d{d}": score_set(rng.normal(size=6).tolist(), 0.4, 0.8) for d in range(5)}
-    measures = {f"m{m}": values_of(*((name, rng.normal(size=6).tolist()) for name in by_dataset)) for m in range(40)}
-    start = process_time()
-    rows = prediction_rows(by_dataset, measures, dict.fromkeys(measures, "higher"), rng)
-    assert len(rows) == 240
-    assert process_time() - start < 6  # 1.3 s on a quiet machine

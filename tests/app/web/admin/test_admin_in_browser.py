@@ -227,6 +227,7 @@ def test_an_invitation_is_copied_by_its_button_and_printed_with_its_code(page: P
     page.get_by_label("Label for you alone").fill("x" * LONGEST_LABEL)
     page.get_by_role("button", name="Make invitations").click()
     page.get_by_text("x" * LONGEST_LABEL).wait_for()
+    page.wait_for_load_state()
     assert page.evaluate("document.documentElement.scrollWidth") <= TELEPHONE["width"]
     page.get_by_role("button", name="Copy").last.click()
     expect(page.get_by_role("button", name="Copied")).to_be_visible()

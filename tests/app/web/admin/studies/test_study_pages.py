@@ -122,7 +122,7 @@ def test_no_path_from_outside_reaches_the_file_system(own_server: str, own: Sett
 def test_a_viewer_is_led_to_no_page_that_is_refused(server: str, settings: Settings, taken: dict[str, Any]) -> None:
     base = f"/admin/studies/{taken['slug']}"
     with signed_in(server, settings, "Vera Viewer", "viewer") as vera:
-        analysed = vera.get(f"/api/v1/studies/{taken['slug']}/scores")  # waits for the analysis, as pages do not
+        analysed = vera.get(f"/api/v1/studies/{taken['slug']}/analysis")  # waits for the analysis, as pages do not
         assert analysed.status_code == 200
         seen, left = set(), ["/admin", f"{base}/design?participants=10"]
         while left:
