@@ -59,7 +59,6 @@ from app.web.admin.studies import (
 )
 from app.web.admin.work import file_uploads, files_page, jobs_page, strokes_page
 from app.web.analyst import api_page, job_routes, routes, study_routes
-from app.web.analyst.compression import CompressedTables
 from app.web.analyst.openapi import describe
 from app.web.front import front_routes
 from app.web.gates import check_request_text
@@ -201,7 +200,6 @@ def _add_middleware(app: FastAPI) -> None:
     settings: Settings = app.state.settings
     is_https = settings.secure_cookies
     media_origin = app.state.media_store.origin if app.state.media_store else None
-    app.add_middleware(CompressedTables)
     app.add_middleware(KnownHosts, allowed=settings.allowed_hosts, public_url=settings.public_url)
     app.add_middleware(BodyLimit)
     app.add_middleware(SameOrigin)

@@ -33,6 +33,7 @@ from app.store.vote_records import vote_row
 from app.study.options import parse_options
 from app.web.analyst import columns
 from app.web.analyst.archive import write_archive
+from app.web.analyst.compression import CompressedRoute
 from app.web.analyst.formats import (
     IN_MEMORY,
     ChosenFormat,
@@ -60,7 +61,7 @@ TAGGED = (*ANSWERS, tables.trial_comment, tables.comment_tagging)
 PEOPLE = (*ANSWERS, tables.session, tables.exclusion)
 SCREENED = (tables.screening_display, tables.screening_test, tables.screening_item, tables.screening_entry)
 
-router = APIRouter(prefix="/api/v1", tags=["results"])
+router = APIRouter(prefix="/api/v1", tags=["results"], route_class=CompressedRoute)
 OBSERVERS = table_answers(columns.OBSERVERS, columns.FURTHER["observers"])
 READING, PERSONAL_TOO, AUDITING = ([Depends(may_read(scope))] for scope in (READ, PERSONAL, AUDIT_SCOPE))
 

@@ -27,6 +27,7 @@ from app.study.options import parse_options
 from app.study.presets import QUICK
 from app.study.study_file import EXPOSURE_BOUNDS_S
 from app.study.wording import LONGEST_NAME
+from app.web.analyst.compression import CompressedRoute
 from app.web.gates import Store, languages, settings
 from app.web.roles import AStudy, may_change
 
@@ -34,7 +35,7 @@ EDITED = ("name", "exposure_s", "seed")  # beside the options
 LOW_S, HIGH_S = EXPOSURE_BOUNDS_S
 
 
-router = APIRouter(prefix="/api/v1", tags=["studies"])
+router = APIRouter(prefix="/api/v1", tags=["studies"], route_class=CompressedRoute)
 
 StudyEditor = Annotated[Actor, Depends(may_change(STUDIES))]
 Excluder = Annotated[Actor, Depends(may_change(PEOPLE))]

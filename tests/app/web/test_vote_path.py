@@ -19,7 +19,6 @@ from app.store.engine import open_database
 from tests.seeded_studies import Voter, seed_voters
 
 MIDDLEWARE = {  # every request's
-    "app.web.analyst.compression",
     "app.web.limits.hosts",
     "app.web.monitoring.metrics",
     "app.web.problems",
