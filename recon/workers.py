@@ -193,7 +193,7 @@ def _connected(address: str) -> Iterator[Client]:
 
 
 def _outcome(task: partial[Result]) -> Result | _WrongInput:
-    """Run a task and return its result, or what is wrong with its input; one at a time, as numba wants it."""
+    """Run a task and return its result, or what is wrong with its input; one at a time."""
     with _one_at_a_time:
         _use_one_thread()
         _keep_memory()
@@ -239,9 +239,10 @@ def _keep_memory() -> None:
 
 
 def in_bands(length: int, work: Callable[[int, int], None]) -> None:
-    """Call `work(first, last)` for bands of the rows or columns 0 to `length`, one band for each thread."""
-    edges = [length * band // _threads() for band in range(_threads() + 1)]
-    with ThreadPoolExecutor(max_workers=len(edges) - 1) as pool:
+    """Call `work(first, last)` for bands of the rows, blocks or points 0 to `length`, one band for each thread."""
+    n_bands = _threads()
+    edges = [length * band // n_bands for band in range(n_bands + 1)]
+    with ThreadPoolExecutor(max_workers=n_bands) as pool:
         list(pool.map(work, edges[:-1], edges[1:]))
 
 

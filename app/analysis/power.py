@@ -17,6 +17,7 @@ from app.analysis.scales import LOG_ODDS_PER_JOD
 from app.analysis.votes_table import VotesTable, votes_from_indices
 
 Array = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]  # what is being done, how many are done, how many there are
 Tell = Callable[[], None]
 
 WANTED_POWER = 0.8
@@ -24,6 +25,10 @@ LARGEST_EFFECT_JOD = 4.0
 HALVINGS = 9  # of the largest effect: to 0.01 JOD
 DEFAULT_SPREAD = 0.4  # log-odds; makes clustered errors about 1.4 times the naive ones, as on real panels
 DEFAULT_TIE_RATE = 0.2
+
+
+def _tell_nobody(*_told: str | int) -> None:
+    """Ignore progress."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +77,7 @@ def plan_study(
     *,
     effect_jod: float = 0.5,
     replicates: int = 400,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress = _tell_nobody,
 ) -> dict[str, Any]:
     """Return the power for a difference of two conditions, and the difference detected with 80 % power.
 
@@ -114,17 +119,11 @@ def plan_study(
     }
 
 
-def _teller(progress: Callable[[str, int, int], None] | None, what: str, total: int) -> Tell:
+def _teller(progress: Progress, what: str, total: int) -> Tell:
     """Return what counts the simulated studies, and tells of each."""
-    if progress is None:
-        return _tell_nobody
     progress(what, 0, total)  # the first may take long
     done = count(1)
     return lambda: progress(what, next(done), total)
-
-
-def _tell_nobody() -> None:
-    """Ignore that a study was simulated."""
 
 
 def power(plan: StudyPlan, effect_jod: float, seed: int, replicates: int, tell: Tell = _tell_nobody) -> float:
