@@ -13,9 +13,10 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from app.analysis.bradley_terry import fit_counts, is_identified
-from app.analysis.counts import PairCounts, outcome_index
+from app.analysis.counts import PairCounts, exchanged, outcome_index
 from app.analysis.fit import Fit
 from app.analysis.newton import Design, Search, maximise
+from app.analysis.settings import LEVEL
 from app.analysis.ties import TIE_MODELS, WITHOUT_TIES
 from app.analysis.votes_table import VotesTable
 
@@ -43,19 +44,19 @@ class Bootstrap:
         """Number of replicates without a maximum, which are left out."""
         return int((~self.kept).sum())
 
-    def has_percentiles(self, level: float, n_participants: int) -> bool:
+    def has_percentiles(self, n_participants: int) -> bool:
         """Have enough replicates converged for percentiles? Those without a maximum are missing extremes."""
-        return self.n_without_maximum <= percentile_tail(level, n_participants) * len(self.kept)
+        return self.n_without_maximum <= percentile_tail(n_participants) * len(self.kept)
 
-    def interval(self, level: float, n_participants: int) -> Array:
-        """Return the expanded percentile interval of each score, float64 (2, n), log-odds."""
-        tail = percentile_tail(level, n_participants)
+    def interval(self, n_participants: int) -> Array:
+        """Return the expanded 95 % percentile interval of each score, float64 (2, n), log-odds."""
+        tail = percentile_tail(n_participants)
         result: Array = np.quantile(self.scores, [tail, 1 - tail], axis=0)
         return result
 
 
-def percentile_tail(level: float, n_participants: int) -> float:
-    """Return the share of replicates beyond each end of an interval.
+def percentile_tail(n_participants: int) -> float:
+    """Return the share of replicates beyond each end of a 95 % interval.
 
     Plain percentiles of J participants are too narrow: their spread is that of a sample of J divided by J, not J - 1,
     and they have the tails of a normal distribution. These reach as far as t(J - 1) does.
@@ -65,7 +66,7 @@ def percentile_tail(level: float, n_participants: int) -> float:
     Hesterberg (2015), "What teachers should know about the bootstrap", on the expanded percentile interval.
     """
     n = n_participants
-    return float(norm.cdf(-np.sqrt(n / (n - 1)) * student.ppf((1 + level) / 2, n - 1)))
+    return float(norm.cdf(-np.sqrt(n / (n - 1)) * student.ppf((1 + LEVEL) / 2, n - 1)))
 
 
 def participant_weights(n_participants: int, n_replicates: int, rng: np.random.Generator) -> Array:
@@ -93,13 +94,11 @@ def participant_counts(fit: Fit, votes: VotesTable) -> NDArray[np.float32]:
     """
     counts, n = fit.counts, fit.counts.n_items
     first, second, outcome = outcome_index(votes, is_ordered=counts.is_ordered)
+    if not counts.is_ordered:
+        first, second, outcome = exchanged(first > second, first, second, outcome)
     pair_of = np.full((n, n), -1)
     pair_of[counts.first, counts.second] = np.arange(len(counts.first))
     pair = pair_of[first, second]
-    swap = pair < 0
-    if not counts.is_ordered:
-        pair = np.where(swap, pair_of[second, first], pair)
-        outcome = np.where(swap & (outcome < 2), 1 - outcome, outcome)
     kept = pair >= 0  # where ties are dropped, the fit has no pair that only has ties
     n_cells = 3 * len(counts.first)
     code = votes.participant[kept] * n_cells + outcome[kept] * len(counts.first) + pair[kept]

@@ -25,6 +25,7 @@ from app.analysis.drawing import (
     shape_by,
     text_width,
 )
+from app.analysis.findings.ranking import overall
 from app.analysis.votes_table import ALL
 
 Row = Mapping[str, Any]
@@ -171,20 +172,20 @@ def groups_chart(analysis: Mapping[str, Any], grouping: str, width: int = FULL) 
     return alt.layer(bars, points).properties(width=panel_width, height=height, title=title_of(ALL))
 
 
-def preference_chart(analysis: Mapping[str, Any], dataset: str = ALL, width: int = FULL) -> Any:
-    """Draw how often the row's condition was preferred to the column's, with the counts; a tie counts half for each.
+def preference_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
+    """Draw how often the row's condition was preferred to the column's on all datasets, with the counts; a tie counts
+    half for each.
 
     Parameters
     ----------
     analysis : the content of analysis.json
-    dataset : its name, or `all`
     width : of the figure, in pixels
 
     Returns
     -------
     altair chart, or None if there are no votes or too many items to read
     """
-    pairs, items = _pairs_and_items(analysis, dataset)
+    pairs, items = _pairs_and_items(analysis)
     if not pairs:
         return None
     color = alt.Color(
@@ -194,7 +195,7 @@ def preference_chart(analysis: Mapping[str, Any], dataset: str = ALL, width: int
         legend=alt.Legend(format="%", orient="bottom", gradientLength=110, values=[0, 0.5, 1]),
     )
     title = alt.TitleParams(
-        "Preferences" if dataset == ALL else f"Preferences, {dataset}",
+        "Preferences",
         subtitle=["number of votes for the row's condition over the", "column's; the colour counts ties half"],
     )
     values = [cell for row in pairs for cell in _cells(row)]
@@ -202,12 +203,9 @@ def preference_chart(analysis: Mapping[str, Any], dataset: str = ALL, width: int
     return _matrix(values, items, color, "label:N", dark, width).properties(title=title)
 
 
-def _pairs_and_items(analysis: Mapping[str, Any], dataset: str) -> tuple[list[Row], list[str]]:
-    """Return the pairs of all conditions on a dataset, and the conditions, best first; none if too many to read."""
-    pairs, scores = (
-        [row for row in analysis[table] if row["comparison"] == ALL and row["dataset"] == dataset]
-        for table in ("pairs", "scores")
-    )
+def _pairs_and_items(analysis: Mapping[str, Any]) -> tuple[list[Row], list[str]]:
+    """Return the pairs of all conditions, and the conditions, best first; none if too many to read."""
+    pairs, scores = (overall(analysis[table]) for table in ("pairs", "scores"))
     return ([], []) if len(scores) > MOST_ITEMS_IN_A_MATRIX else (_unordered(pairs), _by_score(scores))
 
 
@@ -268,18 +266,18 @@ def _cells(row: Row) -> list[dict[str, Any]]:
     ]
 
 
-def residual_chart(analysis: Mapping[str, Any], dataset: str = ALL, width: int = FULL) -> Any:
+def residual_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
     """Draw the standardised residuals of the pairs: where the model predicts too many or too few wins.
 
     Parameters
     ----------
-    analysis, dataset, width : as in `preference_chart`
+    analysis, width : as in `preference_chart`
 
     Returns
     -------
     altair chart or None
     """
-    pairs, items = _pairs_and_items(analysis, dataset)
+    pairs, items = _pairs_and_items(analysis)
     if not pairs or any(row["expected_a"] is None for row in pairs):
         return None
     color = alt.Color(

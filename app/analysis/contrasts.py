@@ -221,14 +221,13 @@ def holm(p_values: Array) -> Array:
     return result
 
 
-def letters(items: Sequence[str], comparisons: Sequence[Contrast], level: float = SIGNIFICANT) -> dict[str, str]:
+def letters(items: Sequence[str], comparisons: Sequence[Contrast]) -> dict[str, str]:
     """Give out letters: two items share a letter if and only if they do not differ significantly.
 
     Parameters
     ----------
     items : in the order in which letters are given out, the best first
     comparisons : contrasts of all pairs
-    level : significance level
 
     Source
     ------
@@ -237,7 +236,7 @@ def letters(items: Sequence[str], comparisons: Sequence[Contrast], level: float 
     """
     groups = [frozenset(items)]
     for contrast in comparisons:
-        if contrast.p_holm < level:
+        if contrast.p_holm < SIGNIFICANT:
             apart = {contrast.item_a, contrast.item_b}
             split = [group - {item} if apart <= group else group for group in groups for item in apart]
             groups = _absorbed(split)

@@ -50,11 +50,13 @@ def outcome_index(votes: VotesTable, *, is_ordered: bool) -> tuple[Index, Index,
     """
     first, second = votes.item_a.astype(np.intp), votes.item_b.astype(np.intp)
     outcome = votes.choice.astype(np.intp)
-    if is_ordered:
-        swap = votes.first_shown == 1
-        first, second = np.where(swap, second, first), np.where(swap, first, second)
-        outcome = np.where(swap & (outcome < 2), 1 - outcome, outcome)
-    return first, second, outcome
+    return exchanged(votes.first_shown == 1, first, second, outcome) if is_ordered else (first, second, outcome)
+
+
+def exchanged(rows: NDArray[np.bool_], first: Index, second: Index, outcome: Index) -> tuple[Index, Index, Index]:
+    """Exchange the two items of some rows, bool (N,), and turn the outcome; all as `outcome_index` returns them."""
+    turned = np.where(rows & (outcome < 2), 1 - outcome, outcome)
+    return np.where(rows, second, first), np.where(rows, first, second), turned
 
 
 def count_pairs(votes: VotesTable, *, is_ordered: bool = False) -> PairCounts:
@@ -106,9 +108,7 @@ def _fold(table: Array) -> Array:
 def _count_sparse(votes: VotesTable, n: int, *, is_ordered: bool) -> PairCounts:
     first, second, outcome = outcome_index(votes, is_ordered=is_ordered)
     if not is_ordered:
-        swap = first > second
-        first, second = np.where(swap, second, first), np.where(swap, first, second)
-        outcome = np.where(swap & (outcome < 2), 1 - outcome, outcome)
+        first, second, outcome = exchanged(first > second, first, second, outcome)
     pairs, pair = np.unique(first * n + second, return_inverse=True)
     table = np.bincount(outcome * len(pairs) + pair, votes.count, minlength=3 * len(pairs)).reshape(3, -1)
     return PairCounts(n, pairs // n, pairs % n, table[0], table[1], table[2], is_ordered)

@@ -17,7 +17,6 @@ from app.analysis.distance_prior import fit_with_prior
 from app.analysis.fit import Fit
 from app.analysis.groups import GroupComparison
 from app.analysis.scales import LOG_ODDS_PER_JOD, equivalence_columns, preference_columns
-from app.analysis.settings import LEVEL
 from app.analysis.thurstone import JOD, fit_thurstone
 from app.analysis.ties import TIE_MODELS
 from app.analysis.triads import Triads, by_participant, pooled_p_value
@@ -151,8 +150,8 @@ def intervals(fit: Fit, bootstrap: Bootstrap | None) -> tuple[Array | None, Arra
         return None, None, None
     is_few = has_few_participants(fit)
     n_people = fit.n_participants or 0
-    if bootstrap is not None and not is_few and bootstrap.has_percentiles(LEVEL, n_people):
-        low, high = bootstrap.interval(LEVEL, n_people)
+    if bootstrap is not None and not is_few and bootstrap.has_percentiles(n_people):
+        low, high = bootstrap.interval(n_people)
         return low, high, "participant bootstrap"
     half = half_widths(scores_of(fit))
     if half is None:

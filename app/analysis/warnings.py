@@ -118,7 +118,7 @@ def _fit_warnings(comparison: Comparison) -> Iterator[str]:
     if comparison.bootstrap is not None and comparison.bootstrap.n_without_maximum:
         total = len(comparison.bootstrap.scores) + comparison.bootstrap.n_without_maximum
         missing = comparison.bootstrap.n_without_maximum
-        has_percentiles = comparison.bootstrap.has_percentiles(LEVEL, fit.n_participants or 0)
+        has_percentiles = comparison.bootstrap.has_percentiles(fit.n_participants or 0)
         what = "are left out" if has_percentiles else "are too many for percentiles to hold"
         yield f"{where}: {missing} of {total} bootstrap replicates have no maximum and {what}"
 

@@ -35,9 +35,9 @@ class Condition(NamedTuple):
     letters: str | None
 
 
-def overall(rows: Sequence[Row], comparison: str = ALL) -> list[Row]:
-    """Return the rows of a comparison on all datasets together."""
-    return [row for row in rows if row["comparison"] == comparison and row["dataset"] == ALL]
+def overall(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows of all conditions on all datasets together."""
+    return [row for row in rows if row["comparison"] == row["dataset"] == ALL]
 
 
 def ranking_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
@@ -199,7 +199,7 @@ def _doubt(pair: Row) -> str:
     return "" if pair["p_holm"] < SIGNIFICANT else ", which chance can explain"
 
 
-def preferred_share(difference: float, log_theta: float = 0.0) -> float:
+def preferred_share(difference: float, log_theta: float) -> float:
     """Return the share of decided votes for the first of two conditions.
 
     Parameters
