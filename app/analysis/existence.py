@@ -7,7 +7,9 @@ linear programme then looks for such a direction.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from graphlib import TopologicalSorter
 from typing import Any
 
 import numpy as np
@@ -54,7 +56,7 @@ def ford(counts: PairCounts) -> Existence:
     graph = csr_array(coo_array((np.ones(len(winner)), (winner, beaten)), shape=(n, n)))
     n_islands, island = connected_components(graph, directed=True, connection="weak")
     if n_islands > 1:
-        return Existence("disconnected", _groups(island, np.arange(n_islands)))
+        return Existence("disconnected", _groups(island, range(n_islands)))
     n_strong, strong = connected_components(graph, directed=True, connection="strong")
     if n_strong == 1:
         return Existence("ok", (tuple(range(n)),))
@@ -89,27 +91,19 @@ def _edges(counts: PairCounts) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return beaten, winner
 
 
-def _groups(label: NDArray[np.int32], order: NDArray[np.intp]) -> tuple[tuple[int, ...], ...]:
+def _groups(label: NDArray[np.int32], order: Iterable[int]) -> tuple[tuple[int, ...], ...]:
     return tuple(tuple(int(item) for item in np.flatnonzero(label == group)) for group in order)
 
 
-def _descending(graph: csr_array, label: NDArray[np.int32], n: int) -> NDArray[np.intp]:
-    """Order the strong components topologically: each comes before the components that it beats."""
+def _descending(graph: csr_array, label: NDArray[np.int32], n: int) -> Iterator[int]:
+    """Yield the strong components in topological order: each comes before the components that it beats."""
     edges = graph.tocoo()
     winner, beaten = label[edges.coords[0]], label[edges.coords[1]]
     between = winner != beaten
-    pairs = np.unique(np.stack([winner[between], beaten[between]]), axis=1)
-    waiting_for = np.bincount(pairs[1], minlength=n)
-    ready = sorted(np.flatnonzero(waiting_for == 0).tolist())
-    order = []
-    while ready:
-        group = ready.pop(0)
-        order.append(group)
-        for other in pairs[1][pairs[0] == group]:
-            waiting_for[other] -= 1
-            if waiting_for[other] == 0:
-                ready.append(int(other))
-    return np.array(order, np.intp)
+    order: TopologicalSorter[int] = TopologicalSorter(dict.fromkeys(range(n), ()))
+    for above, below in np.unique(np.stack([winner[between], beaten[between]]), axis=1).T.tolist():
+        order.add(below, above)
+    return order.static_order()
 
 
 def recession(
