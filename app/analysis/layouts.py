@@ -197,9 +197,9 @@ def choice_codes(
     if (codes < 0).any() and set(layout.choices) <= {"none"}:
         lower = np.array([str(value).lower() for value in values], object)
         ties = TIES | {word.lower(): 2 for word in layout.choices.values()}
-        named = np.where(values == items[0], 0, np.where(values == items[1], 1, _by_word(lower, ties)))
-        if (named >= 0).all():
-            return named.astype(np.int8), "choice is the name of the preferred item"
+        by_name = np.where(values == items[0], 0, np.where(values == items[1], 1, _by_word(lower, ties)))
+        if (by_name >= 0).all():
+            return by_name.astype(np.int8), "choice is the name of the preferred item"
         columns = tuple(layout.columns.get(name, name).lower() for name in ("item_a", "item_b"))
         for first, second in (*SIDES, columns):
             guess = _by_word(lower, ties | {first: 0, second: 1})

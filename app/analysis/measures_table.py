@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, cast, get_args
 
@@ -204,12 +204,12 @@ def _check_agreement(rows: Sequence[_Row]) -> None:
                 f"row {row.number}: {_what(row)}{frame} is {row.value.value:g}, row {first.number} has it already with "
                 f"{first.value.value:g}; keep one of them, or give them different names"
             )
-        named = measures.setdefault(row.value.measure, row)
+        earlier = measures.setdefault(row.value.measure, row)
         for name in ("better", "unit"):
-            value, value_before = getattr(row.value, name), getattr(named.value, name)
+            value, value_before = getattr(row.value, name), getattr(earlier.value, name)
             if value != value_before:
                 raise VotesError(
-                    f"row {row.number}: {name} of {row.value.measure} is {value!r}, row {named.number} says "
+                    f"row {row.number}: {name} of {row.value.measure} is {value!r}, row {earlier.number} says "
                     f"{value_before!r}; expected the same for all values of a measure"
                 )
 
@@ -238,16 +238,9 @@ def _by_place(rows: Sequence[_Row]) -> Iterator[list[_Row]]:
 
 
 def _mean(rows: Sequence[_Row]) -> MeasuredValue:
-    first = rows[0].value
-    return MeasuredValue(
-        first.dataset,
-        first.approach,
-        first.measure,
-        math.fsum(row.value.value for row in rows) / len(rows),
-        first.better,
-        first.unit,
-        "; ".join(dict.fromkeys(row.value.source for row in rows if row.value.source))[:LONGEST_SOURCE],
-    )
+    mean = math.fsum(row.value.value for row in rows) / len(rows)
+    sources = "; ".join(dict.fromkeys(row.value.source for row in rows if row.value.source))
+    return replace(rows[0].value, value=mean, source=sources[:LONGEST_SOURCE])
 
 
 def _averages(averaged: Mapping[str, Sequence[int]]) -> Iterator[str]:

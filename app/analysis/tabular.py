@@ -289,11 +289,9 @@ def _read_parquet(path: Path) -> pd.DataFrame:
         frame = pd.read_parquet(path, read_dictionary=texts)  # so that a text that stands in many rows is kept once
         packed = frame.select_dtypes("category").columns
         return _understood(frame.astype(dict.fromkeys(packed, object)), "Parquet")
-    except VotesError:
+    except (FileNotFoundError, VotesError):
         raise
     except (ValueError, OSError) as error:
-        if isinstance(error, FileNotFoundError):
-            raise
         raise VotesError(f"is not readable as Parquet: {error}") from error
 
 
@@ -334,8 +332,6 @@ def _read_excel(path: Path) -> pd.DataFrame:
             _check_cells(_cells_up_to(book.book.worksheets[0].iter_rows(values_only=True)))
             sheets = [str(name) for name in book.sheet_names]
             frame = pd.read_excel(book, sheet_name=0, dtype=object, keep_default_na=False, na_values=[""])
-    except ImportError as error:
-        raise VotesError("is an Excel file, which needs the package openpyxl: pip install openpyxl") from error
     except (FileNotFoundError, VotesError):
         raise
     except Exception as error:  # openpyxl raises whatever its parts raise

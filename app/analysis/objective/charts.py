@@ -22,11 +22,11 @@ from app.analysis.drawing import (
     text_width,
     wrapped,
 )
-from app.analysis.findings.phrases import unsigned
+from app.analysis.findings.phrases import with_interval
 from app.analysis.objective.against_scores import compared_scores, score_unit
 from app.analysis.objective.labels import LABEL_SIZE, Frame, place_names
 from app.analysis.objective.logistic import Logistic
-from app.analysis.objective.prediction import directed, measures_by_rank
+from app.analysis.objective.prediction import SHARES, directed, measures_by_rank
 from app.analysis.votes_table import ALL
 
 Row = Mapping[str, Any]
@@ -173,11 +173,10 @@ def _key(items: Sequence[str], width: float) -> Any:
 
 def _subtitle(row: Row) -> list[str]:
     numbers = [
-        f"{name} {unsigned(row[key])}" + ("" if row[f"{key}_low"] is None else
-        f" [{unsigned(row[f'{key}_low'])}, {unsigned(row[f'{key}_high'])}]")
+        f"{name} {with_interval(row, key, key)}"
         for name, key in (("PLCC", "pearson_logistic"), ("SROCC", "spearman"))
         if row[key] is not None
-    ]  # fmt: skip
+    ]
     better = f"{row['better']} should be better" if row["better"] else "no stated direction"
     return [", ".join(numbers) or "too few points for a correlation", better]
 
@@ -207,7 +206,9 @@ def ranking_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
     axes = labels_of(labels, width)
     panel_width = (width - axes.extent - MARGIN - GAP * (len(shown) - 1)) / len(shown)
     for column, title, neutral in shown:
-        rows = [_ranked(last[name], column) | {"measure": label} for name, label in zip(names, labels, strict=True)]
+        rows = [
+            _ranked(last[name], column, neutral) | {"measure": label} for name, label in zip(names, labels, strict=True)
+        ]
         panel = _ranking_panel(rows, axes.axis(is_shown=not panels), labels, title, neutral)
         panels.append(panel.properties(width=panel_width, height=alt.Step(axes.step(ROW_HEIGHT))))
     subtitle = ["line: 95 % interval; filled: it excludes what a measure", "without information gets (dashed)"]
@@ -217,12 +218,10 @@ def ranking_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
     return alt.hconcat(*panels, spacing=GAP).properties(title=heading)
 
 
-def _ranked(row: Row, column: str) -> dict[str, Any]:
-    """Return a value with its interval, turned to the direction that should be better."""
-    value, low, high = row[column], row[f"{column}_low"], row[f"{column}_high"]
-    if not column.startswith("auc"):
-        value, low, high = (directed(row, name) for name in (column, f"{column}_low", f"{column}_high"))
-    neutral = 0.5 if column.startswith("auc") else 0.0
+def _ranked(row: Row, column: str, neutral: float) -> dict[str, Any]:
+    """Return a value with its interval, turned to the direction that should be better; shares in order are already."""
+    names = column, f"{column}_low", f"{column}_high"
+    value, low, high = (row[name] if column in SHARES else directed(row, name) for name in names)
     is_clear = low is not None and high is not None and not min(low, high) <= neutral <= max(low, high)
     return {"value": value, "low": low, "high": high, "chance": "excluded" if is_clear else "possible"}
 

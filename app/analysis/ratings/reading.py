@@ -69,9 +69,7 @@ def understand_ratings(
         columns = {str(name): texts(long[name].to_list()) for name in long.columns}
         counted = _exported(columns)
         table = _comparisons(counted, scale) if "item_a" in counted else _ratings(counted, scale)
-    except VotesError as error:
-        raise VotesError(f"{path}: {error}") from error
-    except ValueError as error:  # of the table itself
+    except ValueError as error:  # VotesError is one, as is what the table itself raises
         raise VotesError(f"{path}: {error}") from error
     parts = [
         frame.attrs.get("understood", ""),
