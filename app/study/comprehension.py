@@ -9,16 +9,5 @@ ANSWERS_ALONE = ("memorise", "rate", "compare")  # what one does after a film th
 
 
 def right_answer(protocol: Protocol) -> str:
-    """Return the answer that shows that the participant understood the instructions."""
+    """Return the answer that shows that the instructions were understood, of ANSWERS or ANSWERS_ALONE."""
     return "rate" if protocol in SHOWN_ALONE else "switch"
-
-
-def is_understood(answer: object, protocol: Protocol) -> bool:
-    """Does the answer show that the participant understood the instructions?
-
-    Parameters
-    ----------
-    answer : one of ANSWERS, or of ANSWERS_ALONE where films are shown alone
-    protocol : the study's
-    """
-    return answer == right_answer(protocol)

@@ -163,7 +163,7 @@ def _question(content: Any, number: int) -> Question:
 
 def _texts(content: Mapping[str, Any], part: str) -> tuple[str, ...]:
     value = content.get(part, ())
-    if not isinstance(value, list | tuple):
+    if not is_list(value):
         raise ValueError(f"question {content['name']}: its {part} are {value!r:.80}, expected a list of texts")
     return tuple(map(str, value))
 

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Mapping
 from typing import Any
 
-from app.study.comprehension import is_understood
+from app.study.comprehension import right_answer
 from app.study.options import StudyOptions
 from app.study.questionnaire import InvalidAnswerError, check_answers
 from app.study.stages import INTERVIEW, INTRODUCTION, PRACTICE
@@ -45,7 +45,7 @@ def _check_introduction(data: Mapping[str, Any], options: StudyOptions, language
     expected = consent_to_send(options, language)
     if expected is not None and data.get("consent") != expected:
         raise InvalidStageError(f"the consent is {data.get('consent')!r:.120}, expected one to {expected}")
-    if options.comprehension and not is_understood(data.get("comprehension"), options.protocol):
+    if options.comprehension and data.get("comprehension") != right_answer(options.protocol):
         raise InvalidStageError("the question on the instructions is not answered right")
 
 

@@ -90,7 +90,7 @@ def check_viewing(
 
 def without_unknowns(viewing: dict[str, Any]) -> dict[str, Any]:
     """Leave out of a viewing record what a client says it does not know: null means as much as leaving out."""
-    known = {name: value for name, value in viewing.items() if value is not None}
+    known = _without_nulls(viewing)
     known["switches"] = [_without_nulls(switch) for switch in viewing["switches"]]
     if "dwell_ms" in known:
         known["dwell_ms"] = _without_nulls(known["dwell_ms"])

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from app.study.entries import is_list
 from app.study.language_pack import (
     MODEL,
     TAG,
@@ -22,7 +23,7 @@ from app.study.language_pack import (
     nested_texts,
     text_faults,
 )
-from app.study.protocols import Protocol, texts_of
+from app.study.protocols import IN_PROTOCOLS, Protocol, texts_of
 from app.study.questionnaire import Question
 
 if TYPE_CHECKING:
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
 
 CONSENT, DEBRIEFING, NAME = "study.consent", "study.debriefing", "study.name"
 QUESTIONS = "questions"
-# Texts of packs that fit other protocols than pair comparison, in place of those of the same key.
-PROTOCOLS = "protocols"
 LONGEST_TEXT = 20_000  # characters of a consent text
 LONGEST_NAME = 200  # characters of a study's name
 
@@ -174,8 +173,8 @@ def parse_languages(content: Any) -> tuple[str, ...]:
     ValueError
         If it is not a list of different language tags.
     """
-    is_list = isinstance(content, list | tuple) and all(isinstance(tag, str) and TAG.fullmatch(tag) for tag in content)
-    if not is_list or len(set(content)) < len(content):
+    is_of_tags = is_list(content) and all(isinstance(tag, str) and TAG.fullmatch(tag) for tag in content)
+    if not is_of_tags or len(set(content)) < len(content):
         raise ValueError(f'languages is {content!r}, expected a list of different tags such as ["en", "de"]')
     return tuple(content)
 
@@ -236,7 +235,7 @@ def _faults_of_own(key: str, text: Any, questions: Mapping[str, Question]) -> li
     if group == QUESTIONS:
         name, _, part = rest.partition(".")
         return _question_faults(key, part, text, questions.get(name))
-    if key not in model_texts() or group == PROTOCOLS:
+    if key not in model_texts() or key.startswith(IN_PROTOCOLS):
         return [f"{key!r} is not known; expected a key of the language packs, {CONSENT}, {DEBRIEFING} or {NAME}"]
     if len(str(text)) > LONGEST_TEXT:
         return [f"{key}: expected a text of at most {LONGEST_TEXT} characters"]
@@ -249,8 +248,8 @@ def _question_faults(key: str, part: str, text: Any, question: Question | None) 
     if part == "text":
         return [] if isinstance(text, str) and text.strip() else [f"{key} is {text!r:.40}, expected the question"]
     n = len(question.options) if question.kind == "choice" else 2
-    is_list = isinstance(text, list) and len(text) == n and all(isinstance(label, str) and label for label in text)
-    if question.kind not in ("choice", "scale") or not is_list:
+    is_complete = is_list(text) and len(text) == n and all(isinstance(label, str) and label for label in text)
+    if question.kind not in ("choice", "scale") or not is_complete:
         of_what = "its options" if question.kind == "choice" else "the two ends of a scale"
         return [f"{key} is {text!r:.60}, expected a list of labels for {of_what}"]
     return []

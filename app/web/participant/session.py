@@ -21,7 +21,7 @@ from app.store.sessions import (
     withdraw,
 )
 from app.store.studies import study_by_id
-from app.study.comprehension import is_understood
+from app.study.comprehension import right_answer
 from app.study.questionnaire import LONGEST_ANSWER, MOST_QUESTIONS
 from app.study.stage_data import InvalidStageError, check_stage_data, consent_to_send
 from app.study.stages import INTERVIEW, IllegalMoveError
@@ -77,7 +77,7 @@ def asked(request: Request, signed_in: Participant) -> AskedView:
 @router.put("/session/comprehension")
 def mark_comprehension(body: ComprehensionBody, signed_in: Participant) -> ComprehensionView:
     """Mark the answer to the question on the instructions; the page does not know which is right."""
-    understood = is_understood(body.answer, signed_in.session.options.protocol)
+    understood = body.answer == right_answer(signed_in.session.options.protocol)
     if not understood:
         log.info("session %s: the instructions were not understood (%s)", signed_in.session.public_id, body.answer)
     return ComprehensionView(understood=understood)
