@@ -106,7 +106,7 @@ def _write_table(connection: Connection, table: Table, archive: ZipFile) -> dict
         for row in connection.execute(
             select(table).order_by(*table.primary_key).execution_options(yield_per=ROWS_AT_ONCE)
         ):
-            line = json.dumps({name: _plain(value) for name, value in row._mapping.items()}).encode() + b"\n"
+            line = json.dumps(dict(row._mapping), default=datetime.isoformat).encode() + b"\n"
             digest.update(line)
             file.write(line)
             n_rows += 1
@@ -251,10 +251,6 @@ def _moments(row: Mapping[str, Any], names: Iterable[str], is_sqlite: bool) -> d
     if is_sqlite:  # keeps no time zone
         return {name: moment and moment.astimezone(UTC).replace(tzinfo=None) for name, moment in moments.items()}
     return moments
-
-
-def _plain(value: Any) -> Any:
-    return value.isoformat() if isinstance(value, datetime) else value
 
 
 def faults_of(database: Database) -> list[str]:
