@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from recon.rig import Camera, Rig, bounds_corners, checked_bounds, look_at
+from recon.rig import Camera, Rig, bounds_corners, checked_bounds, look_at, transformed
 
 FINE_STEPS = 2000  # of the path's arc length; a step is far below what an eye sees
 POLE_DEG = 85.0  # nearer to straight above or below, "world y is up" says nothing about the picture
@@ -194,7 +194,7 @@ def _framing(
     """Choose the camera matrix (3, 3) with which the bounds stay inside the margin from every place."""
     corners = bounds_corners(bounds)
     unit = [look_at(place, bounds.mean(axis=0)) for place in places]
-    in_cameras = np.array([corners @ pose[:3, :3].T + pose[:3, 3] for pose in unit])  # (frames, 8, 3)
+    in_cameras = np.array([transformed(corners, pose) for pose in unit])  # (frames, 8, 3)
     extent = np.abs(in_cameras[..., :2] / in_cameras[..., 2:]).max(axis=(0, 1))  # tangents, horizontal and vertical
     focal = float((np.array(size) / 2 * parameters.margin / extent).min())
     return np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]])

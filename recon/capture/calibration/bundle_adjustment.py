@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.rig import Camera, rigid
+from recon.rig import Camera, rigid, transformed
 
 MAX_STEPS = 30
 SMALLEST_GAIN = 1e-9  # of the cost, share; a smaller one ends
@@ -153,7 +153,7 @@ def _linearised(
     sighting: Sighting, camera: Camera, world_from_board: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return errors (2N,), pixels, and derivatives by the camera's unknowns (2N, N_POSE + N_LENS) and the board's."""
-    in_world = sighting.points @ world_from_board[:3, :3].T + world_from_board[:3, 3]
+    in_world = transformed(sighting.points, world_from_board)
     in_camera = camera.points_in_camera(in_world)
     pixels, derivatives = cv2.projectPoints(in_camera, np.zeros(3), np.zeros(3), camera.K, camera.dist)
     by_place = derivatives[:, 3:6].reshape(-1, 2, 3)

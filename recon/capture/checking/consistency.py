@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from recon.capture.checking.matches import NO_MATCHES, Matches, epipolar_errors, joined
 from recon.capture.rectify import viewing_directions
-from recon.rig import Camera, Sensor, rigid
+from recon.rig import Camera, Sensor, rigid, transformed
 
 SAME_FEATURE_PX = 1.0  # a feature of one matching found again in another
 MAX_EPIPOLAR_PX = 2.0  # matches within a sensor that are farther from their line are wrong ones
@@ -267,22 +267,17 @@ def _moved(
     for _ in range(ROUNDS):
         chosen = rng.choice(len(first), N_CHOSEN, replace=False)
         tried = _rigid_move(second[chosen], first[chosen])
-        n = _n_together(first, _moved_points(second, tried), tolerance_mm)
+        n = _n_together(first, transformed(second, tried), tolerance_mm)
         if n > best:
             best, move = n, tried
     for _ in range(POLISHING):
-        follows = np.linalg.norm(first - _moved_points(second, move), axis=1) < tolerance_mm
+        follows = np.linalg.norm(first - transformed(second, move), axis=1) < tolerance_mm
         move = _rigid_move(second[follows], first[follows]) if np.count_nonzero(follows) >= MIN_AGREEING else move
-    best = max(best, _n_together(first, _moved_points(second, move), tolerance_mm))
+    best = max(best, _n_together(first, transformed(second, move), tolerance_mm))
     angle = float(np.rad2deg(np.linalg.norm(cv2.Rodrigues(move[:3, :3])[0])))
-    off = float(np.median(np.linalg.norm(_moved_points(second, move) - second, axis=1)))
+    off = float(np.median(np.linalg.norm(transformed(second, move) - second, axis=1)))
     what = f"turned by about {angle:.1f} degrees, and what it sees is {off:.0f} mm off"
     return Explanation(best - N_CHOSEN, f"{{}} was moved as a whole: {what}")
-
-
-def _moved_points(points: NDArray[np.float64], move: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Move points (N, 3) by a rigid transform (4, 4)."""
-    return np.asarray(points @ move[:3, :3].T + move[:3, 3])
 
 
 def _rigid_move(source: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -22,7 +22,7 @@ from recon.capture.images import read_image
 from recon.capture.importing.sources import ImportOptions, Recording, SensorSource, faults_at, write_recording
 from recon.capture.pictures import Pictures
 from recon.capture.recording import check_bounds
-from recon.rig import Camera, bounds_corners, rigid
+from recon.rig import Camera, bounds_corners, rigid, transformed
 
 TEMPLE_PAIRS = ((13, 14), (20, 21), (27, 28))  # three sensors 53 degrees apart
 MM_PER_METRE = 1000.0
@@ -157,7 +157,7 @@ def _check_motion(
     bounds: NDArray[np.float64],
 ) -> None:
     corners = bounds_corners(bounds)
-    moved = corners @ motion[:3, :3].T + motion[:3, 3]
+    moved = transformed(corners, motion)
     for view in (view for pair in pairs for view in pair):
         fixed, turned = views[view], views[view + frame]
         error = float(np.linalg.norm(fixed.camera.project(moved) - turned.camera.project(corners), axis=1).max())
@@ -184,7 +184,7 @@ def _published_bounds(listing: Path) -> NDArray[np.float64]:
 
 def _swept(bounds: NDArray[np.float64], motions: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
     corners = bounds_corners(bounds)
-    swept = np.concatenate([corners @ motion[:3, :3].T + motion[:3, 3] for motion in motions])
+    swept = np.concatenate([transformed(corners, motion) for motion in motions])
     margin = BOUNDS_MARGIN * float((bounds[1] - bounds[0]).max())
     return np.stack([swept.min(axis=0) - margin, swept.max(axis=0) + margin])
 
