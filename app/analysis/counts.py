@@ -54,7 +54,13 @@ def outcome_index(votes: VotesTable, *, is_ordered: bool) -> tuple[Index, Index,
 
 
 def exchanged(rows: NDArray[np.bool_], first: Index, second: Index, outcome: Index) -> tuple[Index, Index, Index]:
-    """Exchange the two items of some rows, bool (N,), and turn the outcome; all as `outcome_index` returns them."""
+    """Exchange the two items of some rows, and turn the outcome.
+
+    Parameters
+    ----------
+    rows : bool (N,), which
+    first, second, outcome : intp (N,) each, as `outcome_index` returns them
+    """
     turned = np.where(rows & (outcome < 2), 1 - outcome, outcome)
     return np.where(rows, second, first), np.where(rows, first, second), turned
 

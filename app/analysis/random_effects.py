@@ -60,7 +60,7 @@ class State(NamedTuple):
     by_person: Array
     by_dataset: Array
 
-    def moved(self, step: State, factor: float = 1.0) -> State:
+    def moved(self, step: State, factor: float) -> State:
         """Return the values after a step."""
         return State(*(part + factor * change for part, change in zip(self, step, strict=True)))
 
