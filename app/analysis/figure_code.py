@@ -1,4 +1,4 @@
-"""Give the code, in Python and in R, that draws a figure anew from analysis.json."""
+"""Give the rows of analysis.json behind a figure, and the code, in Python and in R, that draws it anew from them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Drawn:
     ----------
     table : its name
     rows : column -> value of the rows that are drawn
-    y : column of the names
+    y : column of the names; empty if the figure draws more than a column's values
     x : column of the values
     ends : columns of the limits of the intervals, if it draws any
     panels : column that gives each panel its name, empty for a single panel
@@ -26,10 +26,21 @@ class Drawn:
 
     table: str
     rows: Mapping[str, str]
-    y: str
-    x: str
+    y: str = ""
+    x: str = ""
     ends: tuple[str, str] | None = None
     panels: str = ""
+
+
+def figure_rows(name: str, analysis: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return the rows that a figure draws.
+
+    Parameters
+    ----------
+    name, analysis : as in `figure_code`
+    """
+    drawn = _drawn(name, analysis)
+    return [row for row in analysis[drawn.table] if drawn.rows.items() <= row.items()]
 
 
 def figure_code(name: str, analysis: Mapping[str, Any]) -> dict[str, str]:
@@ -43,10 +54,10 @@ def figure_code(name: str, analysis: Mapping[str, Any]) -> dict[str, str]:
     analysis : the content of analysis.json
     """
     drawn = _drawn(name, analysis)
-    return {} if drawn is None else {"Python": _python(drawn), "R": _r(drawn)}
+    return {"Python": _python(drawn), "R": _r(drawn)} if drawn.y else {}
 
 
-def _drawn(name: str, analysis: Mapping[str, Any]) -> Drawn | None:
+def _drawn(name: str, analysis: Mapping[str, Any]) -> Drawn:
     ends = ("ci_low", "ci_high")
     kind, _, which = name.partition("_")
     if kind in ("scores", "levels"):
@@ -55,11 +66,15 @@ def _drawn(name: str, analysis: Mapping[str, Any]) -> Drawn | None:
     if kind == "group":
         grouping = names_by_file(analysis["groups"], "grouping")[which]
         return Drawn("groups", {"grouping": grouping, "dataset": ALL}, "item", "score", ends, "group")
-    return FIGURES.get(name)
+    if kind == "measure":
+        return Drawn("measures", {"measure": names_by_file(analysis["measures"], "measure")[which]})
+    return FIGURES[name]
 
 
 FIGURES = {
     "preferences": Drawn("pairs", {"comparison": ALL, "dataset": ALL}, "item_a", "a", panels="item_b"),
+    "residuals": Drawn("pairs", {"comparison": ALL, "dataset": ALL}),
+    "measures": Drawn("measures", {}),
     "triads": Drawn("triads_pooled", {}, "participant", "circular"),
     "response_times": Drawn("observers", {}, "participant", "median_response_ms"),
     "opinion_scores": Drawn("rating_items", {}, "condition", "mos", ("ci_low", "ci_high"), "dataset"),

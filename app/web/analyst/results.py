@@ -34,12 +34,6 @@ if TYPE_CHECKING:
 RESULTS_KEPT = 16  # the latest; one of a study with 100 participants takes some MB
 ASSIGNED = "assigned group"  # beside the questions that participants are grouped by
 TABLE_NAMES = {"ratings": "rating_items", "comparisons": "comparison_items"}  # in analysis.json
-FIGURE_TABLES = {  # in analysis.json, of figures of ratings
-    "opinion_scores": "rating_items",
-    "differential_scores": "rating_items",
-    "raters": "raters",
-    "comparison_scores": "comparison_items",
-}
 FIGURE_TYPES = {"svg": "image/svg+xml", "png": "image/png", "pdf": "application/pdf", "csv": "text/csv; charset=utf-8"}
 
 
@@ -296,37 +290,15 @@ def figure(results: Results, name: str, kind: str) -> bytes | None:
     kind : a key of FIGURE_TYPES, or `vega` for a specification
     """
     from app.analysis.drawing import chart_svg, chart_vega, svg_pdf, svg_png
+    from app.analysis.figure_code import figure_rows
 
     _, chart = results.charts.get(name, ("", None))
     if chart is None or results.analysis is None:
         return None
     if kind == "csv":
-        rows = _figure_rows(results.analysis, name)
+        rows = figure_rows(name, results.analysis)
         return csv_text(rows, with_others((), rows)).encode()
     if kind == "vega":
         return chart_vega(chart).encode()
     svg = chart_svg(chart)
     return svg.encode() if kind == "svg" else svg_png(svg) if kind == "png" else svg_pdf(svg)
-
-
-def _figure_rows(analysis: Mapping[str, Any], name: str) -> Sequence[Mapping[str, Any]]:
-    """Return the numbers behind a figure."""
-    from app.analysis.figure_code import names_by_file
-
-    kind, _, which = name.partition("_")
-    if name in FIGURE_TABLES:
-        return list(analysis.get(FIGURE_TABLES[name], ()))
-    if kind in ("scores", "levels"):
-        wanted = names_by_file(analysis["scores"], "comparison").get(which, "all")
-        return [row for row in analysis["scores"] if row["comparison"] == wanted]
-    if kind in ("preferences", "residuals"):
-        return [row for row in analysis["pairs"] if row["comparison"] == "all"]
-    if kind == "triads":
-        return list(analysis["triads"])
-    if kind == "response":
-        return list(analysis["observers"])
-    if name == "measures":
-        return list(analysis["measures"])
-    table, column = ("measures", "measure") if kind == "measure" else ("groups", "grouping")
-    wanted = names_by_file(analysis[table], column)[which]
-    return [row for row in analysis[table] if row[column] == wanted]

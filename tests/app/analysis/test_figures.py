@@ -25,7 +25,7 @@ from app.analysis.drawing import (
     text_width,
     wrapped,
 )
-from app.analysis.figure_code import figure_code
+from app.analysis.figure_code import figure_code, figure_rows
 from app.analysis.figures import drawn_figures, named_charts
 from app.files import write_json
 from tests.app.analysis.test_findings import CLEAR, votes_by
@@ -133,6 +133,14 @@ def test_the_code_of_every_figure_draws_it(
         exec(code["Python"].replace("save(", "to_dict() and str("), {})
         assert "ggplot" in code["R"]
     assert all(figure.code for figure in drawn_figures(few) if figure.name != "residuals")
+
+
+def test_the_numbers_of_a_figure_are_those_that_it_draws(few: dict[str, Any]) -> None:
+    assert figure_rows("triads", few) == few["triads_pooled"]
+    assert {row["dataset"] for row in figure_rows("scores", few)} == {"box 2", "box 10", "all"}
+    for name in ("preferences", "residuals", "group_age"):
+        assert {row["dataset"] for row in figure_rows(name, few)} == {"all"}
+    assert all(figure_rows(figure.name, few) for figure in drawn_figures(few))
 
 
 def test_names_that_differ_in_signs_alone_have_figures_of_their_own() -> None:
