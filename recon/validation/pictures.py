@@ -15,6 +15,7 @@ SIDE_PX = 360  # of each of the four squares
 MAP_CELLS, TITLE_PX = 60, 22  # at most, along the longer edge of a face; above its map
 POINTS_A_CELL = 4  # of a face, on average, or its map is full of holes
 BACKGROUND = 205  # grey, on which white is seen
+GAP_PX = 12  # between pictures in a row
 SCALE_PX, SCALE_WIDTH_PX = 32, 240  # of the strip of colours under a picture
 TILE_PX = 300
 AROUND = 0.05  # of a mask's longer side: what is shown around it
@@ -126,11 +127,11 @@ def face_map(places: NDArray[np.float64], errors: NDArray[np.float64], limit: fl
     return picture
 
 
-def in_a_row(pictures: Sequence[NDArray[np.uint8]], gap: int = 12) -> NDArray[np.uint8]:
+def in_a_row(pictures: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
     """Set pictures uint8 (H, W, 3) beside each other, with white between them and below the shorter."""
     height = max(picture.shape[0] for picture in pictures)
-    parts = [np.pad(p, ((0, height - p.shape[0]), (0, gap), (0, 0)), constant_values=255) for p in pictures]
-    return np.concatenate(parts, axis=1)[:, :-gap]
+    parts = [np.pad(p, ((0, height - p.shape[0]), (0, GAP_PX), (0, 0)), constant_values=255) for p in pictures]
+    return np.concatenate(parts, axis=1)[:, :-GAP_PX]
 
 
 def with_colour_scale(picture: NDArray[np.uint8], limit: float, unit: str = "mm") -> NDArray[np.uint8]:

@@ -15,6 +15,7 @@ MAX_STEPS = 30
 STEP_RAD = 1e-6
 CUTOFF = 3.0  # Tukey's constant in standard deviations; tighter than 4.685, as for spheres: points abound
 MIN_SCALE_SHARE = 1e-4  # of the band: a perfect plane still gets a cutoff
+N_TRIALS = 400  # planes through three points, for each plane that is looked for
 CHUNK = 64  # planes that are scored together
 
 
@@ -110,12 +111,12 @@ def _consensus(points: NDArray[np.float64], band: float, reach: float, rng: np.r
 
 
 def _trials(
-    points: NDArray[np.float64], reach: float, rng: np.random.Generator, n_trials: int = 400
+    points: NDArray[np.float64], reach: float, rng: np.random.Generator
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return normals (T, 3) and offsets (T,) of planes through a random point and two within reach of it."""
     from scipy.spatial import cKDTree
 
-    seeds = points[rng.integers(0, len(points), n_trials)]
+    seeds = points[rng.integers(0, len(points), N_TRIALS)]
     triples = []
     neighbours = cKDTree(points).query_ball_point(list(seeds), reach)
     for seed, near in zip(seeds, neighbours, strict=True):

@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 
 from recon.render.quality import MARGIN
 from recon.validation.films.likeness import similarity_map
-from recon.validation.pictures import tile, window_around
+from recon.validation.pictures import ORANGE, tile, window_around
 
-OUTLINE = (213, 94, 0)  # Okabe and Ito's vermilion
 TITLES = ("reference", "film", "SSIM: black is unlike")
 
 
@@ -32,6 +31,6 @@ def comparison_picture(
         coloured = np.repeat(grey[..., None], 3, axis=2)
         if silhouette is not None:
             outlines, _ = cv2.findContours(silhouette.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-            cv2.drawContours(coloured, outlines, -1, OUTLINE, 1)
+            cv2.drawContours(coloured, outlines, -1, ORANGE, 1)
         tiles.append(tile(coloured[window_around(shown)], title))
     return np.concatenate(tiles, axis=1)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import error_colours
-from recon.validation.pictures import BACKGROUND, CIRCLE, with_colour_scale
+from recon.validation.pictures import BACKGROUND, CIRCLE, ORANGE, with_colour_scale
 from recon.validation.sampling import subsample
 from recon.validation.sphere.cells import N_RINGS, N_SECTORS, cap_of
 from recon.validation.sphere.exclusion import COHERENT_CELLS
@@ -15,7 +15,6 @@ from recon.validation.sphere.model import SphereFit
 
 SIDE_PX, BLOCK_PX = 540, 5  # of the picture, and of the map
 REACH = 1.04  # of the radius: half the picture
-OUTLINED = (213, 94, 0)
 TEXT_SIZE = 0.45
 
 
@@ -42,7 +41,7 @@ def cell_picture(points: NDArray[np.float32], fit: SphereFit, limit: float) -> N
         arcs = [ends[ring] * _unit(turns), ends[ring + 1] * _unit(turns[::-1])]
         is_largest = cell in largest
         cv2.polylines(
-            picture, [_pixels(np.concatenate(arcs))], True, OUTLINED if is_largest else CIRCLE, 2 if is_largest else 1,
+            picture, [_pixels(np.concatenate(arcs))], True, ORANGE if is_largest else CIRCLE, 2 if is_largest else 1,
             cv2.LINE_AA,
         )  # fmt: skip
         if np.isfinite(medians[cell]):

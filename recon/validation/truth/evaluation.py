@@ -183,9 +183,7 @@ def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, A
 
 def distances_to(shape: Shape, points: NDArray[np.floating]) -> NDArray[np.float64]:
     """Compute the distance (N,) of points (N, 3) to a shape, mm: to its triangles where it has any, else to points."""
-    if not len(shape.faces):
-        return nearest_distances(points, shape.points)
-    return TriangleTree(shape.points, shape.faces).nearest(points).distances
+    return np.abs(signed_distances_to(shape, points))
 
 
 def signed_distances_to(shape: Shape, points: NDArray[np.floating]) -> NDArray[np.float64]:

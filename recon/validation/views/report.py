@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from recon.capture.images import write_picture
 from recon.geometry.mesh import error_colours
 from recon.validation.page import PALETTE, Section, percent, plain_name, write_figure, write_numbers, write_page
-from recon.validation.pictures import tile, window_around
+from recon.validation.pictures import BACKGROUND, tile, window_around
 from recon.validation.views.evaluation import FLOOR, Comparison
 from recon.validation.views.image_quality import luma
 from recon.validation.views.novel_view import Photograph
@@ -150,7 +150,7 @@ def comparison_picture(comparison: Comparison) -> NDArray[np.uint8]:
     empty = tile(np.full_like(photograph.pixels[window], 255), "")
     columns = [np.concatenate([tile(photograph.pixels[window], "photograph"), empty])]
     for approach, (picture, covered) in comparison.pictures.items():
-        drawn = np.where(covered[..., None], picture, 205).astype(np.uint8)
+        drawn = np.where(covered[..., None], picture, BACKGROUND).astype(np.uint8)
         difference = difference_picture(picture, covered, photograph)
         columns.append(np.concatenate([tile(drawn[window], approach), tile(difference[window], "difference")]))
     columns += [np.full_like(columns[0], 255)] * (-len(columns) % ACROSS)
@@ -172,7 +172,7 @@ def difference_picture(
     mask = np.ones_like(covered) if photograph.mask is None else photograph.mask
     errors = luma(picture) - luma(photograph.pixels)
     colours = error_colours(errors.ravel(), DIFFERENCE_LIMIT).reshape(picture.shape)
-    colours[~covered] = 205
+    colours[~covered] = BACKGROUND
     colours[~covered & ~mask] = 235
     colours[covered & ~mask] = (240, 228, 66)  # Okabe and Ito's yellow
     return colours
