@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from datetime import datetime, timedelta
 from typing import Any, Literal
-from urllib.parse import quote
 
 from app.study.entries import Entries, is_list
 
@@ -86,7 +85,7 @@ class OutsideOptions:
         """
         values = {"id": arrival.outside_id, **arrival.kept} if arrival else {}
         values |= {"code": code}
-        return PLACEHOLDER.sub(lambda place: quote(values.get(place[1], ""), safe=""), self.url(ending))
+        return PLACEHOLDER.sub(lambda place: _encoded(values.get(place[1], "")), self.url(ending))
 
     def arrival(self, parameters: Mapping[str, str]) -> Arrival | None:
         """Read what a link says of the person who follows it; None where the study takes people without an id.
@@ -142,6 +141,11 @@ class LimitOptions:
     def begun_before(self, now: datetime) -> datetime | None:
         """Return when the participants began whose time is over now; None: it never is."""
         return now - timedelta(minutes=self.minutes) if self.minutes else None
+
+
+def _encoded(value: str) -> str:
+    """Percent-encode what is not unreserved in a URL; the values are ASCII."""
+    return re.sub(r"[^A-Za-z0-9._~-]", lambda sign: f"%{ord(sign[0]):02X}", value)
 
 
 def parse_outside(content: Any) -> OutsideOptions:
