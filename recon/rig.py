@@ -15,6 +15,14 @@ ROTATION_TOLERANCE = 1e-3  # published calibrations carry about four digits
 MIN_BASELINE_MM = 1e-3
 UP = np.array([0.0, 1.0, 0.0])
 OPENGL = np.array([1.0, -1.0, -1.0])  # per camera axis: OpenGL's y points up and its z backwards, OpenCV's do not
+Y_FROM = {
+    "y": np.eye(3),
+    "-y": np.diag([1.0, -1.0, -1.0]),
+    "z": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
+    "-z": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
+    "x": np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]),
+    "-x": np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
+}  # rotations that turn an axis of another world to this one's +y, by the axis
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,14 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from recon.geometry.glb import GLB_BINARY, GLB_JSON, GLB_MAGIC
+from recon.geometry.glb import GLB_BINARY, GLB_JSON, GLB_MAGIC, WIDTHS
 from recon.geometry.srgb import light_of_bytes, srgb_bytes
 from recon.models.part import Contents, Part, check_finite, decode_picture
 from recon.rig import transformed
 from recon.storage.files import why_no_file
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 POINTS, TRIANGLES, STRIP, FAN = 0, 4, 5, 6
 READ_EXTENSIONS = {"KHR_materials_unlit", "KHR_mesh_quantization", "KHR_texture_transform", "EXT_texture_webp"}
 BROKEN = (  # what reading raises where the document says something else than the standard

@@ -14,20 +14,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from recon.capture.format import CAPTURE_FILE, Capture, read_draft
 from recon.models.folder import SafeName
 from recon.models.read import MM, Placement
-from recon.rig import Camera, Rig, Sensor, look_at
+from recon.rig import Y_FROM, Camera, Rig, Sensor, look_at
 from recon.storage.artefacts import file_digest
 from recon.storage.files import allowed, read_json
 from recon.storage.remote import is_there, place
 
 SCENE_FILE = "scene.json"
-Y_FROM = {  # which axes of the model become the world's x, y and z
-    "x": ((0, -1, 0), (1, 0, 0), (0, 0, 1)),
-    "-x": ((0, 1, 0), (-1, 0, 0), (0, 0, 1)),
-    "y": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
-    "-y": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
-    "z": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
-    "-z": ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
-}
 SIMILAR = 1e-3  # relative; how far a transform may be from a rotation with one scale
 SMALL_BASELINE_MM = 60.0  # of the sensor that stands for the camera of an orbit
 
@@ -209,7 +201,7 @@ def _beside(folder: Path, address: str) -> Path:
 def _world_from_model(content: _Content, problems: list[str]) -> NDArray[np.float64]:
     """Return float64 (4, 4): first the unit and the axes, then the transform of the file."""
     matrix = np.eye(4)
-    matrix[:3, :3] = np.array(Y_FROM[content.up]) * MM[content.units]
+    matrix[:3, :3] = Y_FROM[content.up] * MM[content.units]
     if content.world_from_model is None:
         return matrix
     given = np.array(content.world_from_model, dtype=np.float64)

@@ -263,7 +263,7 @@ def cut(mesh: Mesh, field: NDArray[np.floating]) -> Mesh:
     return Mesh(extended(mesh.vertices), np.concatenate(faces), normals, colours)
 
 
-def smooth_rims(mesh: Mesh, rounds: int = SMOOTHING_ROUNDS) -> Mesh:
+def smooth_rims(mesh: Mesh) -> Mesh:
     """Smooth the open rims of a mesh along themselves, within the surface; the vertices beside them follow."""
     rims = rim_edges(mesh.faces)
     is_rim = np.zeros(len(mesh.vertices), dtype=bool)
@@ -280,7 +280,7 @@ def smooth_rims(mesh: Mesh, rounds: int = SMOOTHING_ROUNDS) -> Mesh:
     starts = np.concatenate([[0], np.cumsum(counts)])
     mean = csr_array((np.repeat(1 / counts, counts), keys & 0xFFFFFFFF, starts), shape=(len(rows), len(mesh.vertices)))
     vertices, normals = mesh.vertices.astype(np.float64), mesh.normals[rows].astype(np.float64)
-    for _ in range(rounds):
+    for _ in range(SMOOTHING_ROUNDS):
         for step in SMOOTHING_STEPS:
             move = mean @ vertices - vertices[rows]
             move -= (move * normals).sum(axis=1, keepdims=True) * normals

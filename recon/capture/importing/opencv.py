@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from recon.capture.format import Capture
 from recon.capture.images import CaptureError
-from recon.capture.importing.sources import UPWARDS, ImportOptions, Recording, SensorSource, faults_at, write_recording
+from recon.capture.importing.sources import ImportOptions, Recording, SensorSource, faults_at, write_recording
 from recon.capture.pictures import find_pictures
-from recon.rig import Camera, Rig, Sensor, rigid
+from recon.rig import Y_FROM, Camera, Rig, Sensor, rigid
 from recon.storage.files import check_exists, whole_file
 
 SUFFIXES = (".yml", ".yaml", ".xml")
@@ -34,7 +34,7 @@ KEYS: dict[str, tuple[str, ...]] = {
 }
 SIZE_KEYS = ("image_size", "imageSize", "size")
 OPTIONAL = ("D1", "D2")
-CAMERA_FROM_WORLD = rigid(UPWARDS["-y"], np.zeros(3))  # of a left camera whose pose nobody tells
+CAMERA_FROM_WORLD = rigid(Y_FROM["-y"], np.zeros(3))  # of a left camera whose pose nobody tells
 
 
 def import_opencv(source: Path, out: Path, options: ImportOptions | None = None) -> Capture:

@@ -32,19 +32,11 @@ from recon.capture.format import (
 from recon.capture.images import video_times
 from recon.capture.pictures import DEFAULT_FPS, Pictures, common_rate, copy_file
 from recon.capture.recording import SIDES, check_bounds
-from recon.rig import Camera, rigid
+from recon.rig import Y_FROM, Camera, rigid
 from recon.storage.files import new_folder
 
 MOST_STEPS = 2  # from a picture's number to the next one's, on average; above, the numbers are times or the like
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
-UPWARDS = {
-    "y": np.eye(3),
-    "-y": np.diag([1.0, -1.0, -1.0]),
-    "z": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
-    "-z": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
-    "x": np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]),
-    "-x": np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
-}  # rotations that turn this axis of the source's world to +y
 
 
 class GapWarning(UserWarning):
@@ -62,7 +54,7 @@ class ImportOptions:
     bounds : float64 (2, 3), in the capture's world and mm
     unit_mm : length of the source's unit, mm, None for the importer's default
     fps : frames per second
-    up : axis of the source's world that points upwards, a key of UPWARDS; None for the importer's default
+    up : axis of the source's world that points upwards, a key of Y_FROM; None for the importer's default
     """
 
     name: str | None = None
@@ -112,7 +104,7 @@ class Recording:
     ----------
     bounds : float64 (2, 3), mm, in the source's world
     held_out : cameras with their photographs of frame 0
-    up : axis of the source's world that points upwards, a key of UPWARDS
+    up : axis of the source's world that points upwards, a key of Y_FROM
     """
 
     name: str
@@ -172,7 +164,7 @@ def write_recording(out: Path, recording: Recording, options: ImportOptions) -> 
     """
     if not recording.sensors:
         raise CaptureError("the source names no sensors, expected at least one")
-    turn = rigid(UPWARDS[options.up or recording.up], np.zeros(3))
+    turn = rigid(Y_FROM[options.up or recording.up], np.zeros(3))
     fps = options.fps or recording.fps or _video_fps(recording) or DEFAULT_FPS
     sensors = tuple(_stream(source, turn) for source in recording.sensors)
     names = _held_out_names([path for _, path in recording.held_out])
@@ -201,8 +193,8 @@ def write_recording(out: Path, recording: Recording, options: ImportOptions) -> 
 
 
 def _check_up(up: str) -> None:
-    if up not in UPWARDS:
-        raise CaptureError(f"up is {up!r}, expected one of {', '.join(UPWARDS)}")
+    if up not in Y_FROM:
+        raise CaptureError(f"up is {up!r}, expected one of {', '.join(Y_FROM)}")
 
 
 def _stream(source: SensorSource, turn: NDArray[np.float64]) -> SensorStream:

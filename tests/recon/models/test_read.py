@@ -19,7 +19,7 @@ from recon.geometry.mesh_files import write_mesh
 from recon.geometry.normals import surface_normals
 from recon.geometry.srgb import srgb_bytes
 from recon.models.read import NEUTRAL, Placement, read_contents, read_model
-from recon.models.scene_file import Y_FROM
+from recon.rig import Y_FROM
 from tests.recon.geometry.test_mesh import mesh_of
 
 EYE = tuple(map(tuple, np.eye(4).tolist()))
@@ -457,7 +457,7 @@ def test_linear_light_becomes_srgb_by_the_standard() -> None:
 
 @pytest.mark.parametrize("up", Y_FROM)
 def test_the_up_axis_of_a_model_becomes_the_worlds_y(up: str) -> None:
-    turn = np.array(Y_FROM[up])
+    turn = Y_FROM[up]
     axis = np.zeros(3)
     axis["xyz".index(up[-1])] = -1 if up.startswith("-") else 1
     assert np.array_equal(turn @ axis, [0, 1, 0])
