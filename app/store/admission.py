@@ -1,4 +1,4 @@
-"""Admission: who is let into a study, and how a session begins with its slot and its order of trials."""
+"""Let participants into a study, and begin their sessions, each with its slot and its order of trials."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""3D models attached to a study; attaching one again replaces it."""
+"""Keep the 3D models that are attached to a study; attaching one again replaces it."""
 
 from __future__ import annotations
 

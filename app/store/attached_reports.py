@@ -1,4 +1,4 @@
-"""Reports of objective evaluation attached to a study; another one of the same kind and subject replaces it."""
+"""Keep reports of objective evaluation attached to a study; another of the same kind and subject replaces one."""
 
 from __future__ import annotations
 

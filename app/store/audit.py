@@ -1,4 +1,4 @@
-"""The audit log: who did what, when. An entry is added in the transaction of its change and never altered."""
+"""Keep the audit log: who did what, when. An entry is added in the transaction of its change and never altered."""
 
 from __future__ import annotations
 

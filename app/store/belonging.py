@@ -1,4 +1,4 @@
-"""SQL conditions: which rows of a table belong to a study, or to some of its participants."""
+"""Select, by SQL conditions, the rows of a table that belong to a study, or to some of its participants."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Comments of a study: free answers of the questionnaire, notes of interviews and on trials; and tags to code them."""
+"""Collect the comments of a study (free answers, notes on interviews and trials), and keep the tags that code them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Votes as columns of numbers for the analysis: read once, then only those that have come since."""
+"""Read votes as columns of numbers for the analysis: all of them once, then only those that have come since."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who took part in a study, summed up from the questionnaire."""
+"""Sum up who took part in a study, from the questionnaire."""
 
 from __future__ import annotations
 

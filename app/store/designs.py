@@ -1,4 +1,4 @@
-"""A study's design: its datasets, conditions, stimuli and pairs, which stay once somebody has begun."""
+"""Keep a study's design: its datasets, conditions, stimuli and pairs, which stay once somebody has begun."""
 
 from __future__ import annotations
 

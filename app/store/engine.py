@@ -1,4 +1,4 @@
-"""The database: transactions that read or write, on SQLite or PostgreSQL.
+"""Open the database: transactions that read or write, on SQLite or PostgreSQL.
 
 SQLite keeps a write-ahead log with `synchronous=FULL`, so that a commit is on disk when it returns, and a writing
 transaction takes the write lock at its beginning (`BEGIN IMMEDIATE`): what it has read cannot change before it writes.

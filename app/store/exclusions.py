@@ -1,4 +1,4 @@
-"""Who counts, in SQL: all but previews, and those who are excluded."""
+"""Select, in SQL, who counts: all but previews, and those who are excluded."""
 
 from __future__ import annotations
 

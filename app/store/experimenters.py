@@ -1,4 +1,4 @@
-"""Experimenters: accounts, roles, sign-in links, passwords and sessions."""
+"""Keep experimenters: accounts, roles, sign-in links, passwords and sessions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Interviews: answers that participants write on the page, or say to an experimenter, who notes them."""
+"""Keep interviews: answers that participants write on the page, or say to an experimenter, who notes them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Invitations: codes that let participants in."""
+"""Keep invitations: codes that let participants in."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Objective measures attached to a study; attaching one again replaces its value."""
+"""Keep objective measures attached to a study; attaching one again replaces its value."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Live figures of a running study."""
+"""Count the votes of a running study minute by minute, for its overview."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Orders of trials: which slot each participant holds, and which slots are given out again."""
+"""Give out orders of trials: which slot each participant holds, and which slots are given out again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All that a participant gave, for themselves: as they saw it, with A and B and without names of what is compared."""
+"""Collect all that a participant gave, for themselves: as they saw it, with A and B, without names of conditions."""
 
 from __future__ import annotations
 

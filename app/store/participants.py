@@ -1,4 +1,4 @@
-"""Participants for experimenters: progress, exclusions, withdrawals, and all that is kept of one."""
+"""Show experimenters the participants: progress, exclusions, withdrawals, and all that is kept of one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The queue of jobs that worker processes run, and the workers that are alive.
+"""Keep the queue of jobs that worker processes run, and the workers that are alive.
 
 A job is queued, running, and then done, failed or cancelled. Only its worker changes a running job; a worker that has
 shown no sign of life for a while has died, and its jobs are queued again.

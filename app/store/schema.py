@@ -1,4 +1,4 @@
-"""Naming of keys and checks, and the kinds of columns, for all tables."""
+"""Name the keys and checks of all tables, and define the kinds of their columns."""
 
 from __future__ import annotations
 

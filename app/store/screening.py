@@ -1,4 +1,4 @@
-"""Screening: the measured display, the tests and their results.
+"""Keep a screening: the measured display, the tests and their results.
 
 A test's whole state is in its rows, so any process can continue it.
 """

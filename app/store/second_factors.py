@@ -1,4 +1,4 @@
-"""Second factors of experimenters: the secret of their authenticator app, and codes to recover when it is lost."""
+"""Keep second factors of experimenters: the secret of their authenticator app, and codes to recover when it is lost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tasks that the server does for experimenters in threads of its own, and their progress, which all its processes show.
+"""Keep the progress of tasks that the server does for experimenters in its threads; all its processes show it.
 
 Commands on recordings and films are jobs instead, which worker processes run: `app.store.queue`.
 """

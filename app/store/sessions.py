@@ -1,4 +1,4 @@
-"""Sessions: a participant's way through a study, from the first page to the last vote."""
+"""Keep sessions: a participant's way through a study, from the first page to the last vote."""
 
 from __future__ import annotations
 

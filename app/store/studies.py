@@ -1,4 +1,4 @@
-"""Studies and their progress."""
+"""Keep studies, and count their progress."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All tables. A vote is inserted once and never updated; other rows are updated column by column."""
+"""Define all tables. A vote is inserted once and never updated; other rows are updated column by column."""
 
 from __future__ import annotations
 

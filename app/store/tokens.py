@@ -1,4 +1,4 @@
-"""Bearer tokens of analysts: given out once, kept as digests."""
+"""Keep bearer tokens of analysts: given out once, stored as digests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trials as rows of tables: what each compared and how it was answered."""
+"""Read trials as rows of tables: what each compared and how it was answered."""
 
 from __future__ import annotations
 

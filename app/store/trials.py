@@ -1,4 +1,4 @@
-"""Trials: serve the next one, repeat interrupted ones."""
+"""Serve the next trial, and repeat interrupted ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Votes: inserted once, never updated."""
+"""Insert votes, each once and never updated, and read them as rows of a table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The one writer of votes in a process: whatever waits while it writes is kept together by its next transaction.
+"""Write votes, by one writer in a process: whatever waits while it writes is kept together by its next transaction.
 
 A sync of the disk costs the same for one vote as for hundreds, and nobody is answered before theirs is over.
 """
