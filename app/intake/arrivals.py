@@ -13,7 +13,7 @@ from app.intake.captures import CAPTURE_FILE, missing_pictures, read_outline
 from app.intake.reports import read_report
 from app.intake.shelves import FOLDERS, SUFFIXES, free_path
 from app.intake.summaries import MESHES, PICTURES, SCENE_FILE, files_of, is_film
-from app.intake.zips import MB, check_file, check_zip, unpack
+from app.intake.zips import MB, check_file, check_zip, is_zip, unpack
 
 TEXTS = (".json", ".csv", ".txt", ".md", ".toml", ".yml", ".yaml", ".xml", ".ini", ".html", ".log")
 CAPTURED = (*PICTURES, ".ppm", ".pgm", *VIDEO_SUFFIXES, ".npy", ".exr", ".ply", ".bin", ".sfm", *TEXTS)
@@ -62,7 +62,7 @@ def shelve(intake: Path, kind: str, name: str, received: Path, work: Path, limit
     """
     work.mkdir(parents=True)
     made = work / "unpacked"
-    if _is_zip(received) and kind in FOLDERS:
+    if is_zip(received) and kind in FOLDERS:
         check_zip(received, limits.largest_mb, limits.most_files)
         made.mkdir()
         unpack(received, made, limits.largest_mb * MB, BELONGING[kind], kind)
@@ -78,11 +78,6 @@ def shelve(intake: Path, kind: str, name: str, received: Path, work: Path, limit
     place.parent.mkdir(parents=True, exist_ok=True)
     made.rename(place)
     return place
-
-
-def _is_zip(path: Path) -> bool:
-    with path.open("rb") as file:
-        return file.read(2) == b"PK"
 
 
 def _top(kind: str, folder: Path) -> Path:

@@ -36,6 +36,12 @@ MP4 = (".mp4", ".mov", ".m4v")
 MP4_MARK, MP4_MARK_AT = b"ftyp", 4
 
 
+def is_zip(path: Path) -> bool:
+    """Tell a zip file, whole or damaged, from any other by how it begins."""
+    with path.open("rb") as file:
+        return file.read(2) == b"PK"
+
+
 def check_zip(packed: Path, largest_mb: int, most_files: int = MOST_FILES) -> None:
     """Check an upload before unpacking any of it.
 

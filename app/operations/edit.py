@@ -77,26 +77,23 @@ def check_edit(
         If a setting cannot change any more, or the films cannot be made again.
     """
     now = study_file_of(study)
-    try:
-        wanted = _complete(now, wanted)
-        changes = _changes(now, wanted)
-        check_languages(wanted.options, packs)
-        for name, reason in without_effect(wanted.options).items():
-            if name in changes or "protocol" in changes:
-                raise ValueError(reason)
-    except ValueError as error:
-        raise InvalidError(f"Nothing was changed: {error}.") from error
     with database.reading() as connection:
-        needs_films = _needs_films(connection, study, wanted, changes)
-        known = set_of_study(settings, connection, study) if needs_films else None
-        has_begun = progress_of(connection, study.id).n_started > 0
-        if not needs_films:
-            try:
+        try:
+            wanted = _complete(now, wanted)
+            changes = _changes(now, wanted)
+            check_languages(wanted.options, packs)
+            for name, reason in without_effect(wanted.options).items():
+                if name in changes or "protocol" in changes:
+                    raise ValueError(reason)
+            needs_films = _needs_films(connection, study, wanted, changes)
+            if not needs_films:
                 if wanted.options.adaptive_pairs:
                     check_adaptive(wanted.options.adaptive_pairs, len(conditions_of(connection, study.id)))
                 check_groups(wanted.options.groups, datasets_of(connection, study.id))
-            except ValueError as error:
-                raise InvalidError(f"Nothing was changed: {error}.") from error
+        except ValueError as error:
+            raise InvalidError(f"Nothing was changed: {error}.") from error
+        known = set_of_study(settings, connection, study) if needs_films else None
+        has_begun = progress_of(connection, study.id).n_started > 0
     for name in changes:
         change = WITH_FILMS if name in needs_films else CHANGES[name]
         if reason := why_fixed(change, has_begun=has_begun, has_stimuli=known is not None or not needs_films):

@@ -23,6 +23,7 @@ from app.store.invitations import Invitation, invitations_of
 from app.store.participants import exclude, exclusion_records, participant_labelled, undo_exclusion
 from app.store.studies import Standing, Study, StudyCounts, progress_of, study_by_slug
 from app.store.tokens import PEOPLE, STUDIES
+from app.study.option_table import COLUMNS
 from app.study.options import parse_options
 from app.study.presets import QUICK
 from app.study.study_file import EXPOSURE_BOUNDS_S
@@ -31,7 +32,6 @@ from app.web.analyst.compression import CompressedRoute
 from app.web.gates import Store, languages, settings
 from app.web.roles import AStudy, may_change
 
-EDITED = ("name", "exposure_s", "seed")  # beside the options
 LOW_S, HIGH_S = EXPOSURE_BOUNDS_S
 
 
@@ -154,7 +154,7 @@ def edit(body: EditBody, request: Request, actor: StudyEditor, study: AStudy, da
     changed (409).
     """
     before = study_file_of(study)
-    given = {name: value for name, value in body.model_dump().items() if value is not None and name in EDITED}
+    given = {name: value for name, value in body.model_dump().items() if value is not None and name in COLUMNS}
     try:
         options = parse_options({**before.options.as_json(), **body.options})
     except (ValueError, TypeError) as error:

@@ -14,7 +14,7 @@ from app.store.trials import MOST_ATTEMPTS, NextTrial
 from app.study.options import FullScreen, Pixels, StudyOptions
 from app.study.protocols import CCR, Protocol
 from app.study.technique import Technique
-from app.study.trial import Disturbance, Half, Interruption
+from app.study.trial import Disturbance, Half, Interruption, Label
 from app.study.valid_vote import without_unknowns
 from app.web.participant.session_bodies import UUID, Strict
 
@@ -25,7 +25,6 @@ MOST_HAPPENINGS = 500
 # H.264 is not among them, because the page knows its type. Levels as two films of full HD need them.
 FILM_TYPES = {"vp9": 'video/mp4; codecs="vp09.00.51.08"', "av1": 'video/mp4; codecs="av01.0.12M.08"'}
 
-Label = Literal["a", "b"]
 Milliseconds = Annotated[float, Field(ge=0, le=LONGEST_MS, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(ge=0, le=LONGEST_MS / 1000, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=0, le=10_000_000)]

@@ -13,7 +13,7 @@ from app.ffmpeg import Progress
 from app.intake.bounds import in_bounds
 from app.intake.models import FOLDERS
 from app.intake.reports import REPORT, TABLE
-from app.intake.zips import MB, check_zip, unpack
+from app.intake.zips import MB, check_zip, is_zip, unpack
 from app.operations.attach import attach
 from app.web.admin.background import start_task
 from app.web.admin.uploads import UploadingActor, receive
@@ -50,12 +50,6 @@ async def upload_results(request: Request, actor: UploadingActor, study: AStudy,
 
     task = await run_in_threadpool(start_task, database, actor, "Checking the uploaded results", work)
     return JSONResponse({"job": f"/admin/jobs/{task}"}, 202)
-
-
-def is_zip(path: Path) -> bool:
-    """Tell a zip file from a table by how it begins."""
-    with path.open("rb") as file:
-        return file.read(2) == b"PK"
 
 
 def check_results(path: Path, largest_mb: int) -> None:

@@ -24,10 +24,10 @@ from app.web.analyst.results import (
     results_soon,
 )
 from app.web.gates import Store
+from app.web.media import FOREVER
 from app.web.roles import AStudy, Looking, Person
 
 PATIENCE_S = 0.6  # the page should appear within a second
-KEPT = "private, max-age=31536000, immutable"  # a figure's address contains the digest of its votes
 
 router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
 
@@ -110,7 +110,8 @@ def _figure_answer(results: Results, study: Study, name: str, kind: str, digest:
     content = figure(results, name, kind) if kind in (*FIGURE_TYPES, "vega") else None
     if content is None:
         raise NotFoundError("There is no such figure of these votes yet.")
-    headers = {"Cache-Control": KEPT if digest == results.digest else "no-store"}
+    # a figure's address contains the digest of its votes
+    headers = {"Cache-Control": FOREVER if digest == results.digest else "no-store"}
     if kind in ("png", "pdf", "csv"):
         headers["Content-Disposition"] = attachment(f"{study.slug}-{name}.{kind}")
     return Response(content, media_type=FIGURE_TYPES.get(kind, "application/json"), headers=headers)
