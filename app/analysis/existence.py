@@ -7,7 +7,7 @@ linear programme then looks for such a direction.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from graphlib import TopologicalSorter
 from typing import Any
@@ -95,8 +95,8 @@ def _groups(label: NDArray[np.int32], order: Iterable[int]) -> tuple[tuple[int, 
     return tuple(tuple(int(item) for item in np.flatnonzero(label == group)) for group in order)
 
 
-def _descending(graph: csr_array, label: NDArray[np.int32], n: int) -> Iterator[int]:
-    """Yield the strong components in topological order: each comes before the components that it beats."""
+def _descending(graph: csr_array, label: NDArray[np.int32], n: int) -> Iterable[int]:
+    """Return the strong components in topological order: each comes before the components that it beats."""
     edges = graph.tocoo()
     winner, beaten = label[edges.coords[0]], label[edges.coords[1]]
     between = winner != beaten
