@@ -57,7 +57,12 @@ def main() -> None:
         cause = f" ({error})" if str(error) else ""
         _fail(f"the memory is not enough{cause}; ask for less, or use a machine with more")
     except StudyError as error:
-        _fail(error.detail)
+        reason = getattr(error.__cause__, "orig", None)  # what the database itself said, where it is away
+        _fail(
+            f"the database cannot be used: {reason}; `reconstudy status` tells where it lies"
+            if reason
+            else error.detail
+        )
 
 
 def _sentence(error: Exception) -> str:

@@ -89,6 +89,8 @@ def _tables_sentence(database: Mapping[str, Any]) -> str:
         return "none yet; the first command that needs them makes them"
     if database["version"] == database["newest"]:
         return f"version {database['version']}, the newest"
+    if database["version"] > database["newest"]:
+        return f"version {database['version']}, expected {database['newest']}; they need a newer version of reconstudy"
     return f"version {database['version']}, expected {database['newest']}; `reconstudy db upgrade` upgrades them"
 
 
