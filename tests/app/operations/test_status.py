@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import socket
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -80,6 +81,22 @@ def test_the_status_does_not_advise_to_upgrade_what_is_newer(
     assert "version 9999, expected " in (told := command("status").out)
     assert "they need a newer version of reconstudy" in told
     assert "db upgrade" not in told
+
+
+@pytest.mark.parametrize(("public_url", "is_told"), [(None, True), ("http://192.168.1.20:8000", False)])
+def test_who_serves_a_laboratory_is_told_that_links_need_this_computers_address(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, public_url: str | None, *, is_told: bool
+) -> None:
+    def started(*_: object, on_start: Callable[[str], None], **__: object) -> None:
+        on_start("http://0.0.0.0:8000")
+
+    monkeypatch.setattr("app.main.serve", started)
+    monkeypatch.setenv("RECONSTUDY_DATA_DIR", str(tmp_path))
+    if public_url:
+        monkeypatch.setenv("RECONSTUDY_PUBLIC_URL", public_url)
+    told = command("serve", "--host", "0.0.0.0").out
+    assert ("on other computers, with this one's name or address for 0.0.0.0" in told) is is_told
+    assert f"experimenters: {public_url or 'http://0.0.0.0:8000'}/admin" in told
 
 
 def test_extras_are_found_without_loading_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
