@@ -63,12 +63,11 @@ def main() -> None:
         cause = f" ({error})" if str(error) else ""
         _fail(f"the memory is not enough{cause}; ask for less, or use a machine with more")
     except StudyError as error:
-        reason = getattr(error.__cause__, "orig", None)  # what the database itself said, where it is away
-        _fail(
-            f"the database cannot be used: {reason}; `reconstudy status` tells where it lies"
-            if reason
-            else error.detail
-        )
+        if reason := getattr(error.__cause__, "orig", None):  # what the database itself said, where it is away
+            _fail(
+                f"the database cannot be used: {reason}; `reconstudy status` tells where it lies and what space is left"
+            )
+        _fail(error.detail)
 
 
 def _sentence(error: Exception) -> str:

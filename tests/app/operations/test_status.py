@@ -66,7 +66,8 @@ def test_a_command_without_its_database_says_what_the_database_said(
     told = command("admin", "add", "Eva")
     assert told.code == 1
     assert told.err.splitlines()[-1] == (
-        "reconstudy: the database cannot be used: unable to open database file; `reconstudy status` tells where it lies"
+        "reconstudy: the database cannot be used: unable to open database file; `reconstudy status` tells where it "
+        "lies and what space is left"
     )
 
 
