@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import hashlib
 import json
@@ -56,13 +57,17 @@ def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path` that becomes `path` if the block ends without an error.
 
     The temporary name keeps the suffix, because encoders choose the format by it. Threads and processes that write the
-    same file at once use different names; the last to end wins.
+    same file at once use different names; the last to end wins. The error of a full disk names `path`.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.stem}.{os.getpid()}-{secrets.token_hex(4)}.part{path.suffix}")
     try:
         yield temporary
         temporary.replace(path)
+    except OSError as error:
+        if error.errno == errno.ENOSPC and error.filename is None:  # as of every write
+            error.filename = str(path)
+        raise
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterator
+from difflib import get_close_matches
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
@@ -19,6 +21,8 @@ from app.operations.extras import missing_extra
 from recon.cli.main import app as recon_app
 from recon.cli.options import LocalPathsGroup
 from recon.storage.remote import with_addresses
+
+ALMOST = 0.9  # likeness of two names: one or two letters of twenty differ
 
 app = typer.Typer(cls=LocalPathsGroup, no_args_is_help=True, pretty_exceptions_enable=False)
 for part in (recon_app, experiments.app, studies.app, languages.app, server.app, analysis.app):
@@ -42,6 +46,8 @@ def options(
 
 def main() -> None:
     """Run the command line; exits with 0 when done, 1 with a sentence that says what failed, 2 after wrong use."""
+    for name, meant in _misspelled_settings():
+        print(f"warning: {name} is no setting and changes nothing; did you mean {meant}?", file=sys.stderr)
     try:
         app()
     except KeyboardInterrupt:
@@ -57,6 +63,10 @@ def main() -> None:
         cause = f" ({error})" if str(error) else ""
         _fail(f"the memory is not enough{cause}; ask for less, or use a machine with more")
     except StudyError as error:
+        if reason := getattr(error.__cause__, "orig", None):  # what the database itself said, where it is away
+            _fail(
+                f"the database cannot be used: {reason}; `reconstudy status` tells where it lies and what space is left"
+            )
         _fail(error.detail)
 
 
@@ -76,6 +86,19 @@ def _sentence(error: Exception) -> str:
             if place.is_file():
                 return f"{place}: is a file, expected a folder; choose another name"
     return f"{path}: {error.strerror.lower()}"
+
+
+def _misspelled_settings() -> Iterator[tuple[str, str]]:
+    """Find environment variables that are almost a setting of the server: nothing reads them."""
+    given = [name for name in os.environ if name.startswith("RECONSTUDY_")]
+    if not given:
+        return
+    from app.settings import Settings
+
+    settings = [f"RECONSTUDY_{name.upper()}" for name in Settings.model_fields]
+    for name in sorted(set(given) - set(settings)):
+        if meant := get_close_matches(name, settings, n=1, cutoff=ALMOST):
+            yield name, meant[0]
 
 
 def _wrong_setting(error: ValueError) -> str | None:

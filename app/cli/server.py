@@ -12,6 +12,8 @@ import typer
 from app.cli.shared import UrlOption
 from recon.cli.console import JsonOption, print_result
 
+EVERY_NETWORK = ("0.0.0.0", "::")  # addresses to listen on, where no other computer finds anything
+
 app = typer.Typer()
 admin_app = typer.Typer(no_args_is_help=True, help="Manage experimenters.")
 token_app = typer.Typer(no_args_is_help=True, help="Manage the tokens with which analysts fetch results.")
@@ -43,6 +45,11 @@ def serve(
         running.enter_context(noted(settings, listens_at))
         print(f"Serving {settings.data_dir.absolute()} at {listens_at} until you press Ctrl-C.", flush=True)
         url = settings.public_url or listens_at
+        if host in EVERY_NETWORK and settings.public_url is None:
+            print(
+                f"  on other computers, with this one's name or address for {host}; RECONSTUDY_PUBLIC_URL sets it",
+                flush=True,
+            )
         for study in list_studies(settings):
             for code in study["invitations"]:
                 print(f"  participants of {study['name']}: {url}/s/{code}", flush=True)
@@ -89,6 +96,8 @@ def _tables_sentence(database: Mapping[str, Any]) -> str:
         return "none yet; the first command that needs them makes them"
     if database["version"] == database["newest"]:
         return f"version {database['version']}, the newest"
+    if database["version"] > database["newest"]:
+        return f"version {database['version']}, expected {database['newest']}; they need a newer version of reconstudy"
     return f"version {database['version']}, expected {database['newest']}; `reconstudy db upgrade` upgrades them"
 
 
@@ -262,7 +271,9 @@ def restore(
 
     result = restore_backup(Settings(), file, replace=replace, identity=identity)
     again = f" {result['erased_again']} erasures since then were applied again." if result["erased_again"] else ""
-    sentence = f"{sum(result['tables'].values())} rows and {result['videos']} videos are back.{again}"
+    missing = result["missing_videos"]
+    without = f" {missing} videos are missing here; a backup with --media has them." if missing else ""
+    sentence = f"{sum(result['tables'].values())} rows and {result['videos']} videos are back.{again}{without}"
     print_result(result, sentence, as_json=as_json)
 
 

@@ -8,7 +8,8 @@ an address valid for an hour. fsspec's settings give its endpoint and keys: `FSS
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -25,7 +26,7 @@ class MediaStore:
     Raises
     ------
     ValueError
-        If browsers cannot be redirected to an address of this kind, or its package is missing.
+        If browsers cannot be redirected to an address of this kind, or its package or the keys are missing.
     """
 
     def __init__(self, url: str) -> None:
@@ -33,17 +34,22 @@ class MediaStore:
         self.is_public = urlsplit(url).scheme in PUBLIC
         if self.is_public:
             return
-        try:
+        with self._errors():
             self._files, self._folder = fsspec.core.url_to_fs(self.url)
-        except (ImportError, ValueError) as error:
-            raise ValueError(f"RECONSTUDY_MEDIA_URL={url}: {error}") from error
-        try:
             self.address("probe")
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        """Raise a ValueError that names the setting in place of what the store's package raises."""
+        try:
+            yield
         except NotImplementedError as error:
             raise ValueError(
-                f"RECONSTUDY_MEDIA_URL={url}: this kind of store gives no addresses to browsers; expected s3://, "
+                f"RECONSTUDY_MEDIA_URL={self.url}: this kind of store gives no addresses to browsers; expected s3://, "
                 "gs://, abfs:// or the https:// address of a public host"
             ) from error
+        except Exception as error:  # each package has errors of its own: a host that is away, keys that are missing
+            raise ValueError(f"RECONSTUDY_MEDIA_URL={self.url}: {error}") from error
 
     def address(self, file: str) -> str:
         """Return a file's address for browsers; it is valid for an hour unless the host is public."""
@@ -59,9 +65,12 @@ class MediaStore:
 
     def upload(self, paths: Iterable[Path]) -> int:
         """Upload missing files and return their number; a public host is filled by other means."""
-        missing = [] if self.is_public else [path for path in paths if not self._has(path)]
-        for path in missing:
-            self._files.put_file(str(path), f"{self._folder}/{path.name}")
+        if self.is_public:
+            return 0
+        with self._errors():
+            missing = [path for path in paths if not self._has(path)]
+            for path in missing:
+                self._files.put_file(str(path), f"{self._folder}/{path.name}")
         return len(missing)
 
     def _has(self, path: Path) -> bool:

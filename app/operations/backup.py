@@ -167,7 +167,10 @@ def _restore(settings: Settings, path: Path, content: IO[bytes], *, replace: boo
         except DAMAGED as error:
             raise ValueError(f"{path}: is damaged: {error}") from error
         database.shred_deleted()
-    return {"tables": tables, "videos": len(videos), "attached": len(attached), "erased_again": n_erased}
+        films = {} if settings.media_url else _films(database)
+        n_missing = sum(not (settings.media_dir / name).is_file() for name in films)
+    counts = {"videos": len(videos), "attached": len(attached), "missing_videos": n_missing}
+    return {"tables": tables, **counts, "erased_again": n_erased}
 
 
 def check(settings: Settings) -> dict[str, Any]:

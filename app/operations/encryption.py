@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import IO, Any
 
+PRIVATE_KEY = "AGE-SECRET-KEY-"
 HEADER = b"age-encryption.org/v1"  # begins every encrypted file
 EXPECTED = "a public key such as age1… or ssh-ed25519 …, or a file of them"
 
@@ -22,10 +23,12 @@ def read_recipients(given: Sequence[str]) -> list[Any]:
 
     recipients = []
     for text in given:
-        is_key = text.startswith(("age1", "ssh-"))
+        is_key = text.startswith(("age1", "ssh-", PRIVATE_KEY))
         keys = [text.strip()] if is_key else list(_lines(Path(text), EXPECTED))
         for number, key in enumerate(keys, start=1):
             where = "" if is_key else f"{text}, key {number}: "
+            if key.startswith(PRIVATE_KEY):  # not repeated: messages stand in logs
+                raise ValueError(f"{where}this is a private key, expected {EXPECTED}")
             try:
                 recipients.append((ssh if key.startswith("ssh-") else x25519).Recipient.from_str(key))
             except RecipientError as error:

@@ -119,5 +119,8 @@ def _entries(path: Path) -> Iterator[dict[str, Any]]:
             if not isinstance(entry["at"], str) or not entry.keys() & {"session", "study"}:
                 raise ValueError("it names neither a session nor a study")
         except (ValueError, KeyError, TypeError) as error:
-            raise ValueError(f"{path}, line {number}: is no erasure, so nothing was restored: {error}") from error
+            raise ValueError(
+                f"{path}, line {number}: is no erasure, so nothing was restored: {error}; "
+                "if a power cut tore the line, delete it"
+            ) from error
         yield entry

@@ -16,8 +16,17 @@ from app.store.engine import Database
 
 
 def upgrade(database: Database) -> str:
-    """Migrate a database to the newest version, if it is older, and return that version."""
-    if version_of(database) != newest_version():
+    """Migrate a database to the newest version, if it is older, and return that version.
+
+    Raises
+    ------
+    ValueError
+        If a newer program has migrated it.
+    """
+    version = version_of(database)
+    if version != newest_version():
+        if version is not None and version not in revisions():
+            raise ValueError(_unknown(version))
         with database.writing() as connection:
             upgrade_within(connection, newest_version())
     return newest_version()
@@ -47,9 +56,18 @@ def why_not_ready(database: Database) -> str | None:
         version = version_of(database)
     except UnavailableError:
         return "The database does not answer."
-    if version != newest_version():
-        return f"The database is at version {version}, expected {newest_version()}; run `reconstudy db upgrade`."
-    return None
+    if version == newest_version():
+        return None
+    if version is not None and version not in revisions():
+        return _unknown(version)
+    return f"The database is at version {version}, expected {newest_version()}; run `reconstudy db upgrade`."
+
+
+def _unknown(version: str) -> str:
+    return (
+        f"The database is at version {version}, which this program does not know, expected {newest_version()}; "
+        "install the version of reconstudy that upgraded it, or a newer one."
+    )
 
 
 @cache

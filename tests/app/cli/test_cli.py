@@ -644,6 +644,27 @@ def test_a_setting_that_is_wrong_is_named_in_one_line(
     assert str(Settings.model_fields[name.lower()].description) in told.err
 
 
+@pytest.mark.parametrize(
+    ("misspelled", "meant"),
+    [("SECURE_COOKIE", "SECURE_COOKIES"), ("DATADIR", "DATA_DIR"), ("DATABSE_URL", "DATABASE_URL")],
+)
+def test_a_misspelled_setting_is_named_with_what_was_meant(
+    command: Command, monkeypatch: pytest.MonkeyPatch, misspelled: str, meant: str
+) -> None:
+    """Nothing else would tell that the server goes without it."""
+    monkeypatch.setenv(f"RECONSTUDY_{misspelled}", "true")
+    told = command("--version").err
+    assert told == (
+        f"warning: RECONSTUDY_{misspelled} is no setting and changes nothing; did you mean RECONSTUDY_{meant}?\n"
+    )
+
+
+def test_no_other_variable_is_taken_for_a_misspelled_setting(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("REAL_DATA", "DEBUG", "FILES_BELOW", "PROGRESS_FILE", "PUBLIC_URL"):
+        monkeypatch.setenv(f"RECONSTUDY_{name}", "x")
+    assert command("--version").err == ""
+
+
 @pytest.mark.parametrize("url", ["study.example.org", "https://", "https://study.example.org/s"])
 def test_an_address_for_links_that_leads_nowhere_is_refused(command: Command, url: str) -> None:
     told = command("admin", "add", "Me", "--url", url)

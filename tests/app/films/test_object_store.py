@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import fsspec
 import httpx
 import pytest
 from playwright.sync_api import Browser
@@ -24,6 +25,7 @@ from tests.app.web.admin.dashboard_client import sign_in
 from tests.object_store import BUCKET, object_store
 from tests.study_server import free_port
 
+KEYS = {"AWS_ACCESS_KEY_ID": "key", "AWS_SECRET_ACCESS_KEY": "secret"}
 DEPLOY = Path(__file__).parents[3] / "deploy"
 START_TIMEOUT_S = 60
 CONNECT_RETRIES = 7  # with growing pauses of 0.5 s, 1 s, ..., so about half a minute in all
@@ -176,3 +178,19 @@ def test_a_public_host_serves_under_the_same_names() -> None:
 def test_a_store_that_browsers_cannot_reach_is_refused(url: str, complaint: str) -> None:
     with pytest.raises(ValueError, match=f"RECONSTUDY_MEDIA_URL.*{complaint}"):
         MediaStore(url)
+
+
+@pytest.mark.parametrize(("keys", "complaint"), [({}, "Unable to locate credentials"), (KEYS, "Could not connect to")])
+def test_a_store_without_its_keys_or_its_host_is_named_in_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keys: dict[str, str], complaint: str
+) -> None:
+    """Its package's errors are of no kind that a command expects."""
+    for name in KEYS:
+        monkeypatch.delenv(name, raising=False)
+    for name, value in {**keys, "AWS_EC2_METADATA_DISABLED": "true", "AWS_MAX_ATTEMPTS": "1"}.items():
+        monkeypatch.setenv(name, value)
+    nowhere = f"http://127.0.0.1:{free_port()}"
+    monkeypatch.setitem(fsspec.config.conf, "s3", {"endpoint_url": nowhere})
+    (tmp_path / "film.mp4").touch()
+    with pytest.raises(ValueError, match=f"RECONSTUDY_MEDIA_URL=s3://bucket/pairs: {complaint}"):
+        MediaStore("s3://bucket/pairs").upload([tmp_path / "film.mp4"])

@@ -75,11 +75,12 @@ def test_every_row_comes_back_on_either_kind_of_database(
     back_up(here, tmp_path / "backup.zip")
     url = None if kind == "sqlite" else request.getfixturevalue("postgres").new_database(f"restored_{id(here)}")
     there = Settings(data_dir=tmp_path / "there", database_url=url)
-    restore(there, tmp_path / "backup.zip")
+    restored = restore(there, tmp_path / "backup.zip")
     before = rows_of(here)
     assert rows_of(there) == before
     assert len(before["vote"]) == 17
     assert check(there)["faults"] == [f"{there.media_dir / 'file.mp4'}: is missing"]
+    assert restored["missing_videos"] == 1
     database = open_database(there.url)
     (new_id,) = seed_ids(database)
     assert new_id == 1 + max(row[0] for row in before["trial"])
@@ -373,7 +374,7 @@ def test_videos_travel_with_a_backup_and_are_checked(stimulus_set: Path, tmp_pat
     manage.attach_results(here, [report, small_models.write_folder(tmp_path / "models")])
     saved = back_up(here, tmp_path / "backup.zip", with_media=True)
     assert (saved["videos"], saved["attached"]) == (12, 5)
-    restore(there, tmp_path / "backup.zip")
+    assert restore(there, tmp_path / "backup.zip")["missing_videos"] == 0
     for folder in ("reports", "models"):
         assert files_below(there.data_dir / folder) == files_below(here.data_dir / folder) != {}
     assert check(there) == {"faults": [], "videos": 12, "attached": 5}

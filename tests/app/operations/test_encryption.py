@@ -109,3 +109,15 @@ def test_what_is_no_public_key_is_refused_before_anything_is_written(
     with pytest.raises(ValueError, match=complaint):
         back_up(settings, tmp_path / "backup.zip", encrypt_to=[given])
     assert not (tmp_path / "backup.zip").exists()
+
+
+@pytest.mark.parametrize("as_file", [True, False])
+def test_a_private_key_in_place_of_a_public_one_is_not_repeated(
+    settings: Settings, tmp_path: Path, *, as_file: bool
+) -> None:
+    """What a command says may stand in a log."""
+    private = (tmp_path / "mine.key").read_text().splitlines()[1]
+    given = str(tmp_path / "mine.key") if as_file else private
+    with pytest.raises(ValueError, match=r"is a private key, expected a public key") as refused:
+        back_up(settings, tmp_path / "backup.zip", encrypt_to=[given])
+    assert private[:30] not in str(refused.value)

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import json
 import socket
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from sqlalchemy import text
 
 from app.main import running_server, serve
 from app.operations.extras import MODULES
+from app.operations.manage import upgrade_database
 from app.operations.running import DEFAULT_URL, noted, url_for_links
 from app.operations.status import server_status
 from app.settings import Settings
+from app.store.engine import open_database
 from tests.command_line import Command
 
 
@@ -51,6 +55,49 @@ def test_a_database_that_does_not_answer_is_named_without_its_password(tmp_path:
     address = "postgresql+psycopg://reader:{}@127.0.0.1:1/votes"
     told = server_status(Settings(data_dir=tmp_path, database_url=address.format("secret")))["database"]
     assert (told["place"], told["answers"]) == (address.format("***"), False)
+
+
+def test_a_command_without_its_database_says_what_the_database_said(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To a participant it says to try again soon; who runs a command has to mend it."""
+    (tmp_path / "study.sqlite").mkdir()
+    monkeypatch.setenv("RECONSTUDY_DATA_DIR", str(tmp_path))
+    told = command("admin", "add", "Eva")
+    assert told.code == 1
+    assert told.err.splitlines()[-1] == (
+        "reconstudy: the database cannot be used: unable to open database file; `reconstudy status` tells where it "
+        "lies and what space is left"
+    )
+
+
+def test_the_status_does_not_advise_to_upgrade_what_is_newer(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = Settings(data_dir=tmp_path)
+    monkeypatch.setenv("RECONSTUDY_DATA_DIR", str(tmp_path))
+    upgrade_database(settings)
+    with open_database(settings.url) as database, database.writing() as connection:
+        connection.execute(text("UPDATE alembic_version SET version_num = '9999'"))
+    assert "version 9999, expected " in (told := command("status").out)
+    assert "they need a newer version of reconstudy" in told
+    assert "db upgrade" not in told
+
+
+@pytest.mark.parametrize(("public_url", "is_told"), [(None, True), ("http://192.168.1.20:8000", False)])
+def test_who_serves_a_laboratory_is_told_that_links_need_this_computers_address(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, public_url: str | None, *, is_told: bool
+) -> None:
+    def started(*_: object, on_start: Callable[[str], None], **__: object) -> None:
+        on_start("http://0.0.0.0:8000")
+
+    monkeypatch.setattr("app.main.serve", started)
+    monkeypatch.setenv("RECONSTUDY_DATA_DIR", str(tmp_path))
+    if public_url:
+        monkeypatch.setenv("RECONSTUDY_PUBLIC_URL", public_url)
+    told = command("serve", "--host", "0.0.0.0").out
+    assert ("on other computers, with this one's name or address for 0.0.0.0" in told) is is_told
+    assert f"experimenters: {public_url or 'http://0.0.0.0:8000'}/admin" in told
 
 
 def test_extras_are_found_without_loading_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

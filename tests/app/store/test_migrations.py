@@ -94,6 +94,16 @@ def test_a_new_database_is_not_ready(tmp_path: Path) -> None:
     database.dispose()
 
 
+def test_a_database_of_a_newer_program_is_left_as_it_is_with_a_word_on_what_to_do(database: Database) -> None:
+    with database.writing() as connection:
+        connection.execute(text("UPDATE alembic_version SET version_num = '9999'"))
+    told = "at version 9999, which this program does not know"
+    assert told in (why_not_ready(database) or "")
+    with pytest.raises(ValueError, match=f"{told}.*install the version of reconstudy that upgraded it"):
+        upgrade(database)
+    assert version_of(database) == "9999"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("revision", REVISIONS[:-1])
 def test_rows_of_every_older_version_live_on(new_database_url: Callable[[], str], revision: str) -> None:
