@@ -132,6 +132,16 @@ def test_models_of_one_frame_are_gathered_with_their_errors(run: Path, capture: 
 
 
 @pytest.mark.slow
+def test_models_from_before_beside_those_of_the_run_are_named(command: Command, run: Path, tmp_path: Path) -> None:
+    before = tmp_path / "meshes/ball/pm_fb.ply"
+    before.parent.mkdir(parents=True)
+    before.touch()
+    told = command("models", run, "-o", tmp_path, "--frame", "0")
+    assert told.code == 0
+    assert "has models from before, too: meshes/ball/pm_fb.ply" in told.err
+
+
+@pytest.mark.slow
 def test_a_run_has_a_contact_sheet_of_all_approaches(run: Path) -> None:
     sheet = read_image(run / "previews/0000.png")
     assert sheet.shape[0] > 2 * 480  # a row of four pictures for each of two approaches
