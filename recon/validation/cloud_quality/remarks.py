@@ -17,6 +17,11 @@ def check_unit(shape: Shape, name: str, reference: PointSet) -> None:
     """Raise a ValueError if a mesh must be in another unit than the reference.
 
     Points as dense as the reference's, of which there would be far too many or next to none, could not tell.
+
+    Parameters
+    ----------
+    shape, name : a mesh, and its file for messages; of a cloud, `remarks_on` tells
+    reference : what it is compared with
     """
     if (area := area_of(shape)) > 0:
         few = sampled(shape, name, Sampling(FEW_POINTS / area))
