@@ -434,9 +434,9 @@ def _make_report(
 
 def write_objective(experiment: Experiment, _progress: Progress) -> None:
     """Write down, beside the manifest, what the study and the report need to know."""
-    reports = sorted(
-        path.parent.relative_to(experiment.out).as_posix() for path in (experiment.out / "validation").rglob(REPORT)
-    )
+    truth = [f"truth/{scene}_{name}" for scene in SCENES for name in _surfaces(experiment, scene)]
+    scenes = [f"{kind}/{scene}" for kind in ("clouds", "views") for scene in SCENES]
+    reports = sorted(f"validation/{name}" for name in ("cuboid", "films", "sphere", *scenes, *truth))
     content = {
         "schema_version": 1,
         "scale": asdict(experiment.scale),

@@ -22,6 +22,7 @@ from recon.cli.options import ClusterOption, FurtherOption, WorkersOption, parse
 if TYPE_CHECKING:
     from app.settings import Settings
 
+DEMO_SIZE = "1280x720"
 DEMO_SECONDS, DEMO_FPS = 2.4, 20.0  # of a film: each frame stays for three pictures of a display of 60 Hz
 DEMO_EXPOSURE_S = 4.8  # each film plays twice
 DEMO_FRAMES = 4  # played back and forth, twice in a film, which ends as it begins
@@ -57,8 +58,9 @@ def demo(
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the server; 0 for any free one.")] = 8000,
     participants: Annotated[int, typer.Option(min=0, help="How many simulated participants vote.")] = 8,
     size: Annotated[
-        str, typer.Option(help="WIDTHxHEIGHT of the films, pixels; smaller ones are made sooner.")
-    ] = "1280x720",
+        str | None,
+        typer.Option(help=f"WIDTHxHEIGHT of the films, pixels; smaller ones are made sooner.  [default: {DEMO_SIZE}]"),
+    ] = None,
     serve: Annotated[bool, typer.Option(help="Serve the study afterwards, until you press Ctrl-C.")] = True,
     as_json: JsonOption = False,
 ) -> None:
@@ -70,10 +72,10 @@ def demo(
     from app.settings import DATA_FOLDER, Settings
 
     settings = Settings(data_dir=out / DATA_FOLDER, database_url=None, allowed_hosts="")
-    front = out / "front"
+    front, film_size = out / "front", _demo_size(out, size)
     progress = ProgressLine()
     progress.say(f"From a recording to scores, into {out}. This takes {DEMO_TAKES}, less where it was begun before.")
-    run_steps(_demo_steps(out, settings, parse_size(size), participants, progress), out / "seconds.json", progress.say)
+    run_steps(_demo_steps(out, settings, film_size, participants, progress), out / "seconds.json", progress.say)
     with (
         running_server(settings, port=_free_port(port), front=front) as url,
         noted(settings, url),
@@ -97,11 +99,28 @@ def demo(
             _wait_for_interrupt()
 
 
+def _demo_size(out: Path, wanted: str | None) -> tuple[int, int]:
+    """Return the films' size: the wanted one, or that of the films which an earlier start made its study of."""
+    from app.intake.stimuli import MANIFEST
+
+    manifest = out / "stimuli" / MANIFEST
+    if not manifest.is_file():
+        return parse_size(wanted or DEMO_SIZE)
+    film = read_json(manifest)["stimuli"][0]
+    width, height = film["width"], film["height"]
+    if wanted is not None and parse_size(wanted) != (width, height):
+        raise typer.BadParameter(
+            f"--size is {wanted}, but {out} has films of {width}x{height} and a study of them; leave --size out, or "
+            "choose another folder with --out"
+        )
+    return width, height
+
+
 def _demo_steps(
     out: Path, settings: Settings, film_size: tuple[int, int], participants: int, progress: ProgressLine
 ) -> list[Step]:
     """List the demo's steps; each makes only what is missing."""
-    from app.experiment.demo import demo_analysis, demo_study, demo_votes
+    from app.experiment.demo import demo_analysis, demo_scores, demo_study, demo_votes
     from app.main import running_server
     from recon.capture.format import CAPTURE_FILE, read_capture
     from recon.capture.masks.segment import segment_capture
@@ -123,14 +142,13 @@ def _demo_steps(
     )
 
     def record() -> None:
-        if not (capture / CAPTURE_FILE).exists():
-            parameters = SynthParameters(scene="ball", n_frames=DEMO_FRAMES, size=(540, 960), fps=5.0)
-            synthesise(capture, parameters, progress=progress)
-            segment_capture(capture, progress=progress)
-        if not (practice / "capture" / CAPTURE_FILE).exists():
-            parameters = SynthParameters(scene=PRACTICE_SCENE, n_frames=PRACTICE_FRAMES, size=(270, 480), fps=5.0)
-            synthesise(practice / "capture", parameters, progress=progress)
-            segment_capture(practice / "capture", progress=progress)
+        ball = SynthParameters(scene="ball", n_frames=DEMO_FRAMES, size=(540, 960), fps=5.0)
+        box = SynthParameters(scene=PRACTICE_SCENE, n_frames=PRACTICE_FRAMES, size=(270, 480), fps=5.0)
+        for folder, parameters in ((capture, ball), (practice / "capture", box)):
+            if not (folder / CAPTURE_FILE).exists():
+                synthesise(folder, parameters, progress=progress)
+            if read_capture(folder).sensors[0].mask is None:  # a start may have been stopped between the two
+                segment_capture(folder, progress=progress)
 
     def make_models() -> None:
         reconstruct(capture, run, ReconstructOptions(), progress)
@@ -158,7 +176,8 @@ def _demo_steps(
 
     def take_votes() -> None:
         with running_server(settings) as url:
-            demo_votes(settings, url, participants, by_step(progress))
+            if demo_scores(out) is None:
+                demo_votes(settings, url, participants, by_step(progress))
             demo_analysis(settings, url, out / "analysis")
 
     return [

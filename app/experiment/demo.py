@@ -36,10 +36,12 @@ def demo_study(settings: Settings, manifest: Path, report: Path, exposure_s: flo
 
 
 def demo_votes(settings: Settings, url: str, participants: int, progress: Progress) -> None:
-    """Let simulated participants vote, unless there are votes already."""
+    """Let simulated participants vote; where some have, as a start was stopped, those who are left."""
     (study,) = list_studies(settings)
-    if not study["n_votes"] and participants:
-        simulate_study(settings, url, study["slug"], participants, ABILITIES, TIE_RATE, SEED, progress=progress)
+    n_before = study["n_finished"]
+    if (n_left := participants - n_before) > 0:
+        seed = SEED + n_before
+        simulate_study(settings, url, study["slug"], n_left, ABILITIES, TIE_RATE, seed, progress=progress)
 
 
 def demo_analysis(settings: Settings, url: str, out: Path) -> None:

@@ -98,8 +98,9 @@ def _copy_set(folder: Path, out: Path, practice: str | None, progress: Progress)
     listed = {(folder / file).resolve() for s in stimuli for file in (s.video, s.master, s.mask) if file}
     if added := [path for path in _videos(folder) if path.resolve() not in listed]:
         raise StimuliError(
-            f"{added[0]}: the folder's {MANIFEST} does not name it; put it into DATASET/CONDITION.mp4 of a folder of "
-            "its own, import that, and join both by `reconstudy stimuli merge`"
+            f"{added[0]}: the folder's {MANIFEST} does not name it; remove it if an earlier `reconstudy render` left "
+            "it there, else put it into DATASET/CONDITION.mp4 of a folder of its own, import that, and join both by "
+            "`reconstudy stimuli merge`"
         )
     copied = merge_sets([folder], out, progress=progress)
     kept = f"{folder} is a stimulus set: its factors, masters, camera paths and provenance are kept"

@@ -198,6 +198,12 @@ def retry_job(connection: Connection, public_id: str) -> QueuedJob:
     return job_by_id(connection, public_id)
 
 
+def is_made_since(connection: Connection, job: QueuedJob) -> bool:
+    """Whether another job has made the same thing since this one was queued."""
+    made = select(queued_job.c.id).where(queued_job.c.output == job.output, queued_job.c.state == "done")
+    return connection.scalar(made.where(queued_job.c.ended_at > job.created_at).limit(1)) is not None
+
+
 def take_job(database: Database, name: str, kinds: Collection[str], now: datetime) -> QueuedJob | None:
     """Give a worker the job that has waited longest among the kinds it can run; None if there is none.
 

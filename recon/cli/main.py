@@ -252,6 +252,12 @@ def models(
 
     progress = ProgressLine()
     written = write_models(runs, out, frame, progress)
+    others = sorted(
+        {path for folder in {path.parent for path in written} for path in folder.glob("*.ply")} - {*written}
+    )
+    if others:
+        names = ", ".join(path.relative_to(out).as_posix() for path in others)
+        progress.say(f"warning: {out} has models from before, too: {names}; remove those that show something else")
     progress.close()
     result = {"out": str(out), "models": [path.relative_to(out).as_posix() for path in written]}
     print_result(result, f"Wrote {len(written)} models: {out}", as_json=as_json)

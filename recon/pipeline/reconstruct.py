@@ -29,6 +29,7 @@ from recon.pipeline.job import Job, ReconstructOptions, planned_job
 from recon.pipeline.methods import Methods, depth_key, fuse, fusion_key, match, with_limit
 from recon.pipeline.preview import make_preview
 from recon.pipeline.run import (
+    RUN_FILE,
     Run,
     address_from,
     fetch_log,
@@ -50,6 +51,7 @@ from recon.pipeline.textures import compare_photographs, make_textured
 from recon.programs import ProgramError
 from recon.storage.artefacts import Artefacts
 from recon.storage.files import alone_in, remove_leftovers
+from recon.storage.remote import remove
 from recon.surface import SurfaceParameters
 from recon.workers import Pool, Progress, no_progress, open_pool
 
@@ -179,6 +181,7 @@ def _made(job: Job, progress: Progress) -> dict[str, Any]:
     with open_pool(options.workers, options.cluster) as pool:
         remove_leftovers(run)
         fetch_log(run)
+        remove(run / RUN_FILE)  # it describes the files of an earlier start, which this one may replace
 
         def make(stage: str, tasks: Sequence[partial[list[str]]]) -> None:
             timings[stage] = _run_stage(stage, tasks, job.artefacts, pool, progress)

@@ -13,7 +13,7 @@ from typing import Any
 
 from recon.pipeline.film import PARTS, WHERE, Film, RenderOptions, is_finished, make_film, make_part, make_path
 from recon.pipeline.film_plan import check_loops, check_path_is_read_only, planned_films
-from recon.pipeline.manifest import Stimulus, write_manifest
+from recon.pipeline.manifest import MANIFEST, Stimulus, write_manifest
 from recon.pipeline.run import versions
 from recon.pipeline.sources import Source, read_sources, scenes_apart
 from recon.render.frames import choose_renderer
@@ -69,6 +69,8 @@ def _make_films(films: Sequence[Film], out: Path, pool: Pool, progress: Progress
     """Make the films that are not finished, and return the stimuli of all."""
     remove_leftovers(out)
     unfinished = [film for film in films if not is_finished(film, out)]
+    if unfinished:
+        remove(out / MANIFEST)  # it describes the films of an earlier start, which this one may replace
     parts = [partial(make_part, film, out, part, threads=pool.threads) for film in unfinished for part in film.parts]
     _run_parts(parts, pool, progress)
     stimuli = list(pool.run([partial(make_film, film, out) for film in films]))

@@ -124,4 +124,10 @@ class Artefacts:
         return self.folder / NOTES / f"{name}.json"
 
     def _read_note(self, name: str) -> dict[str, Any]:
-        return read_json(fetched(self._note(name)))
+        try:
+            return read_json(fetched(self._note(name)))
+        except ValueError as error:
+            raise ValueError(
+                f"{error}; it says how {name} was made: copy a folder with its hidden ones, or start the command that "
+                "made it again"
+            ) from error

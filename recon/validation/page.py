@@ -15,9 +15,10 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from recon.storage.files import write_bytes, write_json
+from recon.storage.files import read_json, write_bytes, write_json
 from recon.validation.measures import Measured, measured_rows
 
+REPORT = "report.json"
 MOST_DECIMALS = 6  # in tables; with more, numbers have an exponent
 FONT = "Liberation Sans, Arial, sans-serif"
 # Okabe and Ito (2008), "Color universal design"; black first, yellow left out (too pale on white).
@@ -58,11 +59,11 @@ class Column:
 
 
 def write_page(path: Path, title: str, sections: Sequence[Section]) -> Path:
-    """Write a self-contained HTML page.
+    """Write a self-contained HTML page, and list all files of the report it belongs to in report.json, as `files`.
 
     Parameters
     ----------
-    path : of the page
+    path : of the page; that of a report is written last
     title : of the page
     sections : in their order
     """
@@ -77,7 +78,29 @@ def write_page(path: Path, title: str, sections: Sequence[Section]) -> Path:
     page = environment.get_template("report.html").render(
         title=title, sections=sections, font=FONT, program=f"reconstudy {version('reconstudy')}"
     )
-    return write_bytes(path, page.encode("utf-8"))
+    write_bytes(path, page.encode("utf-8"))
+    _list_files(path.parent)
+    return path
+
+
+def _list_files(folder: Path) -> None:
+    """List what was written since report.json, which is written first."""
+    report = folder / REPORT
+    if report.is_file():
+        begun = report.stat().st_mtime_ns
+        files = [path.name for path in folder.iterdir() if path.is_file() and path.stat().st_mtime_ns >= begun]
+        write_json(report, read_json(report) | {"files": sorted(files)})
+
+
+def _remove_earlier(folder: Path) -> None:
+    """Remove the files of an earlier report, which would be taken for this one's."""
+    try:
+        listed = read_json(folder / REPORT).get("files")
+    except ValueError:  # there is none, or none of ours
+        return
+    for path in list(folder.iterdir()):
+        if isinstance(listed, list) and path.name in listed and path.is_file():
+            path.unlink()
 
 
 def write_table(path: Path, rows: Sequence[Mapping[str, Any]], columns: Sequence[str] = ()) -> Path:
@@ -105,6 +128,8 @@ def write_numbers(
 ) -> None:
     """Write report.json, the tables as NAME.csv, and measures.csv, with all its columns even if there is no value.
 
+    An earlier report in the folder is removed.
+
     Parameters
     ----------
     folder : of the report
@@ -114,7 +139,8 @@ def write_numbers(
     """
     if values is None:
         values = measured_rows(report["measures"], f"validate {report['kind']}")
-    write_json(folder / "report.json", report)
+    _remove_earlier(folder)
+    write_json(folder / REPORT, report)
     for name, rows in tables.items():
         write_table(folder / f"{name}.csv", rows)
     write_table(

@@ -40,6 +40,11 @@ class JobKind:
     more: Callable[[Values, Settings], list[str]] = lambda _values, _settings: []
     needs_recon: bool = True
 
+    @property
+    def makes_new(self) -> bool:
+        """Whether its output is new; else it changes an entry, or adds to one."""
+        return any(isinstance(field, NewName) for field in self.fields)
+
     def read(self, given: Mapping[str, Any], settings: Settings) -> NewJob:
         """Check what a form or a client gave.
 

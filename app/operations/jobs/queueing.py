@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from app.errors import ConflictError
+from app.operations.jobs.kinds import KINDS
 from app.store.audit import Actor
 from app.store.engine import Database
-from app.store.queue import NewJob, QueuedJob, cancel_job, enqueue, job_by_id, retry_job
+from app.store.queue import NewJob, QueuedJob, cancel_job, enqueue, is_made_since, job_by_id, retry_job
 
 
 def queue_job(database: Database, new: NewJob, actor: Actor) -> QueuedJob:
@@ -30,8 +32,20 @@ def cancel(database: Database, public_id: str, actor: Actor) -> QueuedJob:
 
 
 def retry(database: Database, public_id: str, actor: Actor) -> QueuedJob:
-    """Queue a failed or cancelled job again, see `retry_job`."""
+    """Queue a failed or cancelled job again, see `retry_job`.
+
+    Raises
+    ------
+    NotFoundError, ConflictError
+        As `retry_job`, or if it would overwrite what another job has made since.
+    """
     with database.writing() as connection:
         job = retry_job(connection, public_id)
+        kind = KINDS.get(job.kind)
+        if kind is not None and kind.makes_new and is_made_since(connection, job):
+            raise ConflictError(
+                f"Another job has made {job.output!r} since, which this one would overwrite. Start a new job like "
+                "this one."
+            )
         actor.note(connection, "job queued again", subject=job.output, job=public_id, kind=job.kind)
     return job

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from math import isfinite
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from recon.validation.cloud_quality.geometry import THRESHOLD_SHARE, intrinsic_p
 from recon.validation.cloud_quality.measures import MEASURES, WITH_SCORES, Measure, Scale, chosen
 from recon.validation.cloud_quality.points import longest_side
 from recon.validation.cloud_quality.reading import USUAL_POINTS, Sampling, area_of, read_point_set, sampled
-from recon.validation.cloud_quality.remarks import remarks_on
+from recon.validation.cloud_quality.remarks import check_unit, remarks_on
 from recon.validation.cloud_quality.sequences import Compared
 from recon.validation.clouds import read_shape
 from recon.validation.measures import LESS, MORE, Measured, Subject, measure_rows
@@ -134,12 +133,15 @@ def measure_clouds(compared: Compared, settings: CloudSettings, progress: Progre
     findings = Findings(remarks=list(compared.left_out))
     done, total = 0, len(compared.frames) * len(compared.approaches)
     for frame in compared.frames:
-        reference = _prepared(compared.reference_of(frame), settings)
+        reference = Prepared(read_point_set(compared.reference_of(frame), settings.sampling))
         scale = Scale(settings.unit, settings.peak or intrinsic_peak(reference), settings.threshold)
         findings.clouds.append(_cloud_row(REFERENCE, frame, reference) | {"peak": scale.peak})
         for approach, files in compared.approaches.items():
             progress("clouds", done, total)
-            pair = Pair(reference, _prepared(files[frame], settings), _pair_name(approach, frame))
+            shape, name = read_shape(files[frame]), str(files[frame])
+            check_unit(shape, name, reference.cloud)
+            distorted = Prepared(sampled(shape, name, settings.sampling))
+            pair = Pair(reference, distorted, _pair_name(approach, frame))
             findings.clouds.append(_cloud_row(approach, frame, pair.distorted))
             findings.remarks.extend(remarks_on(pair))
             for name in names:
@@ -164,10 +166,6 @@ def _completed(settings: CloudSettings, compared: Compared) -> CloudSettings:
     side = longest_side(sampled(shape, str(reference), sampling))
     threshold = settings.threshold or THRESHOLD_SHARE * side or None
     return replace(settings, sampling=sampling, threshold=threshold)
-
-
-def _prepared(path: Path, settings: CloudSettings) -> Prepared:
-    return Prepared(read_point_set(path, settings.sampling))
 
 
 def _pair_name(approach: str, frame: int | None) -> str:

@@ -4,9 +4,28 @@ from __future__ import annotations
 
 import numpy as np
 
+from recon.geometry.mesh import Shape
 from recon.validation.cloud_quality.compared import Pair
 from recon.validation.cloud_quality.points import PointSet
+from recon.validation.cloud_quality.reading import Sampling, area_of, sampled
 from recon.validation.clouds import size_remarks
+
+FEW_POINTS = 1000  # on a mesh, which tell its size
+
+
+def check_unit(shape: Shape, name: str, reference: PointSet) -> None:
+    """Raise a ValueError if a mesh must be in another unit than the reference.
+
+    Points as dense as the reference's, of which there would be far too many or next to none, could not tell.
+
+    Parameters
+    ----------
+    shape, name : a mesh, and its file for messages; of a cloud, `remarks_on` tells
+    reference : what it is compared with
+    """
+    if (area := area_of(shape)) > 0:
+        few = sampled(shape, name, Sampling(FEW_POINTS / area))
+        size_remarks((name, reference.name), few.points, reference.points)
 
 
 def remarks_on(pair: Pair) -> list[str]:

@@ -6,7 +6,7 @@ tangent plane; Chetverikov et al., "The Trimmed Iterative Closest Point algorith
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,8 @@ STEP_SHARE = 1e-6  # of the model's diagonal; a smaller step ends the refinement
 RIVAL = 0.97  # of the best place's overlap; places from there on are as good
 SAME_START = 0.1  # between rotation matrices, and between places as a share of the diagonal; nearer starts are the same
 SAME_SHARE = 0.03  # of the model's diagonal; places whose corners are nearer to each other are the same
+SAME_SURFACE = 0.005  # of the model's diagonal; between places whose surfaces are nearer, the model looks the same
+SURFACE_POINTS = 6_000  # by which surfaces are compared
 SMALLEST_EXTENT = 0.05  # of the model's diagonal; a smaller cloud is in another unit, or shows nothing
 N_SEEDS = 2  # searches, with different samples and bases
 
@@ -139,7 +141,15 @@ def _placed(
     roughly = [refine(tree, coarse, start, delta, parameters.trim, COARSE_STEPS) for start in candidates]
     roughly.sort(key=lambda placement: -placement.overlap)
     good = _distinct([p for p in roughly if p.overlap >= RIVAL * roughly[0].overlap], vertices, diagonal)
-    refined = [refine(tree, fine, p.cloud_from_model, delta, parameters.trim, MAX_STEPS) for p in good]
+    surface = subsample(model, parameters.seed, SURFACE_POINTS)
+    refined: list[Placement] = []
+    reached: list[tuple[NDArray[np.float64], Placement]] = []
+    for start in (p.cloud_from_model for p in good):
+        place = _turned(start, reached, tree, surface, SAME_SURFACE * diagonal)
+        if place is None:
+            place = refine(tree, fine, start, delta, parameters.trim, MAX_STEPS)
+            reached.append((start, place))
+        refined.append(place)
     refined.sort(key=lambda p: (-round(p.overlap / (1 - RIVAL)), p.rms))
     chosen = refined[0]
     if chosen.overlap < parameters.min_overlap:
@@ -206,6 +216,29 @@ def _candidates(
     if not places:
         raise FitError(str(reason)) from reason
     return places
+
+
+def _turned(
+    start: NDArray[np.float64],
+    reached: list[tuple[NDArray[np.float64], Placement]],
+    tree: TriangleTree,
+    surface: NDArray[np.float64],
+    tolerance: float,
+) -> Placement | None:
+    """Return the refined place of a start where a symmetric model looks as at another one; None where it does not.
+
+    Parameters
+    ----------
+    start : float64 (4, 4), cloud_from_model
+    reached : other starts, each with the place that its refinement reached
+    tree, surface : of the model, and points float64 (N, 3) on it
+    tolerance : mm
+    """
+    for other, place in reached:
+        turn = np.linalg.inv(other) @ start
+        if tree.nearest(transformed(surface, turn)).distances.max() < tolerance:
+            return replace(place, cloud_from_model=place.cloud_from_model @ turn)
+    return None
 
 
 def _is_near(place: NDArray[np.float64], others: list[NDArray[np.float64]], diagonal: float) -> bool:

@@ -22,6 +22,7 @@ from app.intake.reports import Measure
 from app.simulation.rating import LOG_ODDS_OF_SCALE
 from recon.approaches import DEPTH_METHODS, FUSION_METHODS, approaches
 from recon.capture.format import read_capture
+from recon.workers import no_progress
 from tests.command_line import Command
 
 APPROACHES = [str(approach) for approach in approaches(DEPTH_METHODS, FUSION_METHODS)]
@@ -233,6 +234,23 @@ def test_an_unknown_scale_is_wrong_use(command: Command, tmp_path: Path) -> None
     told = command("experiment", "paper", "-o", tmp_path, "--scale", "huge")
     assert told.code == 2
     assert "expected small or full" in told.err
+
+
+def test_reports_on_approaches_of_an_earlier_start_do_not_count(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    small = recon.experiment.Experiment(tmp_path, recon.experiment.SCALES["small"])
+    monkeypatch.setattr(recon.experiment, "SCENES", ("ball",))
+    monkeypatch.setattr(recon.experiment, "_surfaces", lambda *_: {"pm_fb": None})
+    for name in ("truth/ball_sgm_fb", "truth/ball_pm_fb", "sphere"):
+        small.report(name).mkdir(parents=True)
+        (small.report(name) / "report.json").write_text('{"reconstructions": []}', encoding="utf-8")
+    small.stimuli.mkdir()
+    (small.stimuli / "manifest.json").write_text('{"stimuli": []}', encoding="utf-8")
+    recon.experiment.write_objective(small, no_progress)
+    reports = json.loads((tmp_path / "objective.json").read_text(encoding="utf-8"))["reports"]
+    assert "validation/truth/ball_pm_fb" in reports
+    assert "validation/truth/ball_sgm_fb" not in reports
 
 
 @pytest.fixture

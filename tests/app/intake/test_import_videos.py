@@ -98,7 +98,7 @@ def test_a_rendered_folder_keeps_all_that_its_manifest_says(tmp_path: Path) -> N
     manifest = json.loads((tmp_path / "set" / "manifest.json").read_text(encoding="utf-8"))
     assert manifest["provenance"]["merged"][0]["provenance"] == {"runs": [{"dataset": "ball"}]}
     shutil.copy(folder / "ball" / "id_fa.mp4", folder / "ball" / "splat.mp4")
-    with pytest.raises(StimuliError, match=r"splat\.mp4: .*does not name it; .*stimuli merge"):
+    with pytest.raises(StimuliError, match=r"splat\.mp4: .*does not name it; remove it if .*stimuli merge"):
         import_stimuli(folder, tmp_path / "again")
     with pytest.raises(StimuliError, match="which says what is for practice"):
         import_stimuli(folder, tmp_path / "again", practice="ball")

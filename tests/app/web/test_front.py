@@ -54,8 +54,10 @@ def test_the_demo_holds_a_few_measures_against_votes_on_all_but_the_truth(
         demo_study(settings, with_truth, report, 0.4, no_progress)
     assert list_studies(settings)[0]["n_conditions"] == len(APPROACHES)
     with running_server(settings) as url:
+        demo_votes(settings, url, 2, no_progress)  # as a start that was stopped
         demo_votes(settings, url, 3, no_progress)
         demo_analysis(settings, url, tmp_path / "analysis")
+    assert list_studies(settings)[0]["n_finished"] == 3
     analysis = json.loads((tmp_path / "analysis" / "analysis.json").read_text(encoding="utf-8"))
     assert {score["item"] for score in analysis["scores"] if score["comparison"] == "all"} == set(APPROACHES)
     assert {row["measure"] for row in analysis["measures"]} == set(MEASURES)

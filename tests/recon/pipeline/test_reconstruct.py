@@ -132,6 +132,16 @@ def test_models_of_one_frame_are_gathered_with_their_errors(run: Path, capture: 
 
 
 @pytest.mark.slow
+def test_models_from_before_beside_those_of_the_run_are_named(command: Command, run: Path, tmp_path: Path) -> None:
+    before = tmp_path / "meshes/ball/pm_fb.ply"
+    before.parent.mkdir(parents=True)
+    before.touch()
+    told = command("models", run, "-o", tmp_path, "--frame", "0")
+    assert told.code == 0
+    assert "has models from before, too: meshes/ball/pm_fb.ply" in told.err
+
+
+@pytest.mark.slow
 def test_a_run_has_a_contact_sheet_of_all_approaches(run: Path) -> None:
     sheet = read_image(run / "previews/0000.png")
     assert sheet.shape[0] > 2 * 480  # a row of four pictures for each of two approaches
@@ -159,6 +169,22 @@ def test_another_voxel_makes_only_the_meshes_again(capture: Capture, run: Path, 
     made = (again / "log.jsonl").read_text().splitlines()[n_made:]
     assert len(made) == 4
     assert all("meshes/" in line for line in made)
+
+
+@pytest.mark.slow
+def test_a_start_with_other_options_that_is_stopped_leaves_no_run(capture: Capture, run: Path, tmp_path: Path) -> None:
+    changed = copytree(run, tmp_path / "run")
+
+    def stop(what: str, done: int, _total: int) -> None:
+        if what == "meshes" and done == 1:
+            raise KeyboardInterrupt
+
+    options = ReconstructOptions(depths=("id",), surface=SurfaceParameters(voxel_mm=60.0))
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct(capture.folder, changed, options, stop)
+    with pytest.raises(ValueError, match="is not a finished run"):
+        read_run(changed)
+    assert reconstruct(capture.folder, changed, options)["options"]["surface"]["voxel_mm"] == 60.0
 
 
 def test_integer_disparities_stay_whole_when_they_are_filtered_in_time(run: Path) -> None:
@@ -359,6 +385,18 @@ def test_a_video_that_was_stopped_is_resumed_by_its_parts(run: Path, tmp_path: P
     seen.clear()
     render([run], tmp_path / "set", LONG, lambda what, done, _total: seen.append((what, done)))
     assert [event for event in seen if event[0] == "video frames"] == [("video frames", 0)], "nothing is rendered again"
+
+
+def test_a_set_whose_films_were_being_replaced_has_no_manifest(run: Path, small_set: Path, tmp_path: Path) -> None:
+    changed = copytree(small_set, tmp_path / "set")
+
+    def stop(what: str, done: int, _total: int) -> None:
+        if what == "video frames" and done:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        render([run], changed, replace(SMALL, background="dark"), stop)
+    assert not (changed / "manifest.json").exists()
 
 
 def test_a_folder_that_is_no_run_is_named(tmp_path: Path) -> None:

@@ -46,6 +46,11 @@ def test_an_artefact_with_a_damaged_note_is_made_again(tmp_path: Path, note: str
     assert artefacts.digest("b.txt") == file_digest(tmp_path / "b.txt")
 
 
+def test_a_folder_that_was_copied_without_its_hidden_ones_is_told_so(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"says how b\.txt was made: copy a folder with its hidden ones"):
+        Artefacts(tmp_path).digest("b.txt")
+
+
 def test_an_artefact_whose_making_failed_does_not_count(tmp_path: Path) -> None:
     artefacts = Artefacts(tmp_path)
     artefacts.make("b.txt", {"input": 1}, write_text("one"))

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from recon.validation.page import Section, write_page
+from recon.storage.files import read_json, write_bytes
+from recon.validation.page import Section, write_numbers, write_page
 
 
 def test_words_are_escaped_and_drawings_are_not(tmp_path: Path) -> None:
@@ -26,6 +27,17 @@ def test_words_are_escaped_and_drawings_are_not(tmp_path: Path) -> None:
 def test_long_paths_break_between_folders(tmp_path: Path) -> None:
     page = write_page(tmp_path / "report.html", "Clouds", [Section("Files", rows=[{"file": "run/<a>/0000.ply"}])])
     assert '<td class="words">run/<wbr>&lt;a&gt;/<wbr>0000.ply</td>' in page.read_text(encoding="utf-8")
+
+
+def test_a_second_report_replaces_the_files_of_the_first_and_no_others(tmp_path: Path) -> None:
+    (tmp_path / "mine.csv").write_text("x,y,z\n", encoding="utf-8")
+    for name in ("first", "second"):
+        write_numbers(tmp_path, {"kind": "mesh", "measures": []}, {name: [{"a": 1}]})
+        write_bytes(tmp_path / f"{name}.png", b"picture")
+        write_page(tmp_path / "report.html", name, [])
+    files = {"report.json", "report.html", "measures.csv", "second.csv", "second.png"}
+    assert {path.name for path in tmp_path.iterdir()} == files | {"mine.csv"}
+    assert read_json(tmp_path / "report.json")["files"] == sorted(files)
 
 
 @pytest.mark.parametrize(

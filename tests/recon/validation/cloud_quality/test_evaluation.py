@@ -26,11 +26,11 @@ from tests.recon.validation.cloud_quality.clouds import ball, refusal, table, va
 FAST = ("--measures", "d1,chamfer")
 
 
-def sphere(path: Path, radius: float = 100.0) -> Path:
+def sphere(path: Path, radius: float = 100.0, scale: float = 1.0) -> Path:
     vertices, faces = ball_mesh(radius, 15.0)
     normals = vertices / radius
     levels = np.rint(127 * (1 + normals)).astype(np.uint8)
-    return write_mesh(path, Mesh(vertices.astype(np.float32), faces, normals.astype(np.float32), levels))
+    return write_mesh(path, Mesh((scale * vertices).astype(np.float32), faces, normals.astype(np.float32), levels))
 
 
 def test_a_report_holds_every_measure_in_every_direction(command: Command, tmp_path: Path) -> None:
@@ -190,6 +190,15 @@ def test_a_cloud_in_another_unit_is_refused_by_its_factor(
     line = refusal(command, tmp_path / "report", cloud, "--reference", truth)
     assert f"mine.ply: is about {relation} than its reference" in line
     assert "metres against millimetres? Bring both to one unit first" in line
+
+
+@pytest.mark.parametrize(("scale", "relation"), [(1e6, "1 000 000 times larger"), (0.001, "1 000 times smaller")])
+def test_a_mesh_in_another_unit_is_refused_by_its_factor(
+    command: Command, tmp_path: Path, scale: float, relation: str
+) -> None:
+    truth, mesh = sphere(tmp_path / "truth.ply"), sphere(tmp_path / "mine.ply", scale=scale)
+    line = refusal(command, tmp_path / "report", mesh, "--reference", truth)
+    assert f"mine.ply: is about {relation} than its reference" in line
 
 
 def test_a_cloud_of_odd_size_or_place_is_remarked(command: Command, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,8 @@ from recon.geometry.mesh import Shape
 from recon.geometry.mesh_files import write_coloured
 from recon.studio.objects import ball, box
 from recon.validation.clouds import FitError
-from recon.validation.known_object.registration import RegistrationParameters, place_model, refine
+from recon.validation.known_object import registration
+from recon.validation.known_object.registration import Placement, RegistrationParameters, place_model, refine
 from recon.validation.triangles import TriangleTree
 from recon.validation.truth.evaluation import sample_evenly
 
@@ -83,6 +85,23 @@ def test_a_symmetric_shape_is_said_to_fit_in_several_places() -> None:
     assert (
         np.median(np.abs(TriangleTree(moved(solid, placement.cloud_from_model), solid[1]).nearest(points).signed)) < 0.1
     )
+
+
+@pytest.mark.slow
+def test_places_where_a_model_looks_the_same_are_refined_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    n_points: list[int] = []
+
+    def counted(tree: TriangleTree, points: NDArray[np.float64], *rest: Any) -> Placement:
+        n_points.append(len(points))
+        return refine(tree, points, *rest)
+
+    monkeypatch.setattr(registration, "refine", counted)
+    cloud, truth = half_cloud(ball(100.0, 12.0), 1, noise=1.0, outliers=0.0)
+    placement = place_model(*ball(100.0, 12.0), cloud)
+    assert len(placement.rivals) > 3, "a ball fits in any turn"
+    assert n_points.count(max(n_points)) == 1
+    for place in (placement.cloud_from_model, *placement.rivals):
+        assert np.linalg.norm(place[:3, 3] - truth[0].mean(axis=0)) < 1.0
 
 
 @pytest.mark.slow

@@ -1,0 +1,41 @@
+"""Jobs are queued, cancelled and tried again by people, and none overwrites what another one made."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+
+import pytest
+
+from app.errors import ConflictError
+from app.operations.jobs.queueing import cancel, queue_job, retry
+from app.store.audit import Actor
+from app.store.engine import Database
+from app.store.queue import NewJob, end_job, take_job
+from tests.seeded_studies import NOW
+
+EVA = Actor(1, "Eva", NOW)
+
+
+def cancelled(database: Database, new: NewJob) -> str:
+    public_id = queue_job(database, new, EVA).public_id
+    cancel(database, public_id, EVA)
+    return public_id
+
+
+def done(database: Database, new: NewJob) -> None:
+    public_id = queue_job(database, new, EVA).public_id
+    assert take_job(database, "W", (new.kind,), NOW) is not None
+    end_job(database, "W", public_id, "done", "", NOW + timedelta(minutes=1))
+
+
+def test_a_job_is_not_tried_again_where_another_one_has_made_the_same_since(database: Database) -> None:
+    first = cancelled(database, NewJob("reconstruct", {"capture": "ball", "name": "ball"}, "runs/ball"))
+    done(database, NewJob("reconstruct", {"capture": "ball", "name": "ball", "voxel": 5.0}, "runs/ball"))
+    with pytest.raises(ConflictError, match="Another job has made 'runs/ball' since"):
+        retry(database, first, EVA)
+
+
+def test_what_changes_an_entry_may_change_it_again(database: Database) -> None:
+    first = cancelled(database, NewJob("segment", {"capture": "ball", "method": "plate"}, "captures/ball"))
+    done(database, NewJob("segment", {"capture": "ball", "method": "auto"}, "captures/ball"))
+    assert retry(database, first, EVA).state == "queued"
