@@ -121,10 +121,10 @@ export class PlaybackCount {
   }
 }
 
-/** Resolves when an element can play through. @param {HTMLVideoElement} video @param {AbortSignal} signal */
+/** Resolves when an element can show its film, all of which is in memory: not every browser says by itself that it can play it through. @param {HTMLVideoElement} video @param {AbortSignal} signal */
 export function readiness(video, signal) {
   return new Promise((resolve, reject) => {
-    video.addEventListener("canplaythrough", resolve, { once: true, signal });
+    video.addEventListener("canplay", resolve, { once: true, signal });
     video.addEventListener("error", () => reject(video.error), { once: true, signal });
   });
 }
