@@ -12,8 +12,9 @@ export function stripsOf(media) {
 
 /**
  * Keeps the film as large as the page allows, less a fraction of a pixel, so that the step from one strip to the next is a
- * whole number of the display's pixels. Browsers round it to that; B would otherwise be shifted against A. Where the study
- * wants it 1:1, a pixel of the film is a pixel of the display, however the page is zoomed.
+ * whole number of the display's pixels. Browsers round it to that; B would otherwise be shifted against A. The window ends
+ * at a whole pixel, too: the lowest strip has nothing below it that would fill up another. Where the study wants it 1:1, a
+ * pixel of the film is a pixel of the display, however the page is zoomed.
  * @param {HTMLElement} film @param {Media} media @param {AbortSignal} signal
  */
 export function fitToPage(film, media, signal) {
@@ -35,6 +36,7 @@ function fitOnce(film, media) {
     "--height": `${height}px`,
     "--guard-rows": `${guard_rows}px`,
     "--film-height": `${stackedHeight(media)}px`,
+    "--window-height": `${wholePixels(scale * height, Math.floor)}px`,
     "--left": `${wholePixels((clientWidth - scale * width) / 2, Math.round)}px`,
     "--top": `${wholePixels((clientHeight - scale * height) / 2, Math.round)}px`,
   };

@@ -129,13 +129,18 @@ export function readiness(video, signal) {
   });
 }
 
-/** Tells of every frame that an element gives to the screen, in seconds of its film. @param {HTMLVideoElement} video @param {AbortSignal} signal @param {(time_s: number) => void} tell */
+/** Tells of every frame that an element gives to the screen, in seconds of its film: Firefox counts on when a film begins again. @param {HTMLVideoElement} video @param {AbortSignal} signal @param {(time_s: number) => void} tell */
 export function followFrames(video, signal, tell) {
   const follow = (/** @type {number} */ _now, /** @type {VideoFrameCallbackMetadata} */ frame) => {
-    tell(frame.mediaTime);
+    tell((microseconds(frame.mediaTime) % microseconds(video.duration)) / 1e6);
     if (!signal.aborted) video.requestVideoFrameCallback(follow);
   };
   video.requestVideoFrameCallback?.(follow);
+}
+
+/** Whole ones, whose remainder has no rounding error. @param {number} time_s */
+function microseconds(time_s) {
+  return Math.round(1e6 * time_s);
 }
 
 /** @param {HTMLVideoElement} video @param {number} width @param {number} height */

@@ -136,6 +136,8 @@ def test_nothing_moves_on_the_screen_when_both_stimuli_are_alike(
     page.set_viewport_size({"width": size[0], "height": size[1]})
     visitor.begin(new_study(films(5.0, 20, _stripes), 4.0))
     visitor.is_in("exposure")
+    height = page.locator(".film").evaluate("(film) => film.getBoundingClientRect().height")
+    assert height == int(height)  # Firefox would let the ground through a part of the last row, below one stimulus only
     one = visitor.looks()
     page.keyboard.press("Space")
     other = visitor.looks()
