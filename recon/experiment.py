@@ -47,6 +47,7 @@ from recon.validation.cuboid.report import write_cuboid_report
 from recon.validation.films.evaluation import FilmSettings, measure_films
 from recon.validation.films.report import write_films_report
 from recon.validation.measures import Subject
+from recon.validation.page import REPORT
 from recon.validation.sphere.evaluation import measure_spheres
 from recon.validation.sphere.model import SphereSettings
 from recon.validation.sphere.report import write_sphere_report
@@ -68,7 +69,7 @@ CLOUD_PEAK = 1000.0  # mm, of the PSNR of D1, the same for all scenes
 FILM_STEP = 3  # every third frame is measured; in `small` a model stays for five
 REACH_MM = 220.0  # how far an object's centre may be from that of the working volume, on each axis
 SEED = 1
-OBJECTIVE_FILE, REPORT = "objective.json", "report.json"
+OBJECTIVE_FILE = "objective.json"
 RECORDING = ("capture", "studio", "rig.py", "geometry")
 MEASURING = ("validation", "render", "surface", "cloud.py", "fusion", "geometry", "rig.py")
 

@@ -25,8 +25,8 @@ def upgrade(database: Database) -> str:
     """
     version = version_of(database)
     if version != newest_version():
-        if version is not None and version not in revisions():
-            raise ValueError(_unknown(version))
+        if unknown := _why_unknown(version):
+            raise ValueError(unknown)
         with database.writing() as connection:
             upgrade_within(connection, newest_version())
     return newest_version()
@@ -58,12 +58,15 @@ def why_not_ready(database: Database) -> str | None:
         return "The database does not answer."
     if version == newest_version():
         return None
-    if version is not None and version not in revisions():
-        return _unknown(version)
-    return f"The database is at version {version}, expected {newest_version()}; run `reconstudy db upgrade`."
+    return _why_unknown(version) or (
+        f"The database is at version {version}, expected {newest_version()}; run `reconstudy db upgrade`."
+    )
 
 
-def _unknown(version: str) -> str:
+def _why_unknown(version: str | None) -> str | None:
+    """Say why this program cannot migrate a database of a version; None if it can."""
+    if version is None or version in revisions():
+        return None
     return (
         f"The database is at version {version}, which this program does not know, expected {newest_version()}; "
         "install the version of reconstudy that upgraded it, or a newer one."
