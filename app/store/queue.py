@@ -6,7 +6,7 @@ shown no sign of life for a while has died, and its jobs are queued again.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Literal
@@ -204,27 +204,34 @@ def is_made_since(connection: Connection, job: QueuedJob) -> bool:
     return connection.scalar(made.where(queued_job.c.ended_at > job.created_at).limit(1)) is not None
 
 
-def take_job(database: Database, name: str, kinds: Collection[str], now: datetime) -> QueuedJob | None:
-    """Give a worker the job that has waited longest among the kinds it can run; None if there is none.
+def take_job(
+    database: Database,
+    name: str,
+    kinds: Collection[str],
+    now: datetime,
+    must_wait: Callable[[QueuedJob, QueuedJob], bool] = lambda _job, _earlier: False,
+) -> QueuedJob | None:
+    """Give a worker the job that has waited longest among those it can run now; None if there is none.
 
     Two workers never take the same job.
+
+    Parameters
+    ----------
+    name, kinds : of the worker, and of the jobs that it can run
+    must_wait : whether a job cannot begin before an earlier one has ended
     """
-    waiting = select(queued_job.c.public_id).where(queued_job.c.state == "queued", queued_job.c.kind.in_(kinds))
     with database.reading() as connection:  # an idle worker takes no write lock
-        if connection.scalar(waiting.limit(1)) is None:
-            return None
-    with database.writing() as connection:
-        first = waiting.order_by(queued_job.c.id).limit(1).with_for_update(skip_locked=True)
-        public_id = connection.scalar(first)
-        if public_id is None:
-            return None
-        begun = {"state": "running", "worker": name, "started_at": now, "ended_at": None, "detail": ""}
-        connection.execute(
-            update(queued_job)
-            .where(queued_job.c.public_id == public_id)
-            .values(**begun, attempt=queued_job.c.attempt + 1, **vars(JobProgress()))
-        )
-        return job_by_id(connection, public_id)
+        jobs = list_jobs(connection, states=OPEN)
+    begun = {"state": "running", "worker": name, "started_at": now, "ended_at": None, "detail": ""}
+    for place, job in enumerate(jobs):
+        if job.state == "running" or job.kind not in kinds or any(must_wait(job, other) for other in jobs[:place]):
+            continue
+        still_waits = update(queued_job).where(queued_job.c.public_id == job.public_id, queued_job.c.state == "queued")
+        values = begun | {"attempt": queued_job.c.attempt + 1} | vars(JobProgress())
+        with database.writing() as connection:
+            if connection.execute(still_waits.values(values)).rowcount:
+                return job_by_id(connection, job.public_id)
+    return None
 
 
 def jobs_of(connection: Connection, name: str) -> dict[str, bool]:

@@ -131,6 +131,10 @@ class Entry(Field):
         paths = _clouds_in(path) if self.takes == "files" and path.is_dir() else [path]
         return [f"{self.option}={path}" if self.option else str(path) for path in paths]
 
+    def places(self, value: Any) -> set[str]:
+        """Return the entries that a value names, as "SHELF/NAME"."""
+        return {value if "/" in value else f"{self.shelves[0]}/{value}"}
+
     def value_for(self, settings: Settings, kind: str, name: str) -> str | None:
         """Return the value that chooses an entry; None where this field does not take it."""
         is_taken = kind in self.shelves and self._is_fit(place(settings, kind) / name)
@@ -167,6 +171,10 @@ class Entries(Entry):
     def words(self, value: Any, settings: Settings) -> list[str]:
         """Return the entries' paths."""
         return [word for name in value for word in super(Entries, self).words(name, settings)]
+
+    def places(self, value: Any) -> set[str]:
+        """Return the entries that the values name, as "SHELF/NAME"."""
+        return {place for name in value for place in super(Entries, self).places(name)}
 
 
 @dataclass(frozen=True, kw_only=True)

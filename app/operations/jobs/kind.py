@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from app.errors import InvalidError
-from app.operations.jobs.fields import Field, NewName, Values, place
+from app.operations.jobs.fields import Entry, Field, NewName, Values, place
 from app.settings import Settings
 from app.store.queue import NewJob
 
@@ -62,6 +62,11 @@ class JobKind:
                 values[field.name] = field.made_from(values, settings)
         self.more(values, settings)  # which refuses what it cannot use
         return NewJob(self.name, values, "/".join(self.output(values)))
+
+    def reads(self, values: Values) -> set[str]:
+        """Return the entries that the values name, as "SHELF/NAME"."""
+        fields = [field for field in self.fields if isinstance(field, Entry) and values.get(field.name) is not None]
+        return {place for field in fields for place in field.places(values[field.name])}
 
     def argv(self, values: Values, settings: Settings) -> list[str]:
         """Return the arguments of the command line.

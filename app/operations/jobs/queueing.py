@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from app.errors import ConflictError
 from app.operations.jobs.kinds import KINDS
 from app.store.audit import Actor
@@ -49,3 +51,20 @@ def retry(database: Database, public_id: str, actor: Actor) -> QueuedJob:
             )
         actor.note(connection, "job queued again", subject=job.output, job=public_id, kind=job.kind)
     return job
+
+
+def uses(job: QueuedJob) -> set[str]:
+    """Return the entries that a job reads, makes or changes, as "SHELF/NAME"."""
+    kind = KINDS.get(job.kind)
+    return {job.output} | (kind.reads(job.arguments) if kind else set())
+
+
+def must_wait(job: QueuedJob, earlier: QueuedJob) -> bool:
+    """Whether an earlier job changes what this one reads, or reads what this one changes."""
+    return earlier.output in uses(job) or job.output in uses(earlier)
+
+
+def waits_for(job: QueuedJob, open_jobs: Sequence[QueuedJob]) -> QueuedJob | None:
+    """Return the first of the open jobs before a queued one that it must wait for."""
+    before = open_jobs[: [other.public_id for other in open_jobs].index(job.public_id)]
+    return next((other for other in before if must_wait(job, other)), None)

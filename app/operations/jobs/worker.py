@@ -19,6 +19,7 @@ from app.operations.database import open_store
 from app.operations.extras import has_extra
 from app.operations.jobs.command import Command, job_folder
 from app.operations.jobs.kinds import KINDS, job_kind
+from app.operations.jobs.queueing import must_wait
 from app.settings import Settings
 from app.store.engine import Database
 from app.store.keys import utc_now
@@ -109,7 +110,7 @@ class JobWorker:
         for running in list(self._running.values()):
             self._look_after(running, mine.get(running.job.public_id))
         while len(self._running) < self._me.n_at_once:
-            job = take_job(self._database, self._me.name, self._me.kinds, self._clock())
+            job = take_job(self._database, self._me.name, self._me.kinds, self._clock(), must_wait)
             if job is None:
                 break
             self._begin(job)

@@ -64,6 +64,20 @@ def test_jobs_are_taken_in_their_order_and_only_by_workers_that_can_run_them(dat
     assert take_job(database, "W", KINDS, NOW) is None
 
 
+def test_a_job_that_must_wait_lets_others_pass_until_the_earlier_one_has_ended(database: Database) -> None:
+    first, second, third = (queued(database, f"runs/{name}") for name in "abc")
+
+    def take() -> str | None:
+        job = take_job(
+            database, "W", KINDS, NOW, lambda job, earlier: (job.public_id, earlier.public_id) == (second, first)
+        )
+        return job and job.public_id
+
+    assert [take(), take(), take()] == [first, third, None]
+    end_job(database, "W", first, "done", "", NOW)
+    assert take() == second
+
+
 def test_workers_that_take_at_once_never_take_the_same_job(database: Database) -> None:
     ids = {queued(database, f"runs/{number}") for number in range(6)}
     together = Barrier(4)

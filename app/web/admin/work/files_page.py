@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path as FilePath
-from typing import Annotated, Any
+from typing import Annotated
 from urllib.parse import quote
 
 from anyio import CapacityLimiter, to_thread
@@ -28,6 +27,7 @@ from app.intake.summaries import SUMMARIES
 from app.operations.attach import attach
 from app.operations.jobs.kinds import KINDS as JOB_KINDS
 from app.operations.jobs.kinds import kinds_for
+from app.operations.jobs.queueing import uses
 from app.settings import Settings
 from app.store.engine import Database
 from app.store.queue import OPEN, QueuedJob, list_jobs
@@ -266,13 +266,7 @@ def _open_jobs(store: Database, kind: str, name: str) -> list[QueuedJob]:
     """Return the jobs that wait or run and read, make or change an entry."""
     with store.reading() as connection:
         jobs = list_jobs(connection, states=OPEN)
-    return [job for job in jobs if f"{kind}/{name}" == job.output or _names(job.arguments, kind, name)]
-
-
-def _names(arguments: Mapping[str, Any], kind: str, name: str) -> bool:
-    """Tell whether a job's arguments name an entry; they do so without its kind where a field takes one kind alone."""
-    values = [value for given in arguments.values() for value in (given if isinstance(given, list) else [given])]
-    return name in values or f"{kind}/{name}" in values
+    return [job for job in jobs if f"{kind}/{name}" in uses(job)]
 
 
 def _file_address(base: str, place: str) -> str:

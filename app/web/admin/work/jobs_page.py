@@ -23,6 +23,7 @@ from app.operations.jobs.kind import JobKind
 from app.operations.jobs.kinds import GROUPS, KINDS
 from app.settings import Settings
 from app.store.queue import (
+    OPEN,
     JobState,
     QueuedJob,
     job_by_id,
@@ -212,6 +213,7 @@ def _job_of(request: Request, public_id: str) -> dict[str, Any]:
     with database(request).reading() as connection:
         job = job_by_id(connection, public_id)
         ahead = n_before(connection, job) if job.state == "queued" else 0
+        first = queueing.waits_for(job, list_jobs(connection, states=OPEN)) if job.state == "queued" else None
         is_possible = any(job.kind in worker.kinds for worker in workers(connection, moment))
         done = list_jobs(connection, states=DONE, limit=JOBS_TO_LEARN_FROM) if job.state == "running" else []
     kind = KINDS.get(job.kind)
@@ -228,6 +230,7 @@ def _job_of(request: Request, public_id: str) -> dict[str, Any]:
         "has_output": _output(job, settings(request)).exists(),
         "job": job,
         "ahead": ahead,
+        "first": first and shown_job(first, moment),
         "is_possible": is_possible,
         "facts": facts,
         "lines": lines,

@@ -7,10 +7,10 @@ from datetime import timedelta
 import pytest
 
 from app.errors import ConflictError
-from app.operations.jobs.queueing import cancel, queue_job, retry
+from app.operations.jobs.queueing import cancel, must_wait, queue_job, retry, uses, waits_for
 from app.store.audit import Actor
 from app.store.engine import Database
-from app.store.queue import NewJob, end_job, take_job
+from app.store.queue import NewJob, end_job, list_jobs, take_job
 from tests.seeded_studies import NOW
 
 EVA = Actor(1, "Eva", NOW)
@@ -39,3 +39,28 @@ def test_what_changes_an_entry_may_change_it_again(database: Database) -> None:
     first = cancelled(database, NewJob("segment", {"capture": "ball", "method": "plate"}, "captures/ball"))
     done(database, NewJob("segment", {"capture": "ball", "method": "auto"}, "captures/ball"))
     assert retry(database, first, EVA).state == "queued"
+
+
+def test_a_job_does_not_read_what_another_one_changes_meanwhile(database: Database) -> None:
+    segment, other, reconstruct, again = (
+        queue_job(database, new, EVA)
+        for new in (
+            NewJob("segment", {"capture": "ball"}, "captures/ball"),
+            NewJob("reconstruct", {"capture": "box", "name": "box"}, "runs/box"),
+            NewJob("reconstruct", {"capture": "ball", "name": "ball"}, "runs/ball"),
+            NewJob("reconstruct", {"capture": "box", "name": "box-2"}, "runs/box-2"),
+        )
+    )
+    assert must_wait(reconstruct, segment)
+    assert must_wait(segment, reconstruct), "one that changes waits for one that reads, too"
+    with database.reading() as connection:
+        open_jobs = list_jobs(connection)
+    assert [waits_for(job, open_jobs) for job in (segment, other, reconstruct, again)] == [None, None, segment, None]
+
+
+def test_a_job_uses_the_entries_of_all_its_fields_and_what_it_makes(database: Database) -> None:
+    values = {"sources": ["runs/ball", "models/ball"], "name": "films", "title": "ball"}
+    job = queue_job(database, NewJob("render", values, "sets/films"), EVA)
+    assert uses(job) == {"runs/ball", "models/ball", "sets/films"}
+    unknown = queue_job(database, NewJob("of an older version", {"capture": "ball"}, "runs/old"), EVA)
+    assert uses(unknown) == {"runs/old"}

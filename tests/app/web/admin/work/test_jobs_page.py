@@ -14,7 +14,7 @@ from app.operations.jobs.command import LOG, job_folder
 from app.settings import Settings
 from app.store.engine import open_database
 from app.store.keys import utc_now
-from app.store.queue import JobProgress, Worker, beat, end_job, take_job, tell_progress
+from app.store.queue import JobProgress, NewJob, Worker, beat, end_job, enqueue, take_job, tell_progress
 from app.web.admin.work import jobs_page
 from tests.app.web.admin.dashboard_client import signed_in, until
 
@@ -59,6 +59,11 @@ def test_a_job_is_started_watched_cancelled_and_resumed(server: str, here: Setti
         assert eva.act(FORM, films="mine").status_code == 409
         beat(database, Worker("laboratory 4711", ("import-films",), 1, utc_now(), utc_now()), utc_now())
         assert "the next to begin" in eva.get(address).text
+        with database.writing() as connection:
+            changing = enqueue(connection, NewJob("segment", {}, "films/mine"), "Olga", utc_now())
+        take_job(database, "laboratory 4711", ("segment",), utc_now())
+        assert f'It waits until <a href="/admin/work/{changing}">Segment a capture: mine</a>' in eva.get(address).text
+        end_job(database, "laboratory 4711", changing, "done", "", utc_now())
         take_job(database, "laboratory 4711", ("import-films",), utc_now())
         tell_progress(database, "laboratory 4711", public_id, JobProgress("copied", 3, 18, 125.0))
         folder = job_folder(here, public_id)
