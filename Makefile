@@ -21,8 +21,8 @@ unexport PYTHONDONTWRITEBYTECODE  # tests start hundreds of processes, which rea
 help:
 	@echo "make setup   install everything that demo and test need (seconds when it is there)"
 	@echo "make demo    the main job on a synthetic recording: models, videos, study, votes, scores"
-	@echo "make test    set up, lint, check types, build the documentation and run every test"
-	@echo "make check   format, lint, types, the documentation and the quick tests"
+	@echo "make test    set up, lint, check types and run every test"
+	@echo "make check   format, lint, types and the quick tests"
 	@echo "make bench   measure speed and memory beside other tools"
 	@echo "make serve   the study server on its database in this folder"
 
@@ -38,7 +38,6 @@ test: setup
 	ruff format --check $(SOURCES)
 	ruff check $(SOURCES)
 	mypy
-	mkdocs build --quiet
 	pytest $(PARALLEL) $(shell expr $(CORES) + 2) --durations=30 -m "not alone" || $(ONCE_MORE)
 	pytest -m alone tests/browser || $(ONCE_MORE)
 	@$(MAKE) --no-print-directory browser-code
@@ -47,7 +46,6 @@ check: setup
 	ruff format $(SOURCES)
 	ruff check $(SOURCES)
 	mypy
-	mkdocs build --quiet
 	pytest $(PARALLEL) $(CORES) -m "not slow and not browser"
 	@$(MAKE) --no-print-directory browser-code
 
