@@ -14,7 +14,7 @@ from app.analysis.votes_table import VotesTable
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-DENSE_CODES = 40_000_000  # possible (outcome, first, second); above, codes are sorted instead of counted into a table
+FEW_CODES, CODES_PER_VOTE = 10_000, 4  # possible (outcome, first, second) to count into a table; more are sorted
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def count_pairs(votes: VotesTable, *, is_ordered: bool = False) -> PairCounts:
     is_ordered : count the two orders of showing separately, as an order effect needs
     """
     n = len(votes.items)
-    if 3 * n * n <= DENSE_CODES:
+    if 3 * n * n <= max(FEW_CODES, CODES_PER_VOTE * len(votes)):
         table = _count_dense(votes, n, is_ordered=is_ordered)
         if not is_ordered:
             table = _fold(table)

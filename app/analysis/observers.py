@@ -71,8 +71,7 @@ def _preferred_by_all(votes: VotesTable, ties: str) -> Array:
         compared = only_compared(votes.where(rows))
         fit = _fit_without_participants(compared, ties) if rows.any() else None
         if fit is not None and fit.scores is not None:
-            chance = fit.preference(np.subtract.outer(fit.scores, fit.scores))
-            p_a[rows] = chance[compared.item_a, compared.item_b]
+            p_a[rows] = fit.preference(fit.scores[compared.item_a] - fit.scores[compared.item_b])
     return p_a
 
 

@@ -54,10 +54,15 @@ def luma_of(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(np.rint(cv2.transform(frame.astype(np.float32), weights) + 16), np.uint8)
 
 
+def psnr_db(mean_squared: float, peak_squared: float = 255.0**2) -> float:
+    """Convert a mean squared error to the peak signal-to-noise ratio, dB; infinite where there is no error."""
+    return 10 * math.log10(peak_squared / mean_squared) if mean_squared > 0 else math.inf
+
+
 def psnr_of(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> float:
-    """Compute the peak signal-to-noise ratio of two images (H, W), dB; `LOSSLESS_DB` where they are equal."""
+    """Compute the peak signal-to-noise ratio of two images (H, W), dB, at most `LOSSLESS_DB`."""
     squared = float(np.square(np.subtract(image, other, dtype=np.float32)).mean(dtype=np.float64))
-    return 10 * math.log10(255**2 / squared) if squared else LOSSLESS_DB
+    return min(LOSSLESS_DB, psnr_db(squared))
 
 
 def ssim_of(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> float:

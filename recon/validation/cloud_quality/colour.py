@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.validation.cloud_quality.compared import Pair, Prepared, Value, both_ways, psnr
+from recon.render.quality import psnr_db
+from recon.validation.cloud_quality.compared import Pair, Prepared, Value, both_ways
 from recon.validation.cloud_quality.neighbours import NearestGroups
 
 CHANNELS = ("y", "cb", "cr")
@@ -52,7 +53,7 @@ def colours(pair: Pair) -> list[Value]:
     values = []
     for channel, a, b in zip(CHANNELS, forward[0], backward[0], strict=True):
         values += both_ways(f"{channel}_mse", a, b, unit="", better="lower")
-        values += both_ways(f"{channel}_psnr_db", psnr(a, 1), psnr(b, 1), unit="dB", better="higher")
+        values += both_ways(f"{channel}_psnr_db", psnr_db(a, 1), psnr_db(b, 1), unit="dB", better="higher")
     for channel, a, b in zip("rgb", forward[1], backward[1], strict=True):
         values += both_ways(f"{channel}_hausdorff_squared", a, b, unit="levels²", better="lower")
     return values

@@ -91,11 +91,6 @@ class Pair:
         return lowest_first(self.distorted.places.points, self.reference.places.points, self.reference.tree, 1)[0][:, 0]
 
 
-def psnr(mse: float, peak_squared: float) -> float:
-    """Return the peak signal-to-noise ratio, dB; infinite where there is no error."""
-    return float(10 * np.log10(peak_squared / mse)) if mse > 0 else float("inf")
-
-
 def both_ways(measure: str, to_distorted: float, to_reference: float, *, unit: str, better: str) -> list[Value]:
     """Return a measure's values in both directions and their worse one as the symmetric value.
 

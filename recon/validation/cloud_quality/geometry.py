@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.normals import vector_sums
-from recon.validation.cloud_quality.compared import Pair, Prepared, Value, both_ways, psnr
+from recon.render.quality import psnr_db
+from recon.validation.cloud_quality.compared import Pair, Prepared, Value, both_ways
 from recon.validation.cloud_quality.neighbours import NearestGroups
 from recon.validation.truth.evaluation import compared
 
@@ -153,7 +154,7 @@ def _distances(
     values += both_ways(f"{name}_hausdorff_squared", largest[0], largest[1], unit=area, better="lower")
     if peak is not None:
         for part, (a, b) in (("psnr_db", means), ("hausdorff_psnr_db", largest)):
-            ratios = psnr(a, 3 * peak**2), psnr(b, 3 * peak**2)
+            ratios = psnr_db(a, 3 * peak**2), psnr_db(b, 3 * peak**2)
             values += both_ways(f"{name}_{part}", *ratios, unit="dB", better="higher")
     return values
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,9 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.render.quality import WINDOW_PX, ssim_maps, without_margin
+from recon.render.quality import WINDOW_PX, psnr_db, ssim_maps, without_margin
 
-PEAK = 255.0
 SCALE_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # Wang, Simoncelli, Bovik (2003), section 3.2
 SMALLEST_PX = WINDOW_PX * 2 ** (len(SCALE_WEIGHTS) - 1)  # the window must fit into the smallest scale
 
@@ -55,7 +53,7 @@ def likenesses(
     a, b = image.astype(np.float32), reference.astype(np.float32)
     weights: list[NDArray[np.float32] | None] = [None, *(region.astype(np.float32) for region in regions)]
     squared = np.square(a - b)
-    psnrs = [_psnr(_mean(squared, weight)) for weight in weights]
+    psnrs = [psnr_db(_mean(squared, weight)) for weight in weights]
     n_scales = len(SCALE_WEIGHTS) if min(image.shape) >= SMALLEST_PX else 1
     structures, similarities = np.empty((len(weights), n_scales)), np.empty((len(weights), n_scales))
     for scale in range(n_scales):
@@ -82,10 +80,6 @@ def _multi_scale(structures: NDArray[np.float64], similarities: NDArray[np.float
     """Combine the means of each scale, finest first; the coarsest counts with its luminance."""
     terms = np.maximum([*structures[:-1], similarities[-1]], 0.0)
     return float(np.prod(terms ** np.array(SCALE_WEIGHTS)))
-
-
-def _psnr(squared: float) -> float:
-    return 10 * math.log10(PEAK**2 / squared) if squared else math.inf
 
 
 def _mean(values: NDArray[np.float32], weight: NDArray[np.float32] | None) -> float:

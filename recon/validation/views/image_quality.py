@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.render.quality import ssim_maps
+from recon.render.quality import psnr_db, ssim_maps
 
 GRADIENT_C = 170.0  # Xue et al. (2014), for values up to 255
 PREWITT = np.array([[1, 0, -1], [1, 0, -1], [1, 0, -1]], np.float32) / 3
 LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # ITU-R BT.709
-BEST_PSNR_DB = 99.0  # of pictures that are the same
+BEST_PSNR_DB = 99.0  # at most, of pictures that are the same
 
 
 def psnr(picture: NDArray[np.uint8], photograph: NDArray[np.uint8], where: NDArray[np.bool_]) -> float | None:
@@ -26,7 +26,7 @@ def psnr(picture: NDArray[np.uint8], photograph: NDArray[np.uint8], where: NDArr
         return None
     difference = picture[where].astype(np.float64) - photograph[where]
     error = float(np.mean(difference**2))
-    return BEST_PSNR_DB if error == 0 else min(BEST_PSNR_DB, float(10 * np.log10(255**2 / error)))
+    return min(BEST_PSNR_DB, psnr_db(error))
 
 
 def ssim_map(picture: NDArray[np.uint8], photograph: NDArray[np.uint8]) -> NDArray[np.float32]:

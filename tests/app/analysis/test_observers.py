@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from itertools import combinations, permutations
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from app.analysis.counts import count_pairs
 from app.analysis.observers import observer_rows
 from app.analysis.power import StudyPlan, simulate_votes
 from app.analysis.reading import read_votes, votes_from_rows
-from app.analysis.votes_table import VotesError, VotesTable, only_compared
+from app.analysis.votes_table import VotesError, VotesTable, only_compared, votes_from_indices
 
 HONEST = 14
 
@@ -235,3 +236,19 @@ def test_side_rates_are_expected_from_the_ties_model() -> None:
     observed, expected = (np.mean([row[f"side_a_{what}"] for row in found]) for what in ("rate", "expected"))
     assert expected == pytest.approx(observed, abs=0.01)
     assert not [row for row in found if "prefers one side" in row["flags"]]
+
+
+def test_thousands_of_items_take_memory_for_their_votes_and_not_for_all_their_pairs() -> None:
+    rng, n_items, n_votes = np.random.default_rng(3), 4000, 8000
+    first = rng.integers(0, n_items, n_votes)
+    second = (first + rng.integers(1, n_items, n_votes)) % n_items
+    names = ("p0", "p1"), ("",), tuple(f"i{item}" for item in range(n_items))
+    votes = votes_from_indices(
+        np.arange(n_votes) % 2, 0 * first, first, second, rng.integers(0, 2, n_votes), names=names
+    )
+    tracemalloc.start()
+    rows = observer_rows(votes, [], ties="davidson")
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert [row["n_votes"] for row in rows] == [n_votes / 2, n_votes / 2]
+    assert peak < 8 * n_items**2 / 4  # bytes

@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
+from recon.render.quality import psnr_db
 from recon.validation.cloud_quality.colour import colours
-from recon.validation.cloud_quality.compared import SYMMETRIC, TO_DISTORTED, TO_REFERENCE, Pair, Prepared, psnr
+from recon.validation.cloud_quality.compared import SYMMETRIC, TO_DISTORTED, TO_REFERENCE, Pair, Prepared
 from recon.validation.cloud_quality.geometry import d1, d2, intrinsic_peak
 from recon.validation.cloud_quality.pointssim import (
     ESTIMATORS,
@@ -69,7 +70,7 @@ def test_the_peak_that_pc_error_finds_is_found(real_data: Path, name: str) -> No
     assert peak == pytest.approx(program["peak_found_without_option"], rel=1e-6)
     assert peak is not None
     for measure in ("d1", "d2"):
-        ratio = psnr(program["symmetric"][f"{measure}_mse"], 3 * peak**2)
+        ratio = psnr_db(program["symmetric"][f"{measure}_mse"], 3 * peak**2)
         assert ratio == pytest.approx(program[f"symmetric_{measure}_psnr_db_with_that_peak"], rel=1e-6)
 
 
