@@ -176,7 +176,7 @@ BOMBS: dict[str, tuple[Callable[[Path], object], Callable[[], bytes], str]] = {
     "votes.xlsx": (read_votes, sheet, "unpacks to more than 1 MB"),
     "wide.csv": (read_votes, lambda: b",".join(b"%d" % n for n in range(60_000)), "has 60000 columns, expected 20000"),
     "word.csv": (read_votes, lambda: b"x" * 200_000 + b",y\n1,2\n", "its header holds a name of more than 131072"),
-    "names.csv": (read_votes, lambda: b",".join(b"%d" % n for n in range(20_000)), "37, 38, 39 and 19960 more"),
+    "names.csv": (read_votes, lambda: b",".join(b"%d" % n for n in range(2_000)), "37, 38, 39 and 1960 more"),
     "deep.json": (read_json, lambda: b"[" * 200_000, "too many lists within one another"),
     "large.json": (read_json, lambda: b" " * (LARGEST_JSON + 1), "has 16.0 MB, expected 16 MB at most"),
 }
