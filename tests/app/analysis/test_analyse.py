@@ -348,6 +348,13 @@ def test_where_nothing_is_known_of_other_people_there_is_no_interval() -> None:
     assert any("a single participant voted" in warning for warning in analysis["warnings"])
 
 
+def test_a_bootstrap_of_people_who_all_vote_alike_gives_no_interval() -> None:
+    """Every replicate is then the votes again, and percentiles would take the scores for certain."""
+    analysis = analysed(*["aab"] * 15, bootstrap=50)
+    assert {row["status"] for row in analysis["scores"]} == {"ok"}
+    assert {(row["ci_low"], row["ci_high"], row["ci_method"]) for row in analysis["scores"]} == {(None, None, None)}
+
+
 def test_a_difference_on_which_all_voted_alike_is_not_certain() -> None:
     """Both prefer a to b twice in three; on b and c they differ, so that every score has an error."""
     analysis = analysed("aabaab", "aabbba", pairs="ab ab ab bc bc bc")
