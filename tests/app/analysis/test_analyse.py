@@ -230,6 +230,21 @@ def test_items_without_any_levels_are_scored_and_nothing_is_said_by_factor() -> 
     )
 
 
+def test_factors_that_always_change_together_are_said_to_have_no_results() -> None:
+    together = {"depth": {"x": "id", "y": "dr", "z": "pm"}, "fusion": {"x": "fa", "y": "fb", "z": "fc"}}
+    analysis = analysed("aab", "aba", "baa", factors=together)
+    assert analysis["effects"] == []
+    assert {row["comparison"] for row in analysis["scores"]} == {"all"}
+    assert "no vote is on conditions that differ in depth or fusion alone: no scores by it" in analysis["warnings"]
+    assert "depth and fusion: no effects, because the votes cannot tell them apart" in analysis["warnings"]
+
+
+def test_factors_whose_votes_all_go_one_way_are_said_to_have_no_effects() -> None:
+    one_way = analysed("aaa", "aaa", "aaa", factors={"depth": {"x": "id", "y": "dr", "z": "pm"}})
+    assert one_way["effects"] == []
+    assert "depth: no effects, because they have no finite estimate" in one_way["warnings"]
+
+
 def test_wrong_settings_are_refused() -> None:
     with pytest.raises(ValueError, match="ties is 'both'"):
         AnalysisSettings(ties="both")
