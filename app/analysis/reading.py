@@ -7,6 +7,7 @@ which names and words were recognised, not given.
 from __future__ import annotations
 
 import csv
+import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -128,12 +129,13 @@ def _in_several(tables: Sequence[VotesTable]) -> list[str]:
 
 
 def _look_alikes(votes: VotesTable) -> list[str]:
-    """Name participants, datasets and items that differ in nothing but capitals, spaces or signs."""
+    """Name participants, datasets and items that differ in nothing but capitals, accents, spaces or signs."""
     sentences = []
     for what in ("participants", "datasets", "items"):
         alike: dict[str, list[str]] = {}
         for name in getattr(votes, what):
-            alike.setdefault("".join(filter(str.isalnum, name)).casefold() or name, []).append(name)
+            letters = filter(str.isalnum, unicodedata.normalize("NFKD", name))
+            alike.setdefault("".join(letters).casefold() or name, []).append(name)
         for names in alike.values():
             if len(names) > 1:
                 quoted = " and ".join(map(repr, names))

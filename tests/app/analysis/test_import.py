@@ -63,6 +63,12 @@ def test_a_format_is_understood_by_its_ending_and_content(
     assert understood in understand_votes([path])[1][0]
 
 
+def test_a_line_of_json_ends_at_the_end_of_the_line_alone(tmp_path: Path) -> None:
+    """A pasted comment may hold U+2028, which JSON allows in a text as it is."""
+    lines = [json.dumps({**vote, "reason": "pasted\u2028text"}, ensure_ascii=False) for vote in VOTES]
+    assert outcomes(write(tmp_path, "votes.jsonl", "\r\n".join(lines))) == WANTED
+
+
 def test_excel_is_read_from_its_first_sheet(tmp_path: Path) -> None:
     pytest.importorskip("openpyxl")
     with pd.ExcelWriter(tmp_path / "votes.xlsx") as book:
@@ -158,6 +164,12 @@ def test_several_files_are_one_table(tmp_path: Path) -> None:
     nameless = write(tmp_path, "c.csv", "item_a,item_b,choice\nx,y,a\n")
     with pytest.raises(VotesError, match="some of the 2 files name participants and others do not"):
         understand_votes([first, nameless])
+
+
+def test_a_name_whose_accents_are_written_in_two_ways_is_said_to_look_alike(tmp_path: Path) -> None:
+    """macOS writes accents of the names of files as signs of their own; elsewhere they are part of the letter."""
+    path = write(tmp_path, "v.csv", "item_a,item_b,choice\n\u00e9,y,a\ne\u0301,y,b\n")
+    assert "'\u00e9' and 'e\u0301' look alike and are counted as 2 items" in understand_votes([path])[1]
 
 
 @pytest.mark.parametrize(
