@@ -33,13 +33,13 @@ def holds_ratings(path: Path) -> bool:
     return is_of_ratings(read_frame(path))
 
 
-def read_ratings(path: Path, scale: tuple[float, float] | None = None) -> RatingTable | ComparisonTable:
+def read_ratings(path: Path | str, scale: tuple[float, float] | None = None) -> RatingTable | ComparisonTable:
     """Read ratings from a file as `understand_ratings` does, and return the table alone."""
     return understand_ratings(path, scale)[0]
 
 
 def understand_ratings(
-    path: Path, scale: tuple[float, float] | None = None
+    path: Path | str, scale: tuple[float, float] | None = None
 ) -> tuple[RatingTable | ComparisonTable, list[str]]:
     """Read ratings from a table of any format that votes have, and say how it was understood.
 
@@ -63,6 +63,7 @@ def understand_ratings(
     VotesError
         Naming the file, the row and the value.
     """
+    path = Path(path)
     frame = read_frame(path)
     try:
         long, note = one_rating_a_row(frame, scale or SCALE)
