@@ -105,8 +105,9 @@ def _scores_note(analysis: Mapping[str, Any]) -> str:
     return (
         "A condition is what people compare. Scores are log-odds with sum zero in each panel: a difference of 1.1 "
         f"(one JOD) means that one condition is preferred {_times_of_one_jod(analysis)} as often as the other. "
-        f"Intervals: {'95 %, ' + ' or '.join(methods) if methods else 'none'}. Overlapping intervals are no test of a difference: "
-        "conditions of one panel that share a letter in the column group are not told apart (5 %, all pairs, Holm). "
+        f"Intervals: {'95 %, ' + ' or '.join(methods) if methods else 'none'}. Overlapping intervals are no test of a "
+        "difference: conditions of one panel that share a letter in the column group are not told apart (5 %, all "
+        "pairs, Holm). "
         f"{'Datasets stand in alphabetical order.' if len(analysis['votes']['datasets']) > 1 else ''}"
     ).rstrip()
 
