@@ -103,8 +103,9 @@ def _comparisons(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]
         ]
         if len(conditions) > 1:
             yield untested_ranking(conditions, "comparison rating", "intervals of these scores are given, not tests")
+    has_order = any(row["order_effect"] is not None for row in tables["comparison_models"])
     yield finding(
         "settings",
-        "Settings: comparison ratings (CCR), least squares scale in grades with the order effect taken off, 95 % "
-        "intervals over participants.",
+        "Settings: comparison ratings (CCR), least squares scale in grades"
+        f"{' with the order effect taken off' if has_order else ''}, 95 % intervals over participants.",
     )
