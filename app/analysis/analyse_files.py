@@ -15,10 +15,10 @@ from app.analysis.ratings.alignment import align
 from app.analysis.ratings.analyse_ratings import analyse_ratings
 from app.analysis.ratings.comparisons import analyse_comparisons
 from app.analysis.ratings.content import NO_VOTES, with_measures, with_tables
-from app.analysis.ratings.reading import read_ratings, understand_ratings
+from app.analysis.ratings.reading import understand_ratings
 from app.analysis.ratings.score_sets import comparison_score_sets, opinion_score_sets
 from app.analysis.ratings.table import ComparisonTable, RatingTable
-from app.analysis.reading import understand_votes
+from app.analysis.reading import in_several, understand_votes
 from app.analysis.report import write_analysis
 from app.analysis.settings import AnalysisSettings
 from app.analysis.votes_table import ALL, VotesError, VotesTable
@@ -78,7 +78,11 @@ def analyse_file(
     settings = _with_factors(settings or AnalysisSettings(), items, factors)
     settings = _with_groups(settings, participants, groups)
     settings, notes = (settings, []) if measures is None else _with_measures(settings, votes, measures)
-    rated = None if ratings is None else _single_ratings(ratings, scale).without(settings.exclude)
+    rated = None
+    if ratings is not None:
+        table, how = _single_ratings(ratings, scale)
+        understood += [*how, *in_several([votes.participants, table.participants])]
+        rated = table.without(settings.exclude)
     analysis = analyse(votes, settings) | {"understood": understood}
     _refuse_nothing(analysis["votes"], source)
     analysis["warnings"] += notes
@@ -208,11 +212,11 @@ def _with_measures_of(analysis: Mapping[str, Any], table: RatingTable | Comparis
     return result | {"warnings": [*result["warnings"], *notes]}
 
 
-def _single_ratings(path: File, scale: tuple[float, float] | None) -> RatingTable:
-    table = read_ratings(path, scale)
+def _single_ratings(path: File, scale: tuple[float, float] | None) -> tuple[RatingTable, list[str]]:
+    table, understood = understand_ratings(path, scale)
     if isinstance(table, ComparisonTable):
         raise VotesError(f"{path}: compares items, expected ratings of single ones to put on one scale with the votes")
-    return table
+    return table, understood
 
 
 def _measure_notes(

@@ -116,12 +116,12 @@ def understand_votes(
         rest = "".join(f"; {note}" for note in notes)
         sentences.append(f"{path.name}: {how}; {len(table)} rows, {table.n_votes} votes{rest}")
     votes = tables[0] if len(tables) == 1 else joined(tables)
-    return votes, [*sentences, *_look_alikes(votes), *_in_several(tables)]
+    return votes, [*sentences, *_look_alikes(votes), *in_several(table.participants for table in tables)]
 
 
-def _in_several(tables: Sequence[VotesTable]) -> list[str]:
-    """Say if files share participants, who are then taken for the same people."""
-    names = [name for table in tables for name in table.participants if name]
+def in_several(participants: Iterable[Sequence[str]]) -> list[str]:
+    """Say if files share participants, who are then taken for the same people; the names in each file are given."""
+    names = [name for file in participants for name in file if name]
     twice = [name for name, n in Counter(names).items() if n > 1]
     if not twice:
         return []

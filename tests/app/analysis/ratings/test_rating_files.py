@@ -245,6 +245,8 @@ def test_votes_and_ratings_of_the_same_items_share_a_scale(write: Write, tmp_pat
     assert analysis["alignment"][0]["status"] == "ok"
     assert len(analysis["alignment_items"]) == 6
     assert analysis["scores"]
+    assert analysis["understood"][1].startswith(f"{ratings.name}: text in UTF-8, commas between cells; ")
+    assert analysis["understood"][2].endswith(" more are in several files and counted as the same people")
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "Ratings and votes on one scale" in page
     assert (tmp_path / "out" / "alignment_items.csv").exists()
