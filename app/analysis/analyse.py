@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -17,6 +17,7 @@ from app.analysis.contrasts import holm
 from app.analysis.factors import (
     Effect,
     ModelTest,
+    coding,
     effects_of,
     fit_additive,
     items_without_levels,
@@ -24,6 +25,7 @@ from app.analysis.factors import (
     order_test,
     votes_with_levels,
 )
+from app.analysis.findings.phrases import listed
 from app.analysis.findings.votes import vote_findings
 from app.analysis.groups import GroupComparison, check_groups, compare_groups
 from app.analysis.homogeneity import Part, parts_differ
@@ -112,6 +114,7 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
             *warnings_of(votes, used, compared),
             *measure_warnings(measured["measures"]),
             *_left_out(used, settings),
+            *_without_results(used, settings, compared, effects),
             *why_no_random_effects,
         ],
     }
@@ -192,6 +195,24 @@ def _left_out(votes: VotesTable, settings: AnalysisSettings) -> list[str]:
         else f"{', '.join(items)} have no level of {factors}: the analysis by factor leaves them out"
         for factors, items in items_by_lacking.items()
     ]
+
+
+def _without_results(
+    votes: VotesTable, settings: AnalysisSettings, compared: Sequence[Comparison], effects: Sequence[Mapping[str, Any]]
+) -> Iterator[str]:
+    """Say which factors of several levels have no scores over all datasets, and why none has effects."""
+    part = only_compared(votes_with_levels(votes, settings.factors))
+    factors = [factor for factor, _ in coding(settings.factors, part.items)[1]]
+    unscored = [factor for factor in factors if factor in settings.comparisons]
+    unscored = [factor for factor in unscored if factor not in {comparison.comparison for comparison in compared}]
+    if unscored:
+        yield f"no vote is on conditions that differ in {' or '.join(unscored)} alone: no scores by it"
+    fit = None
+    if factors and not any(row["dataset"] == ALL for row in effects):
+        fit = fit_additive(part, settings.factors, ties=settings.ties, order_effect=False)
+    if fit is not None and fit.status != "ok":
+        why = "the votes cannot tell them apart" if fit.status == "disconnected" else "they have no finite estimate"
+        yield f"{listed(factors)}: no effects, because {why}"
 
 
 def group_comparisons(votes: VotesTable, settings: AnalysisSettings) -> list[GroupComparison]:

@@ -15,30 +15,31 @@ from app.analysis.ratings.alignment import align
 from app.analysis.ratings.analyse_ratings import analyse_ratings
 from app.analysis.ratings.comparisons import analyse_comparisons
 from app.analysis.ratings.content import NO_VOTES, with_measures, with_tables
-from app.analysis.ratings.reading import read_ratings, understand_ratings
+from app.analysis.ratings.reading import understand_ratings
 from app.analysis.ratings.score_sets import comparison_score_sets, opinion_score_sets
 from app.analysis.ratings.table import ComparisonTable, RatingTable
-from app.analysis.reading import understand_votes
+from app.analysis.reading import in_several, understand_votes
 from app.analysis.report import write_analysis
 from app.analysis.settings import AnalysisSettings
 from app.analysis.votes_table import ALL, VotesError, VotesTable
 
+File = Path | str
 MOST_NAMED = 5  # of what is not among the votes
 
 
 def analyse_file(
-    path: Path | Sequence[Path],
-    out: Path,
+    path: File | Sequence[File],
+    out: File,
     settings: AnalysisSettings | None = None,
     *,
-    items: Path | None = None,
+    items: File | None = None,
     columns: Mapping[str, str] | None = None,
     choices: Mapping[str, str] | None = None,
     factors: Sequence[str] | None = None,
-    measures: Path | None = None,
-    participants: Path | None = None,
+    measures: File | None = None,
+    participants: File | None = None,
     groups: Sequence[str] | None = None,
-    ratings: Path | None = None,
+    ratings: File | None = None,
     scale: tuple[float, float] | None = None,
     width: int = FULL,
 ) -> dict[str, Any]:
@@ -71,13 +72,17 @@ def analyse_file(
     ValueError
         For a factor that is not in `items`.
     """
-    paths = [path] if isinstance(path, Path) else list(path)
+    paths = [Path(file) for file in ([path] if isinstance(path, Path | str) else path)]
     source = ", ".join(path.name for path in paths)
     votes, understood = understand_votes(paths, columns, choices)
     settings = _with_factors(settings or AnalysisSettings(), items, factors)
     settings = _with_groups(settings, participants, groups)
     settings, notes = (settings, []) if measures is None else _with_measures(settings, votes, measures)
-    rated = None if ratings is None else _single_ratings(ratings, scale).without(settings.exclude)
+    rated = None
+    if ratings is not None:
+        table, how = _single_ratings(ratings, scale)
+        understood += [*how, *in_several([votes.participants, table.participants])]
+        rated = table.without(settings.exclude)
     analysis = analyse(votes, settings) | {"understood": understood}
     _refuse_nothing(analysis["votes"], source)
     analysis["warnings"] += notes
@@ -88,19 +93,19 @@ def analyse_file(
     return analysis
 
 
-def _with_factors(settings: AnalysisSettings, items: Path | None, factors: Sequence[str] | None) -> AnalysisSettings:
+def _with_factors(settings: AnalysisSettings, items: File | None, factors: Sequence[str] | None) -> AnalysisSettings:
     """Return the settings with the factors of a file of items, if there is one."""
     if items is None:
         if factors:
             raise ValueError(f"the factor {factors[0]!r} needs an items file that gives each item's level")
         return settings
-    known = read_items(items)
+    known = read_items(Path(items))
     _chosen(known, factors, "factor", items)
     return replace(settings, factors=known, analysed_factors=tuple(factors or known))
 
 
 def _with_groups(
-    settings: AnalysisSettings, participants: Path | None, groups: Sequence[str] | None
+    settings: AnalysisSettings, participants: File | None, groups: Sequence[str] | None
 ) -> AnalysisSettings:
     """Return the settings with the groupings of a file of participants, if there is one."""
     if participants is None:
@@ -109,12 +114,12 @@ def _with_groups(
                 f"the grouping {groups[0]!r} needs a participants file that gives each participant's group"
             )
         return settings
-    return replace(settings, groups=_chosen(read_participants(participants), groups, "grouping", participants))
+    return replace(settings, groups=_chosen(read_participants(Path(participants)), groups, "grouping", participants))
 
 
-def _with_measures(settings: AnalysisSettings, votes: VotesTable, measures: Path) -> tuple[AnalysisSettings, list[str]]:
+def _with_measures(settings: AnalysisSettings, votes: VotesTable, measures: File) -> tuple[AnalysisSettings, list[str]]:
     """Return the settings with the measures of a file, and sentences on what was averaged or left out."""
-    known, datasets = read_measures(measures), votes.datasets if votes.has_datasets else ()
+    known, datasets = read_measures(Path(measures)), votes.datasets if votes.has_datasets else ()
     notes = _measure_notes(known, datasets, votes.items, measures)
     return replace(settings, measures=known.on(datasets or (ALL,)), better=known.better), notes
 
@@ -145,13 +150,13 @@ def _refuse_nothing(votes: Mapping[str, Any], source: str) -> None:
 
 
 def analyse_ratings_file(
-    path: Path,
-    out: Path,
+    path: File,
+    out: File,
     scale: tuple[float, float] | None = None,
     exclude: Sequence[str] = (),
     *,
     width: int = FULL,
-    measures: Path | None = None,
+    measures: File | None = None,
 ) -> dict[str, Any]:
     """Read ratings, analyse them, and write tables, figures and report to the folder `out`.
 
@@ -173,6 +178,7 @@ def analyse_ratings_file(
     VotesError
         Naming the file, the row and the value.
     """
+    path = Path(path)
     table, understood = understand_ratings(path, scale)
     unknown = [name for name in exclude if name not in table.participants]
     if unknown:
@@ -192,9 +198,9 @@ def analyse_ratings_file(
     return analysis
 
 
-def _with_measures_of(analysis: Mapping[str, Any], table: RatingTable | ComparisonTable, path: Path) -> dict[str, Any]:
+def _with_measures_of(analysis: Mapping[str, Any], table: RatingTable | ComparisonTable, path: File) -> dict[str, Any]:
     """Return an analysis of ratings with the comparison of a file's measures with their scores."""
-    known = read_measures(path)
+    known = read_measures(Path(path))
     datasets = list(dict.fromkeys(dataset for dataset, _ in table.items))
     items = list(dict.fromkeys(condition for _, condition in table.items))
     notes = _measure_notes(known, datasets, items, path, "ratings")
@@ -206,15 +212,15 @@ def _with_measures_of(analysis: Mapping[str, Any], table: RatingTable | Comparis
     return result | {"warnings": [*result["warnings"], *notes]}
 
 
-def _single_ratings(path: Path, scale: tuple[float, float] | None) -> RatingTable:
-    table = read_ratings(path, scale)
+def _single_ratings(path: File, scale: tuple[float, float] | None) -> tuple[RatingTable, list[str]]:
+    table, understood = understand_ratings(path, scale)
     if isinstance(table, ComparisonTable):
         raise VotesError(f"{path}: compares items, expected ratings of single ones to put on one scale with the votes")
-    return table
+    return table, understood
 
 
 def _measure_notes(
-    measures: MeasureValues, datasets: Sequence[str], items: Sequence[str], path: Path, what: str = "votes"
+    measures: MeasureValues, datasets: Sequence[str], items: Sequence[str], path: File, what: str = "votes"
 ) -> list[str]:
     """Return sentences on what was averaged or left out of measures; raise if no item is among those of the votes."""
     strangers = measures.strangers(datasets, items)
@@ -231,7 +237,7 @@ def _measure_notes(
 
 
 def _chosen(
-    known: Mapping[str, dict[str, str]], names: Sequence[str] | None, what: str, path: Path
+    known: Mapping[str, dict[str, str]], names: Sequence[str] | None, what: str, path: File
 ) -> dict[str, dict[str, str]]:
     unknown = sorted(set(names or ()).difference(known))
     if unknown:

@@ -7,6 +7,7 @@ which names and words were recognised, not given.
 from __future__ import annotations
 
 import csv
+import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -115,12 +116,12 @@ def understand_votes(
         rest = "".join(f"; {note}" for note in notes)
         sentences.append(f"{path.name}: {how}; {len(table)} rows, {table.n_votes} votes{rest}")
     votes = tables[0] if len(tables) == 1 else joined(tables)
-    return votes, [*sentences, *_look_alikes(votes), *_in_several(tables)]
+    return votes, [*sentences, *_look_alikes(votes), *in_several(table.participants for table in tables)]
 
 
-def _in_several(tables: Sequence[VotesTable]) -> list[str]:
-    """Say if files share participants, who are then taken for the same people."""
-    names = [name for table in tables for name in table.participants if name]
+def in_several(participants: Iterable[Sequence[str]]) -> list[str]:
+    """Say if files share participants, who are then taken for the same people; the names in each file are given."""
+    names = [name for file in participants for name in file if name]
     twice = [name for name, n in Counter(names).items() if n > 1]
     if not twice:
         return []
@@ -128,12 +129,13 @@ def _in_several(tables: Sequence[VotesTable]) -> list[str]:
 
 
 def _look_alikes(votes: VotesTable) -> list[str]:
-    """Name participants, datasets and items that differ in nothing but capitals, spaces or signs."""
+    """Name participants, datasets and items that differ in nothing but capitals, accents, spaces or signs."""
     sentences = []
     for what in ("participants", "datasets", "items"):
         alike: dict[str, list[str]] = {}
         for name in getattr(votes, what):
-            alike.setdefault("".join(filter(str.isalnum, name)).casefold() or name, []).append(name)
+            letters = filter(str.isalnum, unicodedata.normalize("NFKD", name))
+            alike.setdefault("".join(letters).casefold() or name, []).append(name)
         for names in alike.values():
             if len(names) > 1:
                 quoted = " and ".join(map(repr, names))

@@ -49,7 +49,7 @@ COLUMNS = {
 ALWAYS_THERE = ("scores", "triads", "observers")  # tables of every analysis of votes
 
 
-def write_analysis(analysis: Mapping[str, Any], out: Path, *, source: str = "votes", width: int = FULL) -> None:
+def write_analysis(analysis: Mapping[str, Any], out: Path | str, *, source: str = "votes", width: int = FULL) -> None:
     """Write analysis.json, the tables, the figures (SVG, PNG, PDF) and the report (HTML, Markdown).
 
     Every file is complete or absent. analysis.json is written last, so its presence means that the folder is
@@ -62,6 +62,7 @@ def write_analysis(analysis: Mapping[str, Any], out: Path, *, source: str = "vot
     source : name of what was analysed, for the report's title
     width : of the figures, in pixels; `WIDTHS` has those of a journal's columns
     """
+    out = Path(out)
     for name in COLUMNS:
         if analysis.get(name) or (analysis["votes"] and name in ALWAYS_THERE):
             write_text(out / f"{name}.csv", table_csv(analysis[name], COLUMNS[name]))

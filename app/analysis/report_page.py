@@ -14,8 +14,10 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from app.analysis.contrasts import FEWEST_PARTICIPANTS
 from app.analysis.figures import Figure
 from app.analysis.findings.phrases import TIES, counted
+from app.analysis.findings.ranking import overall, preferred_share
 from app.analysis.report_sections import sections
-from app.analysis.result_rows import WIDER_INTERVAL
+from app.analysis.result_rows import PERCENTILES, WIDER_INTERVAL
+from app.analysis.scales import LOG_ODDS_PER_JOD
 from app.analysis.votes_table import ALL
 from app.files import packaged
 
@@ -102,11 +104,21 @@ def _scores_note(analysis: Mapping[str, Any]) -> str:
     methods = dict.fromkeys(row["ci_method"] for row in analysis["scores"] if row["ci_method"])
     return (
         "A condition is what people compare. Scores are log-odds with sum zero in each panel: a difference of 1.1 "
-        "(one JOD) means that one condition is preferred three times as often as the other. Intervals: "
-        f"{'95 %, ' + ' or '.join(methods) if methods else 'none'}. Overlapping intervals are no test of a difference: "
-        "conditions of one panel that share a letter in the column group are not told apart (5 %, all pairs, Holm). "
+        f"(one JOD) means that one condition is preferred {_times_of_one_jod(analysis)} as often as the other. "
+        f"Intervals: {'95 %, ' + ' or '.join(methods) if methods else 'none'}. Overlapping intervals are no test of a "
+        "difference: conditions of one panel that share a letter in the column group are not told apart (5 %, all "
+        "pairs, Holm). "
         f"{'Datasets stand in alphabetical order.' if len(analysis['votes']['datasets']) > 1 else ''}"
     ).rstrip()
+
+
+def _times_of_one_jod(analysis: Mapping[str, Any]) -> str:
+    """Say how much more often the better of two conditions is preferred; with Rao and Kupper's ties it is not e^d."""
+    log_theta = next((row.get("log_theta") for row in overall(analysis["models"])), None)
+    if not log_theta:
+        return "three times"
+    share = preferred_share(LOG_ODDS_PER_JOD, log_theta)
+    return f"about {share / (1 - share):.1f} times"
 
 
 def _score_tables(analysis: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -146,14 +158,14 @@ def _methods(analysis: Mapping[str, Any]) -> list[str]:
         "Before each fit, Ford's condition (1957) and its extensions were checked; where no finite maximum exists, a "
         "penalised estimate is shown and marked, Firth's (1993) unless another is named.",
     ]
-    if settings["order_effect"]:
+    if any(model["order_effect"] is not None for model in analysis["models"]):
         texts.append(
             "An advantage of the condition shown first was estimated with the scores (Davidson and Beaver 1977)."
         )
     if votes["participants"] is not None:
         texts.append(
             "The participant is the independent unit: standard errors come from the sandwich estimator clustered by "
-            f"participant with the factor J / (J - 1), intervals from {_interval_in_words(settings)}. With fewer than "
+            f"participant with the factor J / (J - 1), intervals from {_interval_in_words(analysis)}. With fewer than "
             f"{FEWEST_PARTICIPANTS} participants, or no more than free parameters, no interval is narrower than the "
             "normal one on the errors of the votes."
         )
@@ -177,10 +189,15 @@ def _software() -> str:
     )
 
 
-def _interval_in_words(settings: Mapping[str, Any]) -> str:
-    if settings["bootstrap"]:
-        return (
+def _interval_in_words(analysis: Mapping[str, Any]) -> str:
+    """Say what the intervals rest on; those of few participants are not percentiles, whatever was asked for."""
+    settings, used = analysis["settings"], {row["ci_method"] for row in analysis["scores"]} - {None}
+    ways = []
+    if PERCENTILES in used:
+        ways.append(
             f"expanded percentiles (Hesterberg 2015) of {settings['bootstrap']} bootstrap samples of participants "
             f"(seed {settings['seed']})"
         )
-    return "the t distribution with J - 1 degrees of freedom"
+    if used != {PERCENTILES}:
+        ways.append("the t distribution with J - 1 degrees of freedom")
+    return " or ".join(ways)

@@ -81,9 +81,10 @@ def _factors(analysis: Analysis) -> dict[str, Any]:
 
 def _tests(analysis: Analysis) -> dict[str, Any]:
     text = (
-        "G2 is the likelihood-ratio statistic, which treats votes as independent; p (participants) is the Wald test "
-        "with participants as the sample. Holm's correction covers the tests of one kind on single datasets, or on all "
-        "together, and uses p (participants) where it exists."
+        "G2 is the likelihood-ratio statistic, which treats votes as independent; p (participants) has participants as "
+        "the sample: Hotelling's test, and for datasets and groups Rao and Scott's correction of G2. Holm's correction "
+        "covers the tests of one kind on single datasets, or on all together, and uses p (participants) where it "
+        "exists."
     )
     columns = ["name", "model", "dataset", "g2", "df", "p_votes", "p_participant", "p_holm"]
     rows = [row | {"p_votes": row["p_value"]} for row in analysis["tests"]]
@@ -233,7 +234,10 @@ def _excluded(analysis: Analysis) -> dict[str, Any]:
         row | {"score with all votes": everybody.get((row["comparison"], row["dataset"], row["item"]))}
         for row in analysis["scores"]
     ]
-    text = f"{analysis['votes']['excluded']} votes were excluded; the last column is the score with them."
+    text = (
+        f"{analysis['votes']['excluded']} votes were excluded; the last column is the score with them, but without "
+        "those of people who have withdrawn."
+    )
     columns = ["comparison", "dataset", "item", "score", "score with all votes"]
     return section("Exclusions", text, columns, rows)
 

@@ -25,6 +25,7 @@ from app.analysis.votes_table import ALL, NONE, VotesTable
 Array = NDArray[np.float64]
 
 WITHIN_GROUP = "relative to the mean of its group"  # added to the method where votes are separated
+PERCENTILES = "participant bootstrap"
 WIDER_INTERVAL = "wider of t on participant errors and normal on information"  # where participants are few
 
 
@@ -148,11 +149,11 @@ def intervals(fit: Fit, bootstrap: Bootstrap | None) -> tuple[Array | None, Arra
     """
     if fit.scores is None or fit.covariance is None:
         return None, None, None
-    is_few = has_few_participants(fit)
+    is_few, do_people_differ = has_few_participants(fit), fit.participant_covariance is not None
     n_people = fit.n_participants or 0
-    if bootstrap is not None and not is_few and bootstrap.has_percentiles(n_people):
+    if bootstrap is not None and do_people_differ and not is_few and bootstrap.has_percentiles(n_people):
         low, high = bootstrap.interval(n_people)
-        return low, high, "participant bootstrap"
+        return low, high, PERCENTILES
     half = half_widths(scores_of(fit))
     if half is None:
         return None, None, None

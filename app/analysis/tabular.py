@@ -311,7 +311,7 @@ def _read_json(path: Path) -> pd.DataFrame:
 
 def _read_lines(path: Path) -> pd.DataFrame:
     rows = []
-    for number, line in enumerate(_decode(path.read_bytes())[0].splitlines(), start=1):
+    for number, line in enumerate(_decode(path.read_bytes())[0].split("\n"), start=1):
         if not line.strip():
             continue
         try:

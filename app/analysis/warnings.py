@@ -15,6 +15,7 @@ from app.analysis.objective.permutation import FEWEST_CONDITIONS
 from app.analysis.settings import LEVEL
 from app.analysis.votes_table import ALL, VotesTable
 
+NOTHING_LEFT = "No vote is left after practice and exclusions: there is nothing to analyse."
 MOST_PAIRS = 10_000  # listed of a comparison
 MANY_REPEATS = 5  # repeated votes to name
 FIRST_LOOK = 100_000  # rows in which they are looked for first
@@ -30,7 +31,7 @@ def warnings_of(votes: VotesTable, used: VotesTable, compared: list[Comparison])
     used : VotesTable, the votes analysed
     compared : the fits
     """
-    warnings = [] if len(used) else ["No vote is left after practice and exclusions: there is nothing to analyse."]
+    warnings = [] if len(used) else [NOTHING_LEFT]
     warnings += _repeats(votes)
     has_order = any(comparison.fit.design.has_order for comparison in compared)
     if has_order and not (used.first_shown >= 0).any():

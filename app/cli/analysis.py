@@ -152,7 +152,9 @@ def analyse(
     if ends and not rated and ratings is None:
         raise typer.BadParameter("--scale is for ratings, and the file holds votes; did you mean --ratings FILE?")
     if out is None or dry_run:
-        understood = understand_ratings(rated, ends)[1] if rated else _understood_votes(votes, *mappings)
+        understood = [] if rated else _understood_votes(votes, *mappings)
+        if beside := rated or ratings:
+            understood += understand_ratings(beside, ends)[1]
         print_result({"understood": understood}, "\n".join(understood), as_json=as_json)
         return
     if rated:

@@ -111,11 +111,17 @@ def _datasets(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
 
 
 def _groups(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
-    for grouping in dict.fromkeys(row["grouping"] for row in analysis["groups"]):
+    compared = {row["grouping"] for row in analysis["groups"]}
+    for grouping in analysis["settings"]["groups"]:
         p = _p_value(analysis, _test(analysis, f"group {grouping}", "items"))
-        if p is not None:
+        if grouping not in compared:
+            text = f"There is nothing to compare by {grouping}: all who voted and have a group are in one."
+        elif p is None:
+            text = f"Whether the groups differ by {grouping} could not be tested with these participants."
+        else:
             shown = "The groups differ" if p < SIGNIFICANT else "No difference of the groups is shown"
-            yield finding("groups", f"{shown} by {grouping} ({p_phrase(p)}).")
+            text = f"{shown} by {grouping} ({p_phrase(p)})."
+        yield finding("groups", text)
 
 
 def _order(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:

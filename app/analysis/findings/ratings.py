@@ -83,9 +83,13 @@ def _why_not_tested(n_people: int, n_conditions: int) -> str:
 def _difference(best: str, worst: str, contrasts: Sequence[Row]) -> str:
     pair = contrast_between(contrasts, best, worst)
     assert pair is not None
+    if pair["ci_low"] is None:
+        interval, test = "no interval, as all agree", f"{pair['method']}, Holm"
+    else:
+        interval, test = f"95 % interval {unsigned(pair['ci_low'])} to {unsigned(pair['ci_high'])}", "Holm"
     return (
-        f"Participants rate {best} {unsigned(pair['difference'])} grades above {worst} (95 % interval "
-        f"{unsigned(pair['ci_low'])} to {unsigned(pair['ci_high'])}), {p_phrase(pair['p_holm'])} (Holm)."
+        f"Participants rate {best} {unsigned(pair['difference'])} grades above {worst} ({interval}), "
+        f"{p_phrase(pair['p_holm'])} ({test})."
     )
 
 
@@ -99,8 +103,9 @@ def _comparisons(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]
         ]
         if len(conditions) > 1:
             yield untested_ranking(conditions, "comparison rating", "intervals of these scores are given, not tests")
+    has_order = any(row["order_effect"] is not None for row in tables["comparison_models"])
     yield finding(
         "settings",
-        "Settings: comparison ratings (CCR), least squares scale in grades with the order effect taken off, 95 % "
-        "intervals over participants.",
+        "Settings: comparison ratings (CCR), least squares scale in grades"
+        f"{' with the order effect taken off' if has_order else ''}, 95 % intervals over participants.",
     )

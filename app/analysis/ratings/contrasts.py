@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from app.analysis.contrasts import MOST_ITEMS, Contrast, holm, two_sided
 from app.analysis.ratings.opinion_scores import columns_by_condition, mean_with_interval, person_means
 from app.analysis.ratings.table import RatingTable
+from app.analysis.separation import SIGN_TEST
 
 Array = NDArray[np.float64]
 
@@ -35,7 +37,8 @@ def paired_contrasts(
     """Compare every two conditions by the ratings of those who rated both.
 
     A participant's ratings of two conditions are paired, so individual biases cancel out. The interval is that of a
-    mean over participants, t(n - 1). If all differ by the same amount, a sign test gives the p-value.
+    mean over participants, t(n - 1). If all differ by the same amount, a sign test gives the p-value, and there is no
+    interval.
 
     Parameters
     ----------
@@ -55,13 +58,18 @@ def paired_contrasts(
         both = [(a, partner[datasets[a]]) for a in columns_by_condition[first] if datasets[a] in partner]
         row = mean_with_interval(np.array([means[:, a] - means[:, b] for a, b in both]).T) if both else {"n": 0}
         if row["n"] > 1:
-            p_value, limits = _p_value(row["mean"], row["se"], row["n"]), (row["ci_low"], row["ci_high"])
-            rows.append(Contrast(first, second, row["mean"], row["se"], p_value, 1.0, *limits, "difference of means"))
+            rows.append(Contrast(first, second, row["mean"], *_tested(row)))
     corrected = holm(np.array([row.p_value for row in rows])).tolist()
     return [replace(row, p_holm=p_holm) for row, p_holm in zip(rows, corrected, strict=True)]
 
 
-def _p_value(mean: float, se: float, n: int) -> float:
-    if se > ALIKE:
-        return float(two_sided(np.array(mean / se), n))
-    return 1.0 if abs(mean) < ALIKE else 2 * 0.5**n
+def _tested(row: Mapping[str, Any]) -> tuple[float | None, float, float, float | None, float | None, str]:
+    """Return error, p-values, limits and method of a mean difference, as `mean_with_interval` gives it.
+
+    Without any spread an error of zero would say that other people are certain to agree.
+    """
+    mean, error, n = row["mean"], row["se"], row["n"]
+    if error > ALIKE:
+        p_value = float(two_sided(np.array(mean / error), n))
+        return error, p_value, 1.0, row["ci_low"], row["ci_high"], "difference of means"
+    return None, 1.0 if abs(mean) < ALIKE else 2 * 0.5**n, 1.0, None, None, SIGN_TEST[True]

@@ -33,13 +33,13 @@ def holds_ratings(path: Path) -> bool:
     return is_of_ratings(read_frame(path))
 
 
-def read_ratings(path: Path, scale: tuple[float, float] | None = None) -> RatingTable | ComparisonTable:
+def read_ratings(path: Path | str, scale: tuple[float, float] | None = None) -> RatingTable | ComparisonTable:
     """Read ratings from a file as `understand_ratings` does, and return the table alone."""
     return understand_ratings(path, scale)[0]
 
 
 def understand_ratings(
-    path: Path, scale: tuple[float, float] | None = None
+    path: Path | str, scale: tuple[float, float] | None = None
 ) -> tuple[RatingTable | ComparisonTable, list[str]]:
     """Read ratings from a table of any format that votes have, and say how it was understood.
 
@@ -63,10 +63,13 @@ def understand_ratings(
     VotesError
         Naming the file, the row and the value.
     """
+    path = Path(path)
     frame = read_frame(path)
     try:
         long, note = one_rating_a_row(frame, scale or SCALE)
         columns = {str(name): texts(long[name].to_list()) for name in long.columns}
+        if "protocol" in columns:
+            columns["protocol"] = np.array([value.lower() for value in columns["protocol"]], object)
         counted = _exported(columns)
         table = _comparisons(counted, scale) if "item_a" in counted else _ratings(counted, scale)
     except ValueError as error:  # VotesError is one, as is what the table itself raises
@@ -85,7 +88,6 @@ def _exported(columns: Columns) -> Columns:
         return columns
     is_left_out = _flags(columns, "practice") | _flags(columns, "excluded") | ~np.isin(columns["role"], ("", "main"))
     kept = {name: values[~is_left_out] for name, values in columns.items()}
-    kept["protocol"] = np.array([str(value).lower() for value in kept["protocol"]], object)
     if (kept["protocol"] == "ccr").all():
         return kept
     return {name: values for name, values in kept.items() if name != "item_a"} | {"condition": kept["item_b"]}

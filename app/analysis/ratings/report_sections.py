@@ -111,9 +111,9 @@ def _alignment(analysis: Analysis, figures: Figures) -> dict[str, Any]:
 def _comparisons(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     text = (
         "Comparison category ratings (ITU-T P.910): above zero where the second item of a pair is better. What being "
-        "shown second adds was estimated and taken off (Scheffe 1952). Scores are the least squares scale of all "
-        "ratings, with mean zero; the difference of two scores is the expected rating of the pair. In brackets: "
-        "95 % intervals, with participants as the sample."
+        "shown second adds is taken off (Scheffe 1952) where the orders can tell it. Scores are the least squares "
+        "scale of all ratings, with mean zero; the difference of two scores is the expected rating of the pair. In "
+        "brackets: 95 % intervals, with participants as the sample."
     )
     scores = [dict(row) | {"scored": with_interval(row, "score", "ci")} for row in analysis["comparison_items"]]
     place = list(dict.fromkeys(row["dataset"] for row in scores)).index

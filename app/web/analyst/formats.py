@@ -16,6 +16,8 @@ from tempfile import SpooledTemporaryFile
 from typing import IO, Annotated, Any, Literal
 
 from fastapi import Depends, Query, Request
+from fastapi.dependencies.models import Dependant
+from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response, StreamingResponse
 
 from app.files import without_formula
@@ -56,9 +58,22 @@ def table_request(
     limit: Annotated[int | None, Query(ge=1, le=MOST_ROWS, description="largest number of rows")] = None,
     offset: Annotated[int, Query(ge=0, le=10**9, description="rows to skip")] = 0,
 ) -> TableRequest:
-    """Read format and page from the request: `?format=`, else the preference of Accept, else JSON."""
+    """Read format and page from the request: `?format=`, else the preference of Accept, else JSON.
+
+    A parameter that the route does not have is refused: a misspelt filter would give the whole table.
+    """
+    names = sorted(_parameters(request.scope["route"].dependant))
+    if strange := [name for name in request.query_params if name not in names]:
+        expected = f"there is no such parameter, expected {', '.join(names[:-1])} or {names[-1]}"
+        raise RequestValidationError([{"loc": ("query", name), "msg": expected} for name in strange])
     known = request.headers.get("if-none-match", "")
     return TableRequest(given or _accepted(request.headers.get("accept", "")), known, limit, offset)
+
+
+def _parameters(dependant: Dependant) -> set[str]:
+    """Return the names of the query's parameters that a route and what it depends on take."""
+    within = (_parameters(each) for each in dependant.dependencies)
+    return {field.alias for field in dependant.query_params}.union(*within)
 
 
 ChosenFormat = Annotated[TableRequest, Depends(table_request)]

@@ -142,11 +142,12 @@ def rows_of(analysis: Mapping[str, Any], table: str) -> Sequence[Mapping[str, An
     return rows
 
 
-def no_analysis() -> Mapping[str, Any]:
-    """Return the content of analysis.json while there are no votes."""
+def no_analysis(state: VoteState) -> Mapping[str, Any]:
+    """Return the content of analysis.json while there are no votes, or no rating that counts."""
     from app.analysis.ratings.content import NO_VOTES
+    from app.analysis.warnings import NOTHING_LEFT
 
-    return NO_VOTES | {"warnings": ["there are no votes yet"], "settings": {}}
+    return NO_VOTES | {"warnings": [NOTHING_LEFT if state.n_votes else "there are no votes yet"], "settings": {}}
 
 
 def analysis_of(database: Database, study_id: int) -> Mapping[str, Any] | None:

@@ -225,7 +225,7 @@ def analysis(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
         if is_known(chosen, digest):
             return unchanged(digest)
         prepared = prepare_results(connection, inputs)
-    content = prepared.results().analysis or no_analysis()
+    content = prepared.results().analysis or no_analysis(inputs.state)
     if chosen.format != "json":
         return table(flattened(content), ("key", "value"), chosen, f"{study.slug}-analysis", digest)
     return json_object(content, chosen, digest)

@@ -230,6 +230,21 @@ def test_items_without_any_levels_are_scored_and_nothing_is_said_by_factor() -> 
     )
 
 
+def test_factors_that_always_change_together_are_said_to_have_no_results() -> None:
+    together = {"depth": {"x": "id", "y": "dr", "z": "pm"}, "fusion": {"x": "fa", "y": "fb", "z": "fc"}}
+    analysis = analysed("aab", "aba", "baa", factors=together)
+    assert analysis["effects"] == []
+    assert {row["comparison"] for row in analysis["scores"]} == {"all"}
+    assert "no vote is on conditions that differ in depth or fusion alone: no scores by it" in analysis["warnings"]
+    assert "depth and fusion: no effects, because the votes cannot tell them apart" in analysis["warnings"]
+
+
+def test_factors_whose_votes_all_go_one_way_are_said_to_have_no_effects() -> None:
+    one_way = analysed("aaa", "aaa", "aaa", factors={"depth": {"x": "id", "y": "dr", "z": "pm"}})
+    assert one_way["effects"] == []
+    assert "depth: no effects, because they have no finite estimate" in one_way["warnings"]
+
+
 def test_wrong_settings_are_refused() -> None:
     with pytest.raises(ValueError, match="ties is 'both'"):
         AnalysisSettings(ties="both")
@@ -346,6 +361,13 @@ def test_where_nothing_is_known_of_other_people_there_is_no_interval() -> None:
             assert row["score"] is not None
             assert (row["ci_low"], row["ci_high"], row["ci_method"]) == (None, None, None)
     assert any("a single participant voted" in warning for warning in analysis["warnings"])
+
+
+def test_a_bootstrap_of_people_who_all_vote_alike_gives_no_interval() -> None:
+    """Every replicate is then the votes again, and percentiles would take the scores for certain."""
+    analysis = analysed(*["aab"] * 15, bootstrap=50)
+    assert {row["status"] for row in analysis["scores"]} == {"ok"}
+    assert {(row["ci_low"], row["ci_high"], row["ci_method"]) for row in analysis["scores"]} == {(None, None, None)}
 
 
 def test_a_difference_on_which_all_voted_alike_is_not_certain() -> None:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from app.analysis import AnalysisSettings, analyse, votes_from_rows, write_analysis
+from app.analysis.report_page import report_page
 
 DEPTHS, FUSIONS = ("id", "dr", "pm"), ("fa", "fb")
 FACTORS = {
@@ -334,3 +335,27 @@ def test_the_order_effect_is_one_hypothesis_however_many_models_hold_it() -> Non
     tests = [row for row in analysis["tests"] if row["name"] == "order effect"]
     assert len(tests) == 4
     assert all(row["p_holm"] == row["p_participant"] for row in tests)
+
+
+def report_of(votes: Votes, **settings: Any) -> str:
+    return report_page("report.md", analyse(votes_from_rows(votes), AnalysisSettings(**settings)), [], "votes")
+
+
+def test_the_methods_of_a_report_are_those_that_were_used_not_those_that_were_asked_for() -> None:
+    wide, used = {name: ability / 4 for name, ability in CLEAR.items()}, "50 bootstrap samples of participants"
+    assert used in report_of(votes_by(wide, 20), bootstrap=50)
+    few = report_of(votes_by(wide, 8), bootstrap=50)  # too few people for percentiles
+    assert used not in few
+    assert "intervals from the t distribution" in few
+    shown, votes = "An advantage of the condition shown first was estimated", votes_by(wide, 20)
+    assert shown in report_of(votes, order_effect=True)
+    assert shown not in report_of([vote | {"first_shown": ""} for vote in votes[:9]] + votes[9:], order_effect=True)
+
+
+def test_a_difference_of_one_jod_is_said_as_the_model_of_ties_has_it() -> None:
+    votes = votes_by({name: ability / 4 for name, ability in CLEAR.items()}, 20, ties=0.4)
+    assert "one condition is preferred three times as often" in report_of(votes)
+    (model,) = analyse(votes_from_rows(votes), AnalysisSettings(ties="rao-kupper", by_dataset=False))["models"]
+    theta = np.exp(model["log_theta"])
+    ratio = (1 + 3 * theta) / (1 + theta / 3)  # P(win) : P(loss) at a difference of ln 3
+    assert f"one condition is preferred about {ratio:.1f} times as often" in report_of(votes, ties="rao-kupper")

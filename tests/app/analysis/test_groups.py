@@ -95,6 +95,17 @@ def test_who_belongs_to_no_group_is_left_out_of_the_comparison() -> None:
     assert {row["n_participants"] for row in rows} == {5}
 
 
+def test_groups_that_cannot_be_compared_are_named() -> None:
+    """A group of one has no spread; a single group has no other."""
+    alone = {name: "old" if name == "1" else "young" for name in TWENTY}
+    analysis = analyse(simulated(2), AnalysisSettings(groups={"age": alone, "glasses": dict.fromkeys(TWENTY, "yes")}))
+    said = [row["text"] for row in analysis["findings"] if row["about"] == "groups"]
+    assert said == [
+        "Whether the groups differ by age could not be tested with these participants.",
+        "There is nothing to compare by glasses: all who voted and have a group are in one.",
+    ]
+
+
 @pytest.mark.parametrize("of", [{}, {"somebody else": "old"}])
 def test_a_grouping_of_nobody_who_voted_is_refused(of: dict[str, str]) -> None:
     with pytest.raises(VotesError, match="none of the 20 participants"):

@@ -10,7 +10,8 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from app.analysis import VotesError, analyse, analyse_file, read_votes, votes_from_rows
+from app.analysis import VotesError, analyse, analyse_file, analyse_ratings_file, read_votes, votes_from_rows
+from app.analysis.ratings.reading import read_ratings
 from app.analysis.reading import understand_votes
 from app.analysis.report import table_csv
 
@@ -61,6 +62,12 @@ def test_a_format_is_understood_by_its_ending_and_content(
     path = write(tmp_path, name, content)
     assert outcomes(path) == WANTED
     assert understood in understand_votes([path])[1][0]
+
+
+def test_a_line_of_json_ends_at_the_end_of_the_line_alone(tmp_path: Path) -> None:
+    """A pasted comment may hold U+2028, which JSON allows in a text as it is."""
+    lines = [json.dumps({**vote, "reason": "pasted\u2028text"}, ensure_ascii=False) for vote in VOTES]
+    assert outcomes(write(tmp_path, "votes.jsonl", "\r\n".join(lines))) == WANTED
 
 
 def test_excel_is_read_from_its_first_sheet(tmp_path: Path) -> None:
@@ -160,6 +167,12 @@ def test_several_files_are_one_table(tmp_path: Path) -> None:
         understand_votes([first, nameless])
 
 
+def test_a_name_whose_accents_are_written_in_two_ways_is_said_to_look_alike(tmp_path: Path) -> None:
+    """macOS writes accents of the names of files as signs of their own; elsewhere they are part of the letter."""
+    path = write(tmp_path, "v.csv", "item_a,item_b,choice\n\u00e9,y,a\ne\u0301,y,b\n")
+    assert "'\u00e9' and 'e\u0301' look alike and are counted as 2 items" in understand_votes([path])[1]
+
+
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
@@ -187,6 +200,20 @@ def test_a_notebook_passes_what_it_has(tmp_path: Path) -> None:
     assert read_votes(str(write(tmp_path, "x.csv", COMMAS))).n_votes == 3
     with pytest.raises(VotesError, match="str is no table of votes, expected rows with named values or a DataFrame"):
         votes_from_rows("votes.csv")  # type: ignore[arg-type]  # what a newcomer tries
+
+
+def test_files_may_be_named_by_text(tmp_path: Path) -> None:
+    votes, out = str(write(tmp_path, "votes.csv", COMMAS)), str(tmp_path / "out")
+    items = str(write(tmp_path, "items.csv", "item,depth\nx,id\ny,pm\nz,dr\n"))
+    people = str(write(tmp_path, "people.csv", "participant,age\np1,old\np2,young\n"))
+    measures = str(write(tmp_path, "measures.csv", "dataset,item,psnr\nball,x,30\nball,y,31\n"))
+    ratings = str(write(tmp_path, "ratings.csv", "participant,dataset,condition,rating\np1,ball,x,3\np2,ball,y,4\n"))
+    beside = {"items": items, "participants": people, "measures": measures, "ratings": ratings}
+    assert analyse_file(votes, out, **beside)["votes"]["analysed"] == 3
+    assert analyse_file([votes], out)["votes"]["analysed"] == 3
+    assert analyse_ratings_file(ratings, out, measures=measures)["rating_items"]
+    assert len(read_ratings(ratings)) == 2
+    assert (tmp_path / "out" / "analysis.json").is_file()
 
 
 def test_nothing_that_counts_is_an_error_and_nothing_is_written(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 
+from app.analysis.findings.ratings import rating_findings
 from app.analysis.ratings.analyse_ratings import analyse_ratings
 from app.analysis.ratings.table import ComparisonTable, RatingTable
 from tests.app.analysis.ratings.rated_tables import known_table, rating_table, simulated
@@ -32,6 +33,19 @@ def test_tables_with_next_to_nothing_have_numbers_or_none(table: RatingTable) ->
     json.dumps(tables, allow_nan=False)
     assert len(tables["rating_items"]) == len(table.items)
     assert [row["participant"] for row in tables["raters"]] == list(table.participants)
+
+
+def test_a_difference_on_which_all_agree_rests_on_a_sign_test_and_has_no_interval() -> None:
+    person, item = np.divmod(np.arange(24), 2)
+    tables = analyse_ratings(rating_table(person, item, np.array([5.0, 3.0])[item]))
+    (pair,) = tables["rating_contrasts"]
+    assert (pair["difference"], pair["p_value"], pair["method"]) == (2, 2 / 2**12, "sign test over participants")
+    assert (pair["se"], pair["ci_low"], pair["ci_high"]) == (None, None, None)
+    said = {row["about"]: row["text"] for row in rating_findings(tables)}
+    assert said["difference"] == (
+        "Participants rate c0 2.00 grades above c1 (no interval, as all agree), p < 0.001 (sign test over "
+        "participants, Holm)."
+    )
 
 
 def test_a_conditions_quality_is_the_mean_of_its_items_with_their_common_error() -> None:

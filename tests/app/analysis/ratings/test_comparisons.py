@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from app.analysis.findings.ratings import rating_findings
 from app.analysis.ratings.comparisons import analyse_comparisons
 from app.analysis.ratings.table import ComparisonTable
 
@@ -76,6 +77,9 @@ def test_a_pair_in_one_order_cannot_tell_the_order_from_the_items() -> None:
     assert tables["comparison_models"][0]["order_effect"] is None
     assert tables["comparison_pairs"][0]["cmos"] == pytest.approx(1.5)
     assert "show each pair in both orders" in tables["rating_warnings"][0]["warning"]
+    assert "least squares scale in grades, 95 % intervals" in rating_findings(tables)[-1]["text"]
+    both_orders = analyse_comparisons(comparisons([(0, 0, 1, 2, True), (1, 0, 1, 1, False)]))
+    assert "with the order effect taken off" in rating_findings(both_orders)[-1]["text"]
 
 
 def test_datasets_are_scored_alone_and_together() -> None:

@@ -81,6 +81,13 @@ def test_the_reference_and_the_protocol_are_read(write: Write) -> None:
     assert (table.protocol, table.is_reference.tolist()) == ("acr-hr", [False, True])
 
 
+def test_a_protocol_may_be_written_in_capitals(tmp_path: Path) -> None:
+    for name, other, protocol in (("condition", "", "DCR"), ("item_a", "y,", "Ccr")):
+        columns = f"participant,dataset,{name},{'item_b,' if other else ''}rating,protocol"
+        (tmp_path / "r.csv").write_text(f"{columns}\np1,ball,x,{other}2,{protocol}\n", encoding="utf-8")
+        assert len(read_ratings(tmp_path / "r.csv")) == 1
+
+
 def test_comparisons_are_known_by_their_columns(write: Write) -> None:
     table = read_ratings(write("ann,ball,x,y,-2,y", "bob,ball,y,x,1,", header=COMPARED))
     assert isinstance(table, ComparisonTable)
@@ -238,6 +245,8 @@ def test_votes_and_ratings_of_the_same_items_share_a_scale(write: Write, tmp_pat
     assert analysis["alignment"][0]["status"] == "ok"
     assert len(analysis["alignment_items"]) == 6
     assert analysis["scores"]
+    assert analysis["understood"][1].startswith(f"{ratings.name}: text in UTF-8, commas between cells; ")
+    assert analysis["understood"][2].endswith(" more are in several files and counted as the same people")
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "Ratings and votes on one scale" in page
     assert (tmp_path / "out" / "alignment_items.csv").exists()

@@ -15,8 +15,9 @@ import httpx
 import pytest
 
 from app.analysis import analyse_ratings_file
+from app.analysis.warnings import NOTHING_LEFT
 from app.operations.create import create_study
-from app.operations.manage import attach_results
+from app.operations.manage import add_token, attach_results
 from app.settings import Settings
 from app.simulation.participants import simulate
 from app.study.options import parse_options
@@ -110,3 +111,16 @@ def test_comparisons_have_scores_by_strength_beside_those_by_choice(
     choices = analyst.get(f"{path}/scores").json()
     assert {row["item"] for row in choices if row["comparison"] == "all"} == set(QUALITIES)
     assert "How much better" in experimenter.get(f"{path.replace('/api/v1', '/admin')}/results").text
+
+
+def test_ratings_that_are_all_excluded_are_told_from_none(
+    rated: Rated, analyst: httpx.Client, server: str, settings: Settings
+) -> None:
+    path, votes = rated(protocol="ACR")
+    header = {"Authorization": f"Bearer {add_token(settings, f'manager {uuid4()}', ('participants:write',))['token']}"}
+    for label in {vote["participant"] for vote in votes}:
+        body = {"reason": "the screen was off"}
+        answer = httpx.put(f"{server}{path}/participants/{label}/exclusion", json=body, headers=header, timeout=60)
+        assert answer.status_code == 200
+    assert analyst.get(f"{path}/ratings").json() == []
+    assert analyst.get(f"{path}/analysis").json()["warnings"] == [NOTHING_LEFT]

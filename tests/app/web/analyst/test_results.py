@@ -175,6 +175,18 @@ def test_a_study_without_votes_has_columns_of_the_same_kinds(
         assert [(field.name, field.type) for field in empty] == [(field.name, field.type) for field in whole]
 
 
+def test_a_filter_that_a_table_does_not_have_is_refused_not_ignored(
+    analyst: httpx.Client, client: httpx.Client, taken: dict[str, Any]
+) -> None:
+    study = f"/api/v1/studies/{taken['slug']}"
+    assert analyst.get(f"{study}/trials?participant=P001&session=none&dataset=ball&limit=1").status_code == 200
+    refused = analyst.get(f"{study}/scores", params={"dataset": "ball"})
+    assert is_problem(refused, 422)
+    message = "there is no such parameter, expected format, limit or offset"
+    assert refused.json()["errors"] == [{"at": "query.dataset", "message": message}]
+    assert is_problem(client.get(f"{study}/scores?dataset=ball"), 401)
+
+
 def test_only_known_formats_studies_and_tokens_are_answered(
     analyst: httpx.Client, client: httpx.Client, taken: dict[str, Any]
 ) -> None:
