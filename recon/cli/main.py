@@ -202,14 +202,16 @@ def fuse(
 @app.command()
 def export(
     mesh: Annotated[
-        Path, typer.Argument(help="A mesh of a run, for example RUN/meshes/pm_fb/0000.ply, or another PLY.")
+        Path,
+        typer.Argument(help="A mesh of a run, such as RUN/meshes/pm_fb/0000.ply, or a PLY with normals and colours."),
     ],
     out: Annotated[
         Path,
         typer.Argument(help="File to write: .glb for viewers and the web, .ply, or .obj of a mesh with a texture."),
     ],
     truth: Annotated[
-        Path | None, typer.Option(help="PLY of the true mesh; colours then show the error, red outside, blue inside.")
+        Path | None,
+        typer.Option(help="The true mesh, PLY, OBJ or glTF; colours then show the error, red outside, blue inside."),
     ] = None,
     limit: Annotated[
         float | None, typer.Option(help="Error that gets the full colour, mm; default: 95 % of the vertices have less.")
@@ -217,8 +219,9 @@ def export(
     as_json: JsonOption = False,
 ) -> None:
     """Convert a mesh; a GLB file opens in any 3D viewer."""
-    from recon.geometry.mesh import Shape, error_colours, error_limit
+    from recon.geometry.mesh import error_colours, error_limit
     from recon.geometry.mesh_files import read_mesh, write_mesh
+    from recon.validation.clouds import read_shape
     from recon.validation.truth.evaluation import signed_distances_to
 
     if limit is not None and truth is None:
@@ -227,8 +230,10 @@ def export(
     result: dict[str, Any] = {"out": str(out), "vertices": len(model.vertices), "faces": len(model.faces)}
     sentence = f"Wrote {result['vertices']} vertices and {result['faces']} faces: {out}"
     if truth is not None:
-        true = read_mesh(truth)
-        errors = signed_distances_to(Shape(true.vertices, true.faces), model.vertices)
+        true = read_shape(truth)
+        if not len(true.faces):
+            raise ValueError(f"{truth}: holds no faces, so that nothing is inside or outside; expected a mesh")
+        errors = signed_distances_to(true, model.vertices)
         limit = error_limit(errors) if limit is None else limit
         model = replace(model, colours=error_colours(errors, limit), texture=None)
         result |= {"mean_mm": float(abs(errors).mean()), "limit_mm": limit}
