@@ -115,7 +115,7 @@ def _lines(path: Path) -> _Lines:
     lines = _Lines()
     material, faces, begun = "", None, ""
     by_keyword = {"v": lines.vertices, "vt": lines.places, "vn": lines.normals}
-    with path.open(encoding="utf-8", errors="replace") as file:
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
         for line in file:
             text = begun + line.strip()
             if text.endswith("\\"):  # goes on in the next line
@@ -246,7 +246,7 @@ def _materials(contents: Contents, libraries: Sequence[str], used: Collection[st
     materials: dict[str, _Material] = {}
     for library in libraries:
         folder = Path(library.replace("\\", "/")).parent
-        text = contents.beside(library, "material file").decode("utf-8", "replace")
+        text = contents.beside(library, "material file").decode("utf-8-sig", "replace")
         name, current = "", _Material()
         for line in text.splitlines():
             keyword, _, rest = line.strip().partition(" ")
