@@ -83,6 +83,8 @@ def import_json(
     content = read_json(source)
     unit = options.unit_mm or parse_unit(str(content.get("units", "mm")))
     described = _Description(source, content, unit)
+    if shots is not None and "sensors" in content:
+        raise CaptureError(f"{source}: shots are of the short form, and it has the full one; leave them out")
     with faults_at(source):
         sensors = _sensors(described) if "sensors" in content else (_short_form(described, shots),)
         recording = Recording(
@@ -191,7 +193,7 @@ def _pictures(folder: Path, entry: Mapping[str, Any]) -> Pictures:
     if isinstance(image, list):
         return Pictures(tuple(folder / name for name in image), plate)
     if FRAME_FIELD.search(image):
-        return Pictures(_matching(folder, image), plate)
+        return Pictures(_matching(folder, image), plate, is_folder=True)  # their numbers are compared, too
     if is_video(image) or (folder / image).is_file():
         return Pictures((folder / image,), plate)
     pictures = find_pictures(folder / image)
