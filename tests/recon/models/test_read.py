@@ -585,3 +585,33 @@ def test_a_model_that_single_precision_would_blur_where_it_stands_is_refused_unl
     near[:3, 3] = (-1000 * east, -1000 * north, 0)
     mesh = mesh_from(path, Placement("m", tuple(map(tuple, near.tolist()))))
     assert mesh.vertices.tolist() == [[0, 0, 0], [1000, 0, 0], [0, 1800, 0], [0, 0, 500]]
+
+
+def test_materials_may_part_their_words_by_tabs(tmp_path: Path) -> None:
+    picture(tmp_path / "skin.png", BLUE)
+    text_file(tmp_path, "a.mtl", "newmtl\tred\nKd\t1 0 0\nnewmtl blue\n\tmap_Kd\tskin.png\n")
+    head = f"mtllib a.mtl\n{SQUARE}{PLACES}"
+    assert mesh_from(text_file(tmp_path, "a.obj", f"{head}usemtl red\nf 1 2 3\n")).colours[0].tolist() == [255, 0, 0]
+    assert texels(mesh_from(text_file(tmp_path, "b.obj", f"{head}usemtl blue\nf 1/1 2/2 3/3\n"))).tolist() == [
+        list(BLUE)
+    ]
+
+
+@pytest.mark.parametrize(("line", "is_warned_of"), [("d 0.5", True), ("Tr 0.5", True), ("Tr 0", False), ("d 1", False)])
+def test_transparency_is_pointed_out_by_either_name(tmp_path: Path, line: str, is_warned_of: bool) -> None:
+    text_file(tmp_path, "a.mtl", f"newmtl red\nKd 1 0 0\n{line}\n")
+    path = text_file(tmp_path, "a.obj", f"mtllib a.mtl\n{SQUARE}usemtl red\nf 1 2 3\n")
+    warnings = read_model(path, IN_MM).warnings
+    assert any("transparent" in warning for warning in warnings) == is_warned_of
+
+
+def test_a_ply_with_colours_of_its_faces_has_them(tmp_path: Path) -> None:
+    colours = "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+    text = ply(CORNERS, ["4 0 1 2 3 200 10 10", "3 0 1 2 10 10 200"], face_properties=colours)
+    mesh = mesh_from(text_file(tmp_path, "a.ply", text))
+    assert mesh.colours[mesh.faces[:, 0]].tolist() == [list(RED), list(RED), list(BLUE)]
+    assert mesh.vertices[mesh.faces[1]].tolist() == [[0, 0, 0], [10, 10, 0], [0, 10, 0]]
+    lists = colours.replace("uchar", "list uchar uchar")
+    text = ply(CORNERS, ["3 0 1 2 1 200 1 10 1 10", "3 0 1 2 1 10 2 1 1 1 9"], face_properties=lists)
+    with pytest.raises(ValueError, match="its faces have lists where numbers are expected"):
+        read_model(text_file(tmp_path, "b.ply", text), IN_MM)
