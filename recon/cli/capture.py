@@ -257,7 +257,11 @@ def capture_segment(
     ] = None,
     threshold: Annotated[
         int | None,
-        typer.Option(min=1, max=254, help="How much brighter than the background the foreground is, grey levels."),
+        typer.Option(
+            min=1,
+            max=254,
+            help="Grey levels by which the object differs from the plate, or its least brightness without one.",
+        ),
     ] = None,
     scribbles: Annotated[
         Path | None, typer.Option(help="Folder of pictures, or JSON, with strokes on key frames; replaces the method.")
