@@ -18,6 +18,7 @@ from recon.geometry.mesh import Mesh, Splats
 from recon.geometry.mesh_files import write_mesh
 from recon.geometry.normals import surface_normals
 from recon.geometry.srgb import srgb_bytes
+from recon.models.part import decode_picture
 from recon.models.read import NEUTRAL, Placement, read_contents, read_model
 from recon.rig import Y_FROM
 from tests.recon.geometry.test_mesh import mesh_of
@@ -615,3 +616,11 @@ def test_a_ply_with_colours_of_its_faces_has_them(tmp_path: Path) -> None:
     text = ply(CORNERS, ["3 0 1 2 1 200 1 10 1 10", "3 0 1 2 1 10 2 1 1 1 9"], face_properties=lists)
     with pytest.raises(ValueError, match="its faces have lists where numbers are expected"):
         read_model(text_file(tmp_path, "b.ply", text), IN_MM)
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+def test_what_a_program_appends_to_a_texture_does_no_harm(suffix: str) -> None:
+    content = cv2.imencode(suffix, np.full((16, 16, 3), 90, np.uint8))[1].tobytes()
+    assert (decode_picture(content + b"notes" * 50, "skin") == 90).all()
+    with pytest.raises(ValueError, match="its texture skin is cut off after"):
+        decode_picture(content[:-8], "skin")
