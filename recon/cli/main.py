@@ -185,14 +185,16 @@ def fuse(
     as_json: JsonOption = False,
 ) -> None:
     """Make a mesh from point clouds, for example RUN/clouds/pm/S1/0000.ply."""
+    from recon.geometry.mesh import check_resolved
     from recon.geometry.mesh_files import read_cloud, write_mesh
     from recon.pipeline.reconstruct import fuse_clouds
     from recon.surface import SurfaceParameters
 
     parameters = SurfaceParameters(voxel_mm=voxel, longest_rim_mm=close_holes)
-    mesh, warnings = fuse_clouds(
-        [read_cloud(cloud) for cloud in clouds], fusion, parameters, methods=find_methods(methods)
-    )
+    sensors = [read_cloud(cloud) for cloud in clouds]
+    for path, cloud in zip(clouds, sensors, strict=True):
+        check_resolved(cloud.points, f"{path}: ")
+    mesh, warnings = fuse_clouds(sensors, fusion, parameters, methods=find_methods(methods))
     write_mesh(out, mesh)
     result = {"out": str(out), "vertices": len(mesh.vertices), "faces": len(mesh.faces), "warnings": warnings}
     sentences = [*(f"warning: {warning}" for warning in warnings), f"Wrote {result['faces']} faces: {out}"]

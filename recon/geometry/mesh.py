@@ -241,14 +241,20 @@ def finite_rows(values: ArrayLike, name: str, length: int | None = None, columns
     return array
 
 
-def check_resolved(points: NDArray[np.floating]) -> None:
-    """Raise a ValueError if points (N, 3) lie so far from the origin that float32 blurs the shape they have."""
+def check_resolved(points: NDArray[np.floating], place: str = "") -> None:
+    """Raise a ValueError if points (N, 3) lie so far from the origin that float32 blurs the shape they have.
+
+    Parameters
+    ----------
+    points : floating (N, 3), of any unit
+    place : that the message begins with
+    """
     size, largest = float(np.linalg.norm(np.ptp(points, axis=0))), float(np.abs(points).max())
     step = float(np.spacing(np.float32(largest)))
     if size > 0 and step * FINEST > size:
         raise ValueError(
-            f"its points, {size:.3g} across, lie up to {largest:.3g} from the origin, where single precision has steps "
-            f"of {step:.3g}; move them near the origin"
+            f"{place}its points, {size:.3g} across, lie up to {largest:.3g} from the origin, where single precision "
+            f"has steps of {step:.3g}; move them near the origin"
         )
 
 

@@ -97,10 +97,7 @@ def read_shape(path: Path) -> Shape:
         shape = Shape(_read_text(path).astype(np.float32), np.zeros((0, 3), np.int32))
     else:
         shape = read_model_shape(path) if suffix in SHAPE_SUFFIXES else read_ply_shape(path)
-    try:
-        check_resolved(shape.points)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+    check_resolved(shape.points, f"{path}: ")
     return shape
 
 
