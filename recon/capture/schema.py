@@ -30,8 +30,8 @@ from recon.rig import Camera
 
 SCHEMA_VERSION = 1
 CAPTURE_KEYS = ("schema_version", "name", "kind", "fps", "n_frames", "bounds", "object", "sensors", "held_out")
-SENSOR_KEYS = ("id", *SIDES, "depth", "plate", "mask")
-CAMERA_KEYS = ("image", "K", "dist", "size", "cam_from_world")
+SENSOR_KEYS: tuple[str, ...] = ("id", *SIDES, "depth", "plate", "mask")
+CAMERA_KEYS: tuple[str, ...] = ("image", "K", "dist", "size", "cam_from_world")
 DEPTH_KEYS = ("image", "scale_mm", "kind", "size")
 
 T = TypeVar("T")

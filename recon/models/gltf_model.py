@@ -224,7 +224,7 @@ class _Reader:
     def _leaves(self, uv: NDArray[np.float64], texture: Mapping[str, Any]) -> bool:
         """Tell whether places (N, 2) lie beyond an edge of a texture at which it is mirrored or stops."""
         sampler = self._document["samplers"][texture["sampler"]] if "sampler" in texture else {}
-        is_beyond = ((uv < -SLACK) | (uv > 1 + SLACK)).any(axis=0)
+        is_beyond = [((places < -SLACK) | (places > 1 + SLACK)).any() for places in uv.T]
         return any(
             beyond and sampler.get(key, REPEAT) != REPEAT
             for beyond, key in zip(is_beyond, ("wrapS", "wrapT"), strict=True)
@@ -287,7 +287,7 @@ class _Reader:
         return values
 
 
-def _applied(turns: NDArray[np.float64], vectors: NDArray[np.floating]) -> NDArray[np.float64]:
+def _applied(turns: NDArray[np.floating], vectors: NDArray[np.floating]) -> NDArray[np.float64]:
     """Apply one matrix (3, 3), or one for each (N, 3, 3), to vectors (N, 3)."""
     return np.asarray((turns @ vectors[..., None])[..., 0])
 
