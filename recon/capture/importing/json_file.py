@@ -42,6 +42,7 @@ from recon.capture.schema import sides_of, size_of
 from recon.rig import Camera, rigid
 from recon.storage.files import read_json
 
+DIST_KEYS = ("dist", "dist_left", "dist_right")
 POSES = ("cam_from_world", "world_from_cam", "right_from_left", "left_from_right")
 
 
@@ -235,6 +236,9 @@ def _numbers(content: Mapping[str, Any], key: str) -> NDArray[np.float64]:
 
 
 def _dist(content: Mapping[str, Any], key: str) -> NDArray[np.float64]:
+    for name, value in content.items():  # a slip would leave the distortion out without a word
+        if name.lower().startswith("dist") and name not in DIST_KEYS and isinstance(value, list) and any(value):
+            raise CaptureError(f"{name} is not read, expected {key}")
     return _numbers({key: [], **content}, key)
 
 

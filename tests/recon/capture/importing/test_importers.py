@@ -474,6 +474,7 @@ def test_a_pattern_with_a_frame_missing_in_the_middle_is_refused(tmp_path: Path)
         (("sensors",), [], "names no sensors"),
         (("sensors", 0, "left", "image"), 5, "sensor S1: image is 5"),
         (("sensors", 0, "left", "image"), [], r"sensor S1: image is \[\]"),
+        (("sensors", 0, "left", "distortion"), [0.1, 0, 0, 0], "sensor S1: distortion is not read, expected dist"),
         (("sensors", 0, "depth"), {"image": []}, "sensor S1: depth: image is an empty list"),
         (("sensors", 0, "depth"), {"image": ["d.png"], "size": ["a", "b"]}, "sensor S1: size is .*whole pixels"),
         (("sensors", 0, "depth"), {"image": ["d.png"], "size": [3]}, "sensor S1: size is .*whole pixels"),
