@@ -55,14 +55,24 @@ class Pictures:
         return width, height
 
 
-def find_pictures(base: Path) -> Pictures:
+def find_pictures(base: Path, *, instead_of: Path | None = None) -> Pictures:
     """Find the recording at a name without suffix: a folder of images, a video, or a single image.
 
     Images of a folder are taken in the order of the numbers in their names; one named `plate` is the clean plate.
 
-    A CaptureError says that there is none of them, or more than one.
+    Parameters
+    ----------
+    base : the name
+    instead_of : an image that gives way to any other recording, as its camera was only placed by it
+
+    Raises
+    ------
+    CaptureError
+        If there is none of them, or more than one.
     """
     recordings = recordings_named(base, (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES))
+    if len(recordings) > 1:
+        recordings = [path for path in recordings if path != instead_of]
     if len(recordings) != 1:
         names = ", ".join(path.name for path in recordings)
         raise CaptureError(f"{base}: found {names or 'nothing'}, expected one folder of images, video or image")

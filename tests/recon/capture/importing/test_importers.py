@@ -547,3 +547,14 @@ def test_an_option_that_a_format_does_not_take_is_refused(
     assert told.code != 0
     assert sentence in told.err
     assert not (tmp_path / "out").exists()
+
+
+def test_frames_beside_the_photograph_that_placed_a_camera_are_taken_instead_of_it(tmp_path: Path) -> None:
+    source = colmap_model(tmp_path / "colmap")
+    for image in list((source / "images").iterdir()):
+        for frame in range(3):
+            write_picture(image.with_suffix("") / f"{frame}.png", 10 + frame)
+    options = ImportOptions(unit_mm=1000.0, bounds=BOUNDS)
+    capture = import_colmap(source, tmp_path / "out", [(11, 12), (13, 14)], options)
+    assert capture.n_frames == 3
+    assert read_frame(capture, "S2", 2)[0][0, 0, 0] == 12
