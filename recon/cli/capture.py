@@ -146,7 +146,8 @@ def capture_import(
     if kind not in IMPORTED:
         raise typer.BadParameter(f"{kind!r} is not a format that can be imported; expected {', '.join(IMPORTED)}")
     for option, value in {"pairs": pairs, "units": units, "up": up, "shots": shots}.items():
-        if value is not None and option not in IMPORTED[kind]:
+        is_so_anyway = kind == "middlebury" and (option, value) in (("units", "m"), ("up", "y"))
+        if value is not None and option not in IMPORTED[kind] and not is_so_anyway:
             raise typer.BadParameter(f"{kind} takes no --{option}; leave it out")
     box, unit = parse_bounds(bounds), parse_unit(units) if units else None
     options = ImportOptions(name=name, n_frames=frames, bounds=box, unit_mm=unit, fps=fps, up=up)

@@ -542,7 +542,7 @@ def test_an_option_that_a_format_does_not_take_is_refused(
 ) -> None:
     record(tmp_path / "source")
     path = described(tmp_path / "source")
-    value = {"--up": "z", "--units": "mm", "--pairs": "1-2", "--shots": "1"}[option]
+    value = {"--up": "z", "--units": "cm", "--pairs": "1-2", "--shots": "1"}[option]
     told = command("capture", "import", kind, path, tmp_path / "out", option, value)
     assert told.code != 0
     assert sentence in told.err
