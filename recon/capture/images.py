@@ -170,19 +170,20 @@ def _image_bytes(path: Path) -> NDArray[np.uint8]:
         raise CaptureError(f"{path}: there is no such image") from error
     except OSError as error:
         raise CaptureError(f"{path}: cannot be read: {error.strerror}") from error
-    if path.suffix.lower() in (".jpg", ".jpeg") and content.find(JPEG_END, _jpeg_scan(content)) < 0:
+    if path.suffix.lower() in (".jpg", ".jpeg") and is_cut_jpeg(content):
         raise CaptureError(f"{path}: is cut off after {len(content)} bytes, before the end of its JPEG data")
     if not content:
         raise CaptureError(f"{path}: is empty")
     return np.frombuffer(content, dtype=np.uint8)
 
 
-def _jpeg_scan(content: bytes) -> int:
-    """Return where a JPEG's own data begin, after segments that may hold a thumbnail with an end of its own.
+def is_cut_jpeg(content: bytes) -> bool:
+    """Tell whether a JPEG lacks the end of its own data.
 
-    Phones append a film or notes, so the end need not be the last that a file holds.
+    These begin after segments that may hold a thumbnail with an end of its own; and phones append a film or notes, so
+    the end need not be the last that a file holds.
     """
     place = 2
     while content[place : place + 1] == b"\xff" and content[place : place + 2] != JPEG_SCAN:
         place += 2 + int.from_bytes(content[place + 2 : place + 4], "big")
-    return place
+    return content.find(JPEG_END, place) < 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -55,19 +55,47 @@ class Pictures:
         return width, height
 
 
-def find_pictures(base: Path) -> Pictures:
+def find_pictures(base: Path, *, instead_of: Path | None = None) -> Pictures:
     """Find the recording at a name without suffix: a folder of images, a video, or a single image.
 
     Images of a folder are taken in the order of the numbers in their names; one named `plate` is the clean plate.
 
-    A CaptureError says that there is none of them, or more than one.
+    Parameters
+    ----------
+    base : the name
+    instead_of : an image that gives way to any other recording, as its camera was only placed by it
+
+    Raises
+    ------
+    CaptureError
+        If there is none of them, or more than one.
     """
-    files = [base.with_name(base.name + suffix) for suffix in (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES)]
-    recordings = [path for path in (base, *files) if (path.is_dir() if path == base else path.is_file())]
+    recordings = recordings_named(base, (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES))
+    if len(recordings) > 1:
+        recordings = [path for path in recordings if path != instead_of]
     if len(recordings) != 1:
         names = ", ".join(path.name for path in recordings)
         raise CaptureError(f"{base}: found {names or 'nothing'}, expected one folder of images, video or image")
     return _in_folder(base) if recordings[0].is_dir() else Pictures((recordings[0],))
+
+
+def recordings_named(base: Path, suffixes: Collection[str]) -> list[Path]:
+    """Return the folder of a name, and the files that have it before one of these suffixes in small or capital letters.
+
+    Parameters
+    ----------
+    base : the name, without suffix
+    suffixes : in small letters, each with its dot
+    """
+    beside = sorted(base.parent.iterdir()) if base.parent.is_dir() else []
+    files = [path for path in beside if path.stem == base.name and path.suffix.lower() in suffixes and path.is_file()]
+    return [base, *files] if base.is_dir() else files
+
+
+def images_in(folder: Path) -> list[Path]:
+    """Return the images of a folder, without files that the system hides, such as those of macOS for its own use."""
+    images = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+    return sorted((path for path in images if not path.name.startswith(".")), key=_by_number)
 
 
 def steady_rate(path: Path) -> float:
@@ -100,7 +128,7 @@ def copy_file(source: Path, target: Path) -> None:
 
 
 def _in_folder(folder: Path) -> Pictures:
-    images = sorted((path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES), key=_by_number)
+    images = images_in(folder)
     frames = tuple(path for path in images if path.stem != PLATE_STEM)
     if not frames:
         raise CaptureError(f"{folder}: holds no images ({', '.join(IMAGE_SUFFIXES)})")

@@ -29,6 +29,10 @@ from recon.capture.recording import (
 from recon.rig import Camera
 
 SCHEMA_VERSION = 1
+CAPTURE_KEYS = ("schema_version", "name", "kind", "fps", "n_frames", "bounds", "object", "sensors", "held_out")
+SENSOR_KEYS: tuple[str, ...] = ("id", *SIDES, "depth", "plate", "mask")
+CAMERA_KEYS: tuple[str, ...] = ("image", "K", "dist", "size", "cam_from_world")
+DEPTH_KEYS = ("image", "scale_mm", "kind", "size")
 
 T = TypeVar("T")
 
@@ -43,6 +47,7 @@ class Draft:
     cameras : the sound cameras of all sensors
     sensors : the sound sensors
     problems : one sentence for everything that is wrong
+    ignored : one sentence for every key that means nothing here, as it may be a slip for one that does
     """
 
     capture: Capture | None = None
@@ -52,6 +57,7 @@ class Draft:
     sensors: tuple[SensorStream, ...] = ()
     held_out: tuple[HeldOut, ...] = ()
     problems: tuple[str, ...] = ()
+    ignored: tuple[str, ...] = ()
 
 
 def parse_capture(path: Path, content: Mapping[str, Any]) -> Draft:
@@ -118,7 +124,8 @@ class _Parser:
         if not self._problems:
             with self._at(""):
                 capture = Capture(self._path.parent, name, kind, fps, n_frames, bounds, object_, sensors, held_out)
-        return Draft(capture, n_frames, bounds, cameras, sensors, held_out, tuple(self._problems))
+        ignored = tuple(f"{self._path}: {sentence}" for sentence in _ignored_keys(content))
+        return Draft(capture, n_frames, bounds, cameras, sensors, held_out, tuple(self._problems), ignored)
 
     @contextmanager
     def _at(self, place: str) -> Iterator[None]:
@@ -163,6 +170,23 @@ class _Parser:
                 frame = check_count(_member(_mapping(entry), "frame"), "frame", at_least=0)
                 photographs.append(HeldOut(_camera(entry), _text(entry, "image"), frame))
         return tuple(photographs)
+
+
+def _ignored_keys(content: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a sentence for every key that a capture does not have."""
+    parts: list[tuple[str, Any, tuple[str, ...]]] = [("", content, CAPTURE_KEYS)]
+    for key, known in (("sensors", SENSOR_KEYS), ("held_out", (*CAMERA_KEYS, "frame"))):
+        entries = content.get(key)
+        for number, entry in enumerate(entries if isinstance(entries, list) else ()):
+            place = f"sensor {_label(entry, 'id', number)}, " if key == "sensors" else f"{key} number {number + 1}, "
+            parts.append((place, entry, known))
+            if key == "sensors" and isinstance(entry, Mapping):
+                parts += [(f"{place}{side}, ", entry.get(side), CAMERA_KEYS) for side in SIDES]
+                parts.append((f"{place}depth, ", entry.get("depth"), DEPTH_KEYS))
+    for place, entry, known in parts:
+        for name in entry if isinstance(entry, Mapping) else ():
+            if name not in known:
+                yield f"{place}{name} is no key of a capture, and is ignored; expected {', '.join(known)}"
 
 
 def sides_of(entry: Any) -> tuple[str, ...]:

@@ -15,6 +15,14 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True, help="Make, import, export, calibrate, segment and check recordings.")
 
+IMPORTED = {  # formats, and the options that not all of them take
+    "middlebury": ("pairs",),
+    "opencv": ("units", "up"),
+    "colmap": ("pairs", "units", "up"),
+    "nerfstudio": ("pairs", "units", "up"),
+    "meshroom": ("pairs", "units", "up"),
+    "json": ("units", "up", "shots"),
+}
 TEMPLE_PAIRS = "13-14,20-21,27-28"  # three sensors on one joint spot in Middlebury's templeRing
 
 
@@ -135,6 +143,12 @@ def capture_import(
     from recon.capture.importing.opencv import import_opencv
     from recon.capture.importing.sources import GapWarning, ImportOptions, parse_unit
 
+    if kind not in IMPORTED:
+        raise typer.BadParameter(f"{kind!r} is not a format that can be imported; expected {', '.join(IMPORTED)}")
+    for option, value in {"pairs": pairs, "units": units, "up": up, "shots": shots}.items():
+        is_so_anyway = kind == "middlebury" and (option, value) in (("units", "m"), ("up", "y"))
+        if value is not None and option not in IMPORTED[kind] and not is_so_anyway:
+            raise typer.BadParameter(f"{kind} takes no --{option}; leave it out")
     box, unit = parse_bounds(bounds), parse_unit(units) if units else None
     options = ImportOptions(name=name, n_frames=frames, bounds=box, unit_mm=unit, fps=fps, up=up)
     with telling(GapWarning):
@@ -146,12 +160,9 @@ def capture_import(
         elif kind in ("colmap", "nerfstudio", "meshroom"):
             importers = {"colmap": import_colmap, "nerfstudio": import_nerfstudio, "meshroom": import_meshroom}
             importers[kind](source, out, parse_pairs(pairs) if pairs else None, options)
-        elif kind == "json":
+        else:
             names = tuple(shot.strip() for shot in shots.split(",")) if shots else None
             import_json(source, out, options, shots=names)
-        else:
-            expected = "middlebury, opencv, colmap, nerfstudio, meshroom or json"
-            raise typer.BadParameter(f"{kind!r} is not a format that can be imported; expected {expected}")
     report = check_capture(out)
     print_result({"capture": str(out), **report.as_json()}, _check_sentences(out, report), as_json=as_json)
 
@@ -247,7 +258,11 @@ def capture_segment(
     ] = None,
     threshold: Annotated[
         int | None,
-        typer.Option(min=1, max=254, help="How much brighter than the background the foreground is, grey levels."),
+        typer.Option(
+            min=1,
+            max=254,
+            help="Grey levels by which the object differs from the plate, or its least brightness without one.",
+        ),
     ] = None,
     scribbles: Annotated[
         Path | None, typer.Option(help="Folder of pictures, or JSON, with strokes on key frames; replaces the method.")

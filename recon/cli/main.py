@@ -185,14 +185,16 @@ def fuse(
     as_json: JsonOption = False,
 ) -> None:
     """Make a mesh from point clouds, for example RUN/clouds/pm/S1/0000.ply."""
+    from recon.geometry.mesh import check_resolved
     from recon.geometry.mesh_files import read_cloud, write_mesh
     from recon.pipeline.reconstruct import fuse_clouds
     from recon.surface import SurfaceParameters
 
     parameters = SurfaceParameters(voxel_mm=voxel, longest_rim_mm=close_holes)
-    mesh, warnings = fuse_clouds(
-        [read_cloud(cloud) for cloud in clouds], fusion, parameters, methods=find_methods(methods)
-    )
+    sensors = [read_cloud(cloud) for cloud in clouds]
+    for path, cloud in zip(clouds, sensors, strict=True):
+        check_resolved(cloud.points, f"{path}: ")
+    mesh, warnings = fuse_clouds(sensors, fusion, parameters, methods=find_methods(methods))
     write_mesh(out, mesh)
     result = {"out": str(out), "vertices": len(mesh.vertices), "faces": len(mesh.faces), "warnings": warnings}
     sentences = [*(f"warning: {warning}" for warning in warnings), f"Wrote {result['faces']} faces: {out}"]
@@ -202,14 +204,16 @@ def fuse(
 @app.command()
 def export(
     mesh: Annotated[
-        Path, typer.Argument(help="A mesh of a run, for example RUN/meshes/pm_fb/0000.ply, or another PLY.")
+        Path,
+        typer.Argument(help="A mesh of a run, such as RUN/meshes/pm_fb/0000.ply, or a PLY with normals and colours."),
     ],
     out: Annotated[
         Path,
         typer.Argument(help="File to write: .glb for viewers and the web, .ply, or .obj of a mesh with a texture."),
     ],
     truth: Annotated[
-        Path | None, typer.Option(help="PLY of the true mesh; colours then show the error, red outside, blue inside.")
+        Path | None,
+        typer.Option(help="The true mesh, PLY, OBJ or glTF; colours then show the error, red outside, blue inside."),
     ] = None,
     limit: Annotated[
         float | None, typer.Option(help="Error that gets the full colour, mm; default: 95 % of the vertices have less.")
@@ -217,8 +221,9 @@ def export(
     as_json: JsonOption = False,
 ) -> None:
     """Convert a mesh; a GLB file opens in any 3D viewer."""
-    from recon.geometry.mesh import Shape, error_colours, error_limit
+    from recon.geometry.mesh import error_colours, error_limit
     from recon.geometry.mesh_files import read_mesh, write_mesh
+    from recon.validation.clouds import read_shape
     from recon.validation.truth.evaluation import signed_distances_to
 
     if limit is not None and truth is None:
@@ -227,8 +232,10 @@ def export(
     result: dict[str, Any] = {"out": str(out), "vertices": len(model.vertices), "faces": len(model.faces)}
     sentence = f"Wrote {result['vertices']} vertices and {result['faces']} faces: {out}"
     if truth is not None:
-        true = read_mesh(truth)
-        errors = signed_distances_to(Shape(true.vertices, true.faces), model.vertices)
+        true = read_shape(truth)
+        if not len(true.faces):
+            raise ValueError(f"{truth}: holds no faces, so that nothing is inside or outside; expected a mesh")
+        errors = signed_distances_to(true, model.vertices)
         limit = error_limit(errors) if limit is None else limit
         model = replace(model, colours=error_colours(errors, limit), texture=None)
         result |= {"mean_mm": float(abs(errors).mean()), "limit_mm": limit}

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.geometry.mesh import Cloud
+from recon.geometry.mesh import Cloud, Mesh
+from recon.geometry.normals import are_unit, surface_normals, unit_normals
 from recon.rig import Camera
 from recon.surface import NoSurfaceError
 
@@ -43,6 +44,13 @@ def view_of_cloud(cloud: Cloud, camera: Camera) -> DepthView:
         depth[rows, columns] = camera.points_in_camera(cloud.points)[:, 2]
         colours[rows, columns] = cloud.colours
     return DepthView(depth, colours, camera)
+
+
+def with_unit_normals(mesh: Mesh) -> Mesh:
+    """Return a mesh by somebody else with normals of unit length: those of its faces where one has no direction."""
+    if are_unit(mesh.normals):
+        return mesh
+    return replace(mesh, normals=unit_normals(mesh.normals, surface_normals(mesh.vertices, mesh.faces)))
 
 
 def check_clouds(clouds: Sequence[Cloud]) -> None:

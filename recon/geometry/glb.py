@@ -19,7 +19,7 @@ from recon.geometry.srgb import light_of_bytes
 GLB_MAGIC, GLB_JSON, GLB_BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942  # glTF 2.0, section 4.4
 GENERATOR = "reconstudy"
 COMPONENTS = {5123: "<u2", 5125: "<u4", 5126: "<f4"}  # section 3.6.2
-WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 METRES_PER_MM = 0.001  # glTF's unit of length is the metre
 
 

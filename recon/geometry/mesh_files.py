@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from recon.geometry.glb import glb_bytes, read_glb, textured_glb_bytes
 from recon.geometry.mesh import Cloud, Mesh, Shape, Texture, face_indices, finite_rows
+from recon.geometry.normals import are_unit, unit_normals
 from recon.geometry.obj import mtl_text, obj_text
 from recon.geometry.ply import (
     FLOAT_NORMAL,
@@ -131,7 +132,7 @@ def write_coloured(
 
 
 def read_cloud(path: Path) -> Cloud:
-    """Read a PLY of coloured, oriented points.
+    """Read a PLY of coloured, oriented points; normals by other programs get unit length, but for those of length 0.
 
     Raises
     ------
@@ -142,7 +143,7 @@ def read_cloud(path: Path) -> Cloud:
     with _named(path):
         sigma = point_columns(path, ply, ("sigma",))[:, 0] if "sigma" in ply["vertex"] else None
         points, normals, colours = (point_columns(path, ply, names) for names in ("xyz", FLOAT_NORMAL, UINT8_COLOUR))
-        return Cloud(points, normals, colours, sigma)
+        return Cloud(points, normals if are_unit(normals) else unit_normals(normals, normals), colours, sigma)
 
 
 def read_mesh(path: Path) -> Mesh:

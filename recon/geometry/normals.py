@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+ROUNDED = 1e-3  # how far a length may be from 1
 UPWARDS = (0.0, 1.0, 0.0)  # where nothing tells a direction
 
 
@@ -26,6 +27,11 @@ def surface_normals(vertices: NDArray[np.floating], faces: NDArray[np.integer]) 
     areas = area_vectors(vertices, faces)
     sums = vector_sums(np.repeat(areas, 3, axis=0), place[faces].ravel(), int(place.max()) + 1)
     return unit_normals(sums, np.broadcast_to(UPWARDS, sums.shape))[place]
+
+
+def are_unit(normals: NDArray[np.floating]) -> bool:
+    """Tell whether all vectors (N, 3) have unit length, but for rounding; never if one is no number."""
+    return bool((np.abs(np.linalg.norm(normals, axis=1) - 1) <= ROUNDED).all())
 
 
 def area_vectors(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> NDArray[np.float64]:

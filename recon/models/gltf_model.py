@@ -1,4 +1,4 @@
-"""Models as glTF 2.0, in one file (GLB) or several: every mesh of the scene at its place, in its rest pose.
+"""Models as glTF 2.0, in one file (GLB) or several: every mesh of the scene in the pose that its nodes have.
 
 trimesh's reader (5.2) is not used, because it takes glTF's linear vertex colours for sRGB, rounds them to bytes, and
 goes on in silence where a picture is missing.
@@ -20,12 +20,13 @@ from scipy.spatial.transform import Rotation
 
 from recon.geometry.glb import GLB_BINARY, GLB_JSON, GLB_MAGIC, WIDTHS
 from recon.geometry.srgb import light_of_bytes, srgb_bytes
+from recon.models.atlas import SLACK
 from recon.models.part import Contents, Part, check_finite, decode_picture
-from recon.rig import transformed
 from recon.storage.files import why_no_file
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 POINTS, TRIANGLES, STRIP, FAN = 0, 4, 5, 6
+REPEAT = 10497  # of a sampler
 READ_EXTENSIONS = {"KHR_materials_unlit", "KHR_mesh_quantization", "KHR_texture_transform", "EXT_texture_webp"}
 BROKEN = (  # what reading raises where the document says something else than the standard
     KeyError,
@@ -57,9 +58,9 @@ def read_gltf_model(path: Path) -> Contents:
     try:
         reader = _Reader(json.loads(text), binary, contents)
         reader.check()
-        for mesh, world in reader.placed():
-            for primitive in mesh["primitives"]:
-                part = reader.part(primitive, world)
+        for node, world in reader.placed():
+            for primitive in reader.mesh(node)["primitives"]:
+                part = reader.part(primitive, node, world)
                 if part is not None:
                     contents.parts.append(part)
     except BROKEN as error:
@@ -96,6 +97,7 @@ class _Reader:
         self._contents = contents
         self._buffers: dict[int, bytes] = {}
         self._pictures: dict[tuple[Any, ...], NDArray[np.uint8]] = {}
+        self._worlds: dict[int, NDArray[np.float64]] = {}
 
     def check(self) -> None:
         """Raise a ValueError if the document cannot be shown as it is, and warn of what is left out."""
@@ -105,10 +107,10 @@ class _Reader:
         if unknown:
             raise ValueError(f"it needs {', '.join(sorted(unknown))}, which is not read; export it without compression")
         if self._document.get("animations"):
-            self._contents.warn("is animated; only its rest pose is shown")
+            self._contents.warn("is animated; only the pose of its nodes is shown")
 
     def placed(self) -> list[tuple[Mapping[str, Any], NDArray[np.float64]]]:
-        """Return the meshes of the scene, each with its transform (4, 4) into the scene."""
+        """Return the nodes of the scene that have a mesh, each with its transform (4, 4) into the scene."""
         nodes: Sequence[Mapping[str, Any]] = self._document.get("nodes", [])
         scenes = self._document.get("scenes", [])
         if scenes:
@@ -123,39 +125,69 @@ class _Reader:
             with np.errstate(invalid="ignore", over="ignore"):  # of numbers that are no transform
                 world = parent @ _transform(node)
             check_finite(world, "a row of a node's transform")
+            self._worlds[index] = world
             if "mesh" in node:
-                placed.append((self._document["meshes"][node["mesh"]], world))
+                placed.append((node, world))
             waiting += [(child, world, depth + 1) for child in node.get("children", ())]
             if depth > len(nodes) or len(placed) + len(waiting) > 1_000_000:
                 raise ValueError("its nodes go in a circle")
         return placed
 
-    def part(self, primitive: Mapping[str, Any], world: NDArray[np.float64]) -> Part | None:
+    def mesh(self, node: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the mesh of a node."""
+        mesh: Mapping[str, Any] = self._document["meshes"][node["mesh"]]
+        return mesh
+
+    def part(self, primitive: Mapping[str, Any], node: Mapping[str, Any], world: NDArray[np.float64]) -> Part | None:
         """Return a primitive in the scene's axes; None for lines, which are not shown.
 
         Parameters
         ----------
         primitive : an entry of a mesh
-        world : float64 (4, 4), from the mesh to the scene
+        node : that has the mesh; where it has a skin, the joints' nodes say where the vertices are, and not its own
+        world : float64 (4, 4), from the node to the scene
         """
         mode = primitive.get("mode", TRIANGLES)
         if mode not in (POINTS, TRIANGLES, STRIP, FAN):
             self._contents.warn("has lines, which are not shown")
             return None
         attributes = primitive["attributes"]
-        positions = self._accessor(attributes["POSITION"]).astype(np.float64)
+        weights = node.get("weights", self.mesh(node).get("weights", ()))
+        positions = self._morphed(primitive, "POSITION", weights)
         faces = np.zeros((0, 3), np.int64)
         if mode != POINTS:
             n_vertices = len(positions)
             indices = self._accessor(primitive["indices"])[:, 0] if "indices" in primitive else np.arange(n_vertices)
             faces = _triangles(indices.astype(np.int64), mode)
-        if np.linalg.det(world[:3, :3]) < 0:
+        moves = self._joint_moves(attributes, self._document["skins"][node["skin"]]) if "skin" in node else world
+        if np.median(np.linalg.det(moves[..., :3, :3])) < 0:
             faces = faces[:, ::-1]
         normals = None
         if "NORMAL" in attributes:
-            normals = self._accessor(attributes["NORMAL"]) @ np.linalg.pinv(world[:3, :3])
+            turns = moves[..., :3, :3] if "skin" in node else np.linalg.pinv(world[:3, :3]).T
+            normals = _applied(turns, self._morphed(primitive, "NORMAL", weights))
         colours, uv, picture = self._look(primitive, attributes, len(positions))
-        return Part(transformed(positions, world), faces, normals, colours, uv, picture)
+        return Part(_applied(moves[..., :3, :3], positions) + moves[..., :3, 3], faces, normals, colours, uv, picture)
+
+    def _morphed(self, primitive: Mapping[str, Any], name: str, weights: Sequence[float]) -> NDArray[np.float64]:
+        """Return an attribute's vectors (N, 3), changed by the morph targets as far as the weights say."""
+        vectors = self._accessor(primitive["attributes"][name]).astype(np.float64)
+        for target, weight in zip(primitive.get("targets", ()), weights, strict=False):
+            if weight and name in target:
+                vectors += weight * self._accessor(target[name])
+        return vectors
+
+    def _joint_moves(self, attributes: Mapping[str, int], skin: Mapping[str, Any]) -> NDArray[np.float64]:
+        """Return each vertex's transform (N, 4, 4) into the scene: the mean of its joints', by their weights."""
+        joints = np.array([self._worlds[joint] for joint in skin["joints"]])
+        if "inverseBindMatrices" in skin:  # column by column
+            joints = joints @ self._accessor(skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
+        moves = np.zeros((self._document["accessors"][attributes["JOINTS_0"]]["count"], 4, 4))
+        for number in range(sum(name.startswith("JOINTS_") for name in attributes)):
+            which, shares = (self._accessor(attributes[f"{name}_{number}"]) for name in ("JOINTS", "WEIGHTS"))
+            for joint, share in zip(which.T, shares.T, strict=True):
+                moves += share[:, None, None] * joints[joint]
+        return moves
 
     def _look(
         self, primitive: Mapping[str, Any], attributes: Mapping[str, int], n_vertices: int
@@ -184,8 +216,19 @@ class _Reader:
         if f"TEXCOORD_{set_number}" not in attributes:
             raise ValueError(f"a textured material has no texture coordinates (TEXCOORD_{set_number})")
         uv = _moved(self._accessor(attributes[f"TEXCOORD_{set_number}"]).astype(np.float64), moved)
+        if self._leaves(uv, self._document["textures"][texture["index"]]):
+            self._contents.warn("has a texture that shall not repeat beyond its edges, but is repeated instead")
         uv[:, 1] = 1 - uv[:, 1]  # glTF counts from the upper edge
         return None, uv, self._picture(texture["index"], factor)
+
+    def _leaves(self, uv: NDArray[np.float64], texture: Mapping[str, Any]) -> bool:
+        """Tell whether places (N, 2) lie beyond an edge of a texture at which it is mirrored or stops."""
+        sampler = self._document["samplers"][texture["sampler"]] if "sampler" in texture else {}
+        is_beyond = [((places < -SLACK) | (places > 1 + SLACK)).any() for places in uv.T]
+        return any(
+            beyond and sampler.get(key, REPEAT) != REPEAT
+            for beyond, key in zip(is_beyond, ("wrapS", "wrapT"), strict=True)
+        )
 
     def _picture(self, index: int, factor: NDArray[np.float64]) -> NDArray[np.uint8]:
         key = (index, *factor.tolist())
@@ -242,6 +285,11 @@ class _Reader:
         if accessor.get("normalized"):
             return np.maximum(values / np.float64(np.iinfo(kind).max), -1)
         return values
+
+
+def _applied(turns: NDArray[np.floating], vectors: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Apply one matrix (3, 3), or one for each (N, 3, 3), to vectors (N, 3)."""
+    return np.asarray((turns @ vectors[..., None])[..., 0])
 
 
 def _transform(node: Mapping[str, Any]) -> NDArray[np.float64]:

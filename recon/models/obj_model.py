@@ -115,7 +115,7 @@ def _lines(path: Path) -> _Lines:
     lines = _Lines()
     material, faces, begun = "", None, ""
     by_keyword = {"v": lines.vertices, "vt": lines.places, "vn": lines.normals}
-    with path.open(encoding="utf-8", errors="replace") as file:
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
         for line in file:
             text = begun + line.strip()
             if text.endswith("\\"):  # goes on in the next line
@@ -246,10 +246,10 @@ def _materials(contents: Contents, libraries: Sequence[str], used: Collection[st
     materials: dict[str, _Material] = {}
     for library in libraries:
         folder = Path(library.replace("\\", "/")).parent
-        text = contents.beside(library, "material file").decode("utf-8", "replace")
+        text = contents.beside(library, "material file").decode("utf-8-sig", "replace")
         name, current = "", _Material()
         for line in text.splitlines():
-            keyword, _, rest = line.strip().partition(" ")
+            keyword, rest = (*line.split(None, 1), "", "")[:2]  # by spaces or tabs
             rest = rest.strip()
             if keyword == "newmtl":
                 name, current = rest, materials.setdefault(rest, _Material())
@@ -257,7 +257,7 @@ def _materials(contents: Contents, libraries: Sequence[str], used: Collection[st
                 current.colour = _colour(rest, library)
             elif keyword.lower() == "map_kd" and rest and name in used:
                 current.picture = _picture(contents, folder, rest)
-            elif keyword == "map_d" or (keyword == "d" and _is_below_one(rest)):
+            elif keyword == "map_d" or (keyword == "d" and _last(rest) < 1) or (keyword == "Tr" and _last(rest) > 0):
                 contents.warn(OPAQUE)
     return materials
 
@@ -281,9 +281,9 @@ def _picture(contents: Contents, folder: Path, text: str) -> NDArray[np.uint8]:
     return decode_picture(contents.beside(str(folder / name.replace("\\", "/")), "texture"), name)
 
 
-def _is_below_one(text: str) -> bool:
-    words = text.split()
+def _last(text: str) -> float:
+    """Return the number that a line ends in; NaN where it ends in none."""
     try:
-        return bool(words) and float(words[-1]) < 1
-    except ValueError:
-        return False
+        return float(text.split()[-1])
+    except (IndexError, ValueError):
+        return float("nan")

@@ -9,7 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-JPEG_START, JPEG_END = b"\xff\xd8", b"\xff\xd9"  # OpenCV fills what is missing of a cut-off JPEG with grey
+from recon.capture.images import is_cut_jpeg
+
+JPEG_START = b"\xff\xd8"
 FARTHEST = 1e12  # of a coordinate; beyond it is no scene, and areas would overflow
 PNG_START, PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
 
@@ -113,10 +115,9 @@ def decode_picture(content: bytes, name: str) -> NDArray[np.uint8]:
     ValueError
         If it is cut off, or no picture.
     """
-    tail = content[-64:].rstrip(b"\0")
-    for start, end in ((JPEG_START, JPEG_END), (PNG_START, PNG_END)):
-        if content.startswith(start) and end not in tail:
-            raise ValueError(f"its texture {name} is cut off after {len(content)} bytes")
+    is_cut = content.startswith(JPEG_START) and is_cut_jpeg(content)
+    if is_cut or (content.startswith(PNG_START) and PNG_END not in content):
+        raise ValueError(f"its texture {name} is cut off after {len(content)} bytes")
     pixels = None
     if content:
         pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION)

@@ -1,7 +1,8 @@
-"""Models as PLY, text or binary: triangles or polygons, point clouds, colours of points, or one texture."""
+"""Models as PLY, text or binary: triangles or polygons, point clouds, colours of points or faces, or one texture."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +39,7 @@ def read_ply_model(path: Path) -> Contents:
     colours = optional_columns(path, ply, *COLOURS)
     shades = None if colours is None else colours_from(colours)
     uv = optional_columns(path, ply, *PLACES)
-    faces, corner_uv = _faces(ply)
+    faces, polygons, corner_uv = _faces(ply)
     pictures = [
         comment.split(None, 1)[1].strip()
         for comment in ply.comments
@@ -47,21 +48,24 @@ def read_ply_model(path: Path) -> Contents:
     if len(pictures) > 1:
         raise ValueError(f"it names {len(pictures)} textures, expected one; save it as OBJ or GLB, or bake one texture")
     if not pictures or (uv is None and corner_uv is None):
-        contents.parts.append(Part(vertices, faces, normals, shades))
+        part, of_faces = Part(vertices, faces, normals, shades), _face_colours(ply)
+        if shades is None and of_faces is not None:
+            part = replace(_split_corners(part), colours=np.repeat(of_faces[polygons], 3, axis=0))
+        contents.parts.append(part)
         return contents
     picture = decode_picture(contents.beside(pictures[0], "texture"), pictures[0])
     whole = Part(vertices, faces, normals)
     if corner_uv is not None:
-        whole, uv = _split_corners(whole, corner_uv)
+        whole, uv = _split_corners(whole), corner_uv.reshape(-1, 2)
     contents.parts.append(Part(whole.vertices, whole.faces, whole.normals, None, uv, picture))
     return contents
 
 
-def _faces(ply: PlyData) -> tuple[NDArray[np.int64], NDArray[np.floating] | None]:
-    """Return the triangles (M, 3) and, where faces have them, the texture coordinates (M, 3, 2) of their corners."""
+def _faces(ply: PlyData) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.floating] | None]:
+    """Return triangles (M, 3), the face (M,) of each, and their corners' places (M, 3, 2) if they have any."""
     name = face_list(ply)
     if name is None:
-        return np.zeros((0, 3), np.int64), None
+        return np.zeros((0, 3), np.int64), np.zeros(0, np.int64), None
     lists = ply["face"][name]
     if lists.dtype != object:
         corners, counts = np.asarray(lists).ravel(), np.full(len(lists), 3)
@@ -70,19 +74,32 @@ def _faces(ply: PlyData) -> tuple[NDArray[np.int64], NDArray[np.floating] | None
         if counts.min() < 3:
             raise ValueError(f"face {int(counts.argmin())} has {counts.min()} corners, expected at least 3")
         corners = np.concatenate(lists)
-    triangles = fan(corners, counts)
+    triangles, polygons = fan(corners, counts), np.repeat(np.arange(len(counts)), counts - 2)
     if CORNER_PLACES not in ply["face"]:
-        return triangles, None
+        return triangles, polygons, None
     places = ply["face"][CORNER_PLACES]
     if any(len(place) != 2 * count for place, count in zip(places, counts, strict=True)):
         raise ValueError("its faces have not two texture coordinates for each corner")
     flat = np.concatenate([np.asarray(place, np.float64) for place in places]).reshape(-1, 2)
-    return triangles, flat[fan(np.arange(len(corners)), counts)]
+    return triangles, polygons, flat[fan(np.arange(len(corners)), counts)]
 
 
-def _split_corners(part: Part, corner_uv: NDArray[np.floating]) -> tuple[Part, NDArray[np.floating]]:
-    """Give every corner of every triangle a vertex, and return them with their texture coordinates."""
+def _face_colours(ply: PlyData) -> NDArray[np.uint8] | None:
+    """Return the colours of faces, uint8 (P, 3), None where they have none."""
+    if "face" not in ply:
+        return None
+    names = next((names for names in COLOURS if all(name in ply["face"] for name in names)), None)
+    if names is None:
+        return None
+    columns = np.column_stack([ply["face"][name] for name in names])
+    if columns.dtype == object:
+        raise ValueError(f"its faces have lists where numbers are expected: {', '.join(names)}")
+    return colours_from(columns)
+
+
+def _split_corners(part: Part) -> Part:
+    """Give every corner of every triangle a vertex of its own."""
     faces = np.arange(part.faces.size).reshape(-1, 3)
     picked = part.faces.ravel()
     normals = None if part.normals is None else part.normals[picked]
-    return Part(part.vertices[picked], faces, normals), corner_uv.reshape(-1, 2)
+    return Part(part.vertices[picked], faces, normals)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.geometry.mesh import Cloud, Mesh, Model, Splats, stacked_faces
+from recon.geometry.mesh import Cloud, Mesh, Model, Splats, check_resolved, stacked_faces
 from recon.geometry.normals import UPWARDS, surface_normals, unit_normals
 from recon.models.atlas import one_texture
 from recon.models.gltf_model import read_gltf_model
@@ -112,7 +112,7 @@ def _mesh(parts: list[Part], contents: Contents) -> Mesh:
     if any(part.colours is None and part.picture is None for part in parts):
         contents.warn("has no colours and is shown in neutral grey")
     parts = [_coloured(part) for part in parts]
-    vertices = np.concatenate([part.vertices for part in parts])
+    vertices = _vertices(parts)
     faces = stacked_faces([part.faces for part in parts], [len(part.vertices) for part in parts])
     colours = np.concatenate([_shades(part) for part in parts])
     texture = one_texture(parts)
@@ -133,11 +133,21 @@ def _splats(parts: list[Part], contents: Contents, radius_mm: float | None) -> S
     if any(part.colours is None for part in parts):
         contents.warn("has no colours and is shown in neutral grey")
     parts = [_coloured(part) for part in parts]
-    vertices = np.concatenate([part.vertices for part in parts])
+    vertices = _vertices(parts)
     normals = np.tile(np.array(UPWARDS, np.float32), (len(vertices), 1))  # all are lit alike
     if all(part.normals is not None for part in parts):
         normals = unit_normals(np.concatenate([part.normals for part in parts if part.normals is not None]), normals)
     return Splats(Cloud(vertices.astype(np.float32), normals, np.concatenate([_shades(p) for p in parts])), radius_mm)
+
+
+def _vertices(parts: list[Part]) -> NDArray[np.float64]:
+    """Return the vertices of all parts (N, 3), mm, if they stay what they are in single precision."""
+    vertices = np.concatenate([part.vertices for part in parts])
+    try:
+        check_resolved(vertices)
+    except ValueError as error:
+        raise ValueError(f"{error}, for example by world_from_model in scene.json") from error
+    return vertices
 
 
 def _placed(part: Part, placement: Placement) -> Part:

@@ -21,6 +21,7 @@ from recon.depth.program import DepthProgram, match_by_program
 from recon.depth.temporal import TemporalParameters
 from recon.fusion import FUSIONS, DepthView, asks_for_views, fused
 from recon.fusion.program import FusionProgram, fuse_by_program
+from recon.fusion.views import with_unit_normals
 from recon.geometry.mesh import Cloud, Mesh
 from recon.methods_file import Table, read_tables
 from recon.pipeline.keys import digest_once
@@ -269,7 +270,7 @@ def _match_by_plugin(method: Installed, pair: StereoPair) -> NDArray[np.float32]
         shown = f"{result.dtype} {result.shape}" if isinstance(result, np.ndarray) else f"a {type(result).__name__}"
         raise PluginError(f"{method.plugin} returned {shown}, expected float32 {expected}")
     with np.errstate(over="ignore"):  # infinity is no disparity
-        disparity = result.astype(np.float32)
+        disparity = np.ma.filled(result.astype(np.float32), np.nan)
     try:
         check_range(pair, disparity)
     except ValueError as error:
@@ -288,7 +289,7 @@ def _fuse_by_plugin(
     if not isinstance(returned, Mesh) or not len(returned.faces):
         shown = "a Mesh without faces" if isinstance(returned, Mesh) else f"a {type(returned).__name__}"
         raise PluginError(f"{method.plugin} returned {shown}, expected a recon.geometry.mesh.Mesh with faces")
-    return mesh, warnings
+    return with_unit_normals(mesh), warnings
 
 
 def _with_voxel_of(run: SurfaceParameters, parameters: Any) -> Any:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.capture.rectify import viewing_directions
 from recon.rig import Camera
 from recon.studio.appearance import room_plate
 from recon.studio.exposure import plate_values
@@ -80,9 +80,7 @@ def pixel_slopes(camera: Camera) -> NDArray[np.float64]:
     pixels = np.stack(np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64)), axis=-1)
     if not camera.dist.any():
         return np.asarray((pixels - camera.K[:2, 2]) / np.diag(camera.K)[:2])
-    exact = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-8)
-    slopes = cv2.undistortPoints(pixels.reshape(-1, 1, 2), camera.K, camera.dist, criteria=exact)
-    return np.asarray(slopes, dtype=np.float64).reshape(height, width, 2)
+    return viewing_directions(camera, pixels.reshape(-1, 2))[:, :2].reshape(height, width, 2)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.geometry.mesh import Shape
+from recon.geometry.mesh import Shape, check_resolved
 from recon.geometry.mesh_files import read_ply_shape, read_points
 from recon.models.shape import GLTF_SUFFIXES, SHAPE_SUFFIXES, read_model_shape
 from recon.storage.files import why_no_file
@@ -89,12 +89,16 @@ def read_measured(path: Path, unit: str = "mm") -> NDArray[np.float32]:
 def read_shape(path: Path) -> Shape:
     """Read points, float32, with triangles, normals and colours where the file has them; glTF in mm.
 
-    A ValueError says that the file is missing or unreadable, holds no points, or has faces that are no triangles.
+    A ValueError says that the file is missing or unreadable, holds no points or such that are too far from the origin
+    for float32, or has faces that are no triangles.
     """
     suffix = path.suffix.lower()
     if suffix in TEXT_SUFFIXES:
-        return Shape(_read_text(path).astype(np.float32), np.zeros((0, 3), np.int32))
-    return read_model_shape(path) if suffix in SHAPE_SUFFIXES else read_ply_shape(path)
+        shape = Shape(_read_text(path).astype(np.float32), np.zeros((0, 3), np.int32))
+    else:
+        shape = read_model_shape(path) if suffix in SHAPE_SUFFIXES else read_ply_shape(path)
+    check_resolved(shape.points, f"{path}: ")
+    return shape
 
 
 def unit_mm(path: Path, unit: str) -> float:

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -168,6 +169,15 @@ def test_a_cloud_without_points_or_with_points_that_are_no_numbers_is_named(comm
     told = command("fuse", odd, "-o", tmp_path / "mesh.ply")
     assert told.code == 1
     assert f"{odd}: points hold values that are not finite numbers: row 0 is" in told.err
+
+
+def test_a_cloud_that_single_precision_blurs_where_it_stands_is_refused(command: Command, tmp_path: Path) -> None:
+    cloud = flat_cloud()
+    far = write_cloud(tmp_path / "far.ply", replace(cloud, points=cloud.points + np.float32(5e8)))
+    told = command("fuse", far, "-o", tmp_path / "mesh.ply")
+    assert told.code == 1
+    assert f"{far}: its points, " in told.err
+    assert "move them near the origin" in told.err
 
 
 def test_points_in_a_plane_are_a_surface(command: Command, tmp_path: Path) -> None:

@@ -210,7 +210,7 @@ RECORDINGS = (
             Number(
                 name="threshold",
                 label="Threshold",
-                help="how much brighter than the background, grey levels; empty: chosen from the pictures",
+                help="grey levels of difference from the clean plate, of brightness without one; empty: chosen",
                 option="--threshold",
                 low=1,
                 high=254,

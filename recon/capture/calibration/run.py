@@ -35,7 +35,7 @@ from recon.capture.images import (
     write_picture,
 )
 from recon.capture.importing.opencv import SUFFIXES, write_calibration
-from recon.capture.pictures import common_rate
+from recon.capture.pictures import common_rate, images_in, recordings_named
 from recon.capture.recording import SIDES, evenly_chosen
 from recon.rig import Rig, Sensor
 from recon.storage.files import check_exists, new_folder, write_json
@@ -179,8 +179,7 @@ def _sides(folder: Path) -> tuple[Path, Path] | None:
     """Return the recordings of a sensor's cameras, folders or videos, or None if one is missing."""
     recordings = []
     for side in SIDES:
-        names = [folder / side, *(folder / f"{side}{suffix}" for suffix in VIDEO_SUFFIXES)]
-        recordings += [path for path in names if path.exists()][:1]
+        recordings += recordings_named(folder / side, VIDEO_SUFFIXES)[:1]
     return (recordings[0], recordings[1]) if len(recordings) == len(SIDES) else None
 
 
@@ -197,8 +196,7 @@ def _shots(source: Path, n_frames: int) -> dict[str, _Shot]:
     if is_video(source):
         frames = evenly_chosen(n_frames, MAX_VIDEO_FRAMES)
         return {f"{frame:06d}": _Shot(source, frame) for frame in frames}
-    files = (path for path in sorted(source.glob("*")) if path.suffix.lower() in IMAGE_SUFFIXES)
-    return {path.stem: _Shot(path) for path in files}
+    return {path.stem: _Shot(path) for path in images_in(source)}
 
 
 def _look(source: Path, board: Board, n_frames: int) -> _Camera:

@@ -96,6 +96,7 @@ def check_capture(capture_folder: Path) -> CheckReport:
     comparisons = [] if problems else list(_comparisons(capture_folder, draft, checks))
     problems += disagreements(comparisons)
     warnings = [
+        *draft.ignored,
         *_without_masks(draft.sensors),
         *(() if problems else _bounds_beside_pictures(draft)),
         *unlike_exposures(comparisons),

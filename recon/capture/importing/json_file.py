@@ -42,6 +42,7 @@ from recon.capture.schema import sides_of, size_of
 from recon.rig import Camera, rigid
 from recon.storage.files import read_json
 
+DIST_KEYS = ("dist", "dist_left", "dist_right")
 POSES = ("cam_from_world", "world_from_cam", "right_from_left", "left_from_right")
 
 
@@ -83,6 +84,8 @@ def import_json(
     content = read_json(source)
     unit = options.unit_mm or parse_unit(str(content.get("units", "mm")))
     described = _Description(source, content, unit)
+    if shots is not None and "sensors" in content:
+        raise CaptureError(f"{source}: shots are of the short form, and it has the full one; leave them out")
     with faults_at(source):
         sensors = _sensors(described) if "sensors" in content else (_short_form(described, shots),)
         recording = Recording(
@@ -191,7 +194,7 @@ def _pictures(folder: Path, entry: Mapping[str, Any]) -> Pictures:
     if isinstance(image, list):
         return Pictures(tuple(folder / name for name in image), plate)
     if FRAME_FIELD.search(image):
-        return Pictures(_matching(folder, image), plate)
+        return Pictures(_matching(folder, image), plate, is_folder=True)  # their numbers are compared, too
     if is_video(image) or (folder / image).is_file():
         return Pictures((folder / image,), plate)
     pictures = find_pictures(folder / image)
@@ -233,6 +236,9 @@ def _numbers(content: Mapping[str, Any], key: str) -> NDArray[np.float64]:
 
 
 def _dist(content: Mapping[str, Any], key: str) -> NDArray[np.float64]:
+    for name, value in content.items():  # a slip would leave the distortion out without a word
+        if name.lower().startswith("dist") and name not in DIST_KEYS and isinstance(value, list) and any(value):
+            raise CaptureError(f"{name} is not read, expected {key}")
     return _numbers({key: [], **content}, key)
 
 

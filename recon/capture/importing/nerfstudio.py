@@ -22,8 +22,7 @@ from recon.capture.depth_maps import read_depth_values
 from recon.capture.format import Capture
 from recon.capture.images import IMAGE_SUFFIXES, CaptureError
 from recon.capture.importing.sources import DepthSource, ImportOptions, faults_at, parse_unit, write_recording
-from recon.capture.importing.views import HALF_PIXEL, View, bounds_of_points, choose_sensors
-from recon.capture.pictures import find_pictures
+from recon.capture.importing.views import HALF_PIXEL, View, bounds_of_points, choose_sensors, pictures_of
 from recon.geometry.mesh_files import read_points
 from recon.rig import OPENGL, Camera, rigid
 from recon.storage.files import allowed, read_json
@@ -138,7 +137,7 @@ def _camera(entry: Mapping[str, Any], image: Path, cam_from_world: NDArray[np.fl
             "k4 is not 0, which a perspective camera of OpenCV's model does not know; undistort the images"
         )
     is_known = "w" in entry and "h" in entry
-    width, height = (int(entry["w"]), int(entry["h"])) if is_known else find_pictures(image.with_suffix("")).size
+    width, height = (int(entry["w"]), int(entry["h"])) if is_known else pictures_of(image).size
     focal = float(entry["fl_x"]) if "fl_x" in entry else width / 2 / np.tan(float(entry["camera_angle_x"]) / 2)
     K = np.array(
         [

@@ -40,7 +40,7 @@ UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 
 
 class GapWarning(UserWarning):
-    """Numbers of pictures that leave out an instant, the same in all cameras."""
+    """Numbers of pictures that leave out an instant, the same in all cameras, or do not begin alike."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,21 +264,29 @@ def _n_frames(recording: Recording, wanted: int | None) -> int:
 def _check_gaps(recording: Recording, n_frames: int) -> None:
     """Raise a CaptureError if folders lack pictures of different numbers: one's third would stand beside a fourth.
 
-    Where all lack the same, there is a GapWarning.
+    Where all lack the same, or begin with different numbers, there is a GapWarning.
     """
     folders = {place: pictures.files for place, pictures in _all_pictures(recording) if pictures.is_folder}
     counters = {place: counter for place, files in folders.items() if (counter := _counter(files[:n_frames]))}
     first = next(iter(counters), "")
-    for place in counters:
-        differing = [
-            frame for frame, pair in enumerate(zip(counters[first], counters[place], strict=True)) if len(set(pair)) > 1
-        ]
+    for place, numbers in counters.items():
+        begins_later = numbers[0] - counters[first][0]
+        pairs = enumerate(zip(counters[first], numbers, strict=True))
+        differing = [frame for frame, (number, other) in pairs if other - number != begins_later]
         if differing:
             names = [f"{folders[where][differing[0]].name} of {where}" for where in (first, place)]
             raise CaptureError(
                 f"{names[0]} would be taken for the same instant as {names[1]}, because pictures before them are "
                 "missing; remove the pictures of the instants that not all cameras have"
             )
+        if 0 < abs(begins_later) < n_frames:
+            warnings.warn(
+                f"{first} begins with {folders[first][0].name}, {place} with {folders[place][0].name}; they are taken "
+                "for one instant: if the cameras count alike, remove the pictures of the instants that not all have",
+                GapWarning,
+                stacklevel=2,
+            )
+            break
     steps = np.diff(counters.get(first, []))
     if len(steps) and steps.max() > steps.min():
         before, after = folders[first][np.argmax(steps > steps.min()) :][:2]
@@ -291,12 +299,12 @@ def _check_gaps(recording: Recording, n_frames: int) -> None:
 
 
 def _counter(files: Sequence[Path]) -> list[int]:
-    """Return the numbers of files from their first on; empty where their names do not count frames, as times do not."""
+    """Return the numbers of files; empty where their names do not count frames, as times do not."""
     numbers = np.array([[int(part) for part in re.findall(r"\d+", path.stem)] for path in files], dtype=object)
     if numbers.ndim != 2 or not numbers.shape[1]:
         return []
-    changing = [column.tolist() for column in (numbers - numbers[0]).T if column.any()]
-    is_counter = len(changing) == 1 and 0 < changing[0][-1] < MOST_STEPS * len(files)
+    changing = [column.tolist() for column in numbers.T if (column != column[0]).any()]
+    is_counter = len(changing) == 1 and 0 < changing[0][-1] - changing[0][0] < MOST_STEPS * len(files)
     return changing[0] if is_counter else []
 
 

@@ -90,12 +90,13 @@ def bounds_of_points(points: NDArray[np.floating]) -> NDArray[np.float64] | None
 
 
 def _sensor(sensor_id: str, views: Sequence[View]) -> SensorSource:
-    pictures = tuple(_pictures(view.image) for view in views)
+    pictures = tuple(pictures_of(view.image) for view in views)
     if len(views) == 1:
         return SensorSource(sensor_id, views[0].camera, None, pictures, views[0].depth)
     left, right = views
     return SensorSource(sensor_id, left.camera, right.camera, pictures)
 
 
-def _pictures(image: Path) -> Pictures:
-    return find_pictures(image.with_suffix("") if image.suffix.lower() in IMAGE_SUFFIXES else image)
+def pictures_of(image: Path) -> Pictures:
+    """Find what the camera of an image recorded: a folder or a video of its name, else the image alone."""
+    return find_pictures(image.with_suffix("") if image.suffix.lower() in IMAGE_SUFFIXES else image, instead_of=image)

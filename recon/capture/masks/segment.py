@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.format import (
+    CAPTURE_FILE,
     Capture,
     CaptureError,
     SensorStream,
@@ -26,7 +27,6 @@ from recon.capture.format import (
     read_frame,
     read_picture,
     read_plates,
-    write_capture,
 )
 from recon.capture.images import write_picture
 from recon.capture.masks.evidence import (
@@ -38,6 +38,7 @@ from recon.capture.masks.evidence import (
 )
 from recon.capture.masks.outline import KEPT, edge_share, grown, hides_plate, likeness, tightened
 from recon.capture.masks.scribbles import Strokes, mask_of_key_frame, propagated, read_scribbles
+from recon.storage.files import read_json, write_json
 from recon.workers import Progress, no_progress
 
 
@@ -104,9 +105,11 @@ def segment_capture(
                 raise CaptureError(f"{folder / name}: no foreground is found")
             _write_mask(staging / name, mask)
             progress("masks", n_done, n_pictures)
-    segmented = replace(capture, sensors=tuple(replace(s, mask=_mask_patterns(s)) for s in capture.sensors))
-    write_capture(segmented)
-    return segmented
+    content = read_json(folder / CAPTURE_FILE)  # which may hold keys of other programs
+    for entry, stream in zip(content["sensors"], capture.sensors, strict=True):
+        entry["mask"] = dict(zip(stream.sides, _mask_patterns(stream), strict=True))
+    write_json(folder / CAPTURE_FILE, content)
+    return replace(capture, sensors=tuple(replace(s, mask=_mask_patterns(s)) for s in capture.sensors))
 
 
 def try_strokes(folder: Path, scribbles: Path, place: tuple[str, str, int], out: Path) -> NDArray[np.bool_]:

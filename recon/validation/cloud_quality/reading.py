@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from recon.geometry.mesh import Shape
-from recon.geometry.normals import area_vectors, unit_normals
+from recon.geometry.normals import are_unit, area_vectors, unit_normals
 from recon.validation.cloud_quality.points import PointSet
 from recon.validation.clouds import read_shape
 from recon.validation.sampling import between_corners, spread_over_triangles, triangle_areas
@@ -48,7 +48,7 @@ def read_point_set(path: Path, sampling: Sampling = Sampling()) -> PointSet:
 def sampled(shape: Shape, name: str, sampling: Sampling) -> PointSet:
     """Return a cloud's points as they are, or points spread uniformly over the area of a mesh.
 
-    Normals and colours are interpolated between the corners; normals have unit length again. A mesh without normals
+    Normals get unit length. On a mesh, they and colours are interpolated between the corners. A mesh without normals
     gets those of its triangles, by the order of their corners.
 
     Parameters
@@ -62,7 +62,10 @@ def sampled(shape: Shape, name: str, sampling: Sampling) -> PointSet:
     ValueError
         If a value is not finite, the triangles have no area, or the density asks for too many points.
     """
-    vertices, faces = PointSet(name, shape.points, shape.normals, shape.colours), shape.faces
+    normals, faces = shape.normals, shape.faces
+    if normals is not None and not are_unit(normals):
+        normals = unit_normals(normals, np.zeros_like(normals))
+    vertices = PointSet(name, shape.points, normals, shape.colours)
     if not len(faces):
         return vertices
     n = USUAL_POINTS if sampling.density is None else max(1, round(sampling.density * area_of(shape)))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from recon.capture.importing.middlebury import import_middlebury
-from recon.capture.rectify import Rectification, rectify, rectify_images, rectify_masks
+from recon.capture.rectify import Rectification, rectify, rectify_images, rectify_masks, viewing_directions
 from recon.rig import Camera, Sensor, bounds_corners, look_at, rigid
 from tests.recon.capture.calibration.board_geometry import board_texture, board_view
 
@@ -243,3 +243,14 @@ def test_the_temple_stands_upright_after_rectification(real_data: Path, tmp_path
         assert abs(low[0] - high[0]) < 60
         depth = made.left.points_in_camera(np.array([(foot + roof) / 2]))[0, 2]
         assert 2.4 < depth**2 / (made.focal * made.baseline) < 3.0  # mm of depth per pixel of disparity
+
+
+@pytest.mark.parametrize("k1", [-0.35, -0.1, 0.2])
+def test_the_viewing_direction_of_a_pixel_leads_back_to_it_however_strong_the_distortion(k1: float) -> None:
+    K = np.array([[800.0, 0.5, 639.5], [0, 810.0, 359.5], [0, 0, 1]])
+    camera = Camera(K, (1280, 720), np.eye(4), np.array([k1, 0.4 * abs(k1), 1e-3, 1e-3, 0]))
+    pixels = np.array([[0.0, 0], [1279, 719], [0, 359.5], [300, 100], [639.5, 359.5]])
+    points = viewing_directions(camera, pixels)
+    ideal = cv2.projectPoints(points, np.zeros(3), np.zeros(3), np.eye(3), camera.dist)[0][:, 0]
+    back = np.column_stack([ideal, np.ones(len(ideal))]) @ K.T
+    np.testing.assert_allclose(back[:, :2], pixels, atol=1e-3)

@@ -18,6 +18,7 @@ from recon.geometry.mesh import Mesh, Splats
 from recon.geometry.mesh_files import write_mesh
 from recon.geometry.normals import surface_normals
 from recon.geometry.srgb import srgb_bytes
+from recon.models.part import decode_picture
 from recon.models.read import NEUTRAL, Placement, read_contents, read_model
 from recon.rig import Y_FROM
 from tests.recon.geometry.test_mesh import mesh_of
@@ -382,10 +383,72 @@ def test_every_mesh_of_a_gltf_stands_where_its_nodes_put_it(tmp_path: Path) -> N
     assert np.allclose(mesh.vertices[3:], [[0, 2, 0], [0, 4, 0], [-2, 2, 0]], atol=1e-6)
 
 
+def rigged(path: Path, node: dict[str, Any]) -> Path:
+    """A triangle whose last corner hangs on a joint that its node turned and moved, below a node that is elsewhere."""
+    turn = [0, 0, float(np.sin(np.pi / 4)), float(np.cos(np.pi / 4))]  # by 90 degrees about z
+    joints = np.array([[0, 0, 0, 0], [0, 0, 0, 0], [1, 0, 0, 0]], np.uint8)
+    weights = np.array([[1, 0, 0, 0]] * 3, np.dtype("<f4"))
+    inverse = np.stack([np.eye(4), np.eye(4)])
+    inverse[1, :3, 3] = (0, -1, 0)  # the joint was at (0, 1, 0) when the corner was bound to it
+    by_columns = inverse.transpose(0, 2, 1).reshape(2, 16).astype("<f4")
+    raised = np.array([[0, 0, 1], [0, 0, 0], [0, 0, 0]], np.dtype("<f4"))
+    document, binary = gltf(
+        [(TRIANGLE, "VEC3"), (joints, "VEC4"), (weights, "VEC4"), (by_columns, "MAT4"), (raised, "VEC3")],
+        {
+            "scenes": [{"nodes": [0, 1]}],
+            "nodes": [
+                {"mesh": 0, "translation": [0, 0, 50]} | node,
+                {"children": [2]},
+                {"translation": [3, 1, 0], "rotation": turn},
+            ],
+            "skins": [{"joints": [1, 2], "inverseBindMatrices": 3}],
+            "meshes": [
+                {
+                    "primitives": [
+                        {"attributes": {"POSITION": 0, "JOINTS_0": 1, "WEIGHTS_0": 2}, "targets": [{"POSITION": 4}]}
+                    ]
+                }
+            ],
+        },
+    )
+    document["accessors"][1]["normalized"] = False
+    return glb(path, document, binary)
+
+
+def test_a_rigged_gltf_stands_as_its_joints_do_wherever_its_own_node_is(tmp_path: Path) -> None:
+    mesh = mesh_from(rigged(tmp_path / "a.glb", {"skin": 0}))
+    assert np.allclose(mesh.vertices, [[0, 0, 0], [1, 0, 0], [3, 1, 0]], atol=1e-6)
+
+
+def test_a_gltf_has_the_shape_that_its_morph_weights_give_it(tmp_path: Path) -> None:
+    mesh = mesh_from(rigged(tmp_path / "a.glb", {"weights": [0.5]}))
+    assert np.allclose(mesh.vertices, [[0, 0, 50.5], [1, 0, 50], [0, 1, 50]], atol=1e-6)
+
+
 def test_colours_of_gltf_are_linear(tmp_path: Path) -> None:
     mesh = mesh_from(glb(tmp_path / "a.glb", *two_nodes()))
     assert mesh.colours[:3].tolist() == [[0] * 3, [128] * 3, [255] * 3]
     assert mesh.colours[3:].tolist() == [[188, 0, 255]] * 3
+
+
+@pytest.mark.parametrize(("shift", "is_warned_of"), [(0.0, False), (0.5, True)])
+def test_a_texture_of_gltf_that_shall_not_repeat_is_pointed_out_where_it_does(
+    tmp_path: Path, shift: float, is_warned_of: bool
+) -> None:
+    picture(tmp_path / "skin.png", RED)
+    document, binary = gltf(
+        [(TRIANGLE, "VEC3"), (UV + np.float32(shift), "VEC2")],
+        {
+            "nodes": [{"mesh": 0}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "material": 0}]}],
+            "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
+            "textures": [{"source": 0, "sampler": 0}],
+            "samplers": [{"wrapS": 33071}],
+            "images": [{"uri": "skin.png"}],
+        },
+    )
+    warnings = read_model(glb(tmp_path / "a.glb", document, binary), IN_MM).warnings
+    assert any("repeated instead" in warning for warning in warnings) == is_warned_of
 
 
 def test_a_texture_of_gltf_is_turned_upside_down_and_scaled_in_linear_light(tmp_path: Path) -> None:
@@ -504,3 +567,60 @@ def test_an_obj_file_may_part_its_words_by_tabs(tmp_path: Path) -> None:
     (part,) = read_contents(tmp_path / "a.obj").parts
     assert part.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
     assert part.faces.tolist() == [[0, 1, 2]]
+
+
+def test_an_obj_file_and_its_materials_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
+    text_file(tmp_path, "a.mtl", "\ufeffnewmtl red\nKd 1 0 0\n")
+    mesh = mesh_from(text_file(tmp_path, "a.obj", f"\ufeffmtllib a.mtl\n{SQUARE}usemtl red\nf 1 2 3 4\n"))
+    assert mesh.colours.tolist() == [[255, 0, 0]] * 4
+    assert mesh_from(text_file(tmp_path, "b.obj", f"\ufeff{SQUARE}f 1 2 3 4\n")).vertices[0].tolist() == [0, 0, 0]
+
+
+def test_a_model_that_single_precision_would_blur_where_it_stands_is_refused_unless_it_is_moved(tmp_path: Path) -> None:
+    east, north = 500_000, 4_500_000  # m, as surveyors' coordinates are
+    corners = "".join(f"v {east + x} {north + y} {z}\n" for x, y, z in ((0, 0, 0), (1, 0, 0), (0, 1.8, 0), (0, 0, 0.5)))
+    path = text_file(tmp_path, "a.obj", corners + "f 1 2 3\nf 1 3 4\n")
+    with pytest.raises(ValueError, match=r"a\.obj: .*4.5e\+09 .*world_from_model"):
+        read_model(path, IN_METRES)
+    near = np.diag([1000.0, 1000, 1000, 1])
+    near[:3, 3] = (-1000 * east, -1000 * north, 0)
+    mesh = mesh_from(path, Placement("m", tuple(map(tuple, near.tolist()))))
+    assert mesh.vertices.tolist() == [[0, 0, 0], [1000, 0, 0], [0, 1800, 0], [0, 0, 500]]
+
+
+def test_materials_may_part_their_words_by_tabs(tmp_path: Path) -> None:
+    picture(tmp_path / "skin.png", BLUE)
+    text_file(tmp_path, "a.mtl", "newmtl\tred\nKd\t1 0 0\nnewmtl blue\n\tmap_Kd\tskin.png\n")
+    head = f"mtllib a.mtl\n{SQUARE}{PLACES}"
+    assert mesh_from(text_file(tmp_path, "a.obj", f"{head}usemtl red\nf 1 2 3\n")).colours[0].tolist() == [255, 0, 0]
+    assert texels(mesh_from(text_file(tmp_path, "b.obj", f"{head}usemtl blue\nf 1/1 2/2 3/3\n"))).tolist() == [
+        list(BLUE)
+    ]
+
+
+@pytest.mark.parametrize(("line", "is_warned_of"), [("d 0.5", True), ("Tr 0.5", True), ("Tr 0", False), ("d 1", False)])
+def test_transparency_is_pointed_out_by_either_name(tmp_path: Path, line: str, is_warned_of: bool) -> None:
+    text_file(tmp_path, "a.mtl", f"newmtl red\nKd 1 0 0\n{line}\n")
+    path = text_file(tmp_path, "a.obj", f"mtllib a.mtl\n{SQUARE}usemtl red\nf 1 2 3\n")
+    warnings = read_model(path, IN_MM).warnings
+    assert any("transparent" in warning for warning in warnings) == is_warned_of
+
+
+def test_a_ply_with_colours_of_its_faces_has_them(tmp_path: Path) -> None:
+    colours = "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+    text = ply(CORNERS, ["4 0 1 2 3 200 10 10", "3 0 1 2 10 10 200"], face_properties=colours)
+    mesh = mesh_from(text_file(tmp_path, "a.ply", text))
+    assert mesh.colours[mesh.faces[:, 0]].tolist() == [list(RED), list(RED), list(BLUE)]
+    assert mesh.vertices[mesh.faces[1]].tolist() == [[0, 0, 0], [10, 10, 0], [0, 10, 0]]
+    lists = colours.replace("uchar", "list uchar uchar")
+    text = ply(CORNERS, ["3 0 1 2 1 200 1 10 1 10", "3 0 1 2 1 10 2 1 1 1 9"], face_properties=lists)
+    with pytest.raises(ValueError, match="its faces have lists where numbers are expected"):
+        read_model(text_file(tmp_path, "b.ply", text), IN_MM)
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+def test_what_a_program_appends_to_a_texture_does_no_harm(suffix: str) -> None:
+    content = cv2.imencode(suffix, np.full((16, 16, 3), 90, np.uint8))[1].tobytes()
+    assert (decode_picture(content + b"notes" * 50, "skin") == 90).all()
+    with pytest.raises(ValueError, match="its texture skin is cut off after"):
+        decode_picture(content[:-8], "skin")

@@ -14,6 +14,7 @@ from recon.fusion import fuse_before
 from recon.fusion.program import FusionProgram, fuse_by_program
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import read_mesh, write_cloud
+from recon.geometry.normals import surface_normals
 from recon.pipeline.job import ReconstructOptions
 from recon.pipeline.methods import read_methods
 from recon.pipeline.reconstruct import reconstruct
@@ -84,6 +85,14 @@ def test_normals_and_colours_of_a_program_are_kept(tmp_path: Path) -> None:
     mesh = fuse_by_program(three_views(), called, 3, tmp_path / "work")
     assert (mesh.normals == [0, 1, 0]).all()
     assert (mesh.colours == [9, 8, 7]).all()
+
+
+def test_normals_of_a_program_that_are_too_long_or_have_no_direction_are_mended(tmp_path: Path) -> None:
+    change = f"{FACES}\nturn = iter([(0, 3, 0)] + [(0, 0, 0)] * 59)"
+    called = program(tmp_path, joining(tmp_path, change, names='["nx", "ny", "nz"]', values="next(turn)"))
+    mesh = fuse_by_program(three_views(), called, 3, tmp_path / "work")
+    assert mesh.normals[0].tolist() == [0, 1, 0]
+    assert np.allclose(mesh.normals[1:], surface_normals(mesh.vertices, mesh.faces)[1:])
 
 
 FAILURES = {

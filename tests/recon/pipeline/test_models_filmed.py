@@ -272,7 +272,7 @@ def test_a_model_that_no_camera_sees_is_named(models: Path, tmp_path: Path) -> N
     describe(
         models,
         path={"file": "../set/paths/ball.json"},
-        world_from_model=[*np.eye(4)[:2].tolist(), [0, 0, 1, 9e6], [0, 0, 0, 1]],
+        world_from_model=[*np.eye(4)[:2].tolist(), [0, 0, 1, 9e5], [0, 0, 0, 1]],
     )
     with pytest.raises(ValueError, match=r"cube\.obj: no camera of the path sees it; look at up, units"):
         render([models], tmp_path / "other", SHORT)

@@ -102,6 +102,26 @@ def test_a_plug_in_fuses_with_the_voxel_of_the_run(packages: Path, tmp_path: Pat
     assert sizes[0] > 5 * sizes[1] > 10 * sizes[2]
 
 
+def test_normals_of_a_plug_ins_mesh_have_unit_length(packages: Path, tmp_path: Path) -> None:
+    code = CODE.replace("def fuse(", "def whole(") + (
+        "\ndef fuse(clouds, parameters=CoarseParameters()):\n"
+        "    mesh = whole(clouds, parameters)\n"
+        "    return replace(mesh, normals=mesh.normals / np.float32(4))\n"
+    )
+    flat_package(packages, "others_short", code)
+    mesh, _ = fuse(
+        read_methods(None).fusion["coarse"], three_views(), SurfaceParameters(voxel_mm=2.0), views=None, folder=tmp_path
+    )
+    assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-5)
+
+
+def test_what_a_plug_in_masks_is_unmatched(packages: Path, tmp_path: Path) -> None:
+    code = "import numpy as np\ndef match(pair): return np.ma.array(np.full((40, 80), 5.0), mask=np.eye(40, 80) > 0)\n"
+    flat_package(packages, "others_masked", code)
+    disparity = matched(read_methods(None), "flat", shifted_pair(5), tmp_path)
+    assert np.array_equal(np.isnan(disparity), np.eye(40, 80) > 0)
+
+
 BROKEN = {
     "returns a list": ("def match(pair): return [1]\n", "returned a list, expected float32 (40, 80)"),
     "returns another size": (

@@ -58,3 +58,11 @@ def test_a_folder_where_a_cloud_should_be_is_called_a_folder(tmp_path: Path, nam
     for read in (read_measured, read_shape):
         with pytest.raises(ValueError, match=f"{name}: is a folder, expected a file"):
             read(tmp_path / name)
+
+
+def test_a_shape_that_single_precision_blurs_where_it_stands_is_refused(tmp_path: Path) -> None:
+    corners = [(5e8, 4.5e9, 0), (5e8 + 1000, 4.5e9, 0), (5e8, 4.5e9 + 1800, 0)]
+    for suffix in (".xyz", ".obj"):
+        text = "".join(f"{'v ' * (suffix == '.obj')}{x} {y} {z}\n" for x, y, z in corners)
+        with pytest.raises(ValueError, match=rf"far{suffix}: its points, .* lie up to 4.5e\+09 from the origin"):
+            read_shape(write(tmp_path / f"far{suffix}", text))

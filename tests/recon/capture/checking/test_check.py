@@ -71,6 +71,19 @@ def test_everything_wrong_is_listed_in_one_go(board: Capture) -> None:
         assert sum(part in problem for problem in problems) == 1, part
 
 
+def test_keys_that_a_capture_does_not_have_are_pointed_out(board: Capture) -> None:
+    content = json.loads((board.folder / "capture.json").read_text())
+    content["note"] = "first try"
+    content["sensors"][0]["masks"] = {"left": "a.png", "right": "b.png"}
+    content["sensors"][1]["right"]["distortion"] = [0.1, 0, 0, 0]
+    (board.folder / "capture.json").write_text(json.dumps(content))
+    report = check_capture(board.folder)
+    assert report.problems == ()
+    names = ("note", "sensor S1, masks", "sensor S2, right, distortion")
+    for name, warning in zip(names, report.warnings, strict=True):
+        assert f"capture.json: {name} is no key of a capture, and is ignored; expected " in warning
+
+
 def test_a_camera_that_was_turned_after_calibration_is_noticed(board: Capture) -> None:
     turn_right_camera(board, turn_deg=0.5)
     (problem,) = check_capture(board.folder).problems

@@ -384,7 +384,7 @@ def test_units_are_names_or_numbers() -> None:
 def test_two_recordings_of_one_name_are_not_guessed_between(tmp_path: Path) -> None:
     write_picture(tmp_path / "left.png", 1)
     write_picture(tmp_path / "left.jpg", 1)
-    with pytest.raises(CaptureError, match=r"found left.png, left.jpg, expected one"):
+    with pytest.raises(CaptureError, match=r"found left.jpg, left.png, expected one"):
         find_pictures(tmp_path / "left")
 
 
@@ -474,6 +474,7 @@ def test_a_pattern_with_a_frame_missing_in_the_middle_is_refused(tmp_path: Path)
         (("sensors",), [], "names no sensors"),
         (("sensors", 0, "left", "image"), 5, "sensor S1: image is 5"),
         (("sensors", 0, "left", "image"), [], r"sensor S1: image is \[\]"),
+        (("sensors", 0, "left", "distortion"), [0.1, 0, 0, 0], "sensor S1: distortion is not read, expected dist"),
         (("sensors", 0, "depth"), {"image": []}, "sensor S1: depth: image is an empty list"),
         (("sensors", 0, "depth"), {"image": ["d.png"], "size": ["a", "b"]}, "sensor S1: size is .*whole pixels"),
         (("sensors", 0, "depth"), {"image": ["d.png"], "size": [3]}, "sensor S1: size is .*whole pixels"),
@@ -492,3 +493,68 @@ def test_parts_of_a_json_that_hold_nothing_are_named(
     path.write_text(json.dumps(content))
     with pytest.raises(CaptureError, match=said):
         import_json(path, tmp_path / "out", OPTIONS)
+
+
+def test_files_that_a_system_hides_are_no_pictures(tmp_path: Path) -> None:
+    record(tmp_path / "source")
+    for side in ("left", "right"):  # as macOS writes beside each file on disks of other systems
+        (tmp_path / "source/S1" / side / "._9.png").write_bytes(b"\0\5\x16\7")
+    assert from_opencv(tmp_path).n_frames == 2
+
+
+def test_a_video_may_end_in_capital_letters(tmp_path: Path) -> None:
+    write_calibration(tmp_path / "calibration.yml", Rig(RIG.sensors[:1]))
+    for side in ("left", "right"):
+        write_video(tmp_path / f"{side}.avi", [10, 20, 30])
+        (tmp_path / f"{side}.avi").rename(tmp_path / f"{side}.AVI")
+    assert import_opencv(tmp_path, tmp_path / "out", OPTIONS).n_frames == 3
+
+
+@pytest.mark.parametrize("is_pattern", [False, True])
+def test_cameras_whose_numbers_begin_apart_are_pointed_out(tmp_path: Path, is_pattern: bool) -> None:
+    record(tmp_path / "source", n_frames=4)
+    path = described(tmp_path / "source")
+    for number, old in enumerate(range(9, 13)):
+        for sensor in RIG.sensors:
+            for side in ("left", "right"):
+                first = (sensor.id, side) == ("S2", "right")
+                place = path.parent / sensor.id / side
+                (place / f"{old}.png").rename(place / f"{number + first}.png")
+    if is_pattern:
+        path.write_text(
+            path.read_text().replace('left"}', 'left/{frame}.png"}').replace('right"}', 'right/{frame}.png"}')
+        )
+    with pytest.warns(GapWarning, match=r"sensor S1, left begins with 0\.png, sensor S2, right with 1\.png"):
+        assert import_json(path, tmp_path / "out", OPTIONS).n_frames == 4
+
+
+@pytest.mark.parametrize(
+    ("kind", "option", "sentence"),
+    [
+        ("middlebury", "--up", "middlebury takes no --up"),
+        ("middlebury", "--units", "middlebury takes no --units"),
+        ("opencv", "--pairs", "opencv takes no --pairs"),
+        ("json", "--shots", "shots are of the short form"),
+    ],
+)
+def test_an_option_that_a_format_does_not_take_is_refused(
+    command: Command, tmp_path: Path, kind: str, option: str, sentence: str
+) -> None:
+    record(tmp_path / "source")
+    path = described(tmp_path / "source")
+    value = {"--up": "z", "--units": "cm", "--pairs": "1-2", "--shots": "1"}[option]
+    told = command("capture", "import", kind, path, tmp_path / "out", option, value)
+    assert told.code != 0
+    assert sentence in told.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_frames_beside_the_photograph_that_placed_a_camera_are_taken_instead_of_it(tmp_path: Path) -> None:
+    source = colmap_model(tmp_path / "colmap")
+    for image in list((source / "images").iterdir()):
+        for frame in range(3):
+            write_picture(image.with_suffix("") / f"{frame}.png", 10 + frame)
+    options = ImportOptions(unit_mm=1000.0, bounds=BOUNDS)
+    capture = import_colmap(source, tmp_path / "out", [(11, 12), (13, 14)], options)
+    assert capture.n_frames == 3
+    assert read_frame(capture, "S2", 2)[0][0, 0, 0] == 12

@@ -11,6 +11,7 @@ from recon.capture.checking.check import check_capture
 from recon.capture.format import CaptureError, read_capture, read_frame, read_held_out
 from recon.capture.importing.middlebury import import_middlebury
 from recon.rig import bounds_corners, look_at
+from tests.command_line import Command
 
 SIZE = (40, 30)
 N_VIEWS = 8
@@ -116,6 +117,12 @@ def test_a_wrong_calibration_file_is_named_with_the_line(tmp_path: Path, change:
     with pytest.raises(CaptureError, match=re.escape(message)):
         import_middlebury(source, tmp_path / "capture", pairs=PAIRS, n_frames=1)
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["ring"]
+
+
+def test_the_unit_and_the_axis_that_it_has_may_be_named(command: Command, tmp_path: Path) -> None:
+    where = (ring(tmp_path / "ring"), tmp_path / "out", "--pairs", "1-2", "--frames", 1)
+    told = command("capture", "import", "middlebury", *where, "--units", "m", "--up", "y")
+    assert told.code == 0, told.err
 
 
 def test_views_that_are_not_listed_are_named(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from recon.capture.format import Capture, CaptureError, image_path, read_capture
 from recon.capture.importing.middlebury import import_middlebury
 from recon.capture.masks.evidence import dark_background_threshold
 from recon.capture.masks.segment import CleanUp, clean_mask, mask_on_dark, segment_capture
+from recon.storage.files import read_json, write_json
 from recon.studio import SynthParameters, synthesise
 from tests.recon.capture.calibration.board_geometry import BOARD_BOUNDS, SIZE, board_view, record_board
 from tests.recon.capture.masks.drawn_scribbles import intersection_over_union, write_strokes
@@ -100,6 +101,20 @@ def test_masks_are_named_in_the_capture_and_nothing_else_changes(tmp_path: Path)
     np.testing.assert_array_equal(read_capture(board.folder).bounds, BOARD_BOUNDS)
     again = segment_capture(board.folder, threshold=40)
     assert [stream.mask for stream in again.sensors] == [stream.mask for stream in made.sensors]
+
+
+def test_what_others_wrote_into_a_capture_stays_when_masks_are_named(tmp_path: Path) -> None:
+    path = record_board(tmp_path / "board").folder / "capture.json"
+    content = read_json(path)
+    content["sensors"][1]["serial"] = "A-17"
+    write_json(path, content | {"note": "the second take"})
+    segment_capture(path.parent)
+    again = read_json(path)
+    assert again.pop("note") == "the second take"
+    assert [sensor.pop("mask")["left"] for sensor in again["sensors"]] == [
+        f"{name}/mask/left/{{frame:04d}}.png" for name in ("S1", "S2")
+    ]
+    assert again == content
 
 
 def test_a_failure_leaves_the_capture_as_it_was(tmp_path: Path) -> None:

@@ -155,6 +155,17 @@ def test_normals_without_direction_are_named_and_make_no_cloud_perfect(
     assert any(value["measure"] == "d2_mse" for value in report["values"]) == (n_blank < 400)
 
 
+def test_the_length_of_the_references_normals_does_not_scale_d2(command: Command, tmp_path: Path) -> None:
+    whole, out = ball(), tmp_path / "report"
+    assert whole.normals is not None
+    cloud, values = write(tmp_path / "mine.ply", ball(noise=1)), []
+    for length in (1.0, 0.25):
+        reference = write(tmp_path / "truth.ply", PointSet("truth", whole.points, length * whole.normals))
+        report = validate(command, out, cloud, "--reference", reference, "--measures", "d2")
+        values.append([value["value"] for value in report["values"]])
+    assert values[1] == pytest.approx(values[0], rel=1e-5)
+
+
 def test_one_point_is_measured_as_far_as_that_goes(command: Command, tmp_path: Path) -> None:
     truth = write(tmp_path / "truth.ply", ball())
     point = write(tmp_path / "point.ply", PointSet("point", np.array([[0, 0, 0]])))

@@ -63,3 +63,14 @@ def test_a_mesh_is_exported_coloured_by_error(command: Command, ball: Mesh, tmp_
     assert np.ptp(colours, axis=0).max() < 3
     assert colours[0, 0] > colours[0, 2]
     assert command("export", measured, tmp_path / "errors.glb", "--limit", 2).code == 2
+
+
+def test_a_truth_needs_faces_but_neither_normals_nor_colours(command: Command, ball: Mesh, tmp_path: Path) -> None:
+    measured = write_mesh(tmp_path / "mesh.ply", replace(ball, vertices=ball.vertices * np.float32(1.02)))
+    rows = "".join(f"v {x} {y} {z}\n" for x, y, z in ball.vertices.tolist())
+    corners = "".join(f"f {a} {b} {c}\n" for a, b, c in (ball.faces + 1).tolist())
+    for content, code, sentence in ((rows + corners, 0, '"mean_mm": 0.999'), (rows, 1, "truth.obj: holds no faces")):
+        (tmp_path / "truth.obj").write_text(content)
+        told = command("export", measured, tmp_path / "errors.ply", "--truth", tmp_path / "truth.obj", "--json")
+        assert told.code == code, told.err
+        assert sentence in told.out + told.err
