@@ -39,9 +39,11 @@ def report_page(name: str, analysis: Mapping[str, Any], figures: Sequence[Figure
 
 
 def _environment(name: str) -> Environment:
+    is_html = name.endswith(".html")
     environment = Environment(
         loader=FileSystemLoader(packaged("templates/analysis")),
-        autoescape=name.endswith(".html"),
+        autoescape=is_html,
+        finalize=None if is_html else _within_cell,
         undefined=StrictUndefined,
         keep_trailing_newline=True,
     )
@@ -60,6 +62,11 @@ def _number(value: Any) -> str:
     if isinstance(value, float):
         return f"{round(value, 3) + 0.0:.3f}"  # + 0.0: no negative zero
     return str(value)
+
+
+def _within_cell(value: Any) -> Any:
+    """Escape what would end a cell of a Markdown table, such as a mark in a condition's name."""
+    return value.replace("|", "\\|") if isinstance(value, str) else value
 
 
 def _unbroken(text: str) -> str:

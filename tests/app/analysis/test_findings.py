@@ -359,3 +359,13 @@ def test_a_difference_of_one_jod_is_said_as_the_model_of_ties_has_it() -> None:
     theta = np.exp(model["log_theta"])
     ratio = (1 + 3 * theta) / (1 + theta / 3)  # P(win) : P(loss) at a difference of ln 3
     assert f"one condition is preferred about {ratio:.1f} times as often" in report_of(votes, ties="rao-kupper")
+
+
+def test_a_mark_in_a_name_ends_no_cell_of_the_written_report() -> None:
+    votes = votes_by({"a|b": 0.5, "c": 0.0, "d": -0.5}, 20)
+    text = report_of(votes)
+    (header, row) = (
+        next(line for line in text.splitlines() if start in line) for start in ("| condition |", r"| a\|b |")
+    )
+    assert row.replace(r"\|", "").count("|") == header.count("|")
+    assert "a|b" not in text
