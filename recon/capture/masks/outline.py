@@ -14,7 +14,8 @@ ROUNDS = 2  # of GrabCut
 PATTERN_PX = 3.0  # standard deviation; a background's pattern is what is finer
 PATTERN_WINDOW_PX = 9  # in which two pictures are compared
 KEPT = 0.7  # correlation with the plate from which a place shows the plate's pattern
-REPLACED = 0.2  # below which it shows something else
+REPLACED = 0.35  # below which it shows something else
+SMALLEST_PX = 5  # diameter of such a place; compression leaves narrower ones beside outlines
 MARGIN_PX = 20  # of background around, for GrabCut's colours
 Models = tuple[NDArray[np.float64], NDArray[np.float64]]
 """GrabCut's colours of background and foreground."""
@@ -89,19 +90,22 @@ def likeness(
 
 
 def hides_plate(
-    picture: NDArray[np.float32], plate: NDArray[np.float32], changed: NDArray[np.bool_]
+    picture: NDArray[np.float32],
+    plate: NDArray[np.float32],
+    faint: NDArray[np.bool_],
+    changed: NDArray[np.bool_],
 ) -> NDArray[np.bool_]:
-    """Mark changed pixels around which the plate's pattern is gone: bool (H, W).
+    """Mark faintly different places where the plate's pattern is gone: bool (H, W), trousers of the floor's colour.
 
     Parameters
     ----------
     picture, plate : float32 (H, W, 3), smoothed
-    changed : bool (H, W), where the two differ
+    faint : bool (H, W), where the colours differ more than in a shadow, if only a little
+    changed : bool (H, W), where the two differ, shadows included
     """
-    other = (changed & (likeness(picture, plate, np.zeros_like(changed), changed) < REPLACED)).astype(np.uint8)
-    closed = cv2.morphologyEx(other, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (PATTERN_WINDOW_PX, PATTERN_WINDOW_PX))
-    return np.asarray(cv2.erode(closed, disc) > 0)
+    other = faint & (likeness(picture, plate, np.zeros_like(changed), changed) < REPLACED)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (SMALLEST_PX, SMALLEST_PX))
+    return cv2.morphologyEx(other.astype(np.uint8), cv2.MORPH_OPEN, disc) > 0
 
 
 def cut(

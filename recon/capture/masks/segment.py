@@ -60,6 +60,7 @@ class CleanUp:
     min_part: float = 1e-3
 
 
+FAINT = 0.5  # of the evidence that tells an object alone: enough where the plate's pattern is gone, too
 MAX_EDGE = 0.5  # of a picture's edge that an object before a dark background reaches
 SCRIBBLES = CleanUp(max_hole=2e-4)
 _Mask = tuple[SensorStream, int, int, NDArray[np.bool_]]  # stream, side, frame, mask
@@ -182,14 +183,16 @@ def _mask(
 ) -> NDArray[np.bool_]:
     """Mask the object of a picture before its plate, both smoothed, too; before a dark background without a plate."""
     evidence, clean_up = evidence_of(smooth, plate), METHODS["threshold" if plate is None else "plate"]
-    mask = tightened(clean_mask(evidence > limit, clean_up), evidence)
+    differs = evidence > limit
+    if plate is not None:
+        changed = np.abs(smooth - plate).max(axis=2) > limit
+        differs |= hides_plate(smooth, plate, evidence > FAINT * limit, changed)
+    mask = tightened(clean_mask(differs, clean_up), evidence)
     if not mask.any():
         return mask
     if plate is None:
         doubtful = _not_background(mask, evidence)
     else:
-        changed = np.abs(smooth - plate).max(axis=2) > limit
-        mask = clean_mask(mask | hides_plate(smooth, plate, changed), clean_up)
         doubtful = changed & ~(likeness(smooth, plate, mask, changed) > KEPT)
     return clean_mask(grown(picture, mask, doubtful), clean_up)
 
