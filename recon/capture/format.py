@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -55,12 +55,20 @@ class Picture:
     camera: Camera
 
 
-def read_capture(folder: Path) -> Capture:
+def read_capture(folder: Path, *, with_masks: bool = True) -> Capture:
     """Read a capture and make sure that all of its files are there; the images are not decoded yet.
 
     A CaptureError names the first thing that is wrong, and says how many more there are.
+
+    Parameters
+    ----------
+    folder : the capture's
+    with_masks : whether its masks are wanted; else it has none
     """
     draft = read_draft(folder)
+    if not with_masks:
+        sensors = tuple(replace(stream, mask=None) for stream in draft.sensors)
+        draft = replace(draft, sensors=sensors, capture=draft.capture and replace(draft.capture, sensors=sensors))
     paths = [picture.path for picture in expected_pictures(folder, draft)]
     for stream in draft.sensors:
         paths += [depth_path(folder, stream.depth, frame) for frame in range(draft.n_frames or 0) if stream.depth]

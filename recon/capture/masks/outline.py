@@ -105,7 +105,7 @@ def hides_plate(
     """
     other = faint & (likeness(picture, plate, np.zeros_like(changed), changed) < REPLACED)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (SMALLEST_PX, SMALLEST_PX))
-    return cv2.morphologyEx(other.astype(np.uint8), cv2.MORPH_OPEN, disc) > 0
+    return np.asarray(cv2.morphologyEx(other.astype(np.uint8), cv2.MORPH_OPEN, disc) > 0)
 
 
 def cut(

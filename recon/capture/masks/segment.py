@@ -93,7 +93,7 @@ def segment_capture(
         If the method is unknown, a plate or image is missing or unreadable, scribbles are wrong, a mask is empty, or a
         background without plate is not dark; `capture.json` is as it was, then.
     """
-    capture = read_capture(folder)
+    capture = read_capture(folder, with_masks=False)  # those it has give way
     if scribbles is not None:
         masks = _by_scribbles(capture, read_scribbles(scribbles, capture))
     else:

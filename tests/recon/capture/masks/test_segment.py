@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import cv2
@@ -115,6 +116,14 @@ def test_what_others_wrote_into_a_capture_stays_when_masks_are_named(tmp_path: P
         f"{name}/mask/left/{{frame:04d}}.png" for name in ("S1", "S2")
     ]
     assert again == content
+
+
+def test_masks_that_were_deleted_are_made_again(tmp_path: Path) -> None:
+    board = record_board(tmp_path / "board")
+    segment_capture(board.folder)
+    shutil.rmtree(board.folder / "S1" / "mask")
+    segment_capture(board.folder)
+    assert_masks_are_true(read_capture(board.folder), at_least=0.95)
 
 
 def test_a_failure_leaves_the_capture_as_it_was(tmp_path: Path) -> None:
