@@ -202,6 +202,7 @@ def test_a_notebook_passes_what_it_has(tmp_path: Path) -> None:
         votes_from_rows("votes.csv")  # type: ignore[arg-type]  # what a newcomer tries
 
 
+@pytest.mark.slow
 def test_files_may_be_named_by_text(tmp_path: Path) -> None:
     votes, out = str(write(tmp_path, "votes.csv", COMMAS)), str(tmp_path / "out")
     items = str(write(tmp_path, "items.csv", "item,depth\nx,id\ny,pm\nz,dr\n"))

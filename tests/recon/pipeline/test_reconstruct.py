@@ -160,6 +160,7 @@ def test_a_run_that_lost_a_cloud_makes_it_again_and_nothing_else(capture: Captur
     assert digests(run, "*.ply") == before
 
 
+@pytest.mark.slow
 def test_another_voxel_makes_only_the_meshes_again(capture: Capture, run: Path, tmp_path: Path) -> None:
     again = tmp_path / "run"
     copytree(run, again)

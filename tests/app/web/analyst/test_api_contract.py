@@ -183,6 +183,7 @@ def test_a_spreadsheet_computes_nothing_from_a_csv(
         eva.act(f"{person}/include")
 
 
+@pytest.mark.slow
 def test_the_archive_is_whole_and_says_what_is_in_it(analyst: httpx.Client, taken: dict[str, Any]) -> None:
     content = analyst.get(f"/api/v1/studies/{taken['slug']}/archive.zip").content
     with zipfile.ZipFile(io.BytesIO(content)) as archive:

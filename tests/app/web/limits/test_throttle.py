@@ -37,6 +37,7 @@ def begin(client: httpx.Client, study: dict[str, Any]) -> httpx.Response:
     return client.post(f"/api/v1/studies/{study['slug']}/sessions", json={"invitation": study["invitation"]})
 
 
+@pytest.mark.slow
 def test_one_address_begins_so_many_sessions_a_minute(client: httpx.Client, study: dict[str, Any]) -> None:
     assert [begin(client, study).status_code for _ in range(4)] == [201, 201, 201, 429]
     assert int(begin(client, study).headers["retry-after"]) > 0
