@@ -20,11 +20,8 @@ MIN_ACROSS = 0.2  # sine of the smallest angle between the baseline and the view
 MIN_SIZE_PX = 8  # below this nothing can be matched
 BORDER_STEPS = 64  # points along each edge of a picture when its outline is undistorted
 IMAGINED_BASELINE = 0.1  # of the distance to the middle of the bounds, as docs/capture.md recommends for pairs
-EXACT = (
-    cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS,
-    40,
-    1e-8,
-)  # OpenCV's 5 steps miss by pixels at wide lenses' rims
+# At most 40 steps, until 1e-8 is reached: OpenCV's 5 miss by pixels at wide lenses' rims.
+EXACT = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-8)
 FARTHEST_SLOPE = 20.0  # tangent of the largest angle from the rectified viewing direction, 87 degrees
 
 Maps = tuple[NDArray[np.float32], NDArray[np.float32]]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
+from itertools import takewhile
 
 from app.errors import ConflictError
 from app.operations.jobs.kinds import KINDS
@@ -64,7 +65,7 @@ def must_wait(job: QueuedJob, earlier: QueuedJob) -> bool:
     return earlier.output in uses(job) or job.output in uses(earlier)
 
 
-def waits_for(job: QueuedJob, open_jobs: Sequence[QueuedJob]) -> QueuedJob | None:
+def waits_for(job: QueuedJob, open_jobs: Iterable[QueuedJob]) -> QueuedJob | None:
     """Return the first of the open jobs before a queued one that it must wait for."""
-    before = open_jobs[: [other.public_id for other in open_jobs].index(job.public_id)]
+    before = takewhile(lambda other: other.public_id != job.public_id, open_jobs)
     return next((other for other in before if must_wait(job, other)), None)
