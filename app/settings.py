@@ -32,6 +32,9 @@ class Settings(BaseSettings):
         pattern=r"^[a-z]+://\S+$",
         description="Dask scheduler of jobs that reconstruct, tcp://HOST:8786; unset: their worker does it",
     )
+    jobs_device: Literal["cpu", "gpu"] = Field(
+        default="cpu", description="where jobs that reconstruct match: cpu or gpu"
+    )
     largest_intake_mb: int = Field(
         default=65536, ge=1, description="limit of an upload to the intake folder, packed and unpacked"
     )

@@ -5,6 +5,8 @@
     python bench/depth.py --rooms FOLDER...  errors as ratios to SGM's in made-up rooms of slanted walls; their
                                              textures are noise and, if folders are given, parts of their pictures
     python bench/depth.py --full-hd          time and peak memory at 1920x1080, 128 and 256 disparities
+    python bench/depth.py --gpu FOLDER...    time on a GPU beside the processor's, and how many disparities are the
+                                             same; on pairs, and made-up ones at 1920x1080
     python bench/depth.py --picture OUT.png  the picture of docs/depth.md
 
 A pair is a folder of the Middlebury kind: im2 and im6, im3 and im4 or view1 and view5, with disp2, disp3 or disp1
@@ -22,6 +24,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -34,6 +37,7 @@ from recon.approaches import DEPTH_METHODS
 from recon.depth import MATCHERS, StereoPair, match_sgm
 from recon.depth.cvf import IdParameters, match_id
 from recon.depth.disparity_io import colour_preview
+from recon.depth.gpu import open_gpu
 from recon.storage.files import whole_file
 
 Disparity = NDArray[np.float32]
@@ -232,16 +236,48 @@ def print_full_hd(*, rounds: int) -> None:
 
 def print_masked_pm(n_disparities: int) -> None:
     """Time of PM at full HD, with masks of a standing person's size."""
-    pair, (width, height) = full_hd_pair(n_disparities), FULL_HD
-    y, x = np.indices((height, width))
-    left, right = (((x - centre) / 230) ** 2 + ((y - height / 2) / 430) ** 2 < 1 for centre in (1000, 940))
-    taken = seconds(["pm"], replace(pair, left_mask=left, right_mask=right), rounds=1)["pm"]
-    print(f"\nPM at full HD, {n_disparities} disparities, masks of {100 * left.mean():.0f} %: {taken:.1f} s")
+    pair = masked_pair(n_disparities)
+    taken = seconds(["pm"], pair, rounds=1)["pm"]
+    assert pair.left_mask is not None
+    print(f"\nPM at full HD, {n_disparities} disparities, masks of {100 * pair.left_mask.mean():.0f} %: {taken:.1f} s")
+
+
+def print_gpu(folders: list[Path], *, rounds: int) -> None:
+    """One table: for each pair and method the times on the processor and the GPU, and where they agree."""
+    gpu = open_gpu()
+    pairs = {folder.name: read_scene(folder).pair for folder in folders}
+    pairs |= {"full HD": full_hd_pair(128), "full HD masked": masked_pair(128)}
+    print(f"{'pair':16s} method   first, ms     GPU, ms  processor, ms   same, %")
+    for name, pair in pairs.items():
+        for method in DEPTH_METHODS:
+            expected, on_processor = timed(MATCHERS[method], pair, rounds=1 if method == "pm" else rounds)
+            found, on_gpu = timed(partial(MATCHERS[method], gpu=gpu), pair, rounds=rounds)
+            same = 100 * float(np.mean((found == expected) | (np.isnan(found) & np.isnan(expected))))
+            times = (1000 * on_gpu[0], 1000 * np.median(on_gpu[1:]), 1000 * np.median(on_processor[1:]))
+            print(f"{name:16s} {method:6s} " + "".join(f"{time:12.1f}" for time in times) + f"{same:13.4f}")
+
+
+def timed(match: Callable[[StereoPair], Disparity], pair: StereoPair, *, rounds: int) -> tuple[Disparity, list[float]]:
+    """The disparities of a method, and its wall times: the first, then those of some rounds."""
+    taken: list[float] = []
+    for _ in range(rounds + 1):
+        begin = time.perf_counter()
+        disparity = match(pair)
+        taken.append(time.perf_counter() - begin)
+    return disparity, taken
 
 
 def full_hd_pair(n_disparities: int) -> StereoPair:
     """A made-up pair of 1920x1080."""
     return synthetic_scene(*FULL_HD, n_disparities).pair
+
+
+def masked_pair(n_disparities: int) -> StereoPair:
+    """The same, with masks of a standing person's size."""
+    width, height = FULL_HD
+    y, x = np.indices((height, width))
+    left, right = (((x - centre) / 230) ** 2 + ((y - height / 2) / 430) ** 2 < 1 for centre in (1000, 940))
+    return replace(full_hd_pair(n_disparities), left_mask=left, right_mask=right)
 
 
 def peak_memory(method: str, n_disparities: int) -> float:
@@ -291,6 +327,7 @@ def main() -> None:
     parser.add_argument("--synthetic", action="store_true")
     parser.add_argument("--rooms", nargs="*", type=Path)
     parser.add_argument("--full-hd", action="store_true")
+    parser.add_argument("--gpu", action="store_true")
     parser.add_argument("--picture", type=Path)
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--peak-of", nargs=3, help=argparse.SUPPRESS)
@@ -298,6 +335,9 @@ def main() -> None:
     if options.peak_of:
         method, n_disparities, path = options.peak_of
         print_peak(method, int(n_disparities), Path(path))
+        return
+    if options.gpu:
+        print_gpu(options.folders, rounds=options.rounds)
         return
     for folder in options.folders:
         print_scene(read_scene(folder), rounds=options.rounds)

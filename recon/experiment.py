@@ -18,7 +18,7 @@ import numpy as np
 from recon.approaches import DEPTH_METHODS, VERTICES, Approach, check_colours, parse_approach
 from recon.capture.format import CAPTURE_FILE, read_capture
 from recon.capture.masks.segment import segment_capture
-from recon.depth import DEFAULTS
+from recon.depth import CPU, DEFAULTS
 from recon.depth.census import WINDOW
 from recon.depth.temporal import TemporalParameters
 from recon.geometry.mesh import Mesh
@@ -120,7 +120,7 @@ class Experiment:
     scale : how large it is
     further, colours : approaches besides the paper's, as in `ReconstructOptions`
     models : folders of models of its scenes by other programs, each with a scene.json
-    workers, cluster : as in `ReconstructOptions`
+    workers, cluster, device : as in `ReconstructOptions`
     """
 
     out: Path
@@ -130,6 +130,7 @@ class Experiment:
     models: tuple[Path, ...] = ()
     workers: int = 1
     cluster: str | None = None
+    device: str = CPU
 
     @property
     def stimuli(self) -> Path:
@@ -230,6 +231,7 @@ def reconstruct_scene(experiment: Experiment, scene: str, progress: Progress) ->
         outlines=False,  # as the paper
         workers=experiment.workers,
         cluster=experiment.cluster,
+        device=experiment.device,
     )
     reconstruct(experiment.capture(scene), experiment.run(scene), options, progress)
 
@@ -306,7 +308,12 @@ def _object_clouds(experiment: Experiment, kind: str, n: int, progress: Progress
         )
         record(experiment, name, parameters, no_progress)
         options = ReconstructOptions(
-            (OBJECT_METHOD,), ("fb",), outlines=False, workers=experiment.workers, cluster=experiment.cluster
+            (OBJECT_METHOD,),
+            ("fb",),
+            outlines=False,
+            workers=experiment.workers,
+            cluster=experiment.cluster,
+            device=experiment.device,
         )
         reconstruct(experiment.capture(name), experiment.run(name), options)
         yield from ((experiment.run(name), View(OBJECT_METHOD, sensor, 0).cloud) for sensor in SENSORS)

@@ -17,7 +17,15 @@ from app.cli.analysis import score_sentences
 from app.cli.shared import by_step
 from app.files import read_json, write_json
 from recon.cli.console import JsonOption, ProgressLine, print_result
-from recon.cli.options import ClusterOption, FurtherOption, WorkersOption, parse_approaches, parse_names, parse_size
+from recon.cli.options import (
+    ClusterOption,
+    DeviceOption,
+    FurtherOption,
+    WorkersOption,
+    parse_approaches,
+    parse_names,
+    parse_size,
+)
 
 if TYPE_CHECKING:
     from app.settings import Settings
@@ -224,6 +232,7 @@ def experiment_paper(
     ] = False,
     workers: WorkersOption = 1,
     cluster: ClusterOption = None,
+    device: DeviceOption = "cpu",
     yes: Annotated[bool, typer.Option("--yes", help="Start `full` without asking.")] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -242,6 +251,7 @@ def experiment_paper(
         tuple(models or ()),
         workers,
         cluster,
+        device,
     )
     study = StudyPart(out.resolve(), has_ratings=ratings)
     sentence = f"The experiment takes {EXPERIMENT_TAKES[scale]}"

@@ -17,6 +17,7 @@ from recon.cli.console import JsonOption, ProgressLine, counted, print_result
 from recon.cli.options import (
     PLUGIN_NAMES,
     ClusterOption,
+    DeviceOption,
     FurtherOption,
     MethodsCommand,
     MethodsOption,
@@ -53,6 +54,7 @@ def match(
     ] = "id",
     min_disparity: Annotated[int, typer.Option(help="Smallest disparity to search.")] = 0,
     methods: MethodsOption = None,
+    device: DeviceOption = "cpu",
     as_json: JsonOption = False,
 ) -> None:
     """Match one rectified pair; unmatched pixels become NaN (npy, tiff) or inf (pfm)."""
@@ -66,6 +68,7 @@ def match(
         n_disparities=disparities,
         min_disparity=min_disparity,
         methods=find_methods(methods),
+        device=device,
     )
     for warning in result["warnings"]:
         typer.echo(f"warning: {warning}", err=True)
@@ -125,6 +128,7 @@ def reconstruct(
     ] = "masks",
     workers: WorkersOption = 1,
     cluster: ClusterOption = None,
+    device: DeviceOption = "cpu",
     as_json: JsonOption = False,
 ) -> None:
     """Make depth maps, clouds and meshes of a capture by every approach."""
@@ -149,6 +153,7 @@ def reconstruct(
         outlines=outlines == "masks",
         workers=workers,
         cluster=cluster,
+        device=device,
     )
     progress = ProgressLine()
     recording = read_capture(capture.resolve())

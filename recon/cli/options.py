@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
@@ -30,6 +30,9 @@ ClusterOption = Annotated[
     typer.Option(
         help="Let the workers of this Dask scheduler do the work, tcp://HOST:8786; they need the same folders or URLs."
     ),
+]
+DeviceOption = Annotated[
+    Literal["cpu", "gpu"], typer.Option(help="Where id, dr and pm match: cpu, or gpu, with the same disparities.")
 ]
 MethodsOption = Annotated[
     Path | None, typer.Option(help="TOML file of further methods: variants of ours, and other programs.")

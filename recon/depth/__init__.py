@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.depth.cvf import DrParameters, IdParameters, match_dr, match_id
+from recon.depth.gpu import open_gpu
 from recon.depth.pair import NoTextureWarning, StereoPair, rectified_pair
 from recon.depth.patchmatch import PmParameters, match_pm
 from recon.depth.semi_global import SgmParameters, match_sgm
@@ -16,6 +17,7 @@ from recon.depth.temporal import match_sequence
 
 __all__ = [
     "DEFAULTS",
+    "DEVICES",
     "MATCHERS",
     "Matcher",
     "StereoPair",
@@ -25,6 +27,7 @@ __all__ = [
     "match_sequence",
     "match_sgm",
     "matched",
+    "open_gpu",
     "rectified_pair",
 ]
 
@@ -33,6 +36,9 @@ Parameters = IdParameters | PmParameters | SgmParameters
 Matcher = Callable[..., NDArray[np.float32]]
 
 MATCHERS: dict[str, Matcher] = {"id": match_id, "dr": match_dr, "pm": match_pm, "sgm": match_sgm}
+ON_GPU = ("id", "dr", "pm")  # those that can be matched on a GPU
+CPU, GPU = "cpu", "gpu"
+DEVICES = (CPU, GPU)  # where methods match
 # what each is run with, if nothing else is asked for
 DEFAULTS: dict[str, Parameters] = {
     "id": IdParameters(),
@@ -42,7 +48,17 @@ DEFAULTS: dict[str, Parameters] = {
 }
 
 
-def matched(method: str, pair: StereoPair, parameters: Parameters) -> tuple[NDArray[np.float32], list[str]]:
+def check_device(device: str) -> None:
+    """Raise a ValueError if methods cannot match on a device, one of `DEVICES`, of this machine."""
+    if device not in DEVICES:
+        raise ValueError(f"device is {device!r}, expected one of {', '.join(DEVICES)}")
+    if device == GPU:
+        open_gpu()
+
+
+def matched(
+    method: str, pair: StereoPair, parameters: Parameters, device: str = CPU
+) -> tuple[NDArray[np.float32], list[str]]:
     """Match a pair by a method of ours.
 
     Parameters
@@ -50,13 +66,20 @@ def matched(method: str, pair: StereoPair, parameters: Parameters) -> tuple[NDAr
     method : a name in `MATCHERS`
     pair : to match
     parameters : of the method
+    device : one of `DEVICES`; on a GPU, methods that are not `ON_GPU` match on the processor
 
     Returns
     -------
     disparity : float32 (H, W), pixels, NaN where unmatched or masked out
     warnings : a sentence each
+
+    Raises
+    ------
+    GpuError
+        If there is no GPU, or its memory is full.
     """
+    on_gpu = {"gpu": open_gpu()} if device == GPU and method in ON_GPU else {}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", NoTextureWarning)
-        disparity = MATCHERS[method](pair, parameters)
+        disparity = MATCHERS[method](pair, parameters, **on_gpu)
     return disparity, [str(warning.message) for warning in caught]

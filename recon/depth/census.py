@@ -28,8 +28,13 @@ def census_pair(grey: NDArray[np.uint16], window: int = WINDOW) -> NDArray[np.ui
     codes = np.empty((2, *grey.shape), dtype=np.uint32)
     radius = window // 2
     _census_kernel(_framed(grey, radius), radius, codes[0])
-    _census_kernel(_framed(np.asarray(cv2.GaussianBlur(grey, (0, 0), BLUR), dtype=np.uint16), radius), radius, codes[1])
+    _census_kernel(_framed(blurred(grey), radius), radius, codes[1])
     return codes
+
+
+def blurred(grey: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Blur an image, uint16 (H, W), for the second code."""
+    return np.asarray(cv2.GaussianBlur(grey, (0, 0), BLUR), dtype=np.uint16)
 
 
 def _framed(grey: NDArray[np.uint16], radius: int) -> NDArray[np.uint16]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,9 @@ from recon.depth.slanted import SURFACE_STEP, aggregate_along_surface
 from recon.depth.slopes import tile_slopes
 from recon.depth.views import View, views_of
 from recon.workers import in_bands, in_both
+
+if TYPE_CHECKING:
+    from recon.depth.gpu import Gpu
 
 WHOLE_IMAGE_BITS = 30  # a tile larger than any image
 COARSE_THRESHOLD = 1  # pixels by which the views may differ on levels that only say where to search
@@ -76,14 +80,22 @@ class Matches:
     valid: NDArray[np.bool_]
 
 
-def match_id(pair: StereoPair, parameters: IdParameters = IdParameters()) -> NDArray[np.float32]:
+def match_id(
+    pair: StereoPair, parameters: IdParameters = IdParameters(), gpu: Gpu | None = None
+) -> NDArray[np.float32]:
     """Match the left image by cost-volume filtering (ID): whole disparities, float32 (H, W), pixels.
 
     They are NaN where unmatched or masked out; everywhere, with a NoTextureWarning, if an image has no texture.
+
+    Parameters
+    ----------
+    pair : to match
+    parameters : of ID
+    gpu : that searches, see `recon.depth.gpu.open_gpu`, with the same disparities; None for the processor
     """
     disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
     if has_texture(pair):
-        left, _ = match_views(views_of(pair, parameters.sigma, parameters.window), parameters)
+        left, _ = match_views(views_of(pair, parameters.sigma, parameters.window, gpu), parameters)
         disparity[pair.foreground()] = np.where(left.valid, left.index + pair.min_disparity, np.nan)
     return disparity
 
@@ -100,16 +112,24 @@ class DrParameters(IdParameters):
             raise ValueError(f"the fill threshold is {self.fill_threshold}; expected 0 or more pixels")
 
 
-def match_dr(pair: StereoPair, parameters: DrParameters = DrParameters()) -> NDArray[np.float32]:
+def match_dr(
+    pair: StereoPair, parameters: DrParameters = DrParameters(), gpu: Gpu | None = None
+) -> NDArray[np.float32]:
     """Match the left image by cost-volume filtering with refinement (DR): subpixel disparities, float32 (H, W).
 
     As ID, then the parabola's vertex, holes filled, and the costs aggregated once more along the surface found. A
     filled disparity is kept where the right view agrees; what only the left view sees stays unmatched. Units and NaN
     are those of `match_id`.
+
+    Parameters
+    ----------
+    pair : to match
+    parameters : of DR
+    gpu : as in `match_id`
     """
     disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
     if has_texture(pair):
-        views = views_of(pair, parameters.sigma, parameters.window)
+        views = views_of(pair, parameters.sigma, parameters.window, gpu)
         left, right = match_views(views, parameters)
         if left.valid.any():
             surface, valid = refined(views, left, right, parameters)
@@ -135,17 +155,18 @@ def refined(
     """
     n_disparities = views[0].level.n_disparities
     surface = without_specks(filled(left.vertex, left.valid))
-    surface = aggregate_along_surface(
-        views[0].codes,
-        views[1].framed_codes,
-        views[1].origin,
-        views[0].passages,
-        local_planes(surface, left.valid, n_disparities),
-        n_disparities,
-    )
+    surface = _aggregated(*views, local_planes(surface, left.valid, n_disparities))
     surface = local_planes(without_specks(surface), left.valid, n_disparities)
     valid = _kept(surface, left, right, views[0].level.min_disparity, parameters)
     return surface, valid if views[0].mask is None else valid & views[0].mask
+
+
+def _aggregated(view: View, other: View, surface: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Move a view's surface, float32 (H, W), to where the costs around it are lowest."""
+    if view.gpu is not None:
+        return view.gpu.aggregate_along_surface(view, other, surface)
+    facing, n_disparities = (other.framed_codes, other.origin), view.level.n_disparities
+    return aggregate_along_surface(view.codes, *facing, view.passages, surface, n_disparities)
 
 
 def _kept(
@@ -190,7 +211,7 @@ def _matched(
     views: tuple[View, View], parameters: IdParameters, tiles_of: Callable[[int], Tiles]
 ) -> tuple[Matches, Matches]:
     """Match both views at one level, each where its tiles say; they are computed when asked for, left (0) and right."""
-    in_both(lambda side: views[side].framed_codes)  # kept by the views: both searches read both
+    in_both(lambda side: views[side].prepare())  # both searches read both
     vertices = in_both(lambda side: _search(views[side], views[1 - side], tiles_of(side)))
     index = [np.rint(vertex).astype(np.int32) for vertex in vertices]
     valid = [_confirmed(views[side], index[side], index[1 - side], parameters) for side in (0, 1)]
@@ -201,11 +222,14 @@ def _search(view: View, other: View, tiles: Tiles) -> NDArray[np.float32]:
     """Search every pixel's cheapest disparity index; return its parabola's vertex, float32 (H, W)."""
     # a tie, where nothing is known, is broken to opposite ends in the two views and fails the consistency check
     flip = N_LANES - 1 if view.is_right else 0
+    starts, slopes, tile_bits = tiles
+    starts = starts[:: -1 if view.is_right else 1]  # from far to near, in the right view from near to far
+    if view.gpu is not None:
+        return view.gpu.search(view, other, starts, slopes, tile_bits, flip)
     best, vertex = np.full(view.shape, WORST, np.int32), np.zeros(view.shape, np.float32)
     facing, n_disparities = (other.framed_codes, other.origin), view.level.n_disparities
     n_held = rows_held(*view.shape)
-    starts, slopes, tile_bits = tiles
-    for start in starts[:: -1 if view.is_right else 1]:  # from far to near, in the right view from near to far
+    for start in starts:
         along = (start, slopes, tile_bits)
         aggregate_and_choose(view.codes, *facing, view.passages, *along, n_disparities, flip, n_held, best, vertex)
     return vertex

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import partial
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -27,7 +28,10 @@ from recon.depth.plane_search import SLOPE_SHARE, Settings, sweep
 from recon.depth.refinement import filled, without_specks
 from recon.depth.texture import GREY_SCALE, MAX_DISTANCE, texture_of
 from recon.depth.views import Level, View, views_of
-from recon.workers import in_bands
+from recon.workers import in_bands, in_both
+
+if TYPE_CHECKING:
+    from recon.depth.gpu import Gpu
 
 SLOPE_WINDOW = 5  # pixels over which the seed's slopes are averaged
 
@@ -74,12 +78,21 @@ class PmParameters:
                 raise ValueError(f"{name} is {getattr(self, name)}; expected 0 or more")
 
 
-def match_pm(pair: StereoPair, parameters: PmParameters = PmParameters()) -> NDArray[np.float32]:
-    """Match the left image by PatchMatch over slanted planes (PM): float32 (H, W), units and NaN as in `match_id`."""
+def match_pm(
+    pair: StereoPair, parameters: PmParameters = PmParameters(), gpu: Gpu | None = None
+) -> NDArray[np.float32]:
+    """Match the left image by PatchMatch over slanted planes (PM): float32 (H, W), units and NaN as in `match_id`.
+
+    Parameters
+    ----------
+    pair : to match
+    parameters : of PM
+    gpu : as in `match_id`
+    """
     disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
     if not has_texture(pair):
         return disparity
-    views = views_of(pair, parameters.seed.sigma, parameters.seed.window)
+    views = views_of(pair, parameters.seed.sigma, parameters.seed.window, gpu)
     planes = _seeded(views, parameters.seed) if parameters.is_seeded else _random(views)
     if planes is not None:
         left, right = (swept[..., 0] for swept in _swept(views, planes, parameters))
@@ -137,18 +150,23 @@ def _swept(
     parameters: PmParameters,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Run all sweeps; return the planes of both views."""
-    textures = [texture_of(view) for view in views]
+    textures = in_both(lambda side: texture_of(views[side]))
     affinity = np.exp(-np.arange(MAX_DISTANCE + 1) / parameters.gamma).astype(np.float32)
     settings = _settings(views[0].level, parameters)
     costs = [_unknown_costs(view) for view in views]
+    turns = [
+        (side, turn, 2 * turn + side)
+        for sweep_number in range(parameters.sweeps)
+        for side in (0, 1)
+        for turn in (2 * sweep_number, 2 * sweep_number + 1)
+    ]
+    if views[0].gpu is not None:
+        return views[0].gpu.sweep(views, textures, affinity, settings, turns, planes, costs)
     moved = [np.zeros(view.shape, np.int16) for view in views]
-    for sweep_number in range(parameters.sweeps):
-        for side in (0, 1):
-            seen = (textures[side].colours, textures[side].words, textures[1 - side].fine, affinity)
-            for turn in (2 * sweep_number, 2 * sweep_number + 1):
-                seed = 2 * turn + side
-                work = partial(sweep, seen, views[side].passages, settings, planes[1 - side], turn, seed)
-                in_bands(views[side].shape[0], partial(work, planes[side], costs[side], moved[side]))
+    for side, turn, seed in turns:
+        seen = (textures[side].colours, textures[side].words, textures[1 - side].fine, affinity)
+        work = partial(sweep, seen, views[side].passages, settings, planes[1 - side], turn, seed)
+        in_bands(views[side].shape[0], partial(work, planes[side], costs[side], moved[side]))
     return planes
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from recon.depth.channels import colour_image
@@ -42,12 +43,11 @@ def texture_of(view: View) -> Texture:
     scale = -0.5 if view.is_right else 0.5
     slope = cv2.Sobel(grey, cv2.CV_32F, 1, 0, ksize=1, scale=scale, borderType=cv2.BORDER_REPLICATE)
     grey = grey.astype(np.float32)
-    places = np.arange(FINE * (grey.shape[1] - 1) + 1)
-    words = cv2.copyMakeBorder(_words(grey, slope), 0, 0, PAD, PAD, cv2.BORDER_REPLICATE)
+    words = cv2.copyMakeBorder(_words(grey, slope, 1), 0, 0, PAD, PAD, cv2.BORDER_REPLICATE)
     return Texture(
         _by_parity(_packed(view.mirrored(view.image), mask)),
         _by_parity(words),
-        _words(_at_columns(grey, places), _at_columns(slope, places)),
+        _words(grey, slope, FINE),
     )
 
 
@@ -58,16 +58,20 @@ def _packed(image: NDArray[np.uint8], mask: NDArray[np.bool_] | None) -> NDArray
     return np.ascontiguousarray(np.concatenate(framed, axis=2)).view(np.uint32)[..., 0]
 
 
-def _words(grey: NDArray[np.float32], slope: NDArray[np.float32]) -> NDArray[np.int32]:
-    upper = np.clip(np.rint(slope), -32768, 32767).astype(np.int32) << 16
-    return np.ascontiguousarray(upper | np.rint(grey).astype(np.int32))
-
-
-def _at_columns(values: NDArray[np.float32], places: NDArray[np.intp]) -> NDArray[np.float32]:
-    """Interpolate values (H, W) linearly at fine places (n,) of a row."""
-    before = np.minimum(places // FINE, values.shape[1] - 2)
-    part = (places / FINE - before).astype(np.float32)
-    return np.asarray(values[:, before] * (1 - part) + values[:, before + 1] * part, dtype=np.float32)
+@njit(cache=True, nogil=True)
+def _words(grey: NDArray[np.float32], slope: NDArray[np.float32], fine: int) -> NDArray[np.int32]:
+    """Pack grey and gradient (H, W), interpolated linearly at `fine` places a column: (H, fine (W - 1) + 1)."""
+    height, width = grey.shape
+    words = np.empty((height, fine * (width - 1) + 1), np.int32)
+    for y in range(height):
+        for place in range(words.shape[1]):
+            before = min(place // fine, width - 2)
+            part = np.float32(place / fine - before)
+            rest = np.float32(1) - part
+            upper = np.rint(slope[y, before] * rest + slope[y, before + 1] * part)
+            lower = np.rint(grey[y, before] * rest + grey[y, before + 1] * part)
+            words[y, place] = np.int32(min(max(upper, -32768), 32767)) << 16 | np.int32(lower)
+    return words
 
 
 def _by_parity(values: NDArray[Any]) -> NDArray[Any]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from recon.depth.hierarchy import halved, halved_mask
 from recon.depth.lanes import N_LANES
 from recon.depth.pair import StereoPair
 from recon.depth.slanted import SPARE
+
+if TYPE_CHECKING:
+    from recon.depth.gpu import Gpu, ViewOnGpu
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,7 @@ class View:
     window: int
     level: Level
     is_right: bool
+    gpu: Gpu | None  # that searches; None for the processor
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -82,7 +86,18 @@ class View:
             self.window,
             self.level.halved(),
             self.is_right,
+            self.gpu,
         )
+
+    def prepare(self) -> None:
+        """Compute what the searches of both views read, and keep it."""
+        _ = self.framed_codes if self.gpu is None else self.on_gpu
+
+    @cached_property
+    def on_gpu(self) -> ViewOnGpu:
+        """Codes and passages in the GPU's memory."""
+        assert self.gpu is not None
+        return self.gpu.view(self)
 
     @cached_property
     def framed_codes(self) -> NDArray[np.uint32]:
@@ -113,7 +128,7 @@ class View:
         return permeabilities(guide_image(self.mirrored(self.image), self.noise), sigma=self.sigma, mask=mask)
 
 
-def views_of(pair: StereoPair, sigma: float, window: int = WINDOW) -> tuple[View, View]:
+def views_of(pair: StereoPair, sigma: float, window: int = WINDOW, gpu: Gpu | None = None) -> tuple[View, View]:
     """Return the left and the right view of the part of a pair that is matched.
 
     Parameters
@@ -121,6 +136,7 @@ def views_of(pair: StereoPair, sigma: float, window: int = WINDOW) -> tuple[View
     pair : to match
     sigma : permeability, grey levels
     window : of the census, pixels
+    gpu : that searches; None for the processor
     """
     box, level = pair.foreground(), Level(pair.n_disparities, pair.min_disparity)
 
@@ -128,6 +144,6 @@ def views_of(pair: StereoPair, sigma: float, window: int = WINDOW) -> tuple[View
         mask = None if mask is None else mask[box]
         image = on_black(image[box], mask)
         noise = noise_level(grey_image(image), mask)
-        return View(image, fine_grey_image(image), mask, noise, sigma, window, level, is_right)
+        return View(image, fine_grey_image(image), mask, noise, sigma, window, level, is_right, gpu)
 
     return view(pair.left, pair.left_mask, is_right=False), view(pair.right, pair.right_mask, is_right=True)

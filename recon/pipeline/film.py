@@ -30,7 +30,7 @@ from recon.storage.files import read_json, write_json
 PART_FRAMES = 50  # two groups of pictures; nothing is predicted across them, so joining parts costs no quality
 PARTS = ".parts"
 LARGEST_SIDE = 16384  # pixels, which x264 takes
-WHERE = ("workers", "cluster")  # options that say where work runs, not what is made
+WHERE = ("workers", "cluster", "device")  # options that say where work runs, not what is made
 LOOPS = ("repeat", "bounce", "static")
 
 

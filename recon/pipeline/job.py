@@ -13,6 +13,7 @@ from recon.capture.depth_maps import depth_view
 from recon.capture.format import Capture, CaptureError
 from recon.capture.recording import GIVEN, chosen_frames
 from recon.cloud import CloudParameters
+from recon.depth import CPU, check_device
 from recon.depth.temporal import TemporalParameters
 from recon.pipeline.methods import Methods
 from recon.pipeline.run import View
@@ -39,6 +40,7 @@ class ReconstructOptions:
     outlines : whether the surfaces' outlines follow the masks, where the capture has masks
     workers : local processes, each on one thread; 1 works in this process with all threads
     cluster : address of a Dask scheduler whose workers do the work instead; None for none
+    device : where our depth methods match, of `recon.depth.DEVICES`; each worker opens the GPU of its machine
     """
 
     depths: tuple[str, ...] = ()
@@ -54,6 +56,7 @@ class ReconstructOptions:
     outlines: bool = True
     workers: int = 1
     cluster: str | None = None
+    device: str = CPU
 
     @property
     def models(self) -> tuple[Approach, ...]:
@@ -140,7 +143,8 @@ def planned_job(capture: Capture, run: Path, options: ReconstructOptions) -> Job
     Raises
     ------
     ValueError
-        If a method, the colours or the frames are wrong, or a depth method cannot be used for a sensor.
+        If a method, the colours or the frames are wrong, a depth method cannot be used for a sensor, or there is no
+        GPU where one is asked for.
     """
     options = replace(options, depths=options.depths or default_depths(capture))
     options.methods.check(options.depth_methods, options.fusion_methods)
@@ -148,6 +152,8 @@ def planned_job(capture: Capture, run: Path, options: ReconstructOptions) -> Job
         known = ", ".join(options.methods.fusion)
         raise ValueError(f"no fusion was named, so there is nothing to make; expected some of {known}")
     check_colours(options.colours)
+    if options.cluster is None:
+        check_device(options.device)
     check_sensors(capture, options.depth_methods)
     voxel = options.surface.voxel_mm or depth_resolution(capture)
     options = replace(options, surface=replace(options.surface, voxel_mm=voxel))

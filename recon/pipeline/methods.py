@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.recording import GIVEN
-from recon.depth import DEFAULTS, MATCHERS, Parameters, StereoPair, matched
+from recon.depth import CPU, DEFAULTS, MATCHERS, Parameters, StereoPair, matched
 from recon.depth.pair import check_range, within_pair
 from recon.depth.patchmatch import PmParameters
 from recon.depth.program import DepthProgram, match_by_program
@@ -118,7 +118,9 @@ class Methods:
         return None if run is None else self.temporal.get(depth, run)
 
 
-def match(method: DepthMethod, pair: StereoPair, folder: Path) -> tuple[NDArray[np.float32], list[str]]:
+def match(
+    method: DepthMethod, pair: StereoPair, folder: Path, device: str = CPU
+) -> tuple[NDArray[np.float32], list[str]]:
     """Match a pair; returns the disparities of its left image and a sentence for each warning.
 
     Parameters
@@ -126,6 +128,7 @@ def match(method: DepthMethod, pair: StereoPair, folder: Path) -> tuple[NDArray[
     method : ours, a program or a plug-in
     pair : to match
     folder : where a program works; what is in it is removed
+    device : where ours match, of `recon.depth.DEVICES`
 
     Returns
     -------
@@ -135,7 +138,7 @@ def match(method: DepthMethod, pair: StereoPair, folder: Path) -> tuple[NDArray[
     Raises
     ------
     ValueError
-        If the method does not match pairs, or a program fails.
+        If the method does not match pairs, a program fails, or there is no GPU where one is asked for.
     """
     if isinstance(method, GivenDepth):
         raise ValueError(f"{GIVEN} takes the depth maps of a capture and matches no pairs; choose another method")
@@ -143,7 +146,7 @@ def match(method: DepthMethod, pair: StereoPair, folder: Path) -> tuple[NDArray[
         return match_by_program(pair, method, folder), []
     if isinstance(method, Installed):
         return _match_by_plugin(method, pair), []
-    return matched(method.method, pair, method.parameters)
+    return matched(method.method, pair, method.parameters, device)
 
 
 def fuse(

@@ -21,7 +21,7 @@ import numpy as np
 from recon.approaches import VERTICES
 from recon.capture.format import Capture, read_capture
 from recon.capture.images import read_stored_image
-from recon.depth import StereoPair
+from recon.depth import CPU, StereoPair, check_device
 from recon.depth.disparity_io import check_suffix, write_disparity
 from recon.geometry.mesh import Cloud, Mesh
 from recon.pipeline.film import WHERE
@@ -67,6 +67,7 @@ def match_files(
     n_disparities: int,
     min_disparity: int = 0,
     methods: Methods = Methods(),
+    device: str = CPU,
 ) -> dict[str, Any]:
     """Match the images of two files, write the disparity, and say how it went.
 
@@ -76,14 +77,16 @@ def match_files(
     method : a name in `methods`
     n_disparities, min_disparity : the range to search, pixels
     methods : what the name stands for
+    device : where ours match, of `recon.depth.DEVICES`
 
     Raises
     ------
     ValueError
-        If the method is unknown, `out` is one of the images or of no known format, or the images cannot be matched;
-        nothing is written then but the log of a program.
+        If the method is unknown, there is no GPU where one is asked for, `out` is one of the images or of no known
+        format, or the images cannot be matched; nothing is written then but the log of a program.
     """
     methods.check((method,), ())
+    check_device(device)
     check_suffix(out)
     for path in (left, right):
         if out.exists() and path.exists() and out.samefile(path):
@@ -92,7 +95,7 @@ def match_files(
     pair = StereoPair(images[0], images[1], n_disparities, min_disparity)  # which refuses what is not 8 bits
     started = time.perf_counter()
     with _program_folder(method) as folder:
-        disparity, warnings = match(methods.depth[method], pair, folder)
+        disparity, warnings = match(methods.depth[method], pair, folder, device)
     seconds = time.perf_counter() - started
     write_disparity(out, disparity)
     described = with_limit(depth_key(methods.depth[method]), methods.depth[method])

@@ -80,7 +80,7 @@ def match_frame(job: Job, view: View) -> list[str]:
             return []
         where = f"{view.method}: sensor {view.sensor_id}, frame {view.frame}"
         try:
-            disparity, warnings = match(method, pair, job.artefacts.folder / view.program)
+            disparity, warnings = match(method, pair, job.artefacts.folder / view.program, job.options.device)
         except (ProgramError, PluginError) as error:
             _store_log(job, view.program)
             raise type(error)(f"{where}: {error}") from error

@@ -41,7 +41,7 @@ def code_version(*sources: str) -> str:
     digest = hashlib.sha256()
     for source in sources:
         path = PACKAGE / source
-        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+        for file in sorted(path.rglob("*.py")) + sorted(path.rglob("*.cu")) if path.is_dir() else [path]:
             digest.update(file.read_bytes())
     return digest.hexdigest()
 

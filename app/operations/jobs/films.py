@@ -91,7 +91,10 @@ FILMS = (
             ),
         ),
         output=named("runs"),
-        more=lambda _, settings: [f"--cluster={settings.jobs_cluster}"] if settings.jobs_cluster else [],
+        more=lambda _, settings: [
+            *(["--device=gpu"] if settings.jobs_device == "gpu" else []),
+            *([f"--cluster={settings.jobs_cluster}"] if settings.jobs_cluster else []),
+        ],
     ),
     JobKind(
         name="render",

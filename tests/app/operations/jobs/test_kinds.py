@@ -120,6 +120,16 @@ def test_no_text_becomes_an_option_or_a_path_outside(here: Settings, texts: dict
     assert Path(out).parent == Path(inside) / "runs"
 
 
+def test_settings_say_where_a_reconstruction_runs(here: Settings) -> None:
+    kind = job_kind("reconstruct")
+    arguments = kind.read({"capture": "ball"}, here).arguments
+    there = here.model_copy(update={"jobs_device": "gpu", "jobs_cluster": "tcp://host:8786"})
+    assert set(kind.argv(arguments, there)) - set(kind.argv(arguments, here)) == {
+        "--device=gpu",
+        "--cluster=tcp://host:8786",
+    }
+
+
 def test_values_are_refused_with_what_was_expected(here: Settings) -> None:
     kind = job_kind("reconstruct")
     for wrong, said in (
