@@ -28,6 +28,14 @@ if TYPE_CHECKING:
     from recon.depth.views import View
 
 SOURCE = Path(__file__).with_suffix(".cu")
+KERNELS = (
+    "census",
+    "flow_along_rows",
+    "choose_along_columns",
+    "surface_along_rows",
+    "surface_along_columns",
+    "sweep",
+)
 OPTIONS = ("--std=c++17", "--fmad=false")  # each number is rounded as on the processor
 CONSTANTS = {
     subpixel: ("MAX_OFFSET",),
@@ -91,7 +99,8 @@ class Gpu:
     def __init__(self, cupy: ModuleType) -> None:
         self._cupy = cupy
         constants = "".join(_declared(module, name) for module, names in CONSTANTS.items() for name in names)
-        self._module = cupy.RawModule(code=constants + SOURCE.read_text(encoding="utf-8"), options=OPTIONS)
+        module = cupy.RawModule(code=constants + SOURCE.read_text(encoding="utf-8"), options=OPTIONS)
+        self._kernels = {name: module.get_function(name) for name in KERNELS}
 
     def view(self, view: View) -> ViewOnGpu:
         """Compute a view's census codes, and take its passages."""
@@ -202,7 +211,7 @@ class Gpu:
         self._run(kernel, (-(-n_groups * N_LANES // threads),), threads, arguments)
 
     def _run(self, kernel: str, blocks: tuple[int, ...], threads: int, arguments: tuple[Any, ...]) -> None:
-        self._module.get_function(kernel)(blocks, (threads,), arguments)
+        self._kernels[kernel](blocks, (threads,), arguments)
 
     def _fetched(self, array: Any) -> NDArray[np.float32]:
         return np.asarray(self._cupy.asnumpy(array))
