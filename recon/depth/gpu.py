@@ -222,7 +222,9 @@ class Gpu:
         try:
             yield
         except MemoryError as error:
-            raise GpuError(f"the GPU's memory is full: {error}; use fewer workers, or match with {ON_CPU}") from error
+            raise GpuError(
+                f"the GPU's memory is full: {str(error).rstrip('.')}; use fewer workers, or match with {ON_CPU}"
+            ) from error
 
 
 @cache
