@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.depth.census import WINDOW, WINDOWS
 from recon.depth.consistency import consistent, lands_inside
+from recon.depth.gpu import Gpu, GpuView
 from recon.depth.hierarchy import TILE_BITS, search_windows
 from recon.depth.lanes import N_LANES
 from recon.depth.pair import MIN_SIDE, StereoPair, has_texture
@@ -26,9 +26,6 @@ from recon.depth.slanted import SURFACE_STEP, aggregate_along_surface
 from recon.depth.slopes import tile_slopes
 from recon.depth.views import View, views_of
 from recon.workers import in_bands, in_both
-
-if TYPE_CHECKING:
-    from recon.depth.gpu import Gpu
 
 WHOLE_IMAGE_BITS = 30  # a tile larger than any image
 COARSE_THRESHOLD = 1  # pixels by which the views may differ on levels that only say where to search
@@ -95,7 +92,7 @@ def match_id(
     """
     disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
     if has_texture(pair):
-        left, _ = match_views(views_of(pair, parameters.sigma, parameters.window, gpu), parameters)
+        left, _ = match_views(views_on(gpu, pair, parameters), parameters)
         disparity[pair.foreground()] = np.where(left.valid, left.index + pair.min_disparity, np.nan)
     return disparity
 
@@ -129,12 +126,18 @@ def match_dr(
     """
     disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
     if has_texture(pair):
-        views = views_of(pair, parameters.sigma, parameters.window, gpu)
+        views = views_on(gpu, pair, parameters)
         left, right = match_views(views, parameters)
         if left.valid.any():
             surface, valid = refined(views, left, right, parameters)
             disparity[pair.foreground()] = np.where(valid, surface + np.float32(pair.min_disparity), np.nan)
     return disparity
+
+
+def views_on(gpu: Gpu | None, pair: StereoPair, parameters: IdParameters) -> tuple[View, View]:
+    """Return the views of a pair, to be searched on a GPU, or on the processor if there is None."""
+    views = views_of(pair, parameters.sigma, parameters.window)
+    return views if gpu is None else gpu.take(views)
 
 
 def refined(
@@ -163,7 +166,7 @@ def refined(
 
 def _aggregated(view: View, other: View, surface: NDArray[np.float32]) -> NDArray[np.float32]:
     """Move a view's surface, float32 (H, W), to where the costs around it are lowest."""
-    if view.gpu is not None:
+    if isinstance(view, GpuView) and isinstance(other, GpuView):
         return view.gpu.aggregate_along_surface(view, other, surface)
     facing, n_disparities = (other.framed_codes, other.origin), view.level.n_disparities
     return aggregate_along_surface(view.codes, *facing, view.passages, surface, n_disparities)
@@ -224,7 +227,7 @@ def _search(view: View, other: View, tiles: Tiles) -> NDArray[np.float32]:
     flip = N_LANES - 1 if view.is_right else 0
     starts, slopes, tile_bits = tiles
     starts = starts[:: -1 if view.is_right else 1]  # from far to near, in the right view from near to far
-    if view.gpu is not None:
+    if isinstance(view, GpuView) and isinstance(other, GpuView):
         return view.gpu.search(view, other, starts, slopes, tile_bits, flip)
     best, vertex = np.full(view.shape, WORST, np.int32), np.zeros(view.shape, np.float32)
     facing, n_disparities = (other.framed_codes, other.origin), view.level.n_disparities

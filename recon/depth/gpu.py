@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, fields
+from functools import cache, cached_property
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +21,9 @@ from recon.depth import plane_search, slanted, subpixel, texture
 from recon.depth.census import BEHIND, blurred
 from recon.depth.lanes import N_LANES
 from recon.depth.permeability import WORST
-
-if TYPE_CHECKING:
-    from recon.depth.plane_search import Settings
-    from recon.depth.texture import Texture
-    from recon.depth.views import View
+from recon.depth.plane_search import Settings
+from recon.depth.texture import Texture
+from recon.depth.views import View
 
 SOURCE = Path(__file__).with_suffix(".cu")
 KERNELS = (
@@ -75,7 +73,7 @@ class GpuError(ValueError):
 
 
 @dataclass(frozen=True, eq=False)
-class ViewOnGpu:
+class Held:
     """What both searches read of a view, in the GPU's memory.
 
     codes : uint32 (2, H, before + W + after), see `View.framed_codes`
@@ -86,6 +84,22 @@ class ViewOnGpu:
     across: Any
     down: Any
     passage: Any
+
+
+@dataclass(frozen=True, eq=False)
+class GpuView(View):
+    """A view that a GPU searches."""
+
+    gpu: Gpu
+
+    def prepare(self) -> None:
+        """Compute what the searches of both views read, and keep it in the GPU's memory."""
+        _ = self.held
+
+    @cached_property
+    def held(self) -> Held:
+        """Codes and passages in the GPU's memory."""
+        return self.gpu.hold(self)
 
 
 class Gpu:
@@ -102,7 +116,14 @@ class Gpu:
         module = cupy.RawModule(code=constants + SOURCE.read_text(encoding="utf-8"), options=OPTIONS)
         self._kernels = {name: module.get_function(name) for name in KERNELS}
 
-    def view(self, view: View) -> ViewOnGpu:
+    def take(self, views: tuple[View, View]) -> tuple[GpuView, GpuView]:
+        """Return the same views, to be searched on this GPU."""
+        left, right = (
+            GpuView(**{entry.name: getattr(view, entry.name) for entry in fields(view)}, gpu=self) for view in views
+        )
+        return left, right
+
+    def hold(self, view: View) -> Held:
         """Compute a view's census codes, and take its passages."""
         (height, width), level = view.shape, view.level
         pitch = level.before + width + level.after
@@ -113,12 +134,12 @@ class Gpu:
             rest = (on_gpu(mask), *numbers, BEHIND)
             for grey, plane in zip((view.grey, blurred(view.grey)), codes, strict=True):
                 self._run("census", (-(-pitch // THREADS), height), THREADS, (on_gpu(grey), *rest, plane))
-            return ViewOnGpu(codes, *map(on_gpu, view.passages))
+            return Held(codes, *map(on_gpu, view.passages))
 
     def search(
         self,
-        view: View,
-        other: View,
+        view: GpuView,
+        other: GpuView,
         starts: list[NDArray[np.int32]],
         slopes: tuple[NDArray[np.float32], NDArray[np.float32]],
         tile_bits: int,
@@ -146,7 +167,9 @@ class Gpu:
                 self._run_groups("choose_along_columns", width, last)
             return self._fetched(chosen)
 
-    def aggregate_along_surface(self, view: View, other: View, surface: NDArray[np.float32]) -> NDArray[np.float32]:
+    def aggregate_along_surface(
+        self, view: GpuView, other: GpuView, surface: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
         """Do as `slanted.aggregate_along_surface` does.
 
         Parameters
@@ -165,7 +188,7 @@ class Gpu:
 
     def sweep(
         self,
-        views: tuple[View, View],
+        views: tuple[GpuView, GpuView],
         textures: tuple[Texture, Texture],
         affinity: NDArray[np.float32],
         settings: Settings,
@@ -190,7 +213,7 @@ class Gpu:
             numbers = np.array([settings], [(name, "f4") for name in settings._fields])
             for side, turn, seed in turns:
                 colours, words, _ = held[side]
-                passages = views[side].on_gpu
+                passages = views[side].held
                 pictures = map(_pointer, (colours, words, held[1 - side][2], weights))
                 flows = map(_pointer, (passages.across, passages.down, passages.passage))
                 seen = np.array([(*pictures, colours.shape[2], *flows, *views[side].shape)], SEEN)
@@ -199,9 +222,9 @@ class Gpu:
                 self._run_groups("sweep", height * ((width + 1) // 2), arguments, THREADS)
             return self._fetched(moving[0]), self._fetched(moving[1])
 
-    def _facing(self, view: View, other: View) -> Any:
+    def _facing(self, view: GpuView, other: GpuView) -> Any:
         """Describe what a search of a view in the other reads: a `VIEW`."""
-        here, there = view.on_gpu, other.on_gpu
+        here, there = view.held, other.held
         pointers = map(_pointer, (*here.codes, *there.codes))
         places = (here.codes.shape[2], there.codes.shape[2], view.level.before, other.origin)
         passages = map(_pointer, (here.across, here.down, here.passage))

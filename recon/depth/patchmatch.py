@@ -15,23 +15,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.depth.consistency import consistent, lands_inside
-from recon.depth.cvf import DrParameters, match_views, refined
+from recon.depth.cvf import DrParameters, match_views, refined, views_on
+from recon.depth.gpu import Gpu, GpuView
 from recon.depth.pair import StereoPair, has_texture
 from recon.depth.plane_search import SLOPE_SHARE, Settings, sweep
 from recon.depth.refinement import filled, without_specks
 from recon.depth.texture import GREY_SCALE, MAX_DISTANCE, texture_of
-from recon.depth.views import Level, View, views_of
+from recon.depth.views import Level, View
 from recon.workers import in_bands, in_both
-
-if TYPE_CHECKING:
-    from recon.depth.gpu import Gpu
 
 SLOPE_WINDOW = 5  # pixels over which the seed's slopes are averaged
 
@@ -92,7 +89,7 @@ def match_pm(
     disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
     if not has_texture(pair):
         return disparity
-    views = views_of(pair, parameters.seed.sigma, parameters.seed.window, gpu)
+    views = views_on(gpu, pair, parameters.seed)
     planes = _seeded(views, parameters.seed) if parameters.is_seeded else _random(views)
     if planes is not None:
         left, right = (swept[..., 0] for swept in _swept(views, planes, parameters))
@@ -160,8 +157,9 @@ def _swept(
         for side in (0, 1)
         for turn in (2 * sweep_number, 2 * sweep_number + 1)
     ]
-    if views[0].gpu is not None:
-        return views[0].gpu.sweep(views, textures, affinity, settings, turns, planes, costs)
+    left, right = views
+    if isinstance(left, GpuView) and isinstance(right, GpuView):
+        return left.gpu.sweep((left, right), textures, affinity, settings, turns, planes, costs)
     moved = [np.zeros(view.shape, np.int16) for view in views]
     for side, turn, seed in turns:
         seen = (textures[side].colours, textures[side].words, textures[1 - side].fine, affinity)

@@ -5,9 +5,9 @@ What is computed from the right view is mirrored: both then search their matches
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,6 @@ from recon.depth.hierarchy import halved, halved_mask
 from recon.depth.lanes import N_LANES
 from recon.depth.pair import StereoPair
 from recon.depth.slanted import SPARE
-
-if TYPE_CHECKING:
-    from recon.depth.gpu import Gpu, ViewOnGpu
 
 
 @dataclass(frozen=True)
@@ -63,7 +60,6 @@ class View:
     window: int
     level: Level
     is_right: bool
-    gpu: Gpu | None  # that searches; None for the processor
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -76,28 +72,18 @@ class View:
 
     def halved(self) -> View:
         """Return the view at the next coarser level."""
-        mask = None if self.mask is None else halved_mask(self.mask)
-        return View(
-            halved(self.image),
-            halved(self.grey),
-            mask,
-            self.noise / 2,
-            self.sigma,
-            self.window,
-            self.level.halved(),
-            self.is_right,
-            self.gpu,
+        return replace(
+            self,
+            image=halved(self.image),
+            grey=halved(self.grey),
+            mask=None if self.mask is None else halved_mask(self.mask),
+            noise=self.noise / 2,
+            level=self.level.halved(),
         )
 
     def prepare(self) -> None:
         """Compute what the searches of both views read, and keep it."""
-        _ = self.framed_codes if self.gpu is None else self.on_gpu
-
-    @cached_property
-    def on_gpu(self) -> ViewOnGpu:
-        """Codes and passages in the GPU's memory."""
-        assert self.gpu is not None
-        return self.gpu.view(self)
+        _ = self.framed_codes
 
     @cached_property
     def framed_codes(self) -> NDArray[np.uint32]:
@@ -128,7 +114,7 @@ class View:
         return permeabilities(guide_image(self.mirrored(self.image), self.noise), sigma=self.sigma, mask=mask)
 
 
-def views_of(pair: StereoPair, sigma: float, window: int = WINDOW, gpu: Gpu | None = None) -> tuple[View, View]:
+def views_of(pair: StereoPair, sigma: float, window: int = WINDOW) -> tuple[View, View]:
     """Return the left and the right view of the part of a pair that is matched.
 
     Parameters
@@ -136,7 +122,6 @@ def views_of(pair: StereoPair, sigma: float, window: int = WINDOW, gpu: Gpu | No
     pair : to match
     sigma : permeability, grey levels
     window : of the census, pixels
-    gpu : that searches; None for the processor
     """
     box, level = pair.foreground(), Level(pair.n_disparities, pair.min_disparity)
 
@@ -144,6 +129,6 @@ def views_of(pair: StereoPair, sigma: float, window: int = WINDOW, gpu: Gpu | No
         mask = None if mask is None else mask[box]
         image = on_black(image[box], mask)
         noise = noise_level(grey_image(image), mask)
-        return View(image, fine_grey_image(image), mask, noise, sigma, window, level, is_right, gpu)
+        return View(image, fine_grey_image(image), mask, noise, sigma, window, level, is_right)
 
     return view(pair.left, pair.left_mask, is_right=False), view(pair.right, pair.right_mask, is_right=True)
