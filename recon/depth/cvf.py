@@ -135,7 +135,14 @@ def match_dr(
 
 
 def views_on(gpu: Gpu | None, pair: StereoPair, parameters: IdParameters) -> tuple[View, View]:
-    """Return the views of a pair, to be searched on a GPU, or on the processor if there is None."""
+    """Return the left and the right view of the part of a pair that is matched.
+
+    Parameters
+    ----------
+    gpu : that searches them; None for the processor
+    pair : to match
+    parameters : of ID
+    """
     views = views_of(pair, parameters.sigma, parameters.window)
     return views if gpu is None else gpu.take(views)
 
