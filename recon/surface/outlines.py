@@ -45,6 +45,8 @@ TURNED_AWAY = 0.5  # cosine between the normal and the way out of a mask from wh
 TOUCHING = 0.05  # of the reach: what was drawn in stops that near to the edge
 SMOOTHING_ROUNDS = 10
 SMOOTHING_STEPS = (0.5, -0.52)  # there and back
+ROUNDS_AFTER = 40  # after the cut: a surface that is rough in depth is cut into teeth
+BESIDE = 0.3  # of the reach: what is smoothed then may lie so far beside a mask
 RINGS = 2  # of vertices beside a rim, which follow it
 MIN_COMPONENT = 0.002  # of the largest one's faces, seen by two sensors: a hand
 MIN_UNSUPPORTED = 0.1  # of the largest one's faces, seen by a single one: a flap is smaller
@@ -229,7 +231,8 @@ def follow_masks(mesh: Mesh, sights: Sequence[Sight], reach: float) -> Mesh:
     mesh = smooth_rims(mesh)
     mesh = _drawn_in(mesh, sights, reach)
     least = _margins(mesh.vertices, sights, reach).min(axis=0)
-    return drop_flaps(cut(mesh, np.minimum(least + TOUCHING * reach, reach)), sights, reach)
+    mesh = drop_flaps(cut(mesh, np.minimum(least + TOUCHING * reach, reach)), sights, reach)
+    return smooth_rims(mesh, ROUNDS_AFTER, lambda places: _lie_within(places, sights, reach))
 
 
 def cut(mesh: Mesh, field: NDArray[np.floating]) -> Mesh:
@@ -263,8 +266,19 @@ def cut(mesh: Mesh, field: NDArray[np.floating]) -> Mesh:
     return Mesh(extended(mesh.vertices), np.concatenate(faces), normals, colours)
 
 
-def smooth_rims(mesh: Mesh) -> Mesh:
-    """Smooth the open rims of a mesh along themselves, within the surface; the vertices beside them follow."""
+def smooth_rims(
+    mesh: Mesh,
+    rounds: int = SMOOTHING_ROUNDS,
+    may_lie: Callable[[NDArray[np.float64]], NDArray[np.bool_]] | None = None,
+) -> Mesh:
+    """Smooth the open rims of a mesh along themselves, within the surface; the vertices beside them follow.
+
+    Parameters
+    ----------
+    mesh : without texture
+    rounds : how often; more take longer waves
+    may_lie : tells for places (N, 3), mm, whether a vertex may be there, asked every tenth round; else it stays
+    """
     rims = rim_edges(mesh.faces)
     is_rim = np.zeros(len(mesh.vertices), dtype=bool)
     is_rim[rims] = True
@@ -280,11 +294,14 @@ def smooth_rims(mesh: Mesh) -> Mesh:
     starts = np.concatenate([[0], np.cumsum(counts)])
     mean = csr_array((np.repeat(1 / counts, counts), keys & 0xFFFFFFFF, starts), shape=(len(rows), len(mesh.vertices)))
     vertices, normals = mesh.vertices.astype(np.float64), mesh.normals[rows].astype(np.float64)
-    for _ in range(SMOOTHING_ROUNDS):
-        for step in SMOOTHING_STEPS:
+    for done in range(0, rounds, SMOOTHING_ROUNDS):
+        before = vertices[rows]
+        for step in SMOOTHING_STEPS * min(SMOOTHING_ROUNDS, rounds - done):
             move = mean @ vertices - vertices[rows]
             move -= (move * normals).sum(axis=1, keepdims=True) * normals
             vertices[rows] += step * move
+        if may_lie is not None:
+            vertices[rows] = np.where(may_lie(vertices[rows])[:, None], vertices[rows], before)
     return replace(mesh, vertices=vertices.astype(np.float32))
 
 
@@ -313,6 +330,13 @@ def drop_flaps(mesh: Mesh, sights: Sequence[Sight], reach: float) -> Mesh:
     numbers = np.cumsum(is_vertex) - 1
     faces = numbers[mesh.faces[is_vertex[mesh.faces[:, 0]]]]
     return Mesh(mesh.vertices[is_vertex], faces, mesh.normals[is_vertex], mesh.colours[is_vertex])
+
+
+def _lie_within(places: NDArray[np.float64], sights: Sequence[Sight], reach: float) -> NDArray[np.bool_]:
+    """Tell which places (N, 3), mm, lie inside all masks, or less than a part of `reach` mm beside them."""
+    is_outside = np.min([sight.margins(places) for sight in sights], axis=0) < -BESIDE * reach
+    is_outside[is_outside] = _margins(places[is_outside], sights, reach).min(axis=0) < -BESIDE * reach
+    return ~is_outside
 
 
 def _margins(points: NDArray[np.floating], sights: Sequence[Sight], reach: float) -> NDArray[np.float32]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -126,6 +128,19 @@ def test_a_wide_surface_ends_at_the_masks_to_a_fraction_of_a_voxel() -> None:
     assert np.percentile(np.abs(radius - 100), 95) < 2.5  # a pixel
     assert area(made) == pytest.approx(np.pi * 100**2, rel=0.02)
     assert rim_length(made) < 1.05 * 2 * np.pi * 100
+
+
+def test_a_surface_rough_in_depth_is_not_cut_into_teeth() -> None:
+    wide = ragged(125)
+    x, y = wide.vertices[:, :2].T
+    rough = replace(wide, vertices=np.column_stack([x, y, 15 * np.sin(x / 6) * np.sin(y / 6)]).astype(np.float32))
+    everyone = sights("S1", "S3")
+    made = follow_masks(rough, everyone, REACH)
+    flat = replace(made, vertices=made.vertices * np.float32([1, 1, 0]))
+    assert rim_length(flat) < 1.03 * 2 * np.pi * 100
+    assert area(flat) == pytest.approx(np.pi * 100**2, rel=0.03)
+    for sight in everyone:
+        assert sight.margins(made.vertices).min() > -0.5 * REACH
 
 
 def test_rims_become_smooth_without_shrinking() -> None:
