@@ -14,7 +14,7 @@ from app.store.belonging import rows_of_people
 from app.store.engine import insert_or_ignore, sorted_by
 from app.store.exclusions import in_force, sessions_in, takes_part_in
 from app.store.schema import metadata
-from app.store.tables import exclusion, participant, screening_item, session, stage_record, trial, vote
+from app.store.tables import exclusion, invitation, participant, screening_item, session, stage_record, trial, vote
 from app.study.stages import ENDS, FINISHED, SCREENED_OUT, TIMED_OUT, WITHDRAWN
 
 
@@ -291,4 +291,12 @@ def everything_of(connection: Connection, person: Person) -> dict[str, list[dict
             columns = [column for column in table.c if not column.name.endswith("_hash")]
             rows = connection.execute(select(*columns).where(belongs))
             records[table.name] = [dict(row._mapping) for row in rows]
+    if (label := _name_on_invitation(connection, person)) is not None:
+        records["invitation"] = [{"label": label}]
     return records
+
+
+def _name_on_invitation(connection: Connection, person: Person) -> str | None:
+    """Return the label of the invitation that let in a participant alone, which may name them; None without one."""
+    named = (participant.c.id == person.id, invitation.c.places == 1, invitation.c.label != "")
+    return connection.scalar(select(invitation.c.label).select_from(participant.join(invitation)).where(*named))

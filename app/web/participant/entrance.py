@@ -45,6 +45,7 @@ class Entrance:
     no_consent_url: str  # where to go without consent; empty: nowhere
     full_url: str  # where to go from a study that takes in nobody more; empty: nowhere
     film_size: tuple[int, ...]  # display's pixels, where the films need as many; else empty
+    is_named: bool  # does the invitation bear a label for one participant?
     is_preview: bool  # does this browser hold an experimenter's walk through the study?
 
 
@@ -92,6 +93,7 @@ def entrance(request: Request, code: str, *, is_for_another: bool = False) -> En
         no_consent_url=options.outside.address("no_consent", arrival),
         full_url=options.outside.address("full", arrival),
         film_size=film_size,
+        is_named=invitation.is_named,
         is_preview=session is not None and state == "mine" and session.is_preview,
     )
 
