@@ -26,12 +26,13 @@ from app.web.gates import PARTICIPANT_COOKIE, cookie, database, now
 
 log = logging.getLogger(__name__)
 
-State = Literal["open", "mine", "used", "paused", "closed", "full", "bad_link", "begun_elsewhere"]
+State = Literal["open", "mine", "known", "used", "paused", "closed", "full", "bad_link", "begun_elsewhere"]
 
 
 @dataclass(frozen=True)
 class Entrance:
-    """What an invitation's address leads to; "mine": this browser's session was begun with the invitation."""
+    """What an invitation's address leads to; "mine": this browser's session was begun with the invitation;
+    "known": the link's outside id has a session."""
 
     slug: str
     title: str
@@ -126,7 +127,7 @@ def _state_of_link(
         return "mine", held
     if session_of_outside_id(connection, study.id, arrival.outside_id) is None:
         return for_anybody, arrival
-    return ("open" if options.resume == "anywhere" else "begun_elsewhere"), arrival
+    return ("known" if options.resume == "anywhere" else "begun_elsewhere"), arrival
 
 
 def _check_said_once(parameters: QueryParams, names: Iterable[str]) -> None:

@@ -110,7 +110,7 @@ def test_the_same_link_in_another_browser_leads_to_the_same_session(
     client.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial))
     with a_browser(server) as other:
         page = other.get(platform.link(study["path"], "p-1"))
-        assert 'data-state="open"' in page.text
+        assert 'data-state="known"' in page.text
         again = enters(other, study, "p-1")
         assert again.status_code == 200
         assert (again.json()["session"], again.json()["progress"]["done"]) == (first["session"], 1)
