@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from sqlalchemy import ColumnElement, Row, Select, exists, select
+from sqlalchemy import ColumnElement, Select, exists, select
 
 from app.store.tables import exclusion, participant, session
 
@@ -33,7 +33,7 @@ def in_force(participant_id: ColumnElement[int] | int) -> ColumnElement[bool]:
     return (exclusion.c.participant_id == participant_id) & exclusion.c.undone_at.is_(None)
 
 
-def counting(row: Row[Any]) -> dict[str, Any]:
+def counting(row: Any) -> dict[str, Any]:
     """Say whether what a participant gave counts; the row has the columns of COUNTING."""
     reason = "withdrawn" if row.withdrawn_at is not None else row.exclusion or ""
     return {"excluded": bool(reason), "reason": reason}

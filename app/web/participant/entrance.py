@@ -51,8 +51,8 @@ class Entrance:
 
 
 def see_invitation(code: str) -> RedirectResponse:
-    """Redirect to an invitation's page."""
-    return RedirectResponse(f"/s/{quote(code.strip(), safe='')}", status_code=303)
+    """Redirect to an invitation's page; a code may be typed in capitals."""
+    return RedirectResponse(f"/s/{quote(code.strip().lower(), safe='')}", status_code=303)
 
 
 def entrance(request: Request, code: str, *, is_for_another: bool = False) -> Entrance | None:
