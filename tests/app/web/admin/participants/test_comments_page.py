@@ -82,6 +82,10 @@ def test_comments_are_noted_tagged_counted_exported_and_erased(
     ]
     assert table[1]["comment"] == "'=The <faces>"
 
+    log = coder.get("/admin/audit", params={"search": "comment tagged"}).text
+    assert "P001" in log
+    assert "faces" not in log  # what a tag says of somebody would outlive an erasure
+
     person = coder.get(f"{base}/participants/P001").text
     assert person.index("What made one model look better") < person.index("said it looked waxy")
     coder.act(f"{base}/participants/P001/erase", again="P001")
