@@ -153,8 +153,8 @@ def _dictionary(study: Study) -> str:
         f"# {study.name}\n\nAll data of the study `{study.slug}`. Times are UTC. An apostrophe precedes text that a "
         "spreadsheet would take for a formula. `sha256sum -c SHA256SUMS` checks the files; `study.toml` makes the "
         "study again from its stimulus set, without a recruiting platform's code and addresses; `texts.json` has all "
-        "texts that participants have read, `images` what they show; `report.html` says what was found, with every figure in `figures` as SVG, PNG and PDF; the project's "
-        "documentation describes `analysis.json`.\n"
+        "texts that participants have read, `images` what they show; `report.html` says what was found, with every "
+        "figure in `figures` as SVG, PNG and PDF; the project's documentation describes `analysis.json`.\n"
     ]
     if noted := parse_options(study.options).lab_sheet.rows():
         rows = "".join(f"| {label} | {_cell(text)} |\n" for label, text in noted)
