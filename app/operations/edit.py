@@ -7,7 +7,7 @@ a step of its own.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -197,9 +197,10 @@ def _lock_unless_begun(connection: Transaction, edit: Edit) -> None:
 
 
 def _changes(before: StudyFile, after: StudyFile) -> dict[str, Any]:
-    """Return the changed settings with their new values; long texts by their length."""
+    """Return the changed settings with their new values; long texts by their length, a platform's codes not at all."""
     old, new = _flat(before), _flat(after)
-    return {key: _short(value) for key, value in new.items() if value != old[key]}
+    shown = new | {"outside": asdict(after.options.outside.without_codes)}
+    return {key: _short(shown[key]) for key, value in new.items() if value != old[key]}
 
 
 def _short(value: Any) -> Any:

@@ -18,7 +18,7 @@ from typing import Any
 from app.errors import UnavailableError
 from app.files import PRIVATE
 from app.settings import Settings
-from app.store.audit import Actor, Entry, record
+from app.store.audit import Actor, Entry, is_recorded, record
 from app.store.deletion import erase, forget_people, studies_to_forget
 from app.store.engine import Database, Transaction
 from app.store.participants import Person, person_of_session, sessions_of
@@ -27,6 +27,7 @@ from app.store.studies import Study, study_by_slug
 LIST = "erasures.jsonl"  # in the data folder
 NOT_NOTED = "This cannot be erased at the moment, because the server's disk is full. Please try again later."
 HOUSEKEEPING = "housekeeping"  # who deletes personal data at the end of their time, in the audit log
+FORGOTTEN = "personal data deleted"  # that it did so, there
 
 
 def erase_participant(settings: Settings, database: Database, study: Study, person: Person, actor: Actor) -> None:
@@ -53,7 +54,7 @@ def enforce_retention(settings: Settings, database: Database, now: datetime) -> 
     for study in ended:
         with database.writing() as connection:
             forget_people(connection, study.id, now)
-            record(connection, HOUSEKEEPING, Entry("personal data deleted", study.id, study.slug), now)
+            record(connection, HOUSEKEEPING, Entry(FORGOTTEN, study.id, study.slug), now)
             mark = {"study": study.slug, "created_at": study.created_at.isoformat()}
             _note(settings, {**mark, "at": now.isoformat()})
     if ended:
@@ -77,7 +78,9 @@ def erase_again(settings: Settings, connection: Transaction) -> int:
         if person is not None and person.erased_at is None:
             erase(connection, person, at)
             n_erased += 1
-        elif study is not None and study.created_at.isoformat() == entry["created_at"] and study.forgotten_at is None:
+        elif study is not None and study.created_at.isoformat() == entry["created_at"]:
+            if is_recorded(connection, study.id, FORGOTTEN, at):
+                continue  # the backup is newer: what it holds was given after the study had been opened again
             forget_people(connection, study.id, at)
             n_erased += 1
     return n_erased

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Select, func, insert, or_, select
+from sqlalchemy import ColumnElement, Connection, Select, exists, func, insert, or_, select
 
 from app.store.engine import Database, sorted_by
 from app.store.studies import Study
@@ -74,6 +74,12 @@ def record_alone(database: Database, actor: str, entry: Entry, now: datetime) ->
     """Add an entry that belongs to no change, for example a refusal."""
     with database.writing() as connection:
         record(connection, actor, entry, now)
+
+
+def is_recorded(connection: Connection, study_id: int, action: str, at: datetime) -> bool:
+    """Say whether the log holds an action on a study at a moment."""
+    entry = (audit_entry.c.study_id == study_id, audit_entry.c.action == action, audit_entry.c.at == at)
+    return bool(connection.scalar(select(exists().where(*entry))))
 
 
 def audit_records(

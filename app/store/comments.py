@@ -12,7 +12,7 @@ from sqlalchemy import ColumnElement, Connection, Row, Select, delete, func, ins
 
 from app.errors import ConflictError, NotFoundError
 from app.store.engine import insert_or_ignore
-from app.store.exclusions import takes_part_in
+from app.store.exclusions import COUNTING, counting, takes_part_in
 from app.store.tables import (
     assignment,
     comment_tag,
@@ -306,7 +306,7 @@ def _on_trials(connection: Connection, people: ColumnElement[bool]) -> Iterator[
 def _of_people(*columns: Any) -> Select[Any]:
     """Select columns beside their participant; the caller joins the tables of these columns to the session."""
     people = (participant.c.label.label("participant"), participant.c.slot, session.c.id.label("session_id"))
-    return select(*people, *columns).select_from(participant).join(session)
+    return select(*people, *COUNTING, *columns).select_from(participant).join(session)
 
 
 def _row(row: Row[Any], source: Source, subject: str, question: str, comment: str) -> dict[str, Any]:
@@ -322,6 +322,7 @@ def _row(row: Row[Any], source: Source, subject: str, question: str, comment: st
         "experimenter": row.experimenter,
         "trial": None,
         "dataset": None,
+        **counting(row),
     }
 
 

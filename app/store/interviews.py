@@ -8,7 +8,7 @@ from typing import Any
 
 from sqlalchemy import Connection, insert, select, update
 
-from app.store.exclusions import takes_part_in
+from app.store.exclusions import COUNTING, counting, takes_part_in
 from app.store.tables import participant, session, spoken_answer, stage_record
 from app.study.stages import INTERVIEW
 
@@ -48,15 +48,23 @@ def questionnaire_records(connection: Connection, study_id: int) -> list[dict[st
     """Return a row for each participant and question: written answers first, then spoken ones."""
     takes_part = takes_part_in(study_id)
     written = connection.execute(
-        select(participant.c.label, stage_record.c.data, stage_record.c.completed_at)
+        select(participant.c.label, stage_record.c.data, stage_record.c.completed_at, *COUNTING)
         .select_from(stage_record.join(session).join(participant))
         .where(takes_part, stage_record.c.stage == INTERVIEW)
         .order_by(participant.c.slot)
     )
     rows: list[dict[str, Any]] = [
-        {"participant": label, "question": question, "answer": answer, "answered_at": at, "source": "written"}
-        for label, data, at in written
-        for question, answer in data.get("answers", {}).items()
+        {
+            "participant": row.label,
+            "question": question,
+            "answer": answer,
+            "answered_at": row.completed_at,
+            "source": "written",
+            "experimenter": None,
+            **counting(row),
+        }
+        for row in written
+        for question, answer in row.data.get("answers", {}).items()
     ]
     said = connection.execute(
         select(
@@ -65,9 +73,13 @@ def questionnaire_records(connection: Connection, study_id: int) -> list[dict[st
             spoken_answer.c.answer,
             spoken_answer.c.written_at.label("answered_at"),
             spoken_answer.c.experimenter,
+            *COUNTING,
         )
         .select_from(spoken_answer.join(session, spoken_answer.c.session_id == session.c.id).join(participant))
         .where(takes_part)
         .order_by(participant.c.slot, spoken_answer.c.id)
     )
-    return [{"experimenter": None, **row} for row in rows] + [{**row._mapping, "source": "spoken"} for row in said]
+    names = ("participant", "question", "answer", "answered_at", "experimenter")
+    return rows + [
+        {**{name: row._mapping[name] for name in names}, "source": "spoken", **counting(row)} for row in said
+    ]

@@ -32,6 +32,11 @@ class Invitation:
     n_used: int
 
     @property
+    def is_named(self) -> bool:
+        """Whether it has a label for one participant, which may name the person."""
+        return self.places == 1 and self.label != ""
+
+    @property
     def is_used(self) -> bool:
         return not self.has_places(1)
 

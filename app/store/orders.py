@@ -42,9 +42,12 @@ def take_order_slot(connection: Connection, study: Study, now: datetime) -> int:
 
 
 def n_taken_in(connection: Connection, study: Study, now: datetime) -> tuple[int, int]:
-    """Count who has finished, and who is under way and has not given up; excluded participants do not count."""
+    """Count who has finished, and who is under way and has not given up; excluded participants do not count.
+
+    Who has all votes and left before the questionnaire keeps the slot, and is under way no more.
+    """
     people = select(func.count()).select_from(participant.join(session)).where(takes_part_in(study.id), ~is_excluded())
-    is_going_on = session.c.stage.not_in(ENDS) & ~_is_given_up(study, now)
+    is_going_on = session.c.stage.not_in(ENDS) & ~_is_given_up(study, now) & ~_is_silent(study, now)
     counts = people.where(session.c.stage == FINISHED), people.where(is_going_on)
     n_finished, n_under_way = (int(connection.execute(query).scalar_one()) for query in counts)
     return n_finished, n_under_way
@@ -142,15 +145,17 @@ def taken_orders(connection: Connection, study: Study, now: datetime) -> list[Ta
 
 
 def _is_given_up(study: Study, now: datetime) -> ColumnElement[bool]:
-    options = parse_options(study.options)
-    long_ago = now - timedelta(hours=options.abandoned_after_h)
-    begun_before = options.limits.begun_before(now)
+    begun_before = parse_options(study.options).limits.begun_before(now)
+    is_abandoned = and_(session.c.stage.not_in(ALL_VOTED), _is_silent(study, now))
+    is_late = and_(session.c.stage.not_in(ALL_VOTED), session.c.started_at < begun_before) if begun_before else false()
+    return or_(session.c.stage.in_((WITHDRAWN, TIMED_OUT, SCREENED_OUT)), is_abandoned, is_late, is_excluded())
+
+
+def _is_silent(study: Study, now: datetime) -> ColumnElement[bool]:
+    """SQL condition: nothing came from the participant for as many hours as the study's options say."""
+    long_ago = now - timedelta(hours=parse_options(study.options).abandoned_after_h)
     heard_of = (
         exists().where(vote.c.session_id == session.c.id, vote.c.received_at >= long_ago),
         exists().where(stage_record.c.session_id == session.c.id, stage_record.c.completed_at >= long_ago),
     )
-    is_abandoned = and_(
-        session.c.stage.not_in(ALL_VOTED), session.c.started_at < long_ago, *(~signal for signal in heard_of)
-    )
-    is_late = and_(session.c.stage.not_in(ALL_VOTED), session.c.started_at < begun_before) if begun_before else false()
-    return or_(session.c.stage.in_((WITHDRAWN, TIMED_OUT, SCREENED_OUT)), is_abandoned, is_late, is_excluded())
+    return and_(session.c.started_at < long_ago, *(~signal for signal in heard_of))

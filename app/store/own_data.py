@@ -16,6 +16,7 @@ from app.store.tables import (
     screening_test,
     session,
     stage_record,
+    trial,
     vote,
 )
 
@@ -55,10 +56,12 @@ def own_data(connection: Connection, of_session: Session) -> dict[str, Any]:
         name: _rows(connection, table, columns, table.c.session_id == of_session.id)
         for name, (table, columns) in GIVEN.items()
     }
+    is_voided = (trial.c.session_id == of_session.id) & trial.c.voided_at.is_not(None)
+    interrupted = _rows(connection, trial, ("void_reason", "void_viewing", "voided_at"), is_voided)
     came = _rows(connection, recruit, ("outside_id", "kept", "completion_code"), recruit.c.participant_id == who.id)
     times = {name: _plain(getattr(who, name)) for name in ("started_at", "finished_at", "withdrawn_at")}
     facts = {"study": of_session.name, "participant": who.label, "language": of_session.language, **times}
-    return {**facts, "stage": of_session.stage, **given, "recruiting": came, "notes": NOTES}
+    return {**facts, "stage": of_session.stage, **given, "interrupted": interrupted, "recruiting": came, "notes": NOTES}
 
 
 def _rows(connection: Connection, table: Table, columns: tuple[str, ...], belongs: Any) -> list[dict[str, Any]]:

@@ -14,7 +14,7 @@ from app.store.belonging import rows_of_people
 from app.store.engine import insert_or_ignore, sorted_by
 from app.store.exclusions import in_force, sessions_in, takes_part_in
 from app.store.schema import metadata
-from app.store.tables import exclusion, participant, session, stage_record, trial, vote
+from app.store.tables import exclusion, invitation, participant, screening_item, session, stage_record, trial, vote
 from app.study.stages import ENDS, FINISHED, SCREENED_OUT, TIMED_OUT, WITHDRAWN
 
 
@@ -119,6 +119,13 @@ def participant_record(connection: Connection, person: Person) -> dict[str, Any]
     return _described(connection.execute(_records(person.study_id).where(participant.c.id == person.id)).one())
 
 
+def last_heard_at(record: Mapping[str, Any]) -> datetime:
+    """Return when anything last came from a participant; the record is of `participant_records`."""
+    signs = ("started_at", "last_stage_at", "last_tested_at", "last_served_at", "last_vote_at", "finished_at")
+    times: list[datetime] = [record[sign] for sign in signs if record[sign] is not None]
+    return max(times)
+
+
 def participants_votes(connection: Connection, study_id: int) -> list[dict[str, Any]]:
     """Return vote counts and exclusions: the cheap columns of `participant_records`.
 
@@ -188,6 +195,10 @@ def _records(study_id: int, sought: SoughtPeople = EVERYBODY) -> Select[Any]:
         "n_trials": trials.where(trial.c.voided_at.is_(None)),
         "n_votes": _N_VOTES,
         "n_voided": trials.where(trial.c.voided_at.is_not(None)),
+        "last_stage_at": select(func.max(stage_record.c.completed_at)).where(stage_record.c.session_id == session.c.id),
+        "last_tested_at": select(func.max(screening_item.c.answered_at)).where(
+            screening_item.c.session_id == session.c.id
+        ),
         "last_served_at": select(func.max(trial.c.served_at)).where(trial.c.session_id == session.c.id),
         "last_vote_at": select(func.max(vote.c.received_at)).where(_GIVEN_IN_SESSION),
         "mean_response_ms": select(func.avg(vote.c.response_ms)).where(_GIVEN_IN_SESSION),
@@ -280,4 +291,12 @@ def everything_of(connection: Connection, person: Person) -> dict[str, list[dict
             columns = [column for column in table.c if not column.name.endswith("_hash")]
             rows = connection.execute(select(*columns).where(belongs))
             records[table.name] = [dict(row._mapping) for row in rows]
+    if (label := _name_on_invitation(connection, person)) is not None:
+        records["invitation"] = [{"label": label}]
     return records
+
+
+def _name_on_invitation(connection: Connection, person: Person) -> str | None:
+    """Return the label of the invitation that let in a participant alone, which may name them; None without one."""
+    named = (participant.c.id == person.id, invitation.c.places == 1, invitation.c.label != "")
+    return connection.scalar(select(invitation.c.label).select_from(participant.join(invitation)).where(*named))

@@ -15,7 +15,7 @@ from sqlalchemy import ColumnElement, Connection, Row, func, insert, select, upd
 
 from app.errors import ConflictError, NotFoundError
 from app.store.engine import Database
-from app.store.exclusions import takes_part_in
+from app.store.exclusions import COUNTING, counting, takes_part_in
 from app.store.tables import participant, screening_display, screening_entry, screening_item, screening_test, session
 from app.study.screening import (
     NOT_TAKEN,
@@ -223,6 +223,7 @@ def screening_records(
             screening_display.c.distance_mm,
             screening_display.c.distance_source,
             n_answered.scalar_subquery().label("n_answered"),
+            *COUNTING,
         )
         .select_from(screening_test)
         .join(session, screening_test.c.session_id == session.c.id)
@@ -241,6 +242,7 @@ def screening_records(
             "result_source": "screen",
             "is_bound": (row.result or {}).get("is_bound"),
             "result": None,
+            **counting(row),
         }
     yield from _entered_records(connection, sought)
 
@@ -289,13 +291,15 @@ def _sought(study_id: int, participant_id: int | None) -> ColumnElement[bool]:
 
 def _entered_records(connection: Connection, sought: ColumnElement[bool]) -> Iterator[dict[str, Any]]:
     rows = connection.execute(
-        select(participant.c.label.label("participant"), session.c.public_id.label("session"), screening_entry)
+        select(
+            participant.c.label.label("participant"), session.c.public_id.label("session"), screening_entry, *COUNTING
+        )
         .select_from(screening_entry.join(session).join(participant))
         .where(sought)
         .order_by(participant.c.slot, screening_entry.c.id)
     )
     for row in rows:
-        yield {**row._mapping, "finished_at": row.entered_at, "result_source": "entered"}
+        yield {**row._mapping, "finished_at": row.entered_at, "result_source": "entered", **counting(row)}
 
 
 def _refuse_after_begin(connection: Connection, session_id: int) -> None:

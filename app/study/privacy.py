@@ -48,12 +48,13 @@ def parse_privacy(content: Any) -> PrivacyOptions:
     )
 
 
-def collected(options: StudyOptions) -> list[str]:
+def collected(options: StudyOptions, *, is_named: bool = False) -> list[str]:
     """Return what a study collects, as keys of the texts `privacy.collected` of the language packs.
 
     Parameters
     ----------
     options : the study's
+    is_named : does an invitation for one participant bear a label, which may be a name?
     """
     stages = {"screening": SCREENING, "practice": PRACTICE, "interview": INTERVIEW}
     given = {
@@ -62,6 +63,7 @@ def collected(options: StudyOptions) -> list[str]:
         **{name: stage in options.way for name, stage in stages.items()},
         "notes": bool(options.spoken_questions),
         "outside": options.outside.is_on,
+        "invitation": is_named,
     }
     return [name for name, is_collected in given.items() if is_collected]
 

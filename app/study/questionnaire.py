@@ -165,7 +165,7 @@ def _texts(content: Mapping[str, Any], part: str) -> tuple[str, ...]:
     value = content.get(part, ())
     if not is_list(value):
         raise ValueError(f"question {content['name']}: its {part} are {value!r:.80}, expected a list of texts")
-    return tuple(map(str, value))
+    return tuple(str(text).strip() for text in value)
 
 
 def _kind(content: Mapping[str, Any]) -> Kind:
@@ -181,10 +181,16 @@ def _check_kind(question: Question) -> None:
         raise ValueError(f"question {question.name}: it has no text")
     if question.kind == "choice" and len(question.options) < 2:
         raise ValueError(f"question {question.name}: a choice needs at least two options")
+    if question.kind == "choice" and not all(question.options):
+        raise ValueError(f"question {question.name}: an option is empty; delete it, as questions may be left out")
+    if twice := [option for option in question.options if question.options.count(option) > 1]:
+        raise ValueError(f"question {question.name}: the option {twice[0]!r} is there twice")
     if question.kind == "choice" and question.labels and len(question.labels) != len(question.options):
         raise ValueError(f"question {question.name}: expected a label for each of its options")
     if question.kind == "scale" and question.maximum not in range(2, MOST_STEPS + 1):
         raise ValueError(f"question {question.name}: its maximum is {question.maximum!r}, expected 2 to {MOST_STEPS}")
+    if question.kind == "scale" and question.labels and len(question.labels) != 2:
+        raise ValueError(f"question {question.name}: expected a label for each of its two ends, or none")
     for bound in (question.minimum, question.maximum):
         if bound is not None and (isinstance(bound, bool) or not isinstance(bound, int | float)):
             raise ValueError(f"question {question.name}: the bound {bound!r:.80} is no number")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from datetime import datetime, timedelta
 from typing import Any, Literal
 
@@ -69,6 +69,11 @@ class OutsideOptions:
     def is_on(self) -> bool:
         """Is anything kept of a participant's way from and to a platform?"""
         return bool(self.id) or self.random_codes
+
+    @property
+    def without_codes(self) -> OutsideOptions:
+        """The same without what a platform pays for: the completion code, and the addresses that lead back."""
+        return replace(self, code="", complete_url="", screened_out_url="", no_consent_url="", full_url="")
 
     def url(self, ending: Ending) -> str:
         """Return the address of an ending, with its placeholders; empty: none."""

@@ -95,7 +95,7 @@ document.getElementById("end-practice")?.addEventListener("click", endPractice);
 questionnaire?.addEventListener("submit", sendInterview);
 questionnaire?.addEventListener("keydown", stayOnEnter);
 questionnaire?.addEventListener("input", () => keepDraft(questionnaire, outbox.owner));
-for (const button of page.querySelectorAll("[data-withdraw]")) button.addEventListener("click", () => openDialog("withdraw"));
+for (const button of page.querySelectorAll("[data-withdraw]")) button.addEventListener("click", askToWithdraw);
 byId("withdraw-yes").addEventListener("click", leaveForGood);
 
 const obstacle = obstacleOf(page.dataset);
@@ -121,10 +121,13 @@ function welcome() {
   show("welcome");
 }
 
-/** Leads to the consent, or begins the session where the study asks for none: who does not agree takes no place. */
+/**
+ * Leads to the consent, or begins the session where the study asks for none: who does not agree takes no place. Who has a
+ * session already goes on with it, which asks for the consent where it was not given.
+ */
 function begin() {
   enterFullScreen();
-  if (document.getElementById("consent")) show("consent");
+  if (document.getElementById("consent") && page.dataset.state !== "known") show("consent");
   else beginNow();
 }
 
@@ -384,6 +387,13 @@ function end(view) {
   showEnding(viewOf(view), ending);
 }
 
+/** Asks whether to withdraw; who has withdrawn already, whether to delete what was given. @param {Event} event */
+function askToWithdraw(event) {
+  const { withdraw: what } = /** @type {HTMLElement} */ (event.currentTarget).dataset;
+  required(HTMLInputElement, "#withdraw-erase").checked = what === "erase";
+  openDialog("withdraw");
+}
+
 /** Withdraws from the study, and deletes what was given where that was ticked; what was not sent is dropped. */
 function leaveForGood() {
   const isErasing = required(HTMLInputElement, "#withdraw-erase").checked;
@@ -395,6 +405,7 @@ function leaveForGood() {
     .then(() => outbox.clear())
     .then(() => {
       byId("erased").hidden = !isErasing;
+      byId("not-erased").hidden = isErasing;
       if (isErasing) inBrowser.forget(begunKey);
       forgetDraft();
       openLook.forget();

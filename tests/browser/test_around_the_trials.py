@@ -131,6 +131,27 @@ def test_who_does_not_agree_leaves_without_a_trace_in_the_votes(
     visitor.sees("welcome")
 
 
+def test_who_has_withdrawn_may_still_take_the_data_along_and_have_them_deleted(
+    study: Study, page: Page, visitor: Visitor
+) -> None:
+    visitor.comes_after_the_trials(study)
+    page.locator("[data-view=thanks]").get_by_role("button", name="Withdraw").click()
+    page.get_by_role("button", name="Yes, withdraw").click()
+    visitor.sees("withdrawn")
+    page.reload()
+    visitor.sees("withdrawn")
+    with page.expect_download() as download:
+        page.get_by_role("link", name="Download my data").click()
+    assert '"withdrawn"' in download.value.path().read_text(encoding="utf-8")
+    check_accessibility(page)
+    page.get_by_role("button", name="Also delete for good what I have given").click()
+    expect(page.get_by_label("Also delete for good what I have given")).to_be_checked()
+    page.get_by_role("button", name="Yes, withdraw").click()
+    expect(page.get_by_text("All that you gave was deleted.")).to_be_visible()
+    expect(page.get_by_role("link", name="Download my data")).to_be_hidden()
+    assert study.votes(0) == []
+
+
 def test_a_german_browser_reads_german_and_may_choose_english(study: Study, page: Page) -> None:
     assert page.context.browser is not None
     context = page.context.browser.new_context(locale="de-DE")

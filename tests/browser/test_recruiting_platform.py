@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import httpx
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, Route, expect
 
@@ -78,6 +79,21 @@ def test_a_person_refuses_comes_back_agrees_in_two_tabs_and_is_paid(
         tab.goto(link)
         Visitor(tab).sees("welcome")
         tab.keyboard.press("Enter")
-        tab.get_by_label("I have read this").check()
-        tab.keyboard.press("Enter")
         Visitor(tab).sees("thanks")
+
+
+def test_who_comes_back_in_another_browser_and_does_not_agree_is_not_told_that_nothing_was_recorded(
+    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
+) -> None:
+    options = parse_options({"outside": OPTIONS, "consent": "We compare models."})
+    study = new_study(short_films, 0.4, options)
+    begun = {"invitation": study.invitation, "outside": {"PERSON": "p-1"}}
+    httpx.post(f"{study.url}/api/v1/studies/{study.slug}/sessions", json=begun).raise_for_status()
+    page.goto(Platform().link(study.address, "p-1"))
+    visitor.sees("welcome")
+    page.keyboard.press("Enter")
+    visitor.sees("consent")
+    page.get_by_role("button", name="I do not agree").click()
+    page.get_by_role("button", name="Yes, withdraw").click()
+    visitor.sees("withdrawn")
+    assert [person["stage"] for person in study.read("participants")] == ["withdrawn"]

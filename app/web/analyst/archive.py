@@ -8,6 +8,7 @@ import json
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import IO, Any
 
 from app.operations.manage import study_file_of
@@ -26,7 +27,7 @@ from app.store.studies import Study, study_by_id
 from app.store.trial_records import trial_records
 from app.store.vote_records import vote_records
 from app.study.options import parse_options
-from app.study.study_file import write_study_file
+from app.study.study_file import StudyFile, write_study_file
 from app.web.analyst.columns import FURTHER, TABLES, with_others
 from app.web.analyst.formats import PART, write_csv
 from app.web.analyst.results import inputs_of, items_factors, prepare_results, rows_of
@@ -46,7 +47,7 @@ def write_archive(out: IO[bytes], database: Database, study_id: int) -> None:
             assert study is not None, "its caller has just found it"
             files = _Files(archive, study.slug)
             files.write("README.md", _dictionary(study))
-            files.write("study.toml", write_study_file(study_file_of(study)))
+            files.write("study.toml", write_study_file(_without_codes(study_file_of(study))))
             files.write(
                 "texts.json", json.dumps(shown_wordings(connection, study.id), indent=2, ensure_ascii=False) + "\n"
             )
@@ -63,6 +64,11 @@ def write_archive(out: IO[bytes], database: Database, study_id: int) -> None:
         if analysis is not None:
             _write_analysis(files, analysis, study.name)
         files.write("SHA256SUMS", files.checksums)
+
+
+def _without_codes(file: StudyFile) -> StudyFile:
+    """Leave a recruiting platform's code and addresses out of a study file: an archive may be published."""
+    return replace(file, options=replace(file.options, outside=file.options.outside.without_codes))
 
 
 def _write_analysis(files: _Files, analysis: Mapping[str, Any], source: str) -> None:
@@ -146,9 +152,9 @@ def _dictionary(study: Study) -> str:
     parts = [
         f"# {study.name}\n\nAll data of the study `{study.slug}`. Times are UTC. An apostrophe precedes text that a "
         "spreadsheet would take for a formula. `sha256sum -c SHA256SUMS` checks the files; `study.toml` makes the "
-        "study again from its stimulus set; `texts.json` has all texts that participants have read, `images` what they "
-        "show; `report.html` says what was found, with every figure in `figures` as SVG, PNG and PDF; the project's "
-        "documentation describes `analysis.json`.\n"
+        "study again from its stimulus set, without a recruiting platform's code and addresses; `texts.json` has all "
+        "texts that participants have read, `images` what they show; `report.html` says what was found, with every "
+        "figure in `figures` as SVG, PNG and PDF; the project's documentation describes `analysis.json`.\n"
     ]
     if noted := parse_options(study.options).lab_sheet.rows():
         rows = "".join(f"| {label} | {_cell(text)} |\n" for label, text in noted)

@@ -93,6 +93,10 @@ PARTICIPANTS: Columns = {
     "excluded": "true if excluded by an experimenter",
     "reason": "reason of the exclusion",
 }
+COUNTING: Columns = {
+    "excluded": "true if what the participant gave does not count",
+    "reason": "withdrawn, or the reason of the exclusion",
+}
 QUESTIONNAIRE: Columns = {
     "participant": PARTICIPANT,
     "question": "name of the question, or the spoken question itself",
@@ -100,6 +104,7 @@ QUESTIONNAIRE: Columns = {
     "answered_at": "when the interview was completed, or the spoken answer noted",
     "source": "written by the participant, or spoken",
     "experimenter": "who noted a spoken answer",
+    **COUNTING,
 }
 COMMENTS: Columns = {
     "participant": PARTICIPANT,
@@ -111,6 +116,7 @@ COMMENTS: Columns = {
     "experimenter": "who noted it; empty if the participant wrote it",
     "dataset": "dataset of the trial",
     "trial": "id of the trial",
+    **COUNTING,
 }
 COMMENT_TAGS: Columns = {
     "tag": "name of the tag",
@@ -310,6 +316,7 @@ SCREENING: Columns = {
     "instrument": "chart, plates or device of an entered result",
     "result": "entered result, as it was read",
     "experimenter": "who entered it",
+    **COUNTING,
     "details": "more, as JSON",
 }
 KINDS = {  # of columns that are no text: a Parquet file needs them for long tables, and where there are no values

@@ -57,9 +57,13 @@ from app.web.roles import AStudy, is_seen, may_read
 PEOPLE_AT_ONCE = 200
 ENTRIES_AT_ONCE = 2000
 ANSWERS = (tables.stage_record, tables.spoken_answer)  # what the table of answers follows from
-TAGGED = (*ANSWERS, tables.trial_comment, tables.comment_tagging)
-PEOPLE = (*ANSWERS, tables.session, tables.exclusion)
-SCREENED = (tables.screening_display, tables.screening_test, tables.screening_item, tables.screening_entry)
+COUNTING = (tables.session, tables.exclusion)  # who counts follows from these
+PEOPLE = (*ANSWERS, *COUNTING)
+TAGGED = (*PEOPLE, tables.trial_comment, tables.comment_tagging)
+SCREENED = (
+    *(tables.screening_display, tables.screening_test, tables.screening_item, tables.screening_entry),
+    *COUNTING,
+)
 
 router = APIRouter(prefix="/api/v1", tags=["results"], route_class=CompressedRoute)
 OBSERVERS = table_answers(columns.OBSERVERS, columns.FURTHER["observers"])
@@ -159,7 +163,7 @@ def screening(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
 @router.get("/studies/{slug}/questionnaire", responses=table_answers(columns.QUESTIONNAIRE), dependencies=PERSONAL_TOO)
 def questionnaire(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """List the answers of the interview, a row per participant and question."""
-    return _records(questionnaire_records, database, study, chosen, "questionnaire", ANSWERS)
+    return _records(questionnaire_records, database, study, chosen, "questionnaire", PEOPLE)
 
 
 @router.get("/studies/{slug}/comments", responses=table_answers(columns.COMMENTS), dependencies=PERSONAL_TOO)

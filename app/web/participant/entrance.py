@@ -26,12 +26,13 @@ from app.web.gates import PARTICIPANT_COOKIE, cookie, database, now
 
 log = logging.getLogger(__name__)
 
-State = Literal["open", "mine", "used", "paused", "closed", "full", "bad_link", "begun_elsewhere"]
+State = Literal["open", "mine", "known", "used", "paused", "closed", "full", "bad_link", "begun_elsewhere"]
 
 
 @dataclass(frozen=True)
 class Entrance:
-    """What an invitation's address leads to; "mine": this browser's session was begun with the invitation."""
+    """What an invitation's address leads to; "mine": this browser's session was begun with the invitation;
+    "known": the link's outside id has a session."""
 
     slug: str
     title: str
@@ -45,12 +46,13 @@ class Entrance:
     no_consent_url: str  # where to go without consent; empty: nowhere
     full_url: str  # where to go from a study that takes in nobody more; empty: nowhere
     film_size: tuple[int, ...]  # display's pixels, where the films need as many; else empty
+    is_named: bool  # does the invitation bear a label for one participant?
     is_preview: bool  # does this browser hold an experimenter's walk through the study?
 
 
 def see_invitation(code: str) -> RedirectResponse:
-    """Redirect to an invitation's page."""
-    return RedirectResponse(f"/s/{quote(code.strip(), safe='')}", status_code=303)
+    """Redirect to an invitation's page; a code may be typed in capitals."""
+    return RedirectResponse(f"/s/{quote(code.strip().lower(), safe='')}", status_code=303)
 
 
 def entrance(request: Request, code: str, *, is_for_another: bool = False) -> Entrance | None:
@@ -92,6 +94,7 @@ def entrance(request: Request, code: str, *, is_for_another: bool = False) -> En
         no_consent_url=options.outside.address("no_consent", arrival),
         full_url=options.outside.address("full", arrival),
         film_size=film_size,
+        is_named=invitation.is_named,
         is_preview=session is not None and state == "mine" and session.is_preview,
     )
 
@@ -124,7 +127,7 @@ def _state_of_link(
         return "mine", held
     if session_of_outside_id(connection, study.id, arrival.outside_id) is None:
         return for_anybody, arrival
-    return ("open" if options.resume == "anywhere" else "begun_elsewhere"), arrival
+    return ("known" if options.resume == "anywhere" else "begun_elsewhere"), arrival
 
 
 def _check_said_once(parameters: QueryParams, names: Iterable[str]) -> None:

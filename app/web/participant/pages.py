@@ -119,7 +119,7 @@ def privacy_page(request: Request, code: str) -> Response:
         offered,
         texts=shown.texts,
         options=study.options,
-        collected=collected(study.options),
+        collected=collected(study.options, is_named=study.is_named),
     )
 
 

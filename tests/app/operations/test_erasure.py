@@ -6,21 +6,22 @@ import json
 import resource
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import pytest
-from sqlalchemy import select
+from sqlalchemy import func, insert, select, update
 
 from app.errors import UnavailableError
 from app.operations.backup import back_up, restore
-from app.operations.erasure import LIST, erase_participant
+from app.operations.erasure import LIST, enforce_retention, erase_participant
 from app.settings import Settings
 from app.store.audit import Actor
 from app.store.engine import Database, open_database
 from app.store.migrate import upgrade
 from app.store.participants import participant_labelled
-from app.store.studies import study_by_slug
-from app.store.tables import participant
+from app.store.studies import set_standing, study_by_slug
+from app.store.tables import participant, session, stage_record, study
 from tests.seeded_studies import NOW, seed_voters
 
 EARLIER = json.dumps({"session": "x" * 22, "at": NOW.isoformat()}) + "\n"
@@ -92,3 +93,43 @@ def test_a_line_that_a_power_cut_tore_takes_no_later_one_with_it(settings: Setti
     noted.write_text(lines[0] + lines[2])
     assert restore(settings, tmp_path / "before.zip", replace=True)["erased_again"] == 1
     assert erased(settings) == {"P002"}
+
+
+def answer(database: Database, label: str, at: datetime) -> None:
+    """Let a participant answer the questionnaire."""
+    with database.writing() as connection:
+        theirs = select(session.c.id).join(participant).where(participant.c.label == label).scalar_subquery()
+        row = {"session_id": theirs, "stage": "interview", "data": {"answers": {}}, "completed_at": at}
+        connection.execute(insert(stage_record).values(**row))
+
+
+def n_answers(settings: Settings) -> int:
+    with open_database(settings.url) as database, database.reading() as connection:
+        return connection.scalar(select(func.count()).select_from(stage_record)) or 0
+
+
+def test_a_restore_deletes_no_answers_that_were_given_after_the_study_had_forgotten_its_people(
+    settings: Settings, tmp_path: Path
+) -> None:
+    first_end, again, second_end = (NOW + timedelta(days=days) for days in (11, 12, 40))
+    with open_database(settings.url) as database:
+        with database.writing() as connection:
+            keeps = {"privacy": {"keep_days": 10}}
+            study_id = connection.execute(update(study).values(options=keeps).returning(study.c.id)).scalar_one()
+            set_standing(connection, study_id, "closed", NOW)
+        answer(database, "P001", NOW)
+        back_up(settings, tmp_path / "first.zip")
+        assert enforce_retention(settings, database, first_end) == ["test"]
+        with database.writing() as connection:
+            set_standing(connection, study_id, "open", again)
+        answer(database, "P002", again)
+        back_up(settings, tmp_path / "second.zip")
+    assert restore(settings, tmp_path / "second.zip", replace=True)["erased_again"] == 0
+    assert n_answers(settings) == 1
+    with open_database(settings.url) as database:
+        with database.writing() as connection:
+            set_standing(connection, study_id, "closed", again)
+        assert enforce_retention(settings, database, second_end) == ["test"]
+    for backup in ("first.zip", "second.zip"):
+        assert restore(settings, tmp_path / backup, replace=True)["erased_again"] >= 1
+        assert n_answers(settings) == 0, backup

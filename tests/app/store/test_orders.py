@@ -9,6 +9,7 @@ from datetime import datetime, timedelta
 import pytest
 from sqlalchemy import select, update
 
+from app.errors import ClosedError
 from app.store.engine import Database
 from app.store.invitations import Invitation
 from app.store.orders import study_plan, taken_orders
@@ -80,6 +81,20 @@ def test_who_has_voted_on_everything_keeps_the_slot_for_ever(
 ) -> None:
     vote_on(database, begin_session(database, invite(None), now), 6, now)
     later = now + 30 * DAY
+    begin_session(database, invite(None), later)
+    assert holders(database, study_id, later) == {0: "P001", 1: "P002"}
+
+
+def test_who_left_before_the_questionnaire_keeps_the_slot_and_frees_the_place(
+    database: Database, study_id: int, invite: MakeInvitation, now: datetime
+) -> None:
+    limits = {"optional_stages": ["interview"], "limits": {"under_way": 1, "finished": 1}}
+    with database.writing() as connection:
+        connection.execute(update(study).values(options=limits))
+    vote_on(database, begin_session(database, invite(None), now), 6, now)
+    with pytest.raises(ClosedError):
+        begin_session(database, invite(None), now + timedelta(hours=23))
+    later = now + timedelta(hours=25)
     begin_session(database, invite(None), later)
     assert holders(database, study_id, later) == {0: "P001", 1: "P002"}
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
-from datetime import datetime
+from datetime import datetime, timedelta
 from itertools import product
 from typing import Any
 
 import pytest
-from sqlalchemy import update
+from sqlalchemy import insert, select, update
 
 from app.errors import ConflictError
 from app.store.deletion import erase
@@ -19,6 +19,7 @@ from app.store.participants import (
     SoughtPeople,
     exclude,
     exclusion_records,
+    last_heard_at,
     n_participants,
     participant_labelled,
     participant_record,
@@ -27,7 +28,7 @@ from app.store.participants import (
     undo_exclusion,
     withdraw_participant,
 )
-from app.store.tables import session
+from app.store.tables import screening_item, screening_test, session, stage_record
 from tests.app.store.voting import keep_vote, let_in, rows_read, serve_next, vote_on
 from tests.seeded_studies import begin_session
 
@@ -130,3 +131,27 @@ def test_votes_by_participant_are_those_of_their_records(database: Database, peo
     last_voted_at = [row.pop("last_voted_at") for row in votes]
     assert votes == [{name: row[name] for name in votes[0]} for row in records]
     assert last_voted_at == [row["last_vote_at"] for row in records]  # here the last trial's vote is the last
+
+
+def test_who_takes_a_test_or_completes_a_stage_was_heard_of_then(
+    database: Database, study_id: int, invite: Callable[[int | None], Invitation], now: datetime
+) -> None:
+    begin_session(database, invite(None), now)
+    read, tested = now + timedelta(minutes=3), now + timedelta(minutes=5)
+
+    def heard_at() -> datetime:
+        with database.reading() as connection:
+            return last_heard_at(participant_record(connection, participant_labelled(connection, study_id, "P001")))
+
+    assert heard_at() == now
+    with database.writing() as connection:
+        theirs = {"session_id": connection.execute(select(session.c.id)).scalar_one()}
+        introduced = {**theirs, "stage": "introduction", "data": {}, "completed_at": read}
+        connection.execute(insert(stage_record).values(**introduced))
+    assert heard_at() == read
+    with database.writing() as connection:
+        begun = {**theirs, "test": "acuity", "setup": {}, "started_at": read}
+        test_id = connection.execute(insert(screening_test).values(**begun).returning(screening_test.c.id)).scalar_one()
+        ring = {**theirs, "screening_test_id": test_id, "number": 1, "content": {}, "served_at": read, "answer": 2}
+        connection.execute(insert(screening_item).values(**ring, answered_at=tested))
+    assert heard_at() == tested

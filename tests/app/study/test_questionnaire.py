@@ -56,6 +56,11 @@ def test_answers_that_do_not_fit_are_refused(answers: dict[str, Any]) -> None:
         check_answers(DEFAULT_QUESTIONS, answers)
 
 
+def test_an_option_is_stored_without_the_spaces_around_it_as_the_page_sends_it() -> None:
+    (question,) = parse_questions([{"name": "sex", "kind": "choice", "options": ["left ", " right"]}])
+    check_answers([question], {"sex": "left"})
+
+
 def test_a_required_question_must_be_answered() -> None:
     questions = parse_questions(
         [{"name": "hand", "text": "Which?", "kind": "choice", "options": ["l", "r"], "required": True}]
@@ -81,7 +86,10 @@ def test_a_required_question_must_be_answered() -> None:
         ({"name": "hand", "kind": "choice", "options": ["l", "r"]}, "no text"),
         ({"name": "sex", "kind": "choice", "options": ["l"]}, "two options"),
         ({"name": "sex", "kind": "choice", "options": ["l", "r"], "labels": ["left"]}, "a label for each"),
+        ({"name": "sex", "kind": "choice", "options": ["l", " "]}, "an option is empty"),
+        ({"name": "sex", "kind": "choice", "options": ["l", "r", "l "]}, "'l' is there twice"),
         ({"name": "experience", "kind": "scale", "maximum": 100}, "2 to 11"),
+        ({"name": "experience", "kind": "scale", "maximum": 5, "labels": ["bad"]}, "a label for each of its two ends"),
     ],
 )
 def test_a_question_that_is_not_right_is_named(question: Any, complaint: str) -> None:

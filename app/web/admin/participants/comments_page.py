@@ -119,7 +119,9 @@ def put_tag(
             untag_comment(connection, study.id, place, tag)
         else:
             tag_comment(connection, study.id, place, _tag(tag), actor.name, actor.now)
-        actor.note(connection, "tag taken off" if take_off else "comment tagged", study, participant, tag=tag)
+        actor.note(
+            connection, "tag taken off" if take_off else "comment tagged", study, participant
+        )  # the log outlives an erasure
     return _seen(study, back)
 
 

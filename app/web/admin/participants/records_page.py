@@ -144,7 +144,7 @@ def enter_screening_result(
         if participant.erased_at is not None:
             raise InvalidError(f"{label} was erased; nothing is kept of them any more.")
         enter_result(connection, participant.id, entered, actor.name, actor.now)
-        actor.note(connection, "screening result entered", study, label, test=test, verdict=verdict)
+        actor.note(connection, "screening result entered", study, label, test=test)  # the log outlives an erasure
     return see(_address(study, label))
 
 

@@ -19,7 +19,7 @@ from app.store.experimenters import Role
 from app.store.invitations import invitations_of
 from app.store.monitor import votes_by_minute
 from app.store.orders import n_taken_in
-from app.store.participants import SoughtPeople, n_interrupted, participant_records, session_state
+from app.store.participants import SoughtPeople, last_heard_at, n_interrupted, participant_records, session_state
 from app.store.studies import Study, progress_of
 from app.study.options import parse_options
 from app.study.privacy import forgets_at
@@ -124,7 +124,7 @@ def monitor_of(request: Request, study: Study, patience_s: float = 0.0) -> dict[
 
 
 def _line(row: dict[str, Any], flags: tuple[str, ...], moment: datetime) -> dict[str, Any]:
-    last_at = max(filter(None, (row["started_at"], row["last_served_at"], row["last_vote_at"], row["finished_at"])))
+    last_at = last_heard_at(row)
     return {**row, "connection": _connection(row["stage"], moment - last_at), "last_at": last_at, "flags": flags}
 
 

@@ -46,13 +46,18 @@ def test_a_page_lets_another_participant_begin_where_a_place_is_left(
     assert "?language=en&amp;another=1" in for_another  # and stays so in the other language
 
 
+def test_a_code_may_be_typed_in_capitals(client: httpx.Client, study: dict[str, Any]) -> None:
+    typed = client.get("/", params={"code": f" {study['invitation'].upper()} "}, follow_redirects=True)
+    assert (typed.status_code, typed.url.path) == (200, study["path"])
+
+
 def test_every_page_that_one_comes_back_to_asks_whether_it_is_somebody_else(
     client: httpx.Client, settings: Settings, stimulus_set: Path
 ) -> None:
     """Whoever has just begun is not asked."""
     options = parse_options({"optional_stages": ["screening", "practice", "interview"], "consent": "We compare."})
     study = create_study(settings, stimulus_set, "Returning", exposure_s=0.4, options=options)
-    last = {"thanks", "withdrawn", "screened-out"}
+    last = {"thanks", "withdrawn", "screened-out", "timed-out"}
     assert _views_with_another(client.get(study["path"]).text) == last
     client.post(f"/api/v1/studies/{study['slug']}/sessions", json={"invitation": study["invitation"]})
     instructions = {f"instructions-{number}" for number in (1, 2, 3)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import html
 import json
 import shutil
@@ -198,8 +199,32 @@ def test_the_privacy_page_says_what_the_study_does_in_the_readers_language(
         contact = said["contact"].format(contact="lab@example.org")
         for text in (said["kept_days"].format(days=30), contact, "Prof. Example <Lab>", said["collected"]["screening"]):
             assert text in page, language
-        for text in (said["kept"], said["ask"], said["collected"]["outside"]):
+        for text in (said["kept"], said["ask"], said["collected"]["outside"], said["collected"]["invitation"]):
             assert text not in page, language
     first = client.get(f"/s/{study['invitation']}").text
     assert f'href="/s/{study["invitation"]}/privacy?language=' in first
     assert client.get("/s/forged/privacy").status_code == 404
+
+
+def test_who_is_invited_by_name_reads_that_the_name_is_kept_and_finds_it_in_the_export(
+    client: httpx.Client, settings: Settings, stimulus_set: Path
+) -> None:
+    study = create_study(settings, stimulus_set, "By name", exposure_s=0.4, seed=1)
+    said = json.loads((packaged(SHIPPED) / "en.json").read_text())["privacy"]["collected"]["invitation"]
+    with signed_in(str(client.base_url), settings, "Olga") as olga:
+        base = f"/admin/studies/{study['slug']}"
+        olga.act(f"{base}/invitations/people", people="Ada Example, ada@example.org")
+        olga.act(f"{base}/invitations", places="2", label="Monday")
+        codes = [
+            row["code"] for row in csv.DictReader(olga.get(f"{base}/invitations/invitations.csv").text.splitlines())
+        ]
+        for code, is_named in zip(codes, (False, True, False), strict=True):
+            page = html.unescape(client.get(f"/s/{code}/privacy?language=en").text)
+            assert (said in page) == is_named, code
+            assert "not stored" in page
+            assert "Your name" not in page
+            begun = {"invitation": code}
+            client.post(f"/api/v1/studies/{study['slug']}/sessions", json=begun).raise_for_status()
+        exports = [olga.get(f"{base}/participants/{label}/export.json").text for label in ("P001", "P002", "P003")]
+        assert ["Ada Example" in export for export in exports] == [False, True, False]
+        assert not any("Monday" in export for export in exports)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import io
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
 from typing import Any
 from uuid import uuid4
+from zipfile import ZipFile
 
 import httpx
 import pytest
@@ -110,7 +113,7 @@ def test_the_same_link_in_another_browser_leads_to_the_same_session(
     client.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial))
     with a_browser(server) as other:
         page = other.get(platform.link(study["path"], "p-1"))
-        assert 'data-state="open"' in page.text
+        assert 'data-state="known"' in page.text
         again = enters(other, study, "p-1")
         assert again.status_code == 200
         assert (again.json()["session"], again.json()["progress"]["done"]) == (first["session"], 1)
@@ -179,12 +182,34 @@ def test_ids_and_codes_are_in_no_table_that_analysts_read(
     enters(client, study, "p-secret-1")
     code = goes_through(client, vote_body)["ending"]["code"]
     base = f"/api/v1/studies/{study['slug']}"
-    tables = ["", *(f"/{name}" for name in ("votes", "trials", "participants", "questionnaire", "scores", "archive"))]
-    answers = [analyst.get(base + table) for table in tables]
-    assert sum(answer.status_code == 200 for answer in answers) >= 5
-    for answer in answers:
-        assert b"p-secret-1" not in answer.content
-        assert code.encode() not in answer.content
+    names = ("votes", "trials", "participants", "questionnaire", "scores", "audit")
+    answers = [analyst.get(base + table) for table in ("", *(f"/{name}" for name in names))]
+    assert [answer.status_code for answer in answers] == [200] * len(answers)
+    archive = ZipFile(io.BytesIO(analyst.get(f"{base}/archive.zip").content))
+    for content in (*(answer.content for answer in answers), *map(archive.read, archive.namelist())):
+        assert b"p-secret-1" not in content
+        assert code.encode() not in content
+
+
+def test_the_code_of_everybody_and_the_ways_back_are_in_no_archive_and_no_audit_log(
+    analyst: httpx.Client, create: Create, experimenter: Dashboard
+) -> None:
+    study = create({"random_codes": False, "code": "F1RST"})
+    page = experimenter.get(f"/admin/studies/{study['slug']}/edit").text
+    revision = re.search(r'name="revision" value="(\d+)"', page)
+    assert revision
+    url = "https://platform.test/complete?credit_token=T0KEN&person={id}"
+    given = {"outside.code": "S3COND", "outside.complete_url": url, "revision": revision[1]}
+    assert experimenter.act(f"/admin/studies/{study['slug']}/edit", **given).status_code == 200
+    base = f"/api/v1/studies/{study['slug']}"
+    archive = ZipFile(io.BytesIO(analyst.get(f"{base}/archive.zip").content))
+    contents = {name: archive.read(name).decode("utf-8", "replace") for name in archive.namelist()}
+    contents["audit"] = analyst.get(f"{base}/audit").text
+    assert "study edited" in contents["audit"]
+    assert "PERSON" in contents[f"{study['slug']}/study.toml"]
+    for name, content in contents.items():
+        for secret in ("F1RST", "S3COND", "T0KEN"):
+            assert secret not in content, (name, secret)
 
 
 def test_who_is_screened_out_goes_back_without_a_code(client: httpx.Client, create: Create, platform: Platform) -> None:

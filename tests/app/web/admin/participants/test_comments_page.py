@@ -82,6 +82,10 @@ def test_comments_are_noted_tagged_counted_exported_and_erased(
     ]
     assert table[1]["comment"] == "'=The <faces>"
 
+    log = coder.get("/admin/audit", params={"search": "comment tagged"}).text
+    assert "P001" in log
+    assert "faces" not in log  # what a tag says of somebody would outlive an erasure
+
     person = coder.get(f"{base}/participants/P001").text
     assert person.index("What made one model look better") < person.index("said it looked waxy")
     coder.act(f"{base}/participants/P001/erase", again="P001")
@@ -112,3 +116,25 @@ def test_withdrawing_somebody_takes_the_label_typed_again(coder: Dashboard, aske
     assert 'state-open">counts' in coder.get(person).text
     page = coder.act(f"{person}/withdraw", again="P002").text
     assert re.search(r'class="state[^"]*">withdrawn', page)
+
+
+def test_answers_and_comments_say_whether_their_participant_counts(
+    coder: Dashboard, analyst: httpx.Client, settings: Settings, stimulus_set: Path, server: str, token: str
+) -> None:
+    content = {"optional_stages": ["interview"], "questions": QUESTIONS}
+    made = create_study(settings, stimulus_set, "Counted", exposure_s=0.4, options=parse_options(content))
+    simulate(server, made["slug"], made["invitation"], token, 3)
+    base, rest = f"/admin/studies/{made['slug']}/participants", f"/api/v1/studies/{made['slug']}"
+    chart = {"test": "colour", "instrument": "plates", "result": "read", "verdict": "passed"}
+    for label in ("P001", "P002", "P003"):
+        coder.act(f"{base}/{label}/screening", **chart)
+    tables = ("questionnaire", "comments", "screening", "votes")
+    before = {name: analyst.get(f"{rest}/{name}").headers["etag"] for name in tables}
+    coder.act(f"{base}/P002/exclude", reason="asleep")
+    coder.act(f"{base}/P003/withdraw", again="P003")
+    for name in tables:
+        rows = analyst.get(f"{rest}/{name}", headers={"If-None-Match": before[name]}).json()
+        counting = {(row["participant"], row["excluded"], row["reason"]) for row in rows}
+        assert counting == {("P001", False, ""), ("P002", True, "asleep"), ("P003", True, "withdrawn")}, name
+    page = coder.get(f"{base}/comments").text
+    assert page.count("does not count: asleep") == page.count("does not count: withdrawn") == 1

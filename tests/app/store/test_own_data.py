@@ -1,0 +1,21 @@
+"""A participant takes along all that they gave, also what did not count."""
+
+from __future__ import annotations
+
+from app.store.engine import Database
+from app.store.own_data import own_data
+from app.store.sessions import session_by_token
+from app.store.trials import void_trial
+from tests.seeded_studies import NOW, seed_voters
+
+
+def test_a_look_that_was_interrupted_is_among_the_data_of_who_looked(database: Database) -> None:
+    voter = seed_voters(database, 1, 3)[0]
+    with database.reading() as connection:
+        begun = session_by_token(connection, voter.token)
+    assert begun is not None
+    viewing = {"first_shown": "a", "shown_ms": 700.0, "switches": []}
+    void_trial(database, begun.id, voter.trials[0][0], "hidden", viewing, NOW)
+    with database.reading() as connection:
+        given = own_data(connection, begun)
+    assert given["interrupted"] == [{"void_reason": "hidden", "void_viewing": viewing, "voided_at": NOW.isoformat()}]
