@@ -13,7 +13,7 @@ from sqlalchemy import text
 from app.main import running_server, serve
 from app.operations.extras import MODULES
 from app.operations.manage import upgrade_database
-from app.operations.running import DEFAULT_URL, noted, url_for_links
+from app.operations.running import DEFAULT_URL, noted, running_url, url_for_links
 from app.operations.status import server_status
 from app.settings import Settings
 from app.store.engine import open_database
@@ -25,6 +25,23 @@ def test_the_status_of_an_empty_folder_makes_nothing(tmp_path: Path) -> None:
     assert status["data_dir"] == str(tmp_path / "reconstudy")
     assert (status["database"]["version"], status["studies"], status["server"]) == (None, None, None)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["what? ", "50%41", "a#b", "two\nlines", "Jürgen's study"])
+def test_the_database_lies_in_its_data_folder_whatever_that_is_called(tmp_path: Path, name: str) -> None:
+    settings = Settings(data_dir=tmp_path / name)
+    upgrade_database(settings)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert server_status(settings)["database"]["place"] == str(settings.data_dir / "study.sqlite")
+
+
+def test_a_folders_second_server_leaves_the_first_one_noted(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    with running_server(settings) as first, noted(settings, first):
+        with running_server(settings) as second, noted(settings, second):
+            assert running_url(settings) == second
+        assert running_url(settings) == first
+    assert not (settings.data_dir / "server.json").exists()
 
 
 def test_commands_print_links_of_the_server_that_runs(
