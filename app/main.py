@@ -15,7 +15,8 @@ from weakref import WeakValueDictionary
 
 import anyio
 import uvicorn
-from fastapi import Depends, FastAPI
+from fastapi import APIRouter, Depends, FastAPI
+from fastapi.routing import APIRoute
 from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -165,12 +166,20 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
         app.include_router(front_routes(front))  # before the entrance, which has the same address
     app.include_router(votes.router)  # whose bodies hold no free text
     for router in ROUTERS:
+        _answer_head(router)
         app.include_router(router, dependencies=[Depends(check_request_text)])
     app.mount("/static", StaticFiles(directory=packaged("static")), name="static")
     install_problems(app, form_again)
     describe(app)
     _add_middleware(app)
     return app
+
+
+def _answer_head(router: APIRouter) -> None:
+    """Answer HEAD wherever a page is read, as monitors ask; the REST interface takes what its description names."""
+    for route in router.routes:
+        if isinstance(route, APIRoute) and "GET" in route.methods and not route.include_in_schema:
+            route.methods.add("HEAD")
 
 
 def _set_state(app: FastAPI, settings: Settings, database: Database, writer: VoteWriter) -> None:

@@ -191,7 +191,7 @@ def test_what_is_no_database_that_can_be_used_is_refused(tmp_path: Path) -> None
 )
 def test_an_address_that_cannot_be_read_is_refused_without_a_word_of_it(address: str) -> None:
     for read in (open_database, embedded_file, without_password):
-        with pytest.raises(ValueError, match="RECONSTUDY_DATABASE_URL .*expected .*%40 for @") as refused:
+        with pytest.raises(ValueError, match=r"RECONSTUDY_DATABASE_URL .*expected .*%40 for @") as refused:
             read(address)
         assert "secret" not in str(refused.value)
 
