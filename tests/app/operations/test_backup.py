@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -382,6 +383,14 @@ def test_videos_travel_with_a_backup_and_are_checked(stimulus_set: Path, tmp_pat
     first.unlink()
     second.write_bytes(b"")
     assert check(there)["faults"] == [f"{first}: is missing", f"{second}: is not the file that was prepared"]
+    with pytest.raises(ValueError, match=r"is missing.*`reconstudy db check` names all .*without --media"):
+        back_up(there, tmp_path / "backup.zip", with_media=True)
+    assert restore(there, tmp_path / "backup.zip", replace=True)["videos"] == 12, "the earlier backup is still there"
+    assert check(there)["faults"] == []
+    shutil.rmtree(next((there.data_dir / "reports").iterdir()))
+    with pytest.raises(ValueError, match=r"reports.*is missing.*`reconstudy db check` names all"):
+        back_up(there, tmp_path / "other.zip", with_media=True)
+    assert not (tmp_path / "other.zip").exists()
 
 
 @pytest.mark.slow
