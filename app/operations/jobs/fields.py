@@ -67,6 +67,10 @@ class Field:
         """Return the value, of the field's type."""
         raise NotImplementedError
 
+    def made_from(self, values: Values, settings: Settings) -> Any:  # noqa: ARG002 (some fields need them)
+        """Return the value that follows from those of other fields where none is given; None: none does."""
+        return None
+
     def words(self, value: Any, settings: Settings) -> list[str]:  # noqa: ARG002 (entries need the settings)
         """Return the command's arguments for a value."""
         return [f"{self.option}={value}"]
