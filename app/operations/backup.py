@@ -13,7 +13,7 @@ from tempfile import TemporaryFile
 from typing import IO, Any
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 
-from app.files import PRIVATE, file_digest, is_plain_name, whole_file
+from app.files import PRIVATE, file_digest, is_plain_name, private_folder, whole_file
 from app.operations.attach import digest_of, model_file, report_folder
 from app.operations.encryption import decrypt, encrypt, is_encrypted, read_recipients
 from app.operations.erasure import erase_again
@@ -152,6 +152,8 @@ def _restore(settings: Settings, path: Path, content: IO[bytes], *, replace: boo
         refuse_what_is_held(database, replace=replace)
         places = {MEDIA + name: settings.media_dir / name for name in videos}
         places |= {name: settings.data_dir / name for name in attached}
+        for folder in {name.partition("/")[0] for name in attached}:
+            private_folder(settings.data_dir / folder)
         n_erased = 0
         try:
             with ExitStack() as files:

@@ -57,6 +57,10 @@ def vote_row(number: int, trial_id: int, session_id: int) -> dict[str, Any]:
     }
 
 
+def modes_of_attached(settings: Settings) -> set[int]:
+    return {(settings.data_dir / folder).stat().st_mode & 0o777 for folder in ("reports", "models")}
+
+
 def rows_of(settings: Settings) -> dict[str, list[Any]]:
     database = open_database(settings.url)
     with database.reading() as connection:
@@ -373,9 +377,11 @@ def test_videos_travel_with_a_backup_and_are_checked(stimulus_set: Path, tmp_pat
     (report / "report.json").write_text('{"kind": "sphere", "measures": []}', encoding="utf-8")
     (report / "curve.csv").write_text("threshold\n1\n", encoding="utf-8")
     manage.attach_results(here, [report, small_models.write_folder(tmp_path / "models")])
+    assert modes_of_attached(here) == {0o700}, "before a server has ever run"
     saved = back_up(here, tmp_path / "backup.zip", with_media=True)
     assert (saved["videos"], saved["attached"]) == (12, 5)
     assert restore(there, tmp_path / "backup.zip")["missing_videos"] == 0
+    assert modes_of_attached(there) == {0o700}
     for folder in ("reports", "models"):
         assert files_below(there.data_dir / folder) == files_below(here.data_dir / folder) != {}
     assert check(there) == {"faults": [], "videos": 12, "attached": 5}
