@@ -84,7 +84,7 @@ def test_a_command_without_its_database_says_what_the_database_said(
     assert told.code == 1
     assert told.err.splitlines()[-1] == (
         "reconstudy: the database cannot be used: unable to open database file; `reconstudy status` tells where it "
-        "lies and what space is left"
+        "lies and what space is left; run it as the server's user"
     )
 
 
