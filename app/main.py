@@ -29,7 +29,7 @@ from app.films.object_store import MediaStore
 from app.intake.bounds import end_with_parent
 from app.operations.database import open_store
 from app.operations.housekeeping import EVERY_S, keep_house
-from app.operations.jobs.beside_server import ends_in_order, worker_beside
+from app.operations.jobs.beside_server import worker_beside
 from app.operations.languages import read_languages
 from app.settings import Settings
 from app.store.engine import Database, open_database
@@ -248,7 +248,7 @@ def serve(
     open_files()
     if workers == 1:
         server = _Server(create_app(settings), host, port, on_start)
-        with ends_in_order(), worker_beside(settings, n_jobs):
+        with worker_beside(settings, n_jobs):
             server.run()
     else:
         _serve_by_workers(settings, host, port, workers, n_jobs, on_start)

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import socket
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -42,6 +46,22 @@ def test_a_folders_second_server_leaves_the_first_one_noted(tmp_path: Path) -> N
             assert running_url(settings) == second
         assert running_url(settings) == first
     assert not (settings.data_dir / "server.json").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
+def test_a_server_that_is_told_to_end_is_noted_no_longer(tmp_path: Path, how: signal.Signals) -> None:
+    settings = Settings(data_dir=tmp_path)
+    command = [sys.executable, "-m", "app.cli", "serve", "--port=0", "--jobs=0"]
+    environment = os.environ | settings.as_environment()
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as server:
+        assert server.stdout is not None
+        assert server.stdout.readline().startswith(b"Serving ")
+        assert (tmp_path / "server.json").exists()
+        server.send_signal(how)
+        server.communicate(timeout=60)
+    assert server.returncode == (-how if how == signal.SIGTERM else 130)
+    assert not (tmp_path / "server.json").exists()
 
 
 def test_commands_print_links_of_the_server_that_runs(
