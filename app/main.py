@@ -178,7 +178,7 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
 def _answer_head(router: APIRouter) -> None:
     """Answer HEAD wherever a page is read, as monitors ask; analysts' tables have routes of their own for it."""
     for route in router.routes:
-        if isinstance(route, APIRoute) and "GET" in route.methods and not route.include_in_schema:
+        if isinstance(route, APIRoute) and route.methods == {"GET"} and not route.include_in_schema:
             route.methods.add("HEAD")
 
 

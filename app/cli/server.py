@@ -45,6 +45,8 @@ def serve(
     def announce(listens_at: str) -> None:
         running.enter_context(noted(settings, listens_at))
         print(f"Serving {settings.data_dir.absolute()} at {listens_at} until you press Ctrl-C.", flush=True)
+        if settings.log_format == "json":  # then a log keeps what is printed, and links open sessions
+            return
         url = settings.public_url or listens_at
         if host in EVERY_NETWORK and settings.public_url is None:
             print(

@@ -137,6 +137,22 @@ def test_who_serves_a_laboratory_is_told_that_links_need_this_computers_address(
     assert f"experimenters: {public_url or 'http://0.0.0.0:8000'}/admin" in told
 
 
+@pytest.mark.parametrize("log_format", ["text", "json"])
+def test_a_server_whose_output_is_a_log_prints_no_links(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, log_format: str
+) -> None:
+    """The journal keeps what a server under systemd prints: links would open a session, or make an owner."""
+    monkeypatch.setattr("app.main.serve", lambda *_, on_start, **__: on_start("http://127.0.0.1:8000"))
+    monkeypatch.setattr(
+        "app.operations.manage.list_studies", lambda _: [{"name": "Ball", "invitations": ["m65rdenpqzuj"]}]
+    )
+    monkeypatch.setenv("RECONSTUDY_DATA_DIR", str(tmp_path))
+    monkeypatch.setenv("RECONSTUDY_LOG_FORMAT", log_format)
+    told = command("serve").out
+    assert told.startswith(f"Serving {tmp_path} at http://127.0.0.1:8000")
+    assert [secret in told for secret in ("/s/m65rdenpqzuj", "/admin/setup/")] == [log_format == "text"] * 2
+
+
 def test_extras_are_found_without_loading_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(MODULES, "s3", ("json",))
     monkeypatch.setitem(MODULES, "cluster", ("json", "no_such_module"))
