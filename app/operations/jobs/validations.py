@@ -3,31 +3,27 @@
 from __future__ import annotations
 
 import os.path
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from app.errors import InvalidError
 from app.files import read_json
-from app.intake.captures import CAPTURE_FILE
 from app.intake.stimuli import MANIFEST
 from app.intake.summaries import RUN_FILE
 from app.operations.jobs.fields import SETS, Choice, Entries, Entry, Names, Number, Text, Values, place
 from app.operations.jobs.kind import JobKind, named
-from app.operations.jobs.shared_fields import FRAMES, NAME_FORM, NAMES_FORM, report_name
+from app.operations.jobs.shared_fields import CAPTURE, FRAMES, NAME_FORM, NAMES_FORM, report_name
 from app.settings import Settings
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunsCapture(Entry):
-    """The recording of a run: where none is chosen the one that the run names, so that the job is known to read it."""
-
-    def made_from(self, values: Values, settings: Settings) -> str | None:
-        """Return the name of the run's recording; None where it lies elsewhere, or the run names none."""
-        run, shelf = place(settings, "runs") / values["run"], place(settings, self.shelves[0])
-        try:
-            folder, name = os.path.split(os.path.normpath(run / str(read_json(run / RUN_FILE).get("recording"))))
-            return self.checked(name, settings) if folder == os.path.normpath(shelf) else None
-        except (ValueError, InvalidError):
-            return None
+def recording_of(values: Values, settings: Settings) -> str | None:
+    """Return the capture that a run was made of; None where it lies elsewhere, or the run names none."""
+    run = place(settings, "runs") / values["run"]
+    try:
+        folder, name = os.path.split(os.path.normpath(run / str(read_json(run / RUN_FILE).get("recording"))))
+        is_here = folder == os.path.normpath(place(settings, "captures"))
+        return CAPTURE.checked(name, settings) if is_here else None
+    except (ValueError, InvalidError):
+        return None
 
 
 DATASET = Text(
@@ -89,13 +85,12 @@ VALIDATIONS = (
         fields=(
             Entry(name="run", label="Run", shelves=("runs",), holds=RUN_FILE, is_required=True),
             report_name("{run}-views"),
-            RunsCapture(
-                name="capture",
-                label="Capture",
-                help="none: where the run says that it was",
+            replace(
+                CAPTURE,
                 option="--capture",
-                shelves=("captures",),
-                holds=CAPTURE_FILE,
+                help="none: where the run says that it was",
+                is_required=False,
+                otherwise=recording_of,
             ),
             FRAMES,
             Number(
