@@ -15,7 +15,8 @@ from weakref import WeakValueDictionary
 
 import anyio
 import uvicorn
-from fastapi import Depends, FastAPI
+from fastapi import APIRouter, Depends, FastAPI
+from fastapi.routing import APIRoute
 from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -28,7 +29,7 @@ from app.films.object_store import MediaStore
 from app.intake.bounds import end_with_parent
 from app.operations.database import open_store
 from app.operations.housekeeping import EVERY_S, keep_house
-from app.operations.jobs.beside_server import ends_in_order, worker_beside
+from app.operations.jobs.beside_server import worker_beside
 from app.operations.languages import read_languages
 from app.settings import Settings
 from app.store.engine import Database, open_database
@@ -165,12 +166,20 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
         app.include_router(front_routes(front))  # before the entrance, which has the same address
     app.include_router(votes.router)  # whose bodies hold no free text
     for router in ROUTERS:
+        _answer_head(router)
         app.include_router(router, dependencies=[Depends(check_request_text)])
     app.mount("/static", StaticFiles(directory=packaged("static")), name="static")
     install_problems(app, form_again)
     describe(app)
     _add_middleware(app)
     return app
+
+
+def _answer_head(router: APIRouter) -> None:
+    """Answer HEAD wherever a page is read, as monitors ask; analysts' tables have routes of their own for it."""
+    for route in router.routes:
+        if isinstance(route, APIRoute) and route.methods == {"GET"} and not route.include_in_schema:
+            route.methods.add("HEAD")
 
 
 def _set_state(app: FastAPI, settings: Settings, database: Database, writer: VoteWriter) -> None:
@@ -239,7 +248,7 @@ def serve(
     open_files()
     if workers == 1:
         server = _Server(create_app(settings), host, port, on_start)
-        with ends_in_order(), worker_beside(settings, n_jobs):
+        with worker_beside(settings, n_jobs):
             server.run()
     else:
         _serve_by_workers(settings, host, port, workers, n_jobs, on_start)

@@ -80,7 +80,10 @@ class Settings(BaseSettings):
 
     @property
     def url(self) -> str:
-        return self.database_url or f"sqlite:///{(self.data_dir / 'study.sqlite').absolute()}"
+        if self.database_url is not None:
+            return self.database_url
+        path = str((self.data_dir / "study.sqlite").absolute())
+        return f"sqlite:///{path.replace('%', '%25').replace('?', '%3F')}"  # else it would end, or be read, there
 
     @property
     def is_embedded(self) -> bool:

@@ -65,7 +65,8 @@ def main() -> None:
     except StudyError as error:
         if reason := getattr(error.__cause__, "orig", None):  # what the database itself said, where it is away
             _fail(
-                f"the database cannot be used: {reason}; `reconstudy status` tells where it lies and what space is left"
+                f"the database cannot be used: {reason}; `reconstudy status` tells where it lies and what space is "
+                "left; run it as the server's user"
             )
         _fail(error.detail)
 

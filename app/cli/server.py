@@ -35,6 +35,7 @@ def serve(
 ) -> None:
     """Serve all studies, and run the dashboard's jobs, until you press Ctrl-C."""
     from app.main import serve as serve_studies
+    from app.operations.jobs.beside_server import ends_in_order
     from app.operations.manage import list_studies, set_up_path
     from app.operations.running import noted
     from app.settings import Settings
@@ -44,6 +45,8 @@ def serve(
     def announce(listens_at: str) -> None:
         running.enter_context(noted(settings, listens_at))
         print(f"Serving {settings.data_dir.absolute()} at {listens_at} until you press Ctrl-C.", flush=True)
+        if settings.log_format == "json":  # then a log keeps what is printed, and links open sessions
+            return
         url = settings.public_url or listens_at
         if host in EVERY_NETWORK and settings.public_url is None:
             print(
@@ -57,7 +60,7 @@ def serve(
         if path := set_up_path(settings):
             print(f"  set up the first experimenter, once: {url}{path}", flush=True)
 
-    with ExitStack() as running:
+    with ends_in_order(), ExitStack() as running:
         serve_studies(settings, host, port, workers=workers, n_jobs=jobs, on_start=announce)
 
 

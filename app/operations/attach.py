@@ -13,7 +13,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from app.files import file_digest, whole_file, whole_folder
+from app.files import file_digest, private_folder, whole_file, whole_folder
 from app.intake.bounds import in_bounds
 from app.intake.models import Model, holds_models, read_models
 from app.intake.reports import Measure, Report, check_agreement, expanded, read_report, report_files
@@ -189,6 +189,7 @@ def _keep_report(settings: Settings, path: Path) -> str | None:
     digest = digest_of(files)
     folder = report_folder(settings, digest)
     if not folder.exists():
+        private_folder(folder.parent)
         with whole_folder(folder) as temporary:
             for file in files:
                 shutil.copyfile(file, temporary / file.name)
@@ -198,5 +199,6 @@ def _keep_report(settings: Settings, path: Path) -> str | None:
 def _keep_model(settings: Settings, model: Model) -> None:
     path = model_file(settings, model.sha256)
     if not path.exists():
+        private_folder(path.parent)
         with whole_file(path) as temporary:
             shutil.copyfile(model.path, temporary)

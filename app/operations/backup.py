@@ -6,14 +6,14 @@ import os
 import re
 import shutil
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO, Any
 from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 
-from app.files import PRIVATE, file_digest, is_plain_name, whole_file
+from app.files import PRIVATE, file_digest, is_plain_name, private_folder, whole_file
 from app.operations.attach import digest_of, model_file, report_folder
 from app.operations.encryption import decrypt, encrypt, is_encrypted, read_recipients
 from app.operations.erasure import erase_again
@@ -45,7 +45,7 @@ def back_up(
     Raises
     ------
     ValueError
-        If there is no database, a public key is none, or the file is there and would be missed.
+        If there is no database, a public key is none, the file is there and would be missed, or a film is missing.
     """
     given = (*encrypt_to, *([settings.backup_encrypt_to] if settings.backup_encrypt_to else []))
     recipients = read_recipients(given) if given else []
@@ -61,9 +61,10 @@ def back_up(
             with ZipFile(plain, "w", ZIP_DEFLATED) as archive:
                 tables = write_tables(database, archive, utc_now())
                 videos = sorted(_films(database)) if with_media else []
+                attached = _attached(settings, database) if with_media else []
+                _refuse_missing([*(settings.media_dir / name for name in videos), *attached])
                 for name in videos:
                     archive.write(settings.media_dir / name, MEDIA + name, ZIP_STORED)
-                attached = _attached(settings, database) if with_media else []
                 for file in attached:
                     archive.write(file, file.relative_to(settings.data_dir).as_posix())
             if recipients:
@@ -151,6 +152,8 @@ def _restore(settings: Settings, path: Path, content: IO[bytes], *, replace: boo
         refuse_what_is_held(database, replace=replace)
         places = {MEDIA + name: settings.media_dir / name for name in videos}
         places |= {name: settings.data_dir / name for name in attached}
+        for folder in {name.partition("/")[0] for name in attached}:
+            private_folder(settings.data_dir / folder)
         n_erased = 0
         try:
             with ExitStack() as files:
@@ -222,8 +225,18 @@ def _extract(archive: ZipFile, name: str, path: Path) -> None:
 def _attached(settings: Settings, database: Database) -> list[Path]:
     """Return the files of all studies' reports and models."""
     models, reports = _attached_digests(database)
-    of_reports = [file for digest in reports for file in sorted(report_folder(settings, digest).iterdir())]
+    folders = [report_folder(settings, digest) for digest in reports]
+    _refuse_missing(folders)
+    of_reports = [file for folder in folders for file in sorted(folder.iterdir())]
     return [*of_reports, *(model_file(settings, sha256) for sha256 in models)]
+
+
+def _refuse_missing(paths: Iterable[Path]) -> None:
+    if missing := next((path for path in paths if not path.exists()), None):
+        raise ValueError(
+            f"{missing}: is missing, so nothing was backed up; `reconstudy db check` names all that is missing, an "
+            "earlier backup with --media has it, and without --media the rows alone are backed up"
+        )
 
 
 def _attached_digests(database: Database) -> tuple[list[str], list[str]]:

@@ -21,19 +21,22 @@ TIMEOUT_S = 5.0  # a busy server; where none is, the answer comes at once
 def noted(settings: Settings, url: str) -> Iterator[None]:
     """Note the address of a server while the block runs."""
     note = settings.data_dir / NOTE_FILE
-    mine = {"url": url, "process": os.getpid()}
+    before, mine = _content_of(note), {"url": url, "process": os.getpid()}
     write_json(note, mine)
     try:
         yield
     finally:
         if _content_of(note) == mine:  # another server may have started meanwhile
-            note.unlink(missing_ok=True)
+            if _answers(str(before.get("url", ""))):  # one that still serves the folder
+                write_json(note, before)
+            else:
+                note.unlink(missing_ok=True)
 
 
 def running_url(settings: Settings) -> str | None:
     """Return the address of the server that serves this data folder; None if none answers."""
     url = str(_content_of(settings.data_dir / NOTE_FILE).get("url", ""))
-    return url if url and _answers(url) else None
+    return url if _answers(url) else None
 
 
 def url_for_links(settings: Settings) -> str:

@@ -53,6 +53,7 @@ Transaction = Connection  # the name of a connection for modules outside the sto
 BUSY_TIMEOUT_S = 20  # another program may hold SQLite's write lock, for example its shell
 SHRED_WITHIN_S = 1  # votes wait meanwhile
 CONNECT_TIMEOUT_S = 5
+SECRETS = ("password", "sslpassword")  # that may stand in the query of an address, by libpq
 POSTGRESQL_OPTIONS = "-c synchronous_commit=on"  # the server's default may be less
 
 
@@ -178,10 +179,16 @@ def open_database(url: str) -> Database:
 def _address(url: str) -> URL:
     try:
         return make_url(url)
-    except ArgumentError as error:
+    except (ArgumentError, ValueError):  # they repeat a part of the address, which may be its password
         raise ValueError(
-            f"RECONSTUDY_DATABASE_URL is {url!r}, expected an address such as postgresql://user@host/study"
-        ) from error
+            "RECONSTUDY_DATABASE_URL is no address of a database; expected one such as "
+            "postgresql+psycopg://user:password@host:5432/study, in whose password stand %40 for @, %3A for : and %2F "
+            "for /"
+        ) from None
+
+
+def _shown(address: URL) -> str:
+    return address.difference_update_query(SECRETS).render_as_string(hide_password=True)
 
 
 def _new_write_lock(engine: Engine) -> AbstractContextManager[None]:
@@ -192,7 +199,7 @@ def _new_engine(address: URL) -> Engine:
     if address.get_backend_name() == "postgresql":
         return _postgresql(address)
     if address.get_backend_name() != "sqlite":
-        raise ValueError(f"{address}: expected a database of SQLite or PostgreSQL (postgresql+psycopg://…)")
+        raise ValueError(f"{_shown(address)}: expected a database of SQLite or PostgreSQL (postgresql+psycopg://…)")
     path = address.database
     if path is None or path == ":memory:":
         raise ValueError(
@@ -214,7 +221,7 @@ def _postgresql(address: URL) -> Engine:
             connect_args={"connect_timeout": CONNECT_TIMEOUT_S, "options": POSTGRESQL_OPTIONS},
         )
     except ModuleNotFoundError as error:
-        raise ValueError(f"{address}: PostgreSQL needs an extra package: {error}") from error
+        raise ValueError(f"{_shown(address)}: PostgreSQL needs an extra package: {error}") from error
 
 
 def read_json_column(content: str | bytes) -> Any:
@@ -275,7 +282,7 @@ def embedded_file(url: str) -> Path | None:
 
 def without_password(url: str) -> str:
     """Return a database's address as it may be shown."""
-    return _address(url).render_as_string(hide_password=True)
+    return _shown(_address(url))
 
 
 def sorted_by(columns: Mapping[str, ColumnElement[Any]], sort: str) -> tuple[UnaryExpression[Any], ...]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -67,6 +67,10 @@ class Field:
         """Return the value, of the field's type."""
         raise NotImplementedError
 
+    def made_from(self, values: Values, settings: Settings) -> Any:  # noqa: ARG002 (some fields need them)
+        """Return the value that follows from those of other fields where none is given; None: none does."""
+        return None
+
     def words(self, value: Any, settings: Settings) -> list[str]:  # noqa: ARG002 (entries need the settings)
         """Return the command's arguments for a value."""
         return [f"{self.option}={value}"]
@@ -86,12 +90,14 @@ class Entry(Field):
     holds : a file that it has, which tells it from other entries of the shelf; empty: any
     lacks : a file that it does not have; empty: any
     takes : a folder, a file, either, or files: one, or all PLY files of a folder
+    otherwise : the entry that other fields' values name, where none is chosen
     """
 
     shelves: tuple[str, ...]
     holds: str = ""
     lacks: str = ""
     takes: Literal["folder", "file", "either", "files"] = "folder"
+    otherwise: Callable[[Values, Settings], str | None] = lambda _values, _settings: None
 
     def names(self, settings: Settings) -> list[str]:
         """Return the names that can be chosen, in order."""
@@ -108,6 +114,10 @@ class Entry(Field):
             raise self.refuse(given, "a name")
         self.path(given, settings)
         return given
+
+    def made_from(self, values: Values, settings: Settings) -> str | None:
+        """Return the entry that is used where none is chosen."""
+        return self.otherwise(values, settings)
 
     def path(self, name: str, settings: Settings) -> Path:
         """Return where an entry lies.

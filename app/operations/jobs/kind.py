@@ -58,7 +58,7 @@ class JobKind:
             raise InvalidError(f"There is no field {unknown[0][:40]!r}; expected some of {', '.join(sorted(known))}.")
         values = {field.name: field.read(given.get(field.name), settings) for field in self.fields}
         for field in self.fields:
-            if isinstance(field, NewName) and values[field.name] is None:
+            if values[field.name] is None:
                 values[field.name] = field.made_from(values, settings)
         self.more(values, settings)  # which refuses what it cannot use
         return NewJob(self.name, values, "/".join(self.output(values)))

@@ -2,13 +2,29 @@
 
 from __future__ import annotations
 
+import os.path
 from dataclasses import replace
 
+from app.errors import InvalidError
+from app.files import read_json
 from app.intake.stimuli import MANIFEST
 from app.intake.summaries import RUN_FILE
-from app.operations.jobs.fields import SETS, Choice, Entries, Entry, Names, Number, Text
+from app.operations.jobs.fields import SETS, Choice, Entries, Entry, Names, Number, Text, Values, place
 from app.operations.jobs.kind import JobKind, named
 from app.operations.jobs.shared_fields import CAPTURE, FRAMES, NAME_FORM, NAMES_FORM, report_name
+from app.settings import Settings
+
+
+def recording_of(values: Values, settings: Settings) -> str | None:
+    """Return the capture that a run was made of; None where it lies elsewhere, or the run names none."""
+    run = place(settings, "runs") / values["run"]
+    try:
+        folder, name = os.path.split(os.path.normpath(run / str(read_json(run / RUN_FILE).get("recording"))))
+        is_here = folder == os.path.normpath(place(settings, "captures"))
+        return CAPTURE.checked(name, settings) if is_here else None
+    except (ValueError, InvalidError):
+        return None
+
 
 DATASET = Text(
     name="dataset",
@@ -69,7 +85,13 @@ VALIDATIONS = (
         fields=(
             Entry(name="run", label="Run", shelves=("runs",), holds=RUN_FILE, is_required=True),
             report_name("{run}-views"),
-            replace(CAPTURE, option="--capture", help="none: where the run says that it was", is_required=False),
+            replace(
+                CAPTURE,
+                option="--capture",
+                help="none: where the run says that it was",
+                is_required=False,
+                otherwise=recording_of,
+            ),
             FRAMES,
             Number(
                 name="threshold",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -54,6 +55,10 @@ def vote_row(number: int, trial_id: int, session_id: int) -> dict[str, Any]:
         "viewing": {"switches": [{"to": "b", "at_ms": 1.5}], "first_shown": "a"},
         "received_at": NOW.replace(microsecond=number),
     }
+
+
+def modes_of_attached(settings: Settings) -> set[int]:
+    return {(settings.data_dir / folder).stat().st_mode & 0o777 for folder in ("reports", "models")}
 
 
 def rows_of(settings: Settings) -> dict[str, list[Any]]:
@@ -372,9 +377,11 @@ def test_videos_travel_with_a_backup_and_are_checked(stimulus_set: Path, tmp_pat
     (report / "report.json").write_text('{"kind": "sphere", "measures": []}', encoding="utf-8")
     (report / "curve.csv").write_text("threshold\n1\n", encoding="utf-8")
     manage.attach_results(here, [report, small_models.write_folder(tmp_path / "models")])
+    assert modes_of_attached(here) == {0o700}, "before a server has ever run"
     saved = back_up(here, tmp_path / "backup.zip", with_media=True)
     assert (saved["videos"], saved["attached"]) == (12, 5)
     assert restore(there, tmp_path / "backup.zip")["missing_videos"] == 0
+    assert modes_of_attached(there) == {0o700}
     for folder in ("reports", "models"):
         assert files_below(there.data_dir / folder) == files_below(here.data_dir / folder) != {}
     assert check(there) == {"faults": [], "videos": 12, "attached": 5}
@@ -382,6 +389,14 @@ def test_videos_travel_with_a_backup_and_are_checked(stimulus_set: Path, tmp_pat
     first.unlink()
     second.write_bytes(b"")
     assert check(there)["faults"] == [f"{first}: is missing", f"{second}: is not the file that was prepared"]
+    with pytest.raises(ValueError, match=r"is missing.*`reconstudy db check` names all .*without --media"):
+        back_up(there, tmp_path / "backup.zip", with_media=True)
+    assert restore(there, tmp_path / "backup.zip", replace=True)["videos"] == 12, "the earlier backup is still there"
+    assert check(there)["faults"] == []
+    shutil.rmtree(next((there.data_dir / "reports").iterdir()))
+    with pytest.raises(ValueError, match=r"reports.*is missing.*`reconstudy db check` names all"):
+        back_up(there, tmp_path / "other.zip", with_media=True)
+    assert not (tmp_path / "other.zip").exists()
 
 
 @pytest.mark.slow

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import socket
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,7 +17,7 @@ from sqlalchemy import text
 from app.main import running_server, serve
 from app.operations.extras import MODULES
 from app.operations.manage import upgrade_database
-from app.operations.running import DEFAULT_URL, noted, url_for_links
+from app.operations.running import DEFAULT_URL, noted, running_url, url_for_links
 from app.operations.status import server_status
 from app.settings import Settings
 from app.store.engine import open_database
@@ -25,6 +29,39 @@ def test_the_status_of_an_empty_folder_makes_nothing(tmp_path: Path) -> None:
     assert status["data_dir"] == str(tmp_path / "reconstudy")
     assert (status["database"]["version"], status["studies"], status["server"]) == (None, None, None)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["what? ", "50%41", "a#b", "two\nlines", "Jürgen's study"])
+def test_the_database_lies_in_its_data_folder_whatever_that_is_called(tmp_path: Path, name: str) -> None:
+    settings = Settings(data_dir=tmp_path / name)
+    upgrade_database(settings)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert server_status(settings)["database"]["place"] == str(settings.data_dir / "study.sqlite")
+
+
+def test_a_folders_second_server_leaves_the_first_one_noted(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    with running_server(settings) as first, noted(settings, first):
+        with running_server(settings) as second, noted(settings, second):
+            assert running_url(settings) == second
+        assert running_url(settings) == first
+    assert not (settings.data_dir / "server.json").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
+def test_a_server_that_is_told_to_end_is_noted_no_longer(tmp_path: Path, how: signal.Signals) -> None:
+    settings = Settings(data_dir=tmp_path)
+    command = [sys.executable, "-m", "app.cli", "serve", "--port=0", "--jobs=0"]
+    environment = os.environ | settings.as_environment()
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as server:
+        assert server.stdout is not None
+        assert server.stdout.readline().startswith(b"Serving ")
+        assert (tmp_path / "server.json").exists()
+        server.send_signal(how)
+        server.communicate(timeout=60)
+    assert server.returncode == (-how if how == signal.SIGTERM else 130)
+    assert not (tmp_path / "server.json").exists()
 
 
 def test_commands_print_links_of_the_server_that_runs(
@@ -67,7 +104,7 @@ def test_a_command_without_its_database_says_what_the_database_said(
     assert told.code == 1
     assert told.err.splitlines()[-1] == (
         "reconstudy: the database cannot be used: unable to open database file; `reconstudy status` tells where it "
-        "lies and what space is left"
+        "lies and what space is left; run it as the server's user"
     )
 
 
@@ -98,6 +135,22 @@ def test_who_serves_a_laboratory_is_told_that_links_need_this_computers_address(
     told = command("serve", "--host", "0.0.0.0").out
     assert ("on other computers, with this one's name or address for 0.0.0.0" in told) is is_told
     assert f"experimenters: {public_url or 'http://0.0.0.0:8000'}/admin" in told
+
+
+@pytest.mark.parametrize("log_format", ["text", "json"])
+def test_a_server_whose_output_is_a_log_prints_no_links(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, log_format: str
+) -> None:
+    """The journal keeps what a server under systemd prints: links would open a session, or make an owner."""
+    monkeypatch.setattr("app.main.serve", lambda *_, on_start, **__: on_start("http://127.0.0.1:8000"))
+    monkeypatch.setattr(
+        "app.operations.manage.list_studies", lambda _: [{"name": "Ball", "invitations": ["m65rdenpqzuj"]}]
+    )
+    monkeypatch.setenv("RECONSTUDY_DATA_DIR", str(tmp_path))
+    monkeypatch.setenv("RECONSTUDY_LOG_FORMAT", log_format)
+    told = command("serve").out
+    assert told.startswith(f"Serving {tmp_path} at http://127.0.0.1:8000")
+    assert [secret in told for secret in ("/s/m65rdenpqzuj", "/admin/setup/")] == [log_format == "text"] * 2
 
 
 def test_extras_are_found_without_loading_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

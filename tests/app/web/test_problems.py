@@ -27,6 +27,15 @@ def test_a_wrong_method_is_a_problem(client: httpx.Client, path: str) -> None:
     assert "GET" in answer.headers["allow"]
 
 
+@pytest.mark.parametrize("path", ["/", "/healthz", "/readyz"])
+def test_head_tells_of_a_page_what_get_would(client: httpx.Client, path: str) -> None:
+    """Monitors and checks of links ask so."""
+    read, asked = client.get(path), client.head(path)
+    assert (asked.status_code, asked.content) == (200, b"")
+    assert asked.headers["content-length"] == str(len(read.content))
+    assert asked.headers["content-type"] == read.headers["content-type"]
+
+
 def test_a_person_reads_a_page_instead(client: httpx.Client) -> None:
     answer = client.get("/nothing", headers={"Accept": "text/html"})
     assert answer.status_code == 404

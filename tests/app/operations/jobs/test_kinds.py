@@ -15,6 +15,7 @@ from typer.main import get_command
 
 from app.cli import app as command_line
 from app.errors import InvalidError
+from app.files import write_json
 from app.operations.jobs.fields import Choice, Choices, Entries, Entry, Number, Switch, Text
 from app.operations.jobs.kinds import KINDS, job_kind, kinds_for
 from app.settings import Settings
@@ -156,6 +157,26 @@ def test_a_name_is_made_where_none_is_given_and_numbered_where_it_is_taken(here:
     assert job_kind("validate-views").read({"run": "done"}, here).output == "runs/done-views"
     (here.intake_dir / "runs" / "done-views").mkdir()
     assert job_kind("validate-views").read({"run": "done"}, here).output == "runs/done-views-2"
+
+
+@pytest.mark.parametrize(
+    ("recording", "capture"),
+    [("../../captures/ball", "ball"), ("../../captures/gone", None), ("../../../elsewhere/ball", None), (None, None)],
+)
+def test_a_validation_of_views_reads_the_recording_that_the_run_names(
+    here: Settings, tmp_path: Path, recording: str | None, capture: str | None
+) -> None:
+    """So it does not run beside a job that changes the recording."""
+    settings = Settings(data_dir=tmp_path)
+    shutil.copytree(here.intake_dir, settings.intake_dir, symlinks=True)
+    write_json(settings.intake_dir / "runs" / "done" / "run.json", {"recording": recording})
+    kind = job_kind("validate-views")
+    read = kind.reads(kind.read({"run": "done"}, settings).arguments)
+    assert read == {"runs/done"} | ({f"captures/{capture}"} if capture else set())
+    (settings.intake_dir / "captures" / "other").mkdir()
+    (settings.intake_dir / "captures" / "other" / "capture.json").touch()
+    chosen = kind.reads(kind.read({"run": "done", "capture": "other"}, settings).arguments)
+    assert chosen == {"runs/done", "captures/other"}
 
 
 def test_a_folder_of_clouds_stands_for_its_files(here: Settings) -> None:
