@@ -336,7 +336,7 @@ def _lie_within(places: NDArray[np.float64], sights: Sequence[Sight], reach: flo
     """Tell which places (N, 3), mm, lie inside all masks, or less than a part of `reach` mm beside them."""
     is_outside = np.min([sight.margins(places) for sight in sights], axis=0) < -BESIDE * reach
     is_outside[is_outside] = _margins(places[is_outside], sights, reach).min(axis=0) < -BESIDE * reach
-    return ~is_outside
+    return np.asarray(~is_outside)
 
 
 def _margins(points: NDArray[np.floating], sights: Sequence[Sight], reach: float) -> NDArray[np.float32]:
