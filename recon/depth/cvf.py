@@ -78,7 +78,7 @@ class Matches:
 
 
 def match_id(
-    pair: StereoPair, parameters: IdParameters = IdParameters(), gpu: Gpu | None = None
+    pair: StereoPair, parameters: IdParameters = IdParameters(), *, gpu: Gpu | None = None
 ) -> NDArray[np.float32]:
     """Match the left image by cost-volume filtering (ID): whole disparities, float32 (H, W), pixels.
 
@@ -110,7 +110,7 @@ class DrParameters(IdParameters):
 
 
 def match_dr(
-    pair: StereoPair, parameters: DrParameters = DrParameters(), gpu: Gpu | None = None
+    pair: StereoPair, parameters: DrParameters = DrParameters(), *, gpu: Gpu | None = None
 ) -> NDArray[np.float32]:
     """Match the left image by cost-volume filtering with refinement (DR): subpixel disparities, float32 (H, W).
 

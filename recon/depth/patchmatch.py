@@ -76,7 +76,7 @@ class PmParameters:
 
 
 def match_pm(
-    pair: StereoPair, parameters: PmParameters = PmParameters(), gpu: Gpu | None = None
+    pair: StereoPair, parameters: PmParameters = PmParameters(), *, gpu: Gpu | None = None
 ) -> NDArray[np.float32]:
     """Match the left image by PatchMatch over slanted planes (PM): float32 (H, W), units and NaN as in `match_id`.
 

@@ -52,7 +52,8 @@ def test_a_folders_second_server_leaves_the_first_one_noted(tmp_path: Path) -> N
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
 def test_a_server_that_is_told_to_end_is_noted_no_longer(tmp_path: Path, how: signal.Signals) -> None:
     settings = Settings(data_dir=tmp_path)
-    command = [sys.executable, "-m", "app.cli", "serve", "--port=0", "--jobs=0"]
+    heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # what runs unattended ignores it
+    command = [sys.executable, "-c", f"{heed}; from app.cli import main; main()", "serve", "--port=0", "--jobs=0"]
     environment = os.environ | settings.as_environment()
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as server:
         assert server.stdout is not None
