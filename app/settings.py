@@ -80,7 +80,7 @@ class Settings(BaseSettings):
 
     @property
     def url(self) -> str:
-        if self.database_url is not None:
+        if self.database_url:
             return self.database_url
         path = str((self.data_dir / "study.sqlite").absolute())
         return f"sqlite:///{path.replace('%', '%25').replace('?', '%3F')}"  # else it would end, or be read, there

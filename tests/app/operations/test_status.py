@@ -39,6 +39,11 @@ def test_the_database_lies_in_its_data_folder_whatever_that_is_called(tmp_path: 
     assert server_status(settings)["database"]["place"] == str(settings.data_dir / "study.sqlite")
 
 
+def test_an_empty_address_of_a_database_is_none(tmp_path: Path) -> None:
+    """As a file of settings leaves it where nothing is filled in."""
+    assert Settings(data_dir=tmp_path, database_url="").url == Settings(data_dir=tmp_path).url
+
+
 def test_a_folders_second_server_leaves_the_first_one_noted(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path)
     with running_server(settings) as first, noted(settings, first):
