@@ -8,15 +8,6 @@ from sqlalchemy import ColumnElement, Select, exists, select
 
 from app.store.tables import exclusion, participant, session
 
-COUNTING = (  # of a query of sessions that is joined to `participant`
-    session.c.withdrawn_at,
-    select(exclusion.c.reason)
-    .where(exclusion.c.participant_id == participant.c.id, exclusion.c.undone_at.is_(None))
-    .correlate(participant)
-    .scalar_subquery()
-    .label("exclusion"),
-)
-
 
 def takes_part_in(study_id: ColumnElement[int] | int) -> ColumnElement[bool]:
     """SQL condition: the participant belongs to a study and is no preview."""
@@ -31,6 +22,16 @@ def sessions_in(study_id: int) -> Select[Any]:
 def in_force(participant_id: ColumnElement[int] | int) -> ColumnElement[bool]:
     """SQL condition: the exclusion is the participant's and was not undone."""
     return (exclusion.c.participant_id == participant_id) & exclusion.c.undone_at.is_(None)
+
+
+COUNTING = (  # of a query of sessions that is joined to `participant`
+    session.c.withdrawn_at,
+    select(exclusion.c.reason)
+    .where(in_force(participant.c.id))
+    .correlate(participant)
+    .scalar_subquery()
+    .label("exclusion"),
+)
 
 
 def counting(row: Any) -> dict[str, Any]:

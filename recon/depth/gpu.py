@@ -77,13 +77,11 @@ class Held:
     """What both searches read of a view, in the GPU's memory.
 
     codes : uint32 (2, H, before + W + after), see `View.framed_codes`
-    across, down, passage : see `Passages`
+    passages : see `Passages`
     """
 
     codes: Any
-    across: Any
-    down: Any
-    passage: Any
+    passages: tuple[Any, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +132,7 @@ class Gpu:
             rest = (on_gpu(mask), *numbers, BEHIND)
             for grey, plane in zip((view.grey, blurred(view.grey)), codes, strict=True):
                 self._run("census", (-(-pitch // THREADS), height), THREADS, (on_gpu(grey), *rest, plane))
-            return Held(codes, *map(on_gpu, view.passages))
+            return Held(codes, (*map(on_gpu, view.passages),))
 
     def search(
         self,
@@ -213,10 +211,9 @@ class Gpu:
             numbers = np.array([settings], [(name, "f4") for name in settings._fields])
             for side, turn, seed in turns:
                 colours, words, _ = held[side]
-                passages = views[side].held
                 pictures = map(_pointer, (colours, words, held[1 - side][2], weights))
-                flows = map(_pointer, (passages.across, passages.down, passages.passage))
-                seen = np.array([(*pictures, colours.shape[2], *flows, *views[side].shape)], SEEN)
+                passages = map(_pointer, views[side].held.passages)
+                seen = np.array([(*pictures, colours.shape[2], *passages, *views[side].shape)], SEEN)
                 changing = (moving[side], known[side], moved[side])
                 arguments = (seen, numbers, moving[1 - side], np.int32(turn), np.uint32(seed), *changing)
                 self._run_groups("sweep", height * ((width + 1) // 2), arguments, THREADS)
@@ -227,8 +224,7 @@ class Gpu:
         here, there = view.held, other.held
         pointers = map(_pointer, (*here.codes, *there.codes))
         places = (here.codes.shape[2], there.codes.shape[2], view.level.before, other.origin)
-        passages = map(_pointer, (here.across, here.down, here.passage))
-        return np.array([(*pointers, *places, *passages, *view.shape)], VIEW)
+        return np.array([(*pointers, *places, *map(_pointer, here.passages), *view.shape)], VIEW)
 
     def _run_groups(self, kernel: str, n_groups: int, arguments: tuple[Any, ...], threads: int = FEW_THREADS) -> None:
         self._run(kernel, (-(-n_groups * N_LANES // threads),), threads, arguments)

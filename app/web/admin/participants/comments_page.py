@@ -119,9 +119,8 @@ def put_tag(
             untag_comment(connection, study.id, place, tag)
         else:
             tag_comment(connection, study.id, place, _tag(tag), actor.name, actor.now)
-        actor.note(
-            connection, "tag taken off" if take_off else "comment tagged", study, participant
-        )  # the log outlives an erasure
+        # without the tag's name, as the log outlives an erasure
+        actor.note(connection, "tag taken off" if take_off else "comment tagged", study, participant)
     return _seen(study, back)
 
 
