@@ -14,6 +14,7 @@ from app.settings import Settings
 
 NOTE_FILE = "server.json"  # in the data folder
 DEFAULT_URL = "http://127.0.0.1:8000"
+LOOPBACK = {"//0.0.0.0": "//127.0.0.1", "//[::]": "//[::1]"}  # this computer, for what listens on every network
 TIMEOUT_S = 5.0  # a busy server; where none is, the answer comes at once
 
 
@@ -41,7 +42,10 @@ def running_url(settings: Settings) -> str | None:
 
 def url_for_links(settings: Settings) -> str:
     """Return the address for links that are printed: the public one, that of the running server, or the usual one."""
-    return settings.public_url or running_url(settings) or DEFAULT_URL
+    url = settings.public_url or running_url(settings) or DEFAULT_URL
+    for every_network, loopback in LOOPBACK.items():
+        url = url.replace(every_network, loopback)
+    return url
 
 
 def _content_of(note: Path) -> dict[str, Any]:

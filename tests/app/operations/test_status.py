@@ -86,6 +86,12 @@ def test_commands_print_links_of_the_server_that_runs(
     assert not (settings.data_dir / "server.json").exists()
 
 
+def test_links_of_a_server_on_every_network_open_on_this_computer(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path / "reconstudy")
+    with running_server(settings) as url, noted(settings, url.replace("127.0.0.1", "0.0.0.0")):
+        assert url_for_links(settings) == url
+
+
 def test_a_server_that_died_is_not_taken_for_running(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path)
     with socket.create_server(("127.0.0.1", 0)) as bound:
