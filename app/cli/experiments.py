@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import socket
 import sys
 import threading
@@ -95,11 +96,15 @@ def demo(
             f"\nScores in natural log-odds, best first (simulated participants prefer {ability_sentence()}):\n"
             f"{score_sentences(analysis)}\nReport: {out / 'analysis/report.html'}\n"
         )  # fmt: skip
-        sentences = (
-            f"{scores}\nBegin here:          {url}\nAs a participant:    {links['participant']}\n"
-            f"As an experimenter:  {links['experimenter']}\n"
-            f"Data folder:         {settings.data_dir} (further commands on it: cd {out}, then reconstudy status)"
-        )
+        served = {
+            "Begin here": url,
+            "As a participant": links["participant"],
+            "As an experimenter": links["experimenter"],
+        }
+        ended = {"To see its pages": shlex.join(["reconstudy", "demo", "--out", str(out)])}
+        data = {"Data folder": f"{settings.data_dir} (further commands on it: cd {out}, then reconstudy status)"}
+        places = (served if serve else ended) | data
+        sentences = scores + "".join(f"\n{name + ':':<20} {place}" for name, place in places.items())
         result = {"out": str(out), "url": url, **links, **({"scores": analysis["scores"]} if analysis else {})}
         print_result(result, sentences, as_json=as_json)
         if serve:

@@ -198,7 +198,8 @@ def test_it_runs_the_whole_demo(recon: Installed) -> None:
         recon.run("reconstudy", "capture", "synth", folder, "--scene", scene, "--frames", 2, "--size", "90x160")
         recon.run("reconstudy", "capture", "segment", folder)
     told = recon.run("reconstudy", "demo", "--no-serve", "--participants", 1, "--port", 0, "--size", "160x90")
-    assert "As a participant:" in told
+    assert "To see its pages:    reconstudy demo --out demo\n" in told
+    assert "http://" not in told, "links of a server that has ended"
     assert "</html>" in (recon.work / "demo" / "analysis" / "report.html").read_text(encoding="utf-8")
 
 
