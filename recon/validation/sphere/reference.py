@@ -27,6 +27,7 @@ from recon.validation.super4pcs import rigid_motions
 
 MIN_PLACES = 3  # to determine a rigid motion
 THIN = 0.02  # of the longest extent of the places: with less across it, they lie on a line
+OTHER_UNIT = 2.0  # ratio of extents that no error explains; an inch has 2.54 cm
 EXPANDED = 2.0  # coverage factor of the normalised error, as in ISO 17043's E_n
 
 
@@ -62,7 +63,7 @@ def read_references(settings: ReferenceSettings, radius: float, n_samples: int, 
     if settings.frame not in FRAMES:
         raise ValueError(f"the reference's frame is {settings.frame!r}, expected one of {', '.join(FRAMES)}")
     clouds = [read_measured(path, settings.unit) for path in settings.files]
-    if len(clouds) == 1 and len(clouds[0]) < MIN_POINTS:
+    if len(clouds) == 1 and (n_samples > 1 or len(clouds[0]) < MIN_POINTS):
         centres = [Centre(place.astype(np.float64), np.zeros((3, 3))) for place in clouds[0]]
     else:
         centres = [_scanned(path, cloud, radius, seed) for path, cloud in zip(settings.files, clouds, strict=True)]
@@ -103,12 +104,15 @@ def agreement(references: Sequence[Centre], measured: Mapping[int, Centre], fram
     Raises
     ------
     FitError
-        If the places used do not determine the motion between the frames.
+        If no place is used, those used do not determine the motion between the frames, or the units must differ.
     """
+    if not measured:
+        raise FitError("none of the placed balls is used: there is no centre to compare with the reference")
     samples = sorted(measured)
     ours, theirs = (np.stack([centre.place for centre in centres]) for centres in (
         [measured[sample] for sample in samples], [references[sample - 1] for sample in samples]))  # fmt: skip
     motion, n_free = (np.eye(4), 0) if frame == SENSORS else (_motion(theirs, ours), 6)
+    _check_unit(theirs, ours)
     turn, dof = motion[:3, :3], 3 * len(samples) - n_free
     residuals = ours - transformed(theirs, motion)
     rows, squares = [], []
@@ -158,10 +162,20 @@ def _motion(theirs: NDArray[np.float64], ours: NDArray[np.float64]) -> NDArray[n
         raise FitError(f"{len(ours)} of the placed balls are used, but a rigid motion takes at least {MIN_PLACES}")
     for name, places in (("reference", theirs), ("fitted", ours)):
         spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
-        if spread[1] < THIN * spread[0]:
+        if spread[1] <= THIN * spread[0]:
             raise FitError(f"the {name} centres lie on a line, about which any turn fits: place a ball off that line")
     motion = rigid_motions(theirs, ours[None])[0]
     return rigid(motion[:, :3], motion[:, 3])
+
+
+def _check_unit(theirs: NDArray[np.float64], ours: NDArray[np.float64]) -> None:
+    """Refuse, by a FitError, places (N, 3) that extend so differently that one of them must be in another unit."""
+    theirs_mm, ours_mm = (float(np.linalg.norm(places.std(axis=0))) for places in (theirs, ours))
+    if len(ours) > 1 and not OTHER_UNIT * ours_mm > theirs_mm > ours_mm / OTHER_UNIT:
+        raise FitError(
+            f"the reference's places extend over {theirs_mm:.3g} mm, those in the clouds over {ours_mm:.3g} mm (standard "
+            "deviations): give the reference's unit with --reference-unit"
+        )
 
 
 def _scale(theirs: NDArray[np.float64], ours: NDArray[np.float64]) -> dict[str, float]:

@@ -145,8 +145,29 @@ def test_places_that_determine_no_motion_are_refused() -> None:
     on_a_line = np.outer(np.arange(4.0), (1.0, 2.0, 3.0)) * 100
     with pytest.raises(FitError, match="lie on a line"):
         agreement(centres(on_a_line), dict(enumerate(centres(on_a_line), start=1)), "own")
+    with pytest.raises(FitError, match="reference centres lie on a line"):  # all the same, as by a slip of a script
+        agreement(centres(PLACES[[0, 0, 0, 0]]), dict(enumerate(centres(PLACES), start=1)), "own")
     with pytest.raises(FitError, match="2 of the placed balls are used"):
         agreement(centres(PLACES), dict(enumerate(centres(PLACES[:2]), start=1)), "own")
+
+
+@pytest.mark.parametrize("frame", ["own", "sensors"])
+@pytest.mark.parametrize("scale", [0.001, 1 / 2.54, 10.0])
+def test_a_reference_in_another_unit_is_refused(scale: float, frame: str) -> None:
+    with pytest.raises(FitError, match=r"the reference's places extend .*--reference-unit"):
+        agreement(centres(PLACES * scale), dict(enumerate(centres(PLACES), start=1)), frame)
+
+
+def test_without_a_ball_that_is_used_there_is_no_agreement() -> None:
+    with pytest.raises(FitError, match="none of the placed balls is used"):
+        agreement(centres(PLACES[:1]), {}, "sensors")
+
+
+def test_one_file_holds_the_centres_of_any_number_of_balls(tmp_path: Path) -> None:
+    places = np.random.default_rng(1).uniform(-500, 500, (60, 3))
+    np.savetxt(tmp_path / "centres.txt", places)
+    read = read_references(ReferenceSettings((tmp_path / "centres.txt",)), 150.0, 60, 1)
+    assert np.allclose([centre.place for centre in read], places, atol=1e-3)
 
 
 def test_references_that_do_not_suit_the_samples_are_refused(tmp_path: Path) -> None:
