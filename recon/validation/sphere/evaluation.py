@@ -152,6 +152,9 @@ def _check(clouds: Sequence[CloudFile], settings: SphereSettings) -> None:
     strangers = set(settings.viewpoints) - {cloud.sensor for cloud in clouds}
     if strangers:
         raise ValueError(f"viewpoints are given for {', '.join(sorted(strangers))}, of which there is no cloud")
+    both = sorted({*settings.keep} & {*settings.drop})
+    if both:
+        raise ValueError(f"{', '.join(both)}: is both to be kept and to be left out; say one of the two")
     unknown = {*settings.keep, *settings.drop} - {cloud.name for cloud in clouds}
     if unknown:
         known = ", ".join(cloud.name for cloud in clouds)

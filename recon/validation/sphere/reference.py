@@ -173,8 +173,8 @@ def _check_unit(theirs: NDArray[np.float64], ours: NDArray[np.float64]) -> None:
     theirs_mm, ours_mm = (float(np.linalg.norm(places.std(axis=0))) for places in (theirs, ours))
     if len(ours) > 1 and not OTHER_UNIT * ours_mm > theirs_mm > ours_mm / OTHER_UNIT:
         raise FitError(
-            f"the reference's places extend over {theirs_mm:.3g} mm, those in the clouds over {ours_mm:.3g} mm (standard "
-            "deviations): give the reference's unit with --reference-unit"
+            f"the reference's places extend over {theirs_mm:.3g} mm, those in the clouds over {ours_mm:.3g} mm "
+            "(standard deviations): give the reference's unit with --reference-unit"
         )
 
 

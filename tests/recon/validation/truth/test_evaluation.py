@@ -156,10 +156,30 @@ def test_a_scanner_that_stands_on_what_it_scanned_is_refused(tmp_path: Path) -> 
         measure_mesh(tmp_path / "scan.xyz", tmp_path / "scan.xyz", settings)
 
 
-@pytest.mark.parametrize("settings", [MeshSettings((1.0,), cell=0.0), MeshSettings((1.0,), voxel=-2.0)])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        MeshSettings((1.0,), cell=0.0),
+        MeshSettings((1.0,), cell=float("inf")),
+        MeshSettings((1.0,), voxel=-2.0),
+        MeshSettings((1.0,), voxel=float("nan")),
+    ],
+)
 def test_cells_without_a_width_are_refused(tmp_path: Path, settings: MeshSettings) -> None:
     with pytest.raises(ValueError, match="expected a positive length"):
         measure_mesh(tmp_path / "rec.xyz", tmp_path / "truth.xyz", settings)
+
+
+def test_voxels_too_small_to_be_numbered_are_refused(tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "rec.xyz", np.random.default_rng(7).uniform(0, 300, (60, 3)))
+    with pytest.raises(ValueError, match=r"voxels of 1e-09 mm are too small for points .* mm across"):
+        measure_mesh(tmp_path / "rec.xyz", tmp_path / "rec.xyz", MeshSettings((1.0,), voxel=1e-9))
+
+
+@pytest.mark.parametrize("threshold", [0.0, 2.0])
+def test_a_threshold_for_the_table_that_is_none_of_the_scores_is_refused(tmp_path: Path, threshold: float) -> None:
+    with pytest.raises(ValueError, match=f"the threshold {threshold:g} mm is none of 1, 3"):
+        measure_mesh(tmp_path / "rec.xyz", tmp_path / "truth.xyz", MeshSettings((1.0, 3.0), threshold))
 
 
 def test_nothing_within_the_threshold_scores_zero() -> None:
@@ -272,6 +292,13 @@ def test_a_truth_of_one_point_is_refused(tmp_path: Path) -> None:
     for pair in ((mesh, truth), (truth, mesh)):
         with pytest.raises(ValueError, match=r"one.xyz: holds a single point, expected a mesh or a cloud"):
             measure_mesh(*pair, MeshSettings((1.0,)))
+
+
+def test_a_mesh_without_an_area_is_named(tmp_path: Path) -> None:
+    points = np.outer(np.arange(3.0), (1.0, 1.0, 1.0))
+    flat = write_coloured(tmp_path / "flat.ply", points, np.array([[0, 1, 2]], np.int32), np.zeros((3, 3), np.uint8))
+    with pytest.raises(ValueError, match=r"flat.ply: the mesh's 1 triangles have no area"):
+        measure_mesh(write_mesh(tmp_path / "a.ply", square(3)), flat, MeshSettings((1.0,)))
 
 
 @pytest.mark.slow
