@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from recon.cli.console import JsonOption, ProgressLine, print_result
-from recon.cli.options import WorkersOption, parse_frames, parse_names, parse_position
+from recon.cli.options import WorkersOption, parse_frames, parse_names, parse_position, refuse_url
 from recon.cli.validation_sentences import (
     cloud_sentences,
     cuboid_sentences,
@@ -26,7 +26,20 @@ DatasetOption = Annotated[str, typer.Option(help="Scene of a study that the resu
 ApproachOption = Annotated[
     list[str] | None, typer.Option(help="Approach of a study that the results are for, such as pm_fb; may be repeated.")
 ]
-ReportOption = Annotated[Path, typer.Option("--out", "-o", file_okay=False, help="Folder of the report.")]
+
+
+def _report_folder(context: typer.Context, parameter: typer.CallbackParam, out: Path) -> Path:
+    """Refuse a URL, or a folder of somebody else's, before anything is measured."""
+    from recon.validation.page import check_report_folder
+
+    refuse_url(context, parameter, out)
+    check_report_folder(out)
+    return out
+
+
+ReportOption = Annotated[
+    Path, typer.Option("--out", "-o", file_okay=False, callback=_report_folder, help="Folder of the report.")
+]
 SensorsOption = Annotated[
     list[str] | None, typer.Option(help="Sensor of each cloud, in order; fewer names than clouds repeat.")
 ]

@@ -111,6 +111,13 @@ def centres(places: NDArray[np.float64], u: float = 0.0) -> list[Centre]:
     return [Centre(place, u**2 * np.eye(3)) for place in places]
 
 
+def test_a_distance_that_shows_only_without_the_calibration_is_said_to_be_that() -> None:
+    offsets = {"S1": np.array([1.5, 0.0, 0.0]), "S2": np.array([-1.5, 0.0, 0.0])}
+    sentence = "without what most samples share, its centre is 3.00 mm from that of the other sensors, over 2.5 mm"
+    for found in findings(fits_at((0, 0, 0), (0, 0, 0)), {}, None, offsets).values():
+        assert [finding.sentence for finding in found] == [sentence]
+
+
 def test_the_motion_between_two_frames_is_estimated_and_its_residuals_are_left() -> None:
     ours = PLACES @ TURN.T + SHIFT
     measured = dict(enumerate(centres(ours), start=1))
