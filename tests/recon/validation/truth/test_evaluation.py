@@ -14,6 +14,7 @@ from recon.cli.main import app
 from recon.geometry.mesh import Cloud, Mesh, Shape
 from recon.geometry.mesh_files import write_cloud, write_coloured, write_mesh
 from recon.studio.objects import ball
+from recon.validation.cloud_quality import find_compared
 from recon.validation.clouds import read_shape
 from recon.validation.measures import Subject
 from recon.validation.sampling import order_by_cells
@@ -260,6 +261,14 @@ def test_the_report_lists_measures_of_an_approach(tmp_path: Path) -> None:
         ("F-score at 3.5 mm", "more is better"),
     ]
     assert {(row["dataset"], row["approach"]) for row in report["measures"]} == {("ball", "pm_fb")}
+
+
+@pytest.mark.parametrize("names", [("", ("pm_fb",)), ("ball", ("pm_fb", ""))])
+def test_an_empty_name_which_no_study_takes_is_refused(names: tuple[str, tuple[str, ...]]) -> None:
+    with pytest.raises(ValueError, match="the name of a dataset or an approach is empty"):
+        Subject(*names)
+    with pytest.raises(ValueError, match="the name of a dataset or an approach is empty"):
+        find_compared([Path("a.ply")], Path("b.ply"), names=names[1][-1:], dataset=names[0])
 
 
 def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
