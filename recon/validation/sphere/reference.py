@@ -28,6 +28,7 @@ from recon.validation.super4pcs import rigid_motions
 MIN_PLACES = 3  # to determine a rigid motion
 THIN = 0.02  # of the longest extent of the places: with less across it, they lie on a line
 OTHER_UNIT = 2.0  # ratio of extents that no error explains; an inch has 2.54 cm
+MORE_PLACES = "--keep some that were left out, or leave out --reference-centre"
 EXPANDED = 2.0  # coverage factor of the normalised error, as in ISO 17043's E_n
 
 
@@ -107,7 +108,7 @@ def agreement(references: Sequence[Centre], measured: Mapping[int, Centre], fram
         If no place is used, those used do not determine the motion between the frames, or the units must differ.
     """
     if not measured:
-        raise FitError("none of the placed balls is used: there is no centre to compare with the reference")
+        raise FitError(f"none of the placed balls is used, so that there is nothing to compare; {MORE_PLACES}")
     samples = sorted(measured)
     ours, theirs = (np.stack([centre.place for centre in centres]) for centres in (
         [measured[sample] for sample in samples], [references[sample - 1] for sample in samples]))  # fmt: skip
@@ -159,7 +160,9 @@ def _scanned(path: Path, cloud: NDArray[np.float32], radius: float, seed: int) -
 def _motion(theirs: NDArray[np.float64], ours: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the rigid motion (4, 4) from their places (N, 3) to ours."""
     if len(ours) < MIN_PLACES:
-        raise FitError(f"{len(ours)} of the placed balls are used, but a rigid motion takes at least {MIN_PLACES}")
+        raise FitError(
+            f"{len(ours)} of the placed balls are used, but a rigid motion takes at least {MIN_PLACES}; {MORE_PLACES}"
+        )
     for name, places in (("reference", theirs), ("fitted", ours)):
         spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
         if spread[1] <= THIN * spread[0]:
