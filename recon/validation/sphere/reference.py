@@ -88,6 +88,24 @@ def mean_centre(centres: Sequence[Centre]) -> Centre:
     return Centre(np.mean([centre.place for centre in centres], axis=0), covariance)
 
 
+def check_unit(references: Sequence[Centre], measured: Mapping[int, Centre], radius: float) -> None:
+    """Refuse, by a FitError, references whose places extend so differently that they must be in another unit.
+
+    Parameters
+    ----------
+    references : of each sample, from the first on
+    measured : of the samples used, by number from 1
+    radius : mm, of the ball; places that extend over less, as where a ball stays in place, do not tell
+    """
+    pairs = [(references[sample - 1].place, centre.place) for sample, centre in measured.items()]
+    theirs, ours = (float(np.linalg.norm(np.std(places, axis=0))) for places in zip(*pairs, strict=True))
+    if max(theirs, ours) > radius and theirs > 0 and not ours / OTHER_UNIT < theirs < ours * OTHER_UNIT:
+        raise FitError(
+            f"the reference's places extend over {theirs:.3g} mm, those in the clouds over {ours:.3g} mm "
+            "(standard deviations): give the reference's unit with --reference-unit"
+        )
+
+
 def agreement(references: Sequence[Centre], measured: Mapping[int, Centre], frame: str) -> dict[str, Any]:
     """Compare measured centres with reference centres.
 
@@ -105,7 +123,7 @@ def agreement(references: Sequence[Centre], measured: Mapping[int, Centre], fram
     Raises
     ------
     FitError
-        If no place is used, those used do not determine the motion between the frames, or the units must differ.
+        If no place is used, or those used do not determine the motion between the frames.
     """
     if not measured:
         raise FitError(f"none of the placed balls is used, so that there is nothing to compare; {MORE_PLACES}")
@@ -113,7 +131,6 @@ def agreement(references: Sequence[Centre], measured: Mapping[int, Centre], fram
     ours, theirs = (np.stack([centre.place for centre in centres]) for centres in (
         [measured[sample] for sample in samples], [references[sample - 1] for sample in samples]))  # fmt: skip
     motion, n_free = (np.eye(4), 0) if frame == SENSORS else (_motion(theirs, ours), 6)
-    _check_unit(theirs, ours)
     turn, dof = motion[:3, :3], 3 * len(samples) - n_free
     residuals = ours - transformed(theirs, motion)
     rows, squares = [], []
@@ -169,16 +186,6 @@ def _motion(theirs: NDArray[np.float64], ours: NDArray[np.float64]) -> NDArray[n
             raise FitError(f"the {name} centres lie on a line, about which any turn fits: place a ball off that line")
     motion = rigid_motions(theirs, ours[None])[0]
     return rigid(motion[:, :3], motion[:, 3])
-
-
-def _check_unit(theirs: NDArray[np.float64], ours: NDArray[np.float64]) -> None:
-    """Refuse, by a FitError, places (N, 3) that extend so differently that one of them must be in another unit."""
-    theirs_mm, ours_mm = (float(np.linalg.norm(places.std(axis=0))) for places in (theirs, ours))
-    if len(ours) > 1 and not OTHER_UNIT * ours_mm > theirs_mm > ours_mm / OTHER_UNIT:
-        raise FitError(
-            f"the reference's places extend over {theirs_mm:.3g} mm, those in the clouds over {ours_mm:.3g} mm "
-            "(standard deviations): give the reference's unit with --reference-unit"
-        )
 
 
 def _scale(theirs: NDArray[np.float64], ours: NDArray[np.float64]) -> dict[str, float]:

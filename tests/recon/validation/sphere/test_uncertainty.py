@@ -16,7 +16,7 @@ from recon.validation.sphere.cells import N_RINGS, N_SECTORS, cap_of
 from recon.validation.sphere.error_sources import CellErrors, error_sources
 from recon.validation.sphere.exclusion import Parts, findings, sensor_offsets
 from recon.validation.sphere.model import ReferenceSettings, SphereFit
-from recon.validation.sphere.reference import Centre, agreement, read_references
+from recon.validation.sphere.reference import Centre, agreement, check_unit, read_references
 from recon.validation.sphere.refinement import refine_sphere
 from recon.validation.sphere.uncertainty import coverage_factor, fit_uncertainty
 from tests.recon.validation.sphere.simulated_caps import CapParameters, simulate_cap
@@ -158,11 +158,17 @@ def test_places_that_determine_no_motion_are_refused() -> None:
         agreement(centres(PLACES), dict(enumerate(centres(PLACES[:2]), start=1)), "own")
 
 
-@pytest.mark.parametrize("frame", ["own", "sensors"])
 @pytest.mark.parametrize("scale", [0.001, 1 / 2.54, 10.0])
-def test_a_reference_in_another_unit_is_refused(scale: float, frame: str) -> None:
+def test_a_reference_in_another_unit_is_refused(scale: float) -> None:
     with pytest.raises(FitError, match=r"the reference's places extend .*--reference-unit"):
-        agreement(centres(PLACES * scale), dict(enumerate(centres(PLACES), start=1)), frame)
+        check_unit(centres(PLACES * scale), dict(enumerate(centres(PLACES), start=1)), 150.0)
+
+
+def test_the_unit_of_a_reference_is_not_doubted_where_it_is_right_or_the_ball_stays_in_place() -> None:
+    check_unit(centres(PLACES @ TURN.T + SHIFT), dict(enumerate(centres(PLACES), start=1)), 150.0)
+    shots = PLACES[:1] + np.random.default_rng(2).normal(0, 5, (4, 3))
+    for measured in (shots, PLACES):  # one reference again and again is another mistake
+        check_unit(centres(PLACES[[0, 0, 0, 0]]), dict(enumerate(centres(measured), start=1)), 150.0)
 
 
 def test_without_a_ball_that_is_used_there_is_no_agreement() -> None:
