@@ -54,7 +54,7 @@ class LocalPathsGroup(TyperGroup):
         super().__init__(*args, **kwargs)
         for command in _commands_of(self):
             for parameter in command.params:
-                parameter.callback = parameter.callback or _refuse_url
+                parameter.callback = parameter.callback or refuse_url
 
 
 class MethodsCommand(TyperCommand):
@@ -78,7 +78,7 @@ def _commands_of(group: TyperGroup) -> Iterator[Any]:
             yield command
 
 
-def _refuse_url(_context: Any, _parameter: Any, value: Any) -> Any:
+def refuse_url(_context: Any, _parameter: Any, value: Any) -> Any:
     """Return a parameter's value; URLs that a command takes have become the paths of their copies before."""
     for path in value if isinstance(value, list | tuple) else [value]:
         if isinstance(path, Path) and path.parts and SCHEME.fullmatch(path.parts[0]):

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from recon.cli.console import JsonOption, ProgressLine, print_result
-from recon.cli.options import WorkersOption, parse_frames, parse_names, parse_position
+from recon.cli.options import WorkersOption, parse_frames, parse_names, parse_position, refuse_url
 from recon.cli.validation_sentences import (
     cloud_sentences,
     cuboid_sentences,
@@ -21,11 +21,25 @@ from recon.cli.validation_sentences import (
 )
 
 EVERY_DATASET = "all"
+DECIMALS = 9  # of thresholds, so that the third step of 0.1 is 0.3 as it is written
 DatasetOption = Annotated[str, typer.Option(help="Scene of a study that the results are for; all: every scene.")]
 ApproachOption = Annotated[
     list[str] | None, typer.Option(help="Approach of a study that the results are for, such as pm_fb; may be repeated.")
 ]
-ReportOption = Annotated[Path, typer.Option("--out", "-o", file_okay=False, help="Folder of the report.")]
+
+
+def _report_folder(context: typer.Context, parameter: typer.CallbackParam, out: Path) -> Path:
+    """Refuse a URL, or a folder of somebody else's, before anything is measured."""
+    from recon.validation.page import check_report_folder
+
+    refuse_url(context, parameter, out)
+    check_report_folder(out)
+    return out
+
+
+ReportOption = Annotated[
+    Path, typer.Option("--out", "-o", file_okay=False, callback=_report_folder, help="Folder of the report.")
+]
 SensorsOption = Annotated[
     list[str] | None, typer.Option(help="Sensor of each cloud, in order; fewer names than clouds repeat.")
 ]
@@ -88,7 +102,7 @@ def validate_sphere(
         thresholds=parse_thresholds(thresholds),
         method=method,
         unit=unit,
-        viewpoints=dict(parse_viewpoint(text) for text in viewpoint or ()),
+        viewpoints=parse_viewpoints(viewpoint or ()),
         keep=tuple(keep or ()),
         drop=tuple(drop or ()),
         reference=ReferenceSettings(tuple(reference_centre), reference_unit, reference_frame)
@@ -357,7 +371,7 @@ def parse_thresholds(text: str) -> tuple[float, ...]:
         raise typer.BadParameter(
             f"{text!r} are no thresholds; expected FROM:TO or FROM:TO:STEP in mm, for example 5:100"
         )
-    return tuple(low + step * index for index in range(int((high - low) / step + 1e-9) + 1))
+    return tuple(round(low + step * index, DECIMALS) for index in range(int((high - low) / step + 1e-9) + 1))
 
 
 def parse_edges(text: str) -> tuple[float, float, float]:
@@ -371,7 +385,10 @@ def parse_edges(text: str) -> tuple[float, float, float]:
     return a, b, c
 
 
-def parse_viewpoint(text: str) -> tuple[str, tuple[float, float, float]]:
-    """Read a sensor and its place from "SENSOR=x,y,z", or from "x,y,z" for the only sensor, S1."""
-    name, _, place = text.rpartition("=")
-    return name or "S1", parse_position(place)
+def parse_viewpoints(texts: Sequence[str]) -> dict[str, tuple[float, float, float]]:
+    """Read the place of each sensor from "SENSOR=x,y,z", or from "x,y,z" for the only sensor, S1."""
+    parts = [text.rpartition("=") for text in texts]
+    places = {name or "S1": parse_position(place) for name, _, place in parts}
+    if len(places) < len(texts):
+        raise typer.BadParameter(f"{' and '.join(texts)}: a sensor has two places; expected SENSOR=x,y,z once for each")
+    return places

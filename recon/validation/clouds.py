@@ -16,6 +16,7 @@ from recon.geometry.mesh import Shape, check_resolved
 from recon.geometry.mesh_files import read_ply_shape, read_points
 from recon.models.shape import GLTF_SUFFIXES, SHAPE_SUFFIXES, read_model_shape
 from recon.storage.files import why_no_file
+from recon.validation.measures import COMBINED
 
 MIN_POINTS = 50
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "in": 25.4, "m": 1000.0}
@@ -59,10 +60,12 @@ def named_clouds(paths: Sequence[Path], sensors: Sequence[str]) -> tuple[CloudFi
     The sensors' names belong to the files in order and repeat if they are fewer; the n-th file of each sensor
     shows sample n. Without names every file is a sample by itself.
 
-    A ValueError says that the number of files is not a multiple of the number of names.
+    A ValueError says that the number of files is not a multiple of the number of names, or that a name is taken.
     """
     if not paths:
         raise ValueError("there is no cloud to measure")
+    if COMBINED in sensors:
+        raise ValueError(f"a sensor is called {COMBINED!r}, which is what reports call all sensors together; rename it")
     if sensors and len(paths) % len(sensors):
         raise ValueError(f"{len(paths)} clouds cannot be shared among {len(sensors)} sensors: {', '.join(sensors)}")
     names = [sensors[index % len(sensors)] if sensors else "S1" for index in range(len(paths))]

@@ -31,6 +31,10 @@ class Subject:
     dataset: str = EVERY_DATASET
     approaches: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        if not all((self.dataset, *self.approaches)):
+            raise ValueError("the name of a dataset or an approach is empty; give it, or leave the option out")
+
 
 @dataclass(frozen=True)
 class Measured:

@@ -7,7 +7,7 @@ import io
 import math
 import re
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
@@ -15,10 +15,11 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from recon.storage.files import read_json, write_bytes, write_json
+from recon.storage.files import new_folder, read_json, write_bytes, write_json
 from recon.validation.measures import Measured, measured_rows
 
-REPORT = "report.json"
+REPORT, PAGE, TABLE = "report.json", "report.html", "measures.csv"  # of every report
+MADE = ".report"  # a report that is whole, but not yet in its place
 MOST_DECIMALS = 6  # in tables; with more, numbers have an exponent
 FONT = "Liberation Sans, Arial, sans-serif"
 # Okabe and Ito (2008), "Color universal design"; black first, yellow left out (too pale on white).
@@ -58,12 +59,88 @@ class Column:
     cells: Sequence[str]
 
 
-def write_page(path: Path, title: str, sections: Sequence[Section]) -> Path:
-    """Write a self-contained HTML page, and list all files of the report it belongs to in report.json, as `files`.
+def write_report(
+    out: Path,
+    title: str,
+    report: Mapping[str, Any],
+    tables: Mapping[str, Sequence[Mapping[str, Any]]],
+    sections: Callable[[Path], Sequence[Section]],
+    values: Sequence[Measured] | None = None,
+) -> Path:
+    """Write report.json, the tables as NAME.csv, measures.csv, figures and report.html; returns the page's path.
+
+    They replace the files of an earlier report in the folder, and no others; if anything fails, that one stays whole.
 
     Parameters
     ----------
-    path : of the page; that of a report is written last
+    out : folder of the report
+    title : of the page
+    report : content of report.json, to which `files` is added, the names of all files
+    tables : rows of each table by its name
+    sections : makes the page's sections, and writes their figures into the folder that it is given
+    values : of measures.csv, which has all its columns even if there is none; None for the report's measures
+
+    Raises
+    ------
+    ValueError
+        As from `check_report_folder`.
+    """
+    check_report_folder(out)
+    if values is None:
+        values = measured_rows(report["measures"], f"validate {report['kind']}")
+    with new_folder(out / MADE, replaces=True) as folder:
+        for name, rows in tables.items():
+            write_table(folder / f"{name}.csv", rows)
+        columns = [field.name for field in fields(Measured)]
+        write_table(folder / TABLE, [asdict(value) for value in values], columns)
+        write_page(folder / PAGE, title, sections(folder))
+        names = sorted([REPORT, *(path.name for path in folder.iterdir())])
+        write_json(folder / REPORT, {**report, "files": names})
+    _replace_files(out, names)
+    return out / PAGE
+
+
+def _replace_files(out: Path, names: Sequence[str]) -> None:
+    """Put the files of a whole report in the place of an earlier one's."""
+    earlier = _listed_files(out)
+    for name in sorted(names, key=lambda name: name != REPORT):  # first the one that lists the others
+        (out / MADE / name).replace(out / name)
+    (out / MADE).rmdir()
+    for name in earlier.difference(names):
+        (out / name).unlink(missing_ok=True)
+
+
+def check_report_folder(out: Path) -> None:
+    """Raise a ValueError if a folder holds files of somebody else that a report would overwrite."""
+    there = [name for name in (REPORT, PAGE, TABLE) if (out / name).exists()]
+    if there and not {"kind", "measures"} <= _earlier(out).keys():
+        raise ValueError(
+            f"{out}: holds {' and '.join(there)} that no evaluation wrote, and that its report would overwrite; choose "
+            "another folder"
+        )
+
+
+def _earlier(folder: Path) -> dict[str, Any]:
+    """Return the content of report.json; nothing where it is not there or no JSON."""
+    try:
+        return read_json(folder / REPORT)
+    except ValueError:
+        return {}
+
+
+def _listed_files(folder: Path) -> set[str]:
+    """Return the names of the files of an earlier report that are still there."""
+    listed = _earlier(folder).get("files")
+    names = listed if isinstance(listed, list) else []
+    return {path.name for path in folder.iterdir() if path.name in names and path.is_file()}
+
+
+def write_page(path: Path, title: str, sections: Sequence[Section]) -> Path:
+    """Write a self-contained HTML page.
+
+    Parameters
+    ----------
+    path : of the page
     title : of the page
     sections : in their order
     """
@@ -78,29 +155,7 @@ def write_page(path: Path, title: str, sections: Sequence[Section]) -> Path:
     page = environment.get_template("report.html").render(
         title=title, sections=sections, font=FONT, program=f"reconstudy {version('reconstudy')}"
     )
-    write_bytes(path, page.encode("utf-8"))
-    _list_files(path.parent)
-    return path
-
-
-def _list_files(folder: Path) -> None:
-    """List what was written since report.json, which is written first."""
-    report = folder / REPORT
-    if report.is_file():
-        begun = report.stat().st_mtime_ns
-        files = [path.name for path in folder.iterdir() if path.is_file() and path.stat().st_mtime_ns >= begun]
-        write_json(report, read_json(report) | {"files": sorted(files)})
-
-
-def _remove_earlier(folder: Path) -> None:
-    """Remove the files of an earlier report, which would be taken for this one's."""
-    try:
-        listed = read_json(folder / REPORT).get("files")
-    except ValueError:  # there is none, or none of ours
-        return
-    for path in list(folder.iterdir()):
-        if isinstance(listed, list) and path.name in listed and path.is_file():
-            path.unlink()
+    return write_bytes(path, page.encode("utf-8"))
 
 
 def write_table(path: Path, rows: Sequence[Mapping[str, Any]], columns: Sequence[str] = ()) -> Path:
@@ -118,34 +173,6 @@ def write_table(path: Path, rows: Sequence[Mapping[str, Any]], columns: Sequence
     for row in rows:
         writer.writerow({key: "; ".join(map(str, v)) if isinstance(v, list) else v for key, v in row.items()})
     return write_bytes(path, text.getvalue().encode("utf-8"))
-
-
-def write_numbers(
-    folder: Path,
-    report: Mapping[str, Any],
-    tables: Mapping[str, Sequence[Mapping[str, Any]]],
-    values: Sequence[Measured] | None = None,
-) -> None:
-    """Write report.json, the tables as NAME.csv, and measures.csv, with all its columns even if there is no value.
-
-    An earlier report in the folder is removed.
-
-    Parameters
-    ----------
-    folder : of the report
-    report : content of report.json
-    tables : rows of each table by its name
-    values : of measures.csv; None for the report's measures
-    """
-    if values is None:
-        values = measured_rows(report["measures"], f"validate {report['kind']}")
-    _remove_earlier(folder)
-    write_json(folder / REPORT, report)
-    for name, rows in tables.items():
-        write_table(folder / f"{name}.csv", rows)
-    write_table(
-        folder / "measures.csv", [asdict(value) for value in values], [field.name for field in fields(Measured)]
-    )
 
 
 def write_figure(stem: Path, chart: Any) -> str:
@@ -197,8 +224,8 @@ def percent(share: float | None) -> str:
 
 
 def plain_name(name: str) -> str:
-    """Return a name as a part of a file's name: what is no letter, digit, dot or hyphen becomes an underscore."""
-    return re.sub(r"[^A-Za-z0-9.-]", "_", name)
+    """Return a name as a part of a file's name: what is no letter of any script, digit, dot or hyphen becomes _."""
+    return re.sub(r"[^\w.-]", "_", name)
 
 
 def _columns(rows: Sequence[Mapping[str, Any]]) -> list[Column]:

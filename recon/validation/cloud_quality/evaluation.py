@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.models.shape import GLTF_SUFFIXES
 from recon.validation.cloud_quality.compared import SYMMETRIC, Pair, Prepared
 from recon.validation.cloud_quality.geometry import THRESHOLD_SHARE, intrinsic_peak
 from recon.validation.cloud_quality.measures import MEASURES, WITH_SCORES, Measure, Scale, chosen
@@ -126,9 +127,11 @@ def measure_clouds(compared: Compared, settings: CloudSettings, progress: Progre
     Raises
     ------
     ValueError
-        If a file cannot be read, a cloud is a hundred times larger than its reference, or nothing can be measured.
+        If a file cannot be read, a cloud is a hundred times larger than its reference, glTF, which is read in mm, is
+        said to be in another unit, or nothing can be measured.
     """
     names = chosen(settings.measures, tuple(settings.known))
+    _check_unit_of_gltf(compared, settings.unit)
     settings = _completed(settings, compared)
     findings = Findings(remarks=list(compared.left_out))
     done, total = 0, len(compared.frames) * len(compared.approaches)
@@ -155,6 +158,15 @@ def measure_clouds(compared: Compared, settings: CloudSettings, progress: Progre
     values = _means(findings) if compared.frames != (None,) else []
     values += findings.values
     return Comparison(_report(compared, settings, names, findings, values), values, findings.shown)
+
+
+def _check_unit_of_gltf(compared: Compared, unit: str) -> None:
+    files = [path for group in (compared.reference, *compared.approaches.values()) for path in group.values()]
+    gltf = next((path for path in files if path.suffix.lower() in GLTF_SUFFIXES), None)
+    if gltf is not None and unit != "mm":
+        raise ValueError(
+            f"{gltf}: glTF is read in mm, but the unit is {unit}; bring the other clouds to mm, with --unit mm"
+        )
 
 
 def _completed(settings: CloudSettings, compared: Compared) -> CloudSettings:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from recon.geometry.mesh import LIMIT_SHARE, error_limit
 from recon.validation.cloud_quality.compared import SYMMETRIC
 from recon.validation.cloud_quality.evaluation import SOURCE, Comparison
 from recon.validation.cloud_quality.measures import WITH_SCORES
-from recon.validation.page import PALETTE, Section, plain_name, write_figure, write_numbers, write_page
+from recon.validation.page import PALETTE, Section, plain_name, write_figure, write_report
 from recon.validation.pictures import error_picture
 
 MOST_PICTURES = 6
@@ -34,16 +35,21 @@ CHART_COLUMNS, CHART_WIDTH = 3, 210
 def write_cloud_report(comparison: Comparison, out: Path) -> Path:
     """Write report.json, tables, figures and report.html; returns the HTML's path."""
     report = comparison.report
-    write_numbers(out, report, {"clouds": report["clouds"]}, comparison.values)
+    title, tables = f"Clouds of {report['settings']['dataset']}", {"clouds": report["clouds"]}
+    return write_report(out, title, report, tables, partial(_sections, comparison), comparison.values)
+
+
+def _sections(comparison: Comparison, out: Path) -> list[Section]:
+    """Return the page's sections, whose figures are written into a folder."""
+    report = comparison.report
     has_choice = len({value["approach"] for value in report["values"]}) > 1 or len(report["settings"]["frames"]) > 1
-    sections = [
+    return [
         *_tables(report),
         *([Section("All measures", figures=[_figure(report, out)])] if has_choice else []),
         _pictures(comparison, out),
         Section("Clouds", _clouds_text(report), report["clouds"]),
         *_doubts(report),
     ]
-    return write_page(out / "report.html", f"Clouds of {report['settings']['dataset']}", sections)
 
 
 def mean_values(report: Mapping[str, Any]) -> list[dict[str, Any]]:

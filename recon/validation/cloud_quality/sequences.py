@@ -12,7 +12,7 @@ from recon.models.shape import SHAPE_SUFFIXES
 from recon.pipeline.run import RUN_FILE, mesh_name, read_run
 from recon.storage.files import check_exists
 from recon.validation.clouds import TEXT_SUFFIXES
-from recon.validation.measures import EVERY_DATASET
+from recon.validation.measures import EVERY_DATASET, Subject
 
 MOST_TOLD = 10  # frames, in a sentence
 SUFFIXES = (".ply", *SHAPE_SUFFIXES, *TEXT_SUFFIXES)
@@ -69,9 +69,10 @@ def find_compared(
     Raises
     ------
     ValueError
-        If a file or folder is missing or has no frames, names do not fit, or no frame is shared.
+        If a file or folder is missing or has no frames, names are empty or do not fit, or no frame is shared.
     """
-    approaches, datasets = _approaches(clouds, names)
+    subject = Subject(EVERY_DATASET if dataset is None else dataset, tuple(names))
+    approaches, datasets = _approaches(clouds, subject.approaches)
     references = _frames_of(_reference_folder(reference))
     numbered = [None not in files for files in approaches.values()]
     if any(numbered) and not all(numbered):
@@ -95,7 +96,7 @@ def find_compared(
         raise ValueError(f"there is no frame that all have ({told}; {reference}: {_told(references)}{asked})")
     ordered = sorted(shared, key=lambda frame: -1 if frame is None else frame)
     return Compared(
-        dataset or (datasets[0] if len(set(datasets)) == 1 else EVERY_DATASET),
+        datasets[0] if dataset is None and len(set(datasets)) == 1 else subject.dataset,
         {name: {frame: files[frame] for frame in ordered} for name, files in approaches.items()},
         references,
         _left_out(approaches, shared, frames),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +13,7 @@ from numpy.typing import NDArray
 from recon.capture.images import write_picture
 from recon.geometry.mesh import error_limit
 from recon.validation.cuboid.evaluation import FLATNESS_CUT, MeasuredCuboid, MeasuredFace
-from recon.validation.page import (
-    Section,
-    curve_chart,
-    curve_columns,
-    percent,
-    plain_name,
-    write_figure,
-    write_numbers,
-    write_page,
-)
+from recon.validation.page import Section, curve_chart, curve_columns, percent, plain_name, write_figure, write_report
 from recon.validation.pictures import error_picture, face_map, in_a_row
 
 EDGES = (
@@ -44,7 +36,12 @@ def write_cuboid_report(report: Mapping[str, Any], pictured: Sequence[MeasuredCu
     report, pictured : from `measure_cuboids`
     out : the report's folder
     """
-    write_numbers(out, report, {name: report[name] for name in TABLES})
+    tables = {name: report[name] for name in TABLES}
+    return write_report(out, "Reconstruction of a cuboid", report, tables, partial(_sections, report, pictured))
+
+
+def _sections(report: Mapping[str, Any], pictured: Sequence[MeasuredCuboid], out: Path) -> list[Section]:
+    """Return the page's sections, whose figures are written into a folder."""
     curve = write_figure(out / "curve", curve_chart(report["curve"]))
     size = " x ".join(f"{length:g}" for length in report["settings"]["size_mm"])
     what = (
@@ -52,7 +49,7 @@ def write_cuboid_report(report: Mapping[str, Any], pictured: Sequence[MeasuredCu
         "fitted to its own points; the box, whose faces are at right angles and whose edges are the known ones, is "
         "fitted to all of them together. Combined are all sensors' points against one box."
     )
-    sections = [
+    return [
         Section("What was measured", what, _overview(report)),
         Section("Edges", EDGES, report["edges"]),
         Section(
@@ -67,7 +64,6 @@ def write_cuboid_report(report: Mapping[str, Any], pictured: Sequence[MeasuredCu
         ),
         _pictures(report, pictured, out),
     ]
-    return write_page(out / "report.html", "Reconstruction of a cuboid", sections)
 
 
 def _overview(report: Mapping[str, Any]) -> list[dict[str, Any]]:

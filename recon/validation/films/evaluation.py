@@ -115,9 +115,10 @@ def _missing_measures(pairs: Sequence[Pair]) -> list[str]:
 
 
 def _infinite(films: Sequence[MeasuredFilm]) -> list[str]:
-    counts = {film.pair.film.name: int(np.isinf(film.values["psnr_y"]).sum()) for film in films}
+    equal = {film.pair.film.name: np.isinf(film.values["psnr_y"]) for film in films}
     return [
-        f"{name}: {n} frames equal the reference's; their PSNR is infinite, and so is its mean (not the harmonic one)"
-        for name, n in counts.items()
-        if n
+        f"{name}: {is_equal.sum()} frames equal the reference's; their PSNR is infinite, and so is its mean"
+        + ("" if is_equal.all() else " (not the harmonic one)")
+        for name, is_equal in equal.items()
+        if is_equal.any()
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from recon.capture.images import write_picture
 from recon.validation.films.film import ACTOR, MeasuredFilm
 from recon.validation.films.tables import measured_values
-from recon.validation.page import PALETTE, Section, plain_name, write_figure, write_numbers, write_page
+from recon.validation.page import PALETTE, Section, plain_name, write_figure, write_report
 
 TITLES = {
     "psnr_y": "PSNR-Y, dB",
@@ -31,13 +32,17 @@ def write_films_report(report: Mapping[str, Any], films: Sequence[MeasuredFilm],
     report, films : as from `measure_films`
     out : folder
     """
-    write_numbers(out, report, {"films": report["films"]}, measured_values(films))
+    title, tables = f"Films against {report['settings']['reference']}", {"films": report["films"]}
+    return write_report(out, title, report, tables, partial(_sections, report, films), measured_values(films))
+
+
+def _sections(report: Mapping[str, Any], films: Sequence[MeasuredFilm], out: Path) -> list[Section]:
+    """Return the page's sections, whose figures are written into a folder."""
     datasets = list(dict.fromkeys(film.pair.film.dataset for film in films))
-    sections = [
+    return [
         Section("Films", _films_text(report)),
         *(_dataset_section(report, [f for f in films if f.pair.film.dataset == name], out) for name in datasets),
     ]
-    return write_page(out / "report.html", f"Films against {report['settings']['reference']}", sections)
 
 
 def _films_text(report: Mapping[str, Any]) -> str:

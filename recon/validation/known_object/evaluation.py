@@ -86,13 +86,17 @@ def measure_object(model: Path, cloud: Path, settings: ObjectSettings) -> tuple[
     if not len(shape.faces):
         raise ValueError(f"{model}: has no triangles, expected the mesh of the known object")
     vertices = shape.points.astype(np.float64) * to_mm
+    try:
+        tree = TriangleTree(vertices, shape.faces)
+    except ValueError as error:
+        raise ValueError(f"{model}: {error}") from error
     points = read_measured(cloud, settings.unit)
     try:
         placement = place_model(vertices, shape.faces, points, settings.registration)
     except ValueError as error:
         raise type(error)(f"{cloud}: {error}") from error
     moved = transformed(points, np.linalg.inv(placement.cloud_from_model))
-    errors = TriangleTree(vertices, shape.faces).nearest(moved).signed
+    errors = tree.nearest(moved).signed
     return _report(model, cloud, placement, errors, settings), MeasuredObject(moved, errors)
 
 

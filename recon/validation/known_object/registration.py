@@ -6,6 +6,7 @@ tangent plane; Chetverikov et al., "The Trimmed Iterative Closest Point algorith
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -52,8 +53,8 @@ class RegistrationParameters:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        if self.delta is not None and not self.delta > 0:
-            raise ValueError(f"delta is {self.delta} mm, expected more than zero")
+        if self.delta is not None and not 0 < self.delta < math.inf:
+            raise ValueError(f"delta is {self.delta} mm, expected a positive length")
         if not 0 < self.trim <= 1 or not 0 < self.min_overlap <= 1:
             raise ValueError(f"trim {self.trim} and min_overlap {self.min_overlap} must lie above 0 and up to 1")
 

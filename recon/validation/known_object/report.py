@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +13,7 @@ from recon.capture.images import write_picture
 from recon.geometry.mesh import error_colours, error_limit
 from recon.geometry.mesh_files import write_coloured
 from recon.validation.known_object.evaluation import MeasuredObject
-from recon.validation.page import (
-    PALETTE,
-    Section,
-    curve_chart,
-    curve_columns,
-    write_figure,
-    write_numbers,
-    write_page,
-)
+from recon.validation.page import PALETTE, Section, curve_chart, curve_columns, write_figure, write_report
 from recon.validation.pictures import error_picture
 
 COLOURED = "errors.ply"
@@ -35,13 +28,19 @@ def write_object_report(report: Mapping[str, Any], measured: MeasuredObject, out
     report, measured : from `measure_object`
     out : the report's folder
     """
-    write_numbers(out, report, {name: report[name] for name in ("table", "curve")})
+    title = f"Reconstruction of {Path(report['settings']['model']).stem}"
+    tables = {name: report[name] for name in ("table", "curve")}
+    return write_report(out, title, report, tables, partial(_sections, report, measured))
+
+
+def _sections(report: Mapping[str, Any], measured: MeasuredObject, out: Path) -> list[Section]:
+    """Return the page's sections, whose figures are written into a folder."""
     curve = write_figure(out / "curve", curve_chart(report["curve"]))
     limit = error_limit(measured.errors)
     histogram = write_figure(out / "errors", _histogram(measured, limit))
     picture = write_picture(out / "cloud.png", error_picture(measured.points, measured.errors, limit))
     write_coloured(out / COLOURED, measured.points, np.zeros((0, 3), np.int32), error_colours(measured.errors, limit))
-    sections = [
+    return [
         Section("Where the model lies", _placement_text(report)),
         Section(
             "Signed distances",
@@ -61,7 +60,6 @@ def write_object_report(report: Mapping[str, Any], measured: MeasuredObject, out
             figures=[("Along each of the model's three axes.", picture)],
         ),
     ]
-    return write_page(out / "report.html", f"Reconstruction of {Path(report['settings']['model']).stem}", sections)
 
 
 def _placement_text(report: Mapping[str, Any]) -> str:

@@ -36,7 +36,7 @@ from recon.validation.sphere.exclusion import (
 from recon.validation.sphere.methods import METHODS
 from recon.validation.sphere.model import SphereSettings
 from recon.validation.sphere.reconstruction import MeasuredSphere, combined_ratios, fitted, measure_reconstruction
-from recon.validation.sphere.reference import Centre, agreement, mean_centre, read_references
+from recon.validation.sphere.reference import Centre, agreement, check_unit, mean_centre, read_references
 from recon.validation.sphere.uncertainty import N_DRAWS
 from recon.workers import Progress, no_progress
 
@@ -152,6 +152,9 @@ def _check(clouds: Sequence[CloudFile], settings: SphereSettings) -> None:
     strangers = set(settings.viewpoints) - {cloud.sensor for cloud in clouds}
     if strangers:
         raise ValueError(f"viewpoints are given for {', '.join(sorted(strangers))}, of which there is no cloud")
+    both = sorted({*settings.keep} & {*settings.drop})
+    if both:
+        raise ValueError(f"{', '.join(both)}: is both to be kept and to be left out; say one of the two")
     unknown = {*settings.keep, *settings.drop} - {cloud.name for cloud in clouds}
     if unknown:
         known = ", ".join(cloud.name for cloud in clouds)
@@ -230,6 +233,8 @@ def _agreement(
             known = np.zeros((3, 3)) if sphere.uncertainty is None else sphere.uncertainty.centre_covariance
             by_sample.setdefault(sphere.file.sample, []).append(Centre(sphere.fit.centre, known))
     means = {sample: mean_centre(centres) for sample, centres in by_sample.items()}
+    if means:
+        check_unit(references, means, settings.radius)
     return agreement(references, means, settings.reference.frame)
 
 

@@ -139,12 +139,14 @@ def _findings_between(
         limit = MAX_SENSOR_SHIFT * fits[sensor].radius / REFERENCE_RADIUS
         if max(apart, residual[sensor]) <= limit:
             continue
-        sentence = f"its centre is {apart:.2f} mm from that of the other sensors, over {limit:g} mm"
+        over = f"mm from that of the other sensors, over {limit:g} mm"
         beside = f"{residual[sensor]:.2f} mm without what is the same in most samples"
         if residual[sensor] <= limit:
-            yield sensor, Finding(f"{sentence}, but {beside}: calibration", is_remark=True)
+            yield sensor, Finding(f"its centre is {apart:.2f} {over}, but {beside}: calibration", is_remark=True)
+        elif apart <= limit:
+            yield sensor, Finding(f"without what most samples share, its centre is {residual[sensor]:.2f} {over}")
         else:
-            yield sensor, Finding(f"{sentence}; {beside}" if offsets else sentence)
+            yield sensor, Finding(f"its centre is {apart:.2f} {over}" + (f"; {beside}" if offsets else ""))
 
 
 def _beyond(words: str, value: float, limit: float, typical: float | None) -> Finding:

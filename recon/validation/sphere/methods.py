@@ -30,7 +30,8 @@ def fit_super4pcs(points: NDArray[np.float32], radius: float, seed: int) -> Sphe
     try:
         fit = refine_sphere(points, _registered(points, radius, seed), radius, subsample(points, seed))
     except FitError as error:
-        raise FitError(f"{error}{hint_at_unit_of_sphere(points, radius, seed)}") from error
+        advice = hint_at_unit_of_sphere(points, radius, seed) or "; --method robust finds a ball among more else"
+        raise FitError(f"{error}{advice}") from error
     check_alone(points, fit, seed)
     return fit
 

@@ -27,6 +27,8 @@ from recon.validation.super4pcs import rigid_motions
 
 MIN_PLACES = 3  # to determine a rigid motion
 THIN = 0.02  # of the longest extent of the places: with less across it, they lie on a line
+OTHER_UNIT = 2.0  # ratio of extents that no error explains; an inch has 2.54 cm
+MORE_PLACES = "--keep some that were left out, or leave out --reference-centre"
 EXPANDED = 2.0  # coverage factor of the normalised error, as in ISO 17043's E_n
 
 
@@ -62,7 +64,7 @@ def read_references(settings: ReferenceSettings, radius: float, n_samples: int, 
     if settings.frame not in FRAMES:
         raise ValueError(f"the reference's frame is {settings.frame!r}, expected one of {', '.join(FRAMES)}")
     clouds = [read_measured(path, settings.unit) for path in settings.files]
-    if len(clouds) == 1 and len(clouds[0]) < MIN_POINTS:
+    if len(clouds) == 1 and (n_samples > 1 or len(clouds[0]) < MIN_POINTS):
         centres = [Centre(place.astype(np.float64), np.zeros((3, 3))) for place in clouds[0]]
     else:
         centres = [_scanned(path, cloud, radius, seed) for path, cloud in zip(settings.files, clouds, strict=True)]
@@ -86,6 +88,24 @@ def mean_centre(centres: Sequence[Centre]) -> Centre:
     return Centre(np.mean([centre.place for centre in centres], axis=0), covariance)
 
 
+def check_unit(references: Sequence[Centre], measured: Mapping[int, Centre], radius: float) -> None:
+    """Refuse, by a FitError, references whose places extend so differently that they must be in another unit.
+
+    Parameters
+    ----------
+    references : of each sample, from the first on
+    measured : of the samples used, by number from 1
+    radius : mm, of the ball; places that extend over less, as where a ball stays in place, do not tell
+    """
+    pairs = [(references[sample - 1].place, centre.place) for sample, centre in measured.items()]
+    theirs, ours = (float(np.linalg.norm(np.std(places, axis=0))) for places in zip(*pairs, strict=True))
+    if max(theirs, ours) > radius and theirs > 0 and not ours / OTHER_UNIT < theirs < ours * OTHER_UNIT:
+        raise FitError(
+            f"the reference's places extend over {theirs:.3g} mm, those in the clouds over {ours:.3g} mm "
+            "(standard deviations): give the reference's unit with --reference-unit"
+        )
+
+
 def agreement(references: Sequence[Centre], measured: Mapping[int, Centre], frame: str) -> dict[str, Any]:
     """Compare measured centres with reference centres.
 
@@ -103,8 +123,10 @@ def agreement(references: Sequence[Centre], measured: Mapping[int, Centre], fram
     Raises
     ------
     FitError
-        If the places used do not determine the motion between the frames.
+        If no place is used, or those used do not determine the motion between the frames.
     """
+    if not measured:
+        raise FitError(f"none of the placed balls is used, so that there is nothing to compare; {MORE_PLACES}")
     samples = sorted(measured)
     ours, theirs = (np.stack([centre.place for centre in centres]) for centres in (
         [measured[sample] for sample in samples], [references[sample - 1] for sample in samples]))  # fmt: skip
@@ -155,10 +177,12 @@ def _scanned(path: Path, cloud: NDArray[np.float32], radius: float, seed: int) -
 def _motion(theirs: NDArray[np.float64], ours: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the rigid motion (4, 4) from their places (N, 3) to ours."""
     if len(ours) < MIN_PLACES:
-        raise FitError(f"{len(ours)} of the placed balls are used, but a rigid motion takes at least {MIN_PLACES}")
+        raise FitError(
+            f"{len(ours)} of the placed balls are used, but a rigid motion takes at least {MIN_PLACES}; {MORE_PLACES}"
+        )
     for name, places in (("reference", theirs), ("fitted", ours)):
         spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
-        if spread[1] < THIN * spread[0]:
+        if spread[1] <= THIN * spread[0]:
             raise FitError(f"the {name} centres lie on a line, about which any turn fits: place a ball off that line")
     motion = rigid_motions(theirs, ours[None])[0]
     return rigid(motion[:, :3], motion[:, 3])

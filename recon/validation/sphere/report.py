@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from recon.capture.images import write_picture
-from recon.validation.page import (
-    Section,
-    curve_chart,
-    curve_columns,
-    percent,
-    plain_name,
-    write_figure,
-    write_numbers,
-    write_page,
-)
+from recon.validation.page import Section, curve_chart, curve_columns, percent, plain_name, write_figure, write_report
 from recon.validation.pictures import sphere_picture
 from recon.validation.sphere.cell_picture import cell_picture
 from recon.validation.sphere.exclusion import MIN_SURFACE_SHARE, part_limits
@@ -54,13 +46,16 @@ def write_sphere_report(report: Mapping[str, Any], pictured: Sequence[MeasuredSp
     out : the report's folder
     """
     tables = {"reconstructions": report["reconstructions"], "sensors": report["table"], "curve": report["curve"]}
-    write_numbers(out, report, tables)
+    return write_report(out, "Reconstruction of a sphere", report, tables, partial(_sections, report, pictured))
+
+
+def _sections(report: Mapping[str, Any], pictured: Sequence[MeasuredSphere], out: Path) -> list[Section]:
+    """Return the page's sections, whose figures are written into a folder."""
     subset = "used" if any(row["subset"] == "used" for row in report["curve"]) else "all"
     curve = write_figure(out / "curve", curve_chart([row for row in report["curve"] if row["subset"] == subset]))
     sections = [_summary(report), _sensors(report), _curve(subset, curve), _fits(report), _sources(report)]
     sections += [_reference(report), _verdicts(report), _reasons(report)]
-    sections += [_pictures(report, pictured, out), _inputs(report)]
-    return write_page(out / "report.html", "Reconstruction of a sphere", sections)
+    return [*sections, _pictures(report, pictured, out), _inputs(report)]
 
 
 def _summary(report: Mapping[str, Any]) -> Section:

@@ -22,6 +22,7 @@ VOXEL_MM = 10.0  # the program's defaults, from here on
 BEAM_START_MM = 0.5 * 2.25
 BEAM_SPREAD = float(np.tan(np.deg2rad(0.011)))
 GRID_SHIFTS = (0.0, 0.5)  # of a voxel
+MOST_VOXELS = 2**62  # that 64 bits can number
 CHUNK = 20_000  # points whose beams are looked up at once
 
 
@@ -70,11 +71,20 @@ def eth3d_scores(
 
 
 def voxels(points: NDArray[np.float64], size: float) -> list[NDArray[np.int64]]:
-    """Number the voxels that hold points (N, 3), mm, in each grid: int64 (N,) for each."""
+    """Number the voxels that hold points (N, 3), mm, in each grid: int64 (N,) for each.
+
+    A ValueError says that they are too small to be numbered.
+    """
     numbers = []
     for shift in GRID_SHIFTS:
-        cells = np.floor(points / size + shift).astype(np.int64)
+        cells = np.floor(points / size + shift)
         cells -= cells.min(axis=0)
+        if float(np.prod(cells.max(axis=0) + 1)) > MOST_VOXELS:
+            extent = float(np.ptp(points, axis=0).max())
+            raise ValueError(
+                f"voxels of {size:g} mm are too small for points {extent:.3g} mm across; choose larger ones"
+            )
+        cells = cells.astype(np.int64)
         keys = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1))
         numbers.append(np.unique(keys, return_inverse=True)[1])
     return numbers

@@ -12,6 +12,7 @@ Knapitsch et al., "Tanks and Temples" (2017), section 3.3; Schöps et al., ETH3D
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -122,7 +123,8 @@ class MeshSettings:
     @property
     def chosen(self) -> float:
         """The threshold of the F-score in `measures`, mm."""
-        return self.table_threshold or self.thresholds[len(self.thresholds) // 2]
+        middle = self.thresholds[len(self.thresholds) // 2]
+        return middle if self.table_threshold is None else self.table_threshold
 
 
 def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, Any]:
@@ -143,14 +145,11 @@ def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, A
     if settings.chosen not in thresholds:
         raise ValueError(f"the threshold {settings.chosen:g} mm is none of {', '.join(f'{t:g}' for t in thresholds)}")
     for name, width in (("cells", settings.cell), ("voxels", settings.voxel)):
-        if width is not None and not width > 0:
+        if width is not None and not 0 < width < math.inf:
             raise ValueError(f"the {name} are {width:g} mm wide, expected a positive length")
     rng = np.random.default_rng(settings.seed)
     shapes = read_shape(mesh), read_shape(truth)
-    measured, real = (sample_evenly(shape, N_SAMPLES, rng) for shape in shapes)
-    for path, points in ((mesh, measured), (truth, real)):
-        if len(points) < 2:
-            raise ValueError(f"{path}: holds a single point, expected a mesh or a cloud")
+    measured, real = (_points(path, shape, rng) for path, shape in zip((mesh, truth), shapes, strict=True))
     remarks = size_remarks((str(mesh), str(truth)), measured, real)
     exact = compared(distances_to(shapes[1], measured), distances_to(shapes[0], real), thresholds)
     between = nearest_distances(measured, real), nearest_distances(real, measured)
@@ -179,6 +178,16 @@ def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, A
         "eth3d": eth3d_scores(measured, real, *between, thresholds, settings.scanner, voxel=settings.voxel),
     }
     return report | {"measures": _measures(report, settings)}
+
+
+def _points(path: Path, shape: Shape, rng: np.random.Generator) -> NDArray[np.float64]:
+    try:
+        points = sample_evenly(shape, N_SAMPLES, rng)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    if len(points) < 2:
+        raise ValueError(f"{path}: holds a single point, expected a mesh or a cloud")
+    return points
 
 
 def distances_to(shape: Shape, points: NDArray[np.floating]) -> NDArray[np.float64]:

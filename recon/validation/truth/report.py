@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from recon.capture.images import write_picture
 from recon.geometry.mesh import LIMIT_SHARE, error_colours, error_limit
 from recon.geometry.mesh_files import write_coloured
 from recon.validation.clouds import read_shape
-from recon.validation.page import PALETTE, Section, percent, write_figure, write_numbers, write_page
+from recon.validation.page import PALETTE, Section, percent, write_figure, write_report
 from recon.validation.pictures import error_picture
 from recon.validation.truth.evaluation import sample_evenly, signed_distances_to
 
@@ -23,7 +24,12 @@ PICTURED = 150_000  # points; more than the pictures have pixels for
 
 def write_mesh_report(report: Mapping[str, Any], out: Path) -> Path:
     """Write report.json, tables, the figure, the mesh coloured by error and report.html; returns the HTML's path."""
-    write_numbers(out, report, {name: report[name] for name in ("scores", "eth3d")})
+    tables = {name: report[name] for name in ("scores", "eth3d")}
+    return write_report(out, "Comparison with the truth", report, tables, partial(_sections, report))
+
+
+def _sections(report: Mapping[str, Any], out: Path) -> list[Section]:
+    """Return the page's sections, whose figures are written into a folder."""
     svg = write_figure(out / "scores", _chart(report))
     figure = ("Precision, recall and their harmonic mean against the threshold.", svg)
     scores = "Share of points nearer than each threshold: precision of the mesh's, recall of the truth's."
@@ -35,7 +41,7 @@ def write_mesh_report(report: Mapping[str, Any], out: Path) -> Path:
     ]
     if report["remarks"]:
         sections.insert(0, Section("Remarks", rows=[{"remark": remark} for remark in report["remarks"]]))
-    return write_page(out / "report.html", "Comparison with the truth", sections)
+    return sections
 
 
 def _settings_text(settings: Mapping[str, Any]) -> str:

@@ -215,19 +215,22 @@ def _floor(folder: Path, capture: Capture, frame: int) -> Mesh:
     )
 
 
+def mean_agreement(
+    rows: Sequence[Mapping[str, Any]], columns: Sequence[str] = ("agree", "in_front", "median_abs_mm")
+) -> dict[str, Any]:
+    """Average the agreement of sensors over rows, each weighted by the points it shares; None where none are shared."""
+    shared = [row for row in rows if row["n_compared"]]
+    weights = [row["n_compared"] for row in shared]
+    means = {
+        name: float(np.average([row[name] for row in shared], weights=weights)) if shared else None for name in columns
+    }
+    return {"n_compared": sum(weights)} | means
+
+
 def _agreement(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Average over frames and pairs of sensors for each depth method, each pair weighted by the points it shares."""
-    columns = ("agree", "in_front", "median_abs_mm")
-    averages = []
-    for method in dict.fromkeys(row["depth"] for row in rows):
-        pairs = [row for row in rows if row["depth"] == method and row["n_compared"]]
-        weights = [row["n_compared"] for row in pairs]
-        means = {
-            name: float(np.average([row[name] for row in pairs], weights=weights)) if pairs else None
-            for name in columns
-        }
-        averages.append({"depth": method, "n_compared": sum(weights)} | means)
-    return averages
+    """Average over frames and pairs of sensors for each depth method."""
+    methods = dict.fromkeys(row["depth"] for row in rows)
+    return [{"depth": method} | mean_agreement([row for row in rows if row["depth"] == method]) for method in methods]
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,9 @@ from numpy.typing import NDArray
 
 from recon.capture.images import write_picture
 from recon.geometry.mesh import error_colours
-from recon.validation.page import PALETTE, Section, percent, plain_name, write_figure, write_numbers, write_page
+from recon.validation.page import PALETTE, Section, percent, plain_name, write_figure, write_report
 from recon.validation.pictures import BACKGROUND, tile, window_around
-from recon.validation.views.evaluation import FLOOR, Comparison
+from recon.validation.views.evaluation import FLOOR, Comparison, mean_agreement
 from recon.validation.views.image_quality import luma
 from recon.validation.views.novel_view import Photograph
 
@@ -44,13 +45,17 @@ def write_views_report(report: Mapping[str, Any], shown: Sequence[Comparison], o
     report, shown : as from `measure_views`
     out : folder
     """
-    write_numbers(out, report, {name: report[name] for name in TABLES})
-    sections = [
+    title, tables = f"Views of {report['settings']['dataset']}", {name: report[name] for name in TABLES}
+    return write_report(out, title, report, tables, partial(_sections, report, shown))
+
+
+def _sections(report: Mapping[str, Any], shown: Sequence[Comparison], out: Path) -> list[Section]:
+    """Return the page's sections, whose figures are written into a folder."""
+    return [
         Section("Novel views", _views_text(report), _means(report), [_figure(report, out)]),
         *([_agreement(report)] if report["sensors"] else []),
         _pictures(shown, out),
     ]
-    return write_page(out / "report.html", f"Views of {report['settings']['dataset']}", sections)
 
 
 def _views_text(report: Mapping[str, Any]) -> str:
@@ -121,11 +126,7 @@ def _pairs(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     for row in rows:
         groups.setdefault((row["depth"], f"{row['of']} seen by {row['by']}"), []).append(row)
     columns = ("agree", "in_front", "median_abs_mm", "median_mm")
-    return [
-        {"depth": f"{depth}, {pair}", "n_compared": sum(row["n_compared"] for row in group)}
-        | {c: float(np.mean([r[c] for r in group if r[c] is not None] or [np.nan])) for c in columns}
-        for (depth, pair), group in groups.items()
-    ]
+    return [{"depth": f"{depth}, {pair}"} | mean_agreement(group, columns) for (depth, pair), group in groups.items()]
 
 
 def _pictures(shown: Sequence[Comparison], out: Path) -> Section:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from recon.cli.main import app
 from recon.storage.files import read_json, write_bytes
-from recon.validation.page import Section, write_numbers, write_page
+from recon.validation.page import Section, plain_name, write_page, write_report
 
 
 def test_words_are_escaped_and_drawings_are_not(tmp_path: Path) -> None:
@@ -29,15 +33,57 @@ def test_long_paths_break_between_folders(tmp_path: Path) -> None:
     assert '<td class="words">run/<wbr>&lt;a&gt;/<wbr>0000.ply</td>' in page.read_text(encoding="utf-8")
 
 
+def test_names_in_other_scripts_stay_different_files() -> None:
+    assert [plain_name(name) for name in ("1/左", "1/右", "a b")] == ["1_左", "1_右", "a_b"]
+
+
+def report_of(out: Path, name: str, sections: Callable[[Path], list[Section]] | None = None) -> Path:
+    """Write a report with a table and a picture of its name."""
+
+    def with_picture(folder: Path) -> list[Section]:
+        write_bytes(folder / f"{name}.png", b"picture")
+        return []
+
+    return write_report(out, name, {"kind": "mesh", "measures": []}, {name: [{"a": 1}]}, sections or with_picture)
+
+
+def files_of(name: str) -> set[str]:
+    return {"report.json", "report.html", "measures.csv", f"{name}.csv", f"{name}.png"}
+
+
 def test_a_second_report_replaces_the_files_of_the_first_and_no_others(tmp_path: Path) -> None:
     (tmp_path / "mine.csv").write_text("x,y,z\n", encoding="utf-8")
+    os.utime(tmp_path / "mine.csv", (2e9, 2e9))  # newer than any report, as from a machine whose clock is ahead
     for name in ("first", "second"):
-        write_numbers(tmp_path, {"kind": "mesh", "measures": []}, {name: [{"a": 1}]})
-        write_bytes(tmp_path / f"{name}.png", b"picture")
-        write_page(tmp_path / "report.html", name, [])
-    files = {"report.json", "report.html", "measures.csv", "second.csv", "second.png"}
-    assert {path.name for path in tmp_path.iterdir()} == files | {"mine.csv"}
-    assert read_json(tmp_path / "report.json")["files"] == sorted(files)
+        assert report_of(tmp_path, name) == tmp_path / "report.html"
+    assert {path.name for path in tmp_path.iterdir()} == files_of("second") | {"mine.csv"}
+    assert read_json(tmp_path / "report.json")["files"] == sorted(files_of("second"))
+
+
+def test_a_report_that_is_interrupted_leaves_the_one_before_it_whole(tmp_path: Path) -> None:
+    def interrupted(folder: Path) -> list[Section]:
+        write_bytes(folder / "half.png", b"picture")
+        raise KeyboardInterrupt
+
+    report_of(tmp_path, "first")
+    with pytest.raises(KeyboardInterrupt):
+        report_of(tmp_path, "second", interrupted)
+    assert {path.name for path in tmp_path.iterdir()} == files_of("first")
+
+
+@pytest.mark.parametrize("name", ["report.json", "report.html", "measures.csv"])
+def test_a_folder_with_files_that_no_evaluation_wrote_is_refused_before_anything_is_measured(
+    tmp_path: Path, name: str
+) -> None:
+    theirs = {name: '{"files": ["data.csv"]}', "data.csv": "x,y,z\n"}
+    for path, text in theirs.items():
+        (tmp_path / path).write_text(text, encoding="utf-8")
+    words = ["validate", "mesh", "absent.ply", "--truth", "absent.ply", "-o", str(tmp_path)]
+    with pytest.raises(ValueError, match=f"holds {name} that no evaluation wrote"):
+        CliRunner().invoke(app, words, catch_exceptions=False)
+    with pytest.raises(ValueError, match="choose another folder"):
+        report_of(tmp_path, "first")
+    assert {path.name: path.read_text(encoding="utf-8") for path in tmp_path.iterdir()} == theirs
 
 
 @pytest.mark.parametrize(

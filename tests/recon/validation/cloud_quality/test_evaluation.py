@@ -203,6 +203,12 @@ def test_a_cloud_in_another_unit_is_refused_by_its_factor(
     assert "metres against millimetres? Bring both to one unit first" in line
 
 
+def test_gltf_which_is_read_in_mm_is_refused_where_the_unit_is_another(command: Command, tmp_path: Path) -> None:
+    cloud, truth = (sphere(tmp_path / name) for name in ("mine.glb", "truth.glb"))
+    line = refusal(command, tmp_path / "report", cloud, "--reference", truth, *FAST, "--unit", "m")
+    assert "truth.glb: glTF is read in mm, but the unit is m" in line
+
+
 @pytest.mark.parametrize(("scale", "relation"), [(1e6, "1 000 000 times larger"), (0.001, "1 000 times smaller")])
 def test_a_mesh_in_another_unit_is_refused_by_its_factor(
     command: Command, tmp_path: Path, scale: float, relation: str

@@ -18,6 +18,7 @@ from recon.geometry.mesh_files import write_coloured
 from recon.studio.objects import ball, box
 from recon.validation.clouds import FitError
 from recon.validation.known_object import registration
+from recon.validation.known_object.evaluation import ObjectSettings, measure_object
 from recon.validation.known_object.registration import Placement, RegistrationParameters, place_model, refine
 from recon.validation.triangles import TriangleTree
 from recon.validation.truth.evaluation import sample_evenly
@@ -129,10 +130,18 @@ def test_a_model_in_another_unit_is_told_from_one_that_is_not_there(unit: str, l
 
 
 def test_parameters_are_checked() -> None:
-    with pytest.raises(ValueError, match="delta is 0"):
-        RegistrationParameters(delta=0.0)
+    for delta in (0.0, float("inf")):
+        with pytest.raises(ValueError, match=f"delta is {delta}"):
+            RegistrationParameters(delta=delta)
     with pytest.raises(ValueError, match="trim 2"):
         RegistrationParameters(trim=2.0)
+
+
+def test_a_model_without_an_area_is_named(tmp_path: Path) -> None:
+    points = np.outer(np.arange(3.0), (1.0, 1.0, 1.0))
+    model = write_coloured(tmp_path / "flat.ply", points, np.array([[0, 1, 2]], np.int32), np.zeros((3, 3), np.uint8))
+    with pytest.raises(ValueError, match=r"flat.ply: none of the mesh's 1 triangles has an area"):
+        measure_object(model, tmp_path / "cloud.xyz", ObjectSettings((5.0,)))
 
 
 @pytest.mark.slow

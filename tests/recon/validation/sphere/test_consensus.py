@@ -85,7 +85,10 @@ def test_a_sphere_among_walls_is_found() -> None:
     points, centre = cap(n_points=3000)
     walls = rng.uniform(-2000, 2000, (30_000, 3))
     walls[np.arange(len(walls)), rng.integers(0, 3, len(walls))] = -1200
-    assert np.linalg.norm(fit_sphere(np.concatenate([points, walls]), RADIUS).centre - centre) < 1.0
+    scene = np.concatenate([points, walls]).astype(np.float32)
+    assert np.linalg.norm(fit_sphere(scene, RADIUS).centre - centre) < 1.0
+    with pytest.raises(FitError, match="--method robust finds a ball among more else"):
+        METHODS["super4pcs"](scene, RADIUS, 1)
 
 
 def plane(rng: np.random.Generator) -> NDArray[np.float64]:

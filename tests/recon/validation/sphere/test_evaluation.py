@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from typer import BadParameter
 from typer.testing import CliRunner
 
 from recon.capture.format import Capture, read_frame
@@ -22,7 +23,7 @@ from recon.capture.importing.json_file import import_json
 from recon.capture.importing.sources import ImportOptions
 from recon.capture.rectify import rectify, rectify_images
 from recon.cli.main import app
-from recon.cli.validate import parse_thresholds, parse_viewpoint
+from recon.cli.validate import parse_thresholds, parse_viewpoints
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import write_cloud
 from recon.pipeline.job import ReconstructOptions
@@ -71,6 +72,8 @@ def test_clouds_belong_to_sensors_in_turn_or_one_by_one() -> None:
     assert [cloud.name for cloud in named_clouds(paths, ())] == ["1/S1", "2/S1", "3/S1", "4/S1"]
     with pytest.raises(ValueError, match="4 clouds cannot be shared among 3 sensors"):
         named_clouds(paths, SENSORS)
+    with pytest.raises(ValueError, match="'combined', which is what reports call all sensors together"):
+        named_clouds(paths, ("S1", "combined"))
 
 
 @pytest.mark.slow
@@ -221,6 +224,8 @@ def test_a_good_cap_can_be_left_out_on_request(tmp_path: Path) -> None:
     assert report["excluded"] == [{"name": "1/S3", "reasons": ["left out on request"]}]
     with pytest.raises(ValueError, match="no reconstruction 9/S1"):
         measure_spheres(clouds, SphereSettings(150.0, (12.5,), drop=("9/S1",)))
+    with pytest.raises(ValueError, match="1/S3: is both to be kept and to be left out"):
+        measure_spheres(clouds, SphereSettings(150.0, (12.5,), keep=("1/S2", "1/S3"), drop=("1/S3",)))
 
 
 @pytest.mark.slow
@@ -346,6 +351,7 @@ def test_thresholds_are_steps_of_two_and_a_half_unless_asked_for() -> None:
     assert parse_thresholds("5:100")[:3] == (5.0, 7.5, 10.0)
     assert parse_thresholds("5:100")[-1] == 100.0
     assert parse_thresholds("1:2:0.5") == (1.0, 1.5, 2.0)
+    assert parse_thresholds("0.1:0.7:0.1") == (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
 
 
 @pytest.mark.slow
@@ -366,5 +372,6 @@ def test_with_a_viewpoint_only_lines_of_sight_that_meet_the_ball_count(tmp_path:
 
 
 def test_a_viewpoint_names_its_sensor_or_means_the_only_one() -> None:
-    assert parse_viewpoint("S2=1,-2,3.5") == ("S2", (1.0, -2.0, 3.5))
-    assert parse_viewpoint("0,0,0") == ("S1", (0.0, 0.0, 0.0))
+    assert parse_viewpoints(["S2=1,-2,3.5", "0,0,0"]) == {"S2": (1.0, -2.0, 3.5), "S1": (0.0, 0.0, 0.0)}
+    with pytest.raises(BadParameter, match="0,0,0 and S1=0,0,9: a sensor has two places"):
+        parse_viewpoints(["0,0,0", "S1=0,0,9"])

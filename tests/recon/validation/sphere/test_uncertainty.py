@@ -16,7 +16,7 @@ from recon.validation.sphere.cells import N_RINGS, N_SECTORS, cap_of
 from recon.validation.sphere.error_sources import CellErrors, error_sources
 from recon.validation.sphere.exclusion import Parts, findings, sensor_offsets
 from recon.validation.sphere.model import ReferenceSettings, SphereFit
-from recon.validation.sphere.reference import Centre, agreement, read_references
+from recon.validation.sphere.reference import Centre, agreement, check_unit, read_references
 from recon.validation.sphere.refinement import refine_sphere
 from recon.validation.sphere.uncertainty import coverage_factor, fit_uncertainty
 from tests.recon.validation.sphere.simulated_caps import CapParameters, simulate_cap
@@ -111,6 +111,13 @@ def centres(places: NDArray[np.float64], u: float = 0.0) -> list[Centre]:
     return [Centre(place, u**2 * np.eye(3)) for place in places]
 
 
+def test_a_distance_that_shows_only_without_the_calibration_is_said_to_be_that() -> None:
+    offsets = {"S1": np.array([1.5, 0.0, 0.0]), "S2": np.array([-1.5, 0.0, 0.0])}
+    sentence = "without what most samples share, its centre is 3.00 mm from that of the other sensors, over 2.5 mm"
+    for found in findings(fits_at((0, 0, 0), (0, 0, 0)), {}, None, offsets).values():
+        assert [finding.sentence for finding in found] == [sentence]
+
+
 def test_the_motion_between_two_frames_is_estimated_and_its_residuals_are_left() -> None:
     ours = PLACES @ TURN.T + SHIFT
     measured = dict(enumerate(centres(ours), start=1))
@@ -145,8 +152,35 @@ def test_places_that_determine_no_motion_are_refused() -> None:
     on_a_line = np.outer(np.arange(4.0), (1.0, 2.0, 3.0)) * 100
     with pytest.raises(FitError, match="lie on a line"):
         agreement(centres(on_a_line), dict(enumerate(centres(on_a_line), start=1)), "own")
-    with pytest.raises(FitError, match="2 of the placed balls are used"):
+    with pytest.raises(FitError, match="reference centres lie on a line"):  # all the same, as by a slip of a script
+        agreement(centres(PLACES[[0, 0, 0, 0]]), dict(enumerate(centres(PLACES), start=1)), "own")
+    with pytest.raises(FitError, match=r"2 of the placed balls are used.*--keep some"):
         agreement(centres(PLACES), dict(enumerate(centres(PLACES[:2]), start=1)), "own")
+
+
+@pytest.mark.parametrize("scale", [0.001, 1 / 2.54, 10.0])
+def test_a_reference_in_another_unit_is_refused(scale: float) -> None:
+    with pytest.raises(FitError, match=r"the reference's places extend .*--reference-unit"):
+        check_unit(centres(PLACES * scale), dict(enumerate(centres(PLACES), start=1)), 150.0)
+
+
+def test_the_unit_of_a_reference_is_not_doubted_where_it_is_right_or_the_ball_stays_in_place() -> None:
+    check_unit(centres(PLACES @ TURN.T + SHIFT), dict(enumerate(centres(PLACES), start=1)), 150.0)
+    shots = PLACES[:1] + np.random.default_rng(2).normal(0, 5, (4, 3))
+    for measured in (shots, PLACES):  # one reference again and again is another mistake
+        check_unit(centres(PLACES[[0, 0, 0, 0]]), dict(enumerate(centres(measured), start=1)), 150.0)
+
+
+def test_without_a_ball_that_is_used_there_is_no_agreement() -> None:
+    with pytest.raises(FitError, match=r"none of the placed balls is used.*leave out --reference-centre"):
+        agreement(centres(PLACES[:1]), {}, "sensors")
+
+
+def test_one_file_holds_the_centres_of_any_number_of_balls(tmp_path: Path) -> None:
+    places = np.random.default_rng(1).uniform(-500, 500, (60, 3))
+    np.savetxt(tmp_path / "centres.txt", places)
+    read = read_references(ReferenceSettings((tmp_path / "centres.txt",)), 150.0, 60, 1)
+    assert np.allclose([centre.place for centre in read], places, atol=1e-3)
 
 
 def test_references_that_do_not_suit_the_samples_are_refused(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from recon.cli.main import app
 from recon.geometry.mesh import Cloud, Mesh, Shape
 from recon.geometry.mesh_files import write_cloud, write_coloured, write_mesh
 from recon.studio.objects import ball
+from recon.validation.cloud_quality import find_compared
 from recon.validation.clouds import read_shape
 from recon.validation.measures import Subject
 from recon.validation.sampling import order_by_cells
@@ -156,10 +157,30 @@ def test_a_scanner_that_stands_on_what_it_scanned_is_refused(tmp_path: Path) -> 
         measure_mesh(tmp_path / "scan.xyz", tmp_path / "scan.xyz", settings)
 
 
-@pytest.mark.parametrize("settings", [MeshSettings((1.0,), cell=0.0), MeshSettings((1.0,), voxel=-2.0)])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        MeshSettings((1.0,), cell=0.0),
+        MeshSettings((1.0,), cell=float("inf")),
+        MeshSettings((1.0,), voxel=-2.0),
+        MeshSettings((1.0,), voxel=float("nan")),
+    ],
+)
 def test_cells_without_a_width_are_refused(tmp_path: Path, settings: MeshSettings) -> None:
     with pytest.raises(ValueError, match="expected a positive length"):
         measure_mesh(tmp_path / "rec.xyz", tmp_path / "truth.xyz", settings)
+
+
+def test_voxels_too_small_to_be_numbered_are_refused(tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "rec.xyz", np.random.default_rng(7).uniform(0, 300, (60, 3)))
+    with pytest.raises(ValueError, match=r"voxels of 1e-09 mm are too small for points .* mm across"):
+        measure_mesh(tmp_path / "rec.xyz", tmp_path / "rec.xyz", MeshSettings((1.0,), voxel=1e-9))
+
+
+@pytest.mark.parametrize("threshold", [0.0, 2.0])
+def test_a_threshold_for_the_table_that_is_none_of_the_scores_is_refused(tmp_path: Path, threshold: float) -> None:
+    with pytest.raises(ValueError, match=f"the threshold {threshold:g} mm is none of 1, 3"):
+        measure_mesh(tmp_path / "rec.xyz", tmp_path / "truth.xyz", MeshSettings((1.0, 3.0), threshold))
 
 
 def test_nothing_within_the_threshold_scores_zero() -> None:
@@ -242,6 +263,14 @@ def test_the_report_lists_measures_of_an_approach(tmp_path: Path) -> None:
     assert {(row["dataset"], row["approach"]) for row in report["measures"]} == {("ball", "pm_fb")}
 
 
+@pytest.mark.parametrize("names", [("", ("pm_fb",)), ("ball", ("pm_fb", ""))])
+def test_an_empty_name_which_no_study_takes_is_refused(names: tuple[str, tuple[str, ...]]) -> None:
+    with pytest.raises(ValueError, match="the name of a dataset or an approach is empty"):
+        Subject(*names)
+    with pytest.raises(ValueError, match="the name of a dataset or an approach is empty"):
+        find_compared([Path("a.ply")], Path("b.ply"), names=names[1][-1:], dataset=names[0])
+
+
 def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
     (tmp_path / "bad.ply").write_text("ply\n", encoding="utf-8")
     for name in ("bad.ply", "absent.ply"):
@@ -272,6 +301,13 @@ def test_a_truth_of_one_point_is_refused(tmp_path: Path) -> None:
     for pair in ((mesh, truth), (truth, mesh)):
         with pytest.raises(ValueError, match=r"one.xyz: holds a single point, expected a mesh or a cloud"):
             measure_mesh(*pair, MeshSettings((1.0,)))
+
+
+def test_a_mesh_without_an_area_is_named(tmp_path: Path) -> None:
+    points = np.outer(np.arange(3.0), (1.0, 1.0, 1.0))
+    flat = write_coloured(tmp_path / "flat.ply", points, np.array([[0, 1, 2]], np.int32), np.zeros((3, 3), np.uint8))
+    with pytest.raises(ValueError, match=r"flat.ply: the mesh's 1 triangles have no area"):
+        measure_mesh(write_mesh(tmp_path / "a.ply", square(3)), flat, MeshSettings((1.0,)))
 
 
 @pytest.mark.slow

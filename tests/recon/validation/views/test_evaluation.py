@@ -26,7 +26,7 @@ from recon.studio.truth import MESH, read_depth
 from recon.surface import SurfaceParameters
 from recon.validation.truth.evaluation import distances_to
 from recon.validation.views.between_sensors import cross_sensor_rows, depth_gaps, depth_points
-from recon.validation.views.evaluation import FLOOR, ViewSettings, measure_views
+from recon.validation.views.evaluation import FLOOR, ViewSettings, mean_agreement, measure_views
 from recon.validation.views.image_quality import BEST_PSNR_DB, gradient_map, psnr, ssim_map
 from recon.validation.views.novel_view import (
     HELD_OUT,
@@ -206,6 +206,13 @@ def test_sensors_of_a_run_are_compared_in_both_directions(run: Path) -> None:
     rows = cross_sensor_rows(read_run(run), [0], 40.0)
     assert [(row["of"], row["by"]) for row in rows] == [("S1", "S2"), ("S2", "S1")]
     assert all(row["agree"] > 0.5 and row["agree"] + row["in_front"] <= 1 for row in rows)
+
+
+def test_agreement_weighs_frames_by_the_points_they_share_and_is_none_where_none_are() -> None:
+    columns = ("agree", "in_front", "median_abs_mm")
+    rows = [{"n_compared": n} | dict.fromkeys(columns, value) for n, value in ((10, 1.0), (30, 0.0), (0, None))]
+    assert mean_agreement(rows) == {"n_compared": 40} | dict.fromkeys(columns, 0.25)
+    assert mean_agreement(rows[2:]) == {"n_compared": 0} | dict.fromkeys(columns)
 
 
 @pytest.mark.slow
