@@ -53,8 +53,8 @@ def fuse_by_program(clouds: Sequence[Cloud], program: FusionProgram, voxel_mm: f
     with workplace(folder):
         for file, cloud in zip(files, seen, strict=True):
             write_cloud(file, cloud)
-        program.run(values, folder)
-        check_written(out)
+        said = program.run(values, folder)
+        check_written(out, said)
         try:
             return _read_mesh(out, merge_clouds(seen))
         except ValueError as error:
