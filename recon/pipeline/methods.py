@@ -66,7 +66,8 @@ class Installed:
             return function, parameters
         if parameters is None:
             raise ValueError(f"{self.table.place} {', '.join(self.table.settings)}: {self.plugin} has no parameters")
-        return function, self.table.changed(parameters)
+        with self.plugin.running(ValueError, failure=f"cannot take the parameters of {self.table.place}"):
+            return function, self.table.changed(parameters)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -177,6 +178,46 @@ def test_a_wrong_parameter_of_a_plug_in_is_named_with_its_place(packages: Path, 
         methods.check(("flat",), ())
         with pytest.raises(ValueError, match=sentence):
             methods.check(("b",), ())
+
+
+STRICT = """
+from dataclasses import dataclass
+
+@dataclass(frozen=True)
+class Parameters:
+    side: int
+    other: int = 3
+
+    def __post_init__(self):
+        assert self.other < 10, "too much"
+
+def match(pair, parameters=Parameters(7)):
+    return pair.left[..., 0] * 0 + parameters.side - parameters.other
+"""
+
+
+def test_a_variant_changes_the_default_of_a_plug_in_that_its_class_does_not_have(
+    packages: Path, tmp_path: Path
+) -> None:
+    flat_package(packages, "others_side", STRICT)
+    methods = variants(tmp_path, '[depth.b]\nmethod = "flat"\nother = 2\n')
+    assert (matched(methods, "b", shifted_pair(5), tmp_path) == 5).all()
+
+
+@pytest.mark.parametrize(
+    ("code", "reason"),
+    [(STRICT, "AssertionError('too much')"), (STRICT.replace("int =", "'Unknown' ="), "name 'Unknown' is not defined")],
+)
+def test_a_plug_in_that_does_not_bear_its_parameters_is_named(
+    packages: Path, tmp_path: Path, code: str, reason: str
+) -> None:
+    name = f"others_unlike_{len(code)}"
+    flat_package(packages, name, code)
+    methods = variants(tmp_path, '[depth.b]\nmethod = "flat"\nother = 12\n')
+    with pytest.raises(PluginError, match=re.escape(reason)) as raised:
+        methods.check(("b",), ())
+    assert f"plug-in flat of {name} 1.0 " in str(raised.value)
+    assert "[depth.b]" in str(raised.value)
 
 
 @pytest.fixture(scope="module")
