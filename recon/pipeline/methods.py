@@ -289,11 +289,20 @@ def _fuse_by_plugin(
     parameters = fusion_parameters(method, with_voxel(clouds, run))
     with method.plugin.running(NoSurfaceError):
         mesh, warnings = fused(function, clouds, parameters, views)
-    returned: object = mesh
-    if not isinstance(returned, Mesh) or not len(returned.faces):
-        shown = "a Mesh without faces" if isinstance(returned, Mesh) else f"a {type(returned).__name__}"
-        raise PluginError(f"{method.plugin} returned {shown}, expected a recon.geometry.mesh.Mesh with faces")
+    if (shown := _no_mesh(mesh)) is not None:
+        raise PluginError(
+            f"{method.plugin} returned {shown}, expected a recon.geometry.mesh.Mesh with faces and coloured vertices"
+        )
     return with_unit_normals(mesh), warnings
+
+
+def _no_mesh(returned: object) -> str | None:
+    """Say what a plug-in returned that is no mesh of a run; None where it is one."""
+    if not isinstance(returned, Mesh):
+        return f"a {type(returned).__name__}"
+    if not len(returned.faces):
+        return "a Mesh without faces"
+    return None if returned.texture is None else "a Mesh with a texture"
 
 
 def _with_voxel_of(run: SurfaceParameters, parameters: Any) -> Any:

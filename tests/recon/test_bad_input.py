@@ -157,6 +157,30 @@ def test_too_little_for_a_surface_is_refused(command: Command, tmp_path: Path, f
     assert not (tmp_path / "mesh.ply").exists()
 
 
+def test_a_file_that_is_read_is_not_overwritten_by_what_is_made_of_it(command: Command, tmp_path: Path) -> None:
+    cloud, mesh = write_cloud(tmp_path / "cloud.ply", flat_cloud()), tmp_path / "mesh.ply"
+    assert command("fuse", cloud, "-o", mesh).code == 0
+    (tmp_path / "link.ply").symlink_to(cloud)
+    before = [path.read_bytes() for path in (cloud, mesh)]
+    for out, *arguments in (
+        (tmp_path / "link.ply", "fuse", cloud, "-o", tmp_path / "link.ply"),
+        (mesh, "export", tmp_path / "mesh.ply", mesh),
+        (mesh, "export", cloud, mesh, "--truth", mesh),
+    ):
+        told = command(*arguments)
+        assert (told.code, f"{out}: is one of the files that are read; choose another name" in told.err) == (1, True)
+    assert [path.read_bytes() for path in (cloud, mesh)] == before
+
+
+def test_a_kind_of_file_that_no_surface_is_written_as_is_refused_before_it_is_made(
+    command: Command, tmp_path: Path
+) -> None:
+    cloud = write_cloud(tmp_path / "cloud.ply", flat_cloud())
+    told = command("fuse", cloud, "-o", tmp_path / "mesh.stl", "--voxel", 1e-12)
+    assert told.code == 1
+    assert f"{tmp_path / 'mesh.stl'}: unknown kind of file, expected a name that ends in .ply or .glb" in told.err
+
+
 def test_a_cloud_without_points_or_with_points_that_are_no_numbers_is_named(command: Command, tmp_path: Path) -> None:
     empty = write_no_cloud(tmp_path / "empty.ply")
     told = command("fuse", empty, "-o", tmp_path / "mesh.ply")
@@ -269,6 +293,14 @@ def test_a_run_into_its_own_capture_is_refused(command: Command, capture: Path) 
     assert told.code == 1
     assert f"{capture}: is the capture itself; choose another folder for the run" in told.err
     assert sorted(capture.rglob("*")) == before
+
+
+def test_films_into_the_folder_that_they_are_made_of_are_refused(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "scene.json").write_text("{}")
+    told = command("render", tmp_path, "-o", tmp_path)
+    assert told.code == 1
+    assert f"{tmp_path}: is one of the folders that are filmed; choose another one for the stimulus set" in told.err
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.json"]
 
 
 def test_a_disk_that_fills_up_while_rendering_is_named(command: Command, capture: Path, small_disk: Path) -> None:

@@ -453,8 +453,8 @@ def test_match_does_not_overwrite_a_picture_nor_search_for_a_format_that_is_not(
     (tmp_path / "link.png").symlink_to(pictures[1])
     before = [path.read_bytes() for path in pictures]
     for out, sentence in (
-        ("left.png", "is one of the pictures to match"),
-        ("link.png", "is one of the pictures to match"),
+        ("left.png", "is one of the files that are read"),
+        ("link.png", "is one of the files that are read"),
         ("out.PFM", "unknown format '.PFM'"),
     ):
         told = command("match", *pictures, "--disparities", 12, "-o", tmp_path / out, "--methods",

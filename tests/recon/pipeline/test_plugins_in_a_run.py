@@ -116,6 +116,35 @@ def test_normals_of_a_plug_ins_mesh_have_unit_length(packages: Path, tmp_path: P
     assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-5)
 
 
+TEXTURED = """
+from dataclasses import replace
+import numpy as np
+from recon.fusion import fuse_before
+from recon.geometry.mesh import Texture
+
+def fuse(clouds):
+    mesh = fuse_before(clouds)
+    return replace(mesh, {change})
+"""
+
+
+@pytest.mark.parametrize(
+    ("change", "returned"),
+    [
+        ("faces=mesh.faces[:0]", "a Mesh without faces"),
+        ("texture=Texture(np.zeros((2, 2, 3), np.uint8), mesh.vertices[:, :2])", "a Mesh with a texture"),
+    ],
+)
+def test_a_mesh_of_a_plug_in_that_cannot_be_used_is_named(
+    packages: Path, tmp_path: Path, change: str, returned: str
+) -> None:
+    name = f"others_mesh_{len(change)}"
+    flat_package(packages, name, TEXTURED.replace("{change}", change))
+    coarse = read_methods(None).fusion["coarse"]
+    with pytest.raises(PluginError, match=f"plug-in coarse of {name} 1.0 returned {returned}, expected a recon"):
+        fuse(coarse, three_views(), SurfaceParameters(voxel_mm=4.0), views=None, folder=tmp_path)
+
+
 def test_what_a_plug_in_masks_is_unmatched(packages: Path, tmp_path: Path) -> None:
     code = "import numpy as np\ndef match(pair): return np.ma.array(np.full((40, 80), 5.0), mask=np.eye(40, 80) > 0)\n"
     flat_package(packages, "others_masked", code)
