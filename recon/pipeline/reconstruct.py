@@ -49,6 +49,7 @@ from recon.pipeline.stages import (
 )
 from recon.pipeline.textures import compare_photographs, make_textured
 from recon.programs import ProgramError
+from recon.render.camera_path import NoPathError
 from recon.storage.artefacts import Artefacts
 from recon.storage.files import alone_in, check_not_read, remove_leftovers
 from recon.storage.remote import remove
@@ -201,14 +202,12 @@ def _made(job: Job, progress: Progress) -> dict[str, Any]:
     names = tuple(dict.fromkeys(str(approach) for approach, _ in models))
     finished = Run(run, job.capture, names, tuple(job.frames), versions(), address_from(run, job.capture.folder))
     files = [view.cloud for view in views] + [mesh_name(str(approach), frame) for approach, frame in job.surfaces]
-    content = write_run(
-        finished,
-        options=_described(options),
-        timings=timings,
-        warnings=job.artefacts.warnings(files),
-    )
-    make_preview(finished, job.frames[0])
-    return content
+    warnings = job.artefacts.warnings(files)
+    try:
+        make_preview(finished, job.frames[0])
+    except NoPathError as error:
+        warnings.append(f"no preview was drawn: {error}")
+    return write_run(finished, options=_described(options), timings=timings, warnings=warnings)
 
 
 @contextmanager

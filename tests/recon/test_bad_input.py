@@ -14,12 +14,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from recon.capture import format as capture_format
 from recon.capture.masks.segment import segment_capture
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import read_mesh, write_cloud, write_no_cloud
-from recon.storage.files import alone_in, read_json
+from recon.storage.files import alone_in, read_json, write_json
 from recon.studio import SynthParameters, synthesise
 from tests.command_line import Command
 
@@ -285,6 +286,29 @@ def test_a_second_start_into_the_same_folder_is_refused_while_the_first_goes_on(
     assert (told.code, list(films.iterdir())) == (1, [])
     assert f"{films}: another start is writing into it" in told.err
     assert command(*filmed).code == 0
+
+
+def test_a_sensor_above_the_object_is_reconstructed_without_a_picture_of_it(command: Command, capture: Path) -> None:
+    content = read_json(capture / "capture.json")
+    bounds = np.array(content["bounds"])
+    centre, reach = bounds.mean(axis=0), np.ptp(bounds, axis=0).max() / 2
+    sensor = content["sensors"][0]
+    towards = np.linalg.inv(sensor["left"]["cam_from_world"])[:3, 3] - centre
+    old_from_new = np.eye(4)
+    old_from_new[:3, :3] = Rotation.align_vectors([towards], [[0, 1, 0]])[0].as_matrix()
+    old_from_new[:3, 3] = centre - old_from_new[:3, :3] @ centre
+    for side in ("left", "right"):
+        sensor[side]["cam_from_world"] = (np.array(sensor[side]["cam_from_world"]) @ old_from_new).tolist()
+    content |= {"sensors": [sensor], "bounds": [(centre - reach).tolist(), (centre + reach).tolist()]}
+    write_json(capture / "capture.json", content)
+    run = capture.parent / "run"
+    told = command("reconstruct", capture, "-o", run, "--depth", "id", "--fusion", "fb", "--frames", "0:1")
+    assert (told.code, "warning: no preview was drawn: sensor S1 sees the centre of the bounds from" in told.err) == (
+        0,
+        True,
+    ), told.err
+    assert read_json(run / "run.json")["warnings"][-1].endswith("give the cameras of a file by --path")
+    assert not (run / "previews").exists()
 
 
 def test_a_run_into_its_own_capture_is_refused(command: Command, capture: Path) -> None:
