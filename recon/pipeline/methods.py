@@ -21,7 +21,7 @@ from recon.depth.program import DepthProgram, match_by_program
 from recon.depth.temporal import TemporalParameters
 from recon.fusion import FUSIONS, DepthView, asks_for_views, fused
 from recon.fusion.program import FusionProgram, fuse_by_program
-from recon.fusion.views import with_unit_normals
+from recon.fusion.views import check_place, with_unit_normals
 from recon.geometry.mesh import Cloud, Mesh
 from recon.methods_file import Table, read_tables
 from recon.pipeline.keys import digest_once
@@ -293,6 +293,10 @@ def _fuse_by_plugin(
         raise PluginError(
             f"{method.plugin} returned {shown}, expected a recon.geometry.mesh.Mesh with faces and coloured vertices"
         )
+    try:
+        check_place(mesh, clouds)
+    except ValueError as error:
+        raise PluginError(f"{method.plugin} returned a mesh in another place: {error}") from error
     return with_unit_normals(mesh), warnings
 
 
