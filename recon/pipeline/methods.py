@@ -318,7 +318,11 @@ def _with_voxel_of(run: SurfaceParameters, parameters: Any) -> Any:
 
 
 def _program_key(method: Program) -> dict[str, Any]:
-    files = {str(path): digest_once(path) for path in method.files()}
+    folder = Path(method.folder)  # which may be moved, with the run
+    files = {
+        str(path.relative_to(folder) if path.is_relative_to(folder) else path): digest_once(path)
+        for path in method.files()
+    }
     return {"command": method.command, "output": method.output, "files": files}
 
 

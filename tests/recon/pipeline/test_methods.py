@@ -22,7 +22,7 @@ from recon.depth.disparity_io import read_disparity
 from recon.depth.patchmatch import PmParameters
 from recon.depth.program import DepthProgram, match_by_program
 from recon.pipeline.job import ReconstructOptions
-from recon.pipeline.methods import Methods, OurDepth, OurFusion, read_methods
+from recon.pipeline.methods import Methods, OurDepth, OurFusion, depth_key, read_methods
 from recon.pipeline.reconstruct import reconstruct
 from recon.programs import LOG, ProgramError
 from recon.storage.files import read_json
@@ -421,6 +421,15 @@ def test_a_changed_method_alone_is_run_again(capture: Capture, tmp_path: Path) -
     assert reconstructed(variant.format(9)) == {"id8"}
     assert reconstructed(variant.format(9), " --version=2") == {"mine"}
     assert reconstructed(variant.format(9), " --version=2", BOX_FILTER.replace("(7, 7)", "(5, 5)")) == {"mine"}
+
+
+def test_a_methods_file_that_is_moved_with_its_programs_means_the_same(tmp_path: Path) -> None:
+    keys = []
+    for name in ("here", "there"):
+        (tmp_path / name).mkdir()
+        keys.append(depth_key(read_methods(methods_file(tmp_path / name)).depth["mine"]))
+    assert keys[0] == keys[1]
+    assert set(keys[0]["files"]) == {sys.executable, "match.py"}
 
 
 def test_match_takes_a_method_of_a_methods_file(command: Command, tmp_path: Path) -> None:
