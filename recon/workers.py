@@ -207,6 +207,7 @@ def _outcome(task: partial[Result]) -> Result | _WrongInput:
 
 
 def _become_worker() -> None:
+    signal.signal(signal.SIGUSR1, signal.default_int_handler)  # where a shell has SIGINT ignored, too
     Thread(target=_end_with_parent, name="parent", daemon=True).start()
     for name in ONE_THREAD:  # for what is not loaded yet
         os.environ[name] = "1"
@@ -218,7 +219,7 @@ def _end_with_parent() -> None:
     parent = multiprocessing.parent_process()
     assert parent is not None
     parent.join()
-    os.kill(os.getpid(), signal.SIGINT)  # so that a program of somebody else's is stopped, too
+    os.kill(os.getpid(), signal.SIGUSR1)  # so that a program of somebody else's is stopped, too
     time.sleep(ENDS_WITHIN_S)
     os._exit(INTERRUPTED)
 
