@@ -253,9 +253,15 @@ def test_a_capture_is_read_once_for_a_run(
 
 
 TRIANGLE = """import sys
+import numpy as np
+from plyfile import PlyData
+clouds = [PlyData.read(path)["vertex"] for path in sys.argv[2:]]
+points = np.concatenate([np.stack([cloud[axis] for axis in "xyz"], axis=1) for cloud in clouds])
+low, size = points.min(axis=0), np.ptp(points, axis=0) / 3
+corners = [" ".join(map(str, low - size * offset)) for offset in ((0, 0, 0), (1, 0, 0), (0, 1, 0))]
 head = ["ply", "format ascii 1.0", "element vertex 3", *(f"property float {axis}" for axis in "xyz")]
 faces = ["element face 1", "property list uchar int vertex_indices", "end_header"]
-open(sys.argv[1], "w").write("\\n".join([*head, *faces, "9 9 9", "9.1 9 9", "9 9.1 9", "3 0 1 2", ""]))
+open(sys.argv[1], "w").write("\\n".join([*head, *faces, *corners, "3 0 1 2", ""]))
 """
 
 
