@@ -41,8 +41,8 @@ N_MEASURED, MEASURED_NOISE = 500, 0.05  # points of the ball that is measured, a
 def check_matcher(matcher: Matcher) -> None:
     """Check that a matcher keeps its promises, called with its default parameters.
 
-    It gives float32 (H, W) with the shift of a shifted picture, in the pair's range and on its foreground alone, the
-    same bits every time, and does not change the pair.
+    It gives float32 (H, W) with the shift of a shifted picture, in colour or grey, in the pair's range and on its
+    foreground alone, the same bits every time, and does not change the pair.
 
     Raises
     ------
@@ -52,6 +52,7 @@ def check_matcher(matcher: Matcher) -> None:
     _check_signature(matcher)
     for shift, smallest in SHIFTS:
         _check_shift(matcher(_shifted(shift, smallest)), shift)
+    _check_grey(matcher)
     noise = StereoPair(_texture(1), _texture(2), N_DISPARITIES, 3)
     disparity = matcher(noise)
     outside = disparity[np.isfinite(disparity) & ((disparity < 2.5) | (disparity > 3 + N_DISPARITIES - 0.5))]
@@ -144,6 +145,17 @@ def _check_shift(disparity: Any, shift: int) -> None:
     shown = f"{disparity.dtype} {disparity.shape}" if isinstance(disparity, np.ndarray) else type(disparity).__name__
     _expect(is_map, f"it returned {shown}, expected float32 {(HEIGHT, WIDTH)}")
     _check_near(disparity[:, max(shift, 0) : WIDTH + min(shift, 0)], shift)
+
+
+def _check_grey(matcher: Matcher) -> None:
+    shift, smallest = SHIFTS[-1]
+    pair = _shifted(shift, smallest)
+    left, right = (np.ascontiguousarray(image[..., 1]) for image in (pair.left, pair.right))
+    try:
+        disparity = matcher(StereoPair(left, right, pair.n_disparities, pair.min_disparity))
+    except Exception as error:
+        raise AssertionError(f"it raised {error!r} for grey pictures, uint8 (H, W)") from error
+    _check_shift(disparity, shift)
 
 
 def _check_near(disparity: NDArray[np.float32], shift: int) -> None:

@@ -7,8 +7,9 @@ that kind of method is run: ``read_tables(path, "measure", taken)`` gives those 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
@@ -83,8 +84,7 @@ class Table:
 
     def changed(self, default: Built) -> Built:
         """Return parameters, an object of a dataclass, with the table's entries instead of what they were."""
-        values = self.built(type(default))
-        return replace(default, **{name: getattr(values, name) for name in self.settings})  # type: ignore[type-var]
+        return _built(type(default), self.settings, self.place, {}, partial(replace, default))  # type: ignore[type-var]
 
     def program(self, kind: type[AProgram]) -> AProgram:
         """Return the program that the table says how to call."""
@@ -142,7 +142,13 @@ def _table(content: Any, place: str) -> dict[str, Any]:
     return dict(content)
 
 
-def _built(kind: type[Built], table: Mapping[str, Any], place: str, given: Mapping[str, object]) -> Built:
+def _built(
+    kind: type[Built],
+    table: Mapping[str, Any],
+    place: str,
+    given: Mapping[str, object],
+    make: Callable[..., Built] | None = None,
+) -> Built:
     hints = get_type_hints(kind)
     assert is_dataclass(kind)
     kinds = {entry.name: hints[entry.name] for entry in fields(kind) if entry.name not in given}
@@ -152,7 +158,7 @@ def _built(kind: type[Built], table: Mapping[str, Any], place: str, given: Mappi
             raise ValueError(f"{place} {name} is unknown, expected {', '.join(kinds)}")
         values[name] = _value(value, kinds[name], f"{place} {name}")
     try:
-        return kind(**values, **given)
+        return (make or kind)(**values, **given)
     except ValueError as error:
         raise ValueError(f"{place} {', '.join(table)}: {error}") from error
 

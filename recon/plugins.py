@@ -145,8 +145,12 @@ def _name_problem(plugin: Plugin, taken: Collection[str]) -> str:
 
 @cache
 def _source_digest(module: str) -> str:
-    file = Path(import_module(module).__file__ or "")
+    loaded = import_module(module)
+    if folders := getattr(loaded, "__path__", ()):  # of a package, with an __init__.py or without
+        sources = sorted(source for folder in folders for source in Path(folder).rglob("*.py"))
+    else:
+        sources = [Path(loaded.__file__ or "")]
     digest = sha256()
-    for source in sorted(file.parent.rglob("*.py")) if file.name == "__init__.py" else [file]:
+    for source in sources:
         digest.update(source.read_bytes())
     return digest.hexdigest()

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from shutil import rmtree
-from typing import ClassVar
+from typing import ClassVar, TextIO
 
 LOG = "log.txt"
 LONGEST_QUOTE = 160  # letters of what a program printed that a sentence quotes
@@ -97,13 +97,13 @@ class Program:
         """Return whether the command uses a name in braces."""
         return f"{{{name}}}" in self.command
 
-    def run(self, values: Mapping[str, Value], folder: Path) -> None:
+    def run(self, values: Mapping[str, Value], folder: Path) -> str:
         """Run the program in a folder, and print to its log there; if it is stopped, so is all that it started.
 
-        A ProgramError says how it failed.
+        Returns the last line that it printed, as a clause for messages. A ProgramError says how it failed.
         """
         arguments = self.arguments(values)
-        with (folder / LOG).open("w", encoding="utf-8") as printed:
+        with (folder / LOG).open("w+", encoding="utf-8", errors="replace") as printed:
             print("$", shlex.join(arguments), file=printed, flush=True)
             start = printed.tell()
             try:
@@ -119,15 +119,17 @@ class Program:
                 reason = getattr(error, "strerror", None) or str(error)
                 raise ProgramError(f"the program {arguments[0]} could not be started: {reason.lower()}") from error
             try:
-                process.wait(self.timeout_s)
-            except subprocess.TimeoutExpired as error:
-                raise ProgramError(f"the program was stopped after {self.timeout_s:g} s, its timeout_s") from error
+                ending = _ending(process.wait(self.timeout_s))
+            except subprocess.TimeoutExpired:
+                ending = f"was stopped after {self.timeout_s:g} s (its timeout_s)"
             finally:
                 if process.returncode is None:
                     os.killpg(process.pid, signal.SIGKILL)
                     process.wait()
-        if process.returncode:
-            raise ProgramError(f"the program {_ending(process.returncode)}{_last_words(folder / LOG, start)}")
+            said = _last_words(printed, start)
+        if ending:
+            raise ProgramError(f"the program {ending}{said}")
+        return said
 
 
 @contextmanager
@@ -136,21 +138,24 @@ def workplace(folder: Path) -> Iterator[None]:
 
     A ValueError within becomes a ProgramError that names the log, and the folder is left as it is, to try by hand.
     """
-    _empty(folder)
+    rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True, exist_ok=True)
     log = folder / LOG
     try:
         yield
     except ValueError as error:
         raise ProgramError(f"{error}; its log is {log}") from error
-    printed = log.read_bytes()
-    _empty(folder)
-    log.write_bytes(printed)
+    for path in folder.iterdir():
+        if path.is_dir() and not path.is_symlink():
+            rmtree(path, ignore_errors=True)
+        elif path != log:
+            path.unlink()
 
 
-def check_written(path: Path) -> None:
-    """Raise a ProgramError if a program did not write its file."""
+def check_written(path: Path, said: str) -> None:
+    """Raise a ProgramError if a program did not write its file, with the last that it said."""
     if not path.is_file():
-        raise ProgramError(f"the program wrote no {path.name}")
+        raise ProgramError(f"the program wrote no {path.name}{said}")
 
 
 def _is_file(path: Path) -> bool:
@@ -161,24 +166,19 @@ def _is_file(path: Path) -> bool:
 
 
 def _ending(returncode: int) -> str:
-    """Say how a program that failed ended; POSIX gives the number of a signal as a negative exit status."""
+    """Say how a program ended, nothing if well; POSIX gives the number of a signal as a negative exit status."""
+    if returncode == 0:
+        return ""
     if returncode > 0:
         return f"ended with exit status {returncode}"
     advice = ", which the system sends where memory runs out" if returncode == -signal.SIGKILL else ""
     return f"was ended by signal {-returncode} ({signal.strsignal(-returncode)}){advice}"
 
 
-def _last_words(log: Path, start: int) -> str:
+def _last_words(log: TextIO, start: int) -> str:
     """Quote the last line of a log after its first `start` bytes, or nothing if there is none."""
-    with log.open(encoding="utf-8", errors="replace") as printed:
-        printed.seek(start)
-        lines = deque(filter(str.strip, printed), maxlen=1)
-    last = "".join(filter(str.isprintable, "".join(lines))).strip()
+    log.seek(start)
+    last = "".join(filter(str.isprintable, "".join(deque(filter(str.strip, log), maxlen=1)))).strip()
     if not last:
         return ""
     return f" and said: {last if len(last) <= LONGEST_QUOTE else last[:LONGEST_QUOTE] + '…'}"
-
-
-def _empty(folder: Path) -> None:
-    rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True, exist_ok=True)

@@ -12,13 +12,15 @@ from __future__ import annotations
 import ctypes
 import multiprocessing
 import os
+import signal
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
-from threading import Lock
+from threading import Lock, Thread
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 if TYPE_CHECKING:
@@ -30,6 +32,7 @@ Progress = Callable[[str, int, int], None]  # what is being done, how many are d
 N_CORES = os.cpu_count() or 1
 LOSSES = 3  # so often worker processes may die before the tasks are taken to be the cause
 INTERRUPTED = 130  # exit status, as shells give it
+ENDS_WITHIN_S = 5.0  # after it was interrupted, a worker process
 RETRIES = 2  # how often a task on a cluster is tried again, unless its input is wrong
 CONNECT_S = 20  # to wait for a scheduler's answer, and for a worker
 ONE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
@@ -204,9 +207,21 @@ def _outcome(task: partial[Result]) -> Result | _WrongInput:
 
 
 def _become_worker() -> None:
+    signal.signal(signal.SIGUSR1, signal.default_int_handler)  # where a shell has SIGINT ignored, too
+    Thread(target=_end_with_parent, name="parent", daemon=True).start()
     for name in ONE_THREAD:  # for what is not loaded yet
         os.environ[name] = "1"
     _use_one_thread()
+
+
+def _end_with_parent() -> None:
+    """End this worker process when the one that started it was killed: else it would wait for tasks for ever."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os.kill(os.getpid(), signal.SIGUSR1)  # so that a program of somebody else's is stopped, too
+    time.sleep(ENDS_WITHIN_S)
+    os._exit(INTERRUPTED)
 
 
 def _unless_interrupted(task: partial[Result]) -> Result:

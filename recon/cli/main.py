@@ -191,10 +191,13 @@ def fuse(
 ) -> None:
     """Make a mesh from point clouds, for example RUN/clouds/pm/S1/0000.ply."""
     from recon.geometry.mesh import check_resolved
-    from recon.geometry.mesh_files import read_cloud, write_mesh
+    from recon.geometry.mesh_files import check_suffix, read_cloud, write_mesh
     from recon.pipeline.reconstruct import fuse_clouds
+    from recon.storage.files import check_not_read
     from recon.surface import SurfaceParameters
 
+    check_suffix(out, (".ply", ".glb"))
+    check_not_read(out, clouds)
     parameters = SurfaceParameters(voxel_mm=voxel, longest_rim_mm=close_holes)
     sensors = [read_cloud(cloud) for cloud in clouds]
     for path, cloud in zip(clouds, sensors, strict=True):
@@ -228,11 +231,13 @@ def export(
     """Convert a mesh; a GLB file opens in any 3D viewer."""
     from recon.geometry.mesh import error_colours, error_limit
     from recon.geometry.mesh_files import read_mesh, write_mesh
+    from recon.storage.files import check_not_read
     from recon.validation.clouds import read_shape
     from recon.validation.truth.evaluation import signed_distances_to
 
     if limit is not None and truth is None:
         raise typer.BadParameter("--limit is about errors: it needs --truth")
+    check_not_read(out, [mesh] if truth is None else [mesh, truth])
     model = read_mesh(mesh)
     result: dict[str, Any] = {"out": str(out), "vertices": len(model.vertices), "faces": len(model.faces)}
     sentence = f"Wrote {result['vertices']} vertices and {result['faces']} faces: {out}"

@@ -175,16 +175,12 @@ def parse_loops(texts: list[str], static: str) -> tuple[str, dict[str, str]]:
     texts : as given
     static : approaches that do not move, separated by commas
     """
-    every, loops = "bounce", {name.strip(): "static" for name in static.split(",") if name.strip()}
+    loops = {name.strip(): "static" for name in static.split(",") if name.strip()}
     for text in texts:
-        name, mark, loop = text.rpartition("=")
-        if mark and loops.get(name.strip(), loop) != loop:
-            raise typer.BadParameter(f"{name.strip()} is static and has the loop {loop!r}; leave one of them out")
-        if mark:
-            loops[name.strip()] = loop
-        else:
-            every = loop
-    return every, loops
+        name, _, loop = (part.strip() for part in text.rpartition("="))
+        if (before := loops.setdefault(name, loop)) != loop:
+            raise typer.BadParameter(f"{name or 'all'} would be both {before} and {loop}; leave one of them out")
+    return loops.pop("", "bounce"), loops
 
 
 def parse_position(text: str) -> tuple[float, float, float]:

@@ -70,7 +70,8 @@ def read_disparity(path: Path) -> NDArray[np.float32]:
     values = _read_values(path)
     if values.ndim != 2 or values.dtype.kind not in "fiu":
         raise ValueError(f"{path}: holds {values.dtype} of shape {values.shape}, expected numbers in two dimensions")
-    disparity = np.array(values, dtype=np.float32)
+    with np.errstate(over="ignore"):  # infinity is no disparity
+        disparity = np.array(values, dtype=np.float32)
     disparity[np.isinf(disparity)] = np.nan
     return disparity
 

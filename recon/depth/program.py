@@ -75,13 +75,13 @@ def match_by_program(pair: StereoPair, program: DepthProgram, folder: Path) -> N
             if program.asks_for(name):
                 is_foreground = np.ones(pair.left.shape[:2], np.bool_) if mask is None else mask
                 write_picture(folder / f"{name}.png", np.where(is_foreground, np.uint8(255), np.uint8(0)))
-        program.run(values, folder)
+        said = program.run(values, folder)
+        check_written(out, said)
         disparity = _read_result(out, read, pair)
     return within_pair(pair, disparity)
 
 
 def _read_result(out: Path, read: Callable[[Path], NDArray[np.float32]], pair: StereoPair) -> NDArray[np.float32]:
-    check_written(out)
     try:
         disparity = read(out)
     except ValueError as error:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from recon.cloud import merge_clouds
-from recon.fusion.views import check_clouds, with_unit_normals
+from recon.fusion.views import check_clouds, check_place, with_unit_normals
 from recon.geometry.mesh import Cloud, Mesh
 from recon.geometry.mesh_files import read_ply_shape, write_cloud
 from recon.geometry.normals import surface_normals
@@ -53,8 +53,8 @@ def fuse_by_program(clouds: Sequence[Cloud], program: FusionProgram, voxel_mm: f
     with workplace(folder):
         for file, cloud in zip(files, seen, strict=True):
             write_cloud(file, cloud)
-        program.run(values, folder)
-        check_written(out)
+        said = program.run(values, folder)
+        check_written(out, said)
         try:
             return _read_mesh(out, merge_clouds(seen))
         except ValueError as error:
@@ -71,4 +71,6 @@ def _read_mesh(path: Path, cloud: Cloud) -> Mesh:
         normals = surface_normals(points, shape.faces)
     if colours is None:
         colours = cloud.colours[cKDTree(cloud.points).query(points)[1]]
-    return with_unit_normals(Mesh(points, shape.faces, normals.astype(np.float32), colours))
+    mesh = with_unit_normals(Mesh(points, shape.faces, normals.astype(np.float32), colours))
+    check_place(mesh, [cloud])
+    return mesh

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from recon.geometry.mesh import Cloud, Mesh
 from recon.geometry.normals import are_unit, surface_normals, unit_normals
+from recon.models.inspection import OTHER_UNIT
 from recon.rig import Camera
 from recon.surface import NoSurfaceError
 
@@ -51,6 +52,19 @@ def with_unit_normals(mesh: Mesh) -> Mesh:
     if are_unit(mesh.normals):
         return mesh
     return replace(mesh, normals=unit_normals(mesh.normals, surface_normals(mesh.vertices, mesh.faces)))
+
+
+def check_place(mesh: Mesh, clouds: Sequence[Cloud]) -> None:
+    """Raise a ValueError if a mesh by somebody else lies apart from the clouds, or has not their size, as in metres."""
+    corners = mesh.vertices[mesh.faces.ravel()], np.concatenate([cloud.points for cloud in clouds])
+    (low, high), (lowest, highest) = ((each.min(axis=0), each.max(axis=0)) for each in corners)
+    size, expected = np.linalg.norm(high - low), np.linalg.norm(highest - lowest)
+    is_apart = (low > highest).any() or (high < lowest).any()
+    if is_apart or not expected / OTHER_UNIT < size < expected * OTHER_UNIT:
+        raise ValueError(
+            f"it reaches from {low.tolist()} to {high.tolist()}, the clouds from {lowest.tolist()} to "
+            f"{highest.tolist()}; expected the clouds' coordinates, in mm"
+        )
 
 
 def check_clouds(clouds: Sequence[Cloud]) -> None:

@@ -232,7 +232,8 @@ def finite_rows(values: ArrayLike, name: str, length: int | None = None, columns
     ValueError
         Naming the shape, or the first row that is not finite.
     """
-    array = np.ascontiguousarray(values, dtype=np.float32)
+    with np.errstate(over="ignore"):  # infinity is told below
+        array = np.ascontiguousarray(values, dtype=np.float32)
     if array.ndim != 2 or array.shape[1] != columns or (length is not None and len(array) != length):
         raise ValueError(f"{name} have shape {array.shape}, expected ({'N' if length is None else length}, {columns})")
     if not np.isfinite(array).all():

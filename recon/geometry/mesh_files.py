@@ -38,7 +38,7 @@ def write_cloud(path: Path, cloud: Cloud) -> Path:
     ValueError
         If the cloud is empty or the name does not end in .ply.
     """
-    _check_suffix(path, (".ply",))
+    check_suffix(path, (".ply",))
     if not len(cloud):
         raise ValueError(f"{path}: the cloud is empty, nothing to write")
     sigma = {} if cloud.sigma is None else {"sigma": cloud.sigma}
@@ -47,7 +47,7 @@ def write_cloud(path: Path, cloud: Cloud) -> Path:
 
 def write_no_cloud(path: Path) -> Path:
     """Write the PLY of a cloud without points, which `read_cloud` refuses: ask `holds_points` first."""
-    _check_suffix(path, (".ply",))
+    check_suffix(path, (".ply",))
     return write_bytes(path, _no_cloud())
 
 
@@ -77,7 +77,7 @@ def write_mesh(path: Path, mesh: Mesh) -> Path:
     ValueError
         If the mesh has no face, or the name does not end in .ply, .glb or .obj, or the format cannot hold its colours.
     """
-    _check_suffix(path, (".ply", ".glb", ".obj"))
+    check_suffix(path, (".ply", ".glb", ".obj"))
     if not len(mesh.faces):
         raise ValueError(f"{path}: the mesh has no face, nothing to write")
     if path.suffix.lower() == ".obj":
@@ -226,13 +226,14 @@ def _mesh_of_glb(path: Path) -> Mesh:
     return Mesh(vertices, faces, normals, texture.at_vertices(), texture)
 
 
-def _check_suffix(path: Path, suffixes: tuple[str, ...]) -> None:
+def check_suffix(path: Path, suffixes: tuple[str, ...]) -> None:
+    """Raise a ValueError if a file's name ends in none of these."""
     if path.suffix.lower() not in suffixes:
         raise ValueError(f"{path}: unknown kind of file, expected a name that ends in {' or '.join(suffixes)}")
 
 
 def _check_points(path: Path, points: NDArray[np.floating]) -> None:
-    _check_suffix(path, (".ply",))
+    check_suffix(path, (".ply",))
     if not len(points):
         raise ValueError(f"{path}: there is no point, nothing to write")
 

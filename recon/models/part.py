@@ -113,14 +113,18 @@ def decode_picture(content: bytes, name: str) -> NDArray[np.uint8]:
     Raises
     ------
     ValueError
-        If it is cut off, or no picture.
+        If it is cut off, too large, or no picture.
     """
     is_cut = content.startswith(JPEG_START) and is_cut_jpeg(content)
     if is_cut or (content.startswith(PNG_START) and PNG_END not in content):
         raise ValueError(f"its texture {name} is cut off after {len(content)} bytes")
     pixels = None
-    if content:
-        pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION)
+    try:
+        if content:
+            flags = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
+            pixels = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
+    except cv2.error as error:  # more pixels than OpenCV takes
+        raise ValueError(f"its texture {name} is not readable as a picture: {error.err}") from error
     if pixels is None:
         raise ValueError(f"its texture {name} is not readable as a picture (PNG or JPEG expected)")
     return np.asarray(pixels, dtype=np.uint8)

@@ -21,7 +21,7 @@ from recon.depth.program import DepthProgram, match_by_program
 from recon.depth.temporal import TemporalParameters
 from recon.fusion import FUSIONS, DepthView, asks_for_views, fused
 from recon.fusion.program import FusionProgram, fuse_by_program
-from recon.fusion.views import with_unit_normals
+from recon.fusion.views import check_place, with_unit_normals
 from recon.geometry.mesh import Cloud, Mesh
 from recon.methods_file import Table, read_tables
 from recon.pipeline.keys import digest_once
@@ -66,7 +66,8 @@ class Installed:
             return function, parameters
         if parameters is None:
             raise ValueError(f"{self.table.place} {', '.join(self.table.settings)}: {self.plugin} has no parameters")
-        return function, self.table.changed(parameters)
+        with self.plugin.running(ValueError, failure=f"cannot take the parameters of {self.table.place}"):
+            return function, self.table.changed(parameters)
 
 
 @dataclass(frozen=True)
@@ -288,11 +289,24 @@ def _fuse_by_plugin(
     parameters = fusion_parameters(method, with_voxel(clouds, run))
     with method.plugin.running(NoSurfaceError):
         mesh, warnings = fused(function, clouds, parameters, views)
-    returned: object = mesh
-    if not isinstance(returned, Mesh) or not len(returned.faces):
-        shown = "a Mesh without faces" if isinstance(returned, Mesh) else f"a {type(returned).__name__}"
-        raise PluginError(f"{method.plugin} returned {shown}, expected a recon.geometry.mesh.Mesh with faces")
+    if (shown := _no_mesh(mesh)) is not None:
+        raise PluginError(
+            f"{method.plugin} returned {shown}, expected a recon.geometry.mesh.Mesh with faces and coloured vertices"
+        )
+    try:
+        check_place(mesh, clouds)
+    except ValueError as error:
+        raise PluginError(f"{method.plugin} returned a mesh in another place: {error}") from error
     return with_unit_normals(mesh), warnings
+
+
+def _no_mesh(returned: object) -> str | None:
+    """Say what a plug-in returned that is no mesh of a run; None where it is one."""
+    if not isinstance(returned, Mesh):
+        return f"a {type(returned).__name__}"
+    if not len(returned.faces):
+        return "a Mesh without faces"
+    return None if returned.texture is None else "a Mesh with a texture"
 
 
 def _with_voxel_of(run: SurfaceParameters, parameters: Any) -> Any:
@@ -304,7 +318,11 @@ def _with_voxel_of(run: SurfaceParameters, parameters: Any) -> Any:
 
 
 def _program_key(method: Program) -> dict[str, Any]:
-    files = {str(path): digest_once(path) for path in method.files()}
+    folder = Path(method.folder)  # which may be moved, with the run
+    files = {
+        str(path.relative_to(folder) if path.is_relative_to(folder) else path): digest_once(path)
+        for path in method.files()
+    }
     return {"command": method.command, "output": method.output, "files": files}
 
 

@@ -32,7 +32,10 @@ PAPER = 128  # grey of the background "plain", also behind clouds
 
 
 def make_preview(run: Run, frame: int) -> Path:
-    """Write ``previews/<frame>.png`` of a run, unless it is there already, and return its path."""
+    """Write ``previews/<frame>.png`` of a run, unless it is there already, and return its path.
+
+    A NoPathError says that there is no place to look from.
+    """
 
     def write(path: Path) -> None:
         write_bytes(path, _encoded(".png", _sheet(run, frame)))

@@ -49,8 +49,9 @@ from recon.pipeline.stages import (
 )
 from recon.pipeline.textures import compare_photographs, make_textured
 from recon.programs import ProgramError
+from recon.render.camera_path import NoPathError
 from recon.storage.artefacts import Artefacts
-from recon.storage.files import alone_in, remove_leftovers
+from recon.storage.files import alone_in, check_not_read, remove_leftovers
 from recon.storage.remote import remove
 from recon.surface import SurfaceParameters
 from recon.workers import Pool, Progress, no_progress, open_pool
@@ -88,9 +89,7 @@ def match_files(
     methods.check((method,), ())
     check_device(device)
     check_suffix(out)
-    for path in (left, right):
-        if out.exists() and path.exists() and out.samefile(path):
-            raise ValueError(f"{out}: is one of the pictures to match; choose another name for the disparities")
+    check_not_read(out, (left, right))
     images = [np.asarray(read_stored_image(path)) for path in (left, right)]
     pair = StereoPair(images[0], images[1], n_disparities, min_disparity)  # which refuses what is not 8 bits
     started = time.perf_counter()
@@ -203,14 +202,12 @@ def _made(job: Job, progress: Progress) -> dict[str, Any]:
     names = tuple(dict.fromkeys(str(approach) for approach, _ in models))
     finished = Run(run, job.capture, names, tuple(job.frames), versions(), address_from(run, job.capture.folder))
     files = [view.cloud for view in views] + [mesh_name(str(approach), frame) for approach, frame in job.surfaces]
-    content = write_run(
-        finished,
-        options=_described(options),
-        timings=timings,
-        warnings=job.artefacts.warnings(files),
-    )
-    make_preview(finished, job.frames[0])
-    return content
+    warnings = job.artefacts.warnings(files)
+    try:
+        make_preview(finished, job.frames[0])
+    except NoPathError as error:
+        warnings.append(f"no preview was drawn: {error}")
+    return write_run(finished, options=_described(options), timings=timings, warnings=warnings)
 
 
 @contextmanager

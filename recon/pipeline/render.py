@@ -50,8 +50,11 @@ def render(
         videos beside others, or another start is writing into the folder. Nothing is written then.
     """
     out = out.resolve()
+    folders = [folder.resolve() for folder in folders]
+    if out in folders:
+        raise ValueError(f"{out}: is one of the folders that are filmed; choose another one for the stimulus set")
     options = replace(options, renderer=choose_renderer(options.renderer))
-    sources = read_sources([folder.resolve() for folder in folders])
+    sources = read_sources(folders)
     check_loops(sources, options)
     check_path_is_read_only(sources, options, out)
     _check_practice(practice, [source.dataset for source in sources for _ in source.sequences])

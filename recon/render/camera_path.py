@@ -15,6 +15,10 @@ FINE_STEPS = 2000  # of the path's arc length; a step is far below what an eye s
 POLE_DEG = 85.0  # nearer to straight above or below, "world y is up" says nothing about the picture
 
 
+class NoPathError(ValueError):
+    """Sensors that no camera path can follow."""
+
+
 @dataclass(frozen=True)
 class PathParameters:
     """How the camera moves and frames.
@@ -78,9 +82,10 @@ def camera_path(
 
     Raises
     ------
+    NoPathError
+        If a sensor stands at the centre of the bounds, or straight above or below it, or all stand in one place.
     ValueError
-        If the kind is unknown, there is no frame, the bounds are empty, or a sensor stands at their centre or
-        straight above or below it.
+        If the kind is unknown, there is no frame, or the bounds are empty.
     """
     parameters = parameters or PathParameters()
     if n_frames < 1:
@@ -104,13 +109,13 @@ def along_sensors(stations: Spherical, n_frames: int, parameters: PathParameters
 
     Raises
     ------
-    ValueError
+    NoPathError
         If all sensors stand in the same place.
     """
     at = np.arange(len(stations.azimuth), dtype=np.float64)
     columns = np.stack([np.unwrap(stations.azimuth), stations.elevation, stations.distance], axis=1)
     if len(at) == 1 or np.allclose(columns, columns[0]):
-        raise ValueError("the sensors all stand in one place: choose the path 'swing' or 'orbit'")
+        raise NoPathError("the sensors all stand in one place: choose the path 'swing' or 'orbit'")
     curve = PchipInterpolator(at, columns)
     fine = np.linspace(0.0, at[-1], FINE_STEPS + 1)
     steps = np.linalg.norm(np.diff(Spherical(*curve(fine).T).offsets, axis=0), axis=1)
@@ -167,13 +172,15 @@ def _stations(rig: Rig, centre: NDArray[np.float64]) -> Spherical:
     elevation = np.arcsin(np.clip(offsets[:, 1] / np.maximum(distance, 1e-9), -1, 1))
     for sensor, far, angle in zip(rig.sensors, distance, np.rad2deg(elevation), strict=True):
         if far < 1e-6:
-            raise ValueError(
-                f"sensor {sensor.id} stands at the centre of the bounds; check the bounds or the calibration"
+            raise NoPathError(
+                f"sensor {sensor.id} stands at the centre of the bounds; check the bounds and the calibration, or give "
+                "the cameras of a file by --path"
             )
         if abs(angle) > POLE_DEG:
-            raise ValueError(
-                f"sensor {sensor.id} sees the centre of the bounds from {angle:.0f} degrees above the horizon; "
-                f"with world y up a camera path can follow sensors up to {POLE_DEG:.0f} degrees"
+            raise NoPathError(
+                f"sensor {sensor.id} sees the centre of the bounds from {angle:.0f} degrees above the horizon; with "
+                f"world y up a camera path can follow sensors up to {POLE_DEG:.0f} degrees; give the cameras of a file "
+                "by --path"
             )
     return Spherical(np.arctan2(offsets[:, 0], offsets[:, 2]), elevation, distance)
 

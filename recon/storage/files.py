@@ -11,7 +11,7 @@ import re
 import shutil
 import socket
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -55,6 +55,12 @@ def check_exists(path: Path) -> None:
     """Raise a ValueError if there is no such file or folder."""
     if not path.exists():
         raise ValueError(f"{path}: there is no such file or folder")
+
+
+def check_not_read(out: Path, inputs: Iterable[Path]) -> None:
+    """Raise a ValueError if a file to write is one of those that are read."""
+    if out.exists() and any(path.exists() and out.samefile(path) for path in inputs):
+        raise ValueError(f"{out}: is one of the files that are read; choose another name for what is made of them")
 
 
 def why_no_file(path: Path) -> str:

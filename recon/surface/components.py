@@ -16,8 +16,11 @@ def drop_small_components(mesh: Mesh, share: float) -> Mesh:
     """Keep the components with at least `share` of the largest one's faces, and no vertex without a face."""
     labels = component_labels(mesh.faces, len(mesh.vertices))
     sizes = np.bincount(labels[mesh.faces[:, 0]], minlength=len(mesh.vertices))
-    kept = sizes >= max(share * sizes.max(), 1)
-    is_vertex = kept[labels]
+    return whole_components(mesh, (sizes >= max(share * sizes.max(), 1))[labels])
+
+
+def whole_components(mesh: Mesh, is_vertex: NDArray[np.bool_]) -> Mesh:
+    """Keep the vertices (N,) of some components, and their faces."""
     number = np.cumsum(is_vertex) - 1
     faces = mesh.faces[is_vertex[mesh.faces[:, 0]]]
     texture = mesh.texture and replace(mesh.texture, uv=mesh.texture.uv[is_vertex])

@@ -28,7 +28,7 @@ from recon.capture.rectify import undistortion_maps
 from recon.geometry.mesh import Cloud, Mesh
 from recon.rig import Camera
 from recon.surface import SurfaceParameters
-from recon.surface.components import component_labels
+from recon.surface.components import component_labels, whole_components
 from recon.surface.holes import rim_edges
 
 FAR_PX = 1e3  # the distance to a mask that says nothing
@@ -326,10 +326,7 @@ def drop_flaps(mesh: Mesh, sights: Sequence[Sight], reach: float) -> Mesh:
             seen = asked[sight.measured(mesh.vertices[asked], SUPPORT_REACHES * reach)]
             n_sensors += np.bincount(labels[seen], minlength=len(sizes)) >= SUPPORTED * n_vertices
         kept &= ~small | (n_sensors > 1)
-    is_vertex = kept[labels]
-    numbers = np.cumsum(is_vertex) - 1
-    faces = numbers[mesh.faces[is_vertex[mesh.faces[:, 0]]]]
-    return Mesh(mesh.vertices[is_vertex], faces, mesh.normals[is_vertex], mesh.colours[is_vertex])
+    return whole_components(mesh, kept[labels])
 
 
 def _lie_within(places: NDArray[np.float64], sights: Sequence[Sight], reach: float) -> NDArray[np.bool_]:

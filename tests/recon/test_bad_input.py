@@ -14,12 +14,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from recon.capture import format as capture_format
 from recon.capture.masks.segment import segment_capture
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import read_mesh, write_cloud, write_no_cloud
-from recon.storage.files import alone_in, read_json
+from recon.storage.files import alone_in, read_json, write_json
 from recon.studio import SynthParameters, synthesise
 from tests.command_line import Command
 
@@ -157,6 +158,30 @@ def test_too_little_for_a_surface_is_refused(command: Command, tmp_path: Path, f
     assert not (tmp_path / "mesh.ply").exists()
 
 
+def test_a_file_that_is_read_is_not_overwritten_by_what_is_made_of_it(command: Command, tmp_path: Path) -> None:
+    cloud, mesh = write_cloud(tmp_path / "cloud.ply", flat_cloud()), tmp_path / "mesh.ply"
+    assert command("fuse", cloud, "-o", mesh).code == 0
+    (tmp_path / "link.ply").symlink_to(cloud)
+    before = [path.read_bytes() for path in (cloud, mesh)]
+    for out, *arguments in (
+        (tmp_path / "link.ply", "fuse", cloud, "-o", tmp_path / "link.ply"),
+        (mesh, "export", tmp_path / "mesh.ply", mesh),
+        (mesh, "export", cloud, mesh, "--truth", mesh),
+    ):
+        told = command(*arguments)
+        assert (told.code, f"{out}: is one of the files that are read; choose another name" in told.err) == (1, True)
+    assert [path.read_bytes() for path in (cloud, mesh)] == before
+
+
+def test_a_kind_of_file_that_no_surface_is_written_as_is_refused_before_it_is_made(
+    command: Command, tmp_path: Path
+) -> None:
+    cloud = write_cloud(tmp_path / "cloud.ply", flat_cloud())
+    told = command("fuse", cloud, "-o", tmp_path / "mesh.stl", "--voxel", 1e-12)
+    assert told.code == 1
+    assert f"{tmp_path / 'mesh.stl'}: unknown kind of file, expected a name that ends in .ply or .glb" in told.err
+
+
 def test_a_cloud_without_points_or_with_points_that_are_no_numbers_is_named(command: Command, tmp_path: Path) -> None:
     empty = write_no_cloud(tmp_path / "empty.ply")
     told = command("fuse", empty, "-o", tmp_path / "mesh.ply")
@@ -228,9 +253,15 @@ def test_a_capture_is_read_once_for_a_run(
 
 
 TRIANGLE = """import sys
+import numpy as np
+from plyfile import PlyData
+clouds = [PlyData.read(path)["vertex"] for path in sys.argv[2:]]
+points = np.concatenate([np.stack([cloud[axis] for axis in "xyz"], axis=1) for cloud in clouds])
+low, size = points.min(axis=0), np.ptp(points, axis=0) / 3
+corners = [" ".join(map(str, low - size * offset)) for offset in ((0, 0, 0), (1, 0, 0), (0, 1, 0))]
 head = ["ply", "format ascii 1.0", "element vertex 3", *(f"property float {axis}" for axis in "xyz")]
 faces = ["element face 1", "property list uchar int vertex_indices", "end_header"]
-open(sys.argv[1], "w").write("\\n".join([*head, *faces, "9 9 9", "9.1 9 9", "9 9.1 9", "3 0 1 2", ""]))
+open(sys.argv[1], "w").write("\\n".join([*head, *faces, *corners, "3 0 1 2", ""]))
 """
 
 
@@ -263,12 +294,43 @@ def test_a_second_start_into_the_same_folder_is_refused_while_the_first_goes_on(
     assert command(*filmed).code == 0
 
 
+def test_a_sensor_above_the_object_is_reconstructed_without_a_picture_of_it(command: Command, capture: Path) -> None:
+    content = read_json(capture / "capture.json")
+    bounds = np.array(content["bounds"])
+    centre, reach = bounds.mean(axis=0), np.ptp(bounds, axis=0).max() / 2
+    sensor = content["sensors"][0]
+    towards = np.linalg.inv(sensor["left"]["cam_from_world"])[:3, 3] - centre
+    old_from_new = np.eye(4)
+    old_from_new[:3, :3] = Rotation.align_vectors([towards], [[0, 1, 0]])[0].as_matrix()
+    old_from_new[:3, 3] = centre - old_from_new[:3, :3] @ centre
+    for side in ("left", "right"):
+        sensor[side]["cam_from_world"] = (np.array(sensor[side]["cam_from_world"]) @ old_from_new).tolist()
+    content |= {"sensors": [sensor], "bounds": [(centre - reach).tolist(), (centre + reach).tolist()]}
+    write_json(capture / "capture.json", content)
+    run = capture.parent / "run"
+    told = command("reconstruct", capture, "-o", run, "--depth", "id", "--fusion", "fb", "--frames", "0:1")
+    assert (told.code, "warning: no preview was drawn: sensor S1 sees the centre of the bounds from" in told.err) == (
+        0,
+        True,
+    ), told.err
+    assert read_json(run / "run.json")["warnings"][-1].endswith("give the cameras of a file by --path")
+    assert not (run / "previews").exists()
+
+
 def test_a_run_into_its_own_capture_is_refused(command: Command, capture: Path) -> None:
     before = sorted(capture.rglob("*"))
     told = command("reconstruct", capture, "-o", capture, "--depth", "id", "--fusion", "fb", "--frames", "0:1")
     assert told.code == 1
     assert f"{capture}: is the capture itself; choose another folder for the run" in told.err
     assert sorted(capture.rglob("*")) == before
+
+
+def test_films_into_the_folder_that_they_are_made_of_are_refused(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "scene.json").write_text("{}")
+    told = command("render", tmp_path, "-o", tmp_path)
+    assert told.code == 1
+    assert f"{tmp_path}: is one of the folders that are filmed; choose another one for the stimulus set" in told.err
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.json"]
 
 
 def test_a_disk_that_fills_up_while_rendering_is_named(command: Command, capture: Path, small_disk: Path) -> None:

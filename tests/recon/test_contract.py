@@ -66,6 +66,11 @@ def blackening(pair: StereoPair) -> NDArray[np.float32]:
     return disparity
 
 
+def in_colour_alone(pair: StereoPair) -> NDArray[np.float32]:
+    assert pair.left.shape[2] == 3
+    return match_sgm(pair)
+
+
 def with_three_parameters(pair: StereoPair, _a: int, _b: int) -> NDArray[np.float32]:
     return match_sgm(pair)
 
@@ -79,6 +84,7 @@ def with_three_parameters(pair: StereoPair, _a: int, _b: int) -> NDArray[np.floa
         (beyond_the_range, "lie outside the pair's range"),
         (random, "gives other disparities again"),
         (blackening, "changed the pictures"),
+        (in_colour_alone, r"it raised IndexError.* for grey pictures, uint8 \(H, W\)"),
         (with_three_parameters, r"takes \(pair, _a, _b\)"),
     ],
 )

@@ -39,6 +39,16 @@ def test_a_plug_in_changes_its_code_version_with_its_source(packages: Path) -> N
     assert plugins["a"].code_version() == plugins["b"].code_version() != plugins["c"].code_version()
 
 
+def test_a_plug_in_in_a_folder_without_init_changes_its_code_version_with_any_of_its_files(packages: Path) -> None:
+    for name in ("their_bare_a", "their_bare_b", "their_bare_c"):
+        folder = packages / name / "inner"
+        folder.mkdir(parents=True)
+        (folder / "match.py").write_text("A = 1")
+        (folder / "costs.py").write_text("B = 1" if name != "their_bare_c" else "B = 2")
+    versions = [Plugin("a", f"their_bare_{name}.inner.match:A", "bare", "1.0").code_version() for name in "abc"]
+    assert versions[0] == versions[1] != versions[2]
+
+
 @pytest.mark.parametrize(
     ("code", "reason"),
     [("import no_such_module", "no_such_module"), ("1 / 0", "division by zero"), ("", "has no attribute 'match'")],

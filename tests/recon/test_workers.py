@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from recon.workers import LOSSES, LocalProcesses, open_pool
+from tests.processes import until_ended
 
 TASKS = [partial(math.factorial, n) for n in range(6)]
 
@@ -79,13 +80,14 @@ def test_a_worker_uses_one_thread_whatever_the_main_program_has_loaded(tmp_path:
 
 
 WAITING = """
+import os
 import signal
 import time
 from functools import partial
 from pathlib import Path
 from recon.workers import open_pool
 def wait(folder, number):
-    (folder / str(number)).touch()
+    (folder / str(number)).write_text(str(os.getpid()))
     time.sleep(60)
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -111,6 +113,23 @@ def test_an_interrupt_ends_all_tasks_at_once(tmp_path: Path) -> None:
             process.communicate()
     assert "KeyboardInterrupt" in told
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0", "1", "program.py"]
+
+
+@pytest.mark.slow
+def test_workers_end_with_the_process_that_is_killed(tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(WAITING)
+    process = subprocess.Popen([sys.executable, program], stderr=subprocess.DEVNULL)
+    try:
+        while not all((tmp_path / name).exists() and (tmp_path / name).read_text() for name in "01"):
+            assert process.poll() is None
+            time.sleep(0.05)
+        workers = [int((tmp_path / name).read_text()) for name in "01"]
+    finally:
+        process.kill()
+        process.wait()
+    with until_ended(*workers):
+        pass
 
 
 def test_no_workers_is_an_error() -> None:

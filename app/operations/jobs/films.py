@@ -21,7 +21,7 @@ FILMS = (
                 help="none chosen: id, dr and pm, or given if the capture holds depth maps alone",
                 option="--depth",
                 choices={
-                    "id": "independent frames, the quickest",
+                    "id": "whole disparities, the quickest",
                     "dr": "disparities refined",
                     "pm": "PatchMatch, the slowest",
                     "sgm": "semi-global matching, to compare with",

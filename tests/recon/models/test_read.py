@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -616,6 +617,14 @@ def test_a_ply_with_colours_of_its_faces_has_them(tmp_path: Path) -> None:
     text = ply(CORNERS, ["3 0 1 2 1 200 1 10 1 10", "3 0 1 2 1 10 2 1 1 1 9"], face_properties=lists)
     with pytest.raises(ValueError, match="its faces have lists where numbers are expected"):
         read_model(text_file(tmp_path, "b.ply", text), IN_MM)
+
+
+def test_a_texture_of_more_pixels_than_can_be_read_is_named() -> None:
+    content = cv2.imencode(".png", np.zeros((4, 4, 3), np.uint8))[1].tobytes()
+    header = b"IHDR" + struct.pack(">II", 60000, 60000) + content[24:29]
+    content = content[:12] + header + struct.pack(">I", zlib.crc32(header)) + content[33:]
+    with pytest.raises(ValueError, match=r"its texture skin is not readable as a picture: pixels <= "):
+        decode_picture(content, "skin")
 
 
 @pytest.mark.parametrize("suffix", [".jpg", ".png"])

@@ -102,6 +102,8 @@ FAILURES = {
     "writes no point": ("points, faces = points[:0], []", "holds no points"),
     "writes points alone": ("faces = []", "holds no faces"),
     "writes NaN": (f"points[7, 1] = np.nan; {FACES}", "not finite numbers: row 7"),
+    "writes metres": (f"points = points / 1000; {FACES}", r"reaches from .* expected the clouds' coordinates, in mm"),
+    "writes another place": (f"points = points + 999; {FACES}", "expected the clouds' coordinates, in mm"),
     "names vertices that are not there": ("faces = [(0, 1, 60)]", "name vertices 0 to 60, but there are 60"),
 }
 

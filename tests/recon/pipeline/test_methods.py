@@ -6,6 +6,7 @@ import json
 import pickle
 import sys
 import time
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from recon.depth.disparity_io import read_disparity
 from recon.depth.patchmatch import PmParameters
 from recon.depth.program import DepthProgram, match_by_program
 from recon.pipeline.job import ReconstructOptions
-from recon.pipeline.methods import Methods, OurDepth, OurFusion, read_methods
+from recon.pipeline.methods import Methods, OurDepth, OurFusion, depth_key, read_methods
 from recon.pipeline.reconstruct import reconstruct
 from recon.programs import LOG, ProgramError
 from recon.storage.files import read_json
@@ -156,7 +157,8 @@ FAILURES = {
         "import os; os.kill(os.getpid(), 9)",
         r"was ended by signal 9 \(Killed\), which the system sends where memory runs out",
     ),
-    "writes nothing": ("pass", "wrote no out.npy"),
+    "writes nothing": ("pass", "wrote no out.npy; its log"),
+    "says why it writes nothing": ("print('no weights')", "wrote no out.npy and said: no weights; its log"),
     "writes garbage": ("import sys; open(sys.argv[3], 'w').write('garbage')", "is not readable as NPY"),
     "writes a cut-off archive": ("import sys; open(sys.argv[3], 'wb').write(b'PK\\x03\\x04')", "not readable as NPY"),
     "writes text": (SAVE.format("np.full((40, 80), 'a')"), "expected numbers in two dimensions"),
@@ -175,6 +177,27 @@ def test_how_a_program_failed_is_said_with_its_log(tmp_path: Path, text: str, se
     assert str(raised.value).endswith(f"its log is {tmp_path / 'work' / LOG}")
     assert "\n" not in str(raised.value)
     assert (tmp_path / "work" / LOG).read_text().startswith(f"$ {sys.executable}")
+
+
+@pytest.mark.parametrize(("status", "refusal"), [(0, None), (3, "exit status 3 and said: cleaned up")])
+def test_a_program_may_remove_its_log(tmp_path: Path, status: int, refusal: str | None) -> None:
+    """As one does that tidies the folder in which it runs."""
+    text = f"import os; os.remove('log.txt'); print('cleaned up'); {SAVE.format('np.full((40, 80), 5)')}; "
+    called = program(tmp_path, text + f"sys.exit({status})")
+    with nullcontext() if refusal is None else pytest.raises(ProgramError, match=refusal):
+        assert (match_by_program(shifted_pair(5), called, tmp_path / "work") == 5).all()
+
+
+def test_a_program_leaves_its_log_alone_in_its_folder(tmp_path: Path) -> None:
+    text = f"import os; os.mkdir('cache'); os.symlink('cache', 'link'); {SAVE.format('np.full((40, 80), 5)')}"
+    match_by_program(shifted_pair(5), program(tmp_path, text), tmp_path / "work")
+    assert [path.name for path in (tmp_path / "work").iterdir()] == [LOG]
+
+
+def test_numbers_too_large_for_a_disparity_are_unmatched(tmp_path: Path) -> None:
+    text = SAVE.format("np.where(np.arange(80) < 40, 5, 1e300) + np.zeros((40, 1))")
+    disparity = match_by_program(shifted_pair(5), program(tmp_path, text), tmp_path / "work")
+    assert np.array_equal(np.isfinite(disparity[0]), np.arange(80) < 40)
 
 
 def test_a_program_that_is_not_there_is_named(tmp_path: Path) -> None:
@@ -197,7 +220,7 @@ child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
 print(child.pid, flush=True)
 child.wait()
 """
-    with pytest.raises(ProgramError, match="was stopped after 2 s"):
+    with pytest.raises(ProgramError, match=r"was stopped after 2 s \(its timeout_s\) and said: \d+; its log"):
         match_by_program(shifted_pair(5), program(tmp_path, text, timeout_s=2.0), tmp_path / "work")
     child = int((tmp_path / "work" / LOG).read_text().splitlines()[1])
     for _ in range(100):
@@ -400,6 +423,15 @@ def test_a_changed_method_alone_is_run_again(capture: Capture, tmp_path: Path) -
     assert reconstructed(variant.format(9), " --version=2", BOX_FILTER.replace("(7, 7)", "(5, 5)")) == {"mine"}
 
 
+def test_a_methods_file_that_is_moved_with_its_programs_means_the_same(tmp_path: Path) -> None:
+    keys = []
+    for name in ("here", "there"):
+        (tmp_path / name).mkdir()
+        keys.append(depth_key(read_methods(methods_file(tmp_path / name)).depth["mine"]))
+    assert keys[0] == keys[1]
+    assert set(keys[0]["files"]) == {sys.executable, "match.py"}
+
+
 def test_match_takes_a_method_of_a_methods_file(command: Command, tmp_path: Path) -> None:
     pair = shifted_pair(5)
     for side, image in (("left", pair.left), ("right", pair.right)):
@@ -430,8 +462,8 @@ def test_match_does_not_overwrite_a_picture_nor_search_for_a_format_that_is_not(
     (tmp_path / "link.png").symlink_to(pictures[1])
     before = [path.read_bytes() for path in pictures]
     for out, sentence in (
-        ("left.png", "is one of the pictures to match"),
-        ("link.png", "is one of the pictures to match"),
+        ("left.png", "is one of the files that are read"),
+        ("link.png", "is one of the files that are read"),
         ("out.PFM", "unknown format '.PFM'"),
     ):
         told = command("match", *pictures, "--disparities", 12, "-o", tmp_path / out, "--methods",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -115,6 +116,36 @@ def test_normals_of_a_plug_ins_mesh_have_unit_length(packages: Path, tmp_path: P
     assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-5)
 
 
+TEXTURED = """
+from dataclasses import replace
+import numpy as np
+from recon.fusion import fuse_before
+from recon.geometry.mesh import Texture
+
+def fuse(clouds):
+    mesh = fuse_before(clouds)
+    return replace(mesh, {change})
+"""
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ("faces=mesh.faces[:0]", "returned a Mesh without faces, expected a recon"),
+        ("texture=Texture(np.zeros((2, 2, 3), np.uint8), mesh.vertices[:, :2])", "returned a Mesh with a texture"),
+        ("vertices=mesh.vertices / 1000", "returned a mesh in another place: it reaches from .* expected the clouds'"),
+    ],
+)
+def test_a_mesh_of_a_plug_in_that_cannot_be_used_is_named(
+    packages: Path, tmp_path: Path, change: str, sentence: str
+) -> None:
+    name = f"others_mesh_{len(change)}"
+    flat_package(packages, name, TEXTURED.replace("{change}", change))
+    coarse = read_methods(None).fusion["coarse"]
+    with pytest.raises(PluginError, match=f"plug-in coarse of {name} 1.0 {sentence}"):
+        fuse(coarse, three_views(), SurfaceParameters(voxel_mm=4.0), views=None, folder=tmp_path)
+
+
 def test_what_a_plug_in_masks_is_unmatched(packages: Path, tmp_path: Path) -> None:
     code = "import numpy as np\ndef match(pair): return np.ma.array(np.full((40, 80), 5.0), mask=np.eye(40, 80) > 0)\n"
     flat_package(packages, "others_masked", code)
@@ -177,6 +208,46 @@ def test_a_wrong_parameter_of_a_plug_in_is_named_with_its_place(packages: Path, 
         methods.check(("flat",), ())
         with pytest.raises(ValueError, match=sentence):
             methods.check(("b",), ())
+
+
+STRICT = """
+from dataclasses import dataclass
+
+@dataclass(frozen=True)
+class Parameters:
+    side: int
+    other: int = 3
+
+    def __post_init__(self):
+        assert self.other < 10, "too much"
+
+def match(pair, parameters=Parameters(7)):
+    return pair.left[..., 0] * 0 + parameters.side - parameters.other
+"""
+
+
+def test_a_variant_changes_the_default_of_a_plug_in_that_its_class_does_not_have(
+    packages: Path, tmp_path: Path
+) -> None:
+    flat_package(packages, "others_side", STRICT)
+    methods = variants(tmp_path, '[depth.b]\nmethod = "flat"\nother = 2\n')
+    assert (matched(methods, "b", shifted_pair(5), tmp_path) == 5).all()
+
+
+@pytest.mark.parametrize(
+    ("code", "reason"),
+    [(STRICT, "AssertionError('too much')"), (STRICT.replace("int =", "'Unknown' ="), "name 'Unknown' is not defined")],
+)
+def test_a_plug_in_that_does_not_bear_its_parameters_is_named(
+    packages: Path, tmp_path: Path, code: str, reason: str
+) -> None:
+    name = f"others_unlike_{len(code)}"
+    flat_package(packages, name, code)
+    methods = variants(tmp_path, '[depth.b]\nmethod = "flat"\nother = 12\n')
+    with pytest.raises(PluginError, match=re.escape(reason)) as raised:
+        methods.check(("b",), ())
+    assert f"plug-in flat of {name} 1.0 " in str(raised.value)
+    assert "[depth.b]" in str(raised.value)
 
 
 @pytest.fixture(scope="module")

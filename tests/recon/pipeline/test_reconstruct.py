@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from typer import BadParameter
 
 from app.intake.models import read_models
 from recon.capture.format import Capture
 from recon.capture.images import read_image
-from recon.cli.options import parse_frames
+from recon.cli.options import parse_frames, parse_loops
 from recon.export_models import write_models
 from recon.geometry.mesh_files import read_mesh
 from recon.pipeline.film import Film, RenderOptions, make_part, make_path, shown_frames
@@ -439,6 +440,20 @@ def test_frames_that_a_capture_does_not_have_are_named(capture: Capture, tmp_pat
     with pytest.raises(ValueError, match=r"none of them in 5:$"):
         reconstruct(capture.folder, tmp_path / "run", ReconstructOptions(frames=parse_frames("5:")))
     assert not (tmp_path / "run").exists()
+
+
+def test_a_loop_is_for_all_approaches_or_for_one_and_is_told_once() -> None:
+    assert parse_loops(["a=repeat", "static", "b = bounce"], "c, d") == (
+        "static",
+        {"a": "repeat", "b": "bounce", "c": "static", "d": "static"},
+    )
+    for texts, static, sentence in (
+        (["a=repeat", "a=bounce"], "", "a would be both repeat and bounce"),
+        (["a=bounce"], "a", "a would be both static and bounce"),
+        (["repeat", "bounce"], "", "all would be both repeat and bounce"),
+    ):
+        with pytest.raises(BadParameter, match=sentence):
+            parse_loops(texts, static)
 
 
 def test_an_unknown_method_is_named_before_anything_is_made(capture: Capture, tmp_path: Path) -> None:
