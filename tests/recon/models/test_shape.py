@@ -18,7 +18,7 @@ from recon.geometry.obj import obj_text
 from recon.models.shape import read_model_shape
 from recon.studio.objects import ball
 from recon.validation.clouds import read_measured
-from tests.recon.models.test_read import textured_obj
+from tests.recon.models.model_files import textured_obj
 
 RADIUS = 150.0
 

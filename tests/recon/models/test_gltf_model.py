@@ -1,0 +1,245 @@
+"""glTF models of other programs are read as the format says, and what is wrong with them is named."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+
+from recon.geometry.mesh_files import write_mesh
+from recon.geometry.srgb import srgb_bytes
+from recon.models.read import read_contents, read_model
+from tests.recon.geometry.test_mesh import mesh_of
+from tests.recon.models.model_files import IN_METRES, IN_MM, RED, mesh_from, picture, text_file
+
+
+def test_our_own_glb_comes_back_with_every_colour(tmp_path: Path) -> None:
+    mesh = mesh_of(300, 500)
+    back = mesh_from(write_mesh(tmp_path / "a.glb", mesh), IN_METRES)
+    named = np.unique(mesh.faces)
+    assert np.allclose(back.vertices, mesh.vertices[named], atol=1e-4)
+    assert np.array_equal(back.colours, mesh.colours[named])
+    assert np.allclose(back.normals, mesh.normals[named], atol=1e-5)
+    assert np.array_equal(named[back.faces], mesh.faces)
+
+
+def gltf(arrays: list[tuple[NDArray[Any], str]], document: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
+    """Complete a document by buffers and accessors of arrays."""
+    kinds = {"<f4": 5126, "<u2": 5123, "|u1": 5121, "<u4": 5125}
+    views, accessors, binary = [], [], b""
+    for array, kind in arrays:
+        views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": array.nbytes})
+        accessors.append(
+            {
+                "bufferView": len(accessors),
+                "componentType": kinds[array.dtype.str],
+                "count": len(array),
+                "type": kind,
+                "normalized": array.dtype.kind == "u" and kind != "SCALAR",
+            }
+        )
+        binary += array.tobytes() + b"\0" * (-array.nbytes % 4)
+    whole = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "bufferViews": views,
+        "accessors": accessors,
+        "buffers": [{"byteLength": len(binary)}],
+    }
+    return whole | document, binary
+
+
+def glb(path: Path, document: dict[str, Any], binary: bytes) -> Path:
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(binary), 0x004E4942) + binary
+    path.write_bytes(struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks)
+    return path
+
+
+TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.dtype("<f4"))
+UV = np.array([[0, 0], [1, 0], [0, 1]], np.dtype("<f4"))
+
+
+def two_nodes() -> tuple[dict[str, Any], bytes]:
+    """A triangle in two places, as linear bytes and by a factor, the second below a turned and scaled parent."""
+    linear = np.array([[0, 0, 0], [55, 55, 55], [255, 255, 255]], np.uint8)
+    padded = np.pad(linear, ((0, 0), (0, 1)), constant_values=255)
+    turn = [0, 0, float(np.sin(np.pi / 4)), float(np.cos(np.pi / 4))]  # by 90 degrees about z
+    return gltf(
+        [(TRIANGLE, "VEC3"), (padded, "VEC4"), (np.array([0, 1, 2], np.dtype("<u2")), "SCALAR")],
+        {
+            "scenes": [{"nodes": [0, 1]}],
+            "nodes": [
+                {"mesh": 0, "translation": [0, 0, 5]},
+                {"children": [2], "rotation": turn, "scale": [2, 2, 2]},
+                {"mesh": 1, "translation": [1, 0, 0]},
+            ],
+            "meshes": [
+                {"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 1}, "indices": 2}]},
+                {"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]},
+            ],
+            "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [0.5, 0, 1, 1]}}],
+        },
+    )
+
+
+def test_every_mesh_of_a_gltf_stands_where_its_nodes_put_it(tmp_path: Path) -> None:
+    path = glb(tmp_path / "a.glb", *two_nodes())
+    mesh = mesh_from(path)
+    expected = trimesh.load_scene(path, process=False).to_geometry()
+    ours = np.sort(mesh.vertices[mesh.faces].reshape(-1, 9), axis=0)
+    assert np.allclose(ours, np.sort(expected.vertices[expected.faces].reshape(-1, 9), axis=0), atol=1e-6)
+    assert np.allclose(mesh.vertices[3:], [[0, 2, 0], [0, 4, 0], [-2, 2, 0]], atol=1e-6)
+
+
+def rigged(path: Path, node: dict[str, Any]) -> Path:
+    """A triangle whose last corner hangs on a joint that its node turned and moved, below a node that is elsewhere."""
+    turn = [0, 0, float(np.sin(np.pi / 4)), float(np.cos(np.pi / 4))]  # by 90 degrees about z
+    joints = np.array([[0, 0, 0, 0], [0, 0, 0, 0], [1, 0, 0, 0]], np.uint8)
+    weights = np.array([[1, 0, 0, 0]] * 3, np.dtype("<f4"))
+    inverse = np.stack([np.eye(4), np.eye(4)])
+    inverse[1, :3, 3] = (0, -1, 0)  # the joint was at (0, 1, 0) when the corner was bound to it
+    by_columns = inverse.transpose(0, 2, 1).reshape(2, 16).astype("<f4")
+    raised = np.array([[0, 0, 1], [0, 0, 0], [0, 0, 0]], np.dtype("<f4"))
+    document, binary = gltf(
+        [(TRIANGLE, "VEC3"), (joints, "VEC4"), (weights, "VEC4"), (by_columns, "MAT4"), (raised, "VEC3")],
+        {
+            "scenes": [{"nodes": [0, 1]}],
+            "nodes": [
+                {"mesh": 0, "translation": [0, 0, 50]} | node,
+                {"children": [2]},
+                {"translation": [3, 1, 0], "rotation": turn},
+            ],
+            "skins": [{"joints": [1, 2], "inverseBindMatrices": 3}],
+            "meshes": [
+                {
+                    "primitives": [
+                        {"attributes": {"POSITION": 0, "JOINTS_0": 1, "WEIGHTS_0": 2}, "targets": [{"POSITION": 4}]}
+                    ]
+                }
+            ],
+        },
+    )
+    document["accessors"][1]["normalized"] = False
+    return glb(path, document, binary)
+
+
+def test_a_rigged_gltf_stands_as_its_joints_do_wherever_its_own_node_is(tmp_path: Path) -> None:
+    mesh = mesh_from(rigged(tmp_path / "a.glb", {"skin": 0}))
+    assert np.allclose(mesh.vertices, [[0, 0, 0], [1, 0, 0], [3, 1, 0]], atol=1e-6)
+
+
+def test_a_gltf_has_the_shape_that_its_morph_weights_give_it(tmp_path: Path) -> None:
+    mesh = mesh_from(rigged(tmp_path / "a.glb", {"weights": [0.5]}))
+    assert np.allclose(mesh.vertices, [[0, 0, 50.5], [1, 0, 50], [0, 1, 50]], atol=1e-6)
+
+
+def test_colours_of_gltf_are_linear(tmp_path: Path) -> None:
+    mesh = mesh_from(glb(tmp_path / "a.glb", *two_nodes()))
+    assert mesh.colours[:3].tolist() == [[0] * 3, [128] * 3, [255] * 3]
+    assert mesh.colours[3:].tolist() == [[188, 0, 255]] * 3
+
+
+@pytest.mark.parametrize(("shift", "is_warned_of"), [(0.0, False), (0.5, True)])
+def test_a_texture_of_gltf_that_shall_not_repeat_is_pointed_out_where_it_does(
+    tmp_path: Path, shift: float, is_warned_of: bool
+) -> None:
+    picture(tmp_path / "skin.png", RED)
+    document, binary = gltf(
+        [(TRIANGLE, "VEC3"), (UV + np.float32(shift), "VEC2")],
+        {
+            "nodes": [{"mesh": 0}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "material": 0}]}],
+            "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
+            "textures": [{"source": 0, "sampler": 0}],
+            "samplers": [{"wrapS": 33071}],
+            "images": [{"uri": "skin.png"}],
+        },
+    )
+    warnings = read_model(glb(tmp_path / "a.glb", document, binary), IN_MM).warnings
+    assert any("repeated instead" in warning for warning in warnings) == is_warned_of
+
+
+def test_a_texture_of_gltf_is_turned_upside_down_and_scaled_in_linear_light(tmp_path: Path) -> None:
+    stripes = np.zeros((2, 2, 3), np.uint8)
+    stripes[0] = 255  # the upper row, where glTF's v is 0
+    cv2.imwrite(str(tmp_path / "my skin.png"), stripes)
+    document, binary = gltf(
+        [(TRIANGLE, "VEC3"), (UV, "VEC2")],
+        {
+            "nodes": [{"mesh": 0}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "material": 0}]}],
+            "materials": [
+                {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "baseColorFactor": [0.5, 0.5, 0.5, 1]}}
+            ],
+            "textures": [{"source": 0}],
+            "images": [{"uri": "my%20skin.png"}],
+        },
+    )
+    document["buffers"][0]["uri"] = "a.bin"
+    (tmp_path / "a.bin").write_bytes(binary)
+    path = text_file(tmp_path, "a.gltf", json.dumps(document))
+    mesh = mesh_from(path)
+    assert mesh.texture is not None
+    assert mesh.texture.uv.tolist() == [[0, 1], [1, 1], [0, 0]]
+    assert np.unique(mesh.texture.pixels[0]).tolist() == [188]
+    for missing in ("my skin.png", "a.bin"):
+        content = (tmp_path / missing).read_bytes()
+        (tmp_path / missing).unlink()
+        with pytest.raises(ValueError, match=rf"a\.gltf: its (texture|buffer) {missing} is missing"):
+            read_model(path, IN_MM)
+        (tmp_path / missing).write_bytes(content)
+
+
+def change(key: str, value: Any) -> Callable[[dict[str, Any]], None]:
+    return lambda document: document.update({key: value})
+
+
+WRONG_GLTF: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
+    "compressed": (change("extensionsRequired", ["KHR_draco_mesh_compression"]), "needs KHR_draco_mesh_compression"),
+    "node": (change("scenes", [{"nodes": [9]}]), "is not whole glTF"),
+    "version": (change("asset", {"version": "1.0"}), "is not glTF of version 2"),
+    "values": (lambda document: document["accessors"][0].update(count=99), "promises 99 values, more than"),
+    "buffer": (lambda document: document["buffers"][0].update(byteLength=9999), "its buffer 0 is cut off"),
+}
+
+
+@pytest.mark.parametrize("fault", WRONG_GLTF)
+def test_a_wrong_gltf_is_named_with_its_fault(tmp_path: Path, fault: str) -> None:
+    document, binary = two_nodes()
+    spoil, sentence = WRONG_GLTF[fault]
+    spoil(document)
+    with pytest.raises(ValueError, match=rf"a\.glb: .*{sentence}"):
+        read_model(glb(tmp_path / "a.glb", document, binary), IN_MM)
+
+
+def test_a_cut_off_glb_is_named(tmp_path: Path) -> None:
+    path = glb(tmp_path / "a.glb", *two_nodes())
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(ValueError, match=r"a\.glb: is cut off: it has \d+ bytes, its header says \d+"):
+        read_model(path, IN_MM)
+
+
+def test_linear_light_becomes_srgb_by_the_standard() -> None:
+    assert srgb_bytes(np.array([0.0, 0.0031308, 0.214041, 1.0])).tolist() == [0, 10, 127, 255]
+
+
+def test_nodes_in_a_circle_are_refused_even_where_they_hold_no_mesh(tmp_path: Path) -> None:
+    document = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"children": [1]}, {"children": [0]}],
+    }
+    (tmp_path / "a.gltf").write_text(json.dumps(document))
+    with pytest.raises(ValueError, match="circle"):
+        read_contents(tmp_path / "a.gltf")
