@@ -1,0 +1,157 @@
+"""Recordings that a JSON file describes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from recon.capture.checking.check import check_capture
+from recon.capture.format import CaptureError, DepthMaps, read_frame
+from recon.capture.importing.json_file import import_json
+from recon.capture.importing.sources import ImportOptions
+from tests.recon.capture.importing.labelled_recording import (
+    OPTIONS,
+    POINTS,
+    RIG,
+    SIZE,
+    TURNED,
+    described,
+    record,
+    seen,
+    write_picture,
+)
+
+
+def test_the_short_json_form_takes_shots_and_other_units(tmp_path: Path) -> None:
+    left, right = RIG.sensors[0].left, RIG.sensors[0].right
+    relative = left.cam_from_world @ np.linalg.inv(right.cam_from_world)
+    for number in (1, 2):
+        write_picture(tmp_path / f"C1_{number}.png", 10 * number)
+        write_picture(tmp_path / f"C2_{number}.png", 10 * number + 5)
+    content = {
+        "units": "m",
+        "K_left": left.K.tolist(),
+        "K_right": right.K.tolist(),
+        "dist_left": left.dist.tolist(),
+        "dist_right": right.dist.tolist(),
+        "R_left_from_right": relative[:3, :3].tolist(),
+        "t_left_from_right_m": (relative[:3, 3] / 1000).tolist(),
+        "radius_m": 0.3,
+        "left_file": {"1": "C2_1.png", "2": "C1_2.png"},
+        "right_file": {"1": "C1_1.png", "2": "C2_2.png"},
+    }
+    (tmp_path / "calibration.json").write_text(json.dumps(content))
+    capture = import_json(tmp_path / "calibration.json", tmp_path / "out", OPTIONS)
+    in_world = left.points_in_camera(POINTS) @ TURNED.T
+    np.testing.assert_allclose(seen(capture.sensors[0].right.camera, in_world), seen(right, POINTS), atol=1e-6)
+    assert (capture.kind, capture.object, capture.n_frames) == ("sphere", {"radius_mm": 300.0}, 2)
+    assert [[int(image[0, 0, 0]) for image in read_frame(capture, "S1", frame)] for frame in (0, 1)] == [
+        [15, 10],
+        [20, 25],
+    ]
+    one = import_json(tmp_path / "calibration.json", tmp_path / "second", OPTIONS, shots=["2"])
+    assert one.n_frames == 1
+    assert read_frame(one, "S1", 0)[0][0, 0, 0] == 20
+    with pytest.raises(CaptureError, match="asked: \\['3'\\]"):
+        import_json(tmp_path / "calibration.json", tmp_path / "third", OPTIONS, shots=["3"])
+
+
+def test_a_folder_with_one_json_is_imported_by_it(tmp_path: Path) -> None:
+    record(tmp_path / "source")
+    path = described(tmp_path / "source")
+    by_file, by_folder = import_json(path, tmp_path / "1"), import_json(path.parent, tmp_path / "2")
+    assert [sensor.id for sensor in by_folder.sensors] == [sensor.id for sensor in by_file.sensors]
+    assert by_folder.n_frames == by_file.n_frames
+    (path.parent / "other.json").write_text("{}")
+    with pytest.raises(CaptureError, match=r"holds 2 JSON files \(.*other.json.*\), expected one that describes"):
+        import_json(path.parent, tmp_path / "3")
+
+
+def test_a_json_may_describe_a_camera_with_depth_maps(tmp_path: Path) -> None:
+    record(tmp_path)
+    for frame in (1, 2):
+        np.save(tmp_path / f"depth{frame}.npy", np.full((SIZE[1], SIZE[0]), float(frame)))
+    path = described(tmp_path)
+    content = json.loads(path.read_text())
+    del content["sensors"][1]["right"]
+    content["sensors"][1]["depth"] = {"image": "depth{frame}.npy", "scale_mm": 1000.0, "kind": "distance"}
+    path.write_text(json.dumps(content))
+    capture = import_json(path, tmp_path / "out")
+    assert [stream.sides for stream in capture.sensors] == [("left", "right"), ("left",)]
+    assert capture.sensors[1].depth == DepthMaps("S2/depth/{frame:04d}.npy", 1000.0, "distance")
+    np.testing.assert_array_equal(np.load(tmp_path / "out/S2/depth/0001.npy"), 2.0)
+    (tmp_path / "depth2.npy").unlink()
+    with pytest.raises(CaptureError, match="sensor S2, depth has 1 frames, expected 2"):
+        import_json(path, tmp_path / "again")
+
+
+def without(content: dict[str, Any], key: str, sensor: int = 0) -> None:
+    del content["sensors"][sensor]["left"][key]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda content: without(content, "K"), "sensor S1: K is missing"),
+        (lambda content: without(content, "image"), "sensor S1: image is missing"),
+        (lambda content: without(content, "cam_from_world", sensor=1), "sensor S2: a camera has the poses"),
+        (lambda content: content["sensors"][0]["right"].update(image="nowhere"), "found nothing, expected one folder"),
+        (lambda content: content["sensors"][0]["right"].update(K=[[1, 2], [3]]), "expected numbers"),
+        (lambda content: content.update(units="furlong"), "unit 'furlong'"),
+        (lambda content: content.pop("bounds"), "nothing tells the bounds"),
+    ],
+)
+def test_what_is_wrong_in_a_description_is_named(
+    tmp_path: Path, change: Callable[[dict[str, Any]], None], message: str
+) -> None:
+    record(tmp_path)
+    path = described(tmp_path)
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+    with pytest.raises(CaptureError, match=message):
+        import_json(path, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_the_real_sphere_comes_in_by_its_own_calibration(real_data: Path, tmp_path: Path) -> None:
+    bounds = np.array([[-700.0, -400, -7300], [800, 550, -4700]])
+    capture = import_json(real_data / "sphere/calibration.json", tmp_path / "sphere", ImportOptions(bounds=bounds))
+    assert (capture.kind, capture.object, capture.n_frames) == ("sphere", {"radius_mm": 300.0}, 4)
+    (report,) = check_capture(capture.folder).sensors
+    assert report.rows is not None
+    assert report.rows.vertical_error_px is not None
+    assert report.rows.vertical_error_px < 0.25
+
+
+@pytest.mark.parametrize(
+    ("keys", "wrong", "said"),
+    [
+        (("sensors",), [], "names no sensors"),
+        (("sensors", 0, "left", "image"), 5, "sensor S1: image is 5"),
+        (("sensors", 0, "left", "image"), [], r"sensor S1: image is \[\]"),
+        (("sensors", 0, "left", "distortion"), [0.1, 0, 0, 0], "sensor S1: distortion is not read, expected dist"),
+        (("sensors", 0, "depth"), {"image": []}, "sensor S1: depth: image is an empty list"),
+        (("sensors", 0, "depth"), {"image": ["d.png"], "size": ["a", "b"]}, "sensor S1: size is .*whole pixels"),
+        (("sensors", 0, "depth"), {"image": ["d.png"], "size": [3]}, "sensor S1: size is .*whole pixels"),
+    ],
+)
+def test_parts_of_a_json_that_hold_nothing_are_named(
+    tmp_path: Path, keys: tuple[str | int, ...], wrong: Any, said: str
+) -> None:
+    record(tmp_path / "source")
+    path = described(tmp_path / "source")
+    content = json.loads(path.read_text())
+    part = content
+    for key in keys[:-1]:
+        part = part[key]
+    part[keys[-1]] = wrong
+    path.write_text(json.dumps(content))
+    with pytest.raises(CaptureError, match=said):
+        import_json(path, tmp_path / "out", OPTIONS)

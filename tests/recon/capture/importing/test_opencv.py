@@ -1,0 +1,74 @@
+"""Recordings with OpenCV's calibration files."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from recon.capture.format import CaptureError, read_frame
+from recon.capture.importing.opencv import import_opencv, write_calibration
+from recon.rig import Rig
+from tests.recon.capture.importing.labelled_recording import (
+    OPTIONS,
+    POINTS,
+    RIG,
+    TURNED,
+    record,
+    seen,
+    write_picture,
+    write_video,
+)
+
+
+def test_a_flat_opencv_file_puts_the_world_into_the_left_camera_with_y_up(tmp_path: Path) -> None:
+    left, right = RIG.sensors[0].left, RIG.sensors[0].right
+    relative = right.cam_from_world @ np.linalg.inv(left.cam_from_world)
+    for name, keys in (("intrinsics", ("M1", "D1", "M2", "D2")), ("extrinsics", ("R", "T"))):
+        storage = cv2.FileStorage(str(tmp_path / f"{name}.yml"), cv2.FILE_STORAGE_WRITE)
+        values = (left.K, left.dist[None], right.K, right.dist[None], relative[:3, :3], relative[:3, 3:] / 10.0)
+        named = dict(zip(("M1", "D1", "M2", "D2", "R", "T"), values, strict=True))
+        for key in keys:
+            storage.write(key, named[key])
+        storage.release()
+    write_video(tmp_path / "left.avi", [10, 20, 30])
+    write_video(tmp_path / "right.avi", [15, 25, 35])
+    capture = import_opencv(tmp_path, tmp_path / "out", replace(OPTIONS, unit_mm=10.0))
+    in_world = left.points_in_camera(POINTS) @ TURNED.T
+    stream = capture.sensors[0]
+    np.testing.assert_allclose(seen(stream.left.camera, in_world), seen(left, POINTS), atol=1e-6)
+    np.testing.assert_allclose(seen(stream.right.camera, in_world), seen(right, POINTS), atol=1e-6)
+    assert (capture.n_frames, capture.fps) == (3, 25.0)
+    assert [int(image[0, 0, 0]) for image in read_frame(capture, "S1", 2)] == [30, 35]
+
+
+@pytest.mark.parametrize("n_sensors", [1, 2])
+def test_a_written_calibration_is_read_back(tmp_path: Path, n_sensors: int) -> None:
+    rig = Rig(RIG.sensors[:n_sensors])
+    record(tmp_path)
+    write_calibration(tmp_path / "calibration.yml", rig)
+    again = import_opencv(tmp_path, tmp_path / "out", OPTIONS)
+    for sensor, found in zip(rig.sensors, again.rig.sensors, strict=True):
+        np.testing.assert_allclose(seen(found.right, POINTS), seen(sensor.right, POINTS), atol=1e-6)
+        np.testing.assert_allclose(found.left.cam_from_world, sensor.left.cam_from_world, atol=1e-9)
+
+
+def test_what_is_wrong_in_an_opencv_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(CaptureError, match="holds no calibration file"):
+        import_opencv(tmp_path, tmp_path / "out", OPTIONS)
+    for sensor in ("S1", "S2"):
+        (tmp_path / "apart" / sensor).mkdir(parents=True)
+        (tmp_path / "apart" / sensor / "calibration.yml").touch()
+    with pytest.raises(CaptureError, match="but in S1, S2: name one of these folders, or write one file"):
+        import_opencv(tmp_path / "apart", tmp_path / "out", OPTIONS)
+    (tmp_path / "calibration.yml").write_text("%YAML:1.0\n---\nK1: 5\n")
+    for side in ("left", "right"):
+        write_picture(tmp_path / f"{side}.png", 5)
+    with pytest.raises(CaptureError, match=r"calibration.yml: D1|K2 is missing"):
+        import_opencv(tmp_path, tmp_path / "out", OPTIONS)
+    (tmp_path / "calibration.yml").write_text("not: [a, file")
+    with pytest.raises(CaptureError, match="is not an OpenCV YAML or XML file"):
+        import_opencv(tmp_path, tmp_path / "out", OPTIONS)
