@@ -55,7 +55,7 @@ def write_analysis(analysis: Mapping[str, Any], out: Path | str, *, source: str 
     """Write analysis.json, the tables, the figures (SVG, PNG, PDF) and the report (HTML, Markdown).
 
     Every file is complete or absent. analysis.json is written last, so its presence means that the folder is
-    complete. Where it was there before, the tables and figures that only the earlier analysis had are removed.
+    complete. Where it is there already, the tables and figures of that earlier analysis are removed first.
 
     Parameters
     ----------
@@ -66,17 +66,15 @@ def write_analysis(analysis: Mapping[str, Any], out: Path | str, *, source: str 
     """
     out = Path(out)
     whole = out / "analysis.json"
-    left = _written_before(out) if whole.exists() else set()
-    whole.unlink(missing_ok=True)
+    if whole.exists():
+        for earlier in _written_before(out):
+            earlier.unlink(missing_ok=True)
+        whole.unlink()
     for name in COLUMNS:
         if analysis.get(name) or (analysis["votes"] and name in ALWAYS_THERE):
             write_text(out / f"{name}.csv", table_csv(analysis[name], COLUMNS[name]))
-            left.discard(out / f"{name}.csv")
     for path, content in report_files(analysis, source=source, width=width):
         write_bytes(out / path, content)
-        left.discard(out / path)
-    for path in left:
-        path.unlink(missing_ok=True)
     write_text(whole, _json_by_row(analysis))
 
 
@@ -90,8 +88,8 @@ def _written_before(out: Path) -> set[Path]:
 def refuse_to_replace(inputs: Sequence[Path | str | None], out: Path | str) -> None:
     """Raise if a table of the results would take the place of a file that they follow from."""
     tables = {(Path(out) / f"{name}.csv").resolve() for name in COLUMNS}
-    for path in filter(None, inputs):
-        if Path(path).resolve() in tables:
+    for path in inputs:
+        if path is not None and Path(path).resolve() in tables:
             raise VotesError(f"{path}: a table of the results would replace it; choose another folder for them")
 
 
