@@ -94,8 +94,6 @@ def test_who_signs_in_again_comes_to_the_page_they_asked_for(small_server: str, 
     with Dashboard(small_server) as renate:
         renate.enter(link)
         renate.act("/admin/account/password", password=PASSWORD, again=PASSWORD)
-        out = renate.act("/admin/logout")
-        assert "<h1>Sign in</h1>" in out.text  # and not the participants' entrance
     with Dashboard(small_server) as renate:
         page = renate.get("/admin/audit?page=2").text
         for password in ("incorrect horse", PASSWORD):
