@@ -19,7 +19,7 @@ from app.analysis.ratings.reading import understand_ratings
 from app.analysis.ratings.score_sets import comparison_score_sets, opinion_score_sets
 from app.analysis.ratings.table import ComparisonTable, RatingTable
 from app.analysis.reading import in_several, understand_votes
-from app.analysis.report import write_analysis
+from app.analysis.report import refuse_to_replace, write_analysis
 from app.analysis.settings import AnalysisSettings
 from app.analysis.votes_table import ALL, VotesError, VotesTable
 
@@ -73,6 +73,7 @@ def analyse_file(
         For a factor that is not in `items`.
     """
     paths = [Path(file) for file in ([path] if isinstance(path, Path | str) else path)]
+    refuse_to_replace([*paths, items, measures, participants, ratings], out)
     source = ", ".join(path.name for path in paths)
     votes, understood = understand_votes(paths, columns, choices)
     settings = _with_factors(settings or AnalysisSettings(), items, factors)
@@ -179,6 +180,7 @@ def analyse_ratings_file(
         Naming the file, the row and the value.
     """
     path = Path(path)
+    refuse_to_replace([path, measures], out)
     table, understood = understand_ratings(path, scale)
     unknown = [name for name in exclude if name not in table.participants]
     if unknown:

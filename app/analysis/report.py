@@ -12,6 +12,7 @@ from typing import Any
 from app.analysis.drawing import FULL, svg_pdf, svg_png
 from app.analysis.figures import drawn_figures
 from app.analysis.report_page import PAGES, report_page
+from app.analysis.votes_table import VotesError
 from app.files import without_formula, write_bytes, write_text
 
 COLUMNS = {
@@ -47,13 +48,14 @@ COLUMNS = {
     "comparison_models": ("dataset", "n_ratings", "n_participants", "order_effect", "order_se", "status"),
 }
 ALWAYS_THERE = ("scores", "triads", "observers")  # tables of every analysis of votes
+FIGURES = (".svg", ".png", ".pdf")
 
 
 def write_analysis(analysis: Mapping[str, Any], out: Path | str, *, source: str = "votes", width: int = FULL) -> None:
     """Write analysis.json, the tables, the figures (SVG, PNG, PDF) and the report (HTML, Markdown).
 
     Every file is complete or absent. analysis.json is written last, so its presence means that the folder is
-    complete.
+    complete. Where it is there already, the tables and figures of that earlier analysis are removed first.
 
     Parameters
     ----------
@@ -63,12 +65,32 @@ def write_analysis(analysis: Mapping[str, Any], out: Path | str, *, source: str 
     width : of the figures, in pixels; `WIDTHS` has those of a journal's columns
     """
     out = Path(out)
+    whole = out / "analysis.json"
+    if whole.exists():
+        for earlier in _written_before(out):
+            earlier.unlink(missing_ok=True)
+        whole.unlink()
     for name in COLUMNS:
         if analysis.get(name) or (analysis["votes"] and name in ALWAYS_THERE):
             write_text(out / f"{name}.csv", table_csv(analysis[name], COLUMNS[name]))
     for path, content in report_files(analysis, source=source, width=width):
         write_bytes(out / path, content)
-    write_text(out / "analysis.json", _json_by_row(analysis))
+    write_text(whole, _json_by_row(analysis))
+
+
+def _written_before(out: Path) -> set[Path]:
+    """Find the tables and figures of an analysis: a figure lies there in all three formats, other pictures do not."""
+    drawn = [[svg.with_suffix(kind) for kind in FIGURES] for svg in (out / "figures").glob("*.svg")]
+    figures = {path for files in drawn if all(path.exists() for path in files) for path in files}
+    return figures | {out / f"{name}.csv" for name in COLUMNS}
+
+
+def refuse_to_replace(inputs: Sequence[Path | str | None], out: Path | str) -> None:
+    """Raise if a table of the results would take the place of a file that they follow from."""
+    tables = {(Path(out) / f"{name}.csv").resolve() for name in COLUMNS}
+    for path in inputs:
+        if path is not None and Path(path).resolve() in tables:
+            raise VotesError(f"{path}: a table of the results would replace it; choose another folder for them")
 
 
 def _json_by_row(analysis: Mapping[str, Any]) -> str:

@@ -56,6 +56,8 @@ def read_frame(path: Path) -> pd.DataFrame:
     """
     name = path.name.lower()
     reader = next((reader for ending, reader in READERS.items() if name.endswith(ending)), None)
+    if path.is_dir():
+        raise VotesError(f"{path}: is a folder, expected a file: {', '.join(READERS)}")
     if reader is None:
         raise VotesError(f"{path}: ends in {path.suffix!r}, expected one of {', '.join(READERS)}")
     return _read(path, reader)

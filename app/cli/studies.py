@@ -380,5 +380,5 @@ def _balance_lines(report: Mapping[str, Any]) -> Iterator[str]:
     yield f"Orders from the seed {report['seed']}: {'balanced' if report['ok'] else 'NOT BALANCED'}"
     yield "Participants: " + ", ".join(f"{n} {state}" for state, n in report["participants"].items())
     for rule in report["rules"]:
-        verdict = "ok" if rule["ok"] else "NO"
-        yield f"  {verdict} {rule['worst']:>4} (at most {rule['allowed']})  {rule['of']}: {rule['rule']}"
+        verdict = "ok" if rule["ok"] else "not yet" if rule["of"] == "who finished" else "NO"
+        yield f"  {verdict:<7} {rule['worst']:>4} (at most {rule['allowed']})  {rule['of']}: {rule['rule']}"

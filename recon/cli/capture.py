@@ -314,9 +314,8 @@ def capture_check(
     from recon.capture.checking.page import write_check
 
     report = check_capture(capture)
-    if report_folder is not None:
-        write_check(report, report_folder)
-    print_result(report.as_json(), _check_sentences(capture, report), as_json=as_json)
+    written = "" if report_folder is None else f"\nReport: {write_check(report, report_folder)}"
+    print_result(report.as_json(), _check_sentences(capture, report) + written, as_json=as_json)
     if report.problems:
         raise typer.Exit(1)
 

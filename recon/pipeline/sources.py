@@ -169,6 +169,9 @@ def read_sources(folders: Sequence[Path]) -> list[Source]:
         if is_there(folder / RUN_FILE):
             sources.append(run_source(read_run(folder)))
             continue
+        if not is_copy(folder) and not folder.is_dir():
+            problems.append(f"{folder}: there is no such folder")
+            continue
         if not is_there(folder / SCENE_FILE):
             problems.append(
                 f"{address_of(folder)}: is not a finished run, it has no {RUN_FILE} (make one with `reconstudy "

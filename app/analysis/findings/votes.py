@@ -38,12 +38,15 @@ def vote_findings(analysis: Mapping[str, Any]) -> list[dict[str, str]]:
 
 def _settings(analysis: Mapping[str, Any]) -> str:
     settings = analysis["settings"]
-    methods = dict.fromkeys(row["ci_method"] for row in overall(analysis["scores"]) if row["ci_method"])
+    of_all, of_any = (
+        dict.fromkeys(row["ci_method"] for row in rows if row["ci_method"])
+        for rows in (overall(analysis["scores"]), analysis["scores"])
+    )
     has_order = overall(analysis["models"])[0]["order_effect"] is not None
     left_out = f"; left out: {', '.join(settings['exclude'])}" if settings["exclude"] else ""
     prior = "; JOD by Thurstone's Case V with pwcmp's prior on distances" if settings["jod_prior"] == "pwcmp" else ""
     return (
         f"Settings: Bradley-Terry model, ties {TIES[settings['ties']]}, order effect "
         f"{'estimated' if has_order else 'not estimated'}, 95 % intervals: "
-        f"{' or '.join(methods) or 'none'}; all pairs corrected by Holm{prior}{left_out}."
+        f"{' or '.join(of_all or of_any) or 'none'}; all pairs corrected by Holm{prior}{left_out}."
     )

@@ -132,7 +132,7 @@ class _Filler(HTMLParser):
             self.parts.append("\n" + html.escape(self._take(given) or ""))
             self._is_replaced = True
         if tag == "main":
-            self.parts.append(f'<p class="warning" role="alert">{with_code(self._message)}</p>')
+            self.parts.append(f'<p class="warning" id="refused" role="alert">{with_code(self._message)}</p>')
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:  # noqa: ARG002 (the base's)
         self._copy()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from base64 import b64encode
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -16,6 +17,7 @@ from recon.capture.recording import evenly_chosen
 from recon.storage.files import whole_file, write_json
 
 MAX_THUMBNAILS = 12  # of a camera, evenly over its frames
+FRAME = re.compile(r"\{frame[^}]*\}")  # in a camera's pattern of images
 
 
 def write_check(report: CheckReport, out: Path) -> Path:
@@ -32,7 +34,7 @@ def check_page(report: CheckReport) -> str:
     environment = Environment(
         loader=PackageLoader("recon.capture.checking", ""), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
-    cameras = [(pattern, list(_thumbnails(by_frame))) for pattern, by_frame in report.glances.items()]
+    cameras = [(FRAME.sub("…", image), list(_thumbnails(by_frame))) for image, by_frame in report.glances.items()]
     template = environment.get_template("report.html")
     return template.render(report=report, name=Path(report.folder).name, cameras=cameras)
 

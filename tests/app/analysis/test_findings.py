@@ -52,6 +52,18 @@ def renamed(votes: Votes, names: Mapping[str, str]) -> Votes:
 CLEAR = {"good": 2.0, "fair": 0.0, "bad": -2.0}
 
 
+def test_the_settings_name_the_intervals_of_datasets_that_no_vote_links() -> None:
+    halves = [
+        vote | {"dataset": dataset}
+        for dataset, pair in (("ball", {"x": 0.0, "y": 0.4}), ("box", {"u": 0.0, "v": 0.4}))
+        for vote in votes_by(pair, 9)
+    ]
+    analysis = analyse(votes_from_rows(halves))
+    assert any(row["ci_low"] is not None for row in analysis["scores"])
+    (settings,) = [row["text"] for row in analysis["findings"] if row["about"] == "settings"]
+    assert "95 % intervals: none" not in settings
+
+
 def test_best_and_worst_are_those_that_the_votes_say() -> None:
     text = sentences(votes_by(CLEAR, 20))
     assert text["best"].startswith("good is best: it has the highest score, +")

@@ -217,6 +217,35 @@ def test_files_may_be_named_by_text(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "analysis.json").is_file()
 
 
+def test_a_second_analysis_leaves_nothing_of_the_first_in_its_folder(tmp_path: Path) -> None:
+    factors = write(tmp_path, "items.csv", "item,depth\nx,id\ny,pm\nz,dr\n")
+    votes, out = write(tmp_path, "votes.csv", COMMAS), tmp_path / "out"
+    analyse_file(votes, out, items=factors)
+    (out / "figures" / "mine.png").write_bytes(b"mine")
+    (out / "notes.csv").write_text("mine", encoding="utf-8")
+    analyse_file(votes, tmp_path / "alone")
+    analyse_file(votes, out)
+    expected = {path.relative_to(tmp_path / "alone") for path in (tmp_path / "alone").rglob("*")}
+    more = {path.relative_to(out) for path in out.rglob("*")} - expected
+    assert more == {Path("figures/mine.png"), Path("notes.csv")}
+
+
+def test_results_never_replace_a_file_that_they_follow_from(tmp_path: Path) -> None:
+    pairs = write(tmp_path, "pairs.csv", COMMAS)
+    with pytest.raises(VotesError, match=r"pairs.csv: a table of the results would replace it; choose another folder"):
+        analyse_file(pairs, tmp_path)
+    votes = write(tmp_path, "votes.csv", COMMAS)
+    measures = write(tmp_path, "measures.csv", "dataset,item,psnr\nball,x,30\nball,y,31\n")
+    with pytest.raises(VotesError, match=r"measures.csv: a table of the results would replace it"):
+        analyse_file(votes, tmp_path, measures=measures)
+    assert {path.name for path in tmp_path.iterdir()} == {"pairs.csv", "votes.csv", "measures.csv"}
+
+
+def test_a_folder_in_place_of_votes_is_named_as_one(tmp_path: Path) -> None:
+    with pytest.raises(VotesError, match=r"is a folder, expected a file: .*csv"):
+        read_votes(tmp_path)
+
+
 def test_nothing_that_counts_is_an_error_and_nothing_is_written(tmp_path: Path) -> None:
     path = write(tmp_path, "practice.csv", pd.DataFrame(VOTES).assign(practice=1).to_csv(index=False))
     with pytest.raises(VotesError, match=r"practice.csv: none of the 3 votes counts: 3 are practice"):

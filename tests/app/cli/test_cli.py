@@ -19,6 +19,7 @@ import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 from numpy.typing import NDArray
 
+from app.cli.studies import _balance_lines
 from app.settings import Settings
 from recon.render.video import write_video
 from recon.storage.files import read_json, write_json
@@ -691,6 +692,15 @@ def test_an_invitation_is_made_for_so_many(command: Command, stimuli: Path) -> N
     assert made["link"].endswith(f"/s/{made['invitation']}")
     assert made["invitation"] in command("study", "list").out
     assert "there is no study 'none'" in command("study", "invite", "none").err
+
+
+def test_a_rule_of_who_finished_is_not_broken_but_not_reached_yet() -> None:
+    rules = [
+        {"rule": "spread", "of": of, "worst": 2, "allowed": 1, "ok": False}
+        for of in ("who hold a slot", "who finished")
+    ]
+    lines = list(_balance_lines({"seed": 1, "ok": False, "participants": {}, "rules": rules}))
+    assert [line.split()[0] for line in lines[-2:]] == ["NO", "not"]
 
 
 @pytest.mark.slow

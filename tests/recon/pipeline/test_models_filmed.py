@@ -110,6 +110,11 @@ def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
     return command_line(monkeypatch, capsys)
 
 
+def test_a_folder_that_is_not_there_is_named_as_missing(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"rnu: there is no such folder"):
+        read_sources([tmp_path / "rnu"])
+
+
 def test_a_run_and_models_become_one_set(run: Path, models: Path, tmp_path: Path) -> None:
     manifest = read_json(render([run, models], tmp_path / "set", SHORT))
     entries = {entry["approach"]: entry for entry in manifest["stimuli"]}

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from recon.cli.main import app
 from recon.storage.files import read_json, write_bytes
-from recon.validation.page import Section, plain_name, write_page, write_report
+from recon.validation.page import Section, plain_name, write_figure, write_page, write_report
 
 
 def test_words_are_escaped_and_drawings_are_not(tmp_path: Path) -> None:
@@ -104,3 +104,19 @@ def test_the_numbers_of_a_column_have_as_many_decimals_unless_they_differ_too_mu
     rows = [{"length_mm": value} for value in values]
     page = write_page(tmp_path / "report.html", "Lengths", [Section("Lengths", rows=rows)])
     assert tuple(re.findall(r"<td>(.*)</td>", page.read_text(encoding="utf-8"))) == cells
+
+
+def test_the_numbers_of_an_axis_do_not_overlap(tmp_path: Path) -> None:
+    import altair as alt
+
+    points = alt.Chart(alt.Data(values=[{"x": x} for x in (0.2264, 0.2368)])).mark_circle()
+    axis = alt.X("x:Q", scale=alt.Scale(zero=False), axis=alt.Axis(tickCount=4, format=".4~r"))
+    svg = write_figure(tmp_path / "points", points.encode(x=axis).properties(width=210))
+    labels = re.findall(r'text-anchor="(\w+)" transform="translate\(([-\d.]+),15\)"[^>]*>([\d.]+)<', svg)
+    assert len(labels) > 4
+    edges = []
+    for anchor, x, label in labels:
+        width = 6.2 * len(label)  # pixels: digits of 10 px
+        left = float(x) - {"start": 0.0, "middle": 0.5, "end": 1.0}[anchor] * width
+        edges += [left, left + width]
+    assert edges == sorted(edges), labels

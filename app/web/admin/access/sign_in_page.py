@@ -115,7 +115,9 @@ def sign_in(
     database: Store,
     now: Now,
     code: Annotated[str, Form(max_length=40)] = "",
+    to: str = "",
 ) -> Response:
+    """Sign in with a password, and lead to the page of the dashboard that was asked for."""
     throttle(request).count(SIGN_INS, address(request))
     throttle(request).count(SIGN_INS_AS, address(request), name.strip().lower())  # a stranger locks out nobody else
     with database.reading() as connection:
@@ -132,7 +134,7 @@ def sign_in(
             "Name and password do not belong together, or the code of the authenticator app is missing or was used "
             "before. Please try again."
         )
-    return signed_in(request, token)
+    return signed_in(request, token, to if to.startswith("/admin/") else "/admin")
 
 
 @router.post("/logout")

@@ -156,6 +156,20 @@ def test_a_double_click_makes_one_token_and_shows_it(page: Page) -> None:
     page.get_by_text("revoked").first.wait_for()
 
 
+def test_a_form_that_is_refused_twice_comes_back_twice(browser: Browser, server: str, settings: Settings) -> None:
+    page = browser.new_page(base_url=server)
+    sign_in(page, settings)
+    page.goto("/admin/account")
+    for again in ("brezel tal wolke regall", "brezel tal wolke regla"):
+        page.locator("[name=password]").fill("brezel tal wolke regal")
+        page.locator("[name=again]").fill(again)
+        page.get_by_role("button", name="Save").click()
+        expect(page.get_by_role("alert")).to_contain_text("The two passwords differ")
+        page.wait_for_url("**/admin/account")  # which can be loaded again
+        page.reload()
+    page.close()
+
+
 def test_an_upload_that_a_proxy_refuses_says_so_and_may_be_tried_again(
     browser: Browser, server: str, settings: Settings
 ) -> None:

@@ -34,6 +34,7 @@ def test_the_page_stands_alone_and_tells_what_the_json_tells(tmp_path: Path) -> 
     images = [facts for tag, facts in page.tags if tag == "img"]
     assert len(images) == 7  # two sensors, two cameras, two frames, one missing
     assert all(str(facts["src"]).startswith("data:image/jpeg;base64,") and facts["alt"] for facts in images)
+    assert "S1/left/….png" in page.text  # the camera, without the pattern of its files
     assert not any(tag in ("link", "script") for tag, _ in page.tags)
     content = json.loads((tmp_path / "report/report.json").read_text())
     assert len(content["problems"]) == 1

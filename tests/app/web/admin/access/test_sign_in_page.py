@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import html
 import re
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from itertools import count
 from pathlib import Path
+from urllib.parse import quote
 
 import httpx
 import pyotp
@@ -85,6 +87,28 @@ def test_a_password_signs_in_and_ends_the_link(small_server: str, small: Setting
         assert wrong.status_code == 401
         assert "do not belong together" in wrong.text
         assert "Studies" in paula.enter("/admin/sign-in", name="Paula", password=PASSWORD).text
+
+
+def test_who_signs_in_again_comes_to_the_page_they_asked_for(small_server: str, small: Settings) -> None:
+    link = manage.add_experimenter(small, "Renate")["path"]
+    with Dashboard(small_server) as renate:
+        renate.enter(link)
+        renate.act("/admin/account/password", password=PASSWORD, again=PASSWORD)
+    with Dashboard(small_server) as renate:
+        page = renate.get("/admin/audit?page=2").text
+        for password in ("incorrect horse", PASSWORD):
+            (action,) = re.findall(r'action="(/admin/sign-in[^"]*)"', page)
+            answer = renate.enter(html.unescape(action), name="Renate", password=password)
+            page = answer.text
+        assert str(answer.url) == f"{small_server}/admin/audit?page=2"
+    for elsewhere in ("https://example.org/admin/", "//example.org/admin/"):
+        with Dashboard(small_server) as renate:
+            signed_in = renate.enter(f"/admin/sign-in?to={quote(elsewhere)}", name="Renate", password=PASSWORD)
+            assert str(signed_in.url) == f"{small_server}/admin"
+    with Dashboard(small_server) as late:
+        assert "login" not in "".join(
+            re.findall(r'action="(.*)"', late.get(link).text)
+        )  # a link's secret is in no address
 
 
 def test_a_changed_password_ends_the_other_sessions(small_server: str, small: Settings) -> None:

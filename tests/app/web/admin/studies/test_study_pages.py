@@ -161,7 +161,7 @@ def test_a_refused_form_comes_back_as_it_was_sent(experimenter: Dashboard, new_s
     typed = {"form_token": unseen["form_token"], "places": "-3", "number": "2", "label": 'A "new" <name>'}
     refused = experimenter.post(path, data=typed, headers=came_from)
     assert refused.status_code == 422
-    assert '<p class="warning" role="alert">The form is not as expected: places' in refused.text
+    assert '<p class="warning" id="refused" role="alert">The form is not as expected: places' in refused.text
     assert 'value="-3"' in refused.text
     assert 'value="A &quot;new&quot; &lt;name&gt;"' in refused.text
     groups = {**unseen, "groups": "near: nowhere\nfar <2>"}
