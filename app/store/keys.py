@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+import re
 import secrets
 from datetime import UTC, datetime
 
@@ -26,6 +27,11 @@ def new_opaque_id() -> str:
 def new_code(length: int = CODE_LENGTH) -> str:
     """Return a code that a person can type."""
     return "".join(secrets.choice(CODE_ALPHABET) for _ in range(length))
+
+
+def typed_code(text: str) -> str:
+    """Return a code as it was made from what a person typed: in capitals, or in groups."""
+    return re.sub(r"[\s-]", "", text).lower()
 
 
 def token_of_key(key: str) -> str:

@@ -182,6 +182,13 @@ def _is_page(request: Request) -> bool:
     return not request.url.path.startswith(PROGRAMS) and "text/html" in request.headers.get("accept", "")
 
 
+def _asked_page(request: Request) -> str:
+    """Return the page of the dashboard that whoever signs in shall come to; never the address of a link, a secret."""
+    if request.method != "GET" or "secret" in request.path_params:
+        return request.query_params.get("to", "/admin")
+    return request.url.path + (f"?{request.url.query}" if request.url.query else "")
+
+
 def _answer(
     request: Request,
     status: int,
@@ -200,6 +207,7 @@ def _answer(
         "typed": typed,
     }
     if status == 401 and _is_dashboard(request):
+        context["asked"] = _asked_page(request)
         return page_with_form(request, "admin/sign_in.html", context, status, headers)
     context["experimenter"] = person
     if person is not None:

@@ -17,6 +17,7 @@ from app.store.designs import has_single_films, largest_film
 from app.store.engine import Transaction
 from app.store.images import image_digests
 from app.store.invitations import Invitation, invitation_by_code
+from app.store.keys import typed_code
 from app.store.recruits import recruit_of_session, session_of_outside_id
 from app.store.sessions import Session, session_by_token
 from app.store.studies import Study, study_by_id
@@ -51,8 +52,8 @@ class Entrance:
 
 
 def see_invitation(code: str) -> RedirectResponse:
-    """Redirect to an invitation's page; a code may be typed in capitals."""
-    return RedirectResponse(f"/s/{quote(code.strip().lower(), safe='')}", status_code=303)
+    """Redirect to an invitation's page; a code may be typed in capitals or in groups."""
+    return RedirectResponse(f"/s/{quote(typed_code(code), safe='')}", status_code=303)
 
 
 def entrance(request: Request, code: str, *, is_for_another: bool = False) -> Entrance | None:

@@ -144,9 +144,9 @@ def signed_in(request: Request, token: str, path: str = "/admin") -> Response:
 
 
 def signed_out(request: Request) -> Response:
-    """Lead to the server's first page, without the cookie of a session."""
+    """Lead to the sign-in, without the cookie of a session."""
     request.state.renewed_token = None
-    answer = see("/")
+    answer = see("/admin/sign-in")
     delete_cookie(request, answer, EXPERIMENTER_COOKIE)
     return answer
 

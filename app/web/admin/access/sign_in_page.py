@@ -107,6 +107,13 @@ def _link_refused(request: Request, database: Database, now: datetime) -> Unauth
     )
 
 
+@router.get("/sign-in")
+def sign_in_page(request: Request, to: str = "/admin") -> Response:
+    if signed_in_person(request) is not None:
+        return see("/admin")
+    return page_with_form(request, "admin/sign_in.html", {"detail": "", "typed": (), "asked": to})
+
+
 @router.post("/sign-in", dependencies=[Depends(own_form)])
 def sign_in(
     request: Request,
@@ -115,7 +122,7 @@ def sign_in(
     database: Store,
     now: Now,
     code: Annotated[str, Form(max_length=40)] = "",
-    to: str = "",
+    to: str = "/admin",
 ) -> Response:
     """Sign in with a password, and lead to the page of the dashboard that was asked for."""
     throttle(request).count(SIGN_INS, address(request))

@@ -214,7 +214,7 @@ def test_a_study_is_closed_by_its_button(page: Page, new_study: Callable[[], dic
     page.get_by_role("button", name="Close to new participants").click()
     page.get_by_role("button", name="Open again").wait_for()
     page.get_by_role("button", name="Sign out").click()
-    page.wait_for_url("/")
+    page.wait_for_url("/admin/sign-in")
 
 
 def test_pages_that_follow_a_study_lead_to_the_sign_in_when_another_tab_signs_out(
@@ -229,7 +229,7 @@ def test_pages_that_follow_a_study_lead_to_the_sign_in_when_another_tab_signs_ou
             overview.goto(base)
         results.goto(f"{base}/results")
         other.get_by_role("button", name="Sign out").click()
-        other.wait_for_url("/")
+        other.wait_for_url("/admin/sign-in")
         results.clock.fast_forward(POLLED_EVERY_MS)
         for page in (results, overview):
             page.get_by_role("heading", name="Sign in").wait_for()

@@ -46,8 +46,9 @@ def test_a_page_lets_another_participant_begin_where_a_place_is_left(
     assert "?language=en&amp;another=1" in for_another  # and stays so in the other language
 
 
-def test_a_code_may_be_typed_in_capitals(client: httpx.Client, study: dict[str, Any]) -> None:
-    typed = client.get("/", params={"code": f" {study['invitation'].upper()} "}, follow_redirects=True)
+def test_a_code_may_be_typed_in_capitals_and_in_groups(client: httpx.Client, study: dict[str, Any]) -> None:
+    groups = "-".join(study["invitation"][start : start + 4] for start in (0, 4, 8))
+    typed = client.get("/", params={"code": f" {groups.upper().replace('-', ' ', 1)} "}, follow_redirects=True)
     assert (typed.status_code, typed.url.path) == (200, study["path"])
 
 

@@ -543,3 +543,11 @@ def test_who_lost_the_second_factor_gets_in_by_a_new_link(database: Database) ->
     with database.writing() as connection:
         assert is_let_in(connection, rosa.id, "", NOW)
         assert not spend_recovery_code(connection, rosa.id, code)
+
+
+def test_who_signs_out_gets_the_sign_in_which_can_be_loaded_again(small_server: str, small: Settings) -> None:
+    with signed_in(small_server, small, "Ruth") as ruth:
+        assert str(ruth.get("/admin/sign-in").url) == f"{small_server}/admin"
+        left = ruth.act("/admin/logout")
+        assert (left.status_code, str(left.url)) == (200, f"{small_server}/admin/sign-in")
+        assert ruth.get("/admin/sign-in?to=/admin/audit").status_code == 200
