@@ -1,0 +1,118 @@
+"""Votes and ratings become scores by the command line."""
+
+from __future__ import annotations
+
+import html
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.command_line import Command
+
+
+@pytest.mark.slow
+def test_simulated_participants_fill_a_study(command: Command, stimuli: Path, tmp_path: Path) -> None:
+    command("study", "create", stimuli, "--name", "Tiny", "--seed", 1)
+    (tmp_path / "abilities.json").write_text('{"id_fa": -3, "id_fb": 3}')
+    told = command(
+        "simulate", "--study", "tiny", "--participants", 3, "--abilities", tmp_path / "abilities.json", "--json"
+    )
+    assert told.code == 0, told.err
+    assert json.loads(told.out)["votes"] == 3
+    assert "3 of 3 participants finished, 3 votes" in command("study", "list").out
+
+
+VOTES = "participant,dataset,item_a,item_b,choice\np1,ball,x,y,a\np2,ball,x,y,b\np3,ball,x,y,a\np4,ball,x,y,none\n"
+
+
+@pytest.mark.slow
+def test_votes_become_scores_tables_and_a_report(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "votes.csv").write_text(VOTES)
+    dry = command("analyse", tmp_path / "votes.csv", "--dry-run")
+    assert "votes.csv: text in UTF-8, commas between cells; 4 rows, 4 votes" in dry.out
+    (tmp_path / "ratings.csv").write_text("participant,dataset,condition,rating\nr1,ball,x,4\n")
+    both = command("analyse", tmp_path / "votes.csv", "--ratings", tmp_path / "ratings.csv", "--dry-run")
+    assert "ratings.csv: text in UTF-8, commas between cells; 1 ratings by 1 participants of 1 items" in both.out
+    assert not (tmp_path / "out").exists()
+    assert "--out is missing" in command("analyse", tmp_path / "votes.csv").err
+    told = command("analyse", tmp_path / "votes.csv", "-o", tmp_path / "out", "--json", "--width", "one")
+    assert told.code == 0, told.err
+    report = html.unescape((tmp_path / "out" / "report.html").read_text()).replace("\u00a0", " ")
+    assert all(row["text"] in report for row in json.loads(told.out)["findings"])
+    scores = {row["item"]: row["score"] for row in json.loads(told.out)["scores"] if row["dataset"] == "all"}
+    assert scores["x"] == pytest.approx(np.log(2) / 2, abs=1e-6)  # two wins to one: the ties favour neither
+    for name in ("analysis.json", "scores.csv", "triads.csv", "observers.csv", "report.html"):
+        assert (tmp_path / "out" / name).stat().st_size > 0
+
+
+def test_an_unknown_choice_is_named_with_its_row(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "votes.csv").write_text(VOTES.replace("p3,ball,x,y,a", "p3,ball,x,y,left"))
+    told = command("analyse", tmp_path / "votes.csv", "-o", tmp_path / "out")
+    assert told.code == 1
+    assert "votes.csv: row 3" in told.err
+    assert "'left'" in told.err
+    assert not (tmp_path / "out").exists()
+
+
+RATINGS = "participant,dataset,condition,rating\n" + "".join(
+    f"p{p},ball,{item},{rating + p % 2}\n" for p in range(4) for item, rating in (("x", 1), ("y", 3), ("z", 4))
+)
+
+
+@pytest.mark.slow
+def test_ratings_become_opinion_scores_and_a_report(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "ratings.csv").write_text(RATINGS)
+    told = command("analyse", tmp_path / "ratings.csv", "-o", tmp_path / "out")
+    assert told.code == 0, told.err
+    lines = [line.split() for line in told.out.splitlines() if line.startswith("  ")]
+    assert [line[:2] for line in lines] == [["z", "4.50"], ["y", "3.50"], ["x", "1.50"]]
+    assert "4 participants are few" in told.out
+    for name in ("analysis.json", "rating_items.csv", "raters.csv", "report.html"):
+        assert (tmp_path / "out" / name).stat().st_size > 0
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "says"),
+    [
+        (("--scale", "1:4"), 1, "row 6: rating is 5, expected 1 to 4"),
+        (("--scale", "5"), 2, "expected two numbers"),
+        (("--scale", "5:1"), 2, "expected its low end first"),
+        (("--ties", "half"), 2, "--ties is for votes"),
+    ],
+)
+def test_options_that_do_not_fit_ratings_are_refused(
+    command: Command, tmp_path: Path, options: tuple[str, str], code: int, says: str
+) -> None:
+    (tmp_path / "ratings.csv").write_text(RATINGS)
+    told = command("analyse", tmp_path / "ratings.csv", "-o", tmp_path / "out", *options)
+    assert told.code == code
+    assert says in " ".join(told.err.replace("│", " ").split())
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_scale_of_votes_is_refused(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "votes.csv").write_text(VOTES)
+    told = command("analyse", tmp_path / "votes.csv", "-o", tmp_path / "out", "--scale", "1:5")
+    assert told.code == 2
+    assert "--ratings FILE" in told.err
+
+
+@pytest.mark.slow
+def test_published_scores_come_back_from_the_votes(command: Command, real_data: Path, tmp_path: Path) -> None:
+    votes = real_data / "votes/pwcmp_tone_mapping.csv"
+    told = command("analyse", votes, "-o", tmp_path / "out", "--json")
+    assert told.code == 0, told.err
+    analysis = json.loads(told.out)
+    pooled = [row for row in analysis["scores"] if row["dataset"] == "all" and row["comparison"] == "all"]
+    assert {row["item"]: round(row["score"], 3) for row in pooled} == {
+        "irawan05": 1.187,
+        "mantiuk08": 0.678,
+        "tmo_camera": 0.425,
+        "ronan12": 0.046,
+        "ferwerda96": -0.118,
+        "pattanaik00": -0.628,
+        "hateren06": -1.59,
+    }
+    assert sum(row["circular"] for row in analysis["triads"]) == 0

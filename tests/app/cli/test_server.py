@@ -1,0 +1,51 @@
+"""Settings of the server by the command line: what is wrong in them is told in a line."""
+
+from __future__ import annotations
+
+import pytest
+
+from app.settings import Settings
+from tests.command_line import Command
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("PUBLIC_URL", "https://study.example.org/"), ("LOG_FORMAT", "JSON"), ("LARGEST_UPLOAD_MB", "4 GB")],
+)
+def test_a_setting_that_is_wrong_is_named_in_one_line(
+    command: Command, monkeypatch: pytest.MonkeyPatch, name: str, value: str
+) -> None:
+    monkeypatch.setenv(f"RECONSTUDY_{name}", value)
+    told = command("status")
+    assert told.code == 1
+    assert told.err.startswith(f"reconstudy: RECONSTUDY_{name} is '{value}': ")
+    assert told.err.count("\n") == 1
+    assert str(Settings.model_fields[name.lower()].description) in told.err
+
+
+@pytest.mark.parametrize(
+    ("misspelled", "meant"),
+    [("SECURE_COOKIE", "SECURE_COOKIES"), ("DATADIR", "DATA_DIR"), ("DATABSE_URL", "DATABASE_URL")],
+)
+def test_a_misspelled_setting_is_named_with_what_was_meant(
+    command: Command, monkeypatch: pytest.MonkeyPatch, misspelled: str, meant: str
+) -> None:
+    """Nothing else would tell that the server goes without it."""
+    monkeypatch.setenv(f"RECONSTUDY_{misspelled}", "true")
+    told = command("--version").err
+    assert told == (
+        f"warning: RECONSTUDY_{misspelled} is no setting and changes nothing; did you mean RECONSTUDY_{meant}?\n"
+    )
+
+
+def test_no_other_variable_is_taken_for_a_misspelled_setting(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("REAL_DATA", "DEBUG", "FILES_BELOW", "PROGRESS_FILE", "PUBLIC_URL"):
+        monkeypatch.setenv(f"RECONSTUDY_{name}", "x")
+    assert command("--version").err == ""
+
+
+@pytest.mark.parametrize("url", ["study.example.org", "https://", "https://study.example.org/s"])
+def test_an_address_for_links_that_leads_nowhere_is_refused(command: Command, url: str) -> None:
+    told = command("admin", "add", "Me", "--url", url)
+    assert told.code == 2
+    assert "is no address of a server; expected" in told.err
