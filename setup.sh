@@ -89,6 +89,16 @@ install_browser_packages() {
   }
 }
 
+check_browser() {
+  local name
+  for name in chromium chromium-browser google-chrome; do
+    if "$name" --version >/dev/null 2>&1; then return; fi
+  done
+  echo "setup: no Chromium runs here (Ubuntu's is a snap, which containers have not); going on, but browser tests will be" >&2
+  echo "setup: skipped, until \`snap install chromium\` or an installed Google Chrome." >&2
+}
+
 install_system_packages
 install_python_packages
 install_browser_packages
+check_browser

@@ -5,7 +5,9 @@ from __future__ import annotations
 import gc
 import os
 import shutil
+import subprocess
 from collections.abc import Callable, Iterator
+from functools import cache
 from itertools import count
 from pathlib import Path
 
@@ -54,17 +56,19 @@ def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
     return command_line(monkeypatch, capsys)
 
 
+@cache
 def browser_path() -> str:
-    """Find the distribution's Chromium; absent, the test is skipped."""
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
-    if chromium is None:
-        pytest.skip("no Chromium found; `make setup` installs it")
-    return chromium
+    """Find a Chromium that runs, as a stub of Ubuntu's snap does not in containers; absent, the test is skipped."""
+    for name in ("chromium", "chromium-browser", "google-chrome"):
+        path = shutil.which(name)
+        if path and subprocess.run([path, "--version"], capture_output=True, check=False).returncode == 0:
+            return path
+    pytest.skip("no Chromium runs here; `make setup` installs it, or says what to do")
 
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
-    """The distribution's Chromium; one for all tests, because its event loop stays in this thread until the end."""
+    """A Chromium; one for all tests, because its event loop stays in this thread until the end."""
     expect.set_options(timeout=BROWSER_TIMEOUT_MS)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=browser_path(), args=BROWSER_OPTIONS)
