@@ -93,7 +93,7 @@ def insert_design(connection: Connection, study_id: int, stimulus_set: StimulusS
         name: _placed(connection, dataset, {"study_id": study_id, "name": name}, {"position": position})
         for position, name in enumerate(stimulus_set.datasets)
     }
-    levels = {stimulus.approach: stimulus.levels for stimulus in stimulus_set.stimuli}
+    levels = {shown.approach: shown.levels for shown in stimulus_set.stimuli}
     conditions = {
         name: _placed(
             connection,
