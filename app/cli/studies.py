@@ -377,8 +377,10 @@ def _languages_sentence(languages: Mapping[str, str]) -> str:
 
 
 def _balance_lines(report: Mapping[str, Any]) -> Iterator[str]:
+    from app.study.balance import holds
+
     yield f"Orders from the seed {report['seed']}: {'balanced' if report['ok'] else 'NOT BALANCED'}"
     yield "Participants: " + ", ".join(f"{n} {state}" for state, n in report["participants"].items())
     for rule in report["rules"]:
-        verdict = "ok" if rule["ok"] else "not yet" if rule["of"] == "who finished" else "NO"
+        verdict = {"yes": "ok", "no": "NO"}.get(holds(rule), "not yet")
         yield f"  {verdict:<7} {rule['worst']:>4} (at most {rule['allowed']})  {rule['of']}: {rule['rule']}"

@@ -15,6 +15,8 @@ from app.study.protocols import PC, RATED, Protocol
 from app.study.rating_order import most_neighbours, trials_in_order
 from app.study.trial import MAIN, PlannedPair, PlannedTrial
 
+WHO_FINISHED = "who finished"  # of whom rules hold once nobody is under way
+
 State = Literal["finished", "under way", "abandoned", "withdrawn", "excluded"]
 STATES: tuple[State, ...] = ("finished", "under way", "abandoned", "withdrawn", "excluded")
 
@@ -145,10 +147,15 @@ def balance_report(plan: OrderPlan, orders: Sequence[TakenOrder]) -> dict[str, A
             "missing": sorted(set(range(max(slots, default=-1) + 1)) - slots),
             "released": sorted(order.slot for order in orders if order.is_released),
         },
-        "rules": rules + _rules_across(plan, finished, "who finished"),
+        "rules": rules + _rules_across(plan, finished, WHO_FINISHED),
         "pairs": _pair_rows(plan, finished),
         "datasets": _dataset_rows(plan, finished),
     }
+
+
+def holds(rule: Mapping[str, Any]) -> str:
+    """Say of a report's rule whether it holds: "yes", "no", or "not yet" where participants have still to finish."""
+    return "yes" if rule["ok"] else "not yet" if rule["of"] == WHO_FINISHED else "no"
 
 
 def _rules_of_each(

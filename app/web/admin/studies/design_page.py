@@ -18,7 +18,7 @@ from app.store.orders import study_plan, taken_orders
 from app.store.participants import session_state
 from app.store.studies import Study
 from app.study.adaptive import adaptive_pairs
-from app.study.balance import OrderPlan, balance_report
+from app.study.balance import OrderPlan, balance_report, holds
 from app.study.duration import stage_minutes
 from app.study.options import parse_options
 from app.study.protocols import TYPICAL_INCONSISTENCY
@@ -60,6 +60,7 @@ def design_page(
     power = _power(len(conditions), n_datasets, participants, effect, is_rated=plan.is_rated) if participants else None
     context = {
         "report": report,
+        "holds": holds,
         "pairs": listed(request, report["pairs"] if report else [], PAIR_COLUMNS, prefix="pairs_"),
         "conditions": conditions,
         "factors": study.factors,
