@@ -103,15 +103,17 @@ def comparison_lines(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def beside_scores(analysis: Mapping[str, Any], measurements: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return each dataset's conditions, best first, with their measures."""
+    """Return each dataset's conditions, best first, with their measures, those that predict the scores best first."""
     from app.analysis.objective.against_scores import compared_scores
+    from app.analysis.objective.prediction import measures_by_rank
 
     values = {(row["dataset"], row["approach"], row["measure"]): row["value"] for row in measurements}
     units = {row["measure"]: row["unit"] for row in measurements}
+    names = unique([*measures_by_rank(analysis["measures"]), *units])
     scores = by_dataset(compared_scores(analysis))
     shown = []
     for dataset in unique(row["dataset"] for row in measurements):
-        measured = [measure for measure in units if any(key[0] == dataset and key[2] == measure for key in values)]
+        measured = [measure for measure in names if any(key[0] == dataset and key[2] == measure for key in values)]
         heads = [f"{measure}, {units[measure]}" if units[measure] else measure for measure in measured]
         rows = [
             (

@@ -75,7 +75,10 @@ def test_mean_opinion_scores_are_means_of_the_votes_and_are_compared_with_measur
     page = path.replace("/api/v1", "/admin")
     attached = tmp_path / "measures.csv"
     values = [
-        f"{dataset},{item},sharpness,{value},higher" for dataset in ("ball", "box") for item, value in QUALITIES.items()
+        f"{dataset},{item},{name},{sign * value},higher"
+        for name, sign in (("noise", -1), ("sharpness", 1))
+        for dataset in ("ball", "box")
+        for item, value in QUALITIES.items()
     ]
     attached.write_text("\n".join(["dataset,approach,measure,value,better", *values, ""]), encoding="utf-8")
     attach_results(settings, [attached], path.rsplit("/", 1)[1])
@@ -89,10 +92,11 @@ def test_mean_opinion_scores_are_means_of_the_votes_and_are_compared_with_measur
     from_server = analyst.get(f"{path}/analysis").json()
     measured = analyse_ratings_file(exported, tmp_path / "measured", measures=attached)
     assert from_server["measures"] == measured["measures"]
-    assert [row["n"] for row in measured["measures"]] == [3, 3, 6]
+    assert [row["n"] for row in measured["measures"]] == [3, 3, 6] * 2
     against = experimenter.get(f"{page}/objective/scores").text
     assert "its error in grades" in against
-    assert "sharpness" in against
+    side_by_side = against.partition("Side by side")[2]
+    assert side_by_side.index("sharpness") < side_by_side.index("noise"), "the best predictor first"
     assert f"<td>{decimal(rows[0]['mos'])}</td>" in against
     assert "score (grades)" in experimenter.get(f"{page}/figures/measure_sharpness.svg").text
 
