@@ -279,7 +279,8 @@ def _seen(camera: Camera) -> Cloud:
     points = camera.centre + rays * (nearest - np.sqrt(np.maximum(inside, 0)))[:, None]
     is_seen = (inside > 0) & (-(points * rays).sum(axis=1) > LEAST_COSINE * BALL_MM)
     points = points[is_seen]
-    return Cloud(points, points / BALL_MM, _ball_colours(points).astype(np.uint8))
+    normals = points / BALL_MM
+    return Cloud(points.astype(np.float32), normals.astype(np.float32), _ball_colours(points).astype(np.uint8))
 
 
 def _ball_colours(points: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +79,7 @@ def _fit(votes: VotesTable, start: Array) -> Array | None:
         return None
     posterior = _Posterior(counts)
     # Scores sum to zero by a small penalty, as in pwcmp: nothing else depends on their mean.
-    optimum = minimize(posterior.negative, start, jac=True, method="BFGS", options={"gtol": 1e-8, "maxiter": 1000})
+    optimum: Any = minimize(posterior.negative, start, jac=True, method="BFGS", options={"gtol": 1e-8, "maxiter": 1000})
     scores: Array = optimum.x - optimum.x.mean()
     is_finite = np.abs(scores[posterior.first] - scores[posterior.second]).max() < FARTHEST
     return scores if is_finite and np.abs(optimum.jac).max() < 1e-4 else None

@@ -131,7 +131,7 @@ def recession(
     half, zero = effects * 0.5, effects * 0.0
     utilities = [half, -half] if tie_effects is None else [half, -half, zero + tie_effects]
     outcomes = [counts.wins, counts.losses, counts.ties][: len(utilities)]
-    gains = vstack(
+    gains: Any = vstack(
         [
             (chosen - other)[np.flatnonzero(seen > 0)]
             for chosen, seen in zip(utilities, outcomes, strict=True)

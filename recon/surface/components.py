@@ -21,7 +21,7 @@ def drop_small_components(mesh: Mesh, share: float) -> Mesh:
 
 def whole_components(mesh: Mesh, is_vertex: NDArray[np.bool_]) -> Mesh:
     """Keep the vertices (N,) of some components, and their faces."""
-    number = np.cumsum(is_vertex) - 1
+    number = np.cumsum(is_vertex, dtype=np.int32) - np.int32(1)
     faces = mesh.faces[is_vertex[mesh.faces[:, 0]]]
     texture = mesh.texture and replace(mesh.texture, uv=mesh.texture.uv[is_vertex])
     return Mesh(mesh.vertices[is_vertex], number[faces], mesh.normals[is_vertex], mesh.colours[is_vertex], texture)

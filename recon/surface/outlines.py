@@ -116,7 +116,8 @@ class Sight:
         """Tell which points (N, 3), mm, have a point of the cloud within `reach` mm: bool (N,)."""
         if not len(self.cloud):
             return np.zeros(len(points), dtype=bool)
-        return np.isfinite(self.tree.query(points, distance_upper_bound=reach)[0])
+        is_near: NDArray[np.bool_] = np.isfinite(self.tree.query(points, distance_upper_bound=reach)[0])
+        return is_near
 
     def margins(self, points: NDArray[np.floating]) -> NDArray[np.float32]:
         """Measure how far points (N, 3), mm, lie inside all silhouettes of the sensor: float32 (N,), mm."""
