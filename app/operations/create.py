@@ -21,11 +21,11 @@ from app.settings import Settings
 from app.store import studies
 from app.store.audit import COMMAND_LINE, Actor, Entry, record
 from app.store.designs import copy_design, insert_design, insert_practice
-from app.store.engine import Database, Transaction
+from app.store.engine import Database
 from app.store.images import copy_images
 from app.store.invitations import insert_invitation
 from app.store.keys import utc_now
-from app.store.orders import planned_trials
+from app.store.orders import most_trials
 from app.study.options import StudyOptions, parse_options
 from app.study.presets import QUICK, read_preset
 from app.study.study_file import KEYS as STUDY_FILE_KEYS
@@ -87,7 +87,9 @@ def create_study(
             record(connection, by, Entry("study created", study_id, slug, detail), now)
         with database.reading() as connection:
             counts = studies.progress_of(connection, study_id)
-            n_trials = _n_trials(connection, study_id)
+            study = studies.study_by_id(connection, study_id)
+            assert study is not None, "it was just inserted"
+            n_trials = most_trials(connection, study)
     return {
         "languages": {tag: refusal or "offered" for tag, refusal in refused_languages(wanted, packs).items()},
         "invitation": code,
@@ -99,14 +101,6 @@ def create_study(
         "without": list(wanted.without),
         **_noted(notes),
     }
-
-
-def _n_trials(connection: Transaction, study_id: int) -> int:
-    """Count the trials of a study's first participants; of the group that sees most."""
-    study = studies.study_by_id(connection, study_id)
-    assert study is not None, "it was just inserted"
-    slots = range(max(1, len(parse_options(study.options).groups)))  # one of each group
-    return max(len(planned_trials(connection, study, slot)[1]) for slot in slots)
 
 
 def import_study(

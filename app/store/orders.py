@@ -63,6 +63,13 @@ def study_plan(connection: Connection, study: Study) -> OrderPlan:
     return replace(plan, groups=options.groups)
 
 
+def most_trials(connection: Connection, study: Study) -> int:
+    """Count the trials of a new participant, as before any vote; of the group that sees most of them."""
+    plan = study_plan(connection, study)
+    n_adaptive = parse_options(study.options).adaptive_pairs
+    return plan.most_trials(adaptive_pairs(plan.pairs, {}, n_adaptive, study.seed, 0) if n_adaptive else plan.pairs)
+
+
 def planned_trials(connection: Connection, study: Study, slot: int) -> tuple[str | None, list[PlannedTrial]]:
     """Return the group and the order of trials for a new participant; no group where the study has none."""
     plan = study_plan(connection, study)

@@ -98,6 +98,7 @@ questionnaire?.addEventListener("input", () => keepDraft(questionnaire, outbox.o
 for (const button of page.querySelectorAll("[data-withdraw]")) button.addEventListener("click", askToWithdraw);
 byId("withdraw-yes").addEventListener("click", leaveForGood);
 
+tellMinutes(JSON.parse(page.dataset.minutes ?? "{}")); // before there is a session: the consent says how long it takes
 const obstacle = obstacleOf(page.dataset);
 if (obstacle) turnAway(obstacle);
 else if (page.dataset.state === "mine") guarded(resume);
@@ -523,17 +524,21 @@ function yieldToOther() {
   showAtTheEnd("yielded");
 }
 
+/** @param {import("./time-left.js").Minutes} minutes */
+function tellMinutes(minutes) {
+  tell({ minutes: roughly(minutes.trial), whole_minutes: minutesTogether(minutes), screening_minutes: roughly(minutes.screening) });
+  for (const line of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll(".durations [data-stage]"))) {
+    const stage = /** @type {import("./session.js").Stage} */ (line.dataset.stage);
+    line.textContent = fill(line.dataset.text, { minutes: roughly(minutes[stage]) });
+  }
+}
+
 /** @param {Session} session */
 function tellSession({ study, stage, progress, resume_code, debriefing_html, ...session }) {
   page.dataset.stage = stage;
   ending = session.ending;
   trials.minutes = session.minutes;
-  const { trial, screening } = session.minutes;
-  tell({ minutes: roughly(trial), whole_minutes: minutesTogether(session.minutes), screening_minutes: roughly(screening) });
+  tellMinutes(session.minutes);
   tell({ ...progress, seconds: Math.max(1, Math.round(study.exposure_s)), resume_code });
-  for (const line of /** @type {NodeListOf<HTMLElement>} */ (byId("durations").querySelectorAll("[data-stage]"))) {
-    const stage = /** @type {import("./session.js").Stage} */ (line.dataset.stage);
-    line.textContent = fill(line.dataset.text, { minutes: roughly(session.minutes[stage]) });
-  }
   byId("debriefing").innerHTML = debriefing_html ?? ""; // the server has rendered it without raw HTML
 }

@@ -39,12 +39,16 @@ def test_consent_comprehension_interview_and_debriefing(full_study: Study, page:
     page.keyboard.press("Enter")
     visitor.sees("consent")
     check_accessibility(page)
+    agreed_to = _announced_minutes(page, "consent")
     page.keyboard.press("Enter")  # nobody agrees by accident
     visitor.sees("consent")
     page.get_by_label("I have read this").check()
     page.keyboard.press("Enter")
     _read_instructions(visitor)
-    _announced_minutes_add_up(page)
+    expect(page.locator("[data-view=instructions-1]")).to_contain_text(
+        "Each pair takes about 1 s, all of them together about 1 min."
+    )
+    assert _announced_minutes(page, "instructions-1") == agreed_to
     check_accessibility(page)
     page.get_by_label("I watch A to the end").check()
     page.keyboard.press("Enter")
@@ -101,13 +105,14 @@ def test_what_was_typed_in_the_interview_is_never_shown_to_the_next_participant(
     assert "Mine alone" not in page.evaluate("JSON.stringify(sessionStorage)")
 
 
-def _announced_minutes_add_up(page: Page) -> None:
-    first = page.locator("[data-view=instructions-1]")
-    expect(first).to_contain_text("Each pair takes about 1 s, all of them together about 1 min.")
-    stages = [re.findall(r"\d+", line) for line in first.locator("li").all_text_contents()]
+def _announced_minutes(page: Page, view: str) -> int:
+    """Return how long everything takes, as a view says, which adds up to what it says of each stage."""
+    announced = page.locator(f"[data-view={view}]")
+    stages = [re.findall(r"\d+", line) for line in announced.locator(".durations li").all_text_contents()]
     together = sum(int(minutes) for (minutes,) in stages)
     assert len(stages) == 3
-    expect(first).to_contain_text(f"Everything together takes about {together} min:")
+    expect(announced).to_contain_text(f"Everything together takes about {together} min:")
+    return together
 
 
 def _read_instructions(visitor: Visitor) -> None:

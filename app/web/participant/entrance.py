@@ -18,9 +18,11 @@ from app.store.engine import Transaction
 from app.store.images import image_digests
 from app.store.invitations import Invitation, invitation_by_code
 from app.store.keys import typed_code
+from app.store.orders import most_trials
 from app.store.recruits import recruit_of_session, session_of_outside_id
 from app.store.sessions import Session, session_by_token
 from app.store.studies import Study, study_by_id
+from app.study.duration import stage_minutes
 from app.study.options import StudyOptions, parse_options
 from app.study.recruiting import Arrival
 from app.web.gates import PARTICIPANT_COOKIE, cookie, database, now
@@ -48,6 +50,7 @@ class Entrance:
     full_url: str  # where to go from a study that takes in nobody more; empty: nowhere
     film_size: tuple[int, ...]  # display's pixels, where the films need as many; else empty
     is_named: bool  # does the invitation bear a label for one participant?
+    minutes: Mapping[str, float]  # that each stage takes, for the consent; empty where there is none to give
     is_preview: bool  # does this browser hold an experimenter's walk through the study?
 
 
@@ -81,6 +84,7 @@ def entrance(request: Request, code: str, *, is_for_another: bool = False) -> En
             is_mine = session is not None and session.invitation_id == invitation.id
             state = "mine" if is_mine and not (is_for_another and state == "open") else state
         film_size = largest_film(connection, study.id) if options.pixels == "1:1" else ()
+        minutes = stage_minutes(options, most_trials(connection, study), study.exposure_s) if options.consent else {}
     places = invitation.has_places(1 if state == "mine" else 2)
     return Entrance(
         slug=study.slug,
@@ -96,6 +100,7 @@ def entrance(request: Request, code: str, *, is_for_another: bool = False) -> En
         full_url=options.outside.address("full", arrival),
         film_size=film_size,
         is_named=invitation.is_named,
+        minutes=minutes,
         is_preview=session is not None and state == "mine" and session.is_preview,
     )
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from datetime import datetime
 from functools import lru_cache, partial
 from typing import Annotated, Any
@@ -14,15 +13,13 @@ from fastapi.responses import Response
 from app.store.counted_votes import vote_state
 from app.store.designs import conditions_of
 from app.store.engine import Database
-from app.store.orders import study_plan, taken_orders
+from app.store.orders import most_trials, study_plan, taken_orders
 from app.store.participants import session_state
 from app.store.studies import Study
-from app.study.adaptive import adaptive_pairs
-from app.study.balance import OrderPlan, balance_report, holds
+from app.study.balance import balance_report, holds
 from app.study.duration import stage_minutes
 from app.study.options import parse_options
 from app.study.protocols import TYPICAL_INCONSISTENCY
-from app.study.trial import PlannedPair
 from app.web.admin.layout import study_page
 from app.web.admin.listing import listed
 from app.web.gates import Now, Store
@@ -50,11 +47,11 @@ def design_page(
 ) -> Response:
     with database.reading() as connection:
         plan = study_plan(connection, study)
+        n_trials = most_trials(connection, study)
         conditions = conditions_of(connection, study.id)
     report, _ = _latest_report.get(
         (str(database.engine.url), study.id), partial(_checked_orders, database, study, now), PATIENCE_S
     )
-    n_trials = plan.most_trials(_pairs_of_first(study, plan))
     minutes = stage_minutes(parse_options(study.options), n_trials, study.exposure_s)
     n_datasets = len({pair.dataset for pair in plan.pairs})
     power = _power(len(conditions), n_datasets, participants, effect, is_rated=plan.is_rated) if participants else None
@@ -72,12 +69,6 @@ def design_page(
         "asked": {"participants": participants or 22, "effect": effect},
     }
     return study_page(request, "design", person, study, context)
-
-
-def _pairs_of_first(study: Study, plan: OrderPlan) -> Sequence[PlannedPair]:
-    """Return as many pairs as each participant sees: those that the first would see before any vote."""
-    n_adaptive = parse_options(study.options).adaptive_pairs
-    return adaptive_pairs(plan.pairs, {}, n_adaptive, study.seed, 0) if n_adaptive else plan.pairs
 
 
 def _checked_orders(database: Database, study: Study, now: datetime) -> dict[str, Any]:

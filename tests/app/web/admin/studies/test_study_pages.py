@@ -85,7 +85,7 @@ def test_a_study_starts_from_a_preset_which_the_form_changes(own_server: str, ow
         page = eva.get("/admin/studies/new").text
         assert all(f'name="preset" value="{name}"' in page for name in PRESETS)
         filled = eva.get("/admin/studies/new", params={"stimulus_set": "tiny", "preset": "paper"}).text
-        assert 'value="preset paper 2"' in filled
+        assert 'value="preset paper 3"' in filled
         refused = eva.act("/admin/studies/new", name="Second", stimulus_set="tiny", preset="papr")
         assert refused.status_code == 422
         assert "expected one of paper, quick, online" in refused.text
