@@ -33,11 +33,11 @@ LOCK_ATTEMPT_MS = 500  # PostgreSQL looks for a deadlock after 1 s
 LOCKED_WITHIN_S = 30
 TABLES_NAMED = 3  # in the message about another program's tables
 VERSION_TABLE = "alembic_version"
-MISSED = {  # a restore drops these rows only with --replace; all other rows belong to them
-    "study": "studies",
-    "experimenter": "experimenters",
-    "api_token": "tokens",
-    "audit_entry": "entries of the audit log",
+MISSED = {  # one and several, by table; a restore drops these rows only with --replace; all other rows belong to them
+    "study": ("study", "studies"),
+    "experimenter": ("experimenter", "experimenters"),
+    "api_token": ("token", "tokens"),
+    "audit_entry": ("entry of the audit log", "entries of the audit log"),
 }
 
 
@@ -209,14 +209,15 @@ def _refuse_tables_of_others(connection: Connection, names: Set[str]) -> None:
 
 def _held(connection: Connection, present: MetaData) -> str:
     """Name what somebody would miss in a database; empty if there is nothing."""
-    counts = {}
-    for name, what in MISSED.items():
+    held = []
+    for name, (one, several) in MISSED.items():
         if (table := present.tables.get(name)) is not None:
             rows = select(func.count()).select_from(table)
             if name == experimenter.name:
                 rows = rows.where(table.c.name != UNNAMED)  # not a person: the set-up link of a server's first start
-            counts[what] = connection.scalar(rows)
-    return ", ".join(f"{count} {what}" for what, count in counts.items() if count)
+            if count := connection.scalar(rows):
+                held.append(f"{count} {one if count == 1 else several}")
+    return ", ".join(held)
 
 
 def _check_rows(archive: ZipFile, name: str, facts: Any) -> None:

@@ -25,6 +25,7 @@ class ServerTask:
     public_id: str
     actor: str
     title: str
+    subject: str | None
     state: str
     done: int
     total: int

@@ -35,6 +35,8 @@ from app.web.roles import Person
 TELLS_EVERY_S = 0.5
 BEATS_EVERY_S = BEATS_WITHIN.total_seconds() / 4
 
+UPLOAD = "upload"  # begins the subject of a task that takes in an upload
+
 router = APIRouter(prefix="/admin/jobs", include_in_schema=False)
 
 log = logging.getLogger(__name__)
@@ -48,7 +50,8 @@ def task_page(request: Request, task: Annotated[str, Path(max_length=32)], perso
         raise NotFoundError("There is no such work in progress.")
     if known.state == "done" and known.result and "hx-request" not in request.headers:
         return see(known.result)
-    return page(request, "task", person, {"task": known, "stopped": STOPPED})
+    is_upload = (known.subject or "").startswith(UPLOAD)
+    return page(request, "task", person, {"task": known, "stopped": STOPPED, "is_upload": is_upload})
 
 
 def start_task(

@@ -138,7 +138,7 @@ def test_a_backup_is_of_one_moment_while_votes_come_in(here: Settings, tmp_path:
 def test_studies_are_not_replaced_unless_one_says_so(here: Settings, tmp_path: Path) -> None:
     back_up(here, tmp_path / "backup.zip")
     before = rows_of(here)
-    with pytest.raises(ValueError, match=r"holds 1 studies.*--replace"):
+    with pytest.raises(ValueError, match=r"holds 1 study\b.*--replace"):
         restore(here, tmp_path / "backup.zip")
     database = open_database(here.url)
     with database.writing() as connection:
@@ -197,7 +197,7 @@ def test_people_and_tokens_are_not_dropped_unless_one_says_so(
     database.dispose()
     manage.add_experimenter(there, "Eva Example")
     manage.add_token(there, "tests")
-    with pytest.raises(ValueError, match=r"holds 1 experimenters, 1 tokens, 2 entries of the audit log.*--replace"):
+    with pytest.raises(ValueError, match=r"holds 1 experimenter, 1 token, 2 entries of the audit log.*--replace"):
         restore(there, tmp_path / "backup.zip")
     restore(there, tmp_path / "backup.zip", replace=True)
     assert rows_of(there) == rows_of(here)

@@ -50,6 +50,7 @@ def account_page(request: Request, person: Person, database: Store, now: Now) ->
         n_codes = n_recovery_codes(connection, person.id)
     is_being_set_up = factor is not None and factor.since is None
     context = {
+        "is_saved": "saved" in request.query_params,
         "sessions": sessions,
         "factor": factor,
         "n_codes": n_codes,
@@ -75,7 +76,7 @@ def change_password(
         token = begin_experimenter_session(connection, actor.id, actor.now, browser_of(request))
         actor.note(connection, "password changed")
     request.state.renewed_token = None
-    return signed_in(request, token, "/admin/account")
+    return signed_in(request, token, "/admin/account?saved=1")
 
 
 @router.post("/second-factor")

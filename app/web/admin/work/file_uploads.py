@@ -41,7 +41,7 @@ from app.intake.zips import MB
 from app.settings import Settings
 from app.store.audit import Actor, Entry, record_alone
 from app.store.engine import Database
-from app.web.admin.background import start_task
+from app.web.admin.background import UPLOAD, start_task
 from app.web.admin.layout import see
 from app.web.admin.uploads import UploadingActor
 from app.web.gates import Store, settings
@@ -176,7 +176,7 @@ def _start_shelving(server: Settings, database: Database, actor: Actor, upload: 
         record_alone(database, actor.name, entry, actor.now)
         return f"/admin/files/{upload.kind}/{place.name}"
 
-    task = f"/admin/jobs/{start_task(database, actor, title, work, subject=f'upload {upload.id}')}"
+    task = f"/admin/jobs/{start_task(database, actor, title, work, subject=f'{UPLOAD} {upload.id}')}"
     note_job(intake, upload, task)
     return task
 

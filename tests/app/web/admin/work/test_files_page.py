@@ -250,6 +250,7 @@ def test_a_complete_upload_is_kept_when_its_check_fails_for_the_servers_reasons(
             failed = send(eva, "captures", "ball", content).text
         assert "No space left on device" in failed
         assert "choose the same file again" in failed
+        assert 'href="/admin/files#upload"' in failed, "the way back to choose it"
         assert "100 % of" in eva.get("/admin/files").text
         again = begin(eva, "captures", "ball", content)
         told = again.json()
