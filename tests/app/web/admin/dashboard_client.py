@@ -21,6 +21,7 @@ from app.settings import Settings
 from app.store.experimenters import Role
 
 LONGEST_WORK_S = 120
+PASSWORD = "correct horse battery"
 
 
 class Dashboard(httpx.Client):

@@ -11,6 +11,7 @@ import pytest
 from limits import RateLimitItemPerHour
 
 from app.main import running_server
+from app.operations import manage
 from app.operations.create import create_study
 from app.settings import Settings
 from app.web import gates
@@ -66,3 +67,43 @@ def test_what_people_brought_lies_in_folders_of_the_servers_user(own: Settings, 
     modes = {path.name: path.stat().st_mode & 0o777 for path in own.private_dirs}
     assert modes == dict.fromkeys(("intake", "models", "reports", "stills", "uploads", "work"), 0o700)
     assert Path(own.data_dir / "study.sqlite").stat().st_mode & 0o777 == 0o600
+
+
+@pytest.mark.slow
+def test_guessing_invitations_is_slowed_down(tmp_path: Path) -> None:
+    with running_server(Settings(data_dir=tmp_path)) as url, httpx.Client(base_url=url) as stranger:
+        body = {"invitation": "guess"}
+        answers = [stranger.post("/api/v1/studies/any/sessions", json=body) for _ in range(31)]
+        assert {answer.status_code for answer in answers[:30]} == {404}
+        assert answers[30].status_code == 429
+        assert answers[30].json()["status"] == 429
+
+
+@pytest.mark.slow
+def test_guessing_tokens_is_slowed_down(tmp_path: Path) -> None:
+    with running_server(Settings(data_dir=tmp_path)) as url, httpx.Client(base_url=url) as stranger:
+        bearer = {"Authorization": "Bearer guess"}
+        statuses = [stranger.get("/api/v1/studies", headers=bearer).status_code for _ in range(31)]
+        assert statuses == [401] * 30 + [429]
+
+
+@pytest.mark.slow
+def test_all_addresses_of_an_ipv6_client_count_as_one(tmp_path: Path) -> None:
+    with running_server(Settings(data_dir=tmp_path)) as url, httpx.Client(base_url=url) as stranger:
+        statuses = [
+            stranger.get(
+                "/api/v1/studies", headers={"Authorization": "Bearer guess", "X-Forwarded-For": f"2001:db8::{number:x}"}
+            ).status_code
+            for number in range(31)
+        ]
+        assert statuses == [401] * 30 + [429]
+        neighbour = {"Authorization": "Bearer guess", "X-Forwarded-For": "2001:db8:0:1::1"}
+        assert stranger.get("/api/v1/studies", headers=neighbour).status_code == 401
+
+
+@pytest.mark.slow
+def test_the_api_limits_how_often_one_asks(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path, api_requests_per_minute=3)
+    bearer = {"Authorization": f"Bearer {manage.add_token(settings, 'eager')['token']}"}
+    with running_server(settings) as url, httpx.Client(base_url=url, headers=bearer) as eager:
+        assert [eager.get("/api/v1/studies").status_code for _ in range(4)] == [200, 200, 200, 429]

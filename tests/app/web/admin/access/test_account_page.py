@@ -1,0 +1,106 @@
+"""What experimenters change about themselves: the password, the second factor, where they are signed in."""
+
+from __future__ import annotations
+
+import re
+from datetime import UTC, datetime
+from itertools import count
+from pathlib import Path
+
+import pyotp
+import pytest
+
+from app.main import running_server
+from app.operations import manage
+from app.settings import Settings
+from app.web.admin.access import account_page, sign_in_page
+from tests.app.web.admin.dashboard_client import PASSWORD, Dashboard, signed_in
+
+pytestmark = pytest.mark.slow
+
+
+def test_a_changed_password_ends_the_other_sessions(small_server: str, small: Settings) -> None:
+    with signed_in(small_server, small, "Pia") as here, Dashboard(small_server) as there:
+        assert here.act("/admin/account/password", password=PASSWORD, again=PASSWORD).status_code == 200
+        there.enter("/admin/sign-in", name="Pia", password=PASSWORD)
+        assert "Studies" in there.get("/admin").text
+        again = {"password": PASSWORD + "!", "again": PASSWORD + "!"}
+        assert here.act("/admin/account/password", current="wrong", **again).status_code == 422
+        assert here.act("/admin/account/password", current=PASSWORD, **again).status_code == 200
+        assert there.get("/admin").status_code == 401
+
+
+def test_sessions_are_listed_and_end_one_by_one_or_everywhere(small_server: str, small: Settings) -> None:
+    with (
+        signed_in(small_server, small, "Mo") as here,
+        Dashboard(small_server) as there,
+        Dashboard(small_server) as other,
+    ):
+        here.act("/admin/account/password", password=PASSWORD, again=PASSWORD)
+        there.headers["User-Agent"] = "Mozilla/5.0 (X11; Linux x86_64; rv:140.0) Gecko/20100101 Firefox/140.0"
+        for dashboard in (there, other):
+            dashboard.enter("/admin/sign-in", name="Mo", password=PASSWORD)
+        page = here.get("/admin/account").text
+        assert "Firefox on Linux" in page
+        ids = re.findall(r'name="session" value="(\d+)"', page)
+        assert len(ids) == 2
+        with signed_in(small_server, small, "Foe") as foe:
+            assert foe.act("/admin/account/sessions/end", session=ids[0]).status_code == 404
+        of_there = re.search(r'Firefox on Linux.*?name="session" value="(\d+)"', page, re.DOTALL)
+        assert of_there
+        here.act("/admin/account/sessions/end", session=of_there[1])
+        assert [each.get("/admin").status_code for each in (here, there, other)] == [200, 401, 200]
+        here.act("/admin/account/sessions/end-all")
+        assert [each.get("/admin").status_code for each in (here, other)] == [401, 401]
+
+
+def test_a_second_factor_is_asked_for_until_it_is_turned_off(
+    small_server: str, small: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    addresses = count()
+    for module in (sign_in_page, account_page):
+        monkeypatch.setattr(module, "address", lambda _request: f"client {next(addresses)}")
+    with signed_in(small_server, small, "Tess") as tess, Dashboard(small_server) as away:
+        assert tess.act("/admin/account/second-factor").status_code == 409  # no password yet
+        tess.act("/admin/account/password", password=PASSWORD, again=PASSWORD)
+        secret = re.findall(r"<code>([A-Z2-7]{32})</code>", tess.act("/admin/account/second-factor").text)[0]
+        away.enter("/admin/sign-in", name="Tess", password=PASSWORD)
+        assert away.get("/admin").status_code == 200  # it is not confirmed yet
+        totp = pyotp.TOTP(secret)
+        assert tess.act("/admin/account/second-factor/confirm", code="000000").status_code == 422
+        step = totp.timecode(datetime.now(UTC))
+        shown = tess.act("/admin/account/second-factor/confirm", code=totp.generate_otp(step)).text
+        codes = re.findall(r"<code>((?:[a-z0-9]{6} ?){4})</code>", shown)
+        assert len(set(codes)) == 10
+        assert secret not in tess.get("/admin/account").text
+
+    def may_enter(code: str) -> bool:
+        with Dashboard(small_server) as tess:
+            answer = tess.enter("/admin/sign-in", name="Tess", password=PASSWORD, code=code)
+            return answer.status_code == 200
+
+    assert not may_enter("")
+    assert not may_enter(totp.generate_otp(step))  # taken when it was confirmed
+    assert may_enter(totp.generate_otp(step + 1))
+    assert may_enter(codes[0].upper())
+    assert not may_enter(codes[0])
+    with Dashboard(small_server) as tess:
+        tess.enter("/admin/sign-in", name="Tess", password=PASSWORD, code=codes[1])
+        assert "8 recovery codes are left" in tess.get("/admin/account").text
+        assert tess.act("/admin/account/second-factor/end", current="wrong").status_code == 422
+        assert tess.act("/admin/account/second-factor/end", current=PASSWORD).status_code == 200
+    assert may_enter("")
+
+
+def test_where_a_second_factor_is_required_who_has_none_sees_their_account_alone(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path, second_factor="required")
+    with running_server(settings) as url, Dashboard(url) as ada:
+        entered = ada.enter(manage.add_experimenter(settings, "Ada")["path"])
+        assert (entered.url.path, "opens once yours is on" in entered.text) == ("/admin/account", True)
+        refused = ada.get("/admin/users")
+        assert (refused.status_code, "Click your name above" in refused.text) == (403, True)
+        assert ada.get("/api/v1/studies").status_code == 403
+        ada.act("/admin/account/password", password=PASSWORD, again=PASSWORD)
+        secret = re.findall(r"<code>([A-Z2-7]{32})</code>", ada.act("/admin/account/second-factor").text)[0]
+        assert ada.act("/admin/account/second-factor/confirm", code=pyotp.TOTP(secret).now()).status_code == 200
+        assert ada.get("/admin/users").status_code == 200

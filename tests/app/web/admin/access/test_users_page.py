@@ -1,0 +1,148 @@
+"""Owners add people, give them roles and links, and end their access; tokens, and what the audit log tells."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import httpx
+import pytest
+
+from app.main import running_server
+from app.operations import manage
+from app.operations.database import open_store
+from app.settings import Settings
+from app.store.audit import audit_records
+from tests.app.web.admin.dashboard_client import PASSWORD, Dashboard, signed_in
+
+pytestmark = pytest.mark.slow
+
+
+def test_an_owners_new_link_replaces_a_forgotten_password(
+    small_server: str, small: Settings, forgetful: Dashboard
+) -> None:
+    with signed_in(small_server, small, "Olaf", "owner") as olaf:
+        shown = olaf.act("/admin/users/link", name="Fred").text
+        entry = next(line for line in olaf.get("/admin/audit?search=Fred").text.split("<tr") if "link made" in line)
+    assert "Olaf" in entry
+    assert "password" in entry
+    link = shown.split(f"{small_server}/admin/login/")[1].split("<")[0]
+    assert forgetful.get("/admin").status_code == 401
+    new = "another horse battery"
+    with Dashboard(small_server) as fred:
+        assert fred.enter("/admin/sign-in", name="Fred", password=PASSWORD).status_code == 401
+        fred.enter(f"/admin/login/{link}")
+        assert "Current password" not in fred.get("/admin/account").text
+        assert "The password is saved" in fred.act("/admin/account/password", password=new, again=new).text
+        assert "The password is saved" not in fred.get("/admin/account").text
+        assert "Your role is experimenter" in fred.get("/admin/account").text
+    with Dashboard(small_server) as fred:
+        assert fred.enter(f"/admin/login/{link}").status_code == 401
+        assert "Studies" in fred.enter("/admin/sign-in", name="Fred", password=new).text
+
+
+@pytest.mark.usefixtures("forgetful")
+def test_the_command_line_replaces_a_forgotten_password_and_says_so(small_server: str, small: Settings) -> None:
+    added = manage.add_experimenter(small, "Fred")
+    assert added["password_ended"]
+    with Dashboard(small_server) as fred:
+        fred.enter(added["path"])
+        assert fred.act("/admin/account/password", password=PASSWORD, again=PASSWORD).status_code == 200
+    assert not manage.add_experimenter(small, "Somebody new")["password_ended"]
+
+
+def test_adding_a_name_that_is_there_takes_nobodys_password(
+    small_server: str, small: Settings, forgetful: Dashboard
+) -> None:
+    with signed_in(small_server, small, "Olaf", "owner") as olaf:
+        refused = olaf.act("/admin/users", name="Fred", role="viewer")
+        assert olaf.act("/admin/users/link", name="Nobody").status_code == 404
+        assert olaf.act("/admin/users/link", name="Olaf").status_code == 409
+    assert refused.status_code == 409
+    assert "New link" in refused.text
+    assert "Your role is experimenter" in forgetful.get("/admin/account").text
+
+
+def test_only_an_owner_makes_links_for_others(small_server: str, small: Settings, forgetful: Dashboard) -> None:
+    with signed_in(small_server, small, "Xenia", "experimenter") as xenia:
+        assert xenia.act("/admin/users/link", name="Fred").status_code == 403
+    assert forgetful.get("/admin").status_code == 200
+
+
+def test_a_form_without_its_token_changes_nothing_and_is_noted(server: str, settings: Settings) -> None:
+    with signed_in(server, settings, "Fay") as fay:
+        for fields in ({}, {"form_token": "guess"}, {"form_token": "ünïcode"}):
+            assert fay.post("/admin/users", data={"name": "Eve", "role": "owner", **fields}).status_code == 403
+        assert "Eve" not in fay.get("/admin/users").text
+        assert "form refused" in fay.get("/admin/audit?search=Fay").text
+
+
+def test_roles_open_only_their_own_pages(server: str, settings: Settings) -> None:
+    pages = {"/admin": "viewer", "/admin/account": "viewer", "/admin/audit": "experimenter", "/admin/users": "owner"}
+    ranks = ("viewer", "experimenter", "owner")
+    for role in ranks:
+        with signed_in(server, settings, f"The {role}", role) as person:
+            for path, needed in pages.items():
+                expected = 200 if ranks.index(role) >= ranks.index(needed) else 403
+                assert person.get(path).status_code == expected, (role, path)
+
+
+def test_an_owner_adds_people_changes_roles_and_ends_access(server: str, settings: Settings) -> None:
+    with signed_in(server, settings, "Olaf", "owner") as olaf, Dashboard(server) as nina:
+        shown = olaf.act("/admin/users", name="Nina", role="viewer").text
+        link = shown.split(f"{server}/admin/login/")[1].split("<")[0]
+        assert "Nina" in nina.enter(f"/admin/login/{link}").text
+        assert nina.get("/admin/audit").status_code == 403
+        olaf.act("/admin/users/role", name="Nina", role="experimenter")
+        assert nina.get("/admin/audit").status_code == 200
+        olaf.act("/admin/users/disable", name="Nina")
+        assert nina.get("/admin").status_code == 401
+        assert nina.enter(f"/admin/login/{link}").status_code == 401
+
+
+def test_the_last_owner_cannot_be_locked_out(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    with running_server(settings) as url, signed_in(url, settings, "Only", "owner") as only:
+        assert only.act("/admin/users/role", name="Only", role="viewer").status_code == 409
+        assert only.act("/admin/users/disable", name="Only").status_code == 409
+        assert only.get("/admin/users").status_code == 200
+
+
+def test_a_token_reads_what_its_scopes_say_until_it_is_revoked(server: str, settings: Settings) -> None:
+    with signed_in(server, settings, "Toni", "owner") as toni, httpx.Client(base_url=server) as program:
+        shown = toni.act("/admin/tokens", name="notebook", scope="audit", days="1").text
+        secret = shown.split("<p><code>")[1].split("</code>")[0]
+        bearer = {"Authorization": f"Bearer {secret}"}
+        refused = program.get("/api/v1/studies", headers=bearer)
+        assert refused.status_code == 403
+        assert "scope read" in refused.json()["detail"]
+        assert secret not in toni.get("/admin/tokens").text
+        toni.act("/admin/tokens/revoke", name="notebook")
+        assert program.get("/api/v1/studies", headers=bearer).status_code == 401
+
+
+def test_the_audit_log_tells_what_was_done_and_holds_no_secret(server: str, settings: Settings) -> None:
+    link = manage.add_experimenter(settings, "Vera")["path"]
+    with Dashboard(server) as vera:
+        vera.enter(link)
+    with Dashboard(server) as stranger:
+        stranger.get("/admin/login/guessed-at-random")
+        stranger.get("/admin/setup/guessed-at-random")
+        stranger.get("/api/v1/studies", headers={"Authorization": "Bearer guessed-at-random"})
+    database = open_store(settings)
+    with database.reading() as connection:
+        entries = audit_records(connection, search="")
+    database.dispose()
+    told = [(entry["actor"], entry["action"]) for entry in entries]
+    assert ("Vera", "signed in") in told
+    for refused in ("sign-in refused", "set-up refused", "token refused"):
+        assert ("stranger", refused) in told
+    assert "guessed-at-random" not in str(entries)
+    assert ("command line", "sign-in link made") in told
+    assert link.rsplit("/", 1)[1] not in str(entries)
+
+
+def test_a_new_link_ends_sessions_even_without_a_password(server: str, settings: Settings) -> None:
+    with signed_in(server, settings, "Lina") as lina:
+        assert lina.get("/admin").status_code == 200
+        manage.add_experimenter(settings, "Lina")
+        assert lina.get("/admin").status_code == 401
