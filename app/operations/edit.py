@@ -21,12 +21,14 @@ from app.store.audit import Actor
 from app.store.deletion import delete_previews
 from app.store.designs import conditions_of, datasets_of, practice_pairs, replace_design
 from app.store.engine import Database, Transaction
+from app.store.keys import utc_now
 from app.store.studies import Study, edit_study, lock_study, progress_of
 from app.study.adaptive import check_adaptive
 from app.study.groups import check_groups
 from app.study.language_pack import LanguagePack
 from app.study.option_table import CHANGES, WITH_FILMS, why_fixed
 from app.study.options import check_minimum_viewing, without_effect
+from app.study.privacy import check_days_left
 from app.study.stages import PRACTICE
 from app.study.study_file import StudyFile
 from app.study.text import is_one_line
@@ -82,6 +84,8 @@ def check_edit(
             wanted = _complete(now, wanted)
             changes = _changes(now, wanted)
             check_languages(wanted.options, packs)
+            if (now.options.privacy, now.options.limits) != (wanted.options.privacy, wanted.options.limits):
+                check_days_left(wanted.options, study.closed_at, utc_now())
             for name, reason in without_effect(wanted.options).items():
                 if name in changes or "protocol" in changes:
                     raise ValueError(reason)

@@ -76,8 +76,36 @@ def forgets_at(options: StudyOptions, closed_at: datetime | None) -> datetime | 
     options : the study's
     closed_at : when it was closed; None: it was not, but may have ended by `limits.open_until`
     """
-    until = options.limits.open_until
-    ended_at = closed_at or (datetime.fromisoformat(until) if until else None)
+    ended_at = _ended_at(options, closed_at)
     if ended_at is None or not options.privacy.keep_days:
         return None
     return ended_at + timedelta(days=options.privacy.keep_days)
+
+
+def check_days_left(options: StudyOptions, closed_at: datetime | None, now: datetime) -> None:
+    """Refuse options by which a study's personal data would be deleted at once: who set them shall have a day to think.
+
+    Parameters
+    ----------
+    options : as they are to be
+    closed_at : as in `forgets_at`
+    now : the time
+
+    Raises
+    ------
+    ValueError
+        If the study ended longer ago than `privacy.keep_days` says.
+    """
+    end, ended_at = forgets_at(options, closed_at), _ended_at(options, closed_at)
+    if end is None or ended_at is None or end > now:
+        return
+    least = (now - ended_at).days + 1
+    raise ValueError(
+        f"privacy.keep_days is {options.privacy.keep_days}, but the study ended on {ended_at.date()}, so its personal "
+        f"data would be deleted within the hour; expected {least} or more ({least}: they go within a day), or 0"
+    )
+
+
+def _ended_at(options: StudyOptions, closed_at: datetime | None) -> datetime | None:
+    until = options.limits.open_until
+    return closed_at or (datetime.fromisoformat(until) if until else None)

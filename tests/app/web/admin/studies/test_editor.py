@@ -6,6 +6,7 @@ import html
 import re
 import shutil
 from collections.abc import Callable, Iterator
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,9 @@ from app.operations import manage
 from app.operations.create import create_study
 from app.settings import Settings
 from app.simulation.participants import begin, next_trial
+from app.store.deletion import studies_to_forget
+from app.store.engine import open_database
+from app.store.keys import utc_now
 from app.study.options import StudyOptions, parse_options
 from app.study.study_file import parse_study_file
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in
@@ -123,6 +127,22 @@ protocol = "CCR"
 without = ["id_fa"]
 practice_dataset = "box"
 optional_stages = ["practice"]"""
+
+
+def test_days_to_keep_that_are_over_would_delete_at_once_and_are_refused(eva: tuple[Dashboard, Settings]) -> None:
+    dashboard, settings = eva
+    base = made(settings, "Kept")
+    assert edit(dashboard, base, "privacy.keep_days = 30").status_code == 200
+    refused = edit(dashboard, base, "privacy.keep_days = 30\nlimits.open_until = 2025-01-01T00:00:00Z")
+    assert refused.status_code == 422
+    assert "would be deleted within the hour" in html.unescape(refused.text)
+    days = int(re.findall(r"expected (\d+) or more", refused.text)[0])
+    assert options_of(settings, base).limits.open_until == ""
+    in_a_day = f"privacy.keep_days = {days}\nlimits.open_until = 2025-01-01T00:00:00Z"
+    assert edit(dashboard, base, in_a_day).status_code == 200
+    with open_database(settings.url) as database, database.reading() as connection:
+        assert studies_to_forget(connection, utc_now()) == []
+        assert len(studies_to_forget(connection, utc_now() + timedelta(days=1))) == 1
 
 
 def test_films_that_cannot_be_made_again_are_named(eva: tuple[Dashboard, Settings]) -> None:
