@@ -26,8 +26,10 @@ from app.study.duration import stage_minutes
 from app.study.options import StudyOptions, parse_options
 from app.study.recruiting import Arrival
 from app.web.gates import PARTICIPANT_COOKIE, cookie, database, now
+from app.web.once import Shared
 
 log = logging.getLogger(__name__)
+_announced: Shared[Mapping[str, float]] = Shared(64)  # minutes of studies
 
 State = Literal["open", "mine", "known", "used", "paused", "closed", "full", "bad_link", "begun_elsewhere"]
 
@@ -84,7 +86,7 @@ def entrance(request: Request, code: str, *, is_for_another: bool = False) -> En
             is_mine = session is not None and session.invitation_id == invitation.id
             state = "mine" if is_mine and not (is_for_another and state == "open") else state
         film_size = largest_film(connection, study.id) if options.pixels == "1:1" else ()
-        minutes = stage_minutes(options, most_trials(connection, study), study.exposure_s) if options.consent else {}
+        minutes = _minutes(request, connection, study, options) if options.consent else {}
     places = invitation.has_places(1 if state == "mine" else 2)
     return Entrance(
         slug=study.slug,
@@ -103,6 +105,12 @@ def entrance(request: Request, code: str, *, is_for_another: bool = False) -> En
         minutes=minutes,
         is_preview=session is not None and state == "mine" and session.is_preview,
     )
+
+
+def _minutes(request: Request, connection: Transaction, study: Study, options: StudyOptions) -> Mapping[str, float]:
+    """Estimate how long each stage takes, once for a study as it is: with thousands of pairs it takes a moment."""
+    known = f"{database(request).engine.url} {study.id} {study.created_at} {study.revision}"
+    return _announced.get(known, lambda: stage_minutes(options, most_trials(connection, study), study.exposure_s))
 
 
 def _used_or(why: WhyClosed | None, invitation: Invitation) -> State:
