@@ -9,7 +9,7 @@ from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, Row, Select, func, literal_column, select, update
 
-from app.errors import ConflictError, NotFoundError
+from app.errors import ConflictError, InvalidError, NotFoundError
 from app.store.belonging import rows_of_people
 from app.store.engine import insert_or_ignore, sorted_by
 from app.store.exclusions import in_force, sessions_in, takes_part_in
@@ -52,6 +52,17 @@ def person_of_session(connection: Connection, public_id: str) -> Person | None:
     query = select(*columns).select_from(session.join(participant)).where(session.c.public_id == public_id)
     row = connection.execute(query).one_or_none()
     return Person(**row._mapping) if row else None
+
+
+def check_not_erased(label: str, erased_at: datetime | None) -> None:
+    """Refuse to keep anything more of a participant who was erased.
+
+    Raises
+    ------
+    InvalidError
+    """
+    if erased_at is not None:
+        raise InvalidError(f"{label} was erased; nothing is kept of them any more.")
 
 
 def sessions_of(connection: Connection, participant_id: int) -> list[str]:
