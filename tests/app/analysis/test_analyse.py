@@ -98,16 +98,11 @@ def test_votes_without_datasets_or_participants_are_analysed_as_one() -> None:
 
 def test_a_repeated_vote_is_named_and_kept() -> None:
     votes = study(datasets=("ball",))
-    twice = votes.where(np.r_[np.ones(len(votes), bool)])
-    doubled = VotesTable(
-        **{
-            key: np.r_[value, value[:1]] if isinstance(value, np.ndarray) else value
-            for key, value in vars(twice).items()
-        }
-    )
+    doubled = votes.where(np.r_[np.arange(len(votes)), 0])
     analysis = analyse(doubled)
     assert analysis["votes"]["analysed"] == len(votes) + 1
     assert any(f"row {len(votes) + 1} (p0, ball, id_fa - id_fb)" in warning for warning in analysis["warnings"])
+    assert "repeat a pair" not in str(analyse(doubled, AnalysisSettings(exclude=("p0",)))["warnings"])
 
 
 def test_degenerate_data_have_their_status_and_a_warning() -> None:
