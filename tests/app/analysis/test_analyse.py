@@ -16,6 +16,7 @@ from app.analysis import AnalysisSettings, VotesError, analyse, analyse_file, vo
 from app.analysis.contrasts import ALL_ALIKE
 from app.analysis.factors import votes_with_levels
 from app.analysis.reading import read_votes
+from app.analysis.report_page import report_page
 from app.analysis.ties import TIE_MODELS
 from app.analysis.votes_table import VotesTable, votes_from_indices
 
@@ -319,6 +320,15 @@ def opinions(*choices: str, pairs: str = "xy yz xz") -> list[dict[str, Any]]:
 def analysed(*choices: str, pairs: str = "xy yz xz", **options: Any) -> dict[str, Any]:
     words = {"a": "a", "b": "b", "none": "-"}
     return analyse(votes_from_rows(opinions(*choices, pairs=pairs), choices=words), AnalysisSettings(**options))
+
+
+def test_a_name_that_begins_with_a_digit_stands_where_names_do() -> None:
+    rows = [
+        {"participant": f"p{who}", "item_a": "3dgs", "item_b": "2dgs", "choice": choice}
+        for who, choice in enumerate("aabab")
+    ]
+    page = report_page("report.html", analyse(votes_from_rows(rows)), (), "votes")
+    assert page.count('<td class="name">2dgs</td>') == page.count(">2dgs</td>") > 1
 
 
 def test_who_has_withdrawn_is_in_no_scores() -> None:
