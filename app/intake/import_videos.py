@@ -197,7 +197,7 @@ def _read_levels(path: Path, conditions: Sequence[str]) -> Levels:
         raise StimuliError(
             f"{path}: has the columns {', '.join(table.columns)}; expected condition and a column per factor"
         )
-    rows = table.to_dict("records")
+    rows: list[dict[Any, str]] = table.to_dict("records")
     levels = {row.pop("condition"): {factor: level for factor, level in row.items() if level} for row in rows}
     if len(levels) != len(rows):
         raise StimuliError(f"{path}: a condition appears twice")
