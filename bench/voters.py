@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from app.store.engine import open_database
-from app.store.migrate import upgrade
-from tests.seeded_studies import Voter, seed_voters
+from tests.seeded_studies import Voter, seeded_voters
 
 
 def voters_of(url: str, n_voters: int, n_votes: int) -> list[Voter]:
     """Migrate a database, and insert people who may give so many votes together."""
     n_approaches = next(k for k in range(2, 1000) if n_voters * k * (k - 1) // 2 >= n_votes)
-    with open_database(url) as database:
-        upgrade(database)
-        return seed_voters(database, n_voters, n_approaches)
+    return seeded_voters(url, n_voters, n_approaches)

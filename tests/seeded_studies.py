@@ -16,8 +16,9 @@ from app.films.pairs import PairVideo
 from app.intake.stimuli import Stimulus, StimulusSet
 from app.store.admission import Admission, admit
 from app.store.designs import insert_design
-from app.store.engine import Database
+from app.store.engine import Database, open_database
 from app.store.invitations import Invitation, insert_invitation, invitation_by_code
+from app.store.migrate import upgrade
 from app.store.sessions import session_by_token
 from app.store.studies import insert_study
 from app.store.tables import assignment, session, trial
@@ -92,6 +93,13 @@ def seed_voters(database: Database, n_voters: int, n_approaches: int) -> list[Vo
             )
             voters.append(Voter(token, [(public_id, first_shown) for public_id, first_shown in rows]))
     return voters
+
+
+def seeded_voters(url: str, n_voters: int, n_approaches: int) -> list[Voter]:
+    """Migrate a database, and insert voters as `seed_voters` does."""
+    with open_database(url) as database:
+        upgrade(database)
+        return seed_voters(database, n_voters, n_approaches)
 
 
 def stimulus(dataset: str, approach: str) -> Stimulus:

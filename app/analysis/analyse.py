@@ -72,8 +72,8 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
     if not isinstance(votes, VotesTable):
         votes = votes_from_rows(votes)
     _check_names(votes, settings)
-    votes = in_order(votes)
-    used = used_votes(votes, settings)
+    votes = _with_exclusions(in_order(votes), settings)
+    used = votes.used()
     check_groups(votes, settings.groups)
     compared = list(compare(used, settings))
     screened = triads(used)
@@ -168,7 +168,7 @@ def factor_results(
                 without = fit_additive(part, settings.factors, ties=settings.ties, order_effect=False)
                 tests.append(None if without is None else order_test(fit, without, "additive", dataset))
             effects += effects_of(fit, settings.factors, dataset)
-            tests += model_tests(part, settings.factors, dataset, ties=settings.ties, order_effect=has_order)
+            tests += model_tests(fit, part, settings.factors, dataset)
     for comparison in compared:
         if comparison.fit.design.has_order:
             without = fit_scores(comparison.votes, ties=settings.ties)
@@ -272,7 +272,7 @@ def _test_rows(tests: Sequence[ModelTest]) -> list[dict[str, Any]]:
 
 def _scores_with_excluded(votes: VotesTable, used: VotesTable, settings: AnalysisSettings) -> list[dict[str, Any]]:
     """Return the scores without the experimenter's exclusions; empty if nobody was excluded."""
-    if not votes.excluded.any() and not settings.exclude:
+    if not votes.excluded.any():
         return []
     everybody = replace(votes, excluded=votes.excluded & (votes.reason == WITHDRAWN)).used()
     if len(everybody) == len(used):
@@ -289,15 +289,20 @@ def used_votes(votes: VotesTable, settings: AnalysisSettings) -> VotesTable:
     ValueError
         If a participant to exclude did not vote.
     """
+    return _with_exclusions(votes, settings).used()
+
+
+def _with_exclusions(votes: VotesTable, settings: AnalysisSettings) -> VotesTable:
+    """Return all votes; those of participants to exclude are marked so."""
     unknown = set(settings.exclude).difference(votes.participants)
     if unknown:
         raise ValueError(
             f"the participant to exclude, {sorted(unknown)[0]!r}, is not among the {len(votes.participants)} who voted"
         )
     if not settings.exclude:
-        return votes.used()
+        return votes
     excluded = np.isin(np.array(votes.participants, object), list(settings.exclude))[votes.participant]
-    return replace(votes, excluded=votes.excluded | excluded).used()
+    return replace(votes, excluded=votes.excluded | excluded)
 
 
 def _tally(votes: VotesTable, used: VotesTable) -> dict[str, Any]:

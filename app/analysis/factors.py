@@ -169,7 +169,7 @@ def effects_of(fit: Fit, factors: Factors, dataset: str) -> list[Effect]:
 
     Parameters
     ----------
-    fit : Fit of the additive model
+    fit : Fit of the additive model, with status `ok`
     factors : factor -> item -> level, as fitted
     dataset : name for the result
     """
@@ -183,7 +183,7 @@ def effects_of(fit: Fit, factors: Factors, dataset: str) -> list[Effect]:
         to_levels[:size, column : column + size] = np.eye(size)
         to_levels[size, column : column + size] = -1
         levels = _levels(fit, names, to_levels)
-        effects += _effects(levels, factor, dataset, _letters(levels) if fit.status == "ok" else {})
+        effects += _effects(levels, factor, dataset, _letters(levels))
         column += size
     return effects
 
@@ -227,33 +227,30 @@ def _letters(levels: Estimates) -> dict[str, str]:
     return letters(best_first, compared) if compared else {}
 
 
-def model_tests(votes: VotesTable, factors: Factors, dataset: str, *, ties: str, order_effect: bool) -> list[ModelTest]:
+def model_tests(additive: Fit, votes: VotesTable, factors: Factors, dataset: str) -> list[ModelTest]:
     """Test each factor within the additive model, and the interaction: does the additive model explain the items'
     scores?
 
     Parameters
     ----------
-    votes : VotesTable of compared items
-    factors : factor -> item -> level
+    additive : Fit of the additive model, with status `ok`
+    votes : VotesTable, the votes it was fitted to
+    factors : factor -> item -> level, as fitted
     dataset : name for the result
-    ties : key of `TIE_MODELS`
-    order_effect : add the advantage of the item shown first
     """
-    full = fit_additive(votes, factors, ties=ties, order_effect=order_effect)
-    if full is None or full.status != "ok":
-        return []
+    ties, order_effect = additive.ties, additive.design.has_order
     tests, column = [], 0
     for factor, names in coding(factors, votes.items)[1]:
         size = len(names) - 1
         others = {name: levels for name, levels in factors.items() if name != factor}
         levels = coding(others, votes.items)[0]
         restricted = fit_scores(votes, ties=ties, order_effect=order_effect, levels=levels)
-        picked = np.eye(len(full.theta if full.theta is not None else ()))[column : column + size]
-        tests.append(likelihood_ratio(f"factor {factor}", "additive", dataset, full, restricted, picked))
+        picked = np.eye(additive.design.n_parameters)[column : column + size]
+        tests.append(likelihood_ratio(f"factor {factor}", "additive", dataset, additive, restricted, picked))
         column += size
     items = fit_scores(votes, ties=ties, order_effect=order_effect)
-    if items.status == "ok" and items.design.n_free > full.design.n_free:
-        tests.append(likelihood_ratio("interaction", "items", dataset, items, full, _beyond(items, full)))
+    if items.status == "ok" and items.design.n_free > additive.design.n_free:
+        tests.append(likelihood_ratio("interaction", "items", dataset, items, additive, _beyond(items, additive)))
     return [test for test in tests if test is not None]
 
 

@@ -25,6 +25,8 @@ from app.analysis.votes_table import ALL
 Row = Mapping[str, Any]
 
 WIDE = 0.8  # of two columns
+NAMING = ("scores", "groups", "measures", "observers", "rating_items", "raters", "comparison_items")  # tables
+NAMES = ("item", "condition", "dataset", "group", "measure", "participant")  # columns that figures write out
 
 
 @dataclass(frozen=True)
@@ -97,9 +99,8 @@ def _intervals(rows: Sequence[Row]) -> str:
 
 def font_warnings(analysis: Mapping[str, Any]) -> Iterator[str]:
     """Yield a warning if no font of this machine draws some letters of the names."""
-    votes = analysis["votes"] or {"items": [], "datasets": []}
-    rated = [name for row in analysis.get("rating_items", ()) for name in (row["condition"], row["dataset"])]
-    if missing := letters_without_font([*votes["items"], *votes["datasets"], *rated]):
+    rows = (row for table in NAMING for row in analysis.get(table, ()))
+    if missing := letters_without_font(row[column] for row in rows for column in NAMES if column in row):
         yield (
             f"figures: no font of this machine has the letters {missing[:20]}; they are boxes in PNG and PDF until a "
             "font that has them is installed, such as Noto Sans CJK"

@@ -76,7 +76,7 @@ def _unbroken(text: str) -> str:
 
 def _is_name(cell: Any) -> bool:
     """Is a cell of a table text, which stands at the left, rather than a number?"""
-    return isinstance(cell, str) and cell[:1].isalpha()
+    return isinstance(cell, str) and any(map(str.isalpha, cell))
 
 
 def _content(analysis: Mapping[str, Any], figures: Sequence[Figure], source: str) -> dict[str, Any]:

@@ -309,12 +309,10 @@ def _tell_of_experiment(out: Path, report: Mapping[str, Any], *, as_json: bool) 
 
 def _free_port(wanted: int) -> int:
     """Return the wanted port, or 0 (any free one) if another program has it."""
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind(("127.0.0.1", wanted))
-        except OSError:
-            return 0
+    try:
+        socket.create_server(("127.0.0.1", wanted)).close()
+    except OSError:
+        return 0
     return wanted
 
 

@@ -188,12 +188,13 @@ def study_export(
     as_json: JsonOption = False,
 ) -> None:
     """Write a study file, from which `study import` makes the study again."""
+    from app.files import write_text
     from app.operations.manage import export_study
     from app.settings import Settings
 
     text = export_study(Settings(), study)
     if out is not None:
-        out.write_text(text, encoding="utf-8")
+        write_text(out, text)
     result = {"study": study, "toml": text, "file": str(out) if out else None}
     print_result(result, f"Wrote {out}." if out else text.rstrip(), as_json=as_json)
 

@@ -5,8 +5,6 @@ A folder that `reconstudy render` wrote keeps what it knows: masters, quality, c
 
 from __future__ import annotations
 
-import csv
-import io
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -189,18 +187,18 @@ def _check_complete(
 def _read_levels(path: Path, conditions: Sequence[str]) -> Levels:
     if not path.exists():
         return {condition: {} for condition in conditions}
+    from app.analysis.tabular import read_csv  # pandas loads slowly
+
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise StimuliError(f"{path}: is no text in UTF-8; expected a table with commas between cells") from error
-    reader = csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True)
-    columns = [column.strip() for column in reader.fieldnames or ()]
-    if columns[:1] != ["condition"] or len(columns) < 2:
+        table = read_csv(path)
+    except ValueError as error:
+        raise StimuliError(str(error)) from error
+    if "condition" not in table.columns or len(table.columns) < 2:
         raise StimuliError(
-            f"{path}: has the columns {', '.join(columns) or 'none'}; expected condition and a column per factor"
+            f"{path}: has the columns {', '.join(table.columns)}; expected condition and a column per factor"
         )
-    rows = [{column: (row.get(column) or "").strip() for column in columns} for row in reader]
-    levels = {row["condition"]: {factor: row[factor] for factor in columns[1:] if row[factor]} for row in rows}
+    rows: list[dict[Any, str]] = table.to_dict("records")
+    levels = {row.pop("condition"): {factor: level for factor, level in row.items() if level} for row in rows}
     if len(levels) != len(rows):
         raise StimuliError(f"{path}: a condition appears twice")
     if missing := [name for name in conditions if name not in levels]:

@@ -1,4 +1,4 @@
-"""Make and end a study's invitations, from the dashboard or over REST; the audit log says who did."""
+"""Make and end a study's invitations: dashboard, REST and command line; the audit log says who did."""
 
 from __future__ import annotations
 

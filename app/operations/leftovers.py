@@ -1,4 +1,4 @@
-"""Remove files that a killed process left half written in the data folder; no later process uses them.
+"""Remove files that a killed process left half written, or half deleted, in the data folder; nothing uses them.
 
 What tells by its lock that nobody works on it goes at once, the rest after a day: another process may still write it.
 """
@@ -16,8 +16,8 @@ from app.intake.part_uploads import remove_expired, remove_killed
 from app.settings import Settings
 
 LEFT_FOR = timedelta(days=1)
-# the names that app/files.py and app/web/admin/uploads.py give
-FILES, UPLOADS = ".*.part*", ".upload-*"
+# the names that app/files.py, app/web/admin/uploads.py and app/operations/stimulus_sets.py give
+FILES, UPLOADS, DELETED = ".*.part*", ".upload-*", ".*.deleted"
 
 log = logging.getLogger(__name__)
 
@@ -41,6 +41,7 @@ def remove_leftovers(settings: Settings, now: datetime) -> None:
 def _leftovers(settings: Settings) -> Iterator[Path]:
     data = settings.data_dir
     yield from settings.sets_dir.glob(UPLOADS)
+    yield from settings.sets_dir.glob(DELETED)
     yield from (data / "uploads").glob(UPLOADS)
     for folder in (settings.media_dir, data / "stills", data / "models", data / "reports"):
         yield from folder.glob(FILES)

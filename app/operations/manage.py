@@ -12,17 +12,18 @@ from typing import Any
 from app.operations.attach import attach
 from app.operations.create import duplicate_study
 from app.operations.database import open_store
+from app.operations.invitations import MOST_PLACES, make_invitations
 from app.operations.standing import change_standing, delete_study
 from app.settings import Settings
 from app.store import studies
-from app.store.audit import COMMAND_LINE, Actor, Entry, record, record_alone
-from app.store.engine import Database, open_database
+from app.store.audit import COMMAND_LINE, Actor
+from app.store.engine import Database, Transaction, open_database
 from app.store.experimenters import Role, all_experimenters, disable, experimenter_named, renew_link, set_up_link
-from app.store.invitations import insert_invitation, invitations_of
+from app.store.invitations import invitations_of
 from app.store.keys import utc_now
 from app.store.migrate import upgrade
 from app.store.orders import study_plan, taken_orders
-from app.store.tokens import READING, all_tokens, insert_token, revoke_token
+from app.store.tokens import READING, Token, all_tokens, insert_token, revoke_token
 from app.study.balance import balance_report
 from app.study.options import parse_options
 from app.study.study_file import StudyFile, write_study_file
@@ -106,13 +107,10 @@ def attach_results(
 
 def add_invitation(settings: Settings, slug: str, *, places: int | None = None) -> dict[str, Any]:
     """Make an invitation for `places` participants, or without limit."""
-    if places is not None and not 1 <= places <= 1_000_000:
-        raise ValueError(f"{places} places: expected between 1 and 1000000")
+    if places is not None and not 1 <= places <= MOST_PLACES:
+        raise ValueError(f"{places} places: expected between 1 and {MOST_PLACES}")
     with open_store(settings) as database:
-        study = _study(database, slug)
-        with database.writing() as connection:
-            code = insert_invitation(connection, study.id, places, utc_now())
-            record(connection, COMMAND_LINE, Entry("invitation made", study.id, detail={"places": places}), utc_now())
+        (code,) = make_invitations(database, _study(database, slug), places, [""], _operator())
     return {"invitation": code, "path": f"/s/{code}"}
 
 
@@ -134,7 +132,8 @@ def add_experimenter(
             known = experimenter_named(connection, name)
         password_ended = known is not None and known.has_password
         secret = renew_link(database, name, utc_now(), role, studies)
-        _note(database, "sign-in link made", name, password_ended=password_ended, studies=studies)
+        with database.writing() as connection:
+            _note(connection, "sign-in link made", name, password_ended=password_ended, studies=studies)
     return {"name": name, "path": f"/admin/login/{secret}", "password_ended": password_ended}
 
 
@@ -158,10 +157,9 @@ def add_token(
     studies : short names of the studies that it opens; None: all
     """
     name = _checked_name(name)
-    with open_store(settings) as database:
-        with database.writing() as connection:
-            token = insert_token(connection, name, scopes, COMMAND_LINE, utc_now(), studies=studies)
-        _note(database, "token made", name, scopes=list(scopes), studies=studies)
+    with open_store(settings) as database, database.writing() as connection:
+        token = insert_token(connection, name, scopes, COMMAND_LINE, utc_now(), studies=studies)
+        _note(connection, "token made", name, scopes=list(scopes), studies=studies)
     return {"name": name, "token": token, "scopes": list(scopes), "studies": studies}
 
 
@@ -185,7 +183,7 @@ def list_tokens(settings: Settings) -> list[dict[str, Any]]:
             "name": token.name,
             "scopes": list(token.scopes),
             "studies": token.studies,
-            "state": "revoked" if token.revoked_at else "expired" if _is_over(token.expires_at, now) else "valid",
+            "state": _token_state(token, now),
             "created_by": token.created_by,
             "created_at": token.created_at.isoformat(),
             "expires_at": token.expires_at.isoformat() if token.expires_at else None,
@@ -194,8 +192,10 @@ def list_tokens(settings: Settings) -> list[dict[str, Any]]:
     ]
 
 
-def _is_over(end: datetime | None, now: datetime) -> bool:
-    return end is not None and end <= now
+def _token_state(token: Token, now: datetime) -> str:
+    if token.revoked_at is not None:
+        return "revoked"
+    return "valid" if token.expires_at is None or token.expires_at > now else "expired"
 
 
 def end_token(settings: Settings, name: str) -> bool:
@@ -211,7 +211,7 @@ def end_token(settings: Settings, name: str) -> bool:
             raise ValueError(f"there is no token called {name!r}; `reconstudy token list` shows all")
         was_valid = revoke_token(connection, name, utc_now())
         if was_valid:
-            record(connection, COMMAND_LINE, Entry("token revoked", subject=name), utc_now())
+            _note(connection, "token revoked", name)
     return was_valid
 
 
@@ -242,7 +242,7 @@ def remove_experimenter(settings: Settings, name: str) -> None:
         if experimenter_named(connection, name) is None:
             raise ValueError(f"there is no experimenter called {name!r}; `reconstudy admin list` shows all")
         tokens = disable(connection, name, utc_now())
-        record(connection, COMMAND_LINE, Entry("access ended", subject=name, detail={"tokens": tokens}), utc_now())
+        _note(connection, "access ended", name, tokens=tokens)
 
 
 def change_study_standing(settings: Settings, slug: str, standing: studies.Standing) -> dict[str, Any]:
@@ -280,8 +280,8 @@ def _operator() -> Actor:
     return Actor(0, COMMAND_LINE, utc_now())
 
 
-def _note(database: Database, action: str, subject: str, **detail: Any) -> None:
-    record_alone(database, COMMAND_LINE, Entry(action, subject=subject, detail=detail), utc_now())
+def _note(connection: Transaction, action: str, subject: str, **detail: object) -> None:
+    _operator().note(connection, action, None, subject, **detail)
 
 
 def _only_study(database: Database) -> studies.Study:

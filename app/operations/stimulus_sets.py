@@ -7,6 +7,7 @@ that changes has another digest; the studies made of the set then note the new o
 from __future__ import annotations
 
 import json
+import secrets
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -201,7 +202,7 @@ def delete_set(settings: Settings, database: Database, name: str, again: str, ac
         if again.strip() != known.title:
             raise InvalidError(f"Nothing was deleted: type {known.title!r} to delete this set, found {again[:40]!r}.")
         actor.note(connection, "stimulus set deleted", None, known.name, title=known.title)
-        dying = settings.sets_dir / f".{known.folder.name}.deleted"
+        dying = settings.sets_dir / f".{known.folder.name}.{secrets.token_hex(4)}.deleted"
         known.folder.rename(dying)  # at once; it is not listed any more
     shutil.rmtree(dying, ignore_errors=True)
 

@@ -24,7 +24,7 @@ from app.simulation.rating import LOG_ODDS_OF_SCALE, Rater, draw_rater
 from app.simulation.screening import take_screening
 from app.study.comprehension import right_answer
 from app.study.protocols import CCR, DCR
-from app.study.stages import FINISHED, INTERVIEW, INTRODUCTION, PRACTICE, SCREENED_OUT, SCREENING, TRIAL
+from app.study.stages import ENDS, INTERVIEW, INTRODUCTION, PRACTICE, SCREENING, TRIAL
 from app.study.study_file import parse_study_file
 
 TIMEOUT_S = 30.0
@@ -159,8 +159,8 @@ def _votes(
     rater: Rater,
     rng: np.random.Generator,
 ) -> Iterator[str | int]:
-    """Vote in every trial of a session, and yield the answers; nothing for somebody who was screened out."""
-    if session["stage"] == SCREENED_OUT:
+    """Vote in every trial of a session, and yield the answers; nothing where the session has ended already."""
+    if session["stage"] in ENDS:
         return
     hidden = {row["trial"]: row for row in trials_of(client, slug, session["session"], token)}
     while trial := next_trial(client, session["token"]):
@@ -265,7 +265,7 @@ def pass_stages(
 ) -> dict[str, Any]:
     """Complete the stages before the trials, or after them up to the end."""
     rng = rng or np.random.default_rng()
-    while session["stage"] not in (TRIAL, FINISHED, SCREENED_OUT):
+    while session["stage"] not in (TRIAL, *ENDS):
         asked = _ask(client, session["token"], "GET", "/api/v1/session/asked").json()
         if session["stage"] == SCREENING:
             take_screening(partial(_ask, client, session["token"]), observer, rng)

@@ -13,6 +13,7 @@ from sqlalchemy import ColumnElement, Connection, Row, Select, delete, func, ins
 from app.errors import ConflictError, NotFoundError
 from app.store.engine import insert_or_ignore
 from app.store.exclusions import COUNTING, counting, takes_part_in
+from app.store.participants import check_not_erased
 from app.store.tables import (
     assignment,
     comment_tag,
@@ -223,14 +224,17 @@ def keep_trial_comment(
     ------
     NotFoundError
         If the study has no such trial.
+    InvalidError
+        If its participant was erased.
     """
     row = connection.execute(
-        select(trial.c.id, trial.c.session_id)
+        select(trial.c.id, trial.c.session_id, participant.c.label, participant.c.erased_at)
         .select_from(trial.join(session).join(participant))
         .where(takes_part_in(study_id), trial.c.public_id == trial_id)
     ).one_or_none()
     if row is None:
         raise NotFoundError("This study has no such trial.")
+    check_not_erased(row.label, row.erased_at)
     values = {"comment": comment, "experimenter": experimenter, "written_at": now}
     this = trial_comment.c.trial_id == row.id
     if not comment:

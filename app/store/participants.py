@@ -9,10 +9,10 @@ from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, Row, Select, func, literal_column, select, update
 
-from app.errors import ConflictError, NotFoundError
+from app.errors import ConflictError, InvalidError, NotFoundError
 from app.store.belonging import rows_of_people
 from app.store.engine import insert_or_ignore, sorted_by
-from app.store.exclusions import in_force, sessions_in, takes_part_in
+from app.store.exclusions import in_force, is_excluded, sessions_in, takes_part_in
 from app.store.schema import metadata
 from app.store.tables import exclusion, invitation, participant, screening_item, session, stage_record, trial, vote
 from app.study.stages import ENDS, FINISHED, SCREENED_OUT, TIMED_OUT, WITHDRAWN
@@ -52,6 +52,17 @@ def person_of_session(connection: Connection, public_id: str) -> Person | None:
     query = select(*columns).select_from(session.join(participant)).where(session.c.public_id == public_id)
     row = connection.execute(query).one_or_none()
     return Person(**row._mapping) if row else None
+
+
+def check_not_erased(label: str, erased_at: datetime | None) -> None:
+    """Refuse to keep anything more of a participant who was erased.
+
+    Raises
+    ------
+    InvalidError
+    """
+    if erased_at is not None:
+        raise InvalidError(f"{label} was erased; nothing is kept of them any more.")
 
 
 def sessions_of(connection: Connection, participant_id: int) -> list[str]:
@@ -126,22 +137,11 @@ def last_heard_at(record: Mapping[str, Any]) -> datetime:
     return max(times)
 
 
-def participants_votes(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """Return vote counts and exclusions: the cheap columns of `participant_records`.
-
-    With the time of the vote on the last trial, which tells the votes of a restored backup from as many others.
-    """
-    last_voted_at = select(vote.c.received_at).where(_GIVEN_IN_SESSION).order_by(vote.c.trial_id.desc()).limit(1)
-    query = _records(study_id).with_only_columns(
-        participant.c.label.label("participant"),
-        session.c.public_id.label("session"),
-        session.c.withdrawn_at,
-        participant.c.erased_at,
-        exclusion.c.reason,
-        _N_VOTES.scalar_subquery().label("n_votes"),
-        last_voted_at.scalar_subquery().label("last_voted_at"),
-    )
-    return [dict(row._mapping) for row in connection.execute(query.order_by(participant.c.slot))]
+def counted_voters(connection: Connection, study_id: int) -> set[str]:
+    """Return the labels of those who have voted and neither withdrew nor are excluded."""
+    has_voted = select(vote.c.trial_id).where(_GIVEN_IN_SESSION).exists()
+    counts = (takes_part_in(study_id), session.c.withdrawn_at.is_(None), ~is_excluded(), has_voted)
+    return set(connection.scalars(select(participant.c.label).select_from(participant.join(session)).where(*counts)))
 
 
 def assigned_groups(connection: Connection, study_id: int) -> dict[str, str]:

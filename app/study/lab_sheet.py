@@ -66,6 +66,7 @@ def parse_lab_sheet(content: Any) -> LabSheet:
     entries = Entries.of_table(content, "lab_sheet", LABELS)
     read: dict[str, Any] = {
         name: entries.number(name, BOUNDS[name], 0) if name in BOUNDS else entries.text(name, LONGEST_NOTE)
-        for name in entries.content
+        for name, value in entries.content.items()
+        if value is not None
     }
     return LabSheet(**read)

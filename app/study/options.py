@@ -220,6 +220,16 @@ def _with_lists(value: Any) -> Any:
     return [_with_lists(part) for part in value] if isinstance(value, list | tuple) else value
 
 
+def overridden(options: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return options with those given in their place; the keys of a table replace one by one."""
+    tables = {
+        key: {**value, **given[key]}
+        for key, value in options.items()
+        if isinstance(value, Mapping) and isinstance(given.get(key), Mapping)
+    }
+    return {**options, **given, **tables}
+
+
 def parse_options(content: Mapping[str, Any]) -> StudyOptions:
     """Read options from a study file or the database.
 

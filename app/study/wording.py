@@ -43,13 +43,12 @@ class Wording:
 
     Parameters
     ----------
-    language, direction : of the pack
+    language : of the pack
     texts : nested as in a pack; `study` has name, consent and debriefing, `questions` text and labels of each question
     sha256 : of language and texts, and of the study's images, whose digests are `study.images`
     """
 
     language: str
-    direction: str
     texts: Mapping[str, Any]
     sha256: str
 
@@ -74,7 +73,7 @@ def wording(pack: LanguagePack, options: StudyOptions, name: str, images: Mappin
     }
     texts[QUESTIONS] = {question.name: _asked(question, pack, said) for question in options.questions}
     content = json.dumps([pack.tag, texts], ensure_ascii=False, sort_keys=True)
-    return Wording(pack.tag, pack.direction, texts, hashlib.sha256(content.encode()).hexdigest())
+    return Wording(pack.tag, texts, hashlib.sha256(content.encode()).hexdigest())
 
 
 def protocol_texts(pack: LanguagePack, protocol: Protocol) -> dict[str, Text]:

@@ -170,7 +170,8 @@ def _warnings(table: RatingTable, model: SubjectModel, raters: list[dict[str, An
         there = {table.items[index][0] for index in np.flatnonzero(table.is_reference)}
         without = [name for name in dict.fromkeys(dataset for dataset, _ in table.items) if name not in there]
         if without:
-            yield f"ratings: {', '.join(without)} has no reference, so there are no differential scores"
+            has = "has" if len(without) == 1 else "have"
+            yield f"ratings: {', '.join(without)} {has} no reference, so there are no differential scores"
     several = np.bincount(table.person * len(table.items) + table.item).max(initial=0)
     if several > 1:
         yield "ratings: some participants rated an item several times; their mean counts as one opinion in the MOS"

@@ -73,7 +73,7 @@ class Field:
 
     def words(self, value: Any, settings: Settings) -> list[str]:  # noqa: ARG002 (entries need the settings)
         """Return the command's arguments for a value."""
-        return [f"{self.option}={value}"]
+        return [f"{self.option}={value}" if self.option else str(value)]
 
     def refuse(self, given: Any, expected: str) -> InvalidError:
         """Return the error of a value that does not fit."""
@@ -240,10 +240,6 @@ class Choice(Field):
         if given not in tuple(self.choices):
             raise self.refuse(given, f"one of {', '.join(self.choices)}")
         return str(given)
-
-    def words(self, value: Any, settings: Settings) -> list[str]:  # noqa: ARG002
-        """Return the choice."""
-        return [f"{self.option}={value}" if self.option else str(value)]
 
 
 @dataclass(frozen=True, kw_only=True)

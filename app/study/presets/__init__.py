@@ -9,6 +9,7 @@ from importlib.resources import files
 from typing import Any
 
 from app.study.language_pack import flat_texts
+from app.study.options import overridden
 from app.study.wording import CONSENT, DEBRIEFING
 
 PAPER, QUICK, ONLINE = "paper", "quick", "online"
@@ -35,12 +36,7 @@ class Preset:
 
         A consent or debriefing given replaces the preset's in every language.
         """
-        tables = {
-            key: {**value, **given[key]}
-            for key, value in self.options.items()
-            if isinstance(value, Mapping) and isinstance(given.get(key), Mapping)
-        }
-        return {**self.options, **given, **tables, "texts": self._texts_overridden_by(given)}
+        return overridden(self.options, given) | {"texts": self._texts_overridden_by(given)}
 
     def _texts_overridden_by(self, given: Mapping[str, Any]) -> Any:
         replaced = {key for key in (CONSENT, DEBRIEFING) if key.removeprefix("study.") in given}

@@ -15,7 +15,7 @@ from app.store.designs import conditions_of
 from app.store.engine import Database, Transaction
 from app.store.interviews import questionnaire_records
 from app.store.measurements import measurement_records
-from app.store.participants import assigned_groups, participants_votes
+from app.store.participants import assigned_groups, counted_voters
 from app.store.studies import Study, study_by_id
 from app.study.groupings import groupings, without_small_groups
 from app.study.options import StudyOptions, parse_options
@@ -120,9 +120,7 @@ def results_soon(
 def grouped_results_of(database: Database, study: Study) -> Results:
     """Analyse the votes so far, and compare groups of participants by their answers; for who may see participants."""
     with database.snapshot() as connection:
-        votes = participants_votes(connection, study.id)
-        counted = (row for row in votes if row["n_votes"] and row["reason"] is None and row["withdrawn_at"] is None)
-        people = {row["participant"] for row in counted}
+        people = counted_voters(connection, study.id)
         answers = questionnaire_records(connection, study.id)
         written = [row for row in answers if row["source"] == "written" and row["participant"] in people]
         options = parse_options(study.options)

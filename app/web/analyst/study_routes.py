@@ -24,7 +24,7 @@ from app.store.participants import exclude, exclusion_records, participant_label
 from app.store.studies import Standing, Study, StudyCounts, progress_of, study_by_slug
 from app.store.tokens import PEOPLE, STUDIES
 from app.study.option_table import COLUMNS
-from app.study.options import parse_options
+from app.study.options import overridden, parse_options
 from app.study.presets import QUICK
 from app.study.study_file import EXPOSURE_BOUNDS_S
 from app.study.wording import LONGEST_NAME
@@ -147,7 +147,7 @@ def create(body: NewStudyBody, request: Request, actor: StudyEditor, database: S
 
 @router.patch("/studies/{slug}", response_model=ManagedStudyView)
 def edit(body: EditBody, request: Request, actor: StudyEditor, study: AStudy, database: Store) -> dict[str, Any]:
-    """Change a study's name, exposure, seed or options; what is left out stays.
+    """Change a study's name, exposure, seed or options; what is left out stays, also of a table such as `screening`.
 
     After somebody has begun, most settings are fixed. Where a setting needs other films, the answer comes when they are
     made. If somebody else has changed the study since you read it, so that its revision is another one, nothing is
@@ -156,7 +156,7 @@ def edit(body: EditBody, request: Request, actor: StudyEditor, study: AStudy, da
     before = study_file_of(study)
     given = {name: value for name, value in body.model_dump().items() if value is not None and name in COLUMNS}
     try:
-        options = parse_options({**before.options.as_json(), **body.options})
+        options = parse_options(overridden(before.options.as_json(), body.options))
     except (ValueError, TypeError) as error:
         raise InvalidError(f"Nothing was changed: {error}.") from error
     wanted = replace(before, options=options, **given)

@@ -16,6 +16,7 @@ from app.analysis import AnalysisSettings, VotesError, analyse, analyse_file, vo
 from app.analysis.contrasts import ALL_ALIKE
 from app.analysis.factors import votes_with_levels
 from app.analysis.reading import read_votes
+from app.analysis.report_page import report_page
 from app.analysis.ties import TIE_MODELS
 from app.analysis.votes_table import VotesTable, votes_from_indices
 
@@ -98,16 +99,11 @@ def test_votes_without_datasets_or_participants_are_analysed_as_one() -> None:
 
 def test_a_repeated_vote_is_named_and_kept() -> None:
     votes = study(datasets=("ball",))
-    twice = votes.where(np.r_[np.ones(len(votes), bool)])
-    doubled = VotesTable(
-        **{
-            key: np.r_[value, value[:1]] if isinstance(value, np.ndarray) else value
-            for key, value in vars(twice).items()
-        }
-    )
+    doubled = votes.where(np.r_[np.arange(len(votes)), 0])
     analysis = analyse(doubled)
     assert analysis["votes"]["analysed"] == len(votes) + 1
     assert any(f"row {len(votes) + 1} (p0, ball, id_fa - id_fb)" in warning for warning in analysis["warnings"])
+    assert "repeat a pair" not in str(analyse(doubled, AnalysisSettings(exclude=("p0",)))["warnings"])
 
 
 def test_degenerate_data_have_their_status_and_a_warning() -> None:
@@ -324,6 +320,15 @@ def opinions(*choices: str, pairs: str = "xy yz xz") -> list[dict[str, Any]]:
 def analysed(*choices: str, pairs: str = "xy yz xz", **options: Any) -> dict[str, Any]:
     words = {"a": "a", "b": "b", "none": "-"}
     return analyse(votes_from_rows(opinions(*choices, pairs=pairs), choices=words), AnalysisSettings(**options))
+
+
+def test_a_name_that_begins_with_a_digit_stands_where_names_do() -> None:
+    rows = [
+        {"participant": f"p{who}", "item_a": "3dgs", "item_b": "2dgs", "choice": choice}
+        for who, choice in enumerate("aabab")
+    ]
+    page = report_page("report.html", analyse(votes_from_rows(rows)), (), "votes")
+    assert page.count('<td class="name">2dgs</td>') == page.count(">2dgs</td>") > 1
 
 
 def test_who_has_withdrawn_is_in_no_scores() -> None:

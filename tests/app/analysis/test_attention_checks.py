@@ -9,6 +9,7 @@ import pytest
 from app.analysis import analyse
 from app.analysis.attention_checks import check_rows
 from app.analysis.reading import VotesError, votes_from_rows
+from app.analysis.settings import AnalysisSettings
 
 MAIN = [("p1", "x", "y", "a"), ("p1", "y", "z", "b"), ("p1", "x", "z", "none"), ("p2", "x", "y", "b")]
 
@@ -53,6 +54,12 @@ def test_a_pair_in_both_orders_is_repeated_in_the_order_in_which_it_was() -> Non
 def test_practice_and_exclusions_are_no_checks() -> None:
     rows = [row(*MAIN[0]), row("p2", "x", "x", "a", "identical", excluded=True)]
     assert check_rows(votes_from_rows(rows)) == []
+
+
+def test_who_is_left_out_by_the_settings_has_no_checks_either() -> None:
+    analysis = analyse(votes_from_rows(rows_with_checks()), AnalysisSettings(exclude=("p2",)))
+    assert [row["participant"] for row in analysis["checks"]] == ["p1"]
+    assert (analysis["votes"]["checks"], analysis["votes"]["excluded"]) == (3, 2)
 
 
 def test_an_item_against_itself_is_refused_where_it_is_no_check() -> None:

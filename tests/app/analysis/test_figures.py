@@ -26,7 +26,7 @@ from app.analysis.drawing import (
     wrapped,
 )
 from app.analysis.figure_code import figure_code, figure_rows
-from app.analysis.figures import drawn_figures, named_charts
+from app.analysis.figures import drawn_figures, font_warnings, named_charts
 from app.files import write_json
 from tests.app.analysis.test_findings import CLEAR, votes_by
 
@@ -121,6 +121,16 @@ def test_a_caption_speaks_of_intervals_only_where_there_are_any() -> None:
 def test_letters_that_no_font_has_are_found() -> None:
     assert letters_without_font(["plain", "naïve", "zero\u200dwidth"]) == ""
     assert letters_without_font(["x\U000f0001", "\U000f0001"]) == "\U000f0001"  # for private use: in no font
+
+
+@pytest.mark.parametrize(
+    ("table", "column"),
+    [("scores", "item"), ("groups", "group"), ("comparison_items", "condition"), ("raters", "participant")],
+)
+def test_whatever_a_figure_names_is_looked_up_in_fonts(table: str, column: str) -> None:
+    assert list(font_warnings({"votes": None, table: [{column: "plain"}]})) == []
+    (told,) = font_warnings({"votes": None, table: [{column: "plain \U000f0001"}]})
+    assert "no font of this machine has the letters \U000f0001" in told
 
 
 def test_the_code_of_every_figure_draws_it(

@@ -198,6 +198,7 @@ def test_an_exported_study_is_imported_beside_the_same_stimuli_only(
     file = tmp_path / "tiny.toml"
     assert command("study", "export", "tiny", "-o", file).code == 0
     first = file.read_text()
+    assert command("study", "export", "tiny", "-o", tmp_path / "folder to make/tiny.toml").code == 0
     monkeypatch.setenv("RECONSTUDY_DATA_DIR", str(tmp_path / "elsewhere"))
     assert "names no stimuli" in command("study", "import", file).err
     imported = command("study", "import", file, "--stimuli", stimuli, "--json")

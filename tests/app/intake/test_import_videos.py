@@ -61,6 +61,13 @@ def test_a_condition_may_have_no_level_of_a_factor(videos: Path, tmp_path: Path)
     assert made.notes == ("no level of codec: high; compared with all others, and left out where factors are compared",)
 
 
+def test_a_table_of_conditions_may_come_from_a_spreadsheet_with_semicolons(videos: Path, tmp_path: Path) -> None:
+    (videos / "conditions.csv").write_text("condition ;codec ; bitrate\nlow;av1;1\nhigh;av1;'=4\n", encoding="utf-16")
+    made = import_stimuli(videos, tmp_path / "set").stimulus_set
+    assert made.factors == {"codec": ["av1"], "bitrate": ["1", "=4"]}
+    assert made.stimuli[0].levels == {"codec": "av1", "bitrate": "=4"}
+
+
 def test_a_film_keeps_its_master_its_mask_its_quality_and_its_camera_path(videos: Path, tmp_path: Path) -> None:
     for ending in ("master", "mask"):
         shutil.copy(videos / "street" / "low.mp4", videos / "street" / f"low.{ending}.mp4")
@@ -149,7 +156,7 @@ def spoil(videos: Path, fault: str) -> None:
             "street/low has 12 frames at 25/s .*, the others of street have 10 frames .*must be alike: render",
         ),
         ("uneven", r"low.mp4: its frames are \d+ to \d+ ms apart, .* encode it again, .* `ffmpeg -i low.mp4 -r 25 "),
-        ("bytes", r"conditions\.csv: is no text in UTF-8"),
+        ("bytes", r"conditions\.csv: row 1: .* is not UTF-8"),
         ("text", "low.mp4: cannot be decoded as a video"),
         ("twice", "low.mkv and low.mp4 are both the condition low"),
         ("row", "has no row for high"),

@@ -18,7 +18,7 @@ from app.store.keys import utc_now
 
 
 def killed_at_work(settings: Settings) -> list[Path]:
-    """What is left of a film, a still, an upload, a model and a report that were never finished."""
+    """What is left of a film, a still, an upload, a model and a report that were never finished, and of a deletion."""
     left = []
     for folder, name in (("pairs", "ab.mp4"), ("stills", "ab-top.jpg"), ("models", "ab.ply")):
         with whole_file(settings.data_dir / folder / name) as temporary:
@@ -35,7 +35,9 @@ def killed_at_work(settings: Settings) -> list[Path]:
         (path / "unpacked").mkdir(parents=True)
         (path / "unpacked" / "film.mp4").touch()
         left.append(path)
-    return left
+    dying = settings.sets_dir / ".tiny.0a1b2c3d.deleted"
+    dying.mkdir()
+    return [*left, dying]
 
 
 @pytest.mark.parametrize(("later", "are_there"), [(LEFT_FOR + timedelta(hours=1), False), (timedelta(0), True)])

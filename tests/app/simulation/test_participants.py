@@ -13,8 +13,9 @@ import pytest
 from app.operations import create, manage
 from app.settings import Settings
 from app.simulation.observer import Observer
-from app.simulation.participants import Person, simulate
+from app.simulation.participants import Person, pass_stages, simulate
 from app.study.options import parse_options
+from app.study.stages import ENDS
 from tests.app import tiny_stimuli
 from tests.app.web.http_checks import is_problem
 
@@ -45,6 +46,15 @@ def test_the_better_item_wins_whatever_its_label(
     for vote in votes:
         assert ABILITIES[vote[f"item_{vote['choice']}"]] == max(ABILITIES[vote["item_a"]], ABILITIES[vote["item_b"]])
     assert Counter(vote["choice"] for vote in votes) == {"a": 12, "b": 12}  # labels are balanced over four
+
+
+@pytest.mark.parametrize("stage", ENDS)
+def test_a_session_that_has_ended_has_no_stages_left(stage: str) -> None:
+    session = {"stage": stage, "token": "any"}
+    with httpx.Client(
+        base_url="http://localhost", transport=httpx.MockTransport(lambda _: httpx.Response(404))
+    ) as client:
+        assert pass_stages(client, session) == session
 
 
 @pytest.mark.slow

@@ -17,6 +17,7 @@ from app.store.engine import Database
 from app.store.invitations import Invitation
 from app.store.participants import (
     SoughtPeople,
+    counted_voters,
     exclude,
     exclusion_records,
     last_heard_at,
@@ -24,7 +25,6 @@ from app.store.participants import (
     participant_labelled,
     participant_record,
     participant_records,
-    participants_votes,
     undo_exclusion,
     withdraw_participant,
 )
@@ -124,13 +124,16 @@ def test_one_participant_is_found_without_reading_the_others(database: Database,
             assert len(read) == 2 * number  # who it is, and the record
 
 
-def test_votes_by_participant_are_those_of_their_records(database: Database, people: int) -> None:
-    with database.reading() as connection:
-        records = participant_records(connection, people)
-        votes = participants_votes(connection, people)
-    last_voted_at = [row.pop("last_voted_at") for row in votes]
-    assert votes == [{name: row[name] for name in votes[0]} for row in records]
-    assert last_voted_at == [row["last_vote_at"] for row in records]  # here the last trial's vote is the last
+def test_who_counts_has_voted_and_is_neither_withdrawn_nor_excluded(
+    database: Database, people: int, now: datetime
+) -> None:
+    with database.writing() as connection:
+        voters = {row["participant"] for row in participant_records(connection, people) if row["n_votes"]}
+        assert voters == {"P002", "P004"}
+        assert counted_voters(connection, people) == {"P004"}  # P002 is excluded
+        undo_exclusion(connection, participant_labelled(connection, people, "P002"), "Eva", now)
+        withdraw_participant(connection, participant_labelled(connection, people, "P004"), now)
+        assert counted_voters(connection, people) == {"P002"}
 
 
 def test_who_takes_a_test_or_completes_a_stage_was_heard_of_then(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -30,3 +30,11 @@ def ask(app: Any, path: str = "/", headers: Mapping[str, str] | None = None) -> 
 
     with ThreadPoolExecutor(1) as pool:  # the browser tests leave an event loop in this one
         return pool.submit(anyio.run, request).result()
+
+
+def all_routes(routes: Any) -> Iterator[Any]:
+    """The routes of an app, also those of the routers that it includes."""
+    for route in routes:
+        if hasattr(route, "methods"):
+            yield route
+        yield from all_routes(getattr(getattr(route, "original_router", None), "routes", ()))

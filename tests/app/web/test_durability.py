@@ -15,12 +15,11 @@ import pytest
 from sqlalchemy import select
 
 from app.store.engine import Database, open_database
-from app.store.migrate import upgrade
 from app.store.tables import trial, vote
 from tests import sqlite_disk
 from tests.app.web.vote_senders import Tally, letters_of, send
 from tests.postgresql import PostgresServer
-from tests.seeded_studies import Voter, seed_voters
+from tests.seeded_studies import Voter, seeded_voters
 from tests.study_server import StudyServer
 
 N_VOTERS, N_APPROACHES = 8, 7  # 21 pairs each
@@ -30,14 +29,6 @@ def stored(database: Database) -> list[tuple[str, str, str]]:
     with database.reading() as connection:
         rows = connection.execute(select(trial.c.public_id, vote.c.client_id, vote.c.choice).join(trial))
         return [tuple(row) for row in rows]
-
-
-def seeded(url: str) -> list[Voter]:
-    database = open_database(url)
-    upgrade(database)
-    voters = seed_voters(database, N_VOTERS, N_APPROACHES)
-    database.dispose()
-    return voters
 
 
 def votes_under(fault: Callable[[Tally], None], server: StudyServer, voters: list[Voter], n_faults: int) -> Tally:
@@ -68,7 +59,7 @@ def has_acknowledged(tally: Tally, n_votes: int) -> bool:
 @pytest.mark.slow
 def test_votes_survive_kills_of_the_server(new_database_url: Callable[[], str], tmp_path: Path) -> None:
     url = new_database_url()
-    voters = seeded(url)
+    voters = seeded_voters(url, N_VOTERS, N_APPROACHES)
     with StudyServer(tmp_path, database_url=url) as server:
         tally = votes_under(lambda _tally: server.kill(), server, voters, 3)
     database = open_database(url)
@@ -87,7 +78,7 @@ def own_postgres() -> Iterator[PostgresServer]:
 @pytest.mark.slow
 def test_votes_survive_kills_of_postgresql(own_postgres: PostgresServer, tmp_path: Path) -> None:
     url = own_postgres.new_database("killed")
-    voters = seeded(url)
+    voters = seeded_voters(url, N_VOTERS, N_APPROACHES)
 
     def crash(_tally: Tally) -> None:
         own_postgres.kill()
@@ -106,7 +97,7 @@ def test_votes_survive_kills_of_postgresql(own_postgres: PostgresServer, tmp_pat
 @pytest.mark.slow
 def test_votes_wait_in_the_browser_while_the_disk_is_full(tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path / 'study.sqlite'}"
-    voters = seeded(url)
+    voters = seeded_voters(url, N_VOTERS, N_APPROACHES)
 
     def fill_and_clear(tally: Tally) -> None:
         """No file may grow beyond 60 kB, what the log of a few votes holds, until that was noticed."""
@@ -129,7 +120,7 @@ def lost_to_a_power_cut(folder: Path, *options: str) -> tuple[int, int]:
     """How many votes were acknowledged before the power went, and how many of them are gone."""
     folder.mkdir()
     path, safe = folder / "study.sqlite", folder / "safe"
-    voters = seeded(f"sqlite:///{path}")
+    voters = seeded_voters(f"sqlite:///{path}", N_VOTERS, N_APPROACHES)
     rng = Random(1)
     bundles = [letters_of(voter, rng) for voter in voters]
     with StudyServer(folder, "--safe", str(safe), *options) as server:

@@ -21,13 +21,12 @@ from app.main import serve
 from app.operations import manage
 from app.settings import Settings
 from app.store.engine import open_database
-from app.store.migrate import upgrade
 from app.store.tables import vote
 from tests.app.web.admin.dashboard_client import signed_in
 from tests.app.web.vote_senders import letters_of, send
 from tests.postgresql import PostgresServer
 from tests.processes import until_ended
-from tests.seeded_studies import Voter, seed_voters
+from tests.seeded_studies import seeded_voters
 
 ROOT = Path(__file__).parents[3]
 SERVER = """
@@ -79,17 +78,9 @@ def started_workers(supervisor: subprocess.Popen[str]) -> list[int]:
     return [int(supervisor.stdout.readline()) for _ in range(2)]
 
 
-def seeded(url: str) -> list[Voter]:
-    database = open_database(url)
-    upgrade(database)
-    voters = seed_voters(database, N_VOTERS, N_APPROACHES)
-    database.dispose()
-    return voters
-
-
 @pytest.mark.slow
 def test_nobody_notices_that_workers_are_replaced_or_die(url: str, tmp_path: Path) -> None:
-    voters, rng = seeded(url), Random(1)
+    voters, rng = seeded_voters(url, N_VOTERS, N_APPROACHES), Random(1)
     bundles = [letters_of(voter, rng) for voter in voters]
     with two_workers(url, tmp_path) as (client, supervisor):
         client.get("/readyz").raise_for_status()
@@ -115,7 +106,7 @@ def test_nobody_notices_that_workers_are_replaced_or_die(url: str, tmp_path: Pat
 
 @pytest.mark.slow
 def test_counts_and_logs_of_all_workers_name_routes_and_no_secrets(url: str, tmp_path: Path) -> None:
-    voters, rng = seeded(url), Random(1)
+    voters, rng = seeded_voters(url, N_VOTERS, N_APPROACHES), Random(1)
     bundles = [letters_of(voter, rng) for voter in voters]
     with two_workers(url, tmp_path) as (client, _supervisor):
         port = client.base_url.port
@@ -139,7 +130,7 @@ def test_counts_and_logs_of_all_workers_name_routes_and_no_secrets(url: str, tmp
 
 @pytest.mark.slow
 def test_live_pages_end_whole_when_the_workers_are_stopped(url: str, tmp_path: Path) -> None:
-    seeded(url)
+    seeded_voters(url, N_VOTERS, N_APPROACHES)
     settings = Settings(data_dir=tmp_path, database_url=url)
     with two_workers(url, tmp_path) as (client, supervisor), ExitStack() as stack:
         dashboard = stack.enter_context(signed_in(str(client.base_url), settings, "ada"))

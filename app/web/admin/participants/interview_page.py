@@ -10,7 +10,7 @@ from fastapi.responses import Response
 
 from app.errors import ConflictError, InvalidError
 from app.store.interviews import keep_spoken, spoken_of
-from app.store.participants import participant_labelled
+from app.store.participants import check_not_erased, participant_labelled
 from app.study.options import parse_options
 from app.study.questionnaire import LONGEST_ANSWER
 from app.web.admin.layout import see, study_page, unix
@@ -57,8 +57,7 @@ def keep_interview(
     """
     with database.writing() as connection:
         participant = participant_labelled(connection, study.id, label)
-        if participant.erased_at is not None:
-            raise InvalidError(f"{label} was erased; nothing is kept of them any more.")
+        check_not_erased(label, participant.erased_at)
         kept = spoken_of(connection, participant.id)
         known = {*parse_options(study.options).spoken_questions, *kept}
         shown, noted = _by_question(question, seen), _by_question(question, answer)

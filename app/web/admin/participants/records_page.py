@@ -20,6 +20,7 @@ from app.store.experimenters import Experimenter
 from app.store.participants import (
     SORTABLE,
     SoughtPeople,
+    check_not_erased,
     everything_of,
     exclude,
     exclusion_records,
@@ -141,8 +142,7 @@ def enter_screening_result(
         raise InvalidError(f"Nothing was entered: {error}.") from error
     with database.writing() as connection:
         participant = participant_labelled(connection, study.id, label)
-        if participant.erased_at is not None:
-            raise InvalidError(f"{label} was erased; nothing is kept of them any more.")
+        check_not_erased(label, participant.erased_at)
         enter_result(connection, participant.id, entered, actor.name, actor.now)
         actor.note(connection, "screening result entered", study, label, test=test)  # the log outlives an erasure
     return see(_address(study, label))

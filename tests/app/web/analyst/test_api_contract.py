@@ -33,6 +33,7 @@ from app.simulation.participants import begin, simulate
 from app.store.tokens import SCOPES
 from app.web.analyst.columns import TABLES
 from tests.app.web.admin.dashboard_client import Dashboard, signed_in
+from tests.app.web.http_checks import all_routes
 
 ROOT = Path(__file__).parents[4]
 ABILITIES = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0}
@@ -284,13 +285,6 @@ def dashboard_routes(own: Settings) -> list[tuple[str, str]]:
     ]
     app.state.database.dispose()
     return found
-
-
-def all_routes(routes: Any) -> Iterator[Any]:
-    for route in routes:
-        if hasattr(route, "methods"):
-            yield route
-        yield from all_routes(getattr(getattr(route, "original_router", None), "routes", ()))
 
 
 def visitor(server: str, own: Settings, rank: str) -> Any:

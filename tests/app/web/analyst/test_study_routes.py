@@ -68,6 +68,26 @@ def test_a_study_is_created_edited_opened_copied_and_deleted(own_server: str, ow
         assert {"study created", "study edited", "study open", "invitations made", "study deleted"} <= set(done)
 
 
+@pytest.mark.slow
+def test_what_an_edit_leaves_out_of_a_table_stays(
+    manager: httpx.Client, new_study: Callable[[], dict[str, Any]]
+) -> None:
+    slug = new_study()["slug"]
+
+    def edit(options: dict[str, Any]) -> dict[str, Any]:
+        revision = manager.get(f"studies/{slug}").json()["revision"]
+        answer = manager.patch(f"studies/{slug}", json={"revision": revision, "options": options})
+        assert answer.status_code == 200, answer.text
+        edited: dict[str, Any] = answer.json()["options"]
+        return edited
+
+    edit({"limits": {"finished": 30, "under_way": 5}, "lab_sheet": {"display": "ASUS VG278", "size_inch": 27}})
+    edited = edit({"limits": {"minutes": 60}, "lab_sheet": {"room_light": "dark"}})
+    assert edited["limits"] == {"finished": 30, "under_way": 5, "open_until": "", "minutes": 60}
+    assert edited["lab_sheet"] == {"display": "ASUS VG278", "size_inch": 27.0, "room_light": "dark"}
+    assert "size_inch" not in edit({"lab_sheet": {"size_inch": None}})["lab_sheet"]
+
+
 def test_a_study_with_votes_is_deleted_only_from_the_archive(
     server: str, settings: Settings, token: str, manager: httpx.Client, new_study: Callable[[], dict[str, Any]]
 ) -> None:

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 import httpx
 import pytest
@@ -15,7 +14,6 @@ import pytest
 from app.ffmpeg import decode
 from app.films.strips import GUARD_ROWS
 from app.operations import manage
-from app.operations.create import create_study
 from app.settings import Settings
 from app.simulation.participants import begin, simulate
 from app.study.options import parse_options
@@ -32,15 +30,6 @@ RATED = {
     "ACR-HR": {"reference": "pm_fb"},
     "DCR": {"reference": "pm_fb"},
 }
-
-
-@pytest.fixture
-def create(settings: Settings, stimulus_set: Path) -> Create:
-    def make(**options: Any) -> dict[str, Any]:
-        name = f"Study {uuid4()}"
-        return create_study(settings, stimulus_set, name, exposure_s=0.4, options=parse_options(options))
-
-    return make
 
 
 def first_trial(client: httpx.Client, study: dict[str, Any]) -> dict[str, Any]:

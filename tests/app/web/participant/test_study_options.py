@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 import httpx
 import numpy as np
@@ -18,10 +17,8 @@ from app.films.pairs import FilmMaker, prepare_pairs, split_reference
 from app.films.strips import GUARD_ROWS
 from app.intake.stimuli import read_stimulus_set
 from app.operations import manage
-from app.operations.create import create_study
 from app.settings import Settings
 from app.simulation.participants import begin, simulate
-from app.study.options import parse_options
 from tests.app import tiny_stimuli
 from tests.app.tiny_stimuli import frames
 from tests.app.web.admin.dashboard_client import signed_in
@@ -29,15 +26,6 @@ from tests.app.web.http_checks import is_problem
 
 Create = Callable[..., dict[str, Any]]
 ABILITIES = {"id_fa": -2.0, "id_fb": 0.0, "pm_fb": 2.0}
-
-
-@pytest.fixture
-def create(settings: Settings, stimulus_set: Path) -> Create:
-    def make(**options: Any) -> dict[str, Any]:
-        name = f"Study {uuid4()}"
-        return create_study(settings, stimulus_set, name, exposure_s=0.4, options=parse_options(options))
-
-    return make
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ from app.operations import manage
 from app.settings import Settings
 from app.store.tokens import SCOPES
 from tests.app.web.admin.dashboard_client import Dashboard, signed_in
+from tests.app.web.http_checks import all_routes
 
 pytestmark = pytest.mark.slow
 
@@ -34,13 +35,6 @@ def gated_routes(settings: Settings) -> list[tuple[str, str]]:
         if not re.match(NOBODYS, route.path)
         for method in sorted(route.methods - {"HEAD"})
     ]
-
-
-def all_routes(routes: Any) -> Iterator[Any]:
-    for route in routes:
-        if hasattr(route, "methods"):
-            yield route
-        yield from all_routes(getattr(getattr(route, "original_router", None), "routes", ()))
 
 
 @pytest.fixture(scope="module")

@@ -90,6 +90,8 @@ def test_comments_are_noted_tagged_counted_exported_and_erased(
     assert person.index("What made one model look better") < person.index("said it looked waxy")
     coder.act(f"{base}/participants/P001/erase", again="P001")
     assert analyst.get(f"{rest}/comment_tags").json()[0]["n_comments"] == 1
+    refused = coder.act(f"{base}/votes/{trial['trial']}/comment", comment="what a colleague told me of them")
+    assert (refused.status_code, "P001 was erased" in refused.text) == (422, True)
     coder.act(f"{comments}/tags/delete", tag="faces")
     assert [row["tags"] for row in analyst.get(f"{rest}/comments").json()] == [[]]
 

@@ -280,6 +280,7 @@ def test_a_set_is_seen_renamed_and_deleted_only_when_no_study_uses_it(own_set: t
     assert dashboard.act("/admin/sets/tiny/name", title="tiny").status_code == 422  # the other set's
     outside = re.findall(r'href="/admin/sets/([^"]+)">tiny</a>', listed)
     assert "these studies were made of it: Outside" in dashboard.act(f"/admin/sets/{outside[0]}/delete", again="x").text
+    (settings.sets_dir / ".tiny.deleted" / "left").mkdir(parents=True)  # of a deletion that was killed
     assert dashboard.act("/admin/sets/tiny/delete", again="Theirs").url.path == "/admin/sets"
     assert not (settings.sets_dir / "tiny").exists()
     assert "Theirs" not in dashboard.get("/admin/sets").text
