@@ -79,12 +79,15 @@ def analyse_file(
     settings = _with_factors(settings or AnalysisSettings(), items, factors)
     settings = _with_groups(settings, participants, groups)
     settings, notes = (settings, []) if measures is None else _with_measures(settings, votes, measures)
-    rated = None
+    rated, excluded = None, settings.exclude
     if ratings is not None:
         table, how = _single_ratings(ratings, scale)
         understood += [*how, *in_several([votes.participants, table.participants])]
-        rated = table.without(settings.exclude)
+        rated = table.without(excluded)
+        only_rated = set(table.participants).difference(votes.participants)
+        settings = replace(settings, exclude=tuple(name for name in excluded if name not in only_rated))
     analysis = analyse(votes, settings) | {"understood": understood}
+    analysis["settings"]["exclude"] = list(excluded)
     _refuse_nothing(analysis["votes"], source)
     analysis["warnings"] += notes
     if rated is not None:

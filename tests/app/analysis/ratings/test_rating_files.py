@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from app.analysis import analyse_file, analyse_ratings_file
+from app.analysis import AnalysisSettings, analyse_file, analyse_ratings_file
 from app.analysis.ratings.reading import holds_ratings, read_ratings, understand_ratings
 from app.analysis.ratings.table import ComparisonTable, RatingTable
 from app.analysis.reading import read_votes
@@ -250,6 +250,13 @@ def test_votes_and_ratings_of_the_same_items_share_a_scale(write: Write, tmp_pat
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "Ratings and votes on one scale" in page
     assert (tmp_path / "out" / "alignment_items.csv").exists()
+    less = tmp_path / "less.csv"  # p7 rated and did not vote
+    less.write_text("\n".join(line for line in lines if not line.startswith("p7")), encoding="utf-8")
+    without = analyse_file(less, tmp_path / "without", settings=AnalysisSettings(exclude=("p0", "p7")), ratings=ratings)
+    assert without["settings"]["exclude"] == ["p0", "p7"]
+    assert {row["participant"] for row in without["raters"]} == {f"p{index}" for index in range(1, 7)}
+    with pytest.raises(ValueError, match="'zoe', is not among"):
+        analyse_file(less, tmp_path / "zoe", settings=AnalysisSettings(exclude=("zoe",)), ratings=ratings)
 
 
 def test_comparisons_cannot_be_put_on_a_scale_with_votes(write: Write, tmp_path: Path) -> None:
