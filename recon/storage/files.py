@@ -63,6 +63,12 @@ def check_not_read(out: Path, inputs: Iterable[Path]) -> None:
         raise ValueError(f"{out}: is one of the files that are read; choose another name for what is made of them")
 
 
+def check_suffix(path: Path, suffixes: tuple[str, ...]) -> None:
+    """Raise a ValueError if a file's name ends in none of these, in small or capital letters."""
+    if path.suffix.lower() not in suffixes:
+        raise ValueError(f"{path}: unknown kind of file, expected a name that ends in {' or '.join(suffixes)}")
+
+
 def why_no_file(path: Path) -> str:
     """Return the end of a sentence on a path where a file should be, and is none."""
     return "is a folder, expected a file" if path.is_dir() else "there is no such file"

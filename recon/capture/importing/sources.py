@@ -165,7 +165,8 @@ def write_recording(out: Path, recording: Recording, options: ImportOptions) -> 
     if not recording.sensors:
         raise CaptureError("the source names no sensors, expected at least one")
     turn = rigid(Y_FROM[options.up or recording.up], np.zeros(3))
-    fps = options.fps or recording.fps or _video_fps(recording) or DEFAULT_FPS
+    fps = recording.fps if options.fps is None else options.fps
+    fps = _video_fps(recording) or DEFAULT_FPS if fps is None else fps
     sensors = tuple(_stream(source, turn) for source in recording.sensors)
     names = _held_out_names([path for _, path in recording.held_out])
     held_out = tuple(
