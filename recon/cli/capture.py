@@ -133,7 +133,7 @@ def capture_import(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Import a real recording into the capture format."""
+    """Import a real recording into the capture format, and print the check of it; `capture check` tells its verdict."""
     from recon.capture.checking.check import check_capture
     from recon.capture.importing.colmap import import_colmap
     from recon.capture.importing.json_file import import_json
