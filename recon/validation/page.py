@@ -19,7 +19,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy.typing import NDArray
 
 from recon.capture.images import write_picture
-from recon.storage.files import alone_in, new_folder, read_json, write_bytes, write_json
+from recon.storage.files import alone_in, check_replaceable, new_folder, read_json, write_bytes, write_json
 from recon.validation.measures import Measured, measured_rows
 
 REPORT, PAGE, TABLE = "report.json", "report.html", "measures.csv"  # of every report
@@ -123,26 +123,12 @@ def _replace_files(out: Path, names: Sequence[str]) -> None:
 
 def check_report_folder(out: Path) -> None:
     """Raise a ValueError if a folder holds files of somebody else that a report would overwrite."""
-    there = [name for name in (REPORT, PAGE, TABLE) if (out / name).exists()]
-    if there and not {"kind", "measures"} <= _earlier(out).keys():
-        raise ValueError(
-            f"{out}: holds {' and '.join(there)} that no evaluation wrote, and that its report would overwrite; choose "
-            "another folder"
-        )
-
-
-def _earlier(folder: Path) -> dict[str, Any]:
-    """Return the content of report.json; nothing where it is not there or no JSON."""
-    try:
-        return read_json(folder / REPORT)
-    except ValueError:
-        return {}
+    check_replaceable(out, (REPORT, PAGE, TABLE), ("kind", "measures"), "evaluation")
 
 
 def _listed_files(folder: Path, names: Sequence[str]) -> set[str]:
     """Return the names of the files of an earlier report that are still there; by these where it does not list them."""
-    earlier = _earlier(folder)
-    listed = earlier.get("files", names if earlier else [])
+    listed = read_json(folder / REPORT).get("files", names) if (folder / REPORT).exists() else []
     return {path.name for path in folder.iterdir() if path.name in listed and path.is_file()}
 
 
