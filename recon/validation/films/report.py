@@ -46,7 +46,7 @@ def _sections(report: Mapping[str, Any], films: Sequence[MeasuredFilm], out: Pat
 
 def _films_text(report: Mapping[str, Any]) -> str:
     settings = report["settings"]
-    step = "every frame" if settings["every"] == 1 else f"every {settings['every']}th frame"
+    step = "every frame" if settings["every"] == 1 else f"one frame in {settings['every']}"
     texts = [
         f"Each film is compared with that of {settings['reference']} on the same path, {step} of the "
         f"{settings['measured']}, in luma. Means over the frames; measures.csv holds the harmonic means, the "
