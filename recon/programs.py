@@ -16,9 +16,12 @@ from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from shutil import rmtree
+from threading import current_thread, main_thread
+from types import FrameType
 from typing import ClassVar, TextIO
 
 LOG = "log.txt"
+TOLD_TO_END = (signal.SIGTERM, signal.SIGHUP)  # signals that end Python at once, without a `finally`
 LONGEST_QUOTE = 160  # letters of what a program printed that a sentence quotes
 
 Value = str | int | float | list[str]  # what stands for a name in braces; a list becomes several arguments
@@ -118,14 +121,11 @@ class Program:
             except (OSError, ValueError) as error:
                 reason = getattr(error, "strerror", None) or str(error)
                 raise ProgramError(f"the program {arguments[0]} could not be started: {reason.lower()}") from error
-            try:
-                ending = _ending(process.wait(self.timeout_s))
-            except subprocess.TimeoutExpired:
-                ending = f"was stopped after {self.timeout_s:g} s (its timeout_s)"
-            finally:
-                if process.returncode is None:
-                    os.killpg(process.pid, signal.SIGKILL)
-                    process.wait()
+            with _killed_at_the_end(process):
+                try:
+                    ending = _ending(process.wait(self.timeout_s))
+                except subprocess.TimeoutExpired:
+                    ending = f"was stopped after {self.timeout_s:g} s (its timeout_s)"
             said = _last_words(printed, start)
         if ending:
             raise ProgramError(f"the program {ending}{said}")
@@ -150,6 +150,35 @@ def workplace(folder: Path) -> Iterator[None]:
             rmtree(path, ignore_errors=True)
         elif path != log:
             path.unlink()
+
+
+@contextmanager
+def _killed_at_the_end(process: subprocess.Popen[bytes]) -> Iterator[None]:
+    """Kill a program that still runs, with all that it started, when the block or this process ends.
+
+    The program has a session of its own, so that no signal to this process or its group reaches it.
+    """
+
+    def kill() -> None:
+        if process.returncode is None:
+            os.killpg(process.pid, signal.SIGKILL)
+
+    def end(number: int, _frame: FrameType | None) -> None:
+        kill()
+        signal.signal(number, signal.SIG_DFL)
+        signal.raise_signal(number)
+
+    is_main = current_thread() is main_thread()  # the only one that may say what a signal does
+    watched = [number for number in TOLD_TO_END if is_main and signal.getsignal(number) is signal.SIG_DFL]
+    for number in watched:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        kill()
+        process.wait()
+        for number in watched:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def check_written(path: Path, said: str) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 ROTATION_TOLERANCE = 1e-3  # published calibrations carry about four digits
 MIN_BASELINE_MM = 1e-3
+UNITS_MM = {"mm": 1.0, "cm": 10.0, "in": 25.4, "m": 1000.0}  # of recordings and clouds from elsewhere
 UP = np.array([0.0, 1.0, 0.0])
 OPENGL = np.array([1.0, -1.0, -1.0])  # per camera axis: OpenGL's y points up and its z backwards, OpenCV's do not
 Y_FROM = {

@@ -133,7 +133,7 @@ def capture_import(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Import a real recording into the capture format."""
+    """Import a real recording into the capture format, and print the check of it; `capture check` tells its verdict."""
     from recon.capture.checking.check import check_capture
     from recon.capture.importing.colmap import import_colmap
     from recon.capture.importing.json_file import import_json
@@ -311,8 +311,10 @@ def capture_check(
 ) -> None:
     """List everything that is wrong with a capture; exit with 1 if it cannot be used."""
     from recon.capture.checking.check import check_capture
-    from recon.capture.checking.page import write_check
+    from recon.capture.checking.page import check_place, write_check
 
+    if report_folder is not None:
+        check_place(report_folder)
     report = check_capture(capture)
     written = "" if report_folder is None else f"\nReport: {write_check(report, report_folder)}"
     print_result(report.as_json(), _check_sentences(capture, report) + written, as_json=as_json)

@@ -191,9 +191,9 @@ def fuse(
 ) -> None:
     """Make a mesh from point clouds, for example RUN/clouds/pm/S1/0000.ply."""
     from recon.geometry.mesh import check_resolved
-    from recon.geometry.mesh_files import check_suffix, read_cloud, write_mesh
+    from recon.geometry.mesh_files import read_cloud, write_mesh
     from recon.pipeline.reconstruct import fuse_clouds
-    from recon.storage.files import check_not_read
+    from recon.storage.files import check_not_read, check_suffix
     from recon.surface import SurfaceParameters
 
     check_suffix(out, (".ply", ".glb"))

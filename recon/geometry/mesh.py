@@ -203,9 +203,9 @@ def error_colours(errors: NDArray[np.floating], limit: float) -> NDArray[np.uint
     Raises
     ------
     ValueError
-        If the limit is not positive.
+        If the limit is not positive and finite.
     """
-    if not limit > 0:
+    if not 0 < limit < np.inf:
         raise ValueError(f"limit is {limit}, expected an error above 0")
     share = np.clip(np.asarray(errors, dtype=np.float64) / limit, -1, 1)[:, None]
     colours = 255 + np.maximum(share, 0) * (RED - 255.0) + np.maximum(-share, 0) * (BLUE - 255.0)

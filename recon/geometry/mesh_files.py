@@ -27,7 +27,7 @@ from recon.geometry.ply import (
     triangles,
     vector_columns,
 )
-from recon.storage.files import why_no_file, write_bytes
+from recon.storage.files import check_suffix, why_no_file, write_bytes
 
 
 def write_cloud(path: Path, cloud: Cloud) -> Path:
@@ -224,12 +224,6 @@ def _mesh_of_glb(path: Path) -> Mesh:
         raise ValueError("its texture is not readable as PNG")
     texture = Texture(np.asarray(pixels, np.uint8), colours.astype(np.float32))
     return Mesh(vertices, faces, normals, texture.at_vertices(), texture)
-
-
-def check_suffix(path: Path, suffixes: tuple[str, ...]) -> None:
-    """Raise a ValueError if a file's name ends in none of these."""
-    if path.suffix.lower() not in suffixes:
-        raise ValueError(f"{path}: unknown kind of file, expected a name that ends in {' or '.join(suffixes)}")
 
 
 def _check_points(path: Path, points: NDArray[np.floating]) -> None:

@@ -200,9 +200,13 @@ class _Reader:
         if material.get("alphaMode", "OPAQUE") != "OPAQUE":
             self._contents.warn("has transparent materials, which are shown opaque")
         factor = np.array(metallic.get("baseColorFactor", [1.0] * 4), dtype=np.float64)[:3]
-        check_finite(factor[None], "base colour factor")
         linear = self._accessor(attributes["COLOR_0"])[:, :3] if "COLOR_0" in attributes else None
-        if "baseColorTexture" not in metallic:
+        texture = metallic.get("baseColorTexture")
+        if not factor.any():  # black in any light: what it emits is all that shows
+            factor = np.array(material.get("emissiveFactor", factor), dtype=np.float64)
+            linear, texture = None, material.get("emissiveTexture")
+        check_finite(factor[None], "colour factor")
+        if texture is None:
             if linear is None:
                 has_colour = "baseColorFactor" in metallic
                 return (np.tile(srgb_bytes(factor), (n_vertices, 1)) if has_colour else None), None, None
@@ -210,7 +214,6 @@ class _Reader:
             return srgb_bytes(linear * factor), None, None
         if linear is not None and linear.size and linear.min() < WHITE:
             raise ValueError("a material has a texture and vertex colours; bake both into the texture")
-        texture = metallic["baseColorTexture"]
         moved = texture.get("extensions", {}).get("KHR_texture_transform", {})
         set_number = moved.get("texCoord", texture.get("texCoord", 0))
         if f"TEXCOORD_{set_number}" not in attributes:

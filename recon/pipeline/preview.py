@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from recon.approaches import parse_approach
 from recon.capture.format import read_capture, read_frame
+from recon.capture.images import write_picture
 from recon.cloud import merge_clouds
 from recon.depth.disparity_io import colour_preview, read_disparity
 from recon.geometry.mesh import Cloud
@@ -28,6 +29,7 @@ from recon.storage.files import write_bytes
 SIZE = (480, 480)  # of each picture, pixels
 PATH_FRAMES = 5  # the camera stands where the path is a quarter over, so that depth is seen from a new side
 VIEW = 1
+WEBP_QUALITY = 85
 PAPER = 128  # grey of the background "plain", also behind clouds
 
 
@@ -38,7 +40,7 @@ def make_preview(run: Run, frame: int) -> Path:
     """
 
     def write(path: Path) -> None:
-        write_bytes(path, _encoded(".png", _sheet(run, frame)))
+        write_picture(path, _sheet(run, frame))
 
     name = f"previews/{frame:04d}.png"
     run.artefacts.make(name, _key(run, frame), write)
@@ -74,15 +76,9 @@ def write_stage_pictures(run: Run, frame: int, folder: Path) -> None:
     Artefacts(folder).make_together([f"{name}.webp" for name in pictures], _key(run, frame), write)
 
 
-def webp(picture: NDArray[np.uint8], quality: int = 85) -> bytes:
+def webp(picture: NDArray[np.uint8]) -> bytes:
     """Encode a picture, uint8 (H, W, 3), sRGB, as WebP."""
-    return _encoded(".webp", picture, (cv2.IMWRITE_WEBP_QUALITY, quality))
-
-
-def _encoded(suffix: str, picture: NDArray[np.uint8], options: Sequence[int] = ()) -> bytes:
-    done, encoded = cv2.imencode(suffix, picture[..., ::-1], options)
-    assert done  # an image in memory can always be encoded
-    return bytes(encoded.tobytes())
+    return bytes(cv2.imencode(".webp", picture[..., ::-1], (cv2.IMWRITE_WEBP_QUALITY, WEBP_QUALITY))[1].tobytes())
 
 
 def draw_cloud(cloud: Cloud, camera: Camera) -> NDArray[np.uint8]:

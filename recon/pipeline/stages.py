@@ -33,7 +33,7 @@ from recon.pipeline.methods import depth_key, fuse, fusion_key, match, needs_vie
 from recon.pipeline.run import COLOURS_NAME, View, fusion_folder, mesh_name, read_clouds
 from recon.plugins import PluginError
 from recon.programs import LOG, ProgramError
-from recon.storage.artefacts import Artefacts, code_version, key_of
+from recon.storage.artefacts import code_version, key_of
 from recon.storage.files import read_json, write_json
 from recon.storage.remote import fetched, stored
 from recon.surface import NoSurfaceError
@@ -153,9 +153,9 @@ def frames_without_points(job: Job, method: str) -> list[int]:
 def compare_colours(job: Job, place_mm: float) -> list[str]:
     """Estimate once for a run what makes the sensors' colours agree, so that all approaches get the same colours.
 
-    The last depth method's clouds of the first frame are compared, in places `place_mm` wide.
+    The clouds of the first frame by `_compared_method` are compared, in places `place_mm` wide.
     """
-    clouds = job.clouds(job.options.depths[-1], job.frames[0])
+    clouds = job.clouds(_compared_method(job), job.frames[0])
     key = {
         "clouds": job.artefacts.digests(clouds),
         "place_mm": place_mm,
@@ -195,7 +195,7 @@ def make_mesh(job: Job, approach: Approach, frame: int) -> list[str]:
     def write(path: Path) -> list[str]:
         sensors = read_clouds(job.artefacts, clouds)
         if balanced:
-            sensors = balance_colours(sensors, _colours(job.artefacts))
+            sensors = balance_colours(sensors, _colours(job, approach.depth))
         try:
             if job.options.outlines:
                 sights = read_sights(job.capture, job.capture.sensors_for(approach.depth), sensors, frame)
@@ -268,9 +268,18 @@ def _next_of(disparities: Iterator[NDArray[np.float32]], _pair: StereoPair) -> N
     return next(disparities)
 
 
-def _colours(artefacts: Artefacts) -> SensorColours:
-    content = read_json(artefacts.path(COLOURS_NAME))
-    return SensorColours(np.array(content["gain"]), np.array(content["offset"]))
+def _compared_method(job: Job) -> str:
+    """Choose the depth method whose clouds tell the sensors' colours: the last of those that use the most sensors."""
+    methods = (*reversed(job.options.depths), *job.options.depth_methods)
+    return max(methods, key=lambda method: len(job.capture.sensors_for(method)))
+
+
+def _colours(job: Job, method: str) -> SensorColours:
+    """Read the correction of the sensors that a depth method uses."""
+    content = read_json(job.artefacts.path(COLOURS_NAME))
+    known = [stream.id for stream in job.capture.sensors_for(_compared_method(job))]
+    rows = [known.index(stream.id) for stream in job.capture.sensors_for(method)]
+    return SensorColours(np.array(content["gain"])[rows], np.array(content["offset"])[rows])
 
 
 def _temporal(job: Job, views: Sequence[View]) -> TemporalParameters | None:

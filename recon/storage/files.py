@@ -11,7 +11,7 @@ import re
 import shutil
 import socket
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -61,6 +61,34 @@ def check_not_read(out: Path, inputs: Iterable[Path]) -> None:
     """Raise a ValueError if a file to write is one of those that are read."""
     if out.exists() and any(path.exists() and out.samefile(path) for path in inputs):
         raise ValueError(f"{out}: is one of the files that are read; choose another name for what is made of them")
+
+
+def check_replaceable(folder: Path, names: Sequence[str], keys: Collection[str], by: str) -> None:
+    """Raise a ValueError if a folder holds files that a report would overwrite, and that are no earlier one's.
+
+    Parameters
+    ----------
+    folder : of the report
+    names : of its files, first that of the JSON one
+    keys : that this has
+    by : what writes such reports, for the message
+    """
+    there = [name for name in names if (folder / name).exists()]
+    try:
+        content = read_json(folder / names[0]) if there else {}
+    except ValueError:  # it is not there, or no JSON
+        content = {}
+    if there and not all(key in content for key in keys):
+        raise ValueError(
+            f"{folder}: holds {' and '.join(there)} that no {by} wrote, and that its report would overwrite; choose "
+            "another folder"
+        )
+
+
+def check_suffix(path: Path, suffixes: tuple[str, ...]) -> None:
+    """Raise a ValueError if a file's name ends in none of these, in small or capital letters."""
+    if path.suffix.lower() not in suffixes:
+        raise ValueError(f"{path}: unknown kind of file, expected a name that ends in {' or '.join(suffixes)}")
 
 
 def why_no_file(path: Path) -> str:

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from recon.geometry.mesh import Shape, check_resolved
 from recon.geometry.mesh_files import read_ply_shape, read_points
 from recon.models.shape import GLTF_SUFFIXES, SHAPE_SUFFIXES, read_model_shape
+from recon.rig import UNITS_MM
 from recon.storage.files import why_no_file
 from recon.validation.measures import COMBINED
 
 MIN_POINTS = 50
-UNITS_MM = {"mm": 1.0, "cm": 10.0, "in": 25.4, "m": 1000.0}
 TEXT_SUFFIXES = (".xyz", ".txt", ".asc", ".csv", ".pts")
 DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+(e[-+]?\d+)?", re.IGNORECASE)
 MAX_DISTANCE = 1e5  # times the length that is fitted; float32 then still resolves a hundredth of that length

@@ -10,12 +10,16 @@ from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from importlib.metadata import version
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from numpy.typing import NDArray
 
-from recon.storage.files import new_folder, read_json, write_bytes, write_json
+from recon.capture.images import write_picture
+from recon.storage.files import alone_in, check_replaceable, new_folder, read_json, write_bytes, write_json
 from recon.validation.measures import Measured, measured_rows
 
 REPORT, PAGE, TABLE = "report.json", "report.html", "measures.csv"  # of every report
@@ -83,26 +87,33 @@ def write_report(
     Raises
     ------
     ValueError
-        As from `check_report_folder`.
+        As from `check_report_folder`, if another report is being written into the folder, or if a file of somebody
+        else's has the name of one of the report's, which is left whole in the folder MADE then.
     """
     check_report_folder(out)
     if values is None:
         values = measured_rows(report["measures"], f"validate {report['kind']}")
-    with new_folder(out / MADE, replaces=True) as folder:
-        for name, rows in tables.items():
-            write_table(folder / f"{name}.csv", rows)
-        columns = [field.name for field in fields(Measured)]
-        write_table(folder / TABLE, [asdict(value) for value in values], columns)
-        write_page(folder / PAGE, title, sections(folder))
-        names = sorted([REPORT, *(path.name for path in folder.iterdir())])
-        write_json(folder / REPORT, {**report, "files": names})
-    _replace_files(out, names)
+    with alone_in(out):
+        with new_folder(out / MADE, replaces=True) as folder:
+            for name, rows in tables.items():
+                write_table(folder / f"{name}.csv", rows)
+            columns = [field.name for field in fields(Measured)]
+            write_table(folder / TABLE, [asdict(value) for value in values], columns)
+            write_page(folder / PAGE, title, sections(folder))
+            names = sorted([REPORT, *(path.name for path in folder.iterdir())])
+            write_json(folder / REPORT, {**report, "files": names})
+        _replace_files(out, names)
     return out / PAGE
 
 
 def _replace_files(out: Path, names: Sequence[str]) -> None:
     """Put the files of a whole report in the place of an earlier one's."""
-    earlier = _listed_files(out)
+    earlier = _listed_files(out, names)
+    if others := [name for name in names if (out / name).exists() and name not in earlier]:
+        raise ValueError(
+            f"{out}: holds {' and '.join(others)} that no evaluation wrote, and that the report would overwrite; move "
+            f"{out / MADE}, where the whole report lies, or choose another folder"
+        )
     for name in sorted(names, key=lambda name: name != REPORT):  # first the one that lists the others
         (out / MADE / name).replace(out / name)
     (out / MADE).rmdir()
@@ -112,27 +123,13 @@ def _replace_files(out: Path, names: Sequence[str]) -> None:
 
 def check_report_folder(out: Path) -> None:
     """Raise a ValueError if a folder holds files of somebody else that a report would overwrite."""
-    there = [name for name in (REPORT, PAGE, TABLE) if (out / name).exists()]
-    if there and not {"kind", "measures"} <= _earlier(out).keys():
-        raise ValueError(
-            f"{out}: holds {' and '.join(there)} that no evaluation wrote, and that its report would overwrite; choose "
-            "another folder"
-        )
+    check_replaceable(out, (REPORT, PAGE, TABLE), ("kind", "measures"), "evaluation")
 
 
-def _earlier(folder: Path) -> dict[str, Any]:
-    """Return the content of report.json; nothing where it is not there or no JSON."""
-    try:
-        return read_json(folder / REPORT)
-    except ValueError:
-        return {}
-
-
-def _listed_files(folder: Path) -> set[str]:
-    """Return the names of the files of an earlier report that are still there."""
-    listed = _earlier(folder).get("files")
-    names = listed if isinstance(listed, list) else []
-    return {path.name for path in folder.iterdir() if path.name in names and path.is_file()}
+def _listed_files(folder: Path, names: Sequence[str]) -> set[str]:
+    """Return the names of the files of an earlier report that are still there; by these where it does not list them."""
+    listed = read_json(folder / REPORT).get("files", names) if (folder / REPORT).exists() else []
+    return {path.name for path in folder.iterdir() if path.name in listed and path.is_file()}
 
 
 def write_page(path: Path, title: str, sections: Sequence[Section]) -> Path:
@@ -187,6 +184,18 @@ def write_figure(stem: Path, chart: Any) -> str:
     return svg
 
 
+def save_picture(folder: Path, name: str, picture: NDArray[np.uint8]) -> bytes:
+    """Write a picture of a report as PNG, and return the file's bytes, which its page holds, too.
+
+    Parameters
+    ----------
+    folder : of the report
+    name : of the file, without its ending; see `free_name`
+    picture : uint8 (H, W, 3), RGB
+    """
+    return write_picture(folder / f"{free_name(folder, name)}.png", picture)
+
+
 def curve_chart(rows: Sequence[Mapping[str, Any]]) -> Any:
     """Draw the share of inliers against the threshold, a line per sensor (figure 6 of the paper)."""
     import altair as alt
@@ -226,6 +235,13 @@ def percent(share: float | None) -> str:
 def plain_name(name: str) -> str:
     """Return a name as a part of a file's name: what is no letter of any script, digit, dot or hyphen becomes _."""
     return re.sub(r"[^\w.-]", "_", name)
+
+
+def free_name(folder: Path, name: str) -> str:
+    """Return the plain name for a file, with a number if a file of the folder has it, as of "a b" beside "a_b"."""
+    plain, taken = plain_name(name), {path.stem for path in folder.iterdir()}
+    numbered = (f"{plain}_{number}" for number in count(2))
+    return next(free for free in chain((plain,), numbered) if free not in taken)
 
 
 def _columns(rows: Sequence[Mapping[str, Any]]) -> list[Column]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shlex
+import signal
+import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -66,6 +69,23 @@ def test_a_program_that_crashed_is_told_by_its_signal(tmp_path: Path) -> None:
     command = shlex.join([sys.executable, "-c", "import os; os.abort()"])
     with pytest.raises(ProgramError, match=r"^the program was ended by signal 6 \(Aborted\)$"):
         Joining(command, "txt").run({}, tmp_path)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_program_ends_with_the_process_that_runs_it_when_that_is_told_to_end(tmp_path: Path, number: int) -> None:
+    os.mkfifo(tmp_path / "told")  # which ends when the last process that writes to it does
+    program = (
+        "import time; told = open('told', 'w'); print('on', file=told, flush=True); time.sleep(20); print(file=told)"
+    )
+    runner = "from tests.recon.test_programs import Joining; from pathlib import Path; import sys\n"
+    runner += "Joining(sys.argv[1], 'txt').run({}, Path(sys.argv[2]))"
+    shell = shlex.join(["sh", "-c", f"{shlex.join([sys.executable, '-c', program])} & wait"])  # and what it started
+    runs = subprocess.Popen([sys.executable, "-c", runner, shell, str(tmp_path)])
+    with (tmp_path / "told").open(encoding="utf-8") as told:
+        assert told.readline() == "on\n"
+        runs.send_signal(number)
+        assert runs.wait() == -number
+        assert told.read() == ""
 
 
 def test_a_program_that_is_not_there_is_named(tmp_path: Path) -> None:

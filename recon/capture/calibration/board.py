@@ -9,6 +9,7 @@ Convention: the board's frame has its origin at the first corner, x along the fi
 
 from __future__ import annotations
 
+import math
 from base64 import b64encode
 from dataclasses import dataclass
 from functools import cached_property
@@ -59,7 +60,7 @@ class Board:
     dictionary: str = DEFAULT_DICTIONARY
 
     def __post_init__(self) -> None:
-        if min(self.columns, self.rows) < 3 or self.square_mm <= 0:
+        if min(self.columns, self.rows) < 3 or not 0 < self.square_mm < math.inf:
             raise CaptureError(
                 f"board: {self.columns}x{self.rows} with squares of {self.square_mm:g} mm, expected at least 3x3 and a "
                 "positive length"

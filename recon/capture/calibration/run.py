@@ -38,7 +38,7 @@ from recon.capture.importing.opencv import SUFFIXES, write_calibration
 from recon.capture.pictures import common_rate, images_in, recordings_named
 from recon.capture.recording import SIDES, evenly_chosen
 from recon.rig import Rig, Sensor
-from recon.storage.files import check_exists, new_folder, write_json
+from recon.storage.files import check_exists, check_suffix, new_folder, write_json
 from recon.workers import Progress, no_progress
 
 SCHEMA_VERSION = 1
@@ -131,8 +131,7 @@ def calibrate_folders(
         If pictures are missing or cannot be used, with the reason for each, or videos have different rates, or there
         is a calibration that may not be replaced; nothing is written then.
     """
-    if out.suffix not in SUFFIXES:
-        raise CaptureError(f"{out}: ends in {out.suffix!r}, expected one of {', '.join(SUFFIXES)}")
+    check_suffix(out, SUFFIXES)
     report_folder = out.with_name(f"{out.stem}_report")
     for made in (out, report_folder):
         if made.exists() and not replaces:

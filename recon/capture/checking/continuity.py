@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.capture.images import is_video, video_times
+from recon.capture.images import CaptureError, is_video, video_times
 from recon.capture.recording import CameraStream, SensorStream, frames_after
 
 THUMBNAIL_WIDTH = 64  # pixels: averages that noise does not reach
@@ -104,8 +104,10 @@ def count_warnings(folder: Path, cameras: Iterable[CameraStream], n_frames: int)
 def _later_frames(folder: Path, pattern: str, n_frames: int) -> Sequence[int]:
     if not is_video(pattern):
         return frames_after(folder, pattern, n_frames - 1)
-    path = folder / pattern
-    return range(n_frames, len(video_times(path))) if path.is_file() else ()
+    try:
+        return range(n_frames, len(video_times(folder / pattern)))
+    except CaptureError:  # listed already, as its pictures cannot be read
+        return ()
 
 
 def _still(by_frame: Mapping[int, Glance]) -> Iterator[tuple[int, int, bool]]:

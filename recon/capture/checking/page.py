@@ -14,19 +14,23 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from recon.capture.checking.check import CheckReport
 from recon.capture.checking.continuity import Glance
 from recon.capture.recording import evenly_chosen
-from recon.storage.files import whole_file, write_json
+from recon.storage.files import check_replaceable, write_bytes, write_json
 
+REPORT, PAGE = "report.json", "report.html"
 MAX_THUMBNAILS = 12  # of a camera, evenly over its frames
 FRAME = re.compile(r"\{frame[^}]*\}")  # in a camera's pattern of images
 
 
+def check_place(out: Path) -> None:
+    """Raise a ValueError if a folder holds files of something else that the report of a check would overwrite."""
+    check_replaceable(out, (REPORT, PAGE), ("verdicts", "problems"), "check of a capture")
+
+
 def write_check(report: CheckReport, out: Path) -> Path:
-    """Write `report.html` and `report.json` into a folder and return the page's path."""
-    write_json(out / "report.json", report.as_json())
-    page = out / "report.html"
-    with whole_file(page) as temporary:
-        temporary.write_text(check_page(report), encoding="utf-8")
-    return page
+    """Write `report.html` and `report.json` into a folder and return the page's path; a ValueError as `check_place`."""
+    check_place(out)
+    write_json(out / REPORT, report.as_json())
+    return write_bytes(out / PAGE, check_page(report).encode())
 
 
 def check_page(report: CheckReport) -> str:

@@ -21,7 +21,6 @@ from recon.capture.importing.sources import faults_at
 from recon.capture.importing.views import HALF_PIXEL
 from recon.rig import Camera, rigid
 
-FILES = ("cameras", "images", "points3D")
 FOLDERS = (".", "sparse/0", "sparse")  # of a model, below the folder that COLMAP worked in
 MODELS: dict[str, tuple[int, tuple[int, ...]]] = {
     "SIMPLE_PINHOLE": (1, ()),

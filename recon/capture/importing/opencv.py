@@ -21,7 +21,7 @@ from recon.capture.images import CaptureError
 from recon.capture.importing.sources import ImportOptions, Recording, SensorSource, faults_at, write_recording
 from recon.capture.pictures import find_pictures
 from recon.rig import Y_FROM, Camera, Rig, Sensor, rigid
-from recon.storage.files import check_exists, whole_file
+from recon.storage.files import check_exists, check_suffix, whole_file
 
 SUFFIXES = (".yml", ".yaml", ".xml")
 KEYS: dict[str, tuple[str, ...]] = {
@@ -65,10 +65,9 @@ def import_opencv(source: Path, out: Path, options: ImportOptions | None = None)
 def write_calibration(path: Path, rig: Rig) -> None:
     """Write a rig as an OpenCV file, flat for one sensor, lengths in mm; `import_opencv` reads it.
 
-    A CaptureError says that the name does not end in one of SUFFIXES.
+    A ValueError says that the name does not end in one of SUFFIXES.
     """
-    if path.suffix not in SUFFIXES:
-        raise CaptureError(f"{path}: ends in {path.suffix!r}, expected one of {', '.join(SUFFIXES)}")
+    check_suffix(path, SUFFIXES)
     with whole_file(path) as temporary:
         storage = cv2.FileStorage(str(temporary), cv2.FILE_STORAGE_WRITE)
         if len(rig.sensors) == 1:
@@ -115,7 +114,11 @@ def _merged(files: Sequence[Path]) -> dict[str, dict[str, Any]]:
     place = ", ".join(map(str, files))
     if len(files) == 1 and isinstance(contents[0].get("sensors"), list):
         entries = contents[0]["sensors"]
-        return {str(entry.get("id", f"S{number}")): {**entry, "": place} for number, entry in enumerate(entries, 1)}
+        with faults_at(place):
+            names = [str(entry.get("id", f"S{number}")) for number, entry in enumerate(entries, 1)]
+            if len(set(names)) < len(names):
+                raise CaptureError(f"sensor ids must differ, found {', '.join(names)}")
+        return {name: {**entry, "": place} for name, entry in zip(names, entries, strict=True)}
     merged: dict[str, Any] = {}
     for path, content in zip(files, contents, strict=True):
         twice = [key for key in content if key in merged and not np.array_equal(content[key], merged[key])]

@@ -32,11 +32,10 @@ from recon.capture.format import (
 from recon.capture.images import video_times
 from recon.capture.pictures import DEFAULT_FPS, Pictures, common_rate, copy_file
 from recon.capture.recording import SIDES, check_bounds
-from recon.rig import Y_FROM, Camera, rigid
+from recon.rig import UNITS_MM, Y_FROM, Camera, rigid
 from recon.storage.files import new_folder
 
 MOST_STEPS = 2  # from a picture's number to the next one's, on average; above, the numbers are times or the like
-UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 
 
 class GapWarning(UserWarning):
@@ -165,7 +164,8 @@ def write_recording(out: Path, recording: Recording, options: ImportOptions) -> 
     if not recording.sensors:
         raise CaptureError("the source names no sensors, expected at least one")
     turn = rigid(Y_FROM[options.up or recording.up], np.zeros(3))
-    fps = options.fps or recording.fps or _video_fps(recording) or DEFAULT_FPS
+    fps = recording.fps if options.fps is None else options.fps
+    fps = _video_fps(recording) or DEFAULT_FPS if fps is None else fps
     sensors = tuple(_stream(source, turn) for source in recording.sensors)
     names = _held_out_names([path for _, path in recording.held_out])
     held_out = tuple(

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from recon.capture.format import Capture
 from recon.capture.images import CaptureError, read_image
+from recon.capture.importing.sources import faults_at
 from recon.capture.masks.outline import Models, cut
 from recon.storage.files import check_exists, read_json
 
@@ -32,7 +33,7 @@ SAME_FACTOR = 4.0  # times the usual difference, which is noise
 MIN_DIFFERENCE = 3.0  # grey levels, where there is no noise
 SURROUNDINGS = 0.3  # of the size of the strokes on the foreground: how far beyond them the object may reach
 MAX_ENCLOSED = 0.6  # of the picture; a larger area is not enclosed by strokes
-DEFAULT_WIDTH = 5
+DEFAULT_WIDTH, LARGEST_WIDTH = 5, 1000  # pixels
 
 Strokes = Mapping[tuple[str, str], Mapping[int, NDArray[np.uint8]]]
 """By (sensor, side) and frame: uint8 (H, W), GC_FGD, GC_BGD or NOTHING."""
@@ -205,21 +206,24 @@ def _from_folder(folder: Path, capture: Capture) -> Strokes:
 
 def _from_json(path: Path, capture: Capture) -> Strokes:
     strokes: dict[tuple[str, str], dict[int, NDArray[np.uint8]]] = {}
-    for number, entry in enumerate(read_json(path).get("strokes", []), start=1):
+    entries = read_json(path).get("strokes")
+    if not isinstance(entries, list):
+        raise CaptureError(f"{path}: strokes is {entries!r:.80}, expected a list of strokes")
+    for number, entry in enumerate(entries, start=1):
         place = f"{path}, stroke {number}"
-        try:
+        with faults_at(place):
             stream = capture.stream(entry["sensor"])
             camera = stream.cameras[stream.sides.index(_known(entry["side"], stream.sides))].camera
             label = LABELS[_known(entry["label"], LABELS)]
             points = np.array(entry["points"], dtype=np.float64).reshape(-1, 1, 2)
-            frame, width = _frame(str(entry["frame"]), capture, place), int(entry.get("width", DEFAULT_WIDTH))
-        except (KeyError, TypeError, ValueError) as error:
-            raise CaptureError(f"{place}: {error}") from error
-        if (points < 0).any() or (points >= np.array(camera.size)).any():
+            frame, width = _frame(str(entry["frame"]), capture, place), entry.get("width", DEFAULT_WIDTH)
+            if not 1 <= width <= LARGEST_WIDTH:
+                raise CaptureError(f"width is {width!r}, expected 1 to {LARGEST_WIDTH} pixels")
+        if not ((points >= 0) & (points < camera.size)).all():
             raise CaptureError(f"{place}: a point lies outside the picture of {camera.size[0]}x{camera.size[1]} pixels")
         by_frame = strokes.setdefault((entry["sensor"], entry["side"]), {})
         labels = by_frame.setdefault(frame, np.full(camera.size[::-1], NOTHING, dtype=np.uint8))
-        cv2.polylines(labels, [np.round(points).astype(np.int32)], False, label, width)
+        cv2.polylines(labels, [np.round(points).astype(np.int32)], False, label, int(width))
     return strokes
 
 

@@ -38,7 +38,7 @@ from recon.capture.masks.evidence import (
 )
 from recon.capture.masks.outline import KEPT, edge_share, grown, hides_plate, likeness, tightened
 from recon.capture.masks.scribbles import Strokes, mask_of_key_frame, propagated, read_scribbles
-from recon.storage.files import read_json, write_json
+from recon.storage.files import check_not_read, check_suffix, read_json, write_json
 from recon.workers import Progress, no_progress
 
 
@@ -129,9 +129,11 @@ def try_strokes(folder: Path, scribbles: Path, place: tuple[str, str, int], out:
 
     Raises
     ------
-    CaptureError
-        If there is no such picture, it has no strokes of both kinds, or the mask is empty.
+    ValueError
+        If `out` is no PNG file or the picture itself, there is no such picture, it has no strokes of both kinds, or the
+        mask is empty.
     """
+    check_suffix(out, (".png",))
     capture = read_capture(folder)
     sensor_id, side, frame = place
     stream = capture.stream(sensor_id)
@@ -140,7 +142,9 @@ def try_strokes(folder: Path, scribbles: Path, place: tuple[str, str, int], out:
             f"{folder}: has no picture {sensor_id}/{side}, frame {frame}; the sensor has {' and '.join(stream.sides)}, "
             f"frames 0 to {capture.n_frames - 1}"
         )
-    picture = read_picture(frame_pictures(folder, stream, frame)[stream.sides.index(side)])
+    recorded = frame_pictures(folder, stream, frame)[stream.sides.index(side)]
+    check_not_read(out, (recorded.path,))
+    picture = read_picture(recorded)
     mask = clean_mask(mask_of_key_frame(picture, scribbles, capture, place), SCRIBBLES)
     if not mask.any():
         raise CaptureError(f"{sensor_id}/{side}, frame {frame}: no foreground is found; draw more on the object")

@@ -7,12 +7,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from recon.capture.images import write_picture
 from recon.geometry.mesh import LIMIT_SHARE, error_limit
 from recon.validation.cloud_quality.compared import SYMMETRIC
 from recon.validation.cloud_quality.evaluation import SOURCE, Comparison
 from recon.validation.cloud_quality.measures import WITH_SCORES
-from recon.validation.page import PALETTE, Section, plain_name, write_figure, write_report
+from recon.validation.page import PALETTE, Section, save_picture, write_figure, write_report
 from recon.validation.pictures import error_picture
 
 MOST_PICTURES = 6
@@ -119,8 +118,8 @@ def _pictures(comparison: Comparison, out: Path) -> Section:
     limit = max(error_limit(shown.errors) for shown in comparison.shown)
     unit = comparison.report["settings"]["unit"]
     for shown in comparison.shown[:MOST_PICTURES]:
-        name = f"errors_{plain_name(shown.name)}.png"
-        picture = write_picture(out / name, error_picture(shown.points, shown.errors, limit, unit=unit))
+        drawn = error_picture(shown.points, shown.errors, limit, unit=unit)
+        picture = save_picture(out, f"errors_{shown.name}", drawn)
         figures.append((f"{shown.name}, along each of the three axes of the world.", picture))
     kind = (
         "Blue lies behind the reference's surface, red before it, by the normals of the nearest points"

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.capture.images import write_picture
 from recon.geometry.mesh import error_limit
 from recon.validation.cuboid.evaluation import FLATNESS_CUT, MeasuredCuboid, MeasuredFace
-from recon.validation.page import Section, curve_chart, curve_columns, percent, plain_name, write_figure, write_report
+from recon.validation.page import Section, curve_chart, curve_columns, percent, save_picture, write_figure, write_report
 from recon.validation.pictures import error_picture, face_map, in_a_row
 
 EDGES = (
@@ -85,11 +84,11 @@ def _pictures(report: Mapping[str, Any], pictured: Sequence[MeasuredCuboid], out
     most, figures = report["settings"]["table_threshold_mm"], []
     for cuboid in pictured:
         assert cuboid.fit is not None, "only those with a fit are pictured"
-        stem = plain_name(cuboid.name)
         views = [np.roll(cuboid.fit.axes, shift, axis=0) for shift in range(3)]
         limit = min(most, error_limit(cuboid.errors))
-        picture = write_picture(out / f"cuboid_{stem}.png", error_picture(cuboid.points, cuboid.errors, limit, views))
-        maps = write_picture(out / f"faces_{stem}.png", in_a_row([_face_map(measured) for measured in cuboid.faces]))
+        drawn = error_picture(cuboid.points, cuboid.errors, limit, views)
+        picture = save_picture(out, f"cuboid_{cuboid.name}", drawn)
+        maps = save_picture(out, f"faces_{cuboid.name}", in_a_row([_face_map(measured) for measured in cuboid.faces]))
         figures += [
             (f"Reconstruction {cuboid.name} along the box's three edges; colours are signed errors.", picture),
             (f"Faces of {cuboid.name}: median signed distance to the planes fitted to them, place by place.", maps),

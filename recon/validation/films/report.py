@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from recon.capture.images import write_picture
 from recon.validation.films.film import ACTOR, MeasuredFilm
 from recon.validation.films.tables import measured_values
-from recon.validation.page import PALETTE, Section, plain_name, write_figure, write_report
+from recon.validation.page import PALETTE, Section, free_name, save_picture, write_figure, write_report
 
 TITLES = {
     "psnr_y": "PSNR-Y, dB",
@@ -47,7 +46,7 @@ def _sections(report: Mapping[str, Any], films: Sequence[MeasuredFilm], out: Pat
 
 def _films_text(report: Mapping[str, Any]) -> str:
     settings = report["settings"]
-    step = "every frame" if settings["every"] == 1 else f"every {settings['every']}th frame"
+    step = "every frame" if settings["every"] == 1 else f"one frame in {settings['every']}"
     texts = [
         f"Each film is compared with that of {settings['reference']} on the same path, {step} of the "
         f"{settings['measured']}, in luma. Means over the frames; measures.csv holds the harmonic means, the "
@@ -65,10 +64,10 @@ def _dataset_section(report: Mapping[str, Any], films: Sequence[MeasuredFilm], o
         "“Actor” is what the film or its reference shows of the model, “frame” the whole picture. Flicker is "
         f"{'the actor' if has_masks else 'the frame'}'s."
     )
-    svg = write_figure(out / plain_name(f"{dataset}_frames"), frames_chart(films))
+    svg = write_figure(out / free_name(out, f"{dataset}_frames"), frames_chart(films))
     figures: list[tuple[str, str | bytes]] = [("Each frame of each film, over time.", svg)]
     for film in films:
-        picture = write_picture(out / plain_name(f"{dataset}_{film.pair.film.approach}_worst.png"), film.worst.picture)
+        picture = save_picture(out, f"{dataset}_{film.pair.film.approach}_worst", film.worst.picture)
         caption = f"{film.pair.film.approach}: its worst frame, {film.worst.number}, by SSIM ({film.worst.ssim:.3f})"
         figures.append((f"{caption}{'; in orange the outline of the actor' if has_masks else ''}.", picture))
     return Section(dataset, text, _wide(rows), figures)

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from recon.capture.images import write_picture
-from recon.validation.page import Section, curve_chart, curve_columns, percent, plain_name, write_figure, write_report
+from recon.validation.page import Section, curve_chart, curve_columns, percent, save_picture, write_figure, write_report
 from recon.validation.pictures import sphere_picture
 from recon.validation.sphere.cell_picture import cell_picture
 from recon.validation.sphere.exclusion import MIN_SURFACE_SHARE, part_limits
@@ -257,11 +256,9 @@ def _pictures(report: Mapping[str, Any], pictured: Sequence[MeasuredSphere], out
         name, limit = sphere.file.name, max(part_limits(sphere.fit)["coherent_error"], sphere.fit.scale)
         row = rows[name]
         why = "; ".join([*row["reasons"], *row["remarks"]]) or "nothing is near a limit"
-        points = write_picture(
-            out / f"sphere_{plain_name(name)}.png",
-            sphere_picture(sphere.points, sphere.fit.centre, radius, threshold),
-        )
-        cells = write_picture(out / f"cells_{plain_name(name)}.png", cell_picture(sphere.counted, sphere.fit, limit))
+        drawn = sphere_picture(sphere.points, sphere.fit.centre, radius, threshold)
+        points = save_picture(out, f"sphere_{name}", drawn)
+        cells = save_picture(out, f"cells_{name}", cell_picture(sphere.counted, sphere.fit, limit))
         figures += [
             (CAPTION.format(name=name, threshold=threshold), points),
             (CELLS_CAPTION.format(name=name, verdict=_verdict(row), why=why), cells),

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.capture.images import write_picture
 from recon.geometry.mesh import error_colours
-from recon.validation.page import PALETTE, Section, percent, plain_name, write_figure, write_report
+from recon.validation.page import PALETTE, Section, percent, save_picture, write_figure, write_report
 from recon.validation.pictures import BACKGROUND, tile, window_around
 from recon.validation.views.evaluation import FLOOR, Comparison, mean_agreement
 from recon.validation.views.image_quality import luma
@@ -133,8 +132,8 @@ def _pictures(shown: Sequence[Comparison], out: Path) -> Section:
     figures = []
     for comparison in shown[:MOST_PICTURES]:
         photograph = comparison.photograph
-        name = f"view_{plain_name(photograph.name)}_{photograph.frame:04d}.png"
-        picture = write_picture(out / name, comparison_picture(comparison))
+        name = f"view_{photograph.name}_{photograph.frame:04d}"
+        picture = save_picture(out, name, comparison_picture(comparison))
         figures.append((f"{photograph.name}, frame {photograph.frame} ({photograph.kind})", picture))
     text = (
         "The photograph, then each model and its difference in brightness where it covers the object: red is too "

@@ -403,5 +403,6 @@ def test_errors_are_blue_below_white_at_nothing_and_red_above() -> None:
     assert np.array_equal(colours[6], [128, 128, 128])
     assert colours[1, 2] > colours[1, 0]
     assert colours[4, 0] > colours[3, 0] - 60 > colours[4, 2]
-    with pytest.raises(ValueError, match="limit is 0"):
-        error_colours(np.zeros(2), 0.0)
+    for limit in (0.0, np.inf, np.nan):
+        with pytest.raises(ValueError, match=f"limit is {limit}, expected an error above 0"):
+            error_colours(np.zeros(2), limit)

@@ -201,6 +201,29 @@ def test_a_texture_of_gltf_is_turned_upside_down_and_scaled_in_linear_light(tmp_
         (tmp_path / missing).write_bytes(content)
 
 
+@pytest.mark.parametrize("base", [{}, {"baseColorTexture": {"index": 1}}])
+def test_a_gltf_that_is_black_but_for_what_it_emits_shows_that(tmp_path: Path, base: dict[str, Any]) -> None:
+    picture(tmp_path / "glow.png", (10, 200, 30))
+    picture(tmp_path / "base.png", RED)
+    emitting = {"emissiveTexture": {"index": 0}, "emissiveFactor": [1, 1, 1]}
+    document, binary = gltf(
+        [(TRIANGLE, "VEC3"), (UV, "VEC2")],
+        {
+            "nodes": [{"mesh": 0}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "material": 0}]}],
+            "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [0, 0, 0, 1], **base}, **emitting}],
+            "textures": [{"source": 0}, {"source": 1}],
+            "images": [{"uri": "glow.png"}, {"uri": "base.png"}],
+        },
+    )
+    mesh = mesh_from(glb(tmp_path / "a.glb", document, binary))
+    assert mesh.texture is not None
+    assert np.unique(mesh.texture.pixels.reshape(-1, 3), axis=0).tolist() == [[10, 200, 30]]
+    del document["materials"][0]["emissiveTexture"]
+    document["materials"][0]["emissiveFactor"] = [0, 1, 0]
+    assert np.unique(mesh_from(glb(tmp_path / "a.glb", document, binary)).colours, axis=0).tolist() == [[0, 255, 0]]
+
+
 def change(key: str, value: Any) -> Callable[[dict[str, Any]], None]:
     return lambda document: document.update({key: value})
 

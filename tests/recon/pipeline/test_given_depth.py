@@ -16,8 +16,10 @@ from recon.geometry.mesh_files import read_cloud, read_mesh
 from recon.pipeline.job import ReconstructOptions
 from recon.pipeline.reconstruct import match_files, reconstruct
 from recon.pipeline.run import View, read_run
+from recon.storage.files import read_json
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH, read_depth
+from recon.surface import SurfaceParameters
 from recon.validation.clouds import read_shape
 from recon.validation.truth.evaluation import signed_distances_to
 from recon.validation.views.evaluation import ViewSettings, measure_views
@@ -63,6 +65,23 @@ def test_a_capture_of_depth_maps_alone_becomes_true_models(capture: Capture, tmp
     report, _ = measure_views(tmp_path / "run", ViewSettings(frames=range(1)))
     assert {row["view"] for row in report["views"] if row["kind"] == "sensor"} == {"S1/left", "S2/left"}
     assert report["agreement"][0]["agree"] > 0.95
+
+
+def test_colours_are_balanced_by_the_method_that_all_sensors_have(
+    mixed: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("recon.surface.colours.MIN_SHARED_PLACES", 10)  # the pictures are small
+    folder, options = (
+        tmp_path / "run",
+        ReconstructOptions(("id", "given"), ("fb",), frames=range(1), surface=SurfaceParameters(voxel_mm=8.0)),
+    )
+    reconstruct(mixed.folder, folder, options)
+    before = read_mesh(folder / "meshes/given_fb/0000.ply")
+    reconstruct(mixed.folder, folder, replace(options, balance_colours=True))
+    gain, offset = (np.array(read_json(folder / "colours.json")[name]) for name in ("gain", "offset"))
+    assert gain.shape == (2, 3)
+    after = read_mesh(folder / "meshes/given_fb/0000.ply")  # of S1 alone
+    assert np.abs(after.colours - (gain[0] * before.colours + offset[0]).clip(0, 255)).max() < 1.5
 
 
 def test_a_tsdf_of_given_depth_is_near_the_truth(capture: Capture, tmp_path: Path) -> None:

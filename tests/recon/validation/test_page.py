@@ -7,12 +7,13 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from recon.cli.main import app
-from recon.storage.files import read_json, write_bytes
-from recon.validation.page import Section, plain_name, write_figure, write_page, write_report
+from recon.storage.files import alone_in, read_json, write_bytes
+from recon.validation.page import Section, plain_name, save_picture, write_figure, write_page, write_report
 
 
 def test_words_are_escaped_and_drawings_are_not(tmp_path: Path) -> None:
@@ -69,6 +70,42 @@ def test_a_report_that_is_interrupted_leaves_the_one_before_it_whole(tmp_path: P
     with pytest.raises(KeyboardInterrupt):
         report_of(tmp_path, "second", interrupted)
     assert {path.name for path in tmp_path.iterdir()} == files_of("first")
+
+
+def test_a_file_of_somebody_elses_is_not_overwritten_and_the_report_is_kept_beside_it(tmp_path: Path) -> None:
+    (tmp_path / "second.csv").write_text("mine", encoding="utf-8")
+    report_of(tmp_path, "first")
+    with pytest.raises(
+        ValueError, match=r"holds second\.csv that no evaluation wrote.*/\.report, where the whole report"
+    ):
+        report_of(tmp_path, "second")
+    assert (tmp_path / "second.csv").read_text(encoding="utf-8") == "mine"
+    assert {path.name for path in tmp_path.iterdir()} == files_of("first") | {"second.csv", ".report"}
+    assert {path.name for path in (tmp_path / ".report").iterdir()} == files_of("second")
+
+
+def test_a_report_replaces_one_by_a_version_that_did_not_list_its_files(tmp_path: Path) -> None:
+    for name in ("report.json", "first.csv"):
+        (tmp_path / name).write_text('{"kind": "mesh", "measures": []}', encoding="utf-8")
+    report_of(tmp_path, "first")
+    assert {path.name for path in tmp_path.iterdir()} == files_of("first")
+
+
+def test_two_reports_are_not_written_into_one_folder_at_once(tmp_path: Path) -> None:
+    with alone_in(tmp_path), pytest.raises(ValueError, match="another start is writing into it"):
+        report_of(tmp_path, "first")
+    assert not list(tmp_path.iterdir())
+
+
+def test_names_that_are_alike_as_names_of_files_have_a_picture_each(tmp_path: Path) -> None:
+    pixels = [np.full((2, 2, 3), grey, np.uint8) for grey in (1, 2, 3)]
+    pictures = [
+        save_picture(tmp_path, name, picture) for name, picture in zip(("a_b", "a b", "a:b"), pixels, strict=True)
+    ]
+    assert len(set(pictures)) == 3
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == dict(
+        zip(("a_b.png", "a_b_2.png", "a_b_3.png"), pictures, strict=True)
+    )
 
 
 @pytest.mark.parametrize("name", ["report.json", "report.html", "measures.csv"])

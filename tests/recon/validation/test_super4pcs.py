@@ -94,5 +94,5 @@ def test_super4pcs_reports_no_sphere_where_there_is_none() -> None:
 
 @pytest.mark.parametrize("change", [{"delta": 0.0}, {"overlap": 0.0}, {"overlap": 1.5}, {"n_trials": 0}])
 def test_parameters_that_make_no_sense_are_refused(change: dict[str, float]) -> None:
-    with pytest.raises(ValueError):
+    with pytest.raises(ValueError, match=next(iter(change))):
         Super4PCSParameters(**{"delta": 1.0, **change})  # type: ignore[arg-type]  # integers are fine as floats

@@ -132,6 +132,8 @@ def test_images_of_one_name_that_are_not_of_one_instant_are_refused() -> None:
         "dots:4x4:5",
         "charuco:11x8:30:31",
         "chessboard:2x9:5",
+        "chessboard:9x6:nan",
+        "charuco:9x6:inf:5",
         "charuco:40x40:50:37",
     ],
 )

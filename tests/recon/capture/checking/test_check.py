@@ -214,6 +214,16 @@ def test_a_short_video_is_one_problem(board: Capture) -> None:
     assert problem == f"{path}: ends after 1 frames, frame 1 was asked for"
 
 
+def test_a_video_that_cannot_be_decoded_is_one_problem(board: Capture) -> None:
+    path = board.folder / "left.avi"
+    path.write_bytes(b"no video")
+    content = json.loads((board.folder / "capture.json").read_text())
+    content["sensors"][0]["left"]["image"] = "left.avi"
+    (board.folder / "capture.json").write_text(json.dumps(content))
+    (problem,) = check_capture(board.folder).problems
+    assert problem == f"{path}: is not a video that can be decoded"
+
+
 def test_the_report_is_json_and_text(board: Capture) -> None:
     report = check_capture(board.folder)
     content = json.loads(json.dumps(report.as_json(), allow_nan=False))

@@ -7,6 +7,7 @@ from pathlib import Path
 from recon.capture.checking.check import check_capture
 from recon.capture.checking.page import write_check
 from recon.capture.format import image_path
+from tests.command_line import Command
 from tests.recon.capture.calibration.board_geometry import record_board
 
 
@@ -36,7 +37,15 @@ def test_the_page_stands_alone_and_tells_what_the_json_tells(tmp_path: Path) -> 
     assert all(str(facts["src"]).startswith("data:image/jpeg;base64,") and facts["alt"] for facts in images)
     assert "S1/left/….png" in page.text  # the camera, without the pattern of its files
     assert not any(tag in ("link", "script") for tag, _ in page.tags)
+    write_check(report, tmp_path / "report")  # in the place of the first
     content = json.loads((tmp_path / "report/report.json").read_text())
     assert len(content["problems"]) == 1
     for sentence in (*content["problems"], *content["verdicts"]):
         assert sentence in page.text
+
+
+def test_the_report_of_something_else_is_refused_before_anything_is_checked(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "report.json").write_text('{"kind": "mesh", "measures": []}', encoding="utf-8")
+    told = command("capture", "check", tmp_path / "nowhere", "--report", tmp_path)
+    assert f"{tmp_path}: holds report.json that no check of a capture wrote" in told.err
+    assert [path.name for path in tmp_path.iterdir()] == ["report.json"]

@@ -66,7 +66,7 @@ def test_four_labelled_points_are_where_the_pictures_show_them(
 def test_units_are_names_or_numbers() -> None:
     assert [parse_unit(text) for text in ("mm", "m", "2.5")] == [1.0, 1000.0, 2.5]
     for text in ("-1", "nan", "ell"):
-        with pytest.raises(CaptureError, match="expected mm, cm, m, in"):
+        with pytest.raises(CaptureError, match="expected mm, cm, in, m"):
             parse_unit(text)
 
 

@@ -103,6 +103,7 @@ def without(content: dict[str, Any], key: str, sensor: int = 0) -> None:
         (lambda content: content["sensors"][0]["right"].update(image="nowhere"), "found nothing, expected one folder"),
         (lambda content: content["sensors"][0]["right"].update(K=[[1, 2], [3]]), "expected numbers"),
         (lambda content: content.update(units="furlong"), "unit 'furlong'"),
+        (lambda content: content.update(fps=0), "fps is 0, expected a positive number"),
         (lambda content: content.pop("bounds"), "nothing tells the bounds"),
     ],
 )

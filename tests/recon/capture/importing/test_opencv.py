@@ -67,8 +67,15 @@ def test_what_is_wrong_in_an_opencv_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "calibration.yml").write_text("%YAML:1.0\n---\nK1: 5\n")
     for side in ("left", "right"):
         write_picture(tmp_path / f"{side}.png", 5)
-    with pytest.raises(CaptureError, match=r"calibration.yml: D1|K2 is missing"):
+    with pytest.raises(CaptureError, match=r"calibration\.yml: K2 is missing"):
         import_opencv(tmp_path, tmp_path / "out", OPTIONS)
+    for sensors, complaint in (
+        ("{id: A}, {id: A}", "sensor ids must differ, found A, A"),
+        ("1, 2", "calibration.yml: "),
+    ):
+        (tmp_path / "calibration.yml").write_text(f"%YAML:1.0\n---\nsensors: [{sensors}]\n")
+        with pytest.raises(CaptureError, match=complaint):
+            import_opencv(tmp_path, tmp_path / "out", OPTIONS)
     (tmp_path / "calibration.yml").write_text("not: [a, file")
     with pytest.raises(CaptureError, match="is not an OpenCV YAML or XML file"):
         import_opencv(tmp_path, tmp_path / "out", OPTIONS)

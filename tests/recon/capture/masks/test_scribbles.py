@@ -113,7 +113,11 @@ def test_scribbles_of_the_wrong_size_are_named(ball: Capture, tmp_path: Path) ->
         (lambda entries: entries[0].update(label="sky"), "'sky', expected one of foreground, background"),
         (lambda entries: entries[0].update(sensor="S9"), "there is no sensor 'S9'"),
         (lambda entries: entries[0].update(points=[[1, 2], [500, 2]]), "outside the picture of 160x120"),
-        (lambda entries: entries[0].pop("points"), "points"),
+        (lambda entries: entries[0].update(points=[[float("nan"), 2], [5, 2]]), "outside the picture of 160x120"),
+        (lambda entries: entries[0].pop("points"), "stroke 1: points is missing"),
+        (lambda entries: entries[0].update(width=-1), "stroke 1: width is -1, expected 1 to 1000 pixels"),
+        (lambda entries: entries[0].update(width=float("inf")), "stroke 1: width is inf"),
+        (lambda entries: entries[0].update(width="thick"), "stroke 1: "),
     ],
 )
 def test_what_is_wrong_in_scribbles_is_named(
@@ -123,6 +127,22 @@ def test_what_is_wrong_in_scribbles_is_named(
     change(entries)
     with pytest.raises(CaptureError, match=message):
         read_scribbles(write_json(tmp_path / "strokes.json", entries), ball)
+
+
+def test_strokes_that_are_no_list_are_named(ball: Capture, tmp_path: Path) -> None:
+    (tmp_path / "strokes.json").write_text('{"strokes": 5}', encoding="utf-8")
+    with pytest.raises(CaptureError, match=r"strokes\.json: strokes is 5, expected a list"):
+        read_scribbles(tmp_path / "strokes.json", ball)
+
+
+def test_a_tried_mask_is_a_png_beside_the_picture_and_not_the_picture_itself(ball: Capture, tmp_path: Path) -> None:
+    path = write_json(tmp_path / "strokes.json", strokes())
+    recorded = image_path(ball.folder, ball.sensors[0].left.image, KEY)
+    before = recorded.read_bytes()
+    for out, complaint in ((tmp_path / "mask", "unknown kind of file, expected .* in .png"), (recorded, "are read")):
+        with pytest.raises(ValueError, match=complaint):
+            try_strokes(ball.folder, path, ("S1", "left", KEY), out)
+    assert recorded.read_bytes() == before
 
 
 def test_strokes_that_are_not_there_are_named(ball: Capture, tmp_path: Path) -> None:
