@@ -33,7 +33,7 @@ LOCK_ATTEMPT_MS = 500  # PostgreSQL looks for a deadlock after 1 s
 LOCKED_WITHIN_S = 30
 TABLES_NAMED = 3  # in the message about another program's tables
 VERSION_TABLE = "alembic_version"
-MISSED = {  # one and several, by table; a restore drops these rows only with --replace; all other rows belong to them
+MISSED = {  # singular and plural, by table; a restore drops these rows only with --replace; all other rows belong to them
     "study": ("study", "studies"),
     "experimenter": ("experimenter", "experimenters"),
     "api_token": ("token", "tokens"),
@@ -210,13 +210,13 @@ def _refuse_tables_of_others(connection: Connection, names: Set[str]) -> None:
 def _held(connection: Connection, present: MetaData) -> str:
     """Name what somebody would miss in a database; empty if there is nothing."""
     held = []
-    for name, (one, several) in MISSED.items():
+    for name, (singular, plural) in MISSED.items():
         if (table := present.tables.get(name)) is not None:
             rows = select(func.count()).select_from(table)
             if name == experimenter.name:
                 rows = rows.where(table.c.name != UNNAMED)  # not a person: the set-up link of a server's first start
             if count := connection.scalar(rows):
-                held.append(f"{count} {one if count == 1 else several}")
+                held.append(f"{count} {singular if count == 1 else plural}")
     return ", ".join(held)
 
 
