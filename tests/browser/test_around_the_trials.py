@@ -172,7 +172,7 @@ def test_a_german_browser_reads_german_and_may_choose_english(study: Study, page
 
 def test_every_default_question_has_its_words(full_study: Study) -> None:
     for language in ("en", "de"):
-        text = httpx.get(f"{full_study.address}?language={language}").text
+        text = httpx.get(f"{full_study.address}?language={language}", timeout=60).text
         for question in DEFAULT_QUESTIONS:
             assert f'data-question="{question.name}"' in text
             assert "<legend></legend>" not in text

@@ -41,8 +41,15 @@ class Dashboard(httpx.Client):
 
     def results(self, path: str, **params: str) -> str:
         """The results page once the newest votes are analysed: it waits a moment for them, then shows older results."""
+        return self._without("being analysed;", path, params)
+
+    def design(self, path: str, **params: Any) -> str:
+        """The design page once the orders are checked: it waits a moment for that, too."""
+        return self._without("being checked", path, params)
+
+    def _without(self, words: str, path: str, params: dict[str, Any]) -> str:
         until = time.monotonic() + LONGEST_WORK_S
-        while "being analysed;" in (page := self.get(path, params=params).text) and time.monotonic() < until:
+        while words in (page := self.get(path, params=params).text) and time.monotonic() < until:
             time.sleep(0.1)
         return page
 

@@ -146,4 +146,4 @@ def test_a_pack_in_the_data_folder_is_used_once_it_is_whole(tmp_path: Path, stim
     with pytest.raises(ValueError, match="there is no language pack 'pl'"):
         create_study(settings, stimulus_set, "B", exposure_s=0.4, options=parse_options({"languages": ["pl"]}))
     with running_server(settings) as url:
-        assert language_of(httpx.get(url + study["path"]).text) == ("it", "ltr")
+        assert language_of(httpx.get(url + study["path"], timeout=60).text) == ("it", "ltr")

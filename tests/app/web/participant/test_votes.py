@@ -153,14 +153,21 @@ def test_a_vote_keeps_how_it_was_come_to(
 
 
 @pytest.mark.parametrize(
-    ("content", "status"), [(b"", 422), (b"{", 422), (b"\xff", 400), (b'{"id": ' + b"[" * 5000, 400)]
+    ("content", "statuses"),
+    [
+        (b"", {422}),
+        (b"{", {422}),
+        (b"\xff", {400}),
+        (b'{"id": ' + b"[" * 5000, {400, 422}),  # some Pythons read so deep
+    ],
 )
 def test_a_body_that_is_not_json_is_refused(
-    participant: httpx.Client, trial: dict[str, Any], content: bytes, status: int
+    participant: httpx.Client, trial: dict[str, Any], content: bytes, statuses: set[int]
 ) -> None:
     headers = {"Content-Type": "application/json"}
     answer = participant.put(path(trial), content=content, headers=headers)
-    assert is_problem(answer, status)
+    assert answer.status_code in statuses
+    assert is_problem(answer, answer.status_code)
     assert "body" in answer.json()["detail"]
 
 

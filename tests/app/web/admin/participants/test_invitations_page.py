@@ -89,5 +89,6 @@ def test_who_begins_is_assigned_to_a_group_that_is_recorded(
     assert {row["dataset"] for row in trials if row["participant"] in near} == {"ball"}
     assert len({row["dataset"] for row in trials if row["participant"] not in near}) > 1
     assert experimenter.act(f"{base}/groups", revision="2", groups="").status_code == 409
-    assert "as planned" in experimenter.get(f"/admin/studies/{study['slug']}/design").text
-    assert "not as planned" not in experimenter.get(f"/admin/studies/{study['slug']}/design").text
+    design = experimenter.design(f"/admin/studies/{study['slug']}/design")
+    assert "as planned" in design
+    assert "not as planned" not in design

@@ -402,7 +402,7 @@ def test_stimuli_are_seen_and_a_damaged_film_is_found(own_server: str, own: Sett
 
 @pytest.mark.slow
 def test_the_design_tells_balance_duration_and_power(experimenter: Dashboard, taken: dict[str, Any]) -> None:
-    page = experimenter.get(f"/admin/studies/{taken['slug']}/design", params={"participants": 6, "effect": 1}).text
+    page = experimenter.design(f"/admin/studies/{taken['slug']}/design", participants=6, effect=1)
     assert "as planned" in page
     assert re.search(r"detected in \d+ % of studies on\s+one dataset", page)
     assert experimenter.get(f"/admin/studies/{taken['slug']}/design?participants=1e9").status_code == 422
