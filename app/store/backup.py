@@ -33,7 +33,7 @@ LOCK_ATTEMPT_MS = 500  # PostgreSQL looks for a deadlock after 1 s
 LOCKED_WITHIN_S = 30
 TABLES_NAMED = 3  # in the message about another program's tables
 VERSION_TABLE = "alembic_version"
-MISSED = {  # singular and plural, by table; a restore drops these rows only with --replace; all other rows belong to them
+MISSED = {  # by table; a restore drops these rows only with --replace, and all other rows belong to them
     "study": ("study", "studies"),
     "experimenter": ("experimenter", "experimenters"),
     "api_token": ("token", "tokens"),
