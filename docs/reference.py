@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -111,7 +112,7 @@ def settings() -> str:
 
 def _fields(kind: type[Any]) -> list[tuple[str, str, str]]:
     """Return the fields of a dataclass with their descriptions from its docstring."""
-    described = _described(kind.__doc__ or "")
+    described = _described(inspect.getdoc(kind) or "")
     return [(f"`{item.name}`", described[item.name], _default(item.default)) for item in dataclasses.fields(kind)]
 
 
@@ -123,11 +124,11 @@ def _described(docstring: str) -> dict[str, str]:
     sentences: dict[str, str] = {}
     names: list[str] = []
     for line in docstring.splitlines():
-        match = re.match(r"^ {4}([a-z_]+(?:, [a-z_]+)*) : (.*)$", line)
+        match = re.match(r"^([a-z_]+(?:, [a-z_]+)*) : (.*)$", line)
         if match:
             names = match[1].split(", ")
             sentences.update(dict.fromkeys(names, "" if TYPE.fullmatch(match[2]) else match[2]))
-        elif names and line.startswith("        "):
+        elif names and line.startswith("    "):
             sentences.update({name: f"{sentences[name]} {line.strip()}" for name in names})
     return {name: _sentence(text) for name, text in sentences.items()}
 

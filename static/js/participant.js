@@ -98,7 +98,8 @@ questionnaire?.addEventListener("input", () => keepDraft(questionnaire, outbox.o
 for (const button of page.querySelectorAll("[data-withdraw]")) button.addEventListener("click", askToWithdraw);
 byId("withdraw-yes").addEventListener("click", leaveForGood);
 
-tellMinutes(JSON.parse(page.dataset.minutes ?? "{}")); // before there is a session: the consent says how long it takes
+const announced = JSON.parse(page.dataset.minutes ?? "{}"); // for the consent, before there is a session
+if ("trial" in announced) tellMinutes(announced);
 const obstacle = obstacleOf(page.dataset);
 if (obstacle) turnAway(obstacle);
 else if (page.dataset.state === "mine") guarded(resume);

@@ -40,9 +40,9 @@ ShowView = Callable[[str, int, int], Locator]
 
 
 @pytest.fixture
-def show_view(new_study: NewStudy, short_films: Path, page: Page) -> ShowView:
-    """Shows a view of a study in a window of this size."""
-    address = new_study(short_films, 0.4, parse_options(OPTIONS)).address
+def show_view(request: pytest.FixtureRequest, new_study: NewStudy, short_films: Path, page: Page) -> ShowView:
+    """Shows a view of a study in a window of this size; a test may change its options."""
+    address = new_study(short_films, 0.4, parse_options(OPTIONS | getattr(request, "param", {}))).address
     page.emulate_media(reduced_motion="reduce")
 
     def show(view: str, width: int, height: int) -> Locator:
@@ -61,6 +61,7 @@ def box_of(element: Locator) -> dict[str, Any]:
     return {"left": box["x"], "right": box["x"] + box["width"], "top": box["y"], "bottom": box["y"] + box["height"]}
 
 
+@pytest.mark.parametrize("show_view", [{}, {"consent": ""}], indirect=True, ids=["consent", "no consent"])
 @pytest.mark.parametrize(("width", "height"), [(1366, 768), (1440, 900), (1920, 1080)])
 def test_every_page_but_the_questionnaire_is_seen_whole(show_view: ShowView, width: int, height: int) -> None:
     view = show_view("welcome", width, height)
