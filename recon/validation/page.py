@@ -128,8 +128,11 @@ def check_report_folder(out: Path) -> None:
 
 def _listed_files(folder: Path, names: Sequence[str]) -> set[str]:
     """Return the names of the files of an earlier report that are still there; by these where it does not list them."""
-    listed = read_json(folder / REPORT).get("files", names) if (folder / REPORT).exists() else []
-    return {path.name for path in folder.iterdir() if path.name in listed and path.is_file()}
+    if not (folder / REPORT).exists():
+        return set()
+    listed = read_json(folder / REPORT).get("files")
+    known = listed if isinstance(listed, list) else names
+    return {path.name for path in folder.iterdir() if path.name in known and path.is_file()}
 
 
 def write_page(path: Path, title: str, sections: Sequence[Section]) -> Path:

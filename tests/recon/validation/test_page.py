@@ -84,9 +84,10 @@ def test_a_file_of_somebody_elses_is_not_overwritten_and_the_report_is_kept_besi
     assert {path.name for path in (tmp_path / ".report").iterdir()} == files_of("second")
 
 
-def test_a_report_replaces_one_by_a_version_that_did_not_list_its_files(tmp_path: Path) -> None:
+@pytest.mark.parametrize("files", ["", ', "files": null'])
+def test_a_report_replaces_one_by_a_version_that_did_not_list_its_files(tmp_path: Path, files: str) -> None:
     for name in ("report.json", "first.csv"):
-        (tmp_path / name).write_text('{"kind": "mesh", "measures": []}', encoding="utf-8")
+        (tmp_path / name).write_text(f'{{"kind": "mesh", "measures": []{files}}}', encoding="utf-8")
     report_of(tmp_path, "first")
     assert {path.name for path in tmp_path.iterdir()} == files_of("first")
 
