@@ -28,7 +28,7 @@ from app.study.groups import check_groups
 from app.study.language_pack import LanguagePack
 from app.study.option_table import CHANGES, WITH_FILMS, why_fixed
 from app.study.options import check_minimum_viewing, without_effect
-from app.study.privacy import check_days_left
+from app.study.privacy import check_days_left, forgets_at
 from app.study.stages import PRACTICE
 from app.study.study_file import StudyFile
 from app.study.text import is_one_line
@@ -84,7 +84,7 @@ def check_edit(
             wanted = _complete(now, wanted)
             changes = _changes(now, wanted)
             check_languages(wanted.options, packs)
-            if (now.options.privacy, now.options.limits) != (wanted.options.privacy, wanted.options.limits):
+            if forgets_at(wanted.options, study.closed_at) != forgets_at(now.options, study.closed_at):
                 check_days_left(wanted.options, study.closed_at, utc_now())
             for name, reason in without_effect(wanted.options).items():
                 if name in changes or "protocol" in changes:

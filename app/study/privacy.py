@@ -76,7 +76,8 @@ def forgets_at(options: StudyOptions, closed_at: datetime | None) -> datetime | 
     options : the study's
     closed_at : when it was closed; None: it was not, but may have ended by `limits.open_until`
     """
-    ended_at = _ended_at(options, closed_at)
+    until = options.limits.open_until
+    ended_at = closed_at or (datetime.fromisoformat(until) if until else None)
     if ended_at is None or not options.privacy.keep_days:
         return None
     return ended_at + timedelta(days=options.privacy.keep_days)
@@ -96,16 +97,12 @@ def check_days_left(options: StudyOptions, closed_at: datetime | None, now: date
     ValueError
         If the study ended longer ago than `privacy.keep_days` says.
     """
-    end, ended_at = forgets_at(options, closed_at), _ended_at(options, closed_at)
-    if end is None or ended_at is None or end > now:
+    end = forgets_at(options, closed_at)
+    if end is None or end > now:
         return
+    ended_at = end - timedelta(days=options.privacy.keep_days)
     least = (now - ended_at).days + 1
     raise ValueError(
         f"privacy.keep_days is {options.privacy.keep_days}, but the study ended on {ended_at.date()}, so its personal "
         f"data would be deleted within the hour; expected {least} or more ({least}: they go within a day), or 0"
     )
-
-
-def _ended_at(options: StudyOptions, closed_at: datetime | None) -> datetime | None:
-    until = options.limits.open_until
-    return closed_at or (datetime.fromisoformat(until) if until else None)

@@ -145,6 +145,15 @@ def test_days_to_keep_that_are_over_would_delete_at_once_and_are_refused(eva: tu
         assert len(studies_to_forget(connection, utc_now() + timedelta(days=1))) == 1
 
 
+def test_days_that_were_over_before_hinder_no_other_change(eva: tuple[Dashboard, Settings]) -> None:
+    dashboard, settings = eva
+    over = {"limits": {"open_until": "2025-01-01T00:00:00Z"}}
+    base = made(settings, "Forgotten", privacy={"keep_days": 30}, **over)
+    same = 'privacy.keep_days = 30\nlimits.open_until = 2025-01-01T00:00:00Z\nprivacy.contact = "lab@example.org"'
+    assert edit(dashboard, base, same).status_code == 200
+    assert options_of(settings, base).privacy.contact == "lab@example.org"
+
+
 def test_films_that_cannot_be_made_again_are_named(eva: tuple[Dashboard, Settings]) -> None:
     """The study's set is not on the server any more."""
     dashboard, settings = eva
