@@ -82,7 +82,7 @@ def likeness(
     def around(values: NDArray[np.float32]) -> NDArray[np.float32]:
         return np.asarray(cv2.blur(values, (PATTERN_WINDOW_PX, PATTERN_WINDOW_PX)))
 
-    a, b = fine(picture.mean(axis=2)), fine(plate.mean(axis=2))
+    a, b = (fine(np.einsum("ijk->ij", image) / 3) for image in (picture, plate))
     strength, noise = around(b * b), around((a - b) ** 2)[~(changed | left_out)]
     faintest = float(np.median(noise)) if noise.size else np.inf
     alike = around(a * b) / np.sqrt(np.maximum(around(a * a) * strength, 1e-6))

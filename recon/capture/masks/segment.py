@@ -8,8 +8,10 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -34,6 +36,7 @@ from recon.capture.masks.evidence import (
     dark_background_threshold,
     evidence_of,
     found_threshold,
+    largest_channel,
     smoothed,
 )
 from recon.capture.masks.outline import KEPT, edge_share, grown, hides_plate, likeness, tightened
@@ -63,6 +66,8 @@ class CleanUp:
 FAINT = 0.5  # of the evidence that tells an object alone: enough where the plate's pattern is gone, too
 MAX_EDGE = 0.5  # of a picture's edge that an object before a dark background reaches
 SCRIBBLES = CleanUp(max_hole=2e-4)
+FRAMES_AT_ONCE = min(os.cpu_count() or 1, 4)  # each needs 0.2 GB at full HD
+_Plates = list[NDArray[np.float32] | None]
 _Mask = tuple[SensorStream, int, int, NDArray[np.bool_]]  # stream, side, frame, mask
 METHODS = {"plate": CleanUp(max_hole=2e-4), "threshold": CleanUp(max_hole=3e-3)}  # dark crevices look like background
 
@@ -154,22 +159,30 @@ def try_strokes(folder: Path, scribbles: Path, place: tuple[str, str, int], out:
 
 def _by_evidence(capture: Capture, method: str, threshold: float | None) -> Iterator[_Mask]:
     for stream in capture.sensors:
-        plates = _smoothed_plates(capture, stream) if method == "plate" else [None] * len(stream.sides)
+        plates: _Plates = _smoothed_plates(capture, stream) if method == "plate" else [None] * len(stream.sides)
         limit = found_threshold(capture, stream, plates) if threshold is None else threshold
-        for frame in range(capture.n_frames):
-            pictures = read_frame(capture, stream.id, frame)
-            for side, (picture, plate) in enumerate(zip(pictures, plates, strict=True)):
-                mask = _mask(picture, smoothed(picture), plate, limit)
-                if plate is None and (share := edge_share(mask)) > MAX_EDGE:
-                    raise CaptureError(
-                        f"{stream.id}/{stream.sides[side]}, frame {frame}: {share:.0%} of the picture's edge is "
-                        f"brighter than {limit:.0f} grey levels, so the background is not dark; record clean plates, "
-                        "or draw strokes (--scribbles)"
-                    )
-                yield stream, side, frame, mask
+        masks_of = partial(_frame_masks, capture, stream, plates, limit)
+        with ThreadPoolExecutor(FRAMES_AT_ONCE) as pool:
+            for frame, masks in enumerate(pool.map(masks_of, range(capture.n_frames))):
+                for side, mask in enumerate(masks):
+                    yield stream, side, frame, mask
 
 
-def _smoothed_plates(capture: Capture, stream: SensorStream) -> list[NDArray[np.float32] | None]:
+def _frame_masks(
+    capture: Capture, stream: SensorStream, plates: _Plates, limit: float, frame: int
+) -> list[NDArray[np.bool_]]:
+    masks = []
+    for side, picture, plate in zip(stream.sides, read_frame(capture, stream.id, frame), plates, strict=True):
+        masks.append(mask := _mask(picture, smoothed(picture), plate, limit))
+        if plate is None and (share := edge_share(mask)) > MAX_EDGE:
+            raise CaptureError(
+                f"{stream.id}/{side}, frame {frame}: {share:.0%} of the picture's edge is brighter than {limit:.0f} "
+                "grey levels, so the background is not dark; record clean plates, or draw strokes (--scribbles)"
+            )
+    return masks
+
+
+def _smoothed_plates(capture: Capture, stream: SensorStream) -> _Plates:
     plates = read_plates(capture, stream.id)
     assert plates is not None, "the method was chosen with plates"
     return [smoothed(plate) for plate in plates]
@@ -189,7 +202,7 @@ def _mask(
     evidence, clean_up = evidence_of(smooth, plate), METHODS["threshold" if plate is None else "plate"]
     differs = evidence > limit
     if plate is not None:
-        changed = np.abs(smooth - plate).max(axis=2) > limit
+        changed = largest_channel(np.abs(smooth - plate)) > limit
         differs |= hides_plate(smooth, plate, evidence > FAINT * limit, changed)
     mask = tightened(clean_mask(differs, clean_up), evidence)
     if not mask.any():

@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from recon.capture.format import Capture, CaptureError, image_path, read_capture, read_masks
 from recon.capture.importing.middlebury import import_middlebury
+from recon.capture.masks import segment
 from recon.capture.masks.evidence import dark_background_threshold
 from recon.capture.masks.segment import CleanUp, clean_mask, mask_on_dark, segment_capture
 from recon.storage.files import read_json, write_json
 from recon.studio import SynthParameters, synthesise
+from recon.workers import no_progress
 from tests.recon.capture.calibration.board_geometry import BOARD_BOUNDS, SIZE, board_view, record_board
 from tests.recon.capture.masks.drawn_scribbles import intersection_over_union, write_strokes
 
@@ -124,6 +126,19 @@ def test_masks_that_were_deleted_are_made_again(tmp_path: Path) -> None:
     shutil.rmtree(board.folder / "S1" / "mask")
     segment_capture(board.folder)
     assert_masks_are_true(read_capture(board.folder), at_least=0.95)
+
+
+def test_masks_do_not_depend_on_how_many_frames_are_segmented_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synthesise(tmp_path / "studio", SynthParameters(scene="standing", n_frames=4, size=(160, 90)), progress=no_progress)
+    written = {}
+    for at_once in (1, 4):
+        monkeypatch.setattr(segment, "FRAMES_AT_ONCE", at_once)
+        segment_capture(tmp_path / "studio")
+        written[at_once] = {path: path.read_bytes() for path in sorted(tmp_path.rglob("mask/*/*.png"))}
+    assert written[1] == written[4]
+    assert len(written[1]) == 3 * 2 * 4
 
 
 def test_a_failure_leaves_the_capture_as_it_was(tmp_path: Path) -> None:
