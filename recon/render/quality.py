@@ -8,6 +8,7 @@ from statistics import fmean
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 # What a delivered video must keep of its frames, in luma: below, encoding could be taken for a fault of the model.
@@ -16,7 +17,7 @@ LOSSLESS_DB = 100.0
 
 WINDOW_PX, SIGMA_PX = 11, 1.5  # of SSIM: Wang et al. (2004), section III-C
 MARGIN = WINDOW_PX // 2  # pixels whose window reaches over the picture's edge
-C1, C2 = np.float32((0.01 * 255) ** 2), np.float32((0.03 * 255) ** 2)
+C1, C2, TWO = np.float32((0.01 * 255) ** 2), np.float32((0.03 * 255) ** 2), np.float32(2)
 
 
 @dataclass(frozen=True)
@@ -81,12 +82,8 @@ def ssim_maps(a: NDArray[np.float32], b: NDArray[np.float32]) -> tuple[NDArray[n
     Wang, Bovik, Sheikh, Simoncelli, "Image quality assessment: from error visibility to structural similarity"
     (2004), equation 13.
     """
-    mean_a, mean_b = ssim_window(a), ssim_window(b)
-    both, product = mean_a * mean_b, ssim_window(a * b)
-    squares = mean_a * mean_a + mean_b * mean_b
-    variances = ssim_window(a * a + b * b) - squares
-    structure = (2 * (product - both) + C2) / (variances + C2)
-    return structure, structure * (2 * both + C1) / (squares + C1)
+    structure, similarity = _similarity(*map(ssim_window, (a, b, a * b, a * a + b * b)))
+    return structure, similarity
 
 
 def without_margin(image: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -97,3 +94,17 @@ def without_margin(image: NDArray[np.float32]) -> NDArray[np.float32]:
 def ssim_window(image: NDArray[np.float32]) -> NDArray[np.float32]:
     """Average an image (H, W) over the Gaussian window of SSIM."""
     return np.asarray(cv2.GaussianBlur(image, (WINDOW_PX, WINDOW_PX), SIGMA_PX), np.float32)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _similarity(mean_a, mean_b, product, square):  # type: ignore[no-untyped-def]  # numba
+    """Compute contrast times structure, and SSIM, from the windows' means of a, b, a b and a^2 + b^2."""
+    structure, similarity = np.empty_like(product), np.empty_like(product)
+    for row in range(product.shape[0]):
+        for column in range(product.shape[1]):
+            both = mean_a[row, column] * mean_b[row, column]
+            squares = mean_a[row, column] * mean_a[row, column] + mean_b[row, column] * mean_b[row, column]
+            alike = (TWO * (product[row, column] - both) + C2) / (square[row, column] - squares + C2)
+            structure[row, column] = alike
+            similarity[row, column] = alike * (TWO * both + C1) / (squares + C1)
+    return structure, similarity
