@@ -36,11 +36,11 @@ DEMO_SECONDS, DEMO_FPS = 2.4, 20.0  # of a film: each frame stays for three pict
 DEMO_EXPOSURE_S = 4.8  # each film plays twice
 DEMO_FRAMES = 4  # played back and forth, twice in a film, which ends as it begins
 DEMO_FILM_STEP = 7  # every seventh frame is measured; a model stays for four
-DEMO_WORKERS = 2  # that make films, each on one thread
+DEMO_WORKERS = 2  # that make models and films, each on one thread
 PRACTICE_SCENE = "box"  # small, as it is only to be told from its coarse twin
 PRACTICE_FRAMES = 2
 COARSE_MM = 40.0  # voxels, twice as large as the good model's
-DEMO_TAKES = "about three minutes on two idle cores"
+DEMO_TAKES = "about two minutes on two idle cores"
 EXPERIMENT_TAKES = {
     "small": "about nine minutes on two idle cores",
     "full": "about 14 hours on two idle cores",  # reckoned from the megapixels and the times of small
@@ -164,7 +164,7 @@ def _demo_steps(
                 segment_capture(folder, progress=progress)
 
     def make_models() -> None:
-        reconstruct(capture, run, ReconstructOptions(), progress)
+        reconstruct(capture, run, ReconstructOptions(workers=DEMO_WORKERS), progress)
         write_stage_pictures(read_run(run.resolve()), 0, out / "front")
         good = ReconstructOptions(depths=("dr",), fusions=("fb",))
         coarse = ReconstructOptions(depths=("id",), fusions=("fa",), surface=SurfaceParameters(voxel_mm=COARSE_MM))
