@@ -17,6 +17,7 @@ from recon.depth.consistency import lands_inside
 from recon.depth.pair import StereoPair, has_texture, within_pair
 
 STEPS = 16  # OpenCV searches a multiple of 16 disparities, and gives sixteenths of a pixel
+LARGEST_STEP = 20_000  # OpenCV adds costs in 16 bits: from 31 000 on they overflow, and wrong disparities win
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class SgmParameters:
     block : width of the squares that are compared, pixels, odd
     small_step, large_step : costs (P1, P2) of a disparity that differs by 1 pixel, or by more, from a neighbour's;
         8 and 32 times the number of channels times the square's area
-    consistency_threshold : pixels by which the two views' disparities may differ (disp12MaxDiff)
+    consistency_threshold : pixels by which the two views' disparities may differ (disp12MaxDiff); OpenCV takes 0 as 1
     """
 
     block: int = 5
@@ -39,13 +40,13 @@ class SgmParameters:
     def __post_init__(self) -> None:
         if not (1 <= self.block <= 11 and self.block % 2):
             raise ValueError(f"block is {self.block}; expected an odd number of pixels up to 11")
-        if not 0 < self.small_step < self.large_step:
+        if not 0 < self.small_step < self.large_step <= LARGEST_STEP:
             raise ValueError(
                 f"small_step is {self.small_step} and large_step {self.large_step}; expected positive costs, "
-                "the second one larger"
+                f"the second one larger, up to {LARGEST_STEP}"
             )
-        if self.consistency_threshold < 0:
-            raise ValueError(f"the consistency threshold is {self.consistency_threshold}; expected 0 or more pixels")
+        if self.consistency_threshold < 1:
+            raise ValueError(f"the consistency threshold is {self.consistency_threshold}; expected 1 or more pixels")
 
 
 def match_sgm(pair: StereoPair, parameters: SgmParameters = SgmParameters()) -> NDArray[np.float32]:

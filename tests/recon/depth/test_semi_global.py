@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from recon.depth import DEFAULTS, StereoPair, match_sgm
-from recon.depth.semi_global import SgmParameters
+from recon.depth.semi_global import LARGEST_STEP, SgmParameters
 from tests.recon.depth.test_cvf import layered_pair
 from tests.recon.depth.test_matchers import shifted_pair, texture
 
@@ -40,6 +40,13 @@ def test_any_range_is_searched_to_its_ends_and_not_beyond(n_disparities: int, lo
         assert valid.max() <= lowest + n_disparities - 0.5
 
 
+def test_the_largest_step_does_not_overflow() -> None:
+    pair = shifted_pair(5)
+    matched = match_sgm(pair, SgmParameters(block=11, large_step=LARGEST_STEP))
+    assert np.nanmedian(np.abs(matched - 5)) < 0.1
+    assert np.isfinite(matched).mean() > 0.8
+
+
 def test_a_grey_picture_counts_as_three_equal_channels() -> None:
     pair = shifted_pair(5)
     left, right = pair.left[..., 0], pair.right[..., 0]
@@ -62,7 +69,8 @@ def test_wrong_parameters_are_named() -> None:
         ({"block": 4}, "block is 4"),
         ({"small_step": 0}, "small_step is 0"),
         ({"large_step": 600}, "large_step 600"),
-        ({"consistency_threshold": -1}, "threshold is -1"),
+        ({"large_step": 32_768}, "up to 20000"),
+        ({"consistency_threshold": 0}, "threshold is 0"),
     ):
         with pytest.raises(ValueError, match=sentence):
             SgmParameters(**changes)
