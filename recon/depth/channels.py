@@ -32,7 +32,7 @@ def on_black(image: NDArray[np.uint8], mask: NDArray[np.bool_] | None) -> NDArra
     """
     if mask is None:
         return image
-    return np.where(mask if image.ndim == 2 else mask[..., None], image, np.uint8(0))
+    return np.asarray(cv2.bitwise_and(image, image, mask=mask.view(np.uint8)), dtype=np.uint8)
 
 
 def fine_grey_image(image: NDArray[np.uint8]) -> NDArray[np.uint16]:

@@ -108,9 +108,10 @@ def match_sequence(
         If a frame has another size than the first.
     """
     memory: Memory | None = None
+    is_whole = True
     for pair in pairs:
         disparity = matcher(pair)
-        is_whole = np.array_equal(disparity, np.rint(disparity), equal_nan=True)
+        is_whole = is_whole and np.array_equal(disparity, np.rint(disparity), equal_nan=True)
         noise = noise_level(grey_image(pair.left))
         frame = Frame(guide_image(pair.left, noise), noise, pair.left_mask)
         memory = remembered(memory, frame, disparity, parameters)
@@ -165,7 +166,7 @@ def temporal_permeability(before: Frame, frame: Frame, sigma: float) -> NDArray[
     sigma : grey levels
     """
     change = cv2.absdiff(before.guide, frame.guide)
-    most = change if change.ndim == 2 else change.max(axis=2)
+    most = change if change.ndim == 2 else np.maximum(np.maximum(change[..., 0], change[..., 1]), change[..., 2])
     mean = cv2.blur(most.astype(np.float32), (NEIGHBOURHOOD, NEIGHBOURHOOD))
     passage = np.exp(np.maximum(mean - NOISE_SHARE * frame.noise, 0) / -sigma).astype(np.float32)
     return passage if frame.mask is None else np.where(frame.mask, passage, np.float32(0))

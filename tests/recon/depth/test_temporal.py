@@ -77,6 +77,13 @@ def test_nothing_is_remembered_outside_the_mask() -> None:
     assert np.isnan(after_frames([8, 8, np.nan], [STILL, STILL, outside])[-1])
 
 
+def test_a_frame_without_a_match_keeps_fractions_of_a_pixel() -> None:
+    pair = StereoPair(*np.random.default_rng(0).integers(0, 256, (2, 20, 24, 3)).astype(np.uint8), 8)
+    matched = iter([np.full((20, 24), 5.25, np.float32)] * 3 + [np.full((20, 24), np.nan, np.float32)])
+    *_, last = match_sequence([pair] * 4, lambda _: next(matched))
+    assert (last == 5.25).all()
+
+
 def test_a_frame_of_another_size_is_refused() -> None:
     memory = remembered(None, STILL, np.zeros(SHAPE, np.float32), TemporalParameters())
     other = Frame(np.zeros((5, 7, 3), np.uint8), 1.0, None)
