@@ -24,7 +24,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from recon.capture.format import Capture, SensorStream, read_masks
-from recon.capture.rectify import undistortion_maps
+from recon.capture.rectify import scaled_camera, undistortion_maps
 from recon.geometry.mesh import Cloud, Mesh
 from recon.rig import Camera
 from recon.surface import SurfaceParameters
@@ -59,7 +59,7 @@ class Silhouette:
 
     Parameters
     ----------
-    camera : without distortion
+    camera : without distortion, its pixels square
     distance : float32 (H, W), pixels, positive inside the mask, `FAR_PX` where the mask says nothing
     """
 
@@ -140,12 +140,13 @@ def silhouette_of(mask: NDArray[np.bool_], camera: Camera) -> Silhouette:
     """
     K = camera.K.copy()
     K[0, 1] = 0.0
-    flat = Camera(K, camera.size, camera.cam_from_world)
+    width, height = camera.size
+    square = width, max(round(height * K[0, 0] / K[1, 1]), 1)  # so that distances are the same in all directions
+    flat = scaled_camera(Camera(K, camera.size, camera.cam_from_world), square)
     columns, rows = undistortion_maps(camera, flat)
     inside = cv2.remap(mask.astype(np.uint8), columns, rows, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
     distance = cv2.distanceTransform(inside, cv2.DIST_L2, 5) - cv2.distanceTransform(1 - inside, cv2.DIST_L2, 5)
     blurred = cv2.GaussianBlur(np.clip(distance, -FAR_PX, FAR_PX), (0, 0), BLUR_PX) + np.float32(UNCERTAIN_PX)
-    width, height = camera.size
     blurred[(columns < 0) | (rows < 0) | (columns > width - 1) | (rows > height - 1)] = FAR_PX
     return Silhouette(flat, blurred)
 

@@ -102,6 +102,20 @@ def test_margins_are_distances_to_the_mask_in_mm() -> None:
     assert (front.margins(behind) > 1000).all()
 
 
+@pytest.mark.parametrize("stretch", [0.5, 2.0])
+def test_margins_are_the_same_for_pixels_that_are_not_square(stretch: float) -> None:
+    width, height = SIZE[0], round(stretch * SIZE[1])
+    stretched = Camera(K * [[1], [stretch], [1]], (width, height), camera_of("S2").cam_from_world)
+    rows, columns = np.mgrid[:height, :width]
+    x, y = (columns - 100) / 400, (rows - 80 * stretch) / (400 * stretch)
+    silhouette = silhouette_of(np.hypot(x, y) <= 0.1, stretched)  # 100 mm in the plane z = 0
+    for direction in ([1.0, 0, 0], [0, 1.0, 0], [0.6, 0.8, 0]):
+        radii = np.array([60.0, 90, 110, 140])
+        places = radii[:, None] * direction
+        assert silhouette.margins(places) == pytest.approx(100 - radii, abs=5)
+        assert silhouette.slopes(places) == pytest.approx(np.tile(-np.array(direction), (4, 1)), abs=0.25)
+
+
 def test_a_mask_of_a_distorted_picture_is_straightened() -> None:
     bent, straight = camera_of("S2", [-0.3, 0, 0, 0]), camera_of("S2")
     rows, columns = np.mgrid[: SIZE[1], : SIZE[0]]
