@@ -1,10 +1,10 @@
 """Colours of places on a mesh from the photographs that see them: the work behind a texture.
 
 A camera counts for a place by its quality: 0 where something hides the place or the mask leaves it out, else more the
-nearer it is, the more it faces the surface, and the farther the place lies from edges of the mask and of the depth.
-Coarse shades are averaged by quality, so that no seam shows where another camera takes over. Fine detail, which an
-average would blur, comes almost wholly from the best camera. A camera whose shade most others contradict hardly counts:
-it sees something that the mesh lacks, such as a hand before a chest.
+more pixels it has for the place, and the farther the place lies from edges of the mask and of the depth. Coarse shades
+are averaged by quality, so that no seam shows where another camera takes over. Fine detail, which an average would
+blur, comes almost wholly from the best camera. A camera whose shade most others contradict hardly counts: it sees
+something that the mesh lacks, such as a hand before a chest.
 """
 
 from __future__ import annotations
@@ -134,13 +134,16 @@ def qualities(
     -------
     float32 (V, N), 0 where a view does not see the place
     """
-    nearest = max((float(view.nearness.max()) for view in views), default=1.0)
+    focals = [float(np.sqrt(view.photograph.camera.K[0, 0] * view.photograph.camera.K[1, 1])) for view in views]
+    finest = (
+        max((focal * float(view.nearness.max()) for focal, view in zip(focals, views, strict=True)), default=0) or 1
+    )
     quality = np.zeros((len(views), len(points)), np.float32)
     points, normals = points.astype(np.float64), normals.astype(np.float64)
-    for view, row in zip(views, quality, strict=True):
+    for view, focal, row in zip(views, focals, quality, strict=True):
         camera = view.photograph.camera
         projection = camera.K @ camera.cam_from_world[:3]
-        _judge(points, normals, projection, camera.centre, view.trust, view.nearness, nearest, tolerance_mm, row)
+        _judge(points, normals, projection, camera.centre, view.trust, view.nearness, focal / finest, tolerance_mm, row)
     return quality
 
 
@@ -301,7 +304,7 @@ def _draw_faces(projected, faces, face, nearness):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _judge(points, normals, projection, centre, trust, nearness, nearest, tolerance, quality):  # type: ignore[no-untyped-def]  # numba
+def _judge(points, normals, projection, centre, trust, nearness, scale, tolerance, quality):  # type: ignore[no-untyped-def]  # numba
     """Write how well a view sees each point (N, 3), 0 where it does not."""
     height, width = trust.shape
     for i in range(points.shape[0]):
@@ -328,7 +331,7 @@ def _judge(points, normals, projection, centre, trust, nearness, nearest, tolera
             continue
         s, t = column - x, row - y
         upper, lower = trust[y, x] * (1 - s) + trust[y, after] * s, trust[below, x] * (1 - s) + trust[below, after] * s
-        resolution = facing / (depth * nearest)
+        resolution = facing * scale / depth
         quality[i] = (upper * (1 - t) + lower * t) * resolution * resolution
 
 

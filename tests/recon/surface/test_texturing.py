@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from recon.geometry.mesh import Mesh, merge_meshes
 from recon.geometry.normals import surface_normals
 from recon.rig import Camera, look_at
-from recon.surface.photographs import Photograph, compare_exposures, exposed
+from recon.surface.photographs import Photograph, compare_exposures, exposed, prepare, qualities
 from recon.surface.texturing import textured
 from recon.validation.views.image_quality import psnr
 from recon.validation.views.novel_view import rendered
@@ -102,11 +102,27 @@ def test_a_texture_is_as_sharp_as_the_photographs_between_the_cameras_and_leaves
     assert np.array_equal(triangles(seen), triangles(mesh))
 
 
+def test_a_camera_counts_by_the_square_of_its_pixels_on_the_surface() -> None:
+    finer = camera_at(0)
+    coarser = Camera(finer.K * [[1 / 3, 1, 1], [1, 1 / 3, 1], [1, 1, 1]], SIZE, finer.cam_from_world)
+    views = prepare(ball(), [photograph(camera, fine) for camera in (finer, coarser)], TOLERANCE)
+    towards = finer.centre[None] / np.linalg.norm(finer.centre)
+    (best,), (other,) = qualities(views, RADIUS * towards, towards, TOLERANCE)
+    assert best == pytest.approx(1, rel=0.01)
+    assert other == pytest.approx(1 / 9, rel=0.01)
+
+
 def test_what_no_camera_sees_keeps_the_colours_of_the_vertices() -> None:
     picture, _ = rendered(textured(ball(), photographs(fine), TOLERANCE), camera_at(180))
     assert (np.abs(picture[90:150, 100:140].astype(int) - GREY) <= 1).all()
     picture, covered = rendered(textured(ball(), [photograph(looking_away(), fine)], TOLERANCE), camera_at(0))
     assert (np.abs(picture[covered].astype(int) - GREY) <= 1).all()
+
+
+def test_a_mesh_between_the_pixels_centres_keeps_the_colours_of_the_vertices() -> None:
+    seen = textured(ball(radius=1e-2), [photograph(camera_at(0), fine)], TOLERANCE)
+    assert seen.texture is not None
+    assert (seen.texture.at_vertices() == GREY).all()
 
 
 def test_a_camera_of_another_exposure_leaves_no_seam() -> None:
