@@ -71,14 +71,14 @@ class SurfaceParameters:
             raise ValueError(f"voxel_mm is {self.voxel_mm}, expected a length above 0")
         if not 1 <= self.radius <= 8:
             raise ValueError(f"radius is {self.radius} voxels, expected 1 to 8")
-        if self.radius_spacings < 0 or self.radius_sigmas < 0:
-            raise ValueError(
-                f"radius_spacings {self.radius_spacings} and radius_sigmas {self.radius_sigmas} must be >= 0"
-            )
-        if not (np.isfinite(self.longest_rim_mm) and self.longest_rim_mm >= 0):
-            raise ValueError(f"longest_rim_mm is {self.longest_rim_mm}, expected a length of at least 0")
-        if not 0 <= self.min_component <= 1 or not self.memory_gb > 0:
-            raise ValueError(f"min_component {self.min_component} must be 0 to 1, memory_gb {self.memory_gb} above 0")
+        for name in ("radius_spacings", "radius_sigmas", "overhang", "min_points", "longest_rim_mm"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise ValueError(f"{name} is {getattr(self, name)}, expected at least 0")
+        for name in ("agreement", "min_component"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} is {getattr(self, name)}, expected 0 to 1")
+        if not self.memory_gb > 0:
+            raise ValueError(f"memory_gb is {self.memory_gb}, expected more than 0")
 
 
 def surface_from_cloud(cloud: Cloud, parameters: SurfaceParameters = SurfaceParameters()) -> Mesh:

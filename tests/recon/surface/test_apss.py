@@ -211,7 +211,19 @@ def test_a_voxel_that_memory_cannot_hold_is_refused_with_one_that_fits(voxel: fl
 
 @pytest.mark.parametrize(
     "change",
-    [{"voxel_mm": 0.0}, {"voxel_mm": float("nan")}, {"radius": 9.0}, {"min_component": 2.0}, {"memory_gb": 0.0}],
+    [
+        {"voxel_mm": 0.0},
+        {"voxel_mm": float("nan")},
+        {"radius": 9.0},
+        {"radius_spacings": float("nan")},
+        {"radius_sigmas": float("inf")},
+        {"overhang": -0.4},
+        {"agreement": -0.5},
+        {"agreement": 1.5},
+        {"min_points": -1.0},
+        {"min_component": 2.0},
+        {"memory_gb": 0.0},
+    ],
 )
 def test_parameters_that_make_no_sense_are_refused(change: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=next(iter(change))):
