@@ -69,6 +69,7 @@ def test_points_of_the_sphere_lie_on_the_sphere(tmp_path: Path) -> None:
         ({"size": (20, 400)}, "20x400"),
         ({"noise": -1.0}, "noise is -1"),
         ({"noise": float("nan")}, "noise is nan"),
+        ({"exposure_spread": 1.0}, "exposure_spread is 1"),
         ({"fps": 0.0}, "fps is 0"),
         ({"seed": -3}, "seed is -3"),
         ({"scene": "sphere", "position": (0.0, 900.0, 0.0)}, "900"),
