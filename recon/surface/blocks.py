@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 BLOCK = 8  # samples along a block's edge
 SAMPLES = BLOCK**3
 AXIS_BITS = 18  # of a block's coordinate; three axes and nine bits inside a block fill an int64
-LARGEST_AXIS = 2**AXIS_BITS - 2  # one block of room on either side
+LARGEST_AXIS = 2**AXIS_BITS - 3  # room for the band on either side, and for its neighbours
 
 
 def neighbours_in(blocks: NDArray[np.int64], keys: NDArray[np.int64], lowest: NDArray[np.int64]) -> NDArray[np.int32]:

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from recon.geometry.mesh import Cloud, Mesh
 from recon.surface import SurfaceParameters, default_voxel, spacing, surface_from_cloud
 from recon.surface.apss import signed_field
-from recon.surface.band import Band, band_around
+from recon.surface.band import Band, band_around, neighbours_of
+from recon.surface.blocks import LARGEST_AXIS
 from recon.surface.cells import Cells, Reach, gather
 from recon.surface.components import drop_small_components
 
@@ -314,12 +315,22 @@ def test_the_band_holds_every_sample_within_reach_and_memory_grows_with_the_surf
         assert set(map(tuple, ((samples + step) >> 3).tolist())) <= names
 
 
-def test_neighbours_are_the_blocks_one_step_away() -> None:
-    band: Band = band_around(gather(sphere(), 4.0, PLAIN))
-    cells: Cells = gather(sphere(), 4.0, PLAIN)
-    names = {tuple(block): index for index, block in enumerate(band.blocks.tolist())}
-    for block, around in zip(band.blocks, band.neighbours, strict=True):
-        for number, index in enumerate(around):
-            step = (number // 9 - 1, number // 3 % 3 - 1, number % 3 - 1)
-            assert index == names.get(tuple((block + step).tolist()), -1)
-    assert set(map(tuple, cells.blocks.tolist())) <= set(names)
+def far_apart(lowest: float, highest: float) -> Cloud:
+    """Five points in blocks of 8 mm beside each other at either end of the longest axis for samples 1 mm apart."""
+    beside, along = np.meshgrid(np.arange(-7.0, 33, 8), [lowest, 8.0 * LARGEST_AXIS + highest])
+    return cloud_of(np.column_stack([beside.ravel(), along.ravel(), np.ones(10)]), np.array([0, 0, 1.0]))
+
+
+@pytest.mark.parametrize(
+    ("cloud", "voxel"), [(sphere(), 4.0), (far_apart(0.0, -0.75), 1.0), (far_apart(7.75, 7.25), 1.0)]
+)
+def test_neighbours_are_the_blocks_one_step_away(cloud: Cloud, voxel: float) -> None:
+    cells: Cells = gather(cloud, voxel, PLAIN)
+    band: Band = band_around(cells)
+    for blocks, neighbours in ((band.blocks, band.neighbours), (cells.blocks, neighbours_of(band, cells))):
+        names = {tuple(block): index for index, block in enumerate(blocks.tolist())}
+        for block, around in zip(band.blocks, neighbours, strict=True):
+            for number, index in enumerate(around):
+                step = (number // 9 - 1, number // 3 % 3 - 1, number % 3 - 1)
+                assert index == names.get(tuple((block + step).tolist()), -1)
+    assert set(map(tuple, cells.blocks.tolist())) <= set(map(tuple, band.blocks.tolist()))
