@@ -145,6 +145,7 @@ def read_glb(
             kind, width = COMPONENTS[accessor["componentType"]], WIDTHS[accessor["type"]]
             start, count = 28 + n_text + view["byteOffset"], accessor["count"] * width
             arrays[name] = np.frombuffer(content, kind, count, start).reshape(-1, width)
+        vertices, faces, normals = arrays["POSITION"], arrays["indices"].reshape(-1, 3), arrays["NORMAL"]
         if "COLOR_0" in arrays:
             colouring, png = np.searchsorted(_linear_from_srgb(), arrays["COLOR_0"][:, :3]).astype(np.uint8), b""
         else:
@@ -154,7 +155,7 @@ def read_glb(
             png = content[start : start + picture["byteLength"]]
     except (ValueError, KeyError, IndexError, struct.error, TypeError) as error:
         raise ValueError(f"is no whole GLB that reconstudy wrote: {error}; expected a mesh of a run") from error
-    return arrays["POSITION"], arrays["indices"].reshape(-1, 3).astype(np.int32), arrays["NORMAL"], colouring, png
+    return vertices, faces.astype(np.int32), normals, colouring, png
 
 
 def _linear_from_srgb() -> NDArray[np.uint16]:

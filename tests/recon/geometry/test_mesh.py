@@ -139,7 +139,8 @@ def test_a_glb_of_ours_comes_back(tmp_path: Path) -> None:
 def test_a_glb_of_another_program_or_a_damaged_one_is_named(tmp_path: Path) -> None:
     path = write_mesh(tmp_path / "a.glb", textured_mesh(30, 50))
     content = path.read_bytes()
-    for damaged in (content[:-9], content.replace(b"reconstudy", b"somewhere!"), b"", b"glTF" + bytes(40)):
+    others = (content.replace(b"reconstudy", b"somewhere!"), content.replace(b"POSITION", b"POSITIOM"))
+    for damaged in (content[:-9], *others, b"", b"glTF" + bytes(40)):
         path.write_bytes(damaged)
         with pytest.raises(ValueError, match=r"a\.glb: is no whole GLB that reconstudy wrote"):
             read_mesh(path)
