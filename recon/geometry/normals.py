@@ -31,7 +31,7 @@ def surface_normals(vertices: NDArray[np.floating], faces: NDArray[np.integer]) 
 
 def are_unit(normals: NDArray[np.floating]) -> bool:
     """Tell whether all vectors (N, 3) have unit length, but for rounding; never if one is no number."""
-    return bool((np.abs(np.linalg.norm(normals, axis=1) - 1) <= ROUNDED).all())
+    return bool((np.abs(_lengths(normals) - 1) <= ROUNDED).all())
 
 
 def area_vectors(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> NDArray[np.float64]:
@@ -60,9 +60,14 @@ def vector_sums(vectors: NDArray[np.floating], groups: NDArray[np.integer], n: i
 
 def unit_normals(vectors: NDArray[np.floating], otherwise: NDArray[np.floating]) -> NDArray[np.float32]:
     """Scale vectors (N, 3) to unit length, float32 (N, 3); take `otherwise` (N, 3) where they have no direction."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    length = _lengths(vectors)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(np.isfinite(length) & (length > 0), vectors / length, otherwise).astype(np.float32)
+
+
+def _lengths(vectors: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Measure vectors (N, 3), float64 (N,): in float32 the squares of long ones overflow, of short ones vanish."""
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", vectors, vectors, dtype=np.float64)))
 
 
 def _places(vertices: NDArray[np.floating]) -> NDArray[np.int64]:
