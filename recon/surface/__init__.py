@@ -141,7 +141,8 @@ def spacing(cloud: Cloud) -> float:
         return 0.0
     for n_cells in COARSE_CELLS:
         coarse = np.floor((cloud.points - lowest) * (n_cells / size)).astype(np.int64)
-        occupied = len(np.unique((coarse[:, 0] << 20) | (coarse[:, 1] << 10) | coarse[:, 2]))
+        cells = np.sort((coarse[:, 0] << 20) | (coarse[:, 1] << 10) | coarse[:, 2])  # `np.unique` hashes, more slowly
+        occupied = np.count_nonzero(np.diff(cells)) + 1
         if len(cloud) >= POINTS_PER_COARSE_CELL * occupied:
             break
     return size / n_cells * float(np.sqrt(occupied / CELLS_PER_AREA / len(cloud)))
