@@ -41,7 +41,7 @@ def capture_synth(
         str, typer.Option(help="Where the sphere or the cuboid is: x,y,z in mm from the centre.")
     ] = "0,0,0",
     exposure_spread: Annotated[
-        float, typer.Option(min=0, help="How much the cameras' exposures differ, as a share, up to 0.2.")
+        float, typer.Option(min=0, help="How much the cameras' exposures differ, as a share.")
     ] = 0.02,
     calibration_error: Annotated[float, typer.Option(min=0, help="Error of the calibration, pixels.")] = 0.0,
     distortion: Annotated[float, typer.Option(help="About the lenses' k1 in OpenCV's model; -0.1 is usual.")] = 0.0,

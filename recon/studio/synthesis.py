@@ -34,7 +34,6 @@ CELL_PX = 5.0  # edge of the actors' triangles in pixels
 CELLS_MM = (8.0, 13.0)  # and its limits
 SMALLEST_PX = 32
 STRONGEST_DISTORTION = 0.3  # beyond, lenses are fisheyes, and the polynomial folds back inside the picture
-WIDEST_SPREAD = 0.2  # five deviations from no exposure at all: less than none would make actors white
 WORKING_HALF_MM = 300.0  # a validation object's middle may be this far from that of the field on each axis
 VALIDATION_SCENES = ("sphere", "cuboid")
 HELD_OUT_FRAME = 0
@@ -93,8 +92,6 @@ class SynthParameters:
         for name in ("noise", "exposure_spread", "calibration_error_px"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
                 raise ValueError(f"{name} is {getattr(self, name)}, expected zero or more")
-        if self.exposure_spread > WIDEST_SPREAD:
-            raise ValueError(f"exposure_spread is {self.exposure_spread}, expected 0 to {WIDEST_SPREAD}")
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise ValueError(f"fps is {self.fps}, expected more than zero")
         if not abs(self.distortion) <= STRONGEST_DISTORTION:

@@ -18,6 +18,7 @@ from recon.studio.shadow import FLOOR_CELLS, FLOOR_HALF_MM
 
 CURTAIN_MM = 3900.0  # radius of the curtain around the world's y axis; the sensors stand inside
 FLOOR_Y_MM = 0.0
+LEAST_GAIN = 0.1  # of a camera whose exposure is drawn from a wide spread: with less than none, actors were white
 CURTAIN, FLOOR = (0.36, 0.42, 0.46), (0.40, 0.37, 0.34)  # sRGB, 0 to 1
 
 
@@ -63,7 +64,7 @@ def empty_view(
     rng : draws exposure and white balance
     spread : standard deviation of the exposure, share; a quarter of it for the white balance
     """
-    exposure, red, blue = 1.0 + spread * rng.normal(size=3) * (1.0, 0.25, 0.25)
+    exposure, red, blue = np.maximum(1.0 + spread * rng.normal(size=3) * (1.0, 0.25, 0.25), LEAST_GAIN)
     gains = exposure * np.array([red, 1.0, blue])
     slopes = pixel_slopes(camera)
     axes = np.ascontiguousarray(camera.rotation.T)

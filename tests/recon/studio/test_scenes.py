@@ -69,7 +69,6 @@ def test_points_of_the_sphere_lie_on_the_sphere(tmp_path: Path) -> None:
         ({"size": (20, 400)}, "20x400"),
         ({"noise": -1.0}, "noise is -1"),
         ({"noise": float("nan")}, "noise is nan"),
-        ({"exposure_spread": 1.0}, "exposure_spread is 1"),
         ({"fps": 0.0}, "fps is 0"),
         ({"seed": -3}, "seed is -3"),
         ({"scene": "sphere", "position": (0.0, 900.0, 0.0)}, "900"),
@@ -79,6 +78,17 @@ def test_points_of_the_sphere_lie_on_the_sphere(tmp_path: Path) -> None:
 def test_bad_parameters_are_named(changes: dict[str, object], named: str) -> None:
     with pytest.raises(ValueError, match=named):
         SynthParameters(**changes)  # type: ignore[arg-type]
+
+
+def test_a_wide_spread_of_exposures_leaves_every_camera_some_light(tmp_path: Path) -> None:
+    parameters = SynthParameters(scene="standing", n_frames=1, size=(64, 48), exposure_spread=2.0)
+    capture = synthesise(tmp_path / "studio", parameters)
+    for stream in capture.sensors:
+        plates = read_plates(capture, stream.id)
+        assert plates is not None
+        for picture, plate in zip(read_frame(capture, stream.id, 0), plates, strict=True):
+            assert plate.mean() > 2
+            assert picture.mean() - plate.mean() < 40
 
 
 def test_a_folder_that_is_not_empty_is_refused_and_left_alone(tmp_path: Path) -> None:
