@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -11,6 +12,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from recon.capture.format import Capture, CaptureError, SensorStream, read_frame
 from recon.capture.recording import evenly_chosen
+
+Value = TypeVar("Value", np.uint8, np.float32)
 
 SMOOTHING_PX = 1.0  # standard deviation: takes the noise of single pixels away, keeps edges within a pixel
 NOISE_FACTOR = 6.0  # standard deviations of the smoothed background's difference that its noise does not reach
@@ -39,7 +42,7 @@ def evidence_of(picture: NDArray[np.float32], plate: NDArray[np.float32] | None)
     return largest_channel(picture) if plate is None else _difference(picture, plate)
 
 
-def largest_channel(image: NDArray[np.float32]) -> NDArray[np.float32]:
+def largest_channel(image: NDArray[Value]) -> NDArray[Value]:
     """Return the largest of each pixel's three channels: (H, W, 3) to (H, W), seven times as fast as NumPy's `max`."""
     return np.asarray(np.maximum(np.maximum(image[..., 0], image[..., 1]), image[..., 2]))
 

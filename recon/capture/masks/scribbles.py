@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from recon.capture.format import Capture
 from recon.capture.images import CaptureError, read_image
 from recon.capture.importing.sources import faults_at
+from recon.capture.masks.evidence import largest_channel
 from recon.capture.masks.outline import Models, cut
 from recon.storage.files import check_exists, read_json
 
@@ -149,7 +150,7 @@ def _warped(picture: NDArray[Any], flow: NDArray[np.float32]) -> NDArray[Any]:
 def _trusted(picture: NDArray[np.uint8], moved: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Mark where the flow is right, bool (H, W): the picture before, moved by it, shows the same."""
     window = (TRUST_WINDOW_PX, TRUST_WINDOW_PX)
-    difference = cv2.blur(cv2.absdiff(picture, moved).astype(np.float32).max(axis=2), window)
+    difference = cv2.blur(largest_channel(cv2.absdiff(picture, moved)).astype(np.float32), window)
     differs = difference > max(MIN_DIFFERENCE, SAME_FACTOR * float(np.median(difference)))
     return np.asarray(cv2.dilate(differs.astype(np.uint8), np.ones(window, np.uint8)) == 0)
 
