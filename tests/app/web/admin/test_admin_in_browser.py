@@ -104,6 +104,18 @@ def test_every_page_fits_a_telephone_is_accessible_and_light(
         assert page.evaluate(WEIGHT) < LARGEST_PAGE, path
 
 
+def test_every_page_of_a_study_fits_the_narrowest_window(
+    browser: Browser, server: str, settings: Settings, study: dict[str, Any]
+) -> None:
+    """320 pixels, as WCAG 1.4.10 has it: a window of 1280 at a zoom of 400 %."""
+    page = browser.new_page(base_url=server, viewport={"width": 320, "height": 640})
+    sign_in(page, settings)
+    for place in (*STUDY_PAGES, "/invitations/print"):
+        page.goto(f"/admin/studies/{study['slug']}{place}")
+        assert page.evaluate("document.documentElement.scrollWidth") <= 320, place
+    page.close()
+
+
 def test_a_telephone_at_night_in_tokyo(browser: Browser, server: str, settings: Settings) -> None:
     dark: dict[str, Any] = {"color_scheme": "dark", "timezone_id": "Asia/Tokyo"}
     page = browser.new_page(base_url=server, viewport=TELEPHONE, **dark)
