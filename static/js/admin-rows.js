@@ -28,13 +28,17 @@ function addButtons(row) {
   actions.append(
     button("Up", () => {
       const before = row.previousElementSibling;
-      if (before?.hasAttribute("data-row")) before.before(row);
+      if (before?.hasAttribute("data-row")) row.after(before); // the row itself stays where it is, and its button in focus
     }),
     button("Down", () => {
       const after = row.nextElementSibling;
-      if (after?.hasAttribute("data-row")) after.after(row);
+      if (after?.hasAttribute("data-row")) row.before(after);
     }),
-    button("Delete", () => row.remove()),
+    button("Delete", () => {
+      const next = row.nextElementSibling; // a row, or the button that adds one
+      row.remove();
+      /** @type {HTMLElement | null | undefined} */ (next?.querySelector("input") ?? next)?.focus();
+    }),
   );
   row.append(actions);
 }

@@ -2,6 +2,7 @@
 
 import { reasonIn } from "./admin-refusal.js";
 import { byId, required } from "./elements.js";
+import { Keeper } from "./stroke-keeper.js";
 import { erased, extended } from "./stroke-lines.js";
 
 /**
@@ -14,7 +15,6 @@ import { erased, extended } from "./stroke-lines.js";
 const COLOURS = { foreground: "rgb(0 200 60 / 85%)", background: "rgb(230 30 30 / 85%)" };
 const MASK_COLOUR = [40, 120, 255, 120]; // RGBA where the object is
 const STEP = 10; // pixels for each press of an arrow key
-const KEPT_AFTER_MS = 500;
 
 /** @type {Data} */
 const { base, cameras, n_frames: nFrames, strokes: known } = JSON.parse(byId("drawing-data").textContent);
@@ -38,8 +38,7 @@ const state = byId("drawing-state");
 const drawn = new Map();
 /** @type {Map<string, Stroke[][]>} earlier states, by picture */
 const earlier = new Map();
-/** @type {Map<string, number>} timers of pictures whose strokes are to be kept */
-const unkept = new Map();
+const keeper = new Keeper(keep);
 /** @type {Point[] | null} the line under the brush */
 let line = null;
 /** @type {Point | null} where the keyboard's brush is */
@@ -81,7 +80,7 @@ function brush() {
 function change(next) {
   drawn.set(key(), next);
   hideMask();
-  keepSoon(key());
+  keeper.soon(key());
   draw();
 }
 
@@ -238,26 +237,17 @@ function hideMask() {
   tell("");
 }
 
-/** @param {string} place */
-function keepSoon(place) {
-  window.clearTimeout(unkept.get(place));
-  unkept.set(place, window.setTimeout(() => keep(place), KEPT_AFTER_MS));
-}
-
 /** Sends a picture's strokes to the server. @param {string} place @returns {Promise<boolean>} whether they are kept */
 async function keep(place) {
-  window.clearTimeout(unkept.get(place));
-  unkept.delete(place);
   const body = JSON.stringify({ strokes: drawn.get(place) ?? [] });
   try {
     const answer = await send("PUT", `${base}/strokes/${place}`, body);
     if (answer.ok) tell("Kept.");
     else tell(reasonIn(await answer.text(), answer.status));
     return answer.ok;
-  } catch {
+  } catch (error) {
     tell("The server cannot be reached; the strokes are not kept yet.");
-    unkept.set(place, window.setTimeout(() => keep(place), 10 * KEPT_AFTER_MS));
-    return false;
+    throw error;
   }
 }
 
@@ -275,7 +265,7 @@ function tell(words) {
 /** Shows what the strokes on this picture cut out. */
 async function showMask() {
   const place = key();
-  if (unkept.has(place) && !(await keep(place))) return;
+  if (keeper.lacks(place) && !(await keeper.now(place))) return;
   const asked = drawn.get(place);
   tell("Cutting out…");
   buttons.mask.disabled = true;
@@ -341,6 +331,7 @@ function widen(by) {
 
 /** @param {number} by */
 function step(by) {
+  end(); // a line that is begun belongs to this frame
   fields.frame.value = String(frame() + by);
   show();
 }
@@ -390,6 +381,6 @@ buttons.clear.addEventListener("click", () => {
 buttons.mask.addEventListener("click", showMask);
 picture.addEventListener("error", () => tell("This picture cannot be shown; `capture check` says what is wrong with it."));
 window.addEventListener("beforeunload", (event) => {
-  if (unkept.size) event.preventDefault(); // it is a matter of half a second
+  if (!keeper.isDone) event.preventDefault(); // it is a matter of half a second
 });
 show();

@@ -1,6 +1,7 @@
 /** Moves a dot away from a cross until it vanishes in the blind spot: the farther from the cross that is, the farther the eye is from the display. */
 
 import { required } from "./elements.js";
+import { settle } from "./settling.js";
 
 const START_MM = 30;
 const START_RANGE_MM = 25; // random each time, so that nobody answers by the time that passes
@@ -35,6 +36,7 @@ export function watchDot(field, cssPixelMm, isActive) {
     const place = () => dot.style.setProperty("--offset", `${offset / cssPixelMm}px`);
     restart();
     place();
+    settle(); // a double click on the dot before this one must not count for both
 
     const tick = (/** @type {number} */ now) => {
       if (signal.aborted) return;

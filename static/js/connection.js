@@ -33,7 +33,8 @@ export class Refusal extends Error {
  */
 export async function request(url, options) {
   const response = await fetch(url, options).catch((cause) => {
-    options?.signal?.throwIfAborted();
+    const stopped = options?.signal?.reason;
+    if (stopped && stopped.name !== "TimeoutError") throw stopped;
     throw new Unreachable(`no answer from ${url}`, { cause });
   });
   if (response.ok) return response;

@@ -72,7 +72,7 @@ function letGo(error) {
  * @property {(id: string) => Promise<unknown>} remove
  */
 
-/** @returns {Promise<Shelf>} on disk; in memory where the browser refuses storage, and for what the disk has no room for */
+/** @returns {Promise<Shelf>} on disk and in memory; in memory alone where the browser refuses storage */
 export async function openShelf() {
   const memory = shelfInMemory();
   try {
@@ -82,12 +82,15 @@ export async function openShelf() {
   }
 }
 
-/** @param {Shelf} disk @param {Shelf} memory for what the disk does not take @returns {Shelf} */
+/** What this page adds stays in memory, too: a browser may lose its database at any time. @param {Shelf} disk @param {Shelf} memory @returns {Shelf} */
 function shelfInBoth(disk, memory) {
   return {
-    add: (pending) => disk.add(pending).catch(() => memory.add(pending)),
-    list: async (owner) => [...(await disk.list(owner)), ...(await memory.list(owner))],
-    remove: async (id) => (await memory.remove(id)) || disk.remove(id),
+    add: (pending) => Promise.all([memory.add(pending), disk.add(pending).catch(() => {})]),
+    list: async (owner) => {
+      const both = [...(await disk.list(owner).catch(() => [])), ...(await memory.list(owner))];
+      return [...new Map(both.map((pending) => [pending.id, pending])).values()];
+    },
+    remove: (id) => Promise.all([memory.remove(id), disk.remove(id).catch(() => {})]),
   };
 }
 

@@ -37,3 +37,8 @@ export function after(milliseconds, signal, action) {
 export function isPlain(event) {
   return !event.ctrlKey && !event.altKey && !event.metaKey && !document.querySelector("dialog[open]");
 }
+
+/** Whether what has the focus does something of its own with Enter, as a link does. @param {KeyboardEvent} event */
+export function hasOwnEnter({ target }) {
+  return target instanceof Element && target.matches("a, button, summary, textarea");
+}

@@ -111,6 +111,7 @@ import { Unreachable, request } from "./connection.js";
 
 const API = "/api/v1";
 const LONGEST_REASON = 300; // characters
+const LONGEST_ANSWER_MS = 30_000; // then it is taken for lost, and asked for again: some lines break without a word
 const LARGEST_KEPT_ALIVE = 32_768; // bytes; browsers refuse more than 64 KiB under way at once
 
 let session = ""; // the id of the session that this page shows; empty before there is one
@@ -243,6 +244,7 @@ async function call(method, path, body) {
     headers: { ...sessionHeader(), ...(json && { "Content-Type": "application/json" }) },
     body: json,
     cache: "no-store",
+    signal: AbortSignal.timeout(LONGEST_ANSWER_MS),
     keepalive: json !== undefined && json.length < LARGEST_KEPT_ALIVE, // a vote on its way survives the page
   });
   if (response.status === 204) return /** @type {T} */ (null);

@@ -1,7 +1,7 @@
 /** What a trial's screen says besides its films: its label, how far its film has come, and buttons that Enter presses. */
 
 import { required } from "./elements.js";
-import { after, fill, isPlain } from "./page.js";
+import { after, fill, hasOwnEnter, isPlain } from "./page.js";
 
 const LOADING_IS_TOLD_AFTER_MS = 400;
 const PROGRESS_EVERY_MS = 250;
@@ -26,7 +26,7 @@ export function pressedByEnter(button, signal, action) {
   button.focus({ preventScroll: true });
   button.addEventListener("click", action, { signal });
   document.addEventListener("keydown", (event) => {
-    if (event.key === "Enter" && !event.repeat && isPlain(event) && !(event.target instanceof HTMLButtonElement)) button.click();
+    if (event.key === "Enter" && !event.repeat && isPlain(event) && !hasOwnEnter(event)) button.click();
   }, { signal });
 }
 

@@ -1,7 +1,7 @@
 /** The views of the participant's page, of which one is shown at a time, and the values in their texts. */
 
 import { byId, required } from "./elements.js";
-import { fill, pluralForm } from "./page.js";
+import { fill, hasOwnEnter, pluralForm } from "./page.js";
 import { settle } from "./settling.js";
 
 export const page = byId("study");
@@ -48,10 +48,9 @@ function change(name) {
   else heading?.focus({ preventScroll: true });
 }
 
-/** Enter presses a page's main button, wherever the focus is. @param {KeyboardEvent} event */
+/** Enter presses a page's main button, unless what has the focus takes it. @param {KeyboardEvent} event */
 export function pressPrimary(event) {
-  const hasOwnEnter = event.target instanceof HTMLButtonElement || event.target instanceof HTMLTextAreaElement;
-  if (event.key !== "Enter" || event.repeat || hasOwnEnter || isDialogOpen()) return;
+  if (event.key !== "Enter" || event.repeat || hasOwnEnter(event) || isDialogOpen()) return;
   const button = page.querySelector(`[data-view="${page.dataset.showing}"] [data-primary]`);
   if (!(button instanceof HTMLElement) || button.hidden) return;
   event.preventDefault();

@@ -1,7 +1,7 @@
 /** The form on which participants choose or rate, by mouse or by key; they may change their mind until Next. */
 
 import { required } from "./elements.js";
-import { enterFullScreen, isPlain } from "./page.js";
+import { enterFullScreen, hasOwnEnter, isPlain } from "./page.js";
 import { isSettling, settle } from "./settling.js";
 
 /** @typedef {Pick<import("./session.js").Vote, "choice" | "rating">} Answer a choice, or a rating */
@@ -78,7 +78,7 @@ function answerByKey(event, form) {
     if (!isSettling()) moveSlider(slider, SLIDER_KEYS[event.key]);
   } else if (event.repeat) {
     return;
-  } else if (event.key === "Enter" && !(event.target instanceof HTMLButtonElement)) {
+  } else if (event.key === "Enter" && !hasOwnEnter(event)) {
     event.preventDefault();
     form.requestSubmit();
   } else {

@@ -108,6 +108,17 @@ def test_nothing_moves_on_the_light_pages_when_less_motion_is_preferred(
     assert page.evaluate("document.getAnimations().filter((a) => a.effect.getTiming().duration > 0).length") == 0
 
 
+def test_enter_follows_a_link_and_begins_nothing(study: Study, page: Page, visitor: Visitor) -> None:
+    page.goto(study.address)
+    visitor.sees("welcome")
+    page.get_by_role("link", name="data").focus()
+    with page.expect_popup() as opened:
+        page.keyboard.press("Enter")
+    expect(opened.value.get_by_role("heading", level=1)).to_be_visible()
+    visitor.sees("welcome")
+    assert study.read("participants") == []
+
+
 def test_a_page_without_scripts_says_what_it_needs(study: Study, page: Page) -> None:
     without = page.context.browser.new_context(java_script_enabled=False)  # type: ignore[union-attr]
     bare = without.new_page()

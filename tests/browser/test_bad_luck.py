@@ -34,6 +34,12 @@ for (const name of ["localStorage", "sessionStorage", "indexedDB"]) {
 FULL_DISK = """const refuse = () => { throw new DOMException("the disk is full", "QuotaExceededError"); };
 IDBObjectStore.prototype.put = refuse;
 Storage.prototype.setItem = refuse;"""
+LOST_DATABASE = """let n = 0;
+const begin = IDBDatabase.prototype.transaction;
+IDBDatabase.prototype.transaction = function (...names) {
+    if ((n += 1) > 3) throw new DOMException("the connection to the database was lost", "InvalidStateError");
+    return begin.apply(this, names);
+};"""  # as Safari does with pages that were in the background
 NO_COOKIES = json.dumps({"profile": {"default_content_setting_values": {"cookies": 2}}})
 A_DAY_MS = 86_400_000
 A_WEEKEND_PASSES = """() => {
@@ -92,7 +98,7 @@ def test_a_browser_without_h264_sees_the_second_codec(
     assert b"vp09" in httpx.get(fetched[0]).content
 
 
-@pytest.mark.parametrize("storage", [NO_STORAGE, FULL_DISK], ids=["refused", "full"])
+@pytest.mark.parametrize("storage", [NO_STORAGE, FULL_DISK, LOST_DATABASE], ids=["refused", "full", "lost"])
 def test_a_study_is_finished_without_storage(
     new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor, storage: str
 ) -> None:

@@ -196,6 +196,19 @@ def test_the_blind_spot_a_step_back_that_cannot_be_taken_and_a_reload(
     assert (row["n_answered"], row["distance_source"], row["verdict"]) == (2, "blind spot", None)
 
 
+def test_a_double_click_loses_one_dot(screened: Any, page: Page, visitor: Visitor) -> None:
+    enters(visitor, screened(tests=["acuity"], distance="blind spot"))
+    page.get_by_role("button", name="Begin").click()
+    fits_card(visitor)
+    visitor.sees("blind-intro")
+    page.keyboard.press("Enter")
+    shows(page, "1 of 5")
+    visitor.is_settled()
+    page.mouse.dblclick(400, 300)
+    visitor.is_settled()
+    shows(page, "2 of 5")
+
+
 def test_cards_that_differ_are_fitted_again_and_none_may_end_it(screened: Any, page: Page, visitor: Visitor) -> None:
     study = screened(tests=["acuity"], on_failure="stop")
     enters(visitor, study)

@@ -36,6 +36,15 @@ SHOW = """(name) => {
   for (const view of document.querySelectorAll("[data-view]")) view.hidden = view.dataset.view !== name;
   document.getElementById("plate").hidden = false;
 }"""
+RATED_IN_GERMAN = {"protocol": "ACR", "reference": "", "languages": ["de"], "consent": "", "questions": []}
+SHOW_VOTE = """() => {
+  const trial = document.getElementById("trial");
+  trial.dataset.state = "voting";
+  for (const part of trial.querySelectorAll("[data-label]")) part.textContent = part.dataset.label;
+  const hint = trial.querySelector(".choose");
+  hint.textContent = hint.dataset.choose;
+  trial.querySelector("[data-fullscreen]").hidden = false;
+}"""
 ShowView = Callable[[str, int, int], Locator]
 
 
@@ -72,6 +81,26 @@ def test_every_page_but_the_questionnaire_is_seen_whole(show_view: ShowView, wid
         heights[name] = view.page.evaluate("document.documentElement.scrollHeight")
     del heights["interview"]
     assert {name: higher for name, higher in heights.items() if higher > height} == {}
+
+
+@pytest.mark.parametrize("show_view", [{}, RATED_IN_GERMAN], indirect=True, ids=["PC", "ACR"])
+@pytest.mark.parametrize(("width", "height"), [(320, 640), (390, 844), (683, 384)])
+def test_in_a_small_window_nothing_of_the_vote_lies_over_anything_else(
+    show_view: ShowView, page: Page, width: int, height: int
+) -> None:
+    """683 x 384 is a laptop's window of 1366 x 768 at a zoom of 200 %."""
+    trial = show_view("trial", width, height)
+    page.evaluate(SHOW_VOTE)
+    parts = trial.locator(".choice, .choose, .next, .progress > p:not(.corner), .corner button").locator("visible=true")
+    boxes = [box_of(part) for part in parts.all()]
+    for number, one in enumerate(boxes):
+        assert one["left"] >= 0
+        assert one["right"] <= width
+        for other in boxes[:number]:
+            is_beside = one["left"] >= other["right"] or one["right"] <= other["left"]
+            assert is_beside or one["top"] >= other["bottom"] - 1 or one["bottom"] <= other["top"] + 1
+    for word in trial.locator(".choice span").all():
+        assert box_of(word)["right"] <= box_of(word.locator(".."))["right"]
 
 
 def test_eleven_steps_of_a_scale_stand_in_one_row(show_view: ShowView) -> None:

@@ -79,6 +79,29 @@ test("trouble is told once when it begins and once when it ends", async () => {
   assert.deepEqual(told, [true, false]);
 });
 
+test("a vote is sent again when the server has not answered within half a minute", async () => {
+  const asked = [];
+  mock.method(AbortSignal, "timeout", (milliseconds) => {
+    const stopping = new AbortController();
+    setTimeout(() => stopping.abort(new DOMException("it took too long", "TimeoutError")), milliseconds);
+    return stopping.signal;
+  });
+  globalThis.fetch = (_url, { signal }) =>
+    new Promise((_resolve, reject) => {
+      asked.push(Date.now());
+      signal.addEventListener("abort", () => reject(signal.reason));
+    });
+  const told = [];
+  onTrouble((isInTrouble) => told.push(isInTrouble));
+  await outbox.putVote("trial-1", vote());
+  await pass(30_250);
+  assert.deepEqual([asked, told], [[0, 30_250], [true]]);
+  assert.deepEqual(await waiting(), ["trial-1"]);
+  serve(200);
+  await pass(31_000);
+  assert.deepEqual([await waiting(), told], [[], [true, false]]);
+});
+
 for (const status of [409, 422]) {
   test(`a vote that can never be taken (${status}) is sent once, and does not hold up the next`, async () => {
     const complaints = mock.method(console, "error", () => {});
