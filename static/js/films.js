@@ -4,6 +4,7 @@ import { Unreachable, patiently, request } from "./connection.js";
 
 const FEWEST_BYTES = 20_000; // of a film before its speed says anything
 const SURE_AFTER_MS = 3000; // of fetching a film; a line is slower in the beginning
+const LONGEST_SILENCE_MS = 30_000; // then the line is taken for broken, and the film asked for again
 
 export class Films {
   constructor() {
@@ -63,7 +64,7 @@ export class Film {
 
   /** Fetches no more; `whole` fails. */
   stop() {
-    for (const part of this.parts) part.stopping.abort();
+    for (const part of this.parts) part.stop();
   }
 
   /** Bytes so far. */
@@ -105,12 +106,30 @@ class Part {
     this.url = url;
     this.received = 0;
     this.size = 0;
-    this.stopping = new AbortController();
+    this.line = new AbortController();
+    this.isStopped = false;
+  }
+
+  stop() {
+    this.isStopped = true;
+    this.line.abort();
   }
 
   /** @returns {Promise<Blob>} */
   async download() {
-    const { signal } = this.stopping;
+    if (!this.isStopped) this.line = new AbortController();
+    const hush = () => this.line.abort(new DOMException(`${this.url} fell silent`, "TimeoutError"));
+    let silence = setTimeout(hush, LONGEST_SILENCE_MS);
+    const heard = () => {
+      clearTimeout(silence);
+      silence = setTimeout(hush, LONGEST_SILENCE_MS);
+    };
+    return this.receive(heard).finally(() => clearTimeout(silence));
+  }
+
+  /** @param {() => void} heard is told of every piece @returns {Promise<Blob>} */
+  async receive(heard) {
+    const { signal } = this.line;
     const response = await request(this.url, { signal });
     this.received = 0;
     this.size = Number(response.headers.get("Content-Length") ?? 0);
@@ -118,10 +137,11 @@ class Part {
     const pieces = [];
     for (;;) {
       const { done, value } = await reader.read().catch((cause) => {
-        signal.throwIfAborted();
+        if (this.isStopped) throw cause;
         throw new Unreachable(`${this.url} broke off`, { cause });
       });
       if (done) break;
+      heard();
       pieces.push(value);
       this.received += value.length;
     }

@@ -220,7 +220,7 @@ export function tellTrouble(trial, why) {
 
 /** @param {string} url of a ring or a plate @returns {Promise<Blob>} */
 export async function readPicture(url) {
-  const response = await request(url, { headers: sessionHeader() });
+  const response = await request(url, { headers: sessionHeader(), signal: AbortSignal.timeout(LONGEST_ANSWER_MS) });
   return response.blob().catch((cause) => {
     throw new Unreachable(`${url} broke off`, { cause });
   });
