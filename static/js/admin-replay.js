@@ -2,14 +2,14 @@
 
 import { byId, required } from "./elements.js";
 
-/** @param {HTMLElement} replay with a time line: a bar for each look at a video @param {SVGSVGElement} line */
-function play(replay, line) {
-  const now = required(SVGLineElement, "#replay-now", line);
+/** @param {HTMLElement} replay @param {HTMLInputElement} time over a line with a bar for each look at a video, seconds */
+function play(replay, time) {
+  const now = required(SVGLineElement, "#replay-now");
   const button = byId("replay-play");
   const videos = [...replay.querySelectorAll("video")];
   const shownMs = Number(replay.dataset.shownMs);
   const durationS = Number(replay.dataset.filmS);
-  const looks = [.../** @type {NodeListOf<SVGRectElement>} */ (line.querySelectorAll("rect.look"))].map((look) => ({
+  const looks = [.../** @type {NodeListOf<SVGRectElement>} */ (replay.querySelectorAll("rect.look"))].map((look) => ({
     label: look.dataset.label, // a, b or reference
     from: look.x.baseVal.value / 1000,
     to: (look.x.baseVal.value + look.width.baseVal.value) / 1000,
@@ -21,6 +21,7 @@ function play(replay, line) {
   const show = () => {
     now.setAttribute("x1", String(1000 * at));
     now.setAttribute("x2", String(1000 * at));
+    time.value = String(at * Number(time.max));
     const shown = looks.find(({ from, to }) => at >= from && at < to) ?? looks.at(-1);
     for (const figure of replay.querySelectorAll("figure"))
       figure.classList.toggle("is-on-screen", figure.dataset.label === shown?.label);
@@ -30,9 +31,9 @@ function play(replay, line) {
     for (const video of videos) video.pause();
     button.textContent = at >= 1 ? "Play again" : "Play";
   };
-  const step = (/** @type {number} */ time) => {
+  const step = (/** @type {number} */ now_ms) => {
     if (startedAt === null) return;
-    at = Math.min(1, (time - startedAt) / shownMs);
+    at = Math.min(1, (now_ms - startedAt) / shownMs);
     show();
     if (at >= 1) stop();
     else requestAnimationFrame(step);
@@ -46,19 +47,20 @@ function play(replay, line) {
   button.addEventListener("click", async () => {
     if (startedAt !== null) return stop();
     if (at >= 1) seek(0);
-    await Promise.all(videos.map((video) => video.play()));
+    const playing = await Promise.all(videos.map((video) => video.play())).catch(() => null);
+    byId("replay-fault").hidden = playing !== null;
+    if (!playing) return stop();
     startedAt = performance.now() - at * shownMs;
     button.textContent = "Pause";
     requestAnimationFrame(step);
   });
-  line.addEventListener("click", (event) => {
+  time.addEventListener("input", () => {
     stop();
-    const box = line.getBoundingClientRect();
-    seek(Math.min(1, Math.max(0, (event.clientX - box.left) / box.width)));
+    seek(Number(time.value) / Number(time.max));
   });
   for (const video of videos) video.loop = true;
   show();
 }
 
-const line = document.querySelector("#replay-time"); // absent for a trial without a viewing record
-if (line instanceof SVGSVGElement) play(byId("replay"), line);
+const time = document.querySelector("#replay-seek"); // absent for a trial without a viewing record
+if (time instanceof HTMLInputElement) play(byId("replay"), time);

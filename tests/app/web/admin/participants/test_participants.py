@@ -254,12 +254,32 @@ def test_the_browser_marks_the_reference_while_it_was_on_screen(
     page.goto(looked_at_reference)
     marked = page.locator(".is-on-screen")
     expect(marked).to_have_attribute("data-label", re.compile("^[ab]$"))
-    page.locator("#replay-time").click()  # in its middle
+    page.locator("#replay-seek").click()  # in its middle
+    expect(marked).to_have_attribute("data-label", "reference")
+    page.keyboard.press("Home")
+    expect(marked).to_have_attribute("data-label", re.compile("^[ab]$"))
+    page.keyboard.press("ArrowRight")
     expect(marked).to_have_attribute("data-label", "reference")
     film_height = 3 * tiny_stimuli.HEIGHT + 2 * GUARD_ROWS
     strips = [number * (tiny_stimuli.HEIGHT + GUARD_ROWS) / film_height for number in range(3)]
     *compared, reference = page.evaluate(WINDOWS)
     assert [*sorted(compared), reference] == pytest.approx(strips, abs=0.01)
+    page.close()
+
+
+@pytest.mark.browser
+@pytest.mark.slow
+@pytest.mark.parametrize("new_database_url", ["sqlite"], indirect=True)
+def test_a_replay_whose_film_cannot_be_played_says_so(
+    browser: Browser, server: str, settings: Settings, looked_at_reference: str
+) -> None:
+    page = browser.new_page(base_url=server)
+    sign_in(page, settings)
+    page.route("**/media/**", lambda route: route.fulfill(body=b"no film", content_type="video/mp4"))
+    page.goto(looked_at_reference)
+    page.get_by_role("button", name="Play").click()
+    expect(page.get_by_role("alert")).to_contain_text("could not play the film")
+    expect(page.get_by_role("button", name="Play")).to_be_visible()
     page.close()
 
 
