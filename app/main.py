@@ -176,10 +176,24 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
 
 
 def _answer_head(router: APIRouter) -> None:
-    """Answer HEAD wherever a page is read, as monitors ask; analysts' tables have routes of their own for it."""
-    for route in router.routes:
-        if isinstance(route, APIRoute) and route.methods == {"GET"} and not route.include_in_schema:
-            route.methods.add("HEAD")
+    """Answer HEAD, the headers alone, wherever something is read: monitors and downloads ask for it."""
+    routes = [(route, route.methods or set()) for route in router.routes if isinstance(route, APIRoute)]
+    asked = {route.path for route, methods in routes if methods == {"HEAD"}}  # a process's applications share routers
+    for route, methods in routes:
+        if methods != {"GET"} or route.path in asked:
+            continue
+        if route.include_in_schema:  # described once, as GET
+            path = route.path.removeprefix(router.prefix)
+            router.add_api_route(
+                path,
+                route.endpoint,
+                methods=["HEAD"],
+                dependencies=route.dependencies,
+                response_model=route.response_model,
+                include_in_schema=False,
+            )
+        else:
+            methods.add("HEAD")
 
 
 def _set_state(app: FastAPI, settings: Settings, database: Database, writer: VoteWriter) -> None:

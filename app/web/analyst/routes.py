@@ -10,7 +10,6 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import Response
-from fastapi.routing import APIRoute
 
 from app.operations.manage import study_summary
 from app.store import tables
@@ -266,13 +265,6 @@ def archive(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     write_archive(content, database, study.id)
     headers = {"Content-Disposition": f'attachment; filename="{study.slug}.zip"'}
     return streamed(content, "application/zip", chosen, headers)
-
-
-for _route in [each for each in router.routes if isinstance(each, APIRoute)]:  # HEAD asks for the headers alone
-    _address = _route.path.removeprefix(router.prefix)
-    router.add_api_route(
-        _address, _route.endpoint, methods=["HEAD"], dependencies=_route.dependencies, include_in_schema=False
-    )
 
 
 def _trial_table(

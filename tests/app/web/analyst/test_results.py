@@ -56,6 +56,14 @@ def test_head_answers_the_headers_of_a_table_alone(
     assert httpx.head(server + address).status_code == 401
 
 
+def test_head_is_answered_wherever_something_is_read(analyst: httpx.Client) -> None:
+    described = analyst.get("/api/v1/openapi.json").json()["paths"]
+    read = [path for path, methods in described.items() if "get" in methods]
+    assert "/api/v1/jobs" in read
+    assert not any("head" in methods for methods in described.values())
+    assert {path: status for path in read if (status := analyst.head(path).status_code) in (405, 500)} == {}
+
+
 @pytest.mark.parametrize("media_type", ["application/json", "text/csv", "application/vnd.apache.parquet"])
 def test_a_long_table_is_compressed_unless_its_format_is(
     analyst: httpx.Client, taken: dict[str, Any], media_type: str
