@@ -114,13 +114,13 @@ class Job:
 
     @property
     def models(self) -> list[tuple[Approach, int]]:
-        """The approach and the frame of every model."""
-        return [(approach, frame) for approach in self.options.models for frame in self.frames]
+        """The approach and the frame of every model, frame by frame."""
+        return [(approach, frame) for frame in self.frames for approach in self.options.models]
 
     @property
     def surfaces(self) -> list[tuple[Approach, int]]:
-        """The approach and the frame of every mesh with coloured vertices."""
-        return [(approach, frame) for approach in self.options.surfaces for frame in self.frames]
+        """The approach and the frame of every mesh with coloured vertices, frame by frame."""
+        return [(approach, frame) for frame in self.frames for approach in self.options.surfaces]
 
     def temporal(self, method: str) -> TemporalParameters | None:
         """Return how the disparity maps of a depth method are filtered in time; None for not at all."""

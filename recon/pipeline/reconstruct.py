@@ -177,7 +177,8 @@ def reconstruct_capture(
 def _made(job: Job, progress: Progress) -> dict[str, Any]:
     """Make what is not finished of a run, and return the content of ``run.json``."""
     run = job.artefacts.folder
-    options, views, models = job.options, list(chain.from_iterable(job.sequences)), job.models
+    options, models = job.options, job.models
+    views = list(chain.from_iterable(zip(*job.sequences, strict=True)))  # by frame, so that the time left can be told
 
     timings: dict[str, float] = {}
     with open_pool(options.workers, options.cluster) as pool:

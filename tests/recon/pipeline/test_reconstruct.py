@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import signal
 import subprocess
@@ -159,6 +160,17 @@ def test_a_run_that_lost_a_cloud_makes_it_again_and_nothing_else(capture: Captur
     reconstruct(capture.folder, run, ReconstructOptions(depths=("id",)))
     assert len((run / "log.jsonl").read_text().splitlines()) == n_made + 1
     assert digests(run, "*.ply") == before
+
+
+@pytest.mark.slow
+def test_frames_are_made_one_after_the_other_so_that_slow_methods_do_not_come_last(
+    capture: Capture, tmp_path: Path
+) -> None:
+    reconstruct(capture.folder, tmp_path / "run", ReconstructOptions(depths=("id", "dr")))
+    made = [json.loads(line)["made"] for line in (tmp_path / "run/log.jsonl").read_text().splitlines()]
+    for stage in ("matched", "meshes"):
+        frames = [Path(name).stem for name in made if name.startswith(stage)]
+        assert frames == ["0000"] * 4 + ["0001"] * 4
 
 
 @pytest.mark.slow
