@@ -11,7 +11,7 @@ from sqlalchemy import Connection, func, insert, select, update
 
 from app.errors import ConflictError
 from app.store.engine import Database
-from app.store.keys import digest, new_secret, resume_code, resumed_token
+from app.store.keys import digest, new_secret, resume_code, resumed_token, typed_code
 from app.store.orders import ALL_VOTED
 from app.store.screening import close_screening
 from app.store.tables import participant, session, shown_texts, stage_record, study, trial, vote
@@ -84,9 +84,11 @@ def resume_session(database: Database, code: str, key: str | None = None) -> str
 
     Parameters
     ----------
+    code : as a person typed it: in capitals, or in groups, too
     key : random, made by the browser: with it the same code may be sent again until the new code is used; None: the
         code works once
     """
+    code = typed_code(code)
     token = resumed_token(code, key) if key else new_secret()
     with database.writing() as connection:
         changed = connection.execute(

@@ -16,7 +16,6 @@ from app.errors import InvalidError, NotFoundError
 from app.store.admission import begin_preview
 from app.store.deletion import forget_preview_votes
 from app.store.invitations import invitation_of_session
-from app.store.keys import typed_code
 from app.store.sessions import resume_session, session_by_token
 from app.store.studies import study_by_id
 from app.study.language_pack import LanguagePack, nested_texts
@@ -172,7 +171,7 @@ def resume_elsewhere(
         log.warning("a resume code came from elsewhere than the entrance's form")
         return _page(request, "participant/entrance.html", 403, keeps_cookies=has_form_token(request))
     throttle(request).check(WRONG_CODES, address(request))
-    token = resume_session(database, typed_code(resume_code), form_token)
+    token = resume_session(database, resume_code, form_token)
     if token is None:
         throttle(request).count(WRONG_CODES, address(request))
         message = "unknown_resume_code"

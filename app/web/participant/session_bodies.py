@@ -72,7 +72,7 @@ class TurnedAwayBody(AdmissionBody):
 
 
 class Resumption(Strict):
-    resume_code: Code
+    resume_code: Annotated[str, Field(max_length=40, pattern=r"^[A-Za-z0-9_ -]+$", examples=["k7m2-p9xq-4wva"])]
     key: Annotated[str, Field(pattern=UUID)] | None = Field(
         default=None, description="random, made by the client: the same code with it leads to the same session again"
     )

@@ -196,6 +196,12 @@ def test_reloading_goes_on_where_one_was(participant: httpx.Client, vote_body: V
     assert participant.get("/api/v1/session").json()["progress"] == {"done": 1, "total": 6}
 
 
+def test_a_resume_code_may_be_written_in_groups_and_capitals(participant: httpx.Client, server: str) -> None:
+    code = participant.get("/api/v1/session").json()["resume_code"].upper()
+    grouped = {"resume_code": f"{code[:4]}-{code[4:8]} {code[8:]}"}
+    assert httpx.post(f"{server}/api/v1/session/resume", json=grouped).status_code == 200
+
+
 def test_a_resume_code_goes_on_in_another_browser(participant: httpx.Client, vote_body: VoteBody, server: str) -> None:
     trial = participant.get("/api/v1/session/trials/next").json()
     participant.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial))
