@@ -16,12 +16,13 @@ from recon.rig import rigid
 from recon.studio.anatomy import Build
 from recon.studio.looks import BALL, BOX, CUBOID, KNIT, PERSON, PRINT, SPHERE, STRIPES, Look
 from recon.studio.rigs import Field
-from recon.studio.skeleton import Controls, Vector, rotation
+from recon.studio.skeleton import REST_HEIGHT_MM, Controls, Vector, rotation
 
 SPHERE_RADIUS_MM = 150.0
 CUBOID_SIZE_MM = (220.0, 320.0, 160.0)
 BALL_RADIUS_MM = 115.0
 BOX_SIZE_MM = (340.0, 250.0, 230.0)
+OUTWARDS = {"l": 1.0, "r": -1.0}  # along x
 TAU = 2 * np.pi
 
 
@@ -33,6 +34,11 @@ class Actor:
     look: Look
     place: tuple[float, float, float] = (0.0, 0.0, 0.0)
     turn_deg: float = 0.0
+
+    @property
+    def scale(self) -> float:
+        """Size, compared with the frame of `Controls`."""
+        return self.build.height / REST_HEIGHT_MM
 
 
 @dataclass(frozen=True)
@@ -137,19 +143,20 @@ def _ball_moment(phase: float) -> Moment:
     dip = -50.0 * np.exp(-(((phase - 0.54) / 0.05) ** 2)) - 40.0 * np.exp(-((((phase + 0.5) % 1.0 - 0.52) / 0.05) ** 2))
     centre = np.array([165.0 * swing, 1160.0 + 50.0 * abs(swing) + dip, 390.0])
     ball = centre + np.array([0.0, 330.0 * thrown, 0.0])
-    hold = centre + np.array([0.0, min(40.0, 99.0 * thrown) - 25.0, -75.0])
-    aside = np.array([BALL_RADIUS_MM + 18.0 + 45.0 * thrown, 0.0, 0.0])
+    turn = rotation((0.0, 22.0 * swing, 0.0))
+    aside, above = BALL_RADIUS_MM + 22.0 + 41.0 * thrown, min(40.0, 99.0 * thrown) - 25.0
     controls = Controls(
         pelvis=(26.0 * swing, -22.0 - 8.0 * _wave(phase, 2), 0.0),
         pelvis_turn=(2.0, 7.0 * swing, 0.0),
         spine_turn=(7.0 - 4.0 * thrown, 17.0 * swing, -3.0 * swing),
         head_turn=(12.0 - 22.0 * thrown, 6.0 * swing, 0.0),
-        hands={"l": hold + aside, "r": hold - aside},
-        palms={"l": ball, "r": ball},
-        curl={"l": -12.0, "r": -12.0},
+        hands={side: centre + turn @ (out * aside, above, -70.0) for side, out in OUTWARDS.items()},
+        palms=dict.fromkeys(OUTWARDS, ball),
+        pointing=dict.fromkeys(OUTWARDS, turn @ (0.0, 0.1, 1.0)),
+        curl=dict.fromkeys(OUTWARDS, 13.0 - 24.0 * thrown),
         feet={"l": (35.0, 0.0, 25.0), "r": (-35.0, 0.0, -15.0)},
     )
-    spin = rotation((360.0 * phase, 20.0, 40.0 * swing))
+    spin = rotation((360.0 * flight, 20.0 + 22.0 * swing, 0.0))
     return Moment((controls,), (rigid(spin, ball),), (_blink(phase, 0.31),))
 
 
@@ -165,19 +172,21 @@ def _box_moment(phase: float) -> Moment:
     lift = 0.5 - 0.5 * float(np.cos(TAU * phase))
     turn = rotation((-10.0 * lift, 24.0 * _wave(phase, 2), 7.0 * _wave(phase)))
     centre = np.array([55.0 * _wave(phase), 1015.0 + 270.0 * lift, 385.0 - 25.0 * lift])
-    grip = np.array([BOX_SIZE_MM[0] / 2 + 20.0, -30.0, -75.0])
-    hands = {side: centre + turn @ (grip * (out, 1.0, 1.0)) for side, out in (("l", 1.0), ("r", -1.0))}
+    aside = BOX_SIZE_MM[0] / 2 / CARRIER.scale + 30.0
+    wrists = {side: centre + turn @ (out * aside, -30.0, -75.0) for side, out in OUTWARDS.items()}
+    tilted = {side: wrists[side] + turn @ (-99.0 * out, 30.0, 0.0) for side, out in OUTWARDS.items()}
     controls = Controls(
         pelvis=(15.0 * _wave(phase), -18.0 - 22.0 * (1 - lift), -25.0),
         pelvis_turn=(4.0, 6.0 * _wave(phase, 2), 0.0),
         spine_turn=(9.0 - 9.0 * lift, 7.0 * _wave(phase, 2), -3.0 * _wave(phase)),
         head_turn=(20.0 - 14.0 * lift, 5.0 * _wave(phase, 2), 3.0 * _wave(phase)),
-        hands=hands,
-        palms={"l": centre, "r": centre},
-        curl={"l": -4.0, "r": -4.0},
+        hands=wrists,
+        palms=tilted,  # thumbs stand off
+        pointing=dict.fromkeys(OUTWARDS, turn @ (0.0, 0.1, 1.0)),
+        curl=dict.fromkeys(OUTWARDS, -10.0),
         feet={"l": (25.0, 0.0, -10.0), "r": (-25.0, 0.0, 30.0)},
     )
-    return Moment((controls,), (rigid(turn, centre * (CARRIER.build.height / 1780.0)),), (_blink(phase, 0.12),))
+    return Moment((controls,), (rigid(turn, CARRIER.scale * centre),), (_blink(phase, 0.12),))
 
 
 def _people_scene(_position: Vector) -> Scene:

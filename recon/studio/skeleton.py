@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 Vector = NDArray[np.float64]
 
-# Joints of a person 1780 mm tall who stands with the arms 47 degrees away from the body, facing +z.
+REST_HEIGHT_MM = 1780.0
+# Joints of a person of this height who stands with the arms 47 degrees away from the body, facing +z.
 # Bone lengths over height: arm 0.16, forearm 0.145, thigh 0.24, shin 0.23 (after Drillis and Contini 1966).
 JOINTS: dict[str, tuple[float, float, float]] = {
     "pelvis": (0.0, 960.0, 0.0),
@@ -52,6 +53,7 @@ PALM = {"l": np.array([-0.73, -0.68, 0.0]), "r": np.array([0.73, -0.68, 0.0])}  
 MAX_TWIST = 1.75  # radians, of a hand about the forearm
 FULL_TWIST_SINE = 0.5  # of the angle between forearm and target; nearer to the axis the hand turns less
 RELAXED_CURL_DEG = 14.0  # of a hand that does nothing
+MAX_WRIST_BEND = 1.1  # radians, of a hand away from its forearm
 FULL_REACH = 0.985  # of the limb's length: a knee or elbow never locks
 
 
@@ -66,6 +68,7 @@ class Controls:
         the spine's is shared by two bones, the head's by neck and head
     hands : wrist positions by side "l", "r", mm; a missing one hangs
     palms : a point that the palm faces, by side, mm
+    pointing : direction of the straight fingers, by side; a missing one goes on where the forearm points
     feet : displacement of the feet from standing by side, mm
     jaw : degrees that the mouth is open
     curl : degrees that the fingers bend at the knuckles, and as much again at the middle joints, by side
@@ -77,6 +80,7 @@ class Controls:
     head_turn: ArrayLike = (0.0, 0.0, 0.0)
     hands: Mapping[str, ArrayLike] = field(default_factory=dict)
     palms: Mapping[str, ArrayLike] = field(default_factory=dict)
+    pointing: Mapping[str, ArrayLike] = field(default_factory=dict)
     feet: Mapping[str, ArrayLike] = field(default_factory=dict)
     jaw: float = 0.0
     curl: Mapping[str, float] = field(default_factory=dict)
@@ -99,14 +103,14 @@ def axis_rotation(axis: ArrayLike, angle: float) -> Vector:
     return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
 
 
-def rotation_between(a: Vector, b: Vector) -> Vector:
-    """Return the smallest rotation, float64 (3, 3), that turns direction a (3,) into direction b (3,)."""
+def rotation_between(a: Vector, b: Vector, largest: float = np.pi) -> Vector:
+    """Return the smallest rotation, float64 (3, 3), of direction a (3,) to b (3,), or by `largest` radians that way."""
     a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
     axis = np.cross(a, b)
     sine = np.linalg.norm(axis)
     if sine < 1e-9:
         return np.eye(3)
-    return axis_rotation(axis, float(np.arctan2(sine, a @ b)))
+    return axis_rotation(axis, min(largest, float(np.arctan2(sine, a @ b))))
 
 
 def pose(controls: Controls) -> NDArray[np.float64]:
@@ -150,11 +154,13 @@ def _pose_arm(controls: Controls, side: str, turns: dict[str, Vector], joints: d
     elbow, wrist = _two_bones(shoulder, wrist, REST[fore] - REST[upper], REST[hand] - REST[fore], pole)
     turns[upper] = rotation_between(chest @ (REST[fore] - REST[upper]), elbow - shoulder) @ chest
     turns[fore] = rotation_between(turns[upper] @ (REST[hand] - REST[fore]), wrist - elbow) @ turns[upper]
-    turns[hand] = turns[fore]
+    along = wrist - elbow
+    bend = rotation_between(along, np.asarray(controls.pointing.get(side, along)), MAX_WRIST_BEND)
+    turns[hand] = bend @ turns[fore]
     if side in controls.palms:
-        twist = _twist(turns[fore] @ PALM[side], np.asarray(controls.palms[side]) - wrist, wrist - elbow)
-        turns[hand] = axis_rotation(wrist - elbow, twist) @ turns[fore]
-        turns[fore] = axis_rotation(wrist - elbow, 0.5 * twist) @ turns[fore]
+        twist = _twist(turns[hand] @ PALM[side], np.asarray(controls.palms[side]) - wrist, bend @ along)
+        turns[hand] = axis_rotation(bend @ along, twist) @ turns[hand]
+        turns[fore] = axis_rotation(along, 0.5 * twist) @ turns[fore]
     joints[upper], joints[fore], joints[hand] = shoulder, elbow, wrist
     bend = axis_rotation(ACROSS * (-1.0, -out, -out), np.radians(controls.curl.get(side, RELAXED_CURL_DEG)))
     for bone, parent in ((f"fingers_{side}", hand), (f"tips_{side}", f"fingers_{side}")):

@@ -18,8 +18,6 @@ from recon.studio.scenes import Actor, Moment, Prop, Scene
 from recon.studio.shadow import key_share
 from recon.studio.skeleton import pose, rotation, skin, vertex_normals
 
-REST_HEIGHT_MM = 1780.0
-
 
 @dataclass(frozen=True, eq=False)
 class Staged:
@@ -124,8 +122,7 @@ def _display(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def _placed(actor: Actor, vertices: NDArray[np.float64]) -> NDArray[np.float64]:
-    scale = actor.build.height / REST_HEIGHT_MM
-    return np.asarray(scale * vertices @ rotation((0.0, actor.turn_deg, 0.0)).T + np.asarray(actor.place))
+    return np.asarray(actor.scale * vertices @ rotation((0.0, actor.turn_deg, 0.0)).T + np.asarray(actor.place))
 
 
 def _prop_mesh(prop: Prop, cell: float) -> objects.Mesh:

@@ -17,7 +17,8 @@ from recon.studio.looks import look_row, noise_volume
 from recon.studio.objects import ball, box
 from recon.studio.person import RestBody, fold_depths, rest_body
 from recon.studio.scenes import SCENES
-from recon.studio.skeleton import BONES, PALM, REST, Controls, pose, rotation, skin, vertex_normals
+from recon.studio.skeleton import BONES, MAX_WRIST_BEND, PALM, REST, Controls, pose, rotation, skin, vertex_normals
+from recon.studio.stage import Stage
 
 Faces = NDArray[np.int32]
 
@@ -79,6 +80,40 @@ def test_curled_fingers_approach_the_palm() -> None:
         tip = transforms[BONES.index("tips_l")] @ (655.0, 866.0, 0.0, 1.0)
         heights.append(PALM["l"] @ transforms[hand, :, :3].T @ (tip - transforms[hand, :, 3]))
     assert heights[0] + 15 < heights[1] < heights[2] - 15
+
+
+@pytest.mark.parametrize(("asked", "is_reached"), [((0.0, 0.0, 1.0), True), ((0.0, 1.0, 0.0), False)])
+def test_a_hand_points_where_it_is_asked_to_as_far_as_a_wrist_bends(
+    asked: tuple[float, float, float], *, is_reached: bool
+) -> None:
+    turns = pose(Controls(hands={"l": (150.0, 1150.0, 320.0)}, pointing={"l": asked}))[:, :, :3]
+    forearm, hand = (
+        turns[BONES.index(bone)] @ (REST["hand_l"] - REST["forearm_l"]) for bone in ("forearm_l", "hand_l")
+    )
+    off, bent = (np.arccos(hand @ b / np.linalg.norm(hand) / np.linalg.norm(b)) for b in (asked, forearm))
+    assert off == pytest.approx(0.0, abs=1e-6) if is_reached else bent == pytest.approx(MAX_WRIST_BEND)
+
+
+@pytest.mark.parametrize(("name", "phases"), [("ball", np.arange(0.0, 0.56, 0.05)), ("box", np.arange(0.0, 1.0, 0.1))])
+def test_hands_hold_what_they_carry_and_do_not_enter_it(name: str, phases: NDArray[np.float64]) -> None:
+    scene = SCENES[name](np.zeros(3))
+    noise = noise_volume(np.random.default_rng(0))
+    stage = Stage(scene, cell=13.0, noise=noise, towards_key=np.array([0.0, 1.0, 1.0]))
+    (actor,), (prop,) = scene.actors, scene.props
+    look = look_row(actor.look)
+    bones = rest_body(person_parts(actor.build), look, cell=13.0, noise=noise).bones[:, 0]
+    for phase in phases:
+        (placed,) = scene.moment(phase).poses
+        seen = (stage.at(phase).vertices[: len(bones)] - placed[:3, 3]) @ placed[:3, :3]
+        if name == "ball":
+            outside = np.linalg.norm(seen, axis=1) - prop.size[0]
+        else:
+            beside = np.abs(seen) - np.array(prop.size) / 2
+            outside = np.linalg.norm(np.maximum(beside, 0.0), axis=1) + np.minimum(beside.max(axis=1), 0.0)
+        assert outside.min() > -6.0, phase  # mm, as skin gives way
+        for side in "lr":
+            hand = np.isin(bones, [BONES.index(f"{part}_{side}") for part in ("hand", "fingers", "tips")])
+            assert outside[hand].min() < 3.0, (phase, side)
 
 
 def test_a_person_is_as_tall_as_the_rest_pose_says(person: RestBody) -> None:
