@@ -28,7 +28,7 @@ from distributed import LocalCluster
 from recon.capture.format import Capture, read_capture
 from recon.cli.options import parse_size
 from recon.pipeline.film import Film, RenderOptions, make_part
-from recon.pipeline.job import ReconstructOptions
+from recon.pipeline.job import ReconstructOptions, planned_job
 from recon.pipeline.reconstruct import reconstruct
 from recon.pipeline.run import read_run
 from recon.pipeline.sources import run_source
@@ -61,8 +61,8 @@ POOLS = {"local processes": local, "Dask": dask}
 
 
 def matching(capture: Capture, folder: Path) -> list[partial[Any]]:
-    views = [(stream.id, frame) for frame in range(capture.n_frames) for stream in capture.sensors]
-    return [partial(match_frame, capture, folder, "id", *view) for view in views]
+    job = planned_job(capture, folder, ReconstructOptions(depths=("id",)))
+    return [partial(match_frame, job, view) for sequence in job.sequences for view in sequence]
 
 
 def rendering(run: Path, options: RenderOptions, folder: Path) -> list[partial[Any]]:
@@ -141,7 +141,7 @@ def main() -> None:
         synthesise(top / "ball", parameters)
         reconstruct(top / "ball", top / "run", ReconstructOptions(depths=("id",), frames=range(2)))
         shown = RenderOptions(size=arguments.size, seconds=arguments.seconds, renderer="software")
-        stages = {
+        stages: dict[str, Tasks] = {
             "arithmetic": arithmetic,
             "matching": partial(matching, read_capture(top / "ball")),
             "rendering": partial(rendering, top / "run", shown),

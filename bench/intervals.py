@@ -94,7 +94,8 @@ def dataset_lines(n_studies: int, seed: int) -> Iterator[str]:
     """Print the coverage of intervals of scores for datasets at large, whose scores are shifted by 0.4 log-odds."""
     for n_datasets in (5, 10):
         rng = np.random.default_rng(seed)
-        plan, hits = StudyPlan(6, 1, 22), ([], [])
+        plan = StudyPlan(6, 1, 22)
+        hits: tuple[list[list[bool]], list[list[bool]]] = ([], [])
         for _ in range(n_studies):
             votes = _on_datasets(plan, n_datasets, rng)
             (comparison,) = compare(votes, AnalysisSettings(by_dataset=False))
@@ -121,7 +122,8 @@ def _on_datasets(plan: StudyPlan, n_datasets: int, rng: np.random.Generator) -> 
 def null_lines(n_studies: int, seed: int) -> Iterator[str]:
     """Print how often tests reject where conditions, factors, orders, datasets and groups do not differ (5 %)."""
     for participants in (8, 22, 60):
-        rng, sides, hits = np.random.default_rng(seed), np.random.default_rng(seed + 1), {}
+        rng, sides = np.random.default_rng(seed), np.random.default_rng(seed + 1)
+        hits: dict[str, list[list[bool]]] = {}
         groups = {"age": {str(person): "young" if person % 2 else "old" for person in range(participants)}}
         settings = AnalysisSettings(factors=FACTORS, groups=groups, order_effect=True)
         for _ in range(n_studies):

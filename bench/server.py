@@ -291,7 +291,7 @@ def main() -> None:
     for name, row in rows.items():
         print(f"{name:30}", ", ".join(f"{value} {what}" for what, value in row.items()))
     for bar in bars:
-        print("passed" if bar["passed"] else "MISSED", "{reached:g} {what} (bar {bar:g})".format(**bar))
+        print("passed" if bar["passed"] else "MISSED", f"{bar['reached']} {bar['what']} (bar {bar['bar']})")
 
 
 if __name__ == "__main__":

@@ -168,7 +168,8 @@ def raw_cloud(view: View) -> Cloud:
         view.disparity, rows, columns, planes, intrinsics, view.rectification.focal * BASELINE, 0.1
     )
     normals = np.where(np.isnan(planes[:, :1]), -points / np.linalg.norm(points, axis=1, keepdims=True), normals)
-    return Cloud(points @ camera.rotation + camera.centre, normals @ camera.rotation, view.image[rows, columns])
+    points, normals = points @ camera.rotation + camera.centre, normals @ camera.rotation
+    return Cloud(points.astype(np.float32), normals.astype(np.float32), view.image[rows, columns])
 
 
 def ours_fb(clouds: list[Cloud], voxel: float) -> Mesh:
@@ -210,7 +211,7 @@ def _filtered(
     points: NDArray[np.float64], normals: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Without points that are far from their eight nearest neighbours."""
-    distance = cKDTree(points).query(points, k=9)[0].mean(axis=1)
+    distance = np.asarray(cKDTree(points).query(points, k=9)[0]).mean(axis=1)
     near = distance < FAR_NEIGHBOURS * np.median(distance)
     return points[near], normals[near]
 
@@ -224,13 +225,14 @@ def poisson(clouds: list[Cloud], _: float) -> Mesh:
     theirs.normals = open3d.utility.Vector3dVector(cloud.normals.astype(np.float64))
     theirs.colors = open3d.utility.Vector3dVector(cloud.colours / 255)
     mesh, density = open3d.geometry.TriangleMesh.create_from_point_cloud_poisson(theirs, depth=9)
-    mesh.remove_vertices_by_mask(np.asarray(density) < np.quantile(density, 0.15))
+    mesh.remove_vertices_by_mask(np.asarray(density) < np.quantile(np.asarray(density), 0.15))
     mesh.compute_vertex_normals()
     return _uncoloured(np.asarray(mesh.vertices), np.asarray(mesh.triangles), np.asarray(mesh.vertex_normals))
 
 
 def _uncoloured(vertices: NDArray[np.float64], faces: NDArray[np.int32], normals: NDArray[np.float64]) -> Mesh:
-    return Mesh(vertices, faces, np.nan_to_num(normals), np.zeros((len(vertices), 3), np.uint8))
+    smooth = np.nan_to_num(normals).astype(np.float32)
+    return Mesh(vertices.astype(np.float32), faces, smooth, np.zeros((len(vertices), 3), np.uint8))
 
 
 def measure(

@@ -68,7 +68,7 @@ def take_part(base_url: str, invitation: str, token: str, people: int, seed: int
         timings.setdefault(what, []).append(1000 * (time.perf_counter() - started))
         return answer
 
-    httpx.Client.send = timed  # type: ignore[method-assign]
+    httpx.Client.send = timed  # type: ignore[method-assign, assignment]
     result = simulate(base_url, "test", invitation, token, people, CONDITIONS, 0.2, seed)
     return int(result["votes"]), timings
 

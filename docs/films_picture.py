@@ -49,8 +49,8 @@ def distortions(frames: list[Picture]) -> dict[str, Callable[[int], Picture]]:
     }
 
 
-def clipped(picture: NDArray[np.float64]) -> Picture:
-    return np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+def clipped(picture: NDArray[np.floating]) -> Picture:
+    return np.asarray(np.clip(np.rint(picture), 0, 255), np.uint8)
 
 
 def main(stimuli: Path, dataset: str, approach: str) -> None:

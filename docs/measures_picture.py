@@ -19,6 +19,7 @@ from pictures import keep
 from playwright.sync_api import sync_playwright
 from scipy.spatial import cKDTree
 
+from app.study.pictures import png
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import write_cloud
 from recon.studio import SynthParameters, synthesise
@@ -26,7 +27,6 @@ from recon.studio.truth import MESH
 from recon.validation.cloud_quality.evaluation import CloudSettings, measure_clouds
 from recon.validation.cloud_quality.reading import Sampling, read_point_set
 from recon.validation.cloud_quality.sequences import find_compared
-from recon.validation.pictures import png
 
 DENSITY = 0.04  # points per mm²
 HEIGHT_PX, MARGIN_MM = 300, 40.0

@@ -11,10 +11,12 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from playwright.sync_api import sync_playwright
+from playwright.sync_api import ViewportSize, sync_playwright
 
+from app.analysis.drawing import svg_png
+from app.analysis.figures import drawn_figures
 from app.experiment.study import TRUTH
-from app.files import write_bytes
+from app.files import read_json, write_bytes
 from app.main import running_server
 from app.operations import create
 from app.settings import Settings
@@ -24,9 +26,10 @@ from recon.render.sheet import contact_sheet
 
 PICTURES = Path(__file__).parent / "pictures"
 LARGEST = 200_000  # bytes
-SCREEN = {"width": 1366, "height": 768}
+SCREEN = ViewportSize(width=1366, height=768)
 SEEN_MS = 1500  # of the first film
 WIDTH = 1100  # pixels on the page
+SCORES_WIDTH = 430  # of the figure, in the units of its letters, which are read in half of the page
 UPPER_BODY = np.s_[40:250, 125:335]  # of a model's picture: where the approaches differ most
 
 
@@ -38,8 +41,10 @@ def main(demo: Path) -> None:
     models = [front / f"model_{depth}_{fusion}.webp" for fusion in ("fa", "fb") for depth in ("id", "dr", "pm")]
     keep("recording", sheet([*recorded, *depths], np.s_[:], columns=6))
     keep("models", sheet(models, UPPER_BODY, columns=3))
-    scores = read(demo / "analysis" / "figures" / "scores.png")
-    keep("scores", scores[:, scores.shape[1] // 2 :])  # the demo has one dataset: the panel of all is the same
+    figures = drawn_figures(read_json(demo / "analysis" / "analysis.json"), SCORES_WIDTH)
+    scores = next(figure for figure in figures if figure.name == "scores")
+    picture = cv2.imdecode(np.frombuffer(svg_png(scores.svg), np.uint8), cv2.IMREAD_COLOR_RGB)
+    keep("scores", np.asarray(picture, np.uint8))
     keep("trial", trial(demo))
 
 

@@ -89,8 +89,9 @@ def study_server(given: argparse.Namespace, folder: Path) -> Iterator[tuple[str,
         attached = [*given.report, *models(given, folder, is_demo=demo)]
         if attached:
             manage.attach_results(settings, attached, "demo")
-        bearer = {"Authorization": f"Bearer {manage.add_own_token(settings, 'screenshots')}"}
-        trials = httpx.get(f"{url}/api/v1/studies/demo/trials", headers=bearer, timeout=60).json()
+        with manage.own_token(settings, "screenshots") as token:
+            bearer = {"Authorization": f"Bearer {token}"}
+            trials = httpx.get(f"{url}/api/v1/studies/demo/trials", headers=bearer, timeout=60).json()
         looked = max(trials, key=lambda row: row["n_switches"] or 0)
         yield url, manage.add_experimenter(settings, "Ada Example")["path"], str(looked["trial"])
 

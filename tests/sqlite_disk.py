@@ -135,7 +135,7 @@ def _watched(methods: int, log: Log, pause: Callable[[], object]) -> Any:
     table = (ctypes.c_void_p * (N_METHODS + 1)).from_buffer_copy(
         (ctypes.c_void_p * (N_METHODS + 1)).from_address(methods)
     )
-    write_original, sync_original = _WRITE(table[WRITE]), _SYNC(table[SYNC])
+    write_original, sync_original = _WRITE(table[WRITE] or 0), _SYNC(table[SYNC] or 0)
 
     def write(file: Any, content: Any, length: int, offset: int) -> int:
         log.write(offset, length)

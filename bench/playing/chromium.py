@@ -37,7 +37,7 @@ class Chromium:
 
     def colour_picture(self) -> NDArray[np.uint8]:
         """The window, uint8 (H, W, 3), RGB."""
-        picture = cv2.imdecode(np.frombuffer(self._page.screenshot(), np.uint8), cv2.IMREAD_COLOR)
+        picture = np.asarray(cv2.imdecode(np.frombuffer(self._page.screenshot(), np.uint8), cv2.IMREAD_COLOR))
         return np.asarray(picture[..., ::-1], np.uint8)
 
     def close(self) -> None:

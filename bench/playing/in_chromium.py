@@ -74,7 +74,10 @@ async def pictures_while(page: Page, action: Callable[[], Awaitable[None]]) -> l
     await session.send("Page.stopScreencast")
     await session.detach()
     grey = cv2.IMREAD_GRAYSCALE
-    return [(at, cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), grey)) for at, data in sorted(taken)]
+    return [
+        (at, np.asarray(cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), grey)))
+        for at, data in sorted(taken)
+    ]
 
 
 def presses_of(page: Page, n: int) -> Callable[[], Awaitable[None]]:

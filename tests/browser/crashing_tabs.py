@@ -15,7 +15,7 @@ from random import Random
 from typing import Any
 from urllib.parse import urlsplit
 
-from playwright.async_api import BrowserContext, Error, Page, Route, async_playwright
+from playwright.async_api import BrowserContext, Error, Page, Route, ViewportSize, async_playwright
 from sqlalchemy import select
 
 from app.store.engine import open_database
@@ -56,7 +56,7 @@ PROGRESS_S = 120  # until so many votes were kept as are waited for below
 KILL_SERVER_VOTES = (30, 150)  # that all participants' pages keep between kills
 DISTURB_VOTES = (5, 40)  # that one participant's pages keep until something happens to them
 OFFLINE_VOTES = (1, 10)
-SMALL = {"width": 320, "height": 200}
+SMALL = ViewportSize(width=320, height=200)
 OVERLAP = 3  # trials that a new tab votes on although the one before may have
 
 
