@@ -180,7 +180,7 @@ def has_few_participants(fit: Fit) -> bool:
     return n is not None and (n < FEWEST_PARTICIPANTS or n <= fit.design.n_free)
 
 
-def critical_value(n_participants: int | None) -> float:
+def critical_value(n_participants: float | None) -> float:
     """Return how many standard errors a 95 % interval reaches: by t(J - 1), or normal without participants."""
     tail = (1 + LEVEL) / 2
     return float(norm.ppf(tail) if n_participants is None else student.ppf(tail, n_participants - 1))
