@@ -100,12 +100,16 @@ class _Part:
 
 @dataclass(frozen=True)
 class _Fit:
-    """Least squares estimates: scores (K,) with mean 0 in each connected group, their covariance, the order effect."""
+    """Least squares estimates: scores (K,) with mean 0 in each connected group, their covariance, the order effect.
+
+    `order_influence` (J,) is what each participant adds to the order effect; its square sums to the variance.
+    """
 
     score: Array
     covariance: Array | None
     order_effect: float | None
     order_se: float | None
+    order_influence: Array
     n_participants: int
     n_groups: int
 
@@ -132,33 +136,44 @@ def _fit(part: _Part) -> _Fit:
     estimate = inverse @ (design.T @ part.rating)
     residue = part.rating - design @ estimate
     n_participants = int(part.person.max()) + 1
-    covariance = None
-    if n_participants > 1:
-        by_person = np.zeros((n_participants, n_items + 1))
-        np.add.at(by_person, part.person, design * residue[:, None])
-        spread = by_person @ inverse
-        covariance = spread.T @ spread * n_participants / (n_participants - 1)
+    by_person = np.zeros((n_participants, n_items + 1))
+    np.add.at(by_person, part.person, design * residue[:, None])
+    spread = by_person @ inverse * np.sqrt(n_participants / max(n_participants - 1, 1))
+    covariance = spread.T @ spread if n_participants > 1 else None
     return _Fit(
         score=estimate[:n_items],
         covariance=None if covariance is None else covariance[:n_items, :n_items],
         order_effect=float(estimate[n_items]) if has_order else None,
         order_se=None if covariance is None or not has_order else float(np.sqrt(covariance[n_items, n_items])),
+        order_influence=spread[:, n_items],
         n_participants=n_participants,
         n_groups=n_groups,
     )
 
 
 def _pair_rows(dataset: str, conditions: list[str], part: _Part, fit: _Fit) -> Iterator[dict[str, Any]]:
-    """Yield each pair's mean, the order effect taken off; the first of the two names is the first to appear."""
+    """Yield each pair's mean, the order effect taken off; the first of the two names is the first to appear.
+
+    Where a pair was shown in one order more often, the error of the order effect is a part of the mean's.
+    """
     low, high = np.minimum(part.a, part.b), np.maximum(part.a, part.b)
     sign = np.where(part.a == low, 1.0, -1.0)
     corrected = sign * (part.rating - (fit.order_effect or 0.0) * part.order)
     for key in np.unique(low * len(part.conditions) + high):
         first, second = divmod(int(key), len(part.conditions))
         rows = (low == first) & (high == second)
-        times = np.bincount(part.person[rows])
-        totals = np.bincount(part.person[rows], corrected[rows])
-        scores = mean_with_interval(totals[times > 0] / times[times > 0])
+        times, *sums = (
+            np.bincount(part.person[rows], weight, fit.n_participants)
+            for weight in (None, corrected[rows], sign[rows] * part.order[rows])
+        )
+        there = times > 0
+        means, surplus = (total[there] / times[there] for total in sums)
+        scores = mean_with_interval(means)
+        if (n := len(means)) > 1:
+            influence = -fit.order_influence * surplus.mean()
+            influence[there] += (means - means.mean()) / np.sqrt(n * (n - 1))
+            half = critical_value(n) * float(np.linalg.norm(influence))
+            scores |= {"ci_low": scores["mean"] - half, "ci_high": scores["mean"] + half}
         yield {
             "dataset": dataset,
             "item_a": conditions[part.conditions[first]],

@@ -72,6 +72,20 @@ def test_intervals_cover_the_truth_where_people_differ() -> None:
     assert np.mean(orders) == pytest.approx(0.3, abs=0.03)
 
 
+def test_a_pairs_interval_holds_what_is_uncertain_about_the_order_effect_taken_off() -> None:
+    rng, covered = np.random.default_rng(3), []
+    for _ in range(200):
+        rows = []
+        for p in range(20):
+            for a, b in ((0, 1), (0, 2), (1, 2)):
+                first = a == 0 or bool(rng.integers(2))  # c0 always stands first, so one pair tells the order effect
+                rating = (b - a) / 2 + (0.4 if first else -0.4) + rng.normal(0, 0.4)
+                rows.append((p, a, b, float(np.clip(rating, -3, 3)), first))
+        pairs = analyse_comparisons(comparisons(rows))["comparison_pairs"]
+        covered += [row["ci_low"] < truth < row["ci_high"] for row, truth in zip(pairs, (0.5, 1, 0.5), strict=True)]
+    assert 0.92 < np.mean(covered) < 0.98
+
+
 def test_a_pair_in_one_order_cannot_tell_the_order_from_the_items() -> None:
     tables = analyse_comparisons(comparisons([(0, 0, 1, 2, True), (1, 0, 1, 1, True)]))
     assert tables["comparison_models"][0]["order_effect"] is None
