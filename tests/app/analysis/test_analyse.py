@@ -357,6 +357,14 @@ def test_a_bootstrap_that_loses_its_extremes_gives_way_to_participant_errors() -
     assert any("too many for percentiles to hold" in warning for warning in analysis["warnings"])
 
 
+def test_few_replicates_have_no_percentiles() -> None:
+    """The smallest and the largest of twenty lie far inside of a 95 % interval."""
+    many = ("aab", "aba", "bba", "bab", "aaa") * 4
+    plain, few, enough = (analysed(*many, bootstrap=n, seed=1)["scores"] for n in (0, 20, 200))
+    assert few == plain
+    assert {row["ci_method"] for row in enough} == {"participant bootstrap"}
+
+
 def test_where_nothing_is_known_of_other_people_there_is_no_interval() -> None:
     for choices in (["aaa"] * 5, ["aba"]):
         analysis = analysed(*choices)
@@ -370,7 +378,7 @@ def test_where_nothing_is_known_of_other_people_there_is_no_interval() -> None:
 
 def test_a_bootstrap_of_people_who_all_vote_alike_gives_no_interval() -> None:
     """Every replicate is then the votes again, and percentiles would take the scores for certain."""
-    analysis = analysed(*["aab"] * 15, bootstrap=50)
+    analysis = analysed(*["aab"] * 15, bootstrap=100)
     assert {row["status"] for row in analysis["scores"]} == {"ok"}
     assert {(row["ci_low"], row["ci_high"], row["ci_method"]) for row in analysis["scores"]} == {(None, None, None)}
 

@@ -354,9 +354,9 @@ def report_of(votes: Votes, **settings: Any) -> str:
 
 
 def test_the_methods_of_a_report_are_those_that_were_used_not_those_that_were_asked_for() -> None:
-    wide, used = {name: ability / 4 for name, ability in CLEAR.items()}, "50 bootstrap samples of participants"
-    assert used in report_of(votes_by(wide, 20), bootstrap=50)
-    few = report_of(votes_by(wide, 8), bootstrap=50)  # too few people for percentiles
+    wide, used = {name: ability / 4 for name, ability in CLEAR.items()}, "100 bootstrap samples of participants"
+    assert used in report_of(votes_by(wide, 20), bootstrap=100)
+    few = report_of(votes_by(wide, 8), bootstrap=100)  # too few people for percentiles
     assert used not in few
     assert "intervals from the t distribution" in few
     shown, votes = "An advantage of the condition shown first was estimated", votes_by(wide, 20)
