@@ -82,9 +82,9 @@ def with_interval(row: Mapping[str, Any], value: str, ends: str) -> str | None:
 
 def percent(share: float) -> str:
     """Return a share as a percentage; one that is not certain never as 0 or 100 %."""
-    if 0 < share < 0.005:
+    if 0 < share <= 0.005:
         return "less than 1 %"
-    if 0.995 < share < 1:
+    if 0.995 <= share < 1:
         return "more than 99 %"
     return f"{100 * share:.0f} %"
 

@@ -294,6 +294,15 @@ def test_who_stands_out_is_named_and_nobody_is_where_nobody_does() -> None:
 
 
 @pytest.mark.parametrize(
+    ("share", "text"), [(1 / 200, "less than 1 %"), (1 / 100, "1 %"), (199 / 200, "more than 99 %"), (1.0, "100 %")]
+)
+def test_a_share_that_is_not_certain_is_never_said_as_nothing_or_all(share: float, text: str) -> None:
+    from app.analysis.findings.phrases import percent
+
+    assert percent(share) == text
+
+
+@pytest.mark.parametrize(
     ("names", "text"),
     [
         ((), ""),
