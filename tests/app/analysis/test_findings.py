@@ -117,6 +117,19 @@ def test_levels_that_are_alike_are_named_beside_their_factor() -> None:
     assert text.count("not told apart") == 1
 
 
+def test_a_measure_that_goes_against_the_scores_is_not_said_to_go_with_them() -> None:
+    abilities = dict(zip("abcdef", np.linspace(2, -2, 6), strict=True))
+    values = {"up": abilities, "down": {name: -ability for name, ability in abilities.items()}}
+    measures = {name: {"ball": value} for name, value in values.items()}
+    said = sentences(votes_by(abilities, 20), measures=measures, better={"up": "higher", "down": "lower"})["measures"]
+    assert said.startswith("Of 2 objective measures, 2 are shown to go with the scores; up (Pearson +1.00")
+    said = sentences(votes_by(abilities, 20), measures=measures, better=dict.fromkeys(measures, "higher"))["measures"]
+    assert said.startswith("Of 2 objective measures, 1 is shown to go with the scores; up (Pearson +1.00")
+    assert "go against the scores, in the direction that they state: down (Pearson −1.00" in said
+    alone = sentences(votes_by(abilities, 20), measures={"up": measures["up"]}, better={"up": "lower"})["measures"]
+    assert alone.startswith("It is not shown that the objective measure predicts the scores. Shown to go against")
+
+
 def test_the_order_of_showing_is_told_with_its_direction() -> None:
     votes = votes_by(dict.fromkeys("abcd", 0.0), 30)
     helped = [
