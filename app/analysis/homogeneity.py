@@ -13,7 +13,7 @@ from scipy.stats import f as f_distribution
 
 from app.analysis.factors import ModelTest
 from app.analysis.fit import Fit
-from app.analysis.participant_errors import participant_gradients
+from app.analysis.participant_errors import ALIKE, participant_gradients
 from app.analysis.votes_table import VotesTable, numbered
 
 Array = NDArray[np.float64]
@@ -84,7 +84,7 @@ def rao_scott_p_value(g2: float, parts: Sequence[Part]) -> float | None:
     by_people = influence @ differ.T
     ratio = np.linalg.solve(differ @ information @ differ.T, by_people.T @ by_people)
     total = float(np.trace(ratio))
-    if total <= 0:
+    if total <= ALIKE * len(ratio):  # all voted alike, or all of each group
         return None
     squares = n**2 / ((n - 1) * (n + 2)) * (float(np.trace(ratio @ ratio)) - total**2 / n)
     df_scaled = min(total**2 / squares, len(ratio)) if squares > 0 else len(ratio)  # equal weights are the least uneven

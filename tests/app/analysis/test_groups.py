@@ -16,6 +16,7 @@ from app.analysis.bradley_terry import fit_scores
 from app.analysis.factors import ModelTest
 from app.analysis.homogeneity import Part, parts_differ
 from app.analysis.power import StudyPlan, simulate_votes
+from app.analysis.reading import votes_from_rows
 from app.analysis.votes_table import VotesTable, votes_from_indices
 from tests.app.analysis.votes_data_frame import frame_from_votes
 
@@ -87,6 +88,27 @@ def test_a_group_with_the_opposite_taste_is_found() -> None:
     assert by_dataset["all"]["p_participant"] < 1e-3
     overall = {(row["group"], row["item"]): row["score"] for row in analysis["groups"] if row["dataset"] == "all"}
     assert overall["young", "3"] > 0 > overall["old", "3"]
+
+
+def test_groups_and_datasets_on_which_all_vote_alike_say_nothing_about_other_people() -> None:
+    """The variation between people is then rounding, which would make any difference certain."""
+    pairs, choices = [("a", "b"), ("b", "c"), ("a", "c")] * 2, {"ball": "aabaab", "box": "babbba"}
+    rows = [
+        {"participant": f"p{who}", "dataset": dataset, "item_a": a, "item_b": b, "choice": choice}
+        for who in range(14)
+        for dataset, votes in choices.items()
+        for (a, b), choice in zip(pairs, votes, strict=True)
+    ]
+    (datasets,) = analyse(votes_from_rows(rows))["tests"]
+    assert (datasets["name"], datasets["p_participant"]) == ("datasets differ", None)
+    groups = {"taste": {f"p{who}": "one" if who < 7 else "other" for who in range(14)}}
+    swapped = {"a": "b", "b": "a"}
+    split = [
+        row if groups["taste"][row["participant"]] == "one" else row | {"choice": swapped[row["choice"]]}
+        for row in rows
+    ]
+    tests = analyse(votes_from_rows(split), AnalysisSettings(groups=groups))["tests"]
+    assert {test["p_participant"] for test in tests if test["name"] == "group taste"} == {None}
 
 
 def test_who_belongs_to_no_group_is_left_out_of_the_comparison() -> None:
