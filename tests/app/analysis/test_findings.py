@@ -296,6 +296,16 @@ def test_few_participants_never_make_errors_smaller_than_those_of_the_votes() ->
     assert limits.startswith("4 participants are few (fewer than 12)")
 
 
+def test_one_p_value_of_several_datasets_is_no_agreement_beyond_chance() -> None:
+    from app.analysis.findings.people import people_findings
+
+    analysis = analyse(votes_from_rows(votes_by(CLEAR, 12, ties=0.0)))
+    (row,) = analysis["agreement"]
+    rows = [row | {"dataset": f"d{n}", "u": 0.02, "p_value": p} for n, p in enumerate((0.03, 0.4, 0.5, 0.6, 0.7))]
+    agreed = [text["text"] for text in people_findings(analysis | {"agreement": rows}) if text["about"] == "agreement"]
+    assert agreed[0].endswith("more than by chance on 0 of them (Holm).")
+
+
 def test_who_stands_out_is_named_and_nobody_is_where_nobody_does() -> None:
     votes = votes_by(CLEAR, 20, ties=0.0) * 4
     turned = [
