@@ -65,10 +65,11 @@ def _agreement(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
             "agreement", f"Participants agree with Kendall's u = {unsigned(u)} (1: all alike, 0: chance{tail})."
         )
     else:
+        tail = f", more than by chance on {beyond} of them (Holm)" if tested else ""
         yield finding(
             "agreement",
             f"Participants agree with Kendall's u = {unsigned(u)} on average over {len(rows)} datasets (1: all alike, "
-            f"0: chance), more than by chance on {beyond} of them (Holm).",
+            f"0: chance){tail}.",
         )
 
 

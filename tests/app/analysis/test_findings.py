@@ -304,6 +304,9 @@ def test_one_p_value_of_several_datasets_is_no_agreement_beyond_chance() -> None
     rows = [row | {"dataset": f"d{n}", "u": 0.02, "p_value": p} for n, p in enumerate((0.03, 0.4, 0.5, 0.6, 0.7))]
     agreed = [text["text"] for text in people_findings(analysis | {"agreement": rows}) if text["about"] == "agreement"]
     assert agreed[0].endswith("more than by chance on 0 of them (Holm).")
+    pair_of_people = [row | {"p_value": None} for row in rows]
+    agreed = [text["text"] for text in people_findings(analysis | {"agreement": pair_of_people})]
+    assert agreed[0].endswith("0: chance).")
 
 
 def test_who_stands_out_is_named_and_nobody_is_where_nobody_does() -> None:
