@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.analysis import AnalysisSettings, VotesError, analyse, analyse_file, votes_from_rows
+from app.analysis.analyse import scored
 from app.analysis.contrasts import ALL_ALIKE
 from app.analysis.factors import votes_with_levels
 from app.analysis.reading import read_votes
@@ -320,6 +321,17 @@ def opinions(*choices: str, pairs: str = "xy yz xz") -> list[dict[str, Any]]:
 def analysed(*choices: str, pairs: str = "xy yz xz", **options: Any) -> dict[str, Any]:
     words = {"a": "a", "b": "b", "none": "-"}
     return analyse(votes_from_rows(opinions(*choices, pairs=pairs), choices=words), AnalysisSettings(**options))
+
+
+def test_scores_alone_are_those_of_the_analysis_in_the_same_order() -> None:
+    """A server takes either, and a client fetches them page by page."""
+    rows = [
+        row | {"dataset": dataset}
+        for dataset in ("box 10", "ball", "box 2")
+        for row in opinions("aab", "aba", "bbb", "baa")
+    ]
+    votes = votes_from_rows(rows)
+    assert scored(votes) == analyse(votes)["scores"]
 
 
 def test_a_name_that_begins_with_a_digit_stands_where_names_do() -> None:
