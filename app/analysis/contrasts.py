@@ -192,7 +192,7 @@ def _variances(covariance: Array, first: NDArray[np.intp], second: NDArray[np.in
     return np.maximum(variances[first] + variances[second] - 2 * covariance[first, second], 0.0)
 
 
-def two_sided(ratio: Array, n_participants: int | None) -> Array:
+def two_sided(ratio: Array, n_participants: float | None) -> Array:
     """Return two-sided p-values from t(J - 1), or from the normal distribution without participants.
 
     Parameters
