@@ -38,13 +38,13 @@ def p_phrase(p: float) -> str:
 
 
 def signed(value: float) -> str:
-    """Return a number with sign and two decimals."""
-    return f"{value:+.2f}".replace("-", "−")
+    """Return a number with sign and two decimals; zero has a plus."""
+    return f"{round(value, 2) + 0.0:+.2f}".replace("-", "−")
 
 
 def unsigned(value: float) -> str:
     """Return a number with two decimals, of which only a negative one has a sign."""
-    return f"{value:.2f}".replace("-", "−")
+    return f"{round(value, 2) + 0.0:.2f}".replace("-", "−")
 
 
 def number_with_interval(

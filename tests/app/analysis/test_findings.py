@@ -319,6 +319,16 @@ def test_who_stands_out_is_named_and_nobody_is_where_nobody_does() -> None:
     assert sentences(votes_by(dict.fromkeys("abc", 0.0), 6))["participants"].startswith("Nobody of 6 stands out.")
 
 
+def test_a_zero_that_rounding_made_negative_has_no_minus() -> None:
+    from app.analysis.findings.phrases import signed, unsigned
+
+    assert [(signed(value), unsigned(value)) for value in (-1e-17, -0.004, -0.006)] == [
+        ("+0.00", "0.00"),
+        ("+0.00", "0.00"),
+        ("−0.01", "−0.01"),
+    ]
+
+
 @pytest.mark.parametrize(
     ("share", "text"), [(1 / 200, "less than 1 %"), (1 / 100, "1 %"), (199 / 200, "more than 99 %"), (1.0, "100 %")]
 )
