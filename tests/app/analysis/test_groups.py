@@ -46,17 +46,20 @@ def test_alike_groups_differ_by_chance_only_as_often_as_they_should() -> None:
     assert as_if_votes_were_people > 0.15  # which is why the correction is there
 
 
-def test_two_small_groups_are_compared_as_by_a_t_test() -> None:
-    won = np.array([480, 530, 510, 560, 450, 500, 470, 520])  # of 1000 votes of each person; four in each group
-    who, choice = np.repeat(np.arange(8), 2), np.tile([0, 1], 8)
+@pytest.mark.parametrize("sizes", [(4, 4), (3, 20), (12, 5)])
+def test_groups_are_compared_as_by_a_t_test_of_unequal_variances(sizes: tuple[int, int]) -> None:
+    n = sum(sizes)
+    won = np.random.default_rng(4).normal(505, 30, n).astype(int)  # of 1000 votes of each person
+    who, choice = np.repeat(np.arange(n), 2), np.tile([0, 1], n)
     count = np.stack([won, 1000 - won], axis=1).ravel()
-    names = tuple(map(str, range(8))), ("",), ("a", "b")
-    first, second = np.zeros(16, int), np.ones(16, int)
+    names = tuple(map(str, range(n))), ("",), ("a", "b")
+    first, second = np.zeros(2 * n, int), np.ones(2 * n, int)
     votes = votes_from_indices(who, first, first, second, choice, names=names, count=count)
-    parts = [votes.where((votes.participant < 4) == is_first) for is_first in (True, False)]
+    parts = [votes.where((votes.participant < sizes[0]) == is_first) for is_first in (True, False)]
     tested = parts_differ("group", "items", "all", fit_scores(votes), [Part(part, fit_scores(part)) for part in parts])
     assert tested is not None
-    assert tested.p_participant == pytest.approx(ttest_ind(won[:4], won[4:]).pvalue, rel=0.01)
+    expected = ttest_ind(won[: sizes[0]], won[sizes[0] :], equal_var=False).pvalue
+    assert tested.p_participant == pytest.approx(expected, rel=0.02)
 
 
 def test_where_every_vote_is_another_person_the_two_tests_agree() -> None:
