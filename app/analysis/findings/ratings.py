@@ -61,7 +61,7 @@ def _opinions(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]]:
     elif n_people < FEWEST_PARTICIPANTS:
         yield finding(
             "limits",
-            f"{n_people} participants are few (fewer than {FEWEST_PARTICIPANTS}): intervals rest on "
+            f"{n_people} participants are few (fewer than {FEWEST_PARTICIPANTS}): intervals rest on at most "
             f"{counted(n_people - 1, 'degree')} of freedom; treat the results as provisional.",
         )
     yield finding("participants", outstanding(raters))
