@@ -363,3 +363,16 @@ def test_hundred_thousands_of_votes_between_ten_thousand_items_reach_the_maximum
     slopes = fit.design.model.derivatives(d, t, counts.wins[None], counts.losses[None], counts.ties[None])
     by_item = np.bincount(counts.first, slopes.d[0], 10_000) - np.bincount(counts.second, slopes.d[0], 10_000)
     np.testing.assert_allclose(by_item, 0, atol=1e-8)
+
+
+@pytest.mark.parametrize("wins", [10**9, 10**12])
+def test_a_rare_loss_among_billions_of_wins_leaves_scores(wins: int) -> None:
+    """x, y and z by one distance a: wins e^-a of the neighbours are then the losses of all three pairs, ties half."""
+    rows = [
+        {"item_a": a, "item_b": b, "choice": choice, "count": count}
+        for a, b in ("xy", "yz", "xz")
+        for choice, count in (("a", wins), ("b", 1), ("none", 2))
+    ]
+    fit = fit_scores(votes_from_rows(rows), ties="half")
+    assert fit.scores is not None
+    assert fit.scores == pytest.approx(np.log((wins + 1) / 4) * np.array([1, 0, -1]), abs=1e-6)
