@@ -25,9 +25,11 @@ def warnings_of(table: RatingTable) -> str:
         rating_table([0, 0, 0], [0, 1, 2], [1, 2, 3]),
         rating_table([0, 1, 2], [0, 0, 0], [3, 3, 3]),
         rating_table([0, 0, 0, 1, 1, 1], [0, 1, 2] * 2, [1, 2, 5] * 2),
+        rating_table([0, 0, 0, 1, 1, 1], [0] * 6, [1, 2, 5, 3, 3, 4]),
+        rating_table([0, 0, 0, 1, 1, 1], [0] * 6, [3, 3, 3, 4, 4, 4]),
         rating_table([0], [0], [3]).without(["p0"]),
     ],
-    ids=["one rating", "one participant", "one item", "all agree", "nobody"],
+    ids=["one rating", "one participant", "one item", "all agree", "one item often", "one item alike", "nobody"],
 )
 def test_tables_with_next_to_nothing_have_numbers_or_none(table: RatingTable) -> None:
     tables = analyse_ratings(table)
