@@ -131,7 +131,7 @@ def scored(votes: VotesTable, settings: AnalysisSettings | None = None) -> list[
     """
     settings = settings or AnalysisSettings()
     _check_names(votes, settings)
-    compared = compare(used_votes(votes, settings), settings)
+    compared = compare(used_votes(in_order(votes), settings), settings)
     return [row for comparison in compared for row in score_rows(comparison, settings.jod_prior)]
 
 

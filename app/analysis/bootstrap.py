@@ -45,13 +45,17 @@ class Bootstrap:
         return int((~self.kept).sum())
 
     def has_percentiles(self, n_participants: int) -> bool:
-        """Have enough replicates converged for percentiles? Those without a maximum are missing extremes."""
-        return self.n_without_maximum <= percentile_tail(n_participants) * len(self.kept)
+        """Are there enough replicates for percentiles? Those without a maximum are missing extremes."""
+        tail = percentile_tail(n_participants)
+        return tail * (len(self.scores) + 1) >= 1 and self.n_without_maximum <= tail * len(self.kept)
 
     def interval(self, n_participants: int) -> Array:
-        """Return the expanded 95 % percentile interval of each score, float64 (2, n), log-odds."""
+        """Return the expanded 95 % percentile interval of each score, float64 (2, n), log-odds.
+
+        The k-th of R replicates has k / (R + 1) of the distribution below it (Davison and Hinkley 1997, section 2.4).
+        """
         tail = percentile_tail(n_participants)
-        result: Array = np.quantile(self.scores, [tail, 1 - tail], axis=0)
+        result: Array = np.quantile(self.scores, [tail, 1 - tail], axis=0, method="weibull")
         return result
 
 

@@ -180,7 +180,7 @@ def has_few_participants(fit: Fit) -> bool:
     return n is not None and (n < FEWEST_PARTICIPANTS or n <= fit.design.n_free)
 
 
-def critical_value(n_participants: int | None) -> float:
+def critical_value(n_participants: float | None) -> float:
     """Return how many standard errors a 95 % interval reaches: by t(J - 1), or normal without participants."""
     tail = (1 + LEVEL) / 2
     return float(norm.ppf(tail) if n_participants is None else student.ppf(tail, n_participants - 1))
@@ -192,7 +192,7 @@ def _variances(covariance: Array, first: NDArray[np.intp], second: NDArray[np.in
     return np.maximum(variances[first] + variances[second] - 2 * covariance[first, second], 0.0)
 
 
-def two_sided(ratio: Array, n_participants: int | None) -> Array:
+def two_sided(ratio: Array, n_participants: float | None) -> Array:
     """Return two-sided p-values from t(J - 1), or from the normal distribution without participants.
 
     Parameters

@@ -18,6 +18,7 @@ from scipy.stats import f as f_distribution
 from app.analysis.bradley_terry import fit_scores
 from app.analysis.contrasts import Estimates, contrasts_of, half_widths, has_few_participants, letters
 from app.analysis.fit import Fit
+from app.analysis.participant_errors import ALIKE
 from app.analysis.votes_table import VotesTable
 
 Array = NDArray[np.float64]
@@ -119,7 +120,7 @@ class ModelTest:
     df : its degrees of freedom
     p_value : of `g2`, with votes as the sample
     p_participant : with participants as the sample: Hotelling's, from F(df, J - df); for `datasets differ` and groups
-        Rao and Scott's correction of G2; None without enough participants
+        Rao and Scott's correction of G2; None without enough participants, or where all voted alike
     """
 
     name: str
@@ -279,32 +280,30 @@ def likelihood_ratio(
         return None
     g2 = max(2 * (full.loglik - restricted.loglik), 0.0)
     df = full.design.n_free - restricted.design.n_free
-    p_participant = wald_p_value(directions @ full.theta, directions, full.participant_covariance, full.n_participants)
+    p_participant = wald_p_value(full, directions)
     return ModelTest(name, model, dataset, g2, df, float(chi2.sf(g2, df)), p_participant)
 
 
-def wald_p_value(
-    values: Array, directions: Array, covariance: Array | None, n_participants: int | None
-) -> float | None:
-    """Return the p-value of all `values` being zero, by Hotelling's T2 with participants as the sample.
+def wald_p_value(fit: Fit, directions: Array) -> float | None:
+    """Return the p-value of functions of the parameters being zero, by Hotelling's T2 with participants as the sample.
 
     Parameters
     ----------
-    values : float64 (r,), log-odds
-    directions : float64 (r, P), the values as functions of the parameters
-    covariance : float64 (P, P), of the parameters, clustered by participant
-    n_participants : J
+    fit : Fit
+    directions : float64 (r, P), the functions
 
     Returns
     -------
     float, or None without participants, with no more of them than directions, or if they differ in too few ways
     """
-    r = len(values)
-    if covariance is None or n_participants is None or n_participants <= r:
+    r, covariance, n_participants = len(directions), fit.participant_covariance, fit.n_participants
+    if fit.theta is None or fit.covariance is None or covariance is None or n_participants is None:
         return None
-    spread = directions @ covariance @ directions.T
-    if np.linalg.matrix_rank(spread, hermitian=True) < r:
+    spread, of_votes = (directions @ part @ directions.T for part in (covariance, fit.covariance))
+    are_alike = np.trace(spread) <= ALIKE * np.trace(of_votes)
+    if n_participants <= r or are_alike or np.linalg.matrix_rank(spread, hermitian=True) < r:
         return None
+    values = directions @ fit.theta
     t2 = float(values @ np.linalg.solve(spread, values))
     return float(f_distribution.sf(t2 * (n_participants - r) / (r * (n_participants - 1)), r, n_participants - r))
 

@@ -16,6 +16,9 @@ from app.analysis.ties import TIE_MODELS
 Array = NDArray[np.float64]
 
 RANKED_TO = 7  # decimals of scores that are ranked; a penalised fit stops within 1e-8 or so of its maximum
+CERTAIN = (
+    100.0  # log-odds, beyond which a preference is 0 or 1 to all digits, and far beyond which exponentials overflow
+)
 LARGEST_COVARIANCE = 3000  # parameters; beyond, the covariance matrix takes minutes and a gigabyte
 
 
@@ -145,7 +148,8 @@ class Fit:
         """
         assert self.theta is not None
         tie = self.theta[-1] if self.design.has_tie else 0.0
-        win, loss, _ = self.design.model.probabilities(difference, np.full_like(difference, tie))
+        near = np.clip(difference, -CERTAIN, CERTAIN)
+        win, loss, _ = self.design.model.probabilities(near, np.full_like(near, tie))
         result: Array = win / (win + loss)
         return result
 

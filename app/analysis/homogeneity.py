@@ -13,7 +13,7 @@ from scipy.stats import f as f_distribution
 
 from app.analysis.factors import ModelTest
 from app.analysis.fit import Fit
-from app.analysis.participant_errors import participant_gradients
+from app.analysis.participant_errors import ALIKE, participant_gradients
 from app.analysis.votes_table import VotesTable, numbered
 
 Array = NDArray[np.float64]
@@ -60,15 +60,16 @@ def rao_scott_p_value(g2: float, parts: Sequence[Part]) -> float | None:
     Under the hypothesis, G2 is a sum of chi-squares weighted by the eigenvalues of V0^-1 V. V0 is the covariance of
     the differences between the parts from the information, V from participants. The statistic and its degrees of
     freedom are scaled to the first two moments of that sum and compared with F, whose second degrees of freedom come
-    from the number of participants, less one for each group of people: a part's own participants vary around its own
-    scores. Unlike Hotelling's test this needs no more participants than parameters.
+    from the number of participants less one. A group's own participants vary around its own scores, and a small group
+    varies most: groups have as many degrees of freedom as the sum of their variances has. Unlike Hotelling's test this
+    needs no more participants than parameters.
 
     The second moment is estimated without the bias that few participants cause.
 
     Source
     ------
     Rao and Scott (1984), second-order correction; Thomas and Rao (1987) for F; Bai and Saranadasa (1996), section 3,
-    for the trace of a squared covariance.
+    for the trace of a squared covariance; Satterthwaite (1946) for groups.
     """
     if any(not part.votes.has_participants or part.fit.covariance is None for part in parts):
         return None
@@ -76,15 +77,18 @@ def rao_scott_p_value(g2: float, parts: Sequence[Part]) -> float | None:
     if min(sizes) < 2:
         return None
     influence, information = _stacked(parts)
-    are_groups = sum(sizes) == len(influence)  # nobody is in two parts
-    n = len(influence) - (len(parts) if are_groups else 1)
-    if n < 2:
-        return None
     differ = _differences(information.shape[0] // len(parts), len(parts))
     by_people = influence @ differ.T
-    ratio = np.linalg.solve(differ @ information @ differ.T, by_people.T @ by_people)
-    total = float(np.trace(ratio))
-    if total <= 0:
+    scaled = np.linalg.solve(differ @ information @ differ.T, by_people.T)
+    ratio, by_person = scaled @ by_people, np.einsum("kj,jk->j", scaled, by_people)
+    total = float(by_person.sum())
+    if total <= ALIKE * len(ratio):  # all voted alike, or all of each group
+        return None
+    n = len(influence) - 1.0
+    if sum(sizes) == len(influence):  # nobody is in two parts
+        shares = np.add.reduceat(by_person, np.cumsum([0, *sizes[:-1]])) / total
+        n = 1 / float(shares**2 @ (1 / (np.array(sizes) - 1)))
+    if n < 2:
         return None
     squares = n**2 / ((n - 1) * (n + 2)) * (float(np.trace(ratio @ ratio)) - total**2 / n)
     df_scaled = min(total**2 / squares, len(ratio)) if squares > 0 else len(ratio)  # equal weights are the least uneven

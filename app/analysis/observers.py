@@ -142,16 +142,16 @@ def _bias(
     if not n:
         return None, None, None
     observed, expected = int(np.sum(count * chosen)), float(np.sum(count * chance))
-    return observed / n, expected / n, _two_sided(observed, np.repeat(chance, count))
+    return observed / n, expected / n, _two_sided(observed, chance, count)
 
 
-def _two_sided(observed: int, chance: Array) -> float:
+def _two_sided(observed: int, chance: Array, count: NDArray[np.int64]) -> float:
     """Return the p-value of a number of successes, each with its own chance: twice the smaller tail, at most 1."""
-    if len(chance) > EXACT_VOTES:
-        deviation = float(np.sqrt(np.sum(chance * (1 - chance))))
-        return float(2 * norm.sf(abs(observed - chance.sum()) / deviation))
+    if count.sum() > EXACT_VOTES:
+        deviation = float(np.sqrt(count @ (chance * (1 - chance))))
+        return float(2 * norm.sf(abs(observed - count @ chance) / deviation))
     distribution = np.ones(1)
-    for p in chance:
+    for p in np.repeat(chance, count):
         distribution = np.convolve(distribution, (1 - p, p))
     return min(1.0, 2 * float(min(distribution[: observed + 1].sum(), distribution[observed:].sum())))
 

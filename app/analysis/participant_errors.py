@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.counts import PairCounts, outcome_index
-from app.analysis.fit import Fit
+from app.analysis.fit import CERTAIN, Fit
 from app.analysis.newton import Design
 from app.analysis.ties import TIE_MODELS
 from app.analysis.votes_table import VotesTable, numbered
@@ -86,5 +86,6 @@ def _slopes(fit: Fit) -> tuple[Array, Array]:
     )
     d, t = every.predictors(fit.theta[None])
     single = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, n * n))  # which outcome, by outcome
+    d = np.clip(d, -CERTAIN, CERTAIN)  # of pairs that nobody compared, and that no vote looks up
     slopes = design.model.derivatives(d, t, *TIE_MODELS[fit.ties].counted(*single))
     return np.ravel(slopes.d), np.ravel(np.broadcast_to(slopes.t, slopes.d.shape))

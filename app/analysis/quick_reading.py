@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.tabular import DISARMED, FLAGS
+from app.analysis.tabular import DISARMED, FLAGS, LARGEST_COUNT
 from app.analysis.votes_table import IDENTICAL, MAIN, ROLE_CODES, VotesTable, votes_from_indices
 
 QUICK_FROM = 4_000_000  # bytes; below, the strict reader takes no more than a second
@@ -134,5 +134,5 @@ def _first_shown(
 def _is_odd(values: NDArray[np.float64], *, whole: bool) -> bool:
     """Does a column of numbers hold what a votes table does not?"""
     if whole:
-        return bool(np.any(~np.isfinite(values) | (values < 0) | (values != np.floor(values))))
+        return bool(np.any(~((values >= 0) & (values <= LARGEST_COUNT) & (values == np.floor(values)))))
     return bool(np.any(np.isinf(values) | (values < 0)))

@@ -100,9 +100,10 @@ def _summary(analysis: Mapping[str, Any]) -> str:
     votes = analysis["votes"]
     people = "unknown participants" if votes["participants"] is None else counted(votes["participants"], "participant")
     datasets = f" on {counted(len(votes['datasets']), 'dataset')}" if votes["datasets"] else ""
+    checks = f"{counted(votes['checks'], 'attention check')}, " if votes["checks"] else ""
     return (
         f"{votes['votes']} votes read: {votes['analysed']} analysed ({votes['ties']} without preference), "
-        f"{votes['practice']} practice, {votes['excluded']} excluded. "
+        f"{votes['practice']} practice, {checks}{votes['excluded']} excluded. "
         f"{people.capitalize()}, {len(votes['items'])} conditions{datasets}."
     )
 

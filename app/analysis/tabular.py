@@ -33,6 +33,7 @@ SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 DECIMAL_COMMA = re.compile(r"[+-]?(?!\d{1,3}(,\d{3})+$)\d+,\d+|[+-]?0,\d+")  # 1,5 and 0,125; 1,234 may be thousands
 # An apostrophe that keeps a spreadsheet from taking text for a formula.
 DISARMED = f"^'(?=[{re.escape(''.join(FORMULA))}])"
+LARGEST_COUNT = 1e12  # of a row; sums of millions of such rows are whole numbers still
 FLAGS = {"": 0, "0": 0, "false": 0, "no": 0, "1": 1, "true": 1, "yes": 1}  # in lower case
 SIGNATURES = {
     b"PK\x03\x04": "a zip or Excel file",
@@ -125,7 +126,7 @@ def numbers(
     ----------
     values : object (N,), texts
     name : of the column, for the error
-    whole : expect whole numbers, and refuse empty cells
+    whole : expect whole numbers up to `LARGEST_COUNT`, and refuse empty cells
     may_be_negative : accept numbers below 0
 
     Returns
@@ -137,7 +138,7 @@ def numbers(
     VotesError
         Naming the row and the value.
     """
-    expected = "a whole number, 0 or more" if whole else "a number, 0 or more, or nothing"
+    expected = f"a whole number, 0 to {LARGEST_COUNT:.0f}" if whole else "a number, 0 or more, or nothing"
     if may_be_negative:
         expected = "a number or nothing"
 
@@ -148,7 +149,8 @@ def numbers(
             return math.nan
 
     parsed = np.array([number_or_nan(value) if value else math.nan for value in values], np.float64)
-    is_bad = ~np.isfinite(parsed) | ((parsed < 0) & (not may_be_negative)) | (whole & (parsed != np.floor(parsed)))
+    is_bad = ~np.isfinite(parsed) | ((parsed < 0) & (not may_be_negative))
+    is_bad |= whole & ((parsed != np.floor(parsed)) | (parsed > LARGEST_COUNT))
     refuse(is_bad & (whole | (values != "")), lambda row: f"{name} is {shown(values[row])}, expected {expected}")
     return parsed
 

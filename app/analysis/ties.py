@@ -144,10 +144,12 @@ def _binomial_loglik(d: Array, t: Array, wins: Array, losses: Array, ties: Array
 
 def _binomial_derivatives(d: Array, t: Array, wins: Array, losses: Array, ties: Array) -> Derivatives:  # noqa: ARG001
     """Return the derivatives in d; those in t are zero."""
-    win = 1 / (1 + np.exp(-d))
-    n = wins + losses
+    odds = np.exp(-d)
+    win = 1 / (1 + odds)
+    loss = odds * win  # not 1 - win, which rounds a rare loss among many votes
     nothing = np.zeros_like(win)
-    return Derivatives(d=wins - n * win, t=nothing, dd=n * win * (1 - win), dt=nothing, tt=nothing)
+    slope, curve = wins * loss - losses * win, (wins + losses) * win * loss
+    return Derivatives(d=slope, t=nothing, dd=curve, dt=nothing, tt=nothing)
 
 
 def _as_they_are(wins: Array, losses: Array, ties: Array) -> tuple[Array, Array, Array]:

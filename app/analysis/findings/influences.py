@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from app.analysis.contrasts import SIGNIFICANT
-from app.analysis.findings.phrases import finding, listed, p_phrase, percent, signed
+from app.analysis.findings.phrases import counted, finding, listed, p_phrase, percent, signed
 from app.analysis.findings.ranking import level_text, overall, preferred_share, sharing_letters
-from app.analysis.objective.prediction import measures_by_rank
+from app.analysis.objective.prediction import directed, measures_by_rank
 from app.analysis.votes_table import ALL
 
 Row = Mapping[str, Any]
@@ -153,19 +153,24 @@ def _ties(votes: Mapping[str, Any]) -> Iterator[dict[str, str]]:
 
 
 def _measures(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
-    """Say which objective measure follows the scores most closely, if any is shown to."""
+    """Say which objective measure follows the scores most closely, if any is shown to, and which go against them."""
     ranked = list(measures_by_rank(analysis["measures"]).values())
     clear = [row for row in ranked if row["pearson_p"] is not None and row["pearson_p"] < SIGNIFICANT]
-    if not ranked:
-        return
-    if not clear:
+    following = [row for row in clear if (directed(row, "pearson") or 0.0) > 0]
+    against = [_correlated(row) for row in clear if row not in following]
+    if following:
+        what = counted(len(ranked), "objective measure")
+        shown = f"{len(following)} {'is' if len(following) == 1 else 'are'} shown to go with the scores"
+        yield finding("measures", f"Of {what}, {shown}; {_correlated(following[0])} most closely.")
+    elif ranked:
         what = "the objective measure" if len(ranked) == 1 else f"any of the {len(ranked)} objective measures"
         yield finding("measures", f"It is not shown that {what} predicts the scores.")
-        return
-    row = clear[0]
-    yield finding(
-        "measures",
-        f"Of {len(ranked)} objective measures, {len(clear)} {'is' if len(clear) == 1 else 'are'} shown to go with the "
-        f"scores; {row['measure']} most closely (Pearson {signed(row['pearson'])}, {p_phrase(row['pearson_p'])}, "
-        "uncorrected).",
-    )
+    if against:
+        yield finding(
+            "measures", f"Shown to go against the scores, in the direction that they state: {listed(against)}."
+        )
+
+
+def _correlated(row: Row) -> str:
+    """Return a measure with its correlation."""
+    return f"{row['measure']} (Pearson {signed(row['pearson'])}, {p_phrase(row['pearson_p'])}, uncorrected)"

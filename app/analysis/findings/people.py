@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from app.analysis.contrasts import FEWEST_PARTICIPANTS, SIGNIFICANT
+import numpy as np
+
+from app.analysis.contrasts import FEWEST_PARTICIPANTS, SIGNIFICANT, holm
 from app.analysis.findings.phrases import counted, finding, outstanding, p_phrase, unsigned
 from app.analysis.findings.ranking import overall
 from app.analysis.observers import FEWEST_FOR_FENCES
@@ -55,7 +57,7 @@ def _agreement(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
         )
         return
     tested = [row for row in rows if row["p_value"] is not None]
-    beyond = sum(row["p_value"] < SIGNIFICANT for row in tested)
+    beyond = np.count_nonzero(holm(np.array([row["p_value"] for row in tested])) < SIGNIFICANT)
     u = sum(row["u"] for row in rows) / len(rows)
     if len(rows) == 1:
         tail = f", {p_phrase(tested[0]['p_value'])}" if tested else ""
@@ -63,10 +65,11 @@ def _agreement(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
             "agreement", f"Participants agree with Kendall's u = {unsigned(u)} (1: all alike, 0: chance{tail})."
         )
     else:
+        tail = f", more than by chance on {beyond} of them (Holm)" if tested else ""
         yield finding(
             "agreement",
             f"Participants agree with Kendall's u = {unsigned(u)} on average over {len(rows)} datasets (1: all alike, "
-            f"0: chance), more than by chance on {beyond} of them.",
+            f"0: chance){tail}.",
         )
 
 

@@ -38,13 +38,13 @@ def p_phrase(p: float) -> str:
 
 
 def signed(value: float) -> str:
-    """Return a number with sign and two decimals."""
-    return f"{value:+.2f}".replace("-", "−")
+    """Return a number with sign and two decimals; zero has a plus."""
+    return f"{round(value, 2) + 0.0:+.2f}".replace("-", "−")
 
 
 def unsigned(value: float) -> str:
     """Return a number with two decimals, of which only a negative one has a sign."""
-    return f"{value:.2f}".replace("-", "−")
+    return f"{round(value, 2) + 0.0:.2f}".replace("-", "−")
 
 
 def number_with_interval(
@@ -82,9 +82,9 @@ def with_interval(row: Mapping[str, Any], value: str, ends: str) -> str | None:
 
 def percent(share: float) -> str:
     """Return a share as a percentage; one that is not certain never as 0 or 100 %."""
-    if 0 < share < 0.005:
+    if 0 < share <= 0.005:
         return "less than 1 %"
-    if 0.995 < share < 1:
+    if 0.995 <= share < 1:
         return "more than 99 %"
     return f"{100 * share:.0f} %"
 

@@ -158,13 +158,29 @@ def _why_not_tested(analysis: Mapping[str, Any], scored: Sequence[Row]) -> str:
 
 
 def _placed(condition: Condition, contrasts: Sequence[Row], place: str, score: str) -> str:
-    """Say that a condition is best or worst, or from which others it is not told apart."""
+    """Say that a condition is best or worst, from which others it is not told apart, or which of them pass it.
+
+    Where conditions are on different datasets, the highest mean may be lower on those that two have in common.
+    """
     against = [pair for pair in contrasts if condition.name in (pair["item_a"], pair["item_b"])]
     alike = [_other(pair, condition.name) for pair in against if pair["p_holm"] >= SIGNIFICANT]
+    beyond = [_other(pair, condition.name) for pair in against if _passes(pair, condition.name, place)]
+    if beyond:
+        verb, side = "is" if len(beyond) == 1 else "are", "higher" if place == "best" else "lower"
+        return (
+            f"{condition.name} has the {score}, {condition.value}, but {listed(beyond)} {verb} {side} where the same "
+            "people judged both."
+        )
     if alike:
         return f"{condition.name} has the {score}, {condition.value}, but is not told apart from {listed(alike)}."
     others = "the other condition" if len(against) == 1 else "every other condition"
     return f"{condition.name} is {place}: it has the {score}, {condition.value}, and differs from {others}."
+
+
+def _passes(pair: Row, item: str, place: str) -> bool:
+    """Is the other condition of a pair better than the best, or worse than the worst?"""
+    above = pair["difference"] if pair["item_a"] == item else -pair["difference"]
+    return bool(pair["p_holm"] < SIGNIFICANT and (above < 0 if place == "best" else above > 0))
 
 
 def _other(pair: Row, item: str) -> str:

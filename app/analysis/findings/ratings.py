@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from app.analysis.contrasts import FEWEST_PARTICIPANTS, MOST_ITEMS
-from app.analysis.findings.pairs import contrast_between
+from app.analysis.findings.pairs import better_first
 from app.analysis.findings.phrases import (
     counted,
     finding,
@@ -61,7 +61,7 @@ def _opinions(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]]:
     elif n_people < FEWEST_PARTICIPANTS:
         yield finding(
             "limits",
-            f"{n_people} participants are few (fewer than {FEWEST_PARTICIPANTS}): intervals rest on "
+            f"{n_people} participants are few (fewer than {FEWEST_PARTICIPANTS}): intervals rest on at most "
             f"{counted(n_people - 1, 'degree')} of freedom; treat the results as provisional.",
         )
     yield finding("participants", outstanding(raters))
@@ -81,16 +81,13 @@ def _why_not_tested(n_people: int, n_conditions: int) -> str:
 
 
 def _difference(best: str, worst: str, contrasts: Sequence[Row]) -> str:
-    pair = contrast_between(contrasts, best, worst)
-    assert pair is not None
+    (pair,) = better_first(row for row in contrasts if {row["item_a"], row["item_b"]} == {best, worst})
     if pair["ci_low"] is None:
         interval, test = "no interval, as all agree", f"{pair['method']}, Holm"
     else:
         interval, test = f"95 % interval {unsigned(pair['ci_low'])} to {unsigned(pair['ci_high'])}", "Holm"
-    return (
-        f"Participants rate {best} {unsigned(pair['difference'])} grades above {worst} ({interval}), "
-        f"{p_phrase(pair['p_holm'])} ({test})."
-    )
+    by = f"{unsigned(pair['difference'])} grades above {pair['item_b']}"
+    return f"Participants rate {pair['item_a']} {by} ({interval}), {p_phrase(pair['p_holm'])} ({test})."
 
 
 def _comparisons(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]]:

@@ -64,7 +64,8 @@ def align(table: RatingTable, votes: VotesTable) -> dict[str, list[dict[str, Any
     Every item has a quality q in units of the rating scale. A rating is q plus normal noise; the log-odds of preferring
     an item to another are k times the difference of their qualities, with Davidson's tie parameter if there are ties.
     Qualities, k, noise and tie parameter maximise the joint likelihood. Errors are clustered by participant (a name in
-    both tables is one person), intervals are of t(J - 1) for J participants; a single one has none.
+    both tables is one person), intervals are by t with the degrees of freedom of `_Fit.freedom`; there are none where a
+    single participant voted, or rated.
 
     Parameters
     ----------
@@ -107,22 +108,48 @@ def align(table: RatingTable, votes: VotesTable) -> dict[str, list[dict[str, Any
 class _Fit:
     """Estimates in units of the rating scale: qualities (K,), then k, log noise and, with ties, log nu.
 
-    There is no covariance for a single participant, who says nothing about others.
+    Parameters
+    ----------
+    theta : float64 (M,)
+    covariance : float64 (M, M), from the information
+    influence : what each participant's votes, and ratings, add to the estimates, both float64 (J, M); None where
+        participants are unknown
+    n_people : numbers of participants who voted, and who rated
     """
 
     theta: Array
-    covariance: Array | None
+    covariance: Array
+    influence: tuple[Array, Array] | None
+    n_people: tuple[int, int]
     n_items: int
-    n_participants: int | None
     loglik: float
 
     def interval(self, gradient: Array, value: float) -> tuple[float | None, float | None, float | None]:
         """Return the error and 95 % interval of a linear function of the parameters."""
-        if self.covariance is None:
+        if self.influence is None:
+            error = float(np.sqrt(gradient @ self.covariance @ gradient))
+            half = critical_value(None) * error
+        elif min(self.n_people) < 2:  # who says nothing about others
             return None, None, None
-        error = float(np.sqrt(gradient @ self.covariance @ gradient))
-        half = critical_value(self.n_participants) * error
+        else:
+            votes, ratings = (part @ gradient for part in self.influence)
+            error = float(np.linalg.norm(votes + ratings))
+            half = critical_value(1 + self.freedom(float(votes @ votes), float(ratings @ ratings))) * error
         return error, value - half, value + half
+
+    def freedom(self, *variances: float) -> float:
+        """Return the degrees of freedom of an error, of which votes and ratings make these parts.
+
+        Few people who voted are few, however many others rated.
+
+        Source
+        ------
+        Satterthwaite (1946).
+        """
+        assert self.influence is not None
+        most = len(self.influence[0]) - 1.0
+        parts = sum(variance**2 / (n - 1) for variance, n in zip(variances, self.n_people, strict=True))
+        return min(most, sum(variances) ** 2 / parts) if parts else most
 
     def row(self) -> dict[str, Any]:
         n = self.n_items
@@ -306,15 +333,15 @@ def _fit(seen: Observations) -> _Fit | None:
         inverse = cho_solve(cho_factor(information), np.eye(len(theta)))
     except LinAlgError:
         return None
-    covariance = _clustered(seen, likelihood, theta, inverse) if seen.n_participants > 1 else inverse
     scale = np.ones(len(theta))
     scale[:n], scale[n] = unit, 1 / unit
+    influence = _influence(seen, likelihood, theta, inverse * scale) if seen.n_participants else None
     theta = theta * scale
     theta[:n] += centre
     theta[n + 1] += np.log(unit)
     loglik = likelihood.value(best.x) - len(seen.rating) * float(np.log(unit))
-    scaled = None if seen.n_participants == 1 else covariance * np.outer(scale, scale)
-    return _Fit(theta, scaled, n, seen.n_participants or None, loglik)
+    n_people = len(np.unique(seen.voter)), len(np.unique(seen.rater))
+    return _Fit(theta, inverse * np.outer(scale, scale), influence, n_people, n, loglik)
 
 
 def _items_without_place(seen: Observations) -> list[tuple[str, str]]:
@@ -350,16 +377,21 @@ def _start(seen: Observations, likelihood: _Likelihood) -> Array:
     return np.concatenate([quality, [1.0, np.log(noise)], [0.0] if likelihood.has_ties else []])
 
 
-def _clustered(seen: Observations, likelihood: _Likelihood, theta: Array, inverse: Array) -> Array:
-    """Return the sandwich covariance H^-1 (sum over participants of g g') H^-1 J / (J - 1)."""
+def _influence(seen: Observations, likelihood: _Likelihood, theta: Array, inverse: Array) -> tuple[Array, Array]:
+    """Return what each participant's votes, and ratings, add to the estimates, both float64 (J, M).
+
+    It is the gradient times the inverse information; its square has the factor n / (n - 1) of n people who voted, or
+    rated.
+    """
+
+    def of(who: NDArray[np.intp], gradients: csr_array) -> Array:
+        n = len(np.unique(who))
+        shape = (seen.n_participants, len(who))
+        belongs = csr_array((np.ones(len(who)), (who, np.arange(len(who)))), shape=shape)
+        return np.asarray((belongs @ gradients) @ inverse * np.sqrt(n / max(n - 1, 1)))
+
     votes, ratings = likelihood.parts(theta)
-    n = seen.n_participants
-    by_person = np.zeros((n, len(theta)))
-    for who, part in ((seen.voter, votes), (seen.rater, ratings)):
-        belongs = csr_array((np.ones(len(who)), (who, np.arange(len(who)))), shape=(n, len(who)))
-        by_person += (belongs @ part).toarray()
-    spread = by_person @ inverse
-    return np.asarray(spread.T @ spread * n / (n - 1))
+    return of(seen.voter, votes), of(seen.rater, ratings)
 
 
 def _item_rows(seen: Observations, fit: _Fit) -> list[dict[str, Any]]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from app.analysis.contrasts import critical_value
+from app.analysis.contrasts import FEWEST_PARTICIPANTS, critical_value
 from app.analysis.ratings.opinion_scores import mean_with_interval
 from app.analysis.ratings.table import ComparisonTable
 from app.analysis.votes_table import ALL
@@ -100,12 +100,19 @@ class _Part:
 
 @dataclass(frozen=True)
 class _Fit:
-    """Least squares estimates: scores (K,) with mean 0 in each connected group, their covariance, the order effect."""
+    """Least squares estimates: scores (K,) with mean 0 in each connected group, their covariance, the order effect.
+
+    `least_se` (K,) are the scores' errors if ratings did not depend on each other, where participants are so few that
+    clustered errors are too small by chance; else 0. `order_influence` (J,) is what each participant adds to the order
+    effect; its square sums to the variance.
+    """
 
     score: Array
     covariance: Array | None
+    least_se: Array
     order_effect: float | None
     order_se: float | None
+    order_influence: Array
     n_participants: int
     n_groups: int
 
@@ -124,7 +131,8 @@ def _fit(part: _Part) -> _Fit:
     squares = design.T @ design
     graph = coo_array((np.ones(n), (part.a, part.b)), shape=(n_items, n_items))
     n_groups = int(connected_components(graph, directed=False)[1].max()) + 1
-    has_order = int(np.linalg.matrix_rank(squares, tol=RANK_TOLERANCE * np.trace(squares))) == n_items - n_groups + 1
+    n_free = n_items - n_groups
+    has_order = int(np.linalg.matrix_rank(squares, tol=RANK_TOLERANCE * np.trace(squares))) == n_free + 1
     if not has_order:
         design[:, n_items] = 0
         squares = design.T @ design
@@ -132,33 +140,48 @@ def _fit(part: _Part) -> _Fit:
     estimate = inverse @ (design.T @ part.rating)
     residue = part.rating - design @ estimate
     n_participants = int(part.person.max()) + 1
-    covariance = None
-    if n_participants > 1:
-        by_person = np.zeros((n_participants, n_items + 1))
-        np.add.at(by_person, part.person, design * residue[:, None])
-        spread = by_person @ inverse
-        covariance = spread.T @ spread * n_participants / (n_participants - 1)
+    by_person = np.zeros((n_participants, n_items + 1))
+    np.add.at(by_person, part.person, design * residue[:, None])
+    spread = by_person @ inverse * np.sqrt(n_participants / max(n_participants - 1, 1))
+    covariance = spread.T @ spread if n_participants > 1 else None
+    variance = 0.0
+    if n > n_free + has_order and n_participants < max(FEWEST_PARTICIPANTS, n_free + has_order + 1):
+        variance = float(residue @ residue) / (n - n_free - has_order)
     return _Fit(
         score=estimate[:n_items],
         covariance=None if covariance is None else covariance[:n_items, :n_items],
+        least_se=np.sqrt(variance * np.diag(inverse)[:n_items]),
         order_effect=float(estimate[n_items]) if has_order else None,
         order_se=None if covariance is None or not has_order else float(np.sqrt(covariance[n_items, n_items])),
+        order_influence=spread[:, n_items],
         n_participants=n_participants,
         n_groups=n_groups,
     )
 
 
 def _pair_rows(dataset: str, conditions: list[str], part: _Part, fit: _Fit) -> Iterator[dict[str, Any]]:
-    """Yield each pair's mean, the order effect taken off; the first of the two names is the first to appear."""
+    """Yield each pair's mean, the order effect taken off; the first of the two names is the first to appear.
+
+    Where a pair was shown in one order more often, the error of the order effect is a part of the mean's.
+    """
     low, high = np.minimum(part.a, part.b), np.maximum(part.a, part.b)
     sign = np.where(part.a == low, 1.0, -1.0)
     corrected = sign * (part.rating - (fit.order_effect or 0.0) * part.order)
     for key in np.unique(low * len(part.conditions) + high):
         first, second = divmod(int(key), len(part.conditions))
         rows = (low == first) & (high == second)
-        times = np.bincount(part.person[rows])
-        totals = np.bincount(part.person[rows], corrected[rows])
-        scores = mean_with_interval(totals[times > 0] / times[times > 0])
+        times, *sums = (
+            np.bincount(part.person[rows], weight, fit.n_participants)
+            for weight in (None, corrected[rows], sign[rows] * part.order[rows])
+        )
+        there = times > 0
+        means, surplus = (total[there] / times[there] for total in sums)
+        scores = mean_with_interval(means)
+        if (n := len(means)) > 1:
+            influence = -fit.order_influence * surplus.mean()
+            influence[there] += (means - means.mean()) / np.sqrt(n * (n - 1))
+            half = critical_value(n) * float(np.linalg.norm(influence))
+            scores |= {"ci_low": scores["mean"] - half, "ci_high": scores["mean"] + half}
         yield {
             "dataset": dataset,
             "item_a": conditions[part.conditions[first]],
@@ -174,7 +197,10 @@ def _pair_rows(dataset: str, conditions: list[str], part: _Part, fit: _Fit) -> I
 
 
 def _score_rows(dataset: str, conditions: list[str], part: _Part, fit: _Fit) -> Iterator[dict[str, Any]]:
-    """Yield each item's score; none if pairs do not link all items."""
+    """Yield each item's score; none if pairs do not link all items.
+
+    With few participants, an interval is at least as wide as if ratings did not depend on each other.
+    """
     if fit.n_groups > 1:
         return
     n_ratings = np.bincount(np.r_[part.a, part.b])
@@ -185,7 +211,8 @@ def _score_rows(dataset: str, conditions: list[str], part: _Part, fit: _Fit) -> 
         row |= dict.fromkeys(("se", "ci_low", "ci_high"))
         if fit.covariance is not None:
             error = float(np.sqrt(fit.covariance[number, number]))
-            row |= {"se": error, "ci_low": score - factor * error, "ci_high": score + factor * error}
+            half = max(factor * error, critical_value(None) * float(fit.least_se[number]))
+            row |= {"se": error, "ci_low": score - half, "ci_high": score + half}
         yield row
 
 

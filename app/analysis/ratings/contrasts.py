@@ -68,8 +68,8 @@ def _tested(row: Mapping[str, Any]) -> tuple[float | None, float, float, float |
 
     Without any spread an error of zero would say that other people are certain to agree.
     """
-    mean, error, n = row["mean"], row["se"], row["n"]
+    mean, error = row["mean"], row["se"]
     if error > ALIKE:
-        p_value = float(two_sided(np.array(mean / error), n))
+        p_value = float(two_sided(np.array(mean / error), 1 + row["freedom"]))
         return error, p_value, 1.0, row["ci_low"], row["ci_high"], "difference of means"
-    return None, 1.0 if abs(mean) < ALIKE else 2 * 0.5**n, 1.0, None, None, SIGN_TEST[True]
+    return None, 1.0 if abs(mean) < ALIKE else 2 * 0.5 ** row["n"], 1.0, None, None, SIGN_TEST[True]

@@ -66,7 +66,8 @@ def mean_with_interval(values: Array) -> dict[str, Any]:
     means. Where ratings are missing, the mean of the items' means has the variance sum(u^2), where u is a participant's
     part in it: the average over items of (value - item's mean) / sqrt(k (k - 1)) for k values of the item. One value
     says nothing about its item's spread; its distance from the mean of all items stands in, times sqrt(n / (n - 1)),
-    which is too large rather than too small (in surveys: strata with a single unit).
+    which is too large rather than too small (in surveys: strata with a single unit). Few values of an item tell little
+    about its spread, however many people rated others: `freedom` of t is n - 1 only where everybody rated everything.
 
     Parameters
     ----------
@@ -74,14 +75,14 @@ def mean_with_interval(values: Array) -> dict[str, Any]:
 
     Returns
     -------
-    dict, `n` (participants), `mean`, `se`, `sd` (of the participants' means; denominator n - 1), `ci_low`, `ci_high`;
-    None where too few values define it
+    dict, `n` (participants), `mean`, `se`, `sd` (of the participants' means; denominator n - 1), `freedom`, `ci_low`,
+    `ci_high`; None where too few values define it
     """
     values = values[:, None] if values.ndim == 1 else values
     values = values[:, ~np.isnan(values).all(axis=0)]
     values = values[~np.isnan(values).all(axis=1)]
     n = len(values)
-    row: dict[str, Any] = {"n": n} | dict.fromkeys(("mean", "se", "sd", "ci_low", "ci_high"))
+    row: dict[str, Any] = {"n": n} | dict.fromkeys(("mean", "se", "sd", "freedom", "ci_low", "ci_high"))
     if n == 0:
         return row
     item_means = np.nanmean(values, axis=0)
@@ -94,9 +95,34 @@ def mean_with_interval(values: Array) -> dict[str, Any]:
     centre, size = np.where(is_single, mean, item_means), np.where(is_single, n, times)
     influence = np.nan_to_num((values - centre) / times * np.sqrt(size / (size - 1))).mean(axis=1)
     error = float(np.sqrt(influence @ influence))
-    half = critical_value(n) * error
-    numbers = {"mean": mean, "se": error, "sd": float(parts.std(ddof=1)), "ci_low": mean - half, "ci_high": mean + half}
-    return row | numbers
+    freedom = _freedom(~np.isnan(values))
+    half = critical_value(1 + freedom) * error
+    numbers = {"mean": mean, "se": error, "sd": float(parts.std(ddof=1)), "freedom": freedom}
+    return row | numbers | {"ci_low": mean - half, "ci_high": mean + half}
+
+
+def _freedom(there: NDArray[np.bool_]) -> float:
+    """Return the degrees of freedom of the variance of a mean of items, of which some ratings are missing.
+
+    The variance is a sum of squares of the participants' parts. If ratings did not depend on each other, these would
+    have a covariance G, and the sum as many degrees of freedom as a chi-square of the same mean and variance has.
+
+    Parameters
+    ----------
+    there : bool (P, M), did the participant rate the item? Every row and column has a rating
+
+    Source
+    ------
+    Satterthwaite (1946): (trace of G)^2 / (sum of the squares of G).
+    """
+    rated = there.astype(np.float64)
+    times = rated.sum(axis=0)
+    is_single = times == 1
+    weight = np.where(is_single, 1.0, 1 / (times * np.maximum(times - 1, 1)))
+    together, alone = np.where(is_single, 0.0, weight / times), rated @ weight  # G = diag(alone) - sum of together r r'
+    trace = alone.sum() - together @ times
+    squares = alone @ alone - 2 * alone @ (rated @ together) + together @ (rated.T @ rated) ** 2 @ together
+    return min(len(there) - 1.0, float(trace**2 / squares))
 
 
 def item_rows(table: RatingTable) -> Iterator[dict[str, Any]]:

@@ -215,7 +215,7 @@ def _errors(person: Indices, item: Indices, residue: Array, weight: Array) -> tu
     on_bias, on_spread = n_ratings * weight, 2.0 * n_ratings  # (P,), b, b and s, s
     from_bias, from_spread = with_bias / on_bias, with_spread / on_spread
     remaining = np.diag(with_bias.sum(axis=1)) - from_bias @ with_bias.T - from_spread @ with_spread.T
-    scale = np.trace(remaining) / n_items**2
+    scale = with_bias.sum() / n_items**2
     try:
         factor = cho_factor(remaining + scale)  # adds ones times ones: the singular direction
     except LinAlgError as error:

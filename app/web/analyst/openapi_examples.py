@@ -317,7 +317,7 @@ ROW: dict[str, Any] = {  # of any table, by column
     "zeta": 0.844,
     "circular_by_chance": 5.0,
     "p_value": 0.021,
-    "flags": ["never switched in 9 of 90 trials"],
+    "flags": ["unusually many ties"],
     "approach": "approach_2",
     "measure": "accuracy",
     "value": 3.41,
@@ -382,7 +382,7 @@ ANALYSIS = {
     "findings": [
         {"about": "best", "text": "approach_2 is best: it has the highest score, +1.08 (95 % interval +0.83 to …"}
     ],
-    "warnings": ["ball: 12 votes is few for 15 pairs"],
+    "warnings": ["all conditions, dataset ball: a single participant voted, so nothing can be said about other people"],
 }
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Request
 from fastapi.responses import JSONResponse, Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from app.errors import InvalidError, NotFoundError
 from app.ffmpeg import no_progress
@@ -84,7 +84,7 @@ class InvitationsBody(Body):
 
 
 class ExclusionBody(Body):
-    reason: Annotated[str, Field(min_length=3, max_length=500)]
+    reason: Annotated[str, StringConstraints(strip_whitespace=True, min_length=3, max_length=500)]
 
 
 class ManagedStudyView(BaseModel):
@@ -226,9 +226,9 @@ def exclude_participant(
     with database.writing() as connection:
         person = participant_labelled(connection, study.id, label)
         held = _exclusion_of(connection, person.id)
-        if held is None or held["reason"] != body.reason.strip():
-            exclude(connection, person, body.reason.strip(), actor.name, actor.now)
-            actor.note(connection, "participant excluded", study, label, reason=body.reason.strip())
+        if held is None or held["reason"] != body.reason:
+            exclude(connection, person, body.reason, actor.name, actor.now)
+            actor.note(connection, "participant excluded", study, label, reason=body.reason)
             held = _exclusion_of(connection, person.id)
     assert held is not None, "it was just inserted"
     shown = {name: held[name] for name in ("reason", "excluded_by")}

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.analysis import AnalysisSettings, VotesError, analyse, analyse_file, votes_from_rows
+from app.analysis.analyse import scored
 from app.analysis.contrasts import ALL_ALIKE
 from app.analysis.factors import votes_with_levels
 from app.analysis.reading import read_votes
@@ -322,6 +323,17 @@ def analysed(*choices: str, pairs: str = "xy yz xz", **options: Any) -> dict[str
     return analyse(votes_from_rows(opinions(*choices, pairs=pairs), choices=words), AnalysisSettings(**options))
 
 
+def test_scores_alone_are_those_of_the_analysis_in_the_same_order() -> None:
+    """A server takes either, and a client fetches them page by page."""
+    rows = [
+        row | {"dataset": dataset}
+        for dataset in ("box 10", "ball", "box 2")
+        for row in opinions("aab", "aba", "bbb", "baa")
+    ]
+    votes = votes_from_rows(rows)
+    assert scored(votes) == analyse(votes)["scores"]
+
+
 def test_a_name_that_begins_with_a_digit_stands_where_names_do() -> None:
     rows = [
         {"participant": f"p{who}", "item_a": "3dgs", "item_b": "2dgs", "choice": choice}
@@ -357,6 +369,14 @@ def test_a_bootstrap_that_loses_its_extremes_gives_way_to_participant_errors() -
     assert any("too many for percentiles to hold" in warning for warning in analysis["warnings"])
 
 
+def test_few_replicates_have_no_percentiles() -> None:
+    """The smallest and the largest of twenty lie far inside of a 95 % interval."""
+    many = ("aab", "aba", "bba", "bab", "aaa") * 4
+    plain, few, enough = (analysed(*many, bootstrap=n, seed=1)["scores"] for n in (0, 20, 200))
+    assert few == plain
+    assert {row["ci_method"] for row in enough} == {"participant bootstrap"}
+
+
 def test_where_nothing_is_known_of_other_people_there_is_no_interval() -> None:
     for choices in (["aaa"] * 5, ["aba"]):
         analysis = analysed(*choices)
@@ -370,7 +390,7 @@ def test_where_nothing_is_known_of_other_people_there_is_no_interval() -> None:
 
 def test_a_bootstrap_of_people_who_all_vote_alike_gives_no_interval() -> None:
     """Every replicate is then the votes again, and percentiles would take the scores for certain."""
-    analysis = analysed(*["aab"] * 15, bootstrap=50)
+    analysis = analysed(*["aab"] * 15, bootstrap=100)
     assert {row["status"] for row in analysis["scores"]} == {"ok"}
     assert {(row["ci_low"], row["ci_high"], row["ci_method"]) for row in analysis["scores"]} == {(None, None, None)}
 

@@ -9,6 +9,7 @@ import pytest
 from app.analysis import analyse
 from app.analysis.attention_checks import check_rows
 from app.analysis.reading import VotesError, votes_from_rows
+from app.analysis.report_page import report_page
 from app.analysis.settings import AnalysisSettings
 
 MAIN = [("p1", "x", "y", "a"), ("p1", "y", "z", "b"), ("p1", "x", "z", "none"), ("p2", "x", "y", "b")]
@@ -35,6 +36,11 @@ def test_checks_are_counted_by_participant() -> None:
         {"participant": "p1", "n_identical": 1, "n_identical_none": 1, "n_repeated": 2, "n_repeated_same": 1},
         {"participant": "p2", "n_identical": 1, "n_identical_none": 0, "n_repeated": 0, "n_repeated_same": 0},
     ]
+
+
+def test_the_report_tells_what_became_of_every_vote_that_was_read() -> None:
+    page = report_page("report.md", analyse(votes_from_rows(rows_with_checks())), (), "votes")
+    assert "8 votes read: 4 analysed (1 without preference), 0 practice, 4 attention checks, 0 excluded." in page
 
 
 def test_checks_change_nothing_but_their_own_section() -> None:

@@ -363,3 +363,26 @@ def test_hundred_thousands_of_votes_between_ten_thousand_items_reach_the_maximum
     slopes = fit.design.model.derivatives(d, t, counts.wins[None], counts.losses[None], counts.ties[None])
     by_item = np.bincount(counts.first, slopes.d[0], 10_000) - np.bincount(counts.second, slopes.d[0], 10_000)
     np.testing.assert_allclose(by_item, 0, atol=1e-8)
+
+
+def test_preferences_of_items_at_both_ends_of_a_long_chain_are_certain_and_numbers() -> None:
+    upper = np.tile(np.arange(449), 3)
+    names, nothing = (["p"], ["d"], [f"i{item}" for item in range(450)]), np.zeros(3 * 449, int)
+    choice, count = np.repeat([0, 1, 2], 449), np.repeat([50, 1, 2], 449)
+    fit = fit_scores(votes_from_indices(nothing, nothing, upper, upper + 1, choice, names=names, count=count))
+    assert fit.scores is not None
+    assert fit.scores[0] - fit.scores[-1] > 1500
+    assert fit.preference(fit.scores[0] - fit.scores[[1, -1]]) == pytest.approx([50 / 51, 1.0])
+
+
+@pytest.mark.parametrize("wins", [10**9, 10**12])
+def test_a_rare_loss_among_billions_of_wins_leaves_scores(wins: int) -> None:
+    """x, y and z by one distance a: wins e^-a of the neighbours are then the losses of all three pairs, ties half."""
+    rows = [
+        {"item_a": a, "item_b": b, "choice": choice, "count": count}
+        for a, b in ("xy", "yz", "xz")
+        for choice, count in (("a", wins), ("b", 1), ("none", 2))
+    ]
+    fit = fit_scores(votes_from_rows(rows), ties="half")
+    assert fit.scores is not None
+    assert fit.scores == pytest.approx(np.log((wins + 1) / 4) * np.array([1, 0, -1]), abs=1e-6)

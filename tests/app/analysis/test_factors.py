@@ -17,7 +17,7 @@ from app.analysis import AnalysisSettings, analyse
 from app.analysis.bradley_terry import fit_scores
 from app.analysis.contrasts import Contrast, contrasts, holm, letters
 from app.analysis.factors import coding, votes_on_factor
-from app.analysis.reading import read_votes
+from app.analysis.reading import read_votes, votes_from_rows
 from app.analysis.votes_table import VotesTable, votes_from_indices
 
 ITEMS = tuple(f"{depth}_{fusion}" for depth in ("id", "dr", "pm") for fusion in ("fa", "fb"))
@@ -111,6 +111,20 @@ def test_additive_and_interaction_models_have_the_reference_values(real_data: Pa
     (differ,) = [row for row in analysis["tests"] if (row["name"], row["model"]) == ("datasets differ", "additive")]
     assert differ["g2"] == pytest.approx(expected["LRT_dataset_heterogeneity_additive"]["G2"], abs=1e-5)
     assert differ["df"] == 16
+
+
+def test_an_interaction_on_which_all_voted_alike_says_nothing_about_other_people() -> None:
+    """Half of them prefer a to b and the others b to a; a1 to a2 and b2 to b1 all of them."""
+    sides = [(up, down) for up, down in ("ab", "ba") for _ in range(7)]
+    rows = [
+        {"participant": f"p{who}", "item_a": first, "item_b": second, "choice": "a"}
+        for who, (up, down) in enumerate(sides)
+        for first, second in [*((f"{up}{i}", f"{down}{j}") for i in "12" for j in "12"), ("a1", "a2"), ("b2", "b1")]
+    ]
+    factors = {"letter": {name: name[0] for name in ("a1", "a2", "b1", "b2")}}
+    factors["number"] = {name: name[1] for name in factors["letter"]}
+    tests = analyse(votes_from_rows(rows), AnalysisSettings(factors=factors))["tests"]
+    assert {test["p_participant"] for test in tests if test["name"] == "interaction"} == {None}
 
 
 def test_the_order_effect_of_the_additive_model_has_the_reference_test(real_data: Path) -> None:

@@ -117,6 +117,19 @@ def test_levels_that_are_alike_are_named_beside_their_factor() -> None:
     assert text.count("not told apart") == 1
 
 
+def test_a_measure_that_goes_against_the_scores_is_not_said_to_go_with_them() -> None:
+    abilities = dict(zip("abcdef", np.linspace(2, -2, 6), strict=True))
+    values = {"up": abilities, "down": {name: -ability for name, ability in abilities.items()}}
+    measures = {name: {"ball": value} for name, value in values.items()}
+    said = sentences(votes_by(abilities, 20), measures=measures, better={"up": "higher", "down": "lower"})["measures"]
+    assert said.startswith("Of 2 objective measures, 2 are shown to go with the scores; up (Pearson +1.00")
+    said = sentences(votes_by(abilities, 20), measures=measures, better=dict.fromkeys(measures, "higher"))["measures"]
+    assert said.startswith("Of 2 objective measures, 1 is shown to go with the scores; up (Pearson +1.00")
+    assert "go against the scores, in the direction that they state: down (Pearson −1.00" in said
+    alone = sentences(votes_by(abilities, 20), measures={"up": measures["up"]}, better={"up": "lower"})["measures"]
+    assert alone.startswith("It is not shown that the objective measure predicts the scores. Shown to go against")
+
+
 def test_the_order_of_showing_is_told_with_its_direction() -> None:
     votes = votes_by(dict.fromkeys("abcd", 0.0), 30)
     helped = [
@@ -283,6 +296,19 @@ def test_few_participants_never_make_errors_smaller_than_those_of_the_votes() ->
     assert limits.startswith("4 participants are few (fewer than 12)")
 
 
+def test_one_p_value_of_several_datasets_is_no_agreement_beyond_chance() -> None:
+    from app.analysis.findings.people import people_findings
+
+    analysis = analyse(votes_from_rows(votes_by(CLEAR, 12, ties=0.0)))
+    (row,) = analysis["agreement"]
+    rows = [row | {"dataset": f"d{n}", "u": 0.02, "p_value": p} for n, p in enumerate((0.03, 0.4, 0.5, 0.6, 0.7))]
+    agreed = [text["text"] for text in people_findings(analysis | {"agreement": rows}) if text["about"] == "agreement"]
+    assert agreed[0].endswith("more than by chance on 0 of them (Holm).")
+    pair_of_people = [row | {"p_value": None} for row in rows]
+    agreed = [text["text"] for text in people_findings(analysis | {"agreement": pair_of_people})]
+    assert agreed[0].endswith("0: chance).")
+
+
 def test_who_stands_out_is_named_and_nobody_is_where_nobody_does() -> None:
     votes = votes_by(CLEAR, 20, ties=0.0) * 4
     turned = [
@@ -291,6 +317,25 @@ def test_who_stands_out_is_named_and_nobody_is_where_nobody_does() -> None:
     ]
     assert sentences(turned)["participants"].startswith("Participant p7 (")
     assert sentences(votes_by(dict.fromkeys("abc", 0.0), 6))["participants"].startswith("Nobody of 6 stands out.")
+
+
+def test_a_zero_that_rounding_made_negative_has_no_minus() -> None:
+    from app.analysis.findings.phrases import signed, unsigned
+
+    assert [(signed(value), unsigned(value)) for value in (-1e-17, -0.004, -0.006)] == [
+        ("+0.00", "0.00"),
+        ("+0.00", "0.00"),
+        ("−0.01", "−0.01"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("share", "text"), [(1 / 200, "less than 1 %"), (1 / 100, "1 %"), (199 / 200, "more than 99 %"), (1.0, "100 %")]
+)
+def test_a_share_that_is_not_certain_is_never_said_as_nothing_or_all(share: float, text: str) -> None:
+    from app.analysis.findings.phrases import percent
+
+    assert percent(share) == text
 
 
 @pytest.mark.parametrize(
@@ -354,9 +399,9 @@ def report_of(votes: Votes, **settings: Any) -> str:
 
 
 def test_the_methods_of_a_report_are_those_that_were_used_not_those_that_were_asked_for() -> None:
-    wide, used = {name: ability / 4 for name, ability in CLEAR.items()}, "50 bootstrap samples of participants"
-    assert used in report_of(votes_by(wide, 20), bootstrap=50)
-    few = report_of(votes_by(wide, 8), bootstrap=50)  # too few people for percentiles
+    wide, used = {name: ability / 4 for name, ability in CLEAR.items()}, "100 bootstrap samples of participants"
+    assert used in report_of(votes_by(wide, 20), bootstrap=100)
+    few = report_of(votes_by(wide, 8), bootstrap=100)  # too few people for percentiles
     assert used not in few
     assert "intervals from the t distribution" in few
     shown, votes = "An advantage of the condition shown first was estimated", votes_by(wide, 20)

@@ -16,6 +16,7 @@ from app.analysis.bradley_terry import fit_scores
 from app.analysis.factors import ModelTest
 from app.analysis.homogeneity import Part, parts_differ
 from app.analysis.power import StudyPlan, simulate_votes
+from app.analysis.reading import votes_from_rows
 from app.analysis.votes_table import VotesTable, votes_from_indices
 from tests.app.analysis.votes_data_frame import frame_from_votes
 
@@ -45,17 +46,20 @@ def test_alike_groups_differ_by_chance_only_as_often_as_they_should() -> None:
     assert as_if_votes_were_people > 0.15  # which is why the correction is there
 
 
-def test_two_small_groups_are_compared_as_by_a_t_test() -> None:
-    won = np.array([480, 530, 510, 560, 450, 500, 470, 520])  # of 1000 votes of each person; four in each group
-    who, choice = np.repeat(np.arange(8), 2), np.tile([0, 1], 8)
+@pytest.mark.parametrize("sizes", [(4, 4), (3, 20), (12, 5)])
+def test_groups_are_compared_as_by_a_t_test_of_unequal_variances(sizes: tuple[int, int]) -> None:
+    n = sum(sizes)
+    won = np.random.default_rng(4).normal(505, 30, n).astype(int)  # of 1000 votes of each person
+    who, choice = np.repeat(np.arange(n), 2), np.tile([0, 1], n)
     count = np.stack([won, 1000 - won], axis=1).ravel()
-    names = tuple(map(str, range(8))), ("",), ("a", "b")
-    first, second = np.zeros(16, int), np.ones(16, int)
+    names = tuple(map(str, range(n))), ("",), ("a", "b")
+    first, second = np.zeros(2 * n, int), np.ones(2 * n, int)
     votes = votes_from_indices(who, first, first, second, choice, names=names, count=count)
-    parts = [votes.where((votes.participant < 4) == is_first) for is_first in (True, False)]
+    parts = [votes.where((votes.participant < sizes[0]) == is_first) for is_first in (True, False)]
     tested = parts_differ("group", "items", "all", fit_scores(votes), [Part(part, fit_scores(part)) for part in parts])
     assert tested is not None
-    assert tested.p_participant == pytest.approx(ttest_ind(won[:4], won[4:]).pvalue, rel=0.01)
+    expected = ttest_ind(won[: sizes[0]], won[sizes[0] :], equal_var=False).pvalue
+    assert tested.p_participant == pytest.approx(expected, rel=0.02)
 
 
 def test_where_every_vote_is_another_person_the_two_tests_agree() -> None:
@@ -87,6 +91,27 @@ def test_a_group_with_the_opposite_taste_is_found() -> None:
     assert by_dataset["all"]["p_participant"] < 1e-3
     overall = {(row["group"], row["item"]): row["score"] for row in analysis["groups"] if row["dataset"] == "all"}
     assert overall["young", "3"] > 0 > overall["old", "3"]
+
+
+def test_groups_and_datasets_on_which_all_vote_alike_say_nothing_about_other_people() -> None:
+    """The variation between people is then rounding, which would make any difference certain."""
+    pairs, choices = [("a", "b"), ("b", "c"), ("a", "c")] * 2, {"ball": "aabaab", "box": "babbba"}
+    rows = [
+        {"participant": f"p{who}", "dataset": dataset, "item_a": a, "item_b": b, "choice": choice}
+        for who in range(14)
+        for dataset, votes in choices.items()
+        for (a, b), choice in zip(pairs, votes, strict=True)
+    ]
+    (datasets,) = analyse(votes_from_rows(rows))["tests"]
+    assert (datasets["name"], datasets["p_participant"]) == ("datasets differ", None)
+    groups = {"taste": {f"p{who}": "one" if who < 7 else "other" for who in range(14)}}
+    swapped = {"a": "b", "b": "a"}
+    split = [
+        row if groups["taste"][row["participant"]] == "one" else row | {"choice": swapped[row["choice"]]}
+        for row in rows
+    ]
+    tests = analyse(votes_from_rows(split), AnalysisSettings(groups=groups))["tests"]
+    assert {test["p_participant"] for test in tests if test["name"] == "group taste"} == {None}
 
 
 def test_who_belongs_to_no_group_is_left_out_of_the_comparison() -> None:

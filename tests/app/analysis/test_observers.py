@@ -252,3 +252,20 @@ def test_thousands_of_items_take_memory_for_their_votes_and_not_for_all_their_pa
     tracemalloc.stop()
     assert [row["n_votes"] for row in rows] == [n_votes / 2, n_votes / 2]
     assert peak < 8 * n_items**2 / 4  # bytes
+
+
+def test_a_row_of_millions_of_votes_takes_the_memory_of_a_row() -> None:
+    rows = [
+        {"participant": who, "item_a": "x", "item_b": "y", "choice": choice, "count": count}
+        for who, counts in (("p", (6_000_000, 4_000_000)), ("q", (4_000_000, 6_000_000)))
+        for choice, count in zip("ab", counts, strict=True)
+    ]
+    votes = votes_from_rows(rows)
+    tracemalloc.start()
+    try:
+        first, _ = observer_rows(votes, [], ties="davidson")
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 5e6
+    assert (first["side_a_rate"], first["side_a_p_value"]) == (0.6, 0.0)

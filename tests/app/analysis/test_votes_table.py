@@ -102,6 +102,7 @@ def test_known_layouts_are_recognised_by_their_columns(tmp_path: Path) -> None:
         ({"count": "1.5"}, "row 2: count is '1.5'"),
         ({"count": "-1"}, "row 2: count is '-1'"),
         ({"count": "inf"}, "row 2: count is 'inf'"),
+        ({"count": "1e30"}, "row 2: count is '1e30', expected a whole number, 0 to 1000000000000"),
         ({"response_ms": "fast"}, "row 2: response_ms is 'fast'"),
         ({"practice": "perhaps"}, "row 2: practice is 'perhaps'"),
         ({"first_shown": "q"}, "row 2: first_shown is 'q', expected 'x' or 'y'"),

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Form, Path, Query, Request
 from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse, Response
+from pydantic import StringConstraints
 
 from app.errors import InvalidError
 from app.operations.erasure import erase_participant as erase_for_good
@@ -50,7 +51,7 @@ from app.web.roles import Acting, AStudy, Looking
 UNUSUAL = "unusual"  # a standing that the analysis knows, not the store
 
 Label = Annotated[str, Path(max_length=40)]
-Reason = Annotated[str, Form(min_length=3, max_length=500)]
+Reason = Annotated[str, StringConstraints(strip_whitespace=True, min_length=3, max_length=500), Form()]
 Again = Annotated[str, Form(max_length=40)]
 Line = Annotated[str, Form(min_length=1, max_length=200)]
 
@@ -151,8 +152,8 @@ def enter_screening_result(
 @router.post("/{label}/exclude")
 def exclude_participant(actor: Acting, study: AStudy, label: Label, reason: Reason, database: Store) -> Response:
     with database.writing() as connection:
-        exclude(connection, participant_labelled(connection, study.id, label), reason.strip(), actor.name, actor.now)
-        actor.note(connection, "participant excluded", study, label, reason=reason.strip())
+        exclude(connection, participant_labelled(connection, study.id, label), reason, actor.name, actor.now)
+        actor.note(connection, "participant excluded", study, label, reason=reason)
     return see(_address(study, label))
 
 

@@ -166,3 +166,29 @@ def test_a_single_participant_says_nothing_about_others() -> None:
     for row, same in zip(tables["alignment_items"], everybody, strict=True):
         assert row["quality"] == pytest.approx(same["quality"])
         assert all(row[name] is None for name in row if name.endswith(("_se", "_low", "_high")))
+
+
+def of_voters(votes: VotesTable, n: int) -> VotesTable:
+    """Return the votes of the first people, under names of their own."""
+    return replace(votes, participants=tuple(f"v{i}" for i in range(N_PEOPLE))).where(votes.participant < n)
+
+
+def test_a_single_voter_among_many_raters_says_nothing_about_other_voters() -> None:
+    table, votes, _ = simulated_study(np.random.default_rng(6))
+    tables = align(table, of_voters(votes, 1))
+    assert (tables["alignment"][0]["status"], tables["alignment"][0]["slope_low"]) == ("ok", None)
+    assert all(row["score_low"] is None for row in tables["alignment_items"])
+
+
+def test_intervals_hold_where_two_people_voted_and_many_rated() -> None:
+    rng, covered = np.random.default_rng(8), []
+    for _ in range(60):
+        table, votes, truth = simulated_study(rng)
+        tables = align(table, of_voters(votes, 2))
+        by_dataset = truth.reshape(N_DATASETS, N_CONDITIONS)
+        scores = (SLOPE * (by_dataset - by_dataset.mean(axis=1, keepdims=True))).ravel()
+        covered += [
+            row["score_low"] < score < row["score_high"]
+            for row, score in zip(tables["alignment_items"], scores, strict=True)
+        ]
+    assert np.mean(covered) > 0.92

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,9 +25,11 @@ def warnings_of(table: RatingTable) -> str:
         rating_table([0, 0, 0], [0, 1, 2], [1, 2, 3]),
         rating_table([0, 1, 2], [0, 0, 0], [3, 3, 3]),
         rating_table([0, 0, 0, 1, 1, 1], [0, 1, 2] * 2, [1, 2, 5] * 2),
+        rating_table([0, 0, 0, 1, 1, 1], [0] * 6, [1, 2, 5, 3, 3, 4]),
+        rating_table([0, 0, 0, 1, 1, 1], [0] * 6, [3, 3, 3, 4, 4, 4]),
         rating_table([0], [0], [3]).without(["p0"]),
     ],
-    ids=["one rating", "one participant", "one item", "all agree", "nobody"],
+    ids=["one rating", "one participant", "one item", "all agree", "one item often", "one item alike", "nobody"],
 )
 def test_tables_with_next_to_nothing_have_numbers_or_none(table: RatingTable) -> None:
     tables = analyse_ratings(table)
@@ -46,6 +49,24 @@ def test_a_difference_on_which_all_agree_rests_on_a_sign_test_and_has_no_interva
         "Participants rate c0 2.00 grades above c1 (no interval, as all agree), p < 0.001 (sign test over "
         "participants, Holm)."
     )
+
+
+def test_a_condition_on_easy_datasets_alone_is_not_called_best_before_one_that_beats_it_there() -> None:
+    """c0 is rated on d0 alone, where c1 is better; d1 is harder."""
+    means = {(0, 0): 4.0, (0, 1): 4.6, (0, 2): 2.4, (1, 1): 2.6, (1, 2): 2.2}
+    noise = np.random.default_rng(0).normal(0, 0.1, (20, len(means)))
+    item = np.tile([dataset * 3 + condition for dataset, condition in means], 20)
+    table = rating_table(
+        np.repeat(np.arange(20), len(means)), item, (noise + list(means.values())).ravel(), n_datasets=2
+    )
+    said = {row["about"]: row["text"] for row in rating_findings(analyse_ratings(table))}
+    assert said["best"].startswith("c0 has the highest mean rating, 3.99")
+    assert said["best"].endswith("but c1 is higher where the same people judged both.")
+    assert said["worst"].startswith("c2 is worst")
+    turned = {
+        row["about"]: row["text"] for row in rating_findings(analyse_ratings(replace(table, rating=6 - table.rating)))
+    }
+    assert turned["worst"].endswith("but c1 is lower where the same people judged both.")
 
 
 def test_a_conditions_quality_is_the_mean_of_its_items_with_their_common_error() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 
@@ -70,6 +72,37 @@ def test_intervals_cover_the_truth_where_people_differ() -> None:
         orders.append(tables["comparison_models"][0]["order_effect"])
     assert 0.92 < np.mean(covered) < 0.98
     assert np.mean(orders) == pytest.approx(0.3, abs=0.03)
+
+
+def test_intervals_of_few_people_who_rated_different_pairs_cover_the_truth() -> None:
+    rng, covered = np.random.default_rng(9), []
+    pairs = np.array(list(combinations(range(6), 2)))
+    truth = np.linspace(-0.6, 0.6, 6)
+    for _ in range(200):
+        person = np.repeat(np.arange(8), 3)
+        a, b = pairs[np.concatenate([rng.choice(15, 3, replace=False) for _ in range(8)])].T
+        taste = truth + rng.normal(0, 0.3, (8, 6))
+        rating = np.clip(taste[person, b] - taste[person, a] + rng.normal(0, 0.6, 24), -3, 3)
+        items, names = tuple(("d", f"c{n}") for n in range(6)), tuple(f"p{n}" for n in range(8))
+        tables = analyse_comparisons(ComparisonTable(names, items, person, a, b, rating, rng.random(24) < 0.5))
+        covered += [
+            row["ci_low"] < truth[int(row["condition"][1])] < row["ci_high"] for row in tables["comparison_items"]
+        ]
+    assert 0.93 < np.mean(covered) < 0.98
+
+
+def test_a_pairs_interval_holds_what_is_uncertain_about_the_order_effect_taken_off() -> None:
+    rng, covered = np.random.default_rng(3), []
+    for _ in range(200):
+        rows = []
+        for p in range(20):
+            for a, b in ((0, 1), (0, 2), (1, 2)):
+                first = a == 0 or bool(rng.integers(2))  # c0 always stands first, so one pair tells the order effect
+                rating = (b - a) / 2 + (0.4 if first else -0.4) + rng.normal(0, 0.4)
+                rows.append((p, a, b, float(np.clip(rating, -3, 3)), first))
+        pairs = analyse_comparisons(comparisons(rows))["comparison_pairs"]
+        covered += [row["ci_low"] < truth < row["ci_high"] for row, truth in zip(pairs, (0.5, 1, 0.5), strict=True)]
+    assert 0.92 < np.mean(covered) < 0.98
 
 
 def test_a_pair_in_one_order_cannot_tell_the_order_from_the_items() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from app.analysis.ratings.contrasts import rating_contrasts
 from app.analysis.ratings.opinion_scores import condition_rows, differential_scores, item_rows, mean_with_interval
 from tests.app.analysis.ratings.rated_tables import rating_table, simulated
 
@@ -55,6 +56,24 @@ def test_the_interval_of_a_condition_covers_the_truth_where_every_dataset_has_ra
         row = mean_with_interval(values)
         covered.append(row["ci_low"] < 3.0 < row["ci_high"])
     assert 0.91 < np.mean(covered) < 0.98
+
+
+def test_items_with_raters_of_their_own_have_satterthwaites_degrees_of_freedom() -> None:
+    """With equal variances: of two means of three and of six, a third and a sixth of the variance."""
+    values = np.full((9, 2), np.nan)
+    values[:3, 0], values[3:, 1] = np.arange(3), np.arange(6)
+    assert mean_with_interval(values)["freedom"] == pytest.approx((1 / 3 + 1 / 6) ** 2 / (1 / 9 / 2 + 1 / 36 / 5))
+    assert mean_with_interval(np.random.default_rng(0).normal(size=(9, 4)))["freedom"] == pytest.approx(8)
+
+
+def test_equal_conditions_of_which_half_the_ratings_are_missing_are_seldom_told_apart() -> None:
+    rng, rejected = np.random.default_rng(7), []
+    for _ in range(150):
+        rating = 3 + rng.normal(0, 0.4, (12, 1)) + rng.normal(0, 0.8, (12, 16))
+        person, item = np.nonzero(rng.random(rating.shape) < 0.5)
+        table = rating_table(person, item, rating[person, item], n_datasets=4, scale=(-9, 15))
+        rejected += [contrast.p_value < 0.05 for contrast in rating_contrasts(table)]
+    assert np.mean(rejected) < 0.055
 
 
 def test_repeated_ratings_of_a_participant_count_as_one_opinion() -> None:

@@ -132,3 +132,13 @@ def test_a_participant_with_two_ratings_is_left_out_of_the_model() -> None:
     model = fit_subject_model(more)
     np.testing.assert_allclose(model.quality, fit_subject_model(table).quality)
     assert np.isnan(model.bias[24])
+
+
+def test_a_single_item_rated_often_has_the_mean_of_consistent_participants_as_quality() -> None:
+    """Biases have mean zero, so the quality is the mean of the participants' means, of independent errors."""
+    ratings = np.array([[1.0, 2, 5], [3, 3, 4], [2, 4, 4]])
+    model = fit_subject_model(rating_table(np.repeat(np.arange(3), 3), [0] * 9, ratings.ravel()))
+    assert model.status == "ok"
+    assert model.quality == pytest.approx([ratings.mean()])
+    assert model.inconsistency == pytest.approx(ratings.std(axis=1))
+    assert model.quality_covariance[0, 0] == pytest.approx((ratings.var(axis=1) / 3).sum() / 9)

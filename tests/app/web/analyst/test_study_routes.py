@@ -110,8 +110,9 @@ def test_an_exclusion_takes_its_own_scope_and_may_be_sent_twice(
     server: str, settings: Settings, manager: httpx.Client, taken: dict[str, Any]
 ) -> None:
     path = f"studies/{taken['slug']}/participants/P002/exclusion"
+    assert manager.put(path, json={"reason": " " * 5}).status_code == 422
     for _ in range(2):
-        excluded = manager.put(path, json={"reason": "looked away"})
+        excluded = manager.put(path, json={"reason": "looked away "})
         assert excluded.json().items() >= {"participant": "P002", "reason": "looked away"}.items()
     assert manager.put(path, json={"reason": "slept"}).status_code == 409
     votes = manager.get(f"studies/{taken['slug']}/votes", params={"participant": "P002"}).json()
