@@ -122,11 +122,11 @@ def untested_ranking(conditions: Sequence[Condition], score: str, why: str) -> d
     why : there is no test
     """
     best, worst = conditions[0], conditions[-1]
-    return finding(
-        "ranking",
-        f"{best.name} has the highest {score}, {best.value}, and {worst.name} the lowest, {worst.value}. Whether "
-        f"conditions differ was not tested: {why}.",
-    )
+    if best.value == worst.value:
+        ends = f"All conditions have the {score} {best.value}"
+    else:
+        ends = f"{best.name} has the highest {score}, {best.value}, and {worst.name} the lowest, {worst.value}"
+    return finding("ranking", f"{ends}. Whether conditions differ was not tested: {why}.")
 
 
 def tested_ranking(
