@@ -426,10 +426,3 @@ def test_a_mark_in_a_name_ends_no_cell_of_the_written_report() -> None:
     )
     assert row.replace(r"\|", "").count("|") == header.count("|")
     assert "a|b" not in text
-
-
-def test_no_condition_is_called_highest_where_all_are_alike() -> None:
-    votes = [vote | {"choice": "none"} for vote in votes_by(CLEAR, 1)]
-    ranking = sentences(votes)["ranking"]
-    assert "All conditions have the score +0.00" in ranking
-    assert "highest" not in ranking

@@ -69,6 +69,12 @@ def test_a_condition_on_easy_datasets_alone_is_not_called_best_before_one_that_b
     assert turned["worst"].endswith("but c1 is lower where the same people judged both.")
 
 
+def test_no_condition_is_called_highest_where_all_have_the_same_rating() -> None:
+    table = rating_table(np.zeros(3, np.int64), np.arange(3), np.full(3, 4.0))
+    said = {row["about"]: row["text"] for row in rating_findings(analyse_ratings(table))}
+    assert said["ranking"].startswith("All conditions have the mean rating 4.00 (no interval). Whether")
+
+
 def test_a_conditions_quality_is_the_mean_of_its_items_with_their_common_error() -> None:
     table, truth = simulated(np.random.default_rng(2), 30, 40, n_datasets=2)
     tables = analyse_ratings(table)
