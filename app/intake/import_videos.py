@@ -16,13 +16,14 @@ from typing import Any
 from app.errors import StimuliError
 from app.ffmpeg import VIDEO_SUFFIXES, Progress, decode, in_parallel, no_progress
 from app.files import file_digest, read_json, whole_folder, write_json
-from app.intake.merge import PATHS, NewSet, merge_sets, refuse_used, set_notes
+from app.intake.merge import NewSet, merge_sets, refuse_used, set_notes
 from app.intake.stimuli import MANIFEST, read_manifest
 
 CONDITIONS = "conditions.csv"
 MASTER = ".master"  # ends the name of a film's lossless master, before the suffix
 MASK = ".mask"  # ends the name of the video of a model's silhouette
 QUALITY = ".quality.json"
+PATHS = "paths"  # folder of camera paths, DATASET.json
 
 Levels = Mapping[str, Mapping[str, str]]  # condition -> factor -> level
 
