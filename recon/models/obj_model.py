@@ -118,7 +118,7 @@ def _lines(path: Path) -> _Lines:
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         for line in file:
             text = begun + line.strip()
-            if text.endswith("\\"):  # goes on in the next line
+            if text.endswith("\\") and not text.startswith("#"):  # goes on in the next line; a note may name a folder
                 begun = text[:-1] + " "
                 continue
             begun = ""

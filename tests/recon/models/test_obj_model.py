@@ -130,6 +130,13 @@ def test_notes_at_the_ends_of_an_obj_files_lines_are_no_numbers(tmp_path: Path) 
     assert part.faces.tolist() == [[0, 1, 2]]
 
 
+def test_a_note_in_an_obj_file_that_ends_in_a_backslash_does_not_hide_the_next_line(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text("# out of C:\\models\\\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 \\\n3\n")
+    (part,) = read_contents(tmp_path / "a.obj").parts
+    assert part.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    assert part.faces.tolist() == [[0, 1, 2]]
+
+
 def test_an_obj_file_may_part_its_words_by_tabs(tmp_path: Path) -> None:
     (tmp_path / "a.obj").write_text("v\t0 0 0\nv\t1 0 0\nv \t0 1 0\nf\t1 2\t3\n")
     (part,) = read_contents(tmp_path / "a.obj").parts
