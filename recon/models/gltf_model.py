@@ -182,7 +182,7 @@ class _Reader:
         joints = np.array([self._worlds[joint] for joint in skin["joints"]])
         if "inverseBindMatrices" in skin:  # column by column
             joints = joints @ self._accessor(skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
-        moves = np.zeros((self._document["accessors"][attributes["JOINTS_0"]]["count"], 4, 4))
+        moves = np.zeros((len(self._accessor(attributes["JOINTS_0"])), 4, 4))
         for number in range(sum(name.startswith("JOINTS_") for name in attributes)):
             which, shares = (self._accessor(attributes[f"{name}_{number}"]) for name in ("JOINTS", "WEIGHTS"))
             for joint, share in zip(which.T, shares.T, strict=True):
