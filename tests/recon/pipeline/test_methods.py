@@ -80,6 +80,8 @@ voxel_mm = 2
 
 WRONG_FILES = {
     "no TOML": ("[depth", "is not readable as TOML"),
+    "too many digits": (f"[depth.a]\nmethod = 'dr'\nsigma = {'9' * 5000}", "is not readable as TOML"),
+    "too large": (f"[depth.a]\nmethod = 'dr'\nsigma = {'9' * 400}", "expected a number"),
     "an unknown table": ('[deep.a]\nmethod = "id"', "deep is unknown"),
     "no table": ("depth = 3", "depth is 3, expected a table"),
     "no table of a method": ("[depth]\na = 3", r"\[depth.a\] is 3, expected a table"),
