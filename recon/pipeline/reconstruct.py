@@ -219,7 +219,7 @@ def _program_folder(method: str) -> Iterator[Path]:
         yield folder
     except ProgramError as error:
         raise ProgramError(f"{method}: {error}") from error
-    except ValueError:
+    except BaseException:
         rmtree(folder)
         raise
     rmtree(folder)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 import sys
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from recon.depth.disparity_io import read_disparity
 from recon.depth.patchmatch import PmParameters
 from recon.pipeline.job import ReconstructOptions
 from recon.pipeline.methods import Methods, OurDepth, OurFusion, depth_key, read_methods
-from recon.pipeline.reconstruct import reconstruct
+from recon.pipeline.reconstruct import match_files, reconstruct
 from recon.programs import ProgramError
 from recon.storage.files import read_json
 from recon.studio import SynthParameters, synthesise
@@ -314,6 +315,19 @@ def test_a_parameter_of_table_2_changes_the_depth(capture: Capture, tmp_path: Pa
     reconstruct(capture.folder, run, options)
     depths = [read_disparity(run / f"depth/{method}/S1/0001.npy") for method in ("dr", "changed")]
     assert not np.array_equal(*depths, equal_nan=True)
+
+
+def test_a_match_that_is_interrupted_leaves_no_folder_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*_given: object) -> None:
+        raise KeyboardInterrupt
+
+    image = tmp_path / "image.png"
+    assert cv2.imwrite(str(image), np.zeros((20, 30, 3), np.uint8))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(sys.modules[match_files.__module__], "match", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        match_files(image, image, tmp_path / "out.npy", method="id", n_disparities=8)
+    assert list(tmp_path.iterdir()) == [image]
 
 
 def test_further_approaches_stand_beside_all_combinations_once() -> None:
