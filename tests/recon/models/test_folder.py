@@ -153,6 +153,7 @@ def test_a_job_of_the_server_follows_no_name_to_elsewhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: dict[str, str]
 ) -> None:
     monkeypatch.setenv("RECONSTUDY_FILES_BELOW", str(tmp_path))
+    monkeypatch.chdir(tmp_path)  # from where a URL would look like a path below it
     write_json(tmp_path / "scene.json", SCENE | {"path": path})
     scene, (problem,) = read_scene_file(tmp_path)
     assert scene is None
