@@ -224,7 +224,7 @@ def _copied(video: SourceVideo, out: Path, levels: dict[str, str]) -> dict[str, 
     facts = decode(video.path)
     for other in filter(None, (video.master, video.mask)):
         if (other_facts := decode(other)) != facts:
-            raise StimuliError(f"{other}: is {other_facts}, its film {video.path.name} is {facts}; expected the same")
+            raise StimuliError(f"{other}: has {other_facts}, its film {video.path.name} has {facts}; expected the same")
     (out / video.dataset).mkdir(exist_ok=True)
     candidates = {"video": video.path, "master": video.master, "mask": video.mask}
     sources = {key: path for key, path in candidates.items() if path is not None}
