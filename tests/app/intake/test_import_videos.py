@@ -167,7 +167,7 @@ def spoil(videos: Path, fault: str) -> None:
         ),
         (
             "long master",
-            r"low.master.mp4: has 12 frames at 25/s of 64x48, its film low.mp4 has 10 frames at 25/s of 64x48; e",
+            r"low.master.mp4: has 12 frames at 25/s of 64x48, its film low.mp4 has 10 frames at 25/s of 64x48",
         ),
         ("columns", "has the columns name, codec; expected condition"),
         ("empty", "holds no video; expected a folder for each dataset"),
