@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import shutil
 import sys
 import tempfile
 from dataclasses import replace
@@ -12,22 +13,34 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from recon.approaches import parse_approach
-from recon.capture.format import Capture
+from recon.capture.format import Capture, read_capture
 from recon.depth import DEFAULTS
 from recon.depth.cvf import DrParameters
 from recon.depth.disparity_io import read_disparity
 from recon.depth.patchmatch import PmParameters
-from recon.pipeline.job import ReconstructOptions
+from recon.pipeline.job import ReconstructOptions, planned_job
 from recon.pipeline.methods import Methods, OurDepth, OurFusion, depth_key, read_methods
 from recon.pipeline.reconstruct import match_files, reconstruct
+from recon.pipeline.stages import filter_sequence, match_frame
 from recon.programs import ProgramError
 from recon.storage.files import read_json
 from recon.studio import SynthParameters, synthesise
 from tests.command_line import Command
 from tests.recon.depth.called_program import BOX_FILTER, program
 from tests.recon.depth.test_matchers import shifted_pair
+
+PACED = """
+import os
+import sys
+import cv2
+import numpy as np
+middle = int(sys.argv[5]) + int(sys.argv[4]) // 2
+shape = cv2.imread(sys.argv[1], 0).shape
+np.save(sys.argv[3], np.full(shape, middle + int(os.path.basename(os.getcwd())) / 4, np.float32))  # by the frame alone
+"""
 
 
 def methods_file(folder: Path, text: str = BOX_FILTER, more: str = "") -> Path:
@@ -206,6 +219,29 @@ def test_a_failure_names_its_frame_and_the_run_is_resumed(capture: Capture, tmp_
     reconstruct(capture.folder, run, replace(options, methods=read_methods(path)))
     assert [name for name in made(run) if name.startswith("matched")].count("matched/mine/S1/0000.npy") == 1
     assert np.isfinite(read_disparity(run / "matched/mine/S2/0001.npy")).any()
+
+
+@pytest.mark.slow
+def test_pictures_that_change_are_filtered_in_time_again_though_they_match_as_before(
+    capture: Capture, tmp_path: Path
+) -> None:
+    recording = read_capture(Path(shutil.copytree(capture.folder, tmp_path / "ball")))
+    methods = read_methods(methods_file(tmp_path, PACED))
+
+    def filtered(run: str) -> NDArray[np.float32]:
+        job = planned_job(recording, tmp_path / run, ReconstructOptions(("mine",), ("fb",), methods=methods))
+        sequence = job.sequences[0]
+        for view in sequence:
+            match_frame(job, view)
+        filter_sequence(job, sequence)
+        return read_disparity(job.artefacts.path(sequence[1].depth))
+
+    before = filtered("run")
+    for side in ("left", "right"):
+        assert cv2.imwrite(str(recording.folder / f"S1/{side}/0001.png"), np.zeros((120, 160, 3), np.uint8))
+    after = filtered("run")
+    assert not np.array_equal(after, before, equal_nan=True)
+    assert np.array_equal(after, filtered("again"), equal_nan=True)
 
 
 @pytest.mark.slow
