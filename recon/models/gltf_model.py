@@ -234,13 +234,14 @@ class _Reader:
         )
 
     def _picture(self, index: int, factor: NDArray[np.float64]) -> NDArray[np.uint8]:
-        key = (index, *factor.tolist())
+        """Return the picture of a texture, multiplied by a factor; textures may share one."""
+        texture = self._document["textures"][index]
+        source = texture.get("extensions", {}).get("EXT_texture_webp", {}).get("source", texture.get("source"))
+        if source is None:
+            raise ValueError("a texture has no picture that is read (PNG, JPEG or WebP)")
+        key = (source, *factor.tolist())
         if key not in self._pictures:
-            texture = self._document["textures"][index]
-            webp = texture.get("extensions", {}).get("EXT_texture_webp", {})
-            if "source" not in texture and "source" not in webp:
-                raise ValueError("a texture has no picture that is read (PNG, JPEG or WebP)")
-            image = self._document["images"][webp.get("source", texture.get("source"))]
+            image = self._document["images"][source]
             if "bufferView" in image:
                 content, name = self._view(image["bufferView"]), image.get("name") or f"number {index}"
             else:

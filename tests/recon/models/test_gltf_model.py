@@ -176,6 +176,24 @@ def test_a_texture_of_gltf_that_shall_not_repeat_is_pointed_out_where_it_does(
     assert any("repeated instead" in warning for warning in warnings) == is_warned_of
 
 
+def test_textures_of_gltf_that_share_a_picture_are_one(tmp_path: Path) -> None:
+    picture(tmp_path / "skin.png", RED)
+    attributes = {"POSITION": 0, "TEXCOORD_0": 1}
+    document, binary = gltf(
+        [(TRIANGLE, "VEC3"), (UV, "VEC2")],
+        {
+            "nodes": [{"mesh": 0}],
+            "meshes": [{"primitives": [{"attributes": attributes, "material": number} for number in (0, 1)]}],
+            "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": number}}} for number in (0, 1)],
+            "textures": [{"source": 0}, {"source": 0}],
+            "images": [{"uri": "skin.png"}],
+        },
+    )
+    mesh = mesh_from(glb(tmp_path / "a.glb", document, binary))
+    assert mesh.texture is not None
+    assert mesh.texture.pixels.shape == (8, 8, 3)
+
+
 def test_a_texture_of_gltf_is_turned_upside_down_and_scaled_in_linear_light(tmp_path: Path) -> None:
     stripes = np.zeros((2, 2, 3), np.uint8)
     stripes[0] = 255  # the upper row, where glTF's v is 0

@@ -49,6 +49,15 @@ def test_several_materials_become_one_texture(tmp_path: Path) -> None:
     assert np.array_equal(np.linalg.norm(mesh.normals, axis=1) > 0.99, np.ones(len(mesh.vertices), bool))
 
 
+def test_materials_that_share_a_picture_share_the_texture(tmp_path: Path) -> None:
+    picture(tmp_path / "skin.png", RED, size=16)
+    text_file(tmp_path, "a.mtl", "newmtl head\nmap_Kd skin.png\nnewmtl hand\nmap_Kd ./skin.png\n")
+    faces = "usemtl head\nf 1/1 2/2 3/3\nusemtl hand\nf 1/1 3/3 4/4\n"
+    mesh = mesh_from(text_file(tmp_path, "a.obj", "mtllib a.mtl\n" + SQUARE + PLACES + faces))
+    assert mesh.texture is not None
+    assert mesh.texture.pixels.shape == (16, 16, 3)
+
+
 def test_a_texture_that_no_face_uses_may_be_missing(tmp_path: Path) -> None:
     text_file(tmp_path, "a.mtl", "newmtl plain\nKd 1 0 0\nnewmtl unused\nmap_Kd gone.png\n")
     lines = ["mtllib a.mtl", *(f"v {corner}" for corner in CORNERS), "usemtl plain", "f 1 2 3 4", ""]
