@@ -51,6 +51,9 @@ class VideoFacts:
     fps: float
     n_frames: int
 
+    def __str__(self) -> str:
+        return f"{self.n_frames} frames at {self.fps:.6g}/s of {self.width}x{self.height}"
+
 
 def decode(path: Path) -> VideoFacts:
     """Decode a whole video and return its facts.

@@ -136,6 +136,19 @@ class Experiment:
     def stimuli(self) -> Path:
         return self.out / "stimuli"
 
+    @property
+    def made(self) -> ReconstructOptions:
+        """What is made of each scene."""
+        return ReconstructOptions(
+            depths=DEPTH_METHODS,
+            further=self.further,
+            colours=self.colours,
+            outlines=False,  # as the paper
+            workers=self.workers,
+            cluster=self.cluster,
+            device=self.device,
+        )
+
     def capture(self, name: str) -> Path:
         return self.out / "captures" / name
 
@@ -162,7 +175,7 @@ def steps(experiment: Experiment) -> list[Step]:
         tuple(approach.depth for approach in experiment.further),
         tuple(approach.fusion for approach in experiment.further),
     )
-    _check_scenes(read_sources(experiment.models))
+    _check_models(read_sources(experiment.models), [*map(str, experiment.made.models), TRUTH])
     planned: list[Step] = []
     for scene in SCENES:
         parameters = SynthParameters(scene=scene, n_frames=scale.n_frames, size=scale.size, fps=scale.fps, seed=SEED)
@@ -181,7 +194,8 @@ def steps(experiment: Experiment) -> list[Step]:
     ]
 
 
-def _check_scenes(sources: Sequence[Source]) -> None:
+def _check_models(sources: Sequence[Source], taken: Sequence[str]) -> None:
+    """Check models by other programs, before hours of work; `taken` are the names of the experiment's approaches."""
     given: dict[str, set[str]] = {}
     for source in sources:
         if source.dataset not in SCENES:
@@ -189,6 +203,8 @@ def _check_scenes(sources: Sequence[Source]) -> None:
         for sequence in source.sequences:
             given.setdefault(sequence.approach, set()).add(source.dataset)
     for approach, scenes in given.items():
+        if approach in taken:
+            raise ValueError(f"{approach}: is an approach of the experiment itself; give the models another name")
         if missing := [scene for scene in SCENES if scene not in scenes]:
             those = ", ".join(sorted(scenes))
             raise ValueError(
@@ -224,16 +240,7 @@ def reconstruct_scene(experiment: Experiment, scene: str, progress: Progress) ->
     experiment, scene : whose recording is there
     progress : told after each file
     """
-    options = ReconstructOptions(
-        depths=DEPTH_METHODS,
-        further=experiment.further,
-        colours=experiment.colours,
-        outlines=False,  # as the paper
-        workers=experiment.workers,
-        cluster=experiment.cluster,
-        device=experiment.device,
-    )
-    reconstruct(experiment.capture(scene), experiment.run(scene), options, progress)
+    reconstruct(experiment.capture(scene), experiment.run(scene), experiment.made, progress)
 
 
 def render_scenes(experiment: Experiment, progress: Progress) -> None:

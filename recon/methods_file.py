@@ -10,8 +10,8 @@ import tomllib
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import partial
-from math import isfinite
 from pathlib import Path
+from sys import float_info
 from typing import Any, TypeVar, get_type_hints
 
 from recon.approaches import check_method_name
@@ -132,7 +132,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError as error:
         raise ValueError(f"{path}: there is no such file") from error
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError) as error:
         raise ValueError(f"{path}: is not readable as TOML: {error}") from error
 
 
@@ -169,6 +169,7 @@ def _value(value: Any, kind: Any, place: str) -> Any:
     if kind not in KINDS:
         raise ValueError(f"{place} cannot be set in a methods file: it is no number, text, truth or table of these")
     accepted, description = KINDS[kind]
-    if type(value) not in accepted or (isinstance(value, float) and not isfinite(value)):  # a bool is an int, too
+    is_real = float in accepted
+    if type(value) not in accepted or (is_real and not abs(value) <= float_info.max):  # a bool is an int, too
         raise ValueError(f"{place} is {value!r}, expected {description}")
-    return float(value) if float in accepted else value
+    return float(value) if is_real else value

@@ -16,12 +16,9 @@ from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from shutil import rmtree
-from threading import current_thread, main_thread
-from types import FrameType
 from typing import ClassVar, TextIO
 
 LOG = "log.txt"
-TOLD_TO_END = (signal.SIGTERM, signal.SIGHUP)  # signals that end Python at once, without a `finally`
 LONGEST_QUOTE = 160  # letters of what a program printed that a sentence quotes
 
 Value = str | int | float | list[str]  # what stands for a name in braces; a list becomes several arguments
@@ -154,31 +151,22 @@ def workplace(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _killed_at_the_end(process: subprocess.Popen[bytes]) -> Iterator[None]:
-    """Kill a program that still runs, with all that it started, when the block or this process ends.
+    """Kill a program that still runs, with all that it started, when the block or this process ends, even killed.
 
-    The program has a session of its own, so that no signal to this process or its group reaches it.
+    The program has a session of its own, so that no signal to this process or its group reaches it. The shell beside it
+    reads from a pipe that ends with this process.
     """
-
-    def kill() -> None:
+    watch = ["sh", "-c", f"read end; kill -KILL -{process.pid}"]
+    try:
+        with subprocess.Popen(watch, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True) as shell:
+            try:
+                yield
+            finally:
+                shell.kill()
+    finally:
         if process.returncode is None:
             os.killpg(process.pid, signal.SIGKILL)
-
-    def end(number: int, _frame: FrameType | None) -> None:
-        kill()
-        signal.signal(number, signal.SIG_DFL)
-        signal.raise_signal(number)
-
-    is_main = current_thread() is main_thread()  # the only one that may say what a signal does
-    watched = [number for number in TOLD_TO_END if is_main and signal.getsignal(number) is signal.SIG_DFL]
-    for number in watched:
-        signal.signal(number, end)
-    try:
-        yield
-    finally:
-        kill()
         process.wait()
-        for number in watched:
-            signal.signal(number, signal.SIG_DFL)
 
 
 def check_written(path: Path, said: str) -> None:

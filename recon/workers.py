@@ -87,8 +87,8 @@ class LocalProcesses:
         """As `Pool.run`."""
         waiting = list(tasks)
         for losses in range(LOSSES):
-            futures = {self._executor.submit(_unless_interrupted, task): task for task in waiting}
-            try:
+            try:  # a process may have died already, before the tasks are given to it
+                futures = {self._executor.submit(_unless_interrupted, task): task for task in waiting}
                 for future in as_completed(futures):
                     result = future.result()
                     waiting.remove(futures[future])

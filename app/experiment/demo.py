@@ -18,6 +18,7 @@ from app.study.presets import QUICK
 from app.study.stages import PRACTICE
 from app.web.front import FRONT_FILE
 
+NAME, SLUG = "Demo", "demo"
 # What the simulated participants prefer, in natural log-odds: the paper's order (figures 7 and 8).
 DEPTH_ABILITIES = {"id": -0.8, "dr": 0.1, "pm": 0.7}
 FUSION_ABILITIES = {"fa": -0.4, "fb": 0.4}
@@ -29,26 +30,24 @@ MEASURES = ("ssim_actor", "vmaf", "flicker")  # of the films, those that are com
 
 def demo_study(settings: Settings, manifest: Path, report: Path, exposure_s: float, progress: Progress) -> None:
     """Create the demo's study of all but the truth, with what was measured of its films, if it is not there."""
-    if not list_studies(settings):
+    if SLUG not in {study["slug"] for study in list_studies(settings)}:
         options = read_options(None, {"without": [TRUTH], "fallback": ""}, QUICK).with_stage(PRACTICE)
-        create_study(settings, manifest, "Demo", exposure_s=exposure_s, seed=SEED, options=options, progress=progress)
-        attach_results(settings, [report], only=MEASURES)
+        create_study(settings, manifest, NAME, exposure_s=exposure_s, seed=SEED, options=options, progress=progress)
+        attach_results(settings, [report], SLUG, only=MEASURES)
 
 
 def demo_votes(settings: Settings, url: str, participants: int, progress: Progress) -> None:
     """Let simulated participants vote; where some have, as a start was stopped, those who are left."""
-    (study,) = list_studies(settings)
-    n_before = study["n_finished"]
+    n_before = _study(settings)["n_finished"]
     if (n_left := participants - n_before) > 0:
         seed = SEED + n_before
-        simulate_study(settings, url, study["slug"], n_left, ABILITIES, TIE_RATE, seed, progress=progress)
+        simulate_study(settings, url, SLUG, n_left, ABILITIES, TIE_RATE, seed, progress=progress)
 
 
 def demo_analysis(settings: Settings, url: str, out: Path) -> None:
     """Fetch the study's analysis over REST and write it into a folder, once there are votes."""
-    (study,) = list_studies(settings)
-    if study["n_votes"]:
-        analysis = fetched(settings, url, study["slug"], ("analysis",))["analysis"]
+    if _study(settings)["n_votes"]:
+        analysis = fetched(settings, url, SLUG, ("analysis",))["analysis"]
         write_analysis(analysis, out, source="the demo's study")
 
 
@@ -61,7 +60,7 @@ def demo_front(settings: Settings, out: Path, folder: Path, n_frames: int) -> di
     folder : the front page's folder, with the pictures of the stages
     n_frames : of the recording
     """
-    (study,) = list_studies(settings)
+    study = _study(settings)
     paths = {
         "participant": f"/s/{study['invitations'][0]}",
         "experimenter": add_experimenter(settings, "demo")["path"],
@@ -100,3 +99,8 @@ def ability_sentence() -> str:
     """Say what the simulated participants prefer, to compare the scores with."""
     best_first = sorted(ABILITIES.items(), key=lambda pair: -pair[1])
     return ", ".join(f"{item} {ability:+.1f}" for item, ability in best_first)
+
+
+def _study(settings: Settings) -> dict[str, Any]:
+    """Return the demo's study; others may stand beside it by now."""
+    return next(study for study in list_studies(settings) if study["slug"] == SLUG)

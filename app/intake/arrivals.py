@@ -20,7 +20,7 @@ CAPTURED = (*PICTURES, ".ppm", ".pgm", *VIDEO_SUFFIXES, ".npy", ".exr", ".ply", 
 BELONGING: Mapping[str, tuple[str, ...]] = {  # suffixes of files that may be in an upload
     "captures": CAPTURED,
     "calibration": (*PICTURES, *VIDEO_SUFFIXES, *TEXTS),
-    "models": (*MESHES, ".mtl", ".bin", *PICTURES, *TEXTS),
+    "models": (*MESHES, ".mtl", ".bin", *PICTURES, ".webp", *TEXTS),
     "films": (*VIDEO_SUFFIXES, *TEXTS),
     "clouds": (".ply", *TEXTS),
     "measures": (".csv",),

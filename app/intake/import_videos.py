@@ -16,13 +16,14 @@ from typing import Any
 from app.errors import StimuliError
 from app.ffmpeg import VIDEO_SUFFIXES, Progress, decode, in_parallel, no_progress
 from app.files import file_digest, read_json, whole_folder, write_json
-from app.intake.merge import PATHS, NewSet, merge_sets, refuse_used, set_notes
+from app.intake.merge import NewSet, merge_sets, refuse_used, set_notes
 from app.intake.stimuli import MANIFEST, read_manifest
 
 CONDITIONS = "conditions.csv"
 MASTER = ".master"  # ends the name of a film's lossless master, before the suffix
 MASK = ".mask"  # ends the name of the video of a model's silhouette
 QUALITY = ".quality.json"
+PATHS = "paths"  # folder of camera paths, DATASET.json
 
 Levels = Mapping[str, Mapping[str, str]]  # condition -> factor -> level
 
@@ -223,7 +224,7 @@ def _copied(video: SourceVideo, out: Path, levels: dict[str, str]) -> dict[str, 
     facts = decode(video.path)
     for other in filter(None, (video.master, video.mask)):
         if (other_facts := decode(other)) != facts:
-            raise StimuliError(f"{other}: is {other_facts}, its film {video.path.name} is {facts}; expected the same")
+            raise StimuliError(f"{other}: has {other_facts}, its film {video.path.name} has {facts}; expected the same")
     (out / video.dataset).mkdir(exist_ok=True)
     candidates = {"video": video.path, "master": video.master, "mask": video.mask}
     sources = {key: path for key, path in candidates.items() if path is not None}

@@ -17,8 +17,6 @@ from app.ffmpeg import Progress, in_parallel, no_progress
 from app.files import file_digest, read_json, whole_folder, write_json
 from app.intake.stimuli import MANIFEST, Stimulus, StimulusSet, check_videos, level_notes, read_manifest
 
-PATHS = "paths"  # folder of a set's camera paths, DATASET.json
-
 
 @dataclass(frozen=True)
 class NewSet:
@@ -106,10 +104,11 @@ def merge_sets(folders: Sequence[Path], out: Path, *, progress: Progress = no_pr
             "stimuli": [copies.entry(source, stimulus, entry) for source, stimulus, entry in chosen],
             "factors": _factors(sources),
             "practice": [copies.entry(practice, *entry) for entry in practice.entries("practice")] if practice else [],
-            "provenance": {"merged": [source.origin for source in sources], "paths": _kept(paths)},
+            "provenance": {
+                "merged": [source.origin for source in sources],
+                "paths": {dataset: copies.path(source, path) for dataset, (source, path) in paths.items()},
+            },
         }
-        for dataset, (source, path) in paths.items():
-            copies.targets[f"{PATHS}/{dataset}.json"] = source.folder / path.file
         write_json(temporary / MANIFEST, manifest)
         made = read_manifest(temporary, Path(" + ".join(str(source.folder) for source in sources)))
         for source in sources:
@@ -151,6 +150,10 @@ class _Copies:
         files = {"video": stimulus.video, "master": stimulus.master, "mask": stimulus.mask}
         places = {key: self._place(source.folder, file) for key, file in files.items() if file is not None}
         return {**entry, **places}
+
+    def path(self, source: _Source, path: _PathFile) -> dict[str, str]:
+        """Plan the copy of a camera path, and return what the new provenance says of it."""
+        return {"file": self._place(source.folder, path.file), "sha256": path.sha256}
 
     def write(self, folder: Path, progress: Progress) -> None:
         steps = [(f"copying {target}", partial(_copy, path, folder / target)) for target, path in self.targets.items()]
@@ -237,10 +240,6 @@ def _camera_paths(sources: Sequence[_Source]) -> dict[str, tuple[_Source, _PathF
                     f"{dataset}; render one of the sets again with --path and a copy of the other's file"
                 )
     return paths
-
-
-def _kept(paths: Mapping[str, tuple[_Source, _PathFile]]) -> dict[str, Any]:
-    return {dataset: {"file": f"{PATHS}/{dataset}.json", "sha256": path.sha256} for dataset, (_, path) in paths.items()}
 
 
 def _factors(sources: Sequence[_Source]) -> dict[str, list[str]]:

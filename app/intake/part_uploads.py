@@ -74,8 +74,7 @@ def upload_id(person_id: int, kind: str, name: str, file: str, size: int, modifi
 
 def begin_upload(intake: Path, upload: PartUpload) -> Standing:
     """Begin an upload, or go on with the same one; one whose work has ended begins anew."""
-    known = _read(intake, upload.id)
-    if known is None or (known.job is not None and not _part(intake, upload.id).is_file()):
+    if _read(intake, upload.id) is None or not _part(intake, upload.id).is_file():
         write_json(_description(intake, upload.id), asdict(upload))
         _part(intake, upload.id).touch()
     return standing(intake, upload.id)

@@ -73,7 +73,11 @@ def entries(folder: Path, kind: str) -> list[ShelfEntry]:
     """
     place = _open_shelf(folder, kind)
     paths = sorted(place.iterdir()) if place.is_dir() else []
-    listed = [_entry(kind, path) for path in paths if _is_entry(kind, path)]
+    listed = []
+    for path in paths:
+        with suppress(FileNotFoundError):  # somebody has just deleted it
+            if _is_entry(kind, path):
+                listed.append(_entry(kind, path))
     return sorted(listed, key=lambda entry: entry.changed_at, reverse=True)
 
 

@@ -255,7 +255,7 @@ def _check_alike(stimuli: Sequence[Stimulus], manifest: Path) -> None:
 
 def _shape(stimulus: Stimulus) -> str:
     """Describe the size, length and frame rate, which are the same for all stimuli of a dataset."""
-    return f"{stimulus.n_frames} frames at {stimulus.fps:.6g}/s of {stimulus.width}x{stimulus.height}"
+    return str(VideoFacts(stimulus.width, stimulus.height, stimulus.fps, stimulus.n_frames))
 
 
 def _check_files(folder: Path, stimulus: Stimulus) -> None:

@@ -29,6 +29,7 @@ BEGINNINGS: Mapping[str, tuple[bytes, ...]] = {  # how files begin whose content
     ".mkv": (b"\x1aE\xdf\xa3",),
     ".webm": (b"\x1aE\xdf\xa3",),
     ".avi": (b"RIFF",),
+    ".webp": (b"RIFF",),
     ".pdf": (b"%PDF-",),
     ".svg": (b"<svg", b"<?xml"),
 }

@@ -18,6 +18,7 @@ from app.settings import Settings
 LEFT_FOR = timedelta(days=1)
 # the names that app/files.py, app/web/admin/uploads.py and app/operations/stimulus_sets.py give
 FILES, UPLOADS, DELETED = ".*.part*", ".upload-*", ".*.deleted"
+BEGUN = ".*.*-*.part"  # what recon/storage/files.py calls a folder that a job begins
 
 log = logging.getLogger(__name__)
 
@@ -40,8 +41,9 @@ def remove_leftovers(settings: Settings, now: datetime) -> None:
 
 def _leftovers(settings: Settings) -> Iterator[Path]:
     data = settings.data_dir
-    yield from settings.sets_dir.glob(UPLOADS)
-    yield from settings.sets_dir.glob(DELETED)
+    for pattern in (UPLOADS, DELETED, FILES):
+        yield from settings.sets_dir.glob(pattern)
+    yield from settings.intake_dir.glob(f"*/{BEGUN}")
     yield from (data / "uploads").glob(UPLOADS)
     for folder in (settings.media_dir, data / "stills", data / "models", data / "reports"):
         yield from folder.glob(FILES)

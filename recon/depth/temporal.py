@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from recon.capture.noise import largest_channel
 from recon.depth.channels import grey_image
 from recon.depth.guide import guide_image, noise_level
 from recon.depth.pair import StereoPair
@@ -166,8 +167,7 @@ def temporal_permeability(before: Frame, frame: Frame, sigma: float) -> NDArray[
     sigma : grey levels
     """
     change = cv2.absdiff(before.guide, frame.guide)
-    most = change if change.ndim == 2 else np.maximum(np.maximum(change[..., 0], change[..., 1]), change[..., 2])
-    mean = cv2.blur(most.astype(np.float32), (NEIGHBOURHOOD, NEIGHBOURHOOD))
+    mean = cv2.blur(largest_channel(change).astype(np.float32), (NEIGHBOURHOOD, NEIGHBOURHOOD))
     passage = np.exp(np.maximum(mean - NOISE_SHARE * frame.noise, 0) / -sigma).astype(np.float32)
     return passage if frame.mask is None else np.where(frame.mask, passage, np.float32(0))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import islice
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +15,7 @@ from recon.storage.files import check_safe_name
 NUMBERED = re.compile(r"(.*?)(\d+)")  # of a frame: any letters, then its number
 BESIDE = {".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".bin", ".txt", ".md", ".json"}
 FORMATS = ", ".join(READERS)
+MOST_NAMED = 5  # of missing frames
 
 
 SafeName = Annotated[str, AfterValidator(check_safe_name)]
@@ -72,12 +74,12 @@ def _frames(folder: Path, problems: list[str]) -> tuple[Path, ...]:
         first, second, *_ = letters.values()
         problems.append(f"{folder}: holds two sequences, {first.name} and {second.name}; give each a folder of its own")
     elif by_number:
-        numbers = range(min(by_number), max(by_number) + 1)
-        if missing := [number for number in numbers if number not in by_number]:
-            example = by_number[min(by_number)].name
-            more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
+        lowest, highest = min(by_number), max(by_number)
+        if n_missing := highest + 1 - lowest - len(by_number):  # a time as a number leaves out very many
+            some = islice((number for number in range(lowest, highest) if number not in by_number), MOST_NAMED)
+            more = f" and {n_missing - MOST_NAMED} more" if n_missing > MOST_NAMED else ""
             problems.append(
-                f"{folder}: frame {', '.join(map(str, missing[:5]))}{more} is missing between {example} and "
-                f"{by_number[max(by_number)].name}"
+                f"{folder}: frame {', '.join(map(str, some))}{more} is missing between {by_number[lowest].name} and "
+                f"{by_number[highest].name}"
             )
     return tuple(by_number[number] for number in sorted(by_number))

@@ -182,7 +182,7 @@ class _Reader:
         joints = np.array([self._worlds[joint] for joint in skin["joints"]])
         if "inverseBindMatrices" in skin:  # column by column
             joints = joints @ self._accessor(skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
-        moves = np.zeros((self._document["accessors"][attributes["JOINTS_0"]]["count"], 4, 4))
+        moves = np.zeros((len(self._accessor(attributes["JOINTS_0"])), 4, 4))
         for number in range(sum(name.startswith("JOINTS_") for name in attributes)):
             which, shares = (self._accessor(attributes[f"{name}_{number}"]) for name in ("JOINTS", "WEIGHTS"))
             for joint, share in zip(which.T, shares.T, strict=True):
@@ -234,13 +234,14 @@ class _Reader:
         )
 
     def _picture(self, index: int, factor: NDArray[np.float64]) -> NDArray[np.uint8]:
-        key = (index, *factor.tolist())
+        """Return the picture of a texture, multiplied by a factor; textures may share one."""
+        texture = self._document["textures"][index]
+        source = texture.get("extensions", {}).get("EXT_texture_webp", {}).get("source", texture.get("source"))
+        if source is None:
+            raise ValueError("a texture has no picture that is read (PNG, JPEG or WebP)")
+        key = (source, *factor.tolist())
         if key not in self._pictures:
-            texture = self._document["textures"][index]
-            webp = texture.get("extensions", {}).get("EXT_texture_webp", {})
-            if "source" not in texture and "source" not in webp:
-                raise ValueError("a texture has no picture that is read (PNG, JPEG or WebP)")
-            image = self._document["images"][webp.get("source", texture.get("source"))]
+            image = self._document["images"][source]
             if "bufferView" in image:
                 content, name = self._view(image["bufferView"]), image.get("name") or f"number {index}"
             else:

@@ -9,6 +9,7 @@ import re
 import warnings
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -118,7 +119,7 @@ def _lines(path: Path) -> _Lines:
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         for line in file:
             text = begun + line.strip()
-            if text.endswith("\\"):  # goes on in the next line
+            if text.endswith("\\") and not text.startswith("#"):  # goes on in the next line; a note may name a folder
                 begun = text[:-1] + " "
                 continue
             begun = ""
@@ -244,6 +245,11 @@ def _merged(corners: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[NDAr
 def _materials(contents: Contents, libraries: Sequence[str], used: Collection[str]) -> dict[str, _Material]:
     """Read MTL files, and the textures of the materials that faces use."""
     materials: dict[str, _Material] = {}
+
+    @cache  # many materials may share a picture
+    def decoded(path: Path) -> NDArray[np.uint8]:
+        return decode_picture(contents.beside(str(path), "texture"), str(path))
+
     for library in libraries:
         folder = Path(library.replace("\\", "/")).parent
         text = contents.beside(library, "material file").decode("utf-8-sig", "replace")
@@ -256,7 +262,7 @@ def _materials(contents: Contents, libraries: Sequence[str], used: Collection[st
             elif keyword.lower() == "kd" and rest:
                 current.colour = _colour(rest, library)
             elif keyword.lower() == "map_kd" and rest and name in used:
-                current.picture = _picture(contents, folder, rest)
+                current.picture = decoded(folder / _picture_name(rest))
             elif keyword == "map_d" or (keyword == "d" and _last(rest) < 1) or (keyword == "Tr" and _last(rest) > 0):
                 contents.warn(OPAQUE)
     return materials
@@ -272,13 +278,14 @@ def _colour(text: str, library: str) -> tuple[float, ...]:
     return tuple(min(max(value, 0.0), 1.0) for value in (red, green, blue))
 
 
-def _picture(contents: Contents, folder: Path, text: str) -> NDArray[np.uint8]:
+def _picture_name(text: str) -> str:
+    """Return the file's name behind the options of `map_Kd`."""
     name = text
     while option := OPTIONS.match(name):
         if option[1] in ("s", "o", "t"):
             raise ValueError(f"its texture is moved or scaled by {option[0].strip()!r}, which is not read; bake it")
         name = name[option.end() :]
-    return decode_picture(contents.beside(str(folder / name.replace("\\", "/")), "texture"), name)
+    return name.replace("\\", "/")
 
 
 def _last(text: str) -> float:

@@ -194,7 +194,7 @@ def _path_source(folder: Path, path: _Path, problems: list[str]) -> PathSource |
 def _beside(folder: Path, address: str) -> Path:
     """Find what `scene.json` names: a URL, or a path from its folder."""
     is_url = "://" in address
-    allowed(Path(address) if is_url else folder / address)  # before anything is asked of a URL's host
+    allowed(Path("/", address) if is_url else folder / address)  # before anything is asked of a URL's host
     return place(address) if is_url else (folder / address).resolve()
 
 

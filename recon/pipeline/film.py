@@ -210,8 +210,8 @@ def is_finished(film: Film, out: Path) -> bool:
     return all(Artefacts(out).has(name, key) for name in film.names())
 
 
-def make_part(film: Film, out: Path, part: range, *, threads: int) -> int:
-    """Render, encode and check some frames of a film, unless they are finished; returns how many they are.
+def make_part(film: Film, out: Path, part: range, *, threads: int) -> tuple[int, int]:
+    """Render, encode and check some frames of a film, unless they are; returns how many were made, and how many found.
 
     Parameters
     ----------
@@ -236,8 +236,8 @@ def make_part(film: Film, out: Path, part: range, *, threads: int) -> int:
         write_json(paths[1], asdict(check))
         write_video(paths[2], map(partial(_mask_picture, size), masks), size=size, fps=fps, encoding=SILHOUETTE)
 
-    Artefacts(out).make_together(film.names(part), {**film.key(), "part": [part.start, part.stop]}, write)
-    return len(part)
+    made = Artefacts(out).make_together(film.names(part), {**film.key(), "part": [part.start, part.stop]}, write)
+    return (len(part), 0) if made else (0, len(part))
 
 
 def make_film(film: Film, out: Path) -> Stimulus:

@@ -219,7 +219,7 @@ def _program_folder(method: str) -> Iterator[Path]:
         yield folder
     except ProgramError as error:
         raise ProgramError(f"{method}: {error}") from error
-    except ValueError:
+    except BaseException:
         rmtree(folder)
         raise
     rmtree(folder)
@@ -256,13 +256,18 @@ def _check_points(job: Job) -> None:
 def _run_stage(
     stage: str, tasks: Sequence[partial[list[str]]], artefacts: Artefacts, pool: Pool, progress: Progress
 ) -> float:
-    """Run the tasks of a stage, log what they made, and return how long that took, s."""
+    """Run the tasks of a stage, log what they made, and return how long that took, s.
+
+    Progress counts what is made. What was finished before took no time, and would make the time that is left too short.
+    """
     started = time.perf_counter()
-    progress(stage, 0, len(tasks))
-    for done, names in enumerate(pool.run(tasks), start=1):
+    made, total = 0, len(tasks)
+    progress(stage, made, total)
+    for names in pool.run(tasks):
         for name in names:
             warnings = artefacts.warnings([name])
             log(artefacts.folder, {"time": time.time(), "made": name} | ({"warnings": warnings} if warnings else {}))
-        progress(stage, done, len(tasks))
+        made, total = (made + 1, total) if names else (made, total - 1)
+        progress(stage, *((made, total) if total else (len(tasks), len(tasks))))
     store_log(artefacts.folder)
     return time.perf_counter() - started

@@ -119,11 +119,10 @@ def _digests(source: Source, films: Sequence[Film]) -> dict[str, Any]:
     }
 
 
-def _run_parts(parts: Sequence[partial[int]], pool: Pool, progress: Progress) -> None:
-    """Make the parts of videos; progress counts frames."""
-    total = sum(len(part.args[2]) for part in parts)
-    done = 0
+def _run_parts(parts: Sequence[partial[tuple[int, int]]], pool: Pool, progress: Progress) -> None:
+    """Make the parts of videos; progress counts the frames that are made, as of the files of a run."""
+    done, total = 0, sum(len(part.args[2]) for part in parts)
     progress("video frames", done, total)
-    for n_frames in pool.run(parts):
-        done += n_frames
+    for made, found in pool.run(parts):
+        done, total = done + made, total - found
         progress("video frames", done, total)

@@ -103,6 +103,7 @@ def filter_sequence(job: Job, views: Sequence[View]) -> list[str]:
         keys[view] = {
             "before": before,
             "matched": job.artefacts.digest(view.matched),
+            "pictures": None if parameters is None else picture_key(job.capture, view),
             "parameters": None if parameters is None else asdict(parameters),
             "code": code_version("depth", "capture/noise.py"),
         }

@@ -26,7 +26,8 @@ class PathParameters:
     Parameters
     ----------
     margin : share of the picture's half width and half height that the bounds may fill
-    widest_deg : widest vertical field of view; a sensor nearer than that allows is backed away from, along its own line
+    widest_deg : widest field of view across the picture's shorter side; where a sensor is nearer than that allows, all
+        places move away from the middle of the bounds by the same factor
     ease : share of the path's time at each end in which the camera gathers or loses speed
     swing_deg : how far to either side the camera swings where there is only one sensor
     """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from recon.geometry.mesh import Model
 from recon.render.backdrop import backdrop, floor_shade
+from recon.render.cut import are_all_drawn, cut_before
 from recon.render.light import lit
 from recon.render.offscreen import NoRendererError, is_hardware, pyrender_frames, working_platform
 from recon.render.rasterise import draw_model
@@ -37,15 +39,12 @@ def software_frames(shots: Iterable[Shot]) -> Iterator[NDArray[np.uint8]]:
         else:
             if model is not drawn:
                 texture, drawn = mipmaps(model.texture) if model.texture else NO_MIPMAPS, model
-            draw_model(
-                shot.picture,
-                projected,
-                model.faces,
-                model.front,
-                model.back,
-                texture=texture,
-                threads=shot.threads,
-            )
+            faces, front, back, uv = model.faces, model.front, model.back, texture.uv
+            if not are_all_drawn(projected):
+                vertices, faces, (front, back, uv) = cut_before(shot.camera, model.vertices, faces, (front, back, uv))
+                projected = _projected(vertices, shot.camera)
+            placed = replace(texture, uv=uv)
+            draw_model(shot.picture, projected, faces, front, back, texture=placed, threads=shot.threads)
         yield shot.picture
 
 

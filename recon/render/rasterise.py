@@ -29,7 +29,7 @@ N_SAMPLES = 4
 SAMPLE_STEP, SAMPLE_REACH = 64, 96  # from one column to the next; of a pixel's outermost sample from its centre
 SAMPLE_X = np.array([-96, -32, 32, 96], dtype=np.int64)
 SAMPLE_Y = np.array([32, -96, 96, -32], dtype=np.int64)
-NEAREST = 1e-3  # mm; a face that reaches behind the camera is not drawn
+NEAREST = 1e-3  # mm; a face that reaches behind the camera is not drawn, so `cut` cuts it before
 FARTHEST_PIXEL = 2.0**21  # a face with a corner beyond is not drawn: edge functions would not be exact in 64 bits
 
 

@@ -199,7 +199,7 @@ def read_json(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: there is no such file") from error
     except OSError as error:
         raise refused(path, error) from error
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: is not readable as JSON: {error}") from error
     if not isinstance(content, dict):
         raise ValueError(f"{path}: holds a {type(content).__name__}, expected a JSON object")

@@ -52,11 +52,13 @@ def with_addresses(sentence: str) -> str:
 def fetched(path: Path) -> Path:
     """Bring a copy up to date, and return its path; other paths as they are.
 
-    A ValueError says that there is no file behind the URL, an OSError that the file system there fails.
+    A ValueError says that there is no file behind the URL, or that the folder of copies belongs to another user, an
+    OSError that the file system there fails.
     """
     url = _url(path)
     if url is None:
         return path
+    _copies()  # a worker on another machine has named no URL, but made paths of it
     with _naming(url):
         files, name = _files(url)
         version = files.ukey(name)

@@ -71,8 +71,8 @@ def test_a_program_that_crashed_is_told_by_its_signal(tmp_path: Path) -> None:
         Joining(command, "txt").run({}, tmp_path)
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_program_ends_with_the_process_that_runs_it_when_that_is_told_to_end(tmp_path: Path, number: int) -> None:
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+def test_a_program_ends_with_the_process_that_runs_it_however_that_ends(tmp_path: Path, number: int) -> None:
     os.mkfifo(tmp_path / "told")  # which ends when the last process that writes to it does
     program = (
         "import time; told = open('told', 'w'); print('on', file=told, flush=True); time.sleep(20); print(file=told)"

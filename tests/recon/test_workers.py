@@ -8,13 +8,15 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
+from itertools import count
 from pathlib import Path
 
 import pytest
 
 from recon.workers import LOSSES, LocalProcesses, open_pool
-from tests.processes import until_ended
+from tests.processes import kill, until_ended
 
 TASKS = [partial(math.factorial, n) for n in range(6)]
 
@@ -53,6 +55,16 @@ def test_the_tasks_of_a_worker_that_dies_are_run_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_a_worker_that_dies_between_two_runs_is_replaced() -> None:
+    pool = LocalProcesses(2)
+    kill(*pool.run([partial(os.getpid)]))
+    with pytest.raises(BrokenProcessPool):  # as soon as the executor has noticed
+        all(pool._executor.submit(os.getpid).result() for _ in count())
+    assert sorted(pool.run(TASKS)) == [1, 1, 2, 6, 24, 120]
+    pool.close()
+
+
+@pytest.mark.slow
 def test_tasks_that_kill_their_workers_again_and_again_are_given_up() -> None:
     pool = LocalProcesses(1)
     with pytest.raises(RuntimeError, match=f"died {LOSSES} times, 1 tasks are not done"):
@@ -83,6 +95,7 @@ WAITING = """
 import os
 import signal
 import time
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
 from recon.workers import open_pool

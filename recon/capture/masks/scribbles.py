@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from recon.capture.format import Capture
 from recon.capture.images import CaptureError, read_image
 from recon.capture.importing.sources import faults_at
-from recon.capture.masks.evidence import largest_channel
 from recon.capture.masks.outline import Models, cut
+from recon.capture.noise import largest_channel
 from recon.storage.files import check_exists, read_json
 
 COLOURS = {"foreground": (0, 255, 0), "background": (255, 0, 0)}

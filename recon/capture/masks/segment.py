@@ -36,11 +36,11 @@ from recon.capture.masks.evidence import (
     dark_background_threshold,
     evidence_of,
     found_threshold,
-    largest_channel,
     smoothed,
 )
 from recon.capture.masks.outline import KEPT, edge_share, grown, hides_plate, likeness, tightened
 from recon.capture.masks.scribbles import Strokes, mask_of_key_frame, propagated, read_scribbles
+from recon.capture.noise import largest_channel
 from recon.storage.files import check_not_read, check_suffix, read_json, write_json
 from recon.workers import Progress, no_progress
 

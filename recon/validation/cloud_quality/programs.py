@@ -11,6 +11,7 @@ from functools import partial
 from math import isnan
 from pathlib import Path
 from typing import ClassVar
+from zlib import crc32
 
 from recon.geometry.ply import FLOAT_NORMAL, UINT8_COLOUR, ply_bytes, vector_columns
 from recon.methods_file import Table, read_tables
@@ -113,7 +114,7 @@ def measure_by_program(name: str, program: MeasureProgram, folder: Path, pair: P
     ProgramError
         If the program fails in any way; it names the log.
     """
-    place = folder.resolve() / plain_name(pair.name)
+    place = folder.resolve() / _folder_name(pair.name)
     files = {"reference": place / "reference.ply", "distorted": place / "distorted.ply"}
     with workplace(place):
         _write(files["reference"], pair.reference.cloud)
@@ -122,6 +123,12 @@ def measure_by_program(name: str, program: MeasureProgram, folder: Path, pair: P
         printed = (place / LOG).read_text(encoding="utf-8", errors="replace").partition("\n")[2]  # after the command
         value = program.value(printed)
     return [Value(name, value, program.unit, program.better, "")]
+
+
+def _folder_name(name: str) -> str:
+    """Return the plain name, with a checksum where it is another one: "a b" shall not share the folder of "a_b"."""
+    plain = plain_name(name)
+    return plain if plain == name else f"{plain}-{crc32(name.encode(errors='replace')):08x}"
 
 
 def _program(table: Table) -> MeasureProgram:

@@ -22,6 +22,7 @@ from recon.capture.rectify import Rectification, rectify_left, undistort
 from recon.cloud import CloudParameters, cloud_from_disparity, crop_cloud
 from recon.fusion import FUSIONS
 from recon.geometry.mesh import Mesh
+from recon.render.cut import are_all_drawn, cut_before
 from recon.render.rasterise import draw_model
 from recon.render.texture import NO_MIPMAPS, mipmaps
 from recon.rig import Camera
@@ -77,19 +78,28 @@ def photographs(capture: Capture, frames: Sequence[int]) -> Iterator[Photograph]
 
 def rendered(mesh: Mesh, camera: Camera) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
     """Render a mesh without light: its picture, uint8 (H, W, 3), and the pixels that it covers, bool (H, W)."""
-    in_camera = camera.points_in_camera(mesh.vertices)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # beside or behind the camera: not drawn
-        pixels = (in_camera @ camera.K.T)[:, :2] / in_camera[:, 2:]
-        projected = np.column_stack([pixels, in_camera[:, 2]]).astype(np.float32)
-    shape = (camera.size[1], camera.size[0], 3)
-    picture, cover = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
     white = np.full_like(mesh.colours, 255)
     colours, texture = (mesh.colours, NO_MIPMAPS) if mesh.texture is None else (white, mipmaps(mesh.texture))
-    draw_model(picture, projected, mesh.faces, colours, colours, texture=texture)
-    draw_model(cover, projected, mesh.faces, white, white)
+    faces, projected = mesh.faces, _projected(mesh.vertices, camera)
+    if not are_all_drawn(projected):
+        vertices, faces, (colours, uv) = cut_before(camera, mesh.vertices, faces, (colours, texture.uv))
+        projected, texture = _projected(vertices, camera), replace(texture, uv=uv)
+        white = np.full_like(colours, 255)
+    shape = (camera.size[1], camera.size[0], 3)
+    picture, cover = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
+    draw_model(picture, projected, faces, colours, colours, texture=texture)
+    draw_model(cover, projected, faces, white, white)
     share = cover.astype(np.float32) / 255
     full = np.clip(np.rint(picture / np.maximum(share, 1e-3)), 0, 255).astype(np.uint8)
     return full, share[..., 0] >= COVERED
+
+
+def _projected(vertices: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
+    """Project vertices (N, 3) to column, row and depth, float32 (N, 3)."""
+    in_camera = camera.points_in_camera(vertices)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # beside or behind the camera: not drawn
+        pixels = (in_camera @ camera.K.T)[:, :2] / in_camera[:, 2:]
+        return np.column_stack([pixels, in_camera[:, 2]]).astype(np.float32)
 
 
 def view_rows(picture: NDArray[np.uint8], covered: NDArray[np.bool_], photograph: Photograph) -> list[dict[str, Any]]:

@@ -199,6 +199,25 @@ def test_full_says_how_long_it_takes_and_waits_to_be_told(command: Command, tmp_
     assert not (tmp_path / "full").exists()
 
 
+@pytest.mark.parametrize("approach", ["pm_fb", "truth"])
+def test_models_by_the_name_of_an_approach_of_the_experiment_are_refused_at_once(tmp_path: Path, approach: str) -> None:
+    folders = [models_of(tmp_path / scene, scene, approach) for scene in recon.experiment.SCENES]
+    given = recon.experiment.Experiment(tmp_path, recon.experiment.SCALES["small"], models=tuple(folders))
+    with pytest.raises(
+        ValueError, match=f"^{approach}: is an approach of the experiment itself; give the models anoth"
+    ):
+        recon.experiment.steps(given)
+
+
+def models_of(folder: Path, scene: str, approach: str) -> Path:
+    """A folder of a scene's models by an approach, one file that nobody reads."""
+    (folder / approach).mkdir(parents=True)
+    (folder / approach / "0.ply").touch()
+    content = {"schema_version": 1, "dataset": scene, "fps": 25, "units": "m", "up": "y", "path": {"orbit": {}}}
+    (folder / "scene.json").write_text(json.dumps(content), encoding="utf-8")
+    return folder
+
+
 @pytest.mark.parametrize(
     ("dataset", "sentence"),
     [
@@ -209,11 +228,8 @@ def test_full_says_how_long_it_takes_and_waits_to_be_told(command: Command, tmp_
 def test_models_of_no_scene_of_the_experiment_or_of_some_only_are_refused(
     command: Command, tmp_path: Path, dataset: str, sentence: str
 ) -> None:
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "0.ply").touch()
-    scene = {"schema_version": 1, "dataset": dataset, "fps": 25, "units": "m", "up": "y", "path": {"orbit": {}}}
-    (tmp_path / "scene.json").write_text(json.dumps(scene), encoding="utf-8")
-    told = command("experiment", "paper", "-o", tmp_path / "out", "--models", tmp_path)
+    models = models_of(tmp_path / "models", dataset, "mine")
+    told = command("experiment", "paper", "-o", tmp_path / "out", "--models", models)
     assert told.code == 1
     assert sentence in told.err
     assert not (tmp_path / "out").exists()

@@ -165,7 +165,10 @@ def spoil(videos: Path, fault: str) -> None:
             "master",
             "low.master.mp4: is the master of a film low.mp4 that is not there; put the film beside it",
         ),
-        ("long master", "low.master.mp4: is .*n_frames=12.*, its film low.mp4 is .*n_frames=10"),
+        (
+            "long master",
+            r"low.master.mp4: has 12 frames at 25/s of 64x48, its film low.mp4 has 10 frames at 25/s of 64x48",
+        ),
         ("columns", "has the columns name, codec; expected condition"),
         ("empty", "holds no video; expected a folder for each dataset"),
     ],

@@ -118,6 +118,20 @@ def test_files_of_the_same_name_do_not_overwrite_each_other(sets: Path, tmp_path
     assert videos == ["ball/id_fa.mp4", "ball/pm_fb.mp4", "2/ball/id_fa.mp4"]
 
 
+def test_a_camera_path_stays_in_the_new_set_whatever_its_dataset_is_called(sets: Path, tmp_path: Path) -> None:
+    def called(manifest: dict[str, Any]) -> None:
+        manifest["stimuli"][0]["dataset"] = "../../ball"
+        manifest["provenance"] = {"paths": {"../../ball": write_path(sets / "theirs", "ball", "[5]")}}
+
+    rewrite(sets / "theirs", called)
+    before = set(tmp_path.rglob("*"))
+    merge_sets([sets / "ours", sets / "theirs"], tmp_path / "all")
+    made = {path for path in set(tmp_path.rglob("*")) - before if not path.is_relative_to(tmp_path / "all")}
+    assert made == set()
+    path = manifest_of(tmp_path / "all")["provenance"]["paths"]["../../ball"]
+    assert file_digest(tmp_path / "all" / path["file"]) == path["sha256"]
+
+
 def test_levels_of_a_factor_are_united(sets: Path, tmp_path: Path) -> None:
     def with_levels(manifest: dict[str, Any]) -> None:
         manifest["factors"] = {"depth": ["dr", "pm"], "kind": ["splat"]}

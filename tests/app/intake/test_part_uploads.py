@@ -66,3 +66,16 @@ def test_a_check_that_fails_keeps_the_file_unless_the_file_is_at_fault(
     with pytest.raises(type(fault)), checking(complete, BALL.id):
         raise fault
     assert facts_of(begin_upload(complete, BALL)) == (n_kept, None)
+
+
+def test_an_upload_that_could_not_begin_for_want_of_room_begins_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_given: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "touch", full)
+        with pytest.raises(OSError, match="No space left"):
+            begin_upload(tmp_path, BALL)
+    assert facts_of(begin_upload(tmp_path, BALL)) == (0, None), "nothing has arrived"

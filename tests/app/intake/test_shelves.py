@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 
 from app.errors import ForbiddenError, InvalidError
 from app.intake.shelves import KINDS, entries, entry_path, free_path, remove_entry, shelf
+from app.intake.summaries import walk
 
 SENSOR = {"id": "S1", "left": {"image": "l.mp4", "size": [64, 48]}, "right": {"image": "r.mp4", "size": [64, 48]}}
 NO_CAPTURE = "capture.json does not describe a capture: 'n_frames' is missing. `reconstudy capture check` tells more."
@@ -130,6 +132,21 @@ def test_an_entry_that_the_server_may_not_delete_stays_where_it_is(
     assert file.is_file()
     remove_entry(tmp_path, "runs", "r")
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+def test_an_entry_that_is_deleted_while_it_is_counted_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put(tmp_path, "runs/kept/a")
+    put(tmp_path, "runs/large/a")
+
+    def counted(path: Path) -> Iterator[os.DirEntry[str]]:
+        if path.name == "large":
+            remove_entry(tmp_path, "runs", "large")
+        return walk(path)
+
+    monkeypatch.setattr("app.intake.shelves.walk", counted)
+    assert [entry.name for entry in entries(tmp_path, "runs")] == ["kept"]
 
 
 def test_a_taken_name_and_a_wrong_ending_are_refused(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from app.store.keys import utc_now
 
 
 def killed_at_work(settings: Settings) -> list[Path]:
-    """What is left of a film, a still, an upload, a model and a report that were never finished, and of a deletion."""
+    """What is left of films, stills, uploads, models, reports, sets and captures never finished, and of a deletion."""
     left = []
     for folder, name in (("pairs", "ab.mp4"), ("stills", "ab-top.jpg"), ("models", "ab.ply")):
         with whole_file(settings.data_dir / folder / name) as temporary:
@@ -26,18 +26,19 @@ def killed_at_work(settings: Settings) -> list[Path]:
         temporary.touch()
         temporary.with_name(name).unlink()
         left.append(temporary)
-    report = settings.data_dir / "reports" / "ab"
-    with whole_folder(report) as temporary:
-        (temporary / "table.csv").touch()
-    left.append(report.rename(temporary))
+    for folder in (settings.data_dir / "reports" / "ab", settings.sets_dir / "imported"):
+        with whole_folder(folder) as temporary:
+            (temporary / "table.csv").touch()
+        left.append(folder.rename(temporary))
     for folder in ("stimuli", "uploads"):
         path = settings.data_dir / folder / ".upload-x"
         (path / "unpacked").mkdir(parents=True)
         (path / "unpacked" / "film.mp4").touch()
         left.append(path)
-    dying = settings.sets_dir / ".tiny.0a1b2c3d.deleted"
-    dying.mkdir()
-    return [*left, dying]
+    dying, imported = settings.sets_dir / ".tiny.0a1b2c3d.deleted", settings.intake_dir / "captures/.ball.host-1.part"
+    for folder in (dying, imported):
+        folder.mkdir(parents=True)
+    return [*left, dying, imported]
 
 
 @pytest.mark.parametrize(("later", "are_there"), [(LEFT_FOR + timedelta(hours=1), False), (timedelta(0), True)])
@@ -47,6 +48,7 @@ def test_what_was_left_half_written_a_day_ago_is_removed(
     settings = Settings(data_dir=tmp_path)
     left = killed_at_work(settings)
     kept = [settings.media_dir / "ab.mp4", settings.sets_dir / "tiny" / ".notes.part.txt", tmp_path / ".hidden"]
+    kept.append(settings.intake_dir / "captures" / ".ball.partial")  # that somebody copies there by hand
     for path in kept:
         path.parent.mkdir(exist_ok=True)
         path.touch()

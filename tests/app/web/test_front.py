@@ -12,6 +12,7 @@ import pytest
 from app.experiment.demo import ABILITIES, MEASURES, demo_analysis, demo_front, demo_study, demo_votes
 from app.ffmpeg import no_progress
 from app.main import running_server
+from app.operations.create import create_study
 from app.operations.manage import list_studies
 from app.settings import Settings
 from tests.app import tiny_stimuli
@@ -61,6 +62,24 @@ def test_the_demo_holds_a_few_measures_against_votes_on_all_but_the_truth(
     analysis = json.loads((tmp_path / "analysis" / "analysis.json").read_text(encoding="utf-8"))
     assert {score["item"] for score in analysis["scores"] if score["comparison"] == "all"} == set(APPROACHES)
     assert {row["measure"] for row in analysis["measures"]} == set(MEASURES)
+
+
+@pytest.mark.slow
+def test_the_demo_is_found_beside_studies_of_ones_own(tmp_path: Path, with_truth: Path, report: Path) -> None:
+    settings = Settings(data_dir=tmp_path / "study", database_url=None)
+    create_study(settings, with_truth, "Mine", exposure_s=0.4)
+    for _ in range(2):
+        demo_study(settings, with_truth, report, 0.4, no_progress)
+    invitations = {study["slug"]: study["invitations"] for study in list_studies(settings)}
+    assert invitations.keys() == {"mine", "demo"}
+    folder = tmp_path / "front"
+    folder.mkdir()
+    assert demo_front(settings, tmp_path, folder, n_frames=6)["participant"] == f"/s/{invitations['demo'][0]}"
+    with running_server(settings) as url:
+        demo_votes(settings, url, 1, no_progress)
+        demo_analysis(settings, url, tmp_path / "analysis")
+    finished = {study["slug"]: study["n_finished"] for study in list_studies(settings)}
+    assert finished == {"mine": 0, "demo": 1}
 
 
 @pytest.fixture

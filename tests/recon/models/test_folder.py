@@ -68,6 +68,7 @@ def test_a_link_to_nowhere_is_a_frame_that_reading_refuses(tmp_path: Path) -> No
     [
         (("a/0000.ply", "a/0001.ply", "a/0003.ply"), "a: frame 2 is missing between 0000.ply and 0003.ply"),
         (("a/0.ply", "a/9.ply"), "a: frame 1, 2, 3, 4, 5 and 3 more is missing between 0.ply and 9.ply"),
+        (("a/1.ply", "a/20261127031500123.ply"), "5, 6 and 20261127031500116 more is missing between 1.ply and 2026"),
         (("a/0001.ply", "a/1.ply"), "a/1.ply: is frame 1, as 0001.ply is; keep one of them"),
         (("a/0.ply", "a/0.obj"), "a/0.ply: is frame 0, as 0.obj is; keep one of them"),
         (("a/left_0.ply", "a/right_1.ply"), "a: holds two sequences, left_0.ply and right_1.ply"),
@@ -152,6 +153,7 @@ def test_a_job_of_the_server_follows_no_name_to_elsewhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: dict[str, str]
 ) -> None:
     monkeypatch.setenv("RECONSTUDY_FILES_BELOW", str(tmp_path))
+    monkeypatch.chdir(tmp_path)  # from where a URL would look like a path below it
     write_json(tmp_path / "scene.json", SCENE | {"path": path})
     scene, (problem,) = read_scene_file(tmp_path)
     assert scene is None

@@ -102,7 +102,7 @@ def test_every_mesh_of_a_gltf_stands_where_its_nodes_put_it(tmp_path: Path) -> N
     assert np.allclose(mesh.vertices[3:], [[0, 2, 0], [0, 4, 0], [-2, 2, 0]], atol=1e-6)
 
 
-def rigged(path: Path, node: dict[str, Any]) -> Path:
+def rigged(path: Path, node: dict[str, Any], n_joints: int = 3) -> Path:
     """A triangle whose last corner hangs on a joint that its node turned and moved, below a node that is elsewhere."""
     turn = [0, 0, float(np.sin(np.pi / 4)), float(np.cos(np.pi / 4))]  # by 90 degrees about z
     joints = np.array([[0, 0, 0, 0], [0, 0, 0, 0], [1, 0, 0, 0]], np.uint8)
@@ -130,13 +130,19 @@ def rigged(path: Path, node: dict[str, Any]) -> Path:
             ],
         },
     )
-    document["accessors"][1]["normalized"] = False
+    document["accessors"][1] |= {"normalized": False, "count": n_joints}
     return glb(path, document, binary)
 
 
 def test_a_rigged_gltf_stands_as_its_joints_do_wherever_its_own_node_is(tmp_path: Path) -> None:
     mesh = mesh_from(rigged(tmp_path / "a.glb", {"skin": 0}))
     assert np.allclose(mesh.vertices, [[0, 0, 0], [1, 0, 0], [3, 1, 0]], atol=1e-6)
+
+
+def test_a_rigged_gltf_that_promises_more_joints_than_memory_holds_is_named(tmp_path: Path) -> None:
+    path = rigged(tmp_path / "a.glb", {"skin": 0}, n_joints=10**12)
+    with pytest.raises(ValueError, match=r"a\.glb: its accessor 1 promises 1000000000000 values, more than"):
+        read_model(path, IN_MM)
 
 
 def test_a_gltf_has_the_shape_that_its_morph_weights_give_it(tmp_path: Path) -> None:
@@ -168,6 +174,24 @@ def test_a_texture_of_gltf_that_shall_not_repeat_is_pointed_out_where_it_does(
     )
     warnings = read_model(glb(tmp_path / "a.glb", document, binary), IN_MM).warnings
     assert any("repeated instead" in warning for warning in warnings) == is_warned_of
+
+
+def test_textures_of_gltf_that_share_a_picture_are_one(tmp_path: Path) -> None:
+    picture(tmp_path / "skin.png", RED)
+    attributes = {"POSITION": 0, "TEXCOORD_0": 1}
+    document, binary = gltf(
+        [(TRIANGLE, "VEC3"), (UV, "VEC2")],
+        {
+            "nodes": [{"mesh": 0}],
+            "meshes": [{"primitives": [{"attributes": attributes, "material": number} for number in (0, 1)]}],
+            "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": number}}} for number in (0, 1)],
+            "textures": [{"source": 0}, {"source": 0}],
+            "images": [{"uri": "skin.png"}],
+        },
+    )
+    mesh = mesh_from(glb(tmp_path / "a.glb", document, binary))
+    assert mesh.texture is not None
+    assert mesh.texture.pixels.shape == (8, 8, 3)
 
 
 def test_a_texture_of_gltf_is_turned_upside_down_and_scaled_in_linear_light(tmp_path: Path) -> None:

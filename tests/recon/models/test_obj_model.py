@@ -49,6 +49,15 @@ def test_several_materials_become_one_texture(tmp_path: Path) -> None:
     assert np.array_equal(np.linalg.norm(mesh.normals, axis=1) > 0.99, np.ones(len(mesh.vertices), bool))
 
 
+def test_materials_that_share_a_picture_share_the_texture(tmp_path: Path) -> None:
+    picture(tmp_path / "skin.png", RED, size=16)
+    text_file(tmp_path, "a.mtl", "newmtl head\nmap_Kd skin.png\nnewmtl hand\nmap_Kd ./skin.png\n")
+    faces = "usemtl head\nf 1/1 2/2 3/3\nusemtl hand\nf 1/1 3/3 4/4\n"
+    mesh = mesh_from(text_file(tmp_path, "a.obj", "mtllib a.mtl\n" + SQUARE + PLACES + faces))
+    assert mesh.texture is not None
+    assert mesh.texture.pixels.shape == (16, 16, 3)
+
+
 def test_a_texture_that_no_face_uses_may_be_missing(tmp_path: Path) -> None:
     text_file(tmp_path, "a.mtl", "newmtl plain\nKd 1 0 0\nnewmtl unused\nmap_Kd gone.png\n")
     lines = ["mtllib a.mtl", *(f"v {corner}" for corner in CORNERS), "usemtl plain", "f 1 2 3 4", ""]
@@ -126,6 +135,13 @@ def test_notes_at_the_ends_of_an_obj_files_lines_are_no_numbers(tmp_path: Path) 
     path = tmp_path / "noted.obj"
     path.write_text("v 0 0 0 # a corner\nv 1 0 0#next\nv 0 1 0\n\nf 1 2 3 # 4 5\n")
     (part,) = read_contents(path).parts
+    assert part.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    assert part.faces.tolist() == [[0, 1, 2]]
+
+
+def test_a_note_in_an_obj_file_that_ends_in_a_backslash_does_not_hide_the_next_line(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text("# out of C:\\models\\\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 \\\n3\n")
+    (part,) = read_contents(tmp_path / "a.obj").parts
     assert part.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
     assert part.faces.tolist() == [[0, 1, 2]]
 

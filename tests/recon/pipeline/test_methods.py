@@ -4,29 +4,43 @@ from __future__ import annotations
 
 import json
 import pickle
+import shutil
 import sys
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from recon.approaches import parse_approach
-from recon.capture.format import Capture
+from recon.capture.format import Capture, read_capture
 from recon.depth import DEFAULTS
 from recon.depth.cvf import DrParameters
 from recon.depth.disparity_io import read_disparity
 from recon.depth.patchmatch import PmParameters
-from recon.pipeline.job import ReconstructOptions
+from recon.pipeline.job import ReconstructOptions, planned_job
 from recon.pipeline.methods import Methods, OurDepth, OurFusion, depth_key, read_methods
-from recon.pipeline.reconstruct import reconstruct
+from recon.pipeline.reconstruct import match_files, reconstruct
+from recon.pipeline.stages import filter_sequence, match_frame
 from recon.programs import ProgramError
 from recon.storage.files import read_json
 from recon.studio import SynthParameters, synthesise
 from tests.command_line import Command
 from tests.recon.depth.called_program import BOX_FILTER, program
 from tests.recon.depth.test_matchers import shifted_pair
+
+PACED = """
+import os
+import sys
+import cv2
+import numpy as np
+middle = int(sys.argv[5]) + int(sys.argv[4]) // 2
+shape = cv2.imread(sys.argv[1], 0).shape
+np.save(sys.argv[3], np.full(shape, middle + int(os.path.basename(os.getcwd())) / 4, np.float32))  # by the frame alone
+"""
 
 
 def methods_file(folder: Path, text: str = BOX_FILTER, more: str = "") -> Path:
@@ -80,6 +94,8 @@ voxel_mm = 2
 
 WRONG_FILES = {
     "no TOML": ("[depth", "is not readable as TOML"),
+    "too many digits": (f"[depth.a]\nmethod = 'dr'\nsigma = {'9' * 5000}", "is not readable as TOML"),
+    "too large": (f"[depth.a]\nmethod = 'dr'\nsigma = {'9' * 400}", "expected a number"),
     "an unknown table": ('[deep.a]\nmethod = "id"', "deep is unknown"),
     "no table": ("depth = 3", "depth is 3, expected a table"),
     "no table of a method": ("[depth]\na = 3", r"\[depth.a\] is 3, expected a table"),
@@ -206,6 +222,29 @@ def test_a_failure_names_its_frame_and_the_run_is_resumed(capture: Capture, tmp_
 
 
 @pytest.mark.slow
+def test_pictures_that_change_are_filtered_in_time_again_though_they_match_as_before(
+    capture: Capture, tmp_path: Path
+) -> None:
+    recording = read_capture(Path(shutil.copytree(capture.folder, tmp_path / "ball")))
+    methods = read_methods(methods_file(tmp_path, PACED))
+
+    def filtered(run: str) -> NDArray[np.float32]:
+        job = planned_job(recording, tmp_path / run, ReconstructOptions(("mine",), ("fb",), methods=methods))
+        sequence = job.sequences[0]
+        for view in sequence:
+            match_frame(job, view)
+        filter_sequence(job, sequence)
+        return read_disparity(job.artefacts.path(sequence[1].depth))
+
+    before = filtered("run")
+    for side in ("left", "right"):
+        assert cv2.imwrite(str(recording.folder / f"S1/{side}/0001.png"), np.zeros((120, 160, 3), np.uint8))
+    after = filtered("run")
+    assert not np.array_equal(after, before, equal_nan=True)
+    assert np.array_equal(after, filtered("again"), equal_nan=True)
+
+
+@pytest.mark.slow
 def test_a_changed_method_alone_is_run_again(capture: Capture, tmp_path: Path) -> None:
     run = tmp_path / "run"
 
@@ -312,6 +351,19 @@ def test_a_parameter_of_table_2_changes_the_depth(capture: Capture, tmp_path: Pa
     reconstruct(capture.folder, run, options)
     depths = [read_disparity(run / f"depth/{method}/S1/0001.npy") for method in ("dr", "changed")]
     assert not np.array_equal(*depths, equal_nan=True)
+
+
+def test_a_match_that_is_interrupted_leaves_no_folder_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*_given: object) -> None:
+        raise KeyboardInterrupt
+
+    image = tmp_path / "image.png"
+    assert cv2.imwrite(str(image), np.zeros((20, 30, 3), np.uint8))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(sys.modules[match_files.__module__], "match", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        match_files(image, image, tmp_path / "out.npy", method="id", n_disparities=8)
+    assert list(tmp_path.iterdir()) == [image]
 
 
 def test_further_approaches_stand_beside_all_combinations_once() -> None:

@@ -163,6 +163,19 @@ def test_a_run_that_lost_a_cloud_makes_it_again_and_nothing_else(capture: Captur
 
 
 @pytest.mark.slow
+def test_what_an_earlier_start_finished_does_not_make_the_time_that_is_left_short(
+    capture: Capture, run: Path, tmp_path: Path
+) -> None:
+    again = Path(copytree(run, tmp_path / "run"))
+    (again / "clouds/id/S1/0001.ply").unlink()
+    told: list[tuple[str, int, int]] = []
+    reconstruct(capture.folder, again, ReconstructOptions(depths=("id",)), lambda *event: told.append(event))
+    n_clouds = next(total for stage, _, total in told if stage == "clouds")
+    assert [total for stage, done, total in told if (stage, done) == ("clouds", 1)][-1] == 1 < n_clouds
+    assert [event for event in told if event[0] == "matching"][-1] == ("matching", n_clouds, n_clouds)
+
+
+@pytest.mark.slow
 def test_frames_are_made_one_after_the_other_so_that_slow_methods_do_not_come_last(
     capture: Capture, tmp_path: Path
 ) -> None:
@@ -386,12 +399,17 @@ def test_a_video_that_was_stopped_is_resumed_by_its_parts(run: Path, tmp_path: P
     part = tmp_path / "set" / films[0].names(films[0].parts[1])[0]
     written = part.stat().st_mtime_ns
 
-    def stop(what: str, done: int, _total: int) -> None:
-        if what == "video frames" and done == 60:
-            raise KeyboardInterrupt
+    told: list[tuple[int, int]] = []
+
+    def stop(what: str, done: int, total: int) -> None:
+        if what == "video frames":
+            told.append((done, total))
+            if done == 100:
+                raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         render([run], tmp_path / "set", LONG, stop)
+    assert told == [(0, 120), (50, 120), (50, 110), (100, 110)], "what was there says nothing about the time left"
     assert part.stat().st_mtime_ns == written
     seen: list[tuple[str, int]] = []
     manifest = read_json(render([run], tmp_path / "set", LONG, lambda what, done, _total: seen.append((what, done))))

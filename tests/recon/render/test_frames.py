@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from recon.geometry.mesh import Mesh
+from recon.geometry.mesh import Mesh, Texture
 from recon.render import offscreen
 from recon.render.backdrop import backdrop, floor_shade
 from recon.render.camera_path import camera_path
@@ -130,8 +130,9 @@ def test_a_vertex_is_shown_where_the_camera_projects_it(renderer: str) -> None:
 @pytest.mark.slow
 def test_the_two_renderers_show_the_same_picture() -> None:
     need_opengl()
-    for background in BACKGROUNDS:
-        ours, theirs = (picture(ball(), background, name).astype(int) for name in ("software", "pyrender"))
+    shown = [(ball(), background) for background in BACKGROUNDS]
+    for mesh, background in (*shown, (floor(1, is_textured=True), "plain")):
+        ours, theirs = (picture(mesh, background, name).astype(int) for name in ("software", "pyrender"))
         difference = np.abs(ours - theirs).max(axis=2)
         assert difference.mean() < 0.2
         assert (difference > 2).mean() < 0.01  # only on outlines, where samples lie elsewhere in a pixel
@@ -304,6 +305,34 @@ def test_a_mesh_around_the_camera_is_drawn_as_far_as_it_lies_before_it() -> None
     scene = scene_around(BOUNDS, path, "plain")
     shown = next(render_frames([uniform(coloured(body), (200, 20, 20))], path, scene, renderer="software"))
     assert (shown == (200, 20, 20)).all()
+
+
+@pytest.mark.parametrize("is_textured", [False, True])
+def test_a_face_that_reaches_behind_the_camera_is_drawn_as_its_pieces_before_it_are(is_textured: bool) -> None:
+    path = cameras()
+    coarse, fine = (floor(n, is_textured=is_textured) for n in (1, 400))
+    scene = scene_around(BOUNDS, path, "plain")
+    for camera in path:
+        assert camera.points_in_camera(coarse.vertices)[:, 2].min() < 0
+        drawn, expected = (next(render_frames([mesh], [camera], scene, renderer="software")) for mesh in (coarse, fine))
+        difference = np.abs(drawn.astype(int) - expected).max(axis=2)
+        assert (drawn[-1] != 128).any(axis=1).all()  # the floor reaches the picture's lower edge
+        assert (difference > 2).mean() < 0.005
+        assert difference.mean() < 0.5  # the fine floor's colours are whole numbers at more places
+
+
+def floor(n: int, *, is_textured: bool) -> Mesh:
+    """A square floor of n x n squares, 8 m wide, in colours that grow from side to side."""
+    across = np.linspace(0, 1, n + 1)
+    u, v = (grid.ravel() for grid in np.meshgrid(across, across))
+    vertices = np.column_stack([8000 * u - 4000, np.ones(len(u)), 8000 * v - 4000]).astype(np.float32)
+    corner = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    faces = np.concatenate([corner[:, None] + [0, n + 1, 1], corner[:, None] + [1, n + 1, n + 2]]).astype(np.int32)
+    colours = np.rint(np.column_stack([255 * u, 255 * v, 0 * u])).astype(np.uint8)
+    pixels = np.zeros((64, 64, 3), np.uint8)
+    pixels[..., 0], pixels[..., 1] = np.arange(64) * 4, np.arange(64)[:, None] * 4
+    texture = Texture(pixels, np.column_stack([u, v]) * 0.9 + 0.05) if is_textured else None
+    return Mesh(vertices, faces, np.tile(np.float32([0, 1, 0]), (len(u), 1)), colours, texture)
 
 
 def test_a_shot_is_drawn_over_its_picture() -> None:

@@ -106,7 +106,16 @@ def test_json_may_begin_with_the_mark_that_windows_writes(tmp_path: Path) -> Non
     assert read_json(tmp_path / "a.json") == {"b": "é"}
 
 
-@pytest.mark.parametrize(("text", "problem"), [(None, "no such file"), ("{", "not readable"), ("[1]", "JSON object")])
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        (None, "no such file"),
+        ("{", "not readable"),
+        ("[1]", "JSON object"),
+        ("[" * 100_000, "not readable"),
+        (f'{{"n": {"9" * 5000}}}', "not readable"),
+    ],
+)
 def test_json_that_cannot_be_used_is_named(tmp_path: Path, text: str | None, problem: str) -> None:
     path = tmp_path / "a.json"
     if text is not None:

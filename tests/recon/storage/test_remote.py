@@ -117,7 +117,13 @@ def test_a_store_that_fails_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         stored(written(place("memory://lab") / "b.txt", "b"))
 
 
-def test_a_folder_of_copies_that_others_could_write_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_of_copies_that_others_could_write_is_refused_also_where_a_worker_finds_it(
+    store: MemoryFileSystem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store.pipe("/lab/run/run.json", b"one")
+    path = place("memory://lab/run") / "run.json"
     monkeypatch.setattr("os.getuid", lambda: 4711)
     with pytest.raises(ValueError, match="is not ours"):
         place("memory://lab")
+    with pytest.raises(ValueError, match="is not ours"):
+        fetched(path)

@@ -65,6 +65,16 @@ def test_a_program_that_fails_is_named_with_its_log_and_the_rest_is_measured(com
     assert any(row["measure"] == "d1_mse" for row in report["values"])
 
 
+def test_approaches_whose_names_differ_in_a_space_have_folders_of_their_own(command: Command, tmp_path: Path) -> None:
+    methods = tmp_path / "methods.toml"
+    methods.write_text("[measure.pcqm]\ncommand = 'no-such-PCQM {reference} {distorted}'\nbetter = 'lower'\n")
+    clouds = [write(tmp_path / f"{name}.ply", ball(100)) for name in ("a b", "a_b")]
+    options = ("--methods", methods, "--measures", "pcqm,d1")
+    report = validate(command, tmp_path / "report", *clouds, "--reference", clouds[0], *options)
+    logs = [Path(row["reason"].partition("its log is ")[2]) for row in report["skipped"]]
+    assert len({log for log in logs if log.is_file()}) == 2
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [

@@ -16,7 +16,7 @@ from recon.capture.masks.segment import segment_capture
 from recon.capture.rectify import rectify
 from recon.cli.main import app
 from recon.cloud import CloudParameters
-from recon.geometry.mesh import Shape, Texture
+from recon.geometry.mesh import Mesh, Shape, Texture
 from recon.geometry.mesh_files import read_mesh
 from recon.pipeline.job import ReconstructOptions
 from recon.pipeline.reconstruct import reconstruct
@@ -113,6 +113,16 @@ def test_a_rendering_of_a_textured_mesh_shows_its_texture(capture: Capture) -> N
     assert covered.any()
     assert np.array_equal(covered, rendered(mesh, camera)[1])
     assert np.abs(picture[covered].astype(int) - orange).max() <= 1
+
+
+def test_a_rendering_covers_what_the_camera_sees_of_a_floor_that_it_stands_over(capture: Capture) -> None:
+    camera = capture.sensors[0].left.camera
+    corners = np.array([[-4000, 300, -1000], [4000, 300, -1000], [4000, 300, 9000], [-4000, 300, 9000]])  # before it
+    vertices = (camera.centre + corners @ camera.rotation).astype(np.float32)
+    faces, upwards = np.array([[0, 2, 1], [0, 3, 2]], np.int32), np.tile(-camera.rotation[1].astype(np.float32), (4, 1))
+    _, covered = rendered(Mesh(vertices, faces, upwards, np.full((4, 3), 90, np.uint8)), camera)
+    assert covered[-1].all()
+    assert not covered[0].any()
 
 
 def test_a_rendering_covers_what_the_studio_saw(capture: Capture) -> None:
