@@ -184,12 +184,10 @@ def session_view(database: Database, session: Session, token: str, now: datetime
 
 def _ending(connection: Transaction, session: Session) -> EndingView | None:
     """Return where a session's participant goes, with the completion code of who has finished."""
-    if session.stage not in ENDING_OF:
+    if session.stage not in ENDING_OF or session.is_preview:
         return None
     options = session.options.outside
-    recruit = recruit_of_session(connection, session.id)
-    if options.is_on and recruit is None:  # a preview
-        return None
+    recruit = recruit_of_session(connection, session.id)  # None, too, where the study took no ids when they began
     ending = ENDING_OF[session.stage]
     code = (recruit.completion_code if recruit else "") or options.code if ending == "complete" else ""
     url = options.address(ending, recruit.arrival if recruit else None, code)
