@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.errors import NoSessionError
 from app.store.engine import Database, Transaction
 from app.store.images import image_digests
 from app.store.keys import resume_code
@@ -149,10 +150,17 @@ class OpenedSessionView(SessionView):
 
 
 def present_view(database: Database, token: str, now: datetime) -> SessionView:
-    """Make the view of a token's session as it is after a change."""
+    """Make the view of a token's session as it is after a change.
+
+    Raises
+    ------
+    NoSessionError
+        If the session went on in another browser, or was erased, since the change.
+    """
     with database.reading() as connection:
         session = session_by_token(connection, token)
-    assert session is not None, "it was there in the transaction before"
+    if session is None:
+        raise NoSessionError
     return session_view(database, session, token, now)
 
 
