@@ -143,7 +143,7 @@ def item_to_show(
 def answer_item(
     database: Database, session_id: int, test: TestName, number: int, answer: int, response_ms: float, now: datetime
 ) -> ServedItem | None:
-    """Store an answer and return the next item; the same answer may be sent again.
+    """Store an answer and return the next item, or None where the test is over; the same answer may be sent again.
 
     Raises
     ------
@@ -157,7 +157,7 @@ def answer_item(
         if item.answered_at is None and row.finished_at is None:
             given = {"answer": answer, "answered_at": now, "response_ms": response_ms}
             connection.execute(update(screening_item).where(screening_item.c.id == item.id).values(**given))
-        elif item.answer != answer:
+        elif item.answer not in (None, answer):
             raise ConflictError("This picture has an answer already, and it is another one.")
         return _advance(connection, row, now)
 
