@@ -107,7 +107,7 @@ def parse_questions(content: Any) -> tuple[Question, ...]:
 
 
 def check_answers(questions: Sequence[Question], answers: Mapping[str, Any]) -> None:
-    """Check that every answer fits its question; null means that the question was left out.
+    """Check that every answer fits its question; null, or an empty text, means that the question was left out.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def check_answers(questions: Sequence[Question], answers: Mapping[str, Any]) -> 
         raise InvalidAnswerError(f"{unknown[0]!r} is not asked")
     for question in questions:
         answer = answers.get(question.name)
-        if answer is None:
+        if answer is None or (answer == "" and question.kind == "text"):
             if question.required:
                 raise InvalidAnswerError(f"{question.name} is not answered")
         elif not _fits(question, answer):

@@ -77,6 +77,12 @@ def test_a_required_question_must_be_answered() -> None:
         check_answers(questions, {})
 
 
+def test_an_empty_text_is_no_answer_to_a_required_question() -> None:
+    questions = parse_questions([{"name": "criteria", "kind": "text", "required": True}])
+    with pytest.raises(InvalidAnswerError, match="criteria is not answered"):
+        check_answers(questions, {"criteria": ""})
+
+
 @pytest.mark.parametrize(
     ("question", "complaint"),
     [
