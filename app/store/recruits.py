@@ -40,19 +40,20 @@ def insert_recruit(
     connection.execute(insert(recruit).values(study_id=study_id, participant_id=participant_id, **values))
 
 
-def give_codes(connection: Connection, study_id: int, options: OutsideOptions) -> None:
-    """Make a completion code for everybody under way who began before their study made random ones."""
+def renew_codes(connection: Connection, study_id: int, options: OutsideOptions) -> None:
+    """Give everybody under way a random completion code where their study makes some now, and take it where not."""
     rows = connection.execute(
         select(participant.c.id, recruit.c.completion_code)
         .select_from(participant.join(session).outerjoin(recruit, recruit.c.participant_id == participant.c.id))
         .where(takes_part_in(study_id), session.c.stage.not_in(ENDS))
     )
     for participant_id, code in rows.all():
-        if code is None:
+        if code is None and options.random_codes:
             insert_recruit(connection, study_id, participant_id, None, options)
-        elif code == "":
+        elif code is not None and bool(code) != options.random_codes:
             this = recruit.c.participant_id == participant_id
-            connection.execute(update(recruit).where(this).values(completion_code=new_code()))
+            changed = new_code() if options.random_codes else ""
+            connection.execute(update(recruit).where(this).values(completion_code=changed))
 
 
 def recruit_of_session(connection: Connection, session_id: int) -> Recruit | None:

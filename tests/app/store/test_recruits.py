@@ -79,7 +79,7 @@ def test_no_more_are_taken_in_than_the_quota_when_thirty_come_at_once(
 
 
 @pytest.mark.parametrize("outside", [{}, {"id": "PERSON"}])
-def test_who_is_under_way_gets_a_code_when_the_study_begins_to_make_them(
+def test_who_is_under_way_has_a_code_of_their_own_while_the_study_makes_them(
     database: Database, study_id: int, invite: MakeInvitation, now: datetime, outside: dict[str, Any]
 ) -> None:
     sets(database, outside=outside)
@@ -91,14 +91,15 @@ def test_who_is_under_way_gets_a_code_when_the_study_begins_to_make_them(
         connection.execute(update(session).where(session.c.participant_id == of_first).values(stage="finished"))
         before = study_by_id(connection, study_id)
     assert before is not None
-    changes = {"outside": outside | {"random_codes": True}}
-    wanted = replace(study_file_of(before), options=parse_options(changes))
     given = []
-    for revision in (1, 2):  # saved again, everybody keeps their code
+    for revision, codes in enumerate([{"random_codes": True}, {"random_codes": True}, {"code": "C0DE"}], start=1):
+        changes = {"outside": outside | codes}
+        wanted = replace(study_file_of(before), options=parse_options(changes))
         save_edit(database, Edit(before, wanted, changes, None), revision, Actor(0, "Eva", now))
         with database.reading() as connection:
             rows = connection.execute(select(participant.c.label, recruit.c.completion_code).join(recruit))
             given.append({label: code for label, code in rows if code})
-    assert given[0] == given[1]
-    assert given[0].keys() == {"P002", "P003"}
+    assert given[0] == given[1]  # saved again, everybody keeps their code
+    assert given[0].keys() == {"P002", "P003"}  # P001 has read theirs already
     assert len(set(given[0].values())) == 2
+    assert given[2] == {}
