@@ -106,6 +106,15 @@ class WorkFolder(TemporaryDirectory[str]):
         super().cleanup()
 
 
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Let one thread or process at a time work in a folder; others wait for the end of its block."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / LOCK).open("ab") as lock:  # closing it unlocks it, as the end of a process does
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
 def is_locked(path: Path) -> bool:
     """Whether a process holds the lock of a file that exists."""
     with path.open("rb") as file:

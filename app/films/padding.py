@@ -58,5 +58,5 @@ def _size_unpadded(film: Path) -> int:
             header = file.read(2 * HEADER)
             size, name = int.from_bytes(header[:4]), header[4:8]
             start = at
-            at += int.from_bytes(header[8:]) if size == 1 else size or end - at
+            at += max(HEADER, int.from_bytes(header[8:]) if size == 1 else size or end - at)
     return start if name == FREE else end

@@ -22,6 +22,7 @@ from app.store.deletion import delete_previews
 from app.store.designs import conditions_of, datasets_of, practice_pairs, replace_design
 from app.store.engine import Database, Transaction
 from app.store.keys import utc_now
+from app.store.recruits import renew_codes
 from app.store.studies import Study, edit_study, lock_study, progress_of
 from app.study.adaptive import check_adaptive
 from app.study.groups import check_groups
@@ -125,6 +126,8 @@ def save_edit(database: Database, edit: Edit, revision: int, actor: Actor) -> No
         _lock_unless_begun(connection, edit)
         values: dict[str, Any] = {"name": wanted.name, "exposure_s": wanted.exposure_s, "seed": wanted.seed}
         edit_study(connection, edit.study.id, revision, {**values, "options": wanted.options.as_json()})
+        if "outside" in edit.changes:
+            renew_codes(connection, edit.study.id, wanted.options.outside)
         actor.note(connection, "study edited", edit.study, edit.study.slug, **edit.changes)
 
 

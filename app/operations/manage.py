@@ -114,6 +114,25 @@ def add_invitation(settings: Settings, slug: str, *, places: int | None = None) 
     return {"invitation": code, "path": f"/s/{code}"}
 
 
+def invitation_for(settings: Settings, slug: str, n_people: int) -> str:
+    """Return the code of an invitation of a study that lets in so many more.
+
+    Raises
+    ------
+    ValueError
+        If there is no such study, or no such invitation.
+    """
+    with open_store(settings) as database:
+        study = _study(database, slug)
+        with database.reading() as connection:
+            codes = [each.code for each in invitations_of(connection, study.id) if each.has_places(n_people)]
+    if not codes:
+        raise ValueError(
+            f"no invitation of the study {slug!r} lets in {n_people} more; `reconstudy study invite {slug}` makes one"
+        )
+    return codes[0]
+
+
 def add_experimenter(
     settings: Settings, name: str, role: Role | None = None, studies: Sequence[str] | None = None
 ) -> dict[str, Any]:

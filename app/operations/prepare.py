@@ -9,6 +9,7 @@ from typing import Any
 
 from app.errors import StimuliError
 from app.ffmpeg import Progress
+from app.files import alone_in
 from app.films.object_store import MediaStore
 from app.films.pairs import (
     NO_REFERENCES,
@@ -88,7 +89,8 @@ def prepare_study(
     exposure = _exposure(practice.compared, exposure_s)
     check_minimum_viewing(options, exposure)
     check_groups(options.groups, practice.compared.datasets)
-    shown, pairs, practised = _prepare_films(settings, stimulus_set, practice, options, progress)
+    with alone_in(settings.media_dir):  # studies of the same set share films, which are removed once they are padded
+        shown, pairs, practised = _prepare_films(settings, stimulus_set, practice, options, progress)
     return PreparedStudy(
         shown=shown,
         pairs=pairs,

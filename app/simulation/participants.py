@@ -16,7 +16,7 @@ import httpx
 import numpy as np
 
 from app.ffmpeg import Progress, no_progress
-from app.operations.manage import export_study, list_studies, own_token
+from app.operations.manage import export_study, invitation_for, own_token
 from app.settings import Settings
 from app.simulation.observer import Observer
 from app.simulation.preference import choose, tie_weight
@@ -214,17 +214,15 @@ def simulate_study(
     Raises
     ------
     ValueError
-        If there is no such study, or as in `simulate`.
+        If there is no such study, none of its invitations lets in as many, or as in `simulate`.
     """
-    invitations = {study["slug"]: study["invitations"] for study in list_studies(settings)}
-    if slug not in invitations:
-        raise ValueError(f"there is no study {slug!r} in this database; `reconstudy study list` shows all")
+    invitation = invitation_for(settings, slug, participants if isinstance(participants, int) else len(participants))
     outside_id = parse_study_file(export_study(settings, slug)).options.outside.id
     with own_token(settings, "simulate") as token:
         return simulate(
             base_url,
             slug,
-            invitations[slug][0],
+            invitation,
             token,
             participants,
             abilities,

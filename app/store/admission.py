@@ -152,7 +152,9 @@ def why_closed(connection: Connection, study_now: Study, now: datetime) -> WhyCl
 
 
 def begin_preview(database: Database, this_study: Study, now: datetime, stage: str = INTRODUCTION) -> str:
-    """Begin a preview, in which an experimenter walks through a study; it counts nowhere and replaces earlier ones.
+    """Begin a preview, in which an experimenter walks through a study; it counts nowhere.
+
+    What was entered in earlier previews of the study is forgotten.
 
     Parameters
     ----------

@@ -3,7 +3,8 @@
 SQLite keeps a write-ahead log with `synchronous=FULL`, so that a commit is on disk when it returns, and a writing
 transaction takes the write lock at its beginning (`BEGIN IMMEDIATE`): what it has read cannot change before it writes.
 On PostgreSQL (`synchronous_commit=on`) a writing transaction locks the row that it decides by (`FOR UPDATE`): a study's
-while somebody is let in, a session's while its stage, trials or votes change, the owners' while one's access ends.
+while somebody is let in, a session's while its stage, screening, trials or votes change, the owners' while one's access
+ends.
 """
 
 from __future__ import annotations

@@ -19,6 +19,7 @@ from app.store.tables import (
     trial,
     vote,
 )
+from app.study.stages import FINISHED
 
 GIVEN: dict[str, tuple[Table, tuple[str, ...]]] = {  # what is left out is the server's, or would say what was compared
     "stages": (stage_record, ("stage", "data", "completed_at")),
@@ -58,7 +59,8 @@ def own_data(connection: Connection, of_session: Session) -> dict[str, Any]:
     }
     is_voided = (trial.c.session_id == of_session.id) & trial.c.voided_at.is_not(None)
     interrupted = _rows(connection, trial, ("void_reason", "void_viewing", "voided_at"), is_voided)
-    came = _rows(connection, recruit, ("outside_id", "kept", "completion_code"), recruit.c.participant_id == who.id)
+    code = ("completion_code",) if of_session.stage == FINISHED else ()  # who has it is paid
+    came = _rows(connection, recruit, ("outside_id", "kept", *code), recruit.c.participant_id == who.id)
     times = {name: _plain(getattr(who, name)) for name in ("started_at", "finished_at", "withdrawn_at")}
     facts = {"study": of_session.name, "participant": who.label, "language": of_session.language, **times}
     return {**facts, "stage": of_session.stage, **given, "interrupted": interrupted, "recruiting": came, "notes": NOTES}

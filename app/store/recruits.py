@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Connection, insert, select
+from sqlalchemy import Connection, insert, select, update
 
 from app.store.exclusions import takes_part_in
 from app.store.keys import new_code
 from app.store.tables import participant, recruit, session
 from app.study.recruiting import Arrival, OutsideOptions
+from app.study.stages import ENDS
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,22 @@ def insert_recruit(
         "completion_code": new_code() if options.random_codes else "",
     }
     connection.execute(insert(recruit).values(study_id=study_id, participant_id=participant_id, **values))
+
+
+def renew_codes(connection: Connection, study_id: int, options: OutsideOptions) -> None:
+    """Give everybody under way a random completion code where their study makes some now, and take it where not."""
+    rows = connection.execute(
+        select(participant.c.id, recruit.c.completion_code)
+        .select_from(participant.join(session).outerjoin(recruit, recruit.c.participant_id == participant.c.id))
+        .where(takes_part_in(study_id), session.c.stage.not_in(ENDS))
+    )
+    for participant_id, code in rows.all():
+        if code is None and options.random_codes:
+            insert_recruit(connection, study_id, participant_id, None, options)
+        elif code is not None and bool(code) != options.random_codes:
+            this = recruit.c.participant_id == participant_id
+            changed = new_code() if options.random_codes else ""
+            connection.execute(update(recruit).where(this).values(completion_code=changed))
 
 
 def recruit_of_session(connection: Connection, session_id: int) -> Recruit | None:

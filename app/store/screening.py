@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from typing import Any
@@ -86,7 +87,7 @@ def keep_display(
         If the acuity test has begun.
     """
     values = {"pixel_mm": pixel_mm, "height_px": height_px, "measured": {"display": dict(measured)}, "measured_at": now}
-    with database.writing() as connection:
+    with _screening_of(database, session_id) as connection:
         _refuse_after_begin(connection, session_id)
         changed = connection.execute(
             update(screening_display)
@@ -108,7 +109,7 @@ def keep_distance(
         If the display has not been measured, or the acuity test has begun.
     """
     of_session = screening_display.c.session_id == session_id
-    with database.writing() as connection:
+    with _screening_of(database, session_id) as connection:
         _refuse_after_begin(connection, session_id)
         before = connection.scalar(select(screening_display.c.measured).where(of_session))
         if before is None:
@@ -134,7 +135,7 @@ def item_to_show(
     ConflictError
         If acuity is to be tested on a display that has not been measured.
     """
-    with database.writing() as connection:
+    with _screening_of(database, session_id) as connection:
         row = _test(connection, session_id, test) or _begin(connection, session_id, test, options, now)
         return _advance(connection, row, now)
 
@@ -142,7 +143,7 @@ def item_to_show(
 def answer_item(
     database: Database, session_id: int, test: TestName, number: int, answer: int, response_ms: float, now: datetime
 ) -> ServedItem | None:
-    """Store an answer and return the next item; the same answer may be sent again.
+    """Store an answer and return the next item, or None where the test is over; the same answer may be sent again.
 
     Raises
     ------
@@ -151,12 +152,12 @@ def answer_item(
     ConflictError
         If it has another answer.
     """
-    with database.writing() as connection:
+    with _screening_of(database, session_id) as connection:
         row, item = _served(connection, session_id, test, number)
         if item.answered_at is None and row.finished_at is None:
             given = {"answer": answer, "answered_at": now, "response_ms": response_ms}
             connection.execute(update(screening_item).where(screening_item.c.id == item.id).values(**given))
-        elif item.answer != answer:
+        elif item.answer not in (None, answer):
             raise ConflictError("This picture has an answer already, and it is another one.")
         return _advance(connection, row, now)
 
@@ -175,7 +176,7 @@ def item_of(connection: Connection, session_id: int, test: TestName, number: int
 
 def end_test(database: Database, session_id: int, test: TestName, reason: str, now: datetime) -> None:
     """End a test that a participant skips; a finished test stays as it is."""
-    with database.writing() as connection:
+    with _screening_of(database, session_id) as connection:
         _end(connection, session_id, test, reason, now)
 
 
@@ -284,6 +285,14 @@ def screening_verdicts(
     return verdicts
 
 
+@contextmanager
+def _screening_of(database: Database, session_id: int) -> Iterator[Connection]:
+    """Hold a writing transaction that locks the session: what comes twice at once is taken one after the other."""
+    with database.writing() as connection:
+        connection.execute(select(session.c.id).where(session.c.id == session_id).with_for_update(key_share=True))
+        yield connection
+
+
 def _sought(study_id: int, participant_id: int | None) -> ColumnElement[bool]:
     takes_part = takes_part_in(study_id)
     return takes_part if participant_id is None else takes_part & (participant.c.id == participant_id)
@@ -370,7 +379,7 @@ def _tests(connection: Connection, session_id: int) -> Sequence[Row[Any]]:
 
 def _test(connection: Connection, session_id: int, test: TestName) -> Row[Any] | None:
     this_test = (screening_test.c.session_id == session_id, screening_test.c.test == test)
-    return connection.execute(select(screening_test).where(*this_test).with_for_update()).one_or_none()
+    return connection.execute(select(screening_test).where(*this_test)).one_or_none()
 
 
 def _items(connection: Connection, test_id: int) -> list[Item]:

@@ -177,7 +177,7 @@ def judge(rings: Sequence[Ring], test: AcuityTest) -> Acuity:
     if len(rings) < test.n_trials:
         raise ValueError(f"{len(rings)} of {test.n_trials} rings answered; the test is not over")
     probability = posterior(rings)
-    logmar = float(THRESHOLDS @ probability)
+    logmar = round(float(THRESHOLDS @ probability), 3)  # as it is told beside the limit
     cumulative = np.cumsum(probability)
     tail = (1 - INTERVAL) / 2
     low, high = (float(THRESHOLDS[np.searchsorted(cumulative, share)]) for share in (tail, 1 - tail))
@@ -186,7 +186,7 @@ def judge(rings: Sequence[Ring], test: AcuityTest) -> Acuity:
         verdict = "cannot be certified"
     smallest = round(test.smallest, 3)
     return Acuity(
-        logmar=max(round(logmar, 3), smallest),
+        logmar=max(logmar, smallest),
         low=max(low, smallest),
         high=max(high, smallest),
         n_trials=len(rings),

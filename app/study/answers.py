@@ -34,7 +34,7 @@ class AskedQuestion:
         if self.question.kind == "choice" and answer in self.question.options and self.labels:
             return self.labels[self.question.options.index(answer)]
         ends = dict(zip((1, self.question.maximum), self.labels, strict=False))
-        step = f"{answer:g}" if isinstance(answer, int | float) else str(answer)
+        step = f"{answer:.15g}" if isinstance(answer, int | float) else str(answer)
         return f"{step} ({ends[answer]})" if self.question.kind == "scale" and answer in ends else step
 
 

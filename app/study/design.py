@@ -14,7 +14,7 @@ from app.study.trial import IDENTICAL, MAIN, REPEAT, PlannedPair, PlannedTrial, 
 
 ATTEMPTS = 1000  # to find a valid order; with all pairs of four or more stimuli about one in ten succeeds
 LONGEST_RUN = 2  # trials in a row that may hold the same stimulus; a third would make it a yardstick
-APART = 5  # trials between a pair and its repetition, where the dataset has enough
+APART = 5  # trials between a pair and its repetition, where the dataset has enough; exchanged, it may come nearer
 FLIPS = 4  # labels exchanged or not, the other stimulus first or not: four participants see each pair in all four ways
 
 # One stream of random numbers per decision: a change to one decision leaves the others unchanged.

@@ -80,7 +80,10 @@ def forgets_at(options: StudyOptions, closed_at: datetime | None) -> datetime | 
     ended_at = closed_at or (datetime.fromisoformat(until) if until else None)
     if ended_at is None or not options.privacy.keep_days:
         return None
-    return ended_at + timedelta(days=options.privacy.keep_days)
+    try:
+        return ended_at + timedelta(days=options.privacy.keep_days)
+    except OverflowError:  # after the year 9999, which stands for no end
+        return None
 
 
 def check_days_left(options: StudyOptions, closed_at: datetime | None, now: datetime) -> None:

@@ -132,7 +132,7 @@ def parse_protocol(content: Mapping[str, Any]) -> tuple[Protocol, Scale]:
     if scale != SCALES[0] and protocol in (PC, CCR):
         answers = "three answers" if protocol == PC else "seven grades"
         raise ValueError(f"scale is {scale!r}, but protocol {protocol} always has {answers}: leave scale out")
-    return protocol, scale
+    return protocol, SCALES[SCALES.index(scale)]  # 9.0 is 9, as the database tells it
 
 
 def check_with_protocol(protocol: Protocol, reference: str, only_of_pairs: Mapping[str, object]) -> None:

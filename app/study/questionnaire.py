@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Literal
@@ -107,7 +107,7 @@ def parse_questions(content: Any) -> tuple[Question, ...]:
 
 
 def check_answers(questions: Sequence[Question], answers: Mapping[str, Any]) -> None:
-    """Check that every answer fits its question; null means that the question was left out.
+    """Check that every answer fits its question; null, or an empty text, means that the question was left out.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def check_answers(questions: Sequence[Question], answers: Mapping[str, Any]) -> 
         raise InvalidAnswerError(f"{unknown[0]!r} is not asked")
     for question in questions:
         answer = answers.get(question.name)
-        if answer is None:
+        if answer is None or (answer == "" and question.kind == "text"):
             if question.required:
                 raise InvalidAnswerError(f"{question.name} is not answered")
         elif not _fits(question, answer):
@@ -131,11 +131,16 @@ def _fits(question: Question, answer: Any) -> bool:
         return answer in question.options
     if question.kind == "text":
         return isinstance(answer, str) and len(answer) <= LONGEST_ANSWER
-    if isinstance(answer, bool) or not isinstance(answer, int | float) or not math.isfinite(answer):
+    if not _is_number(answer):
         return False
     low = 1.0 if question.kind == "scale" else question.minimum
     within = (low is None or answer >= low) and (question.maximum is None or answer <= question.maximum)
     return within and (question.kind == "number" or answer == int(answer))
+
+
+def _is_number(value: Any) -> bool:
+    """Is a value a number that a float can hold?"""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def _question(content: Any, number: int) -> Question:
@@ -192,10 +197,10 @@ def _check_kind(question: Question) -> None:
     if question.kind == "scale" and question.labels and len(question.labels) != 2:
         raise ValueError(f"question {question.name}: expected a label for each of its two ends, or none")
     for bound in (question.minimum, question.maximum):
-        if bound is not None and (isinstance(bound, bool) or not isinstance(bound, int | float)):
-            raise ValueError(f"question {question.name}: the bound {bound!r:.80} is no number")
-        if isinstance(bound, float) and not math.isfinite(bound):
-            raise ValueError(f"question {question.name}: the bound {bound!r} is not finite; leave it out for none")
+        if bound is not None and not _is_number(bound):
+            raise ValueError(
+                f"question {question.name}: the bound {bound!r:.80} is no finite number; leave it out for none"
+            )
     low, high = question.minimum, question.maximum
     if low is not None and high is not None and low > high:
         raise ValueError(f"question {question.name}: its minimum {low:g} is above its maximum {high:g}")

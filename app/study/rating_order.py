@@ -31,7 +31,8 @@ def rating_order(pairs: Sequence[PlannedPair], seed: int, slot: int, repetition:
     pairs : the films of the study: each stimulus alone (both halves the same), or each below its dataset's reference
     seed : the study's
     slot : the participant's, from 0
-    repetition : how many films of each dataset come again, and how often the reference is rated against itself
+    repetition : how many films of each dataset come again, and whether the reference is rated against itself, once in
+        each dataset
     """
     main = [pair for pair in pairs if not pair.is_identical] or list(pairs)
     checks = [pair for pair in pairs if pair.is_identical and pair not in main]

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from app.study.acuity import AcuityTest, Ring, gap_arcmin, gap_mm, judge, next_size, smallest_size
+from app.study.acuity import FEWEST_GAP_PIXELS, AcuityTest, Ring, gap_arcmin, gap_mm, judge, next_size, smallest_size
 from app.study.colour_vision import (
     AXES,
     DIRECTIONS,
@@ -168,7 +168,7 @@ def acuity_setup(
     height_px : of the window, in the display's own pixels; the largest ring must fit into it
     seed : of the directions
     """
-    largest_gap_mm = min(RING_SHARE * height_px / RING, LARGEST_GAP_PX) * pixel_mm
+    largest_gap_mm = min(max(RING_SHARE * height_px / RING, FEWEST_GAP_PIXELS), LARGEST_GAP_PX) * pixel_mm
     return {
         "limit": options.acuity_limit,
         "n_trials": AcuityTest.n_trials,

@@ -60,7 +60,7 @@ def after_completing(stage: str, current: str, way: Sequence[str] = SHORTEST_WAY
         return current
     if current == SCREENED_OUT:
         raise IllegalMoveError("the study has ended for you after the screening")
-    if way.index(stage) < way.index(current):
+    if is_past(stage, current):
         return current
     if stage == FINISHED:
         raise IllegalMoveError("the session's end is not a stage to complete")
@@ -71,16 +71,15 @@ def after_completing(stage: str, current: str, way: Sequence[str] = SHORTEST_WAY
     return next_stage(stage, way)
 
 
-def is_past(stage: str, current: str, way: Sequence[str] = SHORTEST_WAY) -> bool:
-    """Is the stage behind a session in the current one?
+def is_past(stage: str, current: str) -> bool:
+    """Is the stage behind a session in the current one? Every way has the order of ALL_STAGES.
 
     Parameters
     ----------
     stage : the stage asked about
     current : the session's stage
-    way : the study's stages in order
     """
-    return current not in (WITHDRAWN, SCREENED_OUT, TIMED_OUT) and way.index(current) > way.index(stage)
+    return current in ALL_STAGES and ALL_STAGES.index(current) > ALL_STAGES.index(stage)
 
 
 def next_stage(stage: str, way: Sequence[str] = SHORTEST_WAY) -> str:

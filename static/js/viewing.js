@@ -138,7 +138,7 @@ function hasSeenEachFor(least_ms, { dwell_ms }) {
   return Math.min(dwell_ms?.a ?? 0, dwell_ms?.b ?? 0) >= least_ms;
 }
 
-/** @param {number} milliseconds @returns {number} to a tenth, at most the server's limit */
+/** @param {number} milliseconds @returns {number} to a tenth, within the server's limits */
 export function tenths(milliseconds) {
-  return Math.round(10 * Math.min(milliseconds, LONGEST_MS)) / 10;
+  return Math.round(10 * Math.max(-LONGEST_MS, Math.min(milliseconds, LONGEST_MS))) / 10;
 }

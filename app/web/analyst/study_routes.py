@@ -123,7 +123,7 @@ def create(body: NewStudyBody, request: Request, actor: StudyEditor, database: S
     """Create a study of a stimulus set on the server; it stays paused until opened.
 
     The answer comes when all films are made, which takes about a second for each pair; films that are there are not
-    made again.
+    made again, and those of one study are made at a time.
     """
     server = settings(request)
     with database.reading() as connection:

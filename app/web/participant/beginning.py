@@ -29,7 +29,6 @@ from app.web.gates import (
     settings,
     throttle,
 )
-from app.web.limits.connections import network_of
 from app.web.limits.throttle import REMARKS, WRONG_CODES
 from app.web.participant.session_bodies import (
     AdmissionBody,
@@ -59,7 +58,7 @@ def begin(
     """
     invitation = invitation_to(request, slug, admission.invitation)
     limit = RateLimitItemPerMinute(settings(request).sessions_per_minute)
-    throttle(request).count(limit, "begin", network_of(address(request)))
+    throttle(request).count(limit, "begin", address(request))
     with database.reading() as connection:
         study = study_by_id(connection, invitation.study_id)
     assert study is not None, "an invitation is to a study"

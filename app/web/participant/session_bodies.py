@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.errors import NoSessionError
 from app.store.engine import Database, Transaction
 from app.store.images import image_digests
 from app.store.keys import resume_code
@@ -149,10 +150,17 @@ class OpenedSessionView(SessionView):
 
 
 def present_view(database: Database, token: str, now: datetime) -> SessionView:
-    """Make the view of a token's session as it is after a change."""
+    """Make the view of a token's session as it is after a change.
+
+    Raises
+    ------
+    NoSessionError
+        If the session went on in another browser, or was erased, since the change.
+    """
     with database.reading() as connection:
         session = session_by_token(connection, token)
-    assert session is not None, "it was there in the transaction before"
+    if session is None:
+        raise NoSessionError
     return session_view(database, session, token, now)
 
 
@@ -184,12 +192,10 @@ def session_view(database: Database, session: Session, token: str, now: datetime
 
 def _ending(connection: Transaction, session: Session) -> EndingView | None:
     """Return where a session's participant goes, with the completion code of who has finished."""
-    if session.stage not in ENDING_OF:
+    if session.stage not in ENDING_OF or session.is_preview:
         return None
     options = session.options.outside
-    recruit = recruit_of_session(connection, session.id)
-    if options.is_on and recruit is None:  # a preview
-        return None
+    recruit = recruit_of_session(connection, session.id)  # None, too, where the study took no ids when they began
     ending = ENDING_OF[session.stage]
     code = (recruit.completion_code if recruit else "") or options.code if ending == "complete" else ""
     url = options.address(ending, recruit.arrival if recruit else None, code)

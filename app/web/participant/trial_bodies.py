@@ -222,10 +222,10 @@ def trial_media(session: Session, current: NextTrial) -> MediaView:
 
 
 def practice_view(session: Session, pair: PracticePair, total: int) -> OneTrialView:
-    """Make the view of a practice trial, never repeated; sessions differ in whether the better one is A or B."""
+    """Make the view of a practice trial, never repeated; sessions differ in which film is A, and which comes first."""
     options = session.options
     is_turned = options.grades is None or options.protocol == CCR
-    turn = (session.id + pair.position) % 2 if is_turned else 0
+    turn = (session.id // 2 + pair.position) % 2 if is_turned else 0
     a_half: Half = "top" if session.id % 2 or not is_turned else "bottom"
     return OneTrialView(
         trial=f"practice-{pair.position + 1}",

@@ -38,7 +38,7 @@ def next_trial(signed_in: Participant, database: Store, now: Now) -> TrialView |
     session = signed_in.session
     if session.has_withdrawn:
         raise GoneError("You have withdrawn from the study. Thank you for the time you gave.")
-    if session.stage in (SCREENED_OUT, TIMED_OUT) or is_past(TRIAL, session.stage, session.options.way):
+    if session.stage in (SCREENED_OUT, TIMED_OUT) or is_past(TRIAL, session.stage):
         return Response(status_code=204)
     if session.stage != TRIAL:
         raise ConflictError(f"The trials have not begun: the session is in the stage {session.stage}.")

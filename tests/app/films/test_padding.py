@@ -23,3 +23,10 @@ def test_a_padded_film_shows_the_same_and_can_be_made_small_again(tmp_path: Path
     assert restore(film)
     assert film.read_bytes() == content
     assert not restore(tmp_path / "other.mp4")
+
+
+def test_a_damaged_copy_whose_box_has_no_size_is_read_to_its_end(tmp_path: Path) -> None:
+    film = tmp_path / "film.mp4"
+    (tmp_path / "film-40.mp4").write_bytes(b"\0\0\0\1mdat" + bytes(32))  # a size of 64 bits, which is 0
+    assert restore(film)
+    assert film.stat().st_size == 40

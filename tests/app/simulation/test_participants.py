@@ -13,7 +13,10 @@ import pytest
 from app.operations import create, manage
 from app.settings import Settings
 from app.simulation.observer import Observer
-from app.simulation.participants import Person, pass_stages, simulate
+from app.simulation.participants import Person, pass_stages, simulate, simulate_study
+from app.store.engine import open_database
+from app.store.invitations import end_invitation
+from app.store.studies import study_by_slug
 from app.study.options import parse_options
 from app.study.stages import ENDS
 from tests.app import tiny_stimuli
@@ -46,6 +49,19 @@ def test_the_better_item_wins_whatever_its_label(
     for vote in votes:
         assert ABILITIES[vote[f"item_{vote['choice']}"]] == max(ABILITIES[vote["item_a"]], ABILITIES[vote["item_b"]])
     assert Counter(vote["choice"] for vote in votes) == {"a": 12, "b": 12}  # labels are balanced over four
+
+
+def test_an_invitation_is_taken_that_has_places_left(server: str, settings: Settings, new_study: NewStudy) -> None:
+    study = new_study()
+    with open_database(settings.url) as database, database.writing() as connection:
+        made = study_by_slug(connection, study["slug"])
+        assert made is not None
+        end_invitation(connection, made.id, study["invitation"])
+    with pytest.raises(ValueError, match=f"no invitation of .* 2 more; `reconstudy study invite {study['slug']}`"):
+        simulate_study(settings, server, study["slug"], 2, ABILITIES, 0.0, 0)
+    for places in (1, None):
+        manage.add_invitation(settings, study["slug"], places=places)
+    assert simulate_study(settings, server, study["slug"], 2, ABILITIES, 0.0, 0)["votes"] == 12
 
 
 @pytest.mark.parametrize("stage", ENDS)

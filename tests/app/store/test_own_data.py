@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from sqlalchemy import insert, select
+
 from app.store.engine import Database
 from app.store.own_data import own_data
 from app.store.sessions import session_by_token
+from app.store.tables import recruit, session
 from app.store.trials import void_trial
 from tests.seeded_studies import NOW, seed_voters
 
@@ -19,3 +24,20 @@ def test_a_look_that_was_interrupted_is_among_the_data_of_who_looked(database: D
     with database.reading() as connection:
         given = own_data(connection, begun)
     assert given["interrupted"] == [{"void_reason": "hidden", "void_viewing": viewing, "voided_at": NOW.isoformat()}]
+
+
+def test_the_completion_code_is_told_at_the_end_alone(database: Database) -> None:
+    voter = seed_voters(database, 1, 3)[0]
+    with database.writing() as connection:
+        begun = session_by_token(connection, voter.token)
+        assert begun is not None
+        person = connection.execute(select(session.c.participant_id).where(session.c.id == begun.id)).scalar_one()
+        came = {"study_id": begun.study_id, "participant_id": person, "outside_id": "5f2a", "kept": {}}
+        connection.execute(insert(recruit).values(**came, completion_code="k7m2p9xq4wva"))
+    with database.reading() as connection:
+        for stage in ("introduction", "trial", "screened_out", "withdrawn", "timed_out"):
+            assert own_data(connection, replace(begun, stage=stage))["recruiting"] == [
+                {"outside_id": "5f2a", "kept": {}}
+            ]
+        (told,) = own_data(connection, replace(begun, stage="finished"))["recruiting"]
+    assert told["completion_code"] == "k7m2p9xq4wva"

@@ -5,16 +5,22 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from datetime import datetime
 from typing import Any
 from uuid import uuid4
 
+import pytest
 from sqlalchemy import func, select, update
 
 from app.errors import ClosedError
+from app.operations.edit import Edit, save_edit
+from app.operations.manage import study_file_of
 from app.store.admission import Admission, admit
+from app.store.audit import Actor
 from app.store.engine import Database
 from app.store.invitations import Invitation
+from app.store.studies import study_by_id
 from app.store.tables import participant, recruit, session, study
 from app.study.options import parse_options
 from app.study.recruiting import Arrival
@@ -70,3 +76,30 @@ def test_no_more_are_taken_in_than_the_quota_when_thirty_come_at_once(
 
     outcomes = all_at_once(come)
     assert (outcomes.count("in"), outcomes.count("full")) == (7, N_AT_ONCE - 7)
+
+
+@pytest.mark.parametrize("outside", [{}, {"id": "PERSON"}])
+def test_who_is_under_way_has_a_code_of_their_own_while_the_study_makes_them(
+    database: Database, study_id: int, invite: MakeInvitation, now: datetime, outside: dict[str, Any]
+) -> None:
+    sets(database, outside=outside)
+    invitation = invite(None)
+    for number in range(3):
+        admit(database, invitation, Admission(None, Arrival(f"p-{number}") if outside else None), now)
+    with database.writing() as connection:
+        of_first = select(participant.c.id).where(participant.c.label == "P001").scalar_subquery()
+        connection.execute(update(session).where(session.c.participant_id == of_first).values(stage="finished"))
+        before = study_by_id(connection, study_id)
+    assert before is not None
+    given = []
+    for revision, codes in enumerate([{"random_codes": True}, {"random_codes": True}, {"code": "C0DE"}], start=1):
+        changes = {"outside": outside | codes}
+        wanted = replace(study_file_of(before), options=parse_options(changes))
+        save_edit(database, Edit(before, wanted, changes, None), revision, Actor(0, "Eva", now))
+        with database.reading() as connection:
+            rows = connection.execute(select(participant.c.label, recruit.c.completion_code).join(recruit))
+            given.append({label: code for label, code in rows if code})
+    assert given[0] == given[1]  # saved again, everybody keeps their code
+    assert given[0].keys() == {"P002", "P003"}  # P001 has read theirs already
+    assert len(set(given[0].values())) == 2
+    assert given[2] == {}

@@ -119,3 +119,9 @@ def test_nothing_is_extrapolated_below_the_smallest_ring_that_was_drawn() -> Non
     blunt = judge([Ring(1.0, 0, 4 * (number % 2)) for number in range(test.n_trials)], test)
     assert not blunt.is_bound
     assert blunt.logmar > 0.376
+
+
+@given(looks)
+def test_an_acuity_that_is_told_as_the_limit_reaches_it(answers: list[Ring]) -> None:
+    told = judge(answers, AcuityTest(n_trials=len(answers))).logmar
+    assert judge(answers, AcuityTest(limit=told, n_trials=len(answers))).verdict == "passed"

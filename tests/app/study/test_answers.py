@@ -36,6 +36,11 @@ def test_answers_are_read_with_their_labels_and_questions() -> None:
     }
 
 
+@pytest.mark.parametrize(("number", "words"), [(12345678, "12345678"), (1234567.5, "1234567.5"), (20.0, "20")])
+def test_a_number_is_read_with_all_its_digits(number: float, words: str) -> None:
+    assert [row.answer for row in worded_answers(ASKED, {"age": number})] == [words]
+
+
 def test_a_study_without_english_texts_is_read_in_its_own_language() -> None:
     said = {"questions.hand.text": "Welche Hand?", "questions.hand.labels": ["links", "rechts"]}
     options = parse_options({"questions": [OWN | {"text": "Quelle main ?", "labels": []}], "languages": ["fr", "de"],

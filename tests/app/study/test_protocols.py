@@ -52,6 +52,11 @@ def test_a_database_tells_the_scale_as_text(scale: Scale) -> None:
     assert stored_scale(None) == 5
 
 
+def test_a_scale_with_a_decimal_point_is_the_whole_number() -> None:
+    scale = parse_options({"protocol": "ACR", "scale": 9.0}).scale
+    assert stored_scale(str(scale)) == 9
+
+
 @pytest.mark.parametrize(("rating", "choice"), [(-3, "a"), (-1, "a"), (0, "none"), (1, "b"), (3, "b")])
 def test_the_sign_of_a_comparison_names_the_better_one(rating: int, choice: str) -> None:
     assert choice_of(None, rating, "CCR", grades_of("CCR", 5)) == choice

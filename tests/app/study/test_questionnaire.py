@@ -41,6 +41,7 @@ def test_answers_that_fit_are_taken(answers: dict[str, Any]) -> None:
         {"age": "30"},
         {"age": True},
         {"age": float("nan")},
+        {"age": 10**400},
         {"sex": "x"},
         {"experience": 0},
         {"experience": 6},
@@ -54,6 +55,12 @@ def test_answers_that_fit_are_taken(answers: dict[str, Any]) -> None:
 def test_answers_that_do_not_fit_are_refused(answers: dict[str, Any]) -> None:
     with pytest.raises(InvalidAnswerError, match=next(iter(answers))):
         check_answers(DEFAULT_QUESTIONS, answers)
+
+
+def test_a_number_larger_than_any_float_fits_no_question() -> None:
+    questions = parse_questions([{"name": "income", "kind": "number", "text": "How much?"}])
+    with pytest.raises(InvalidAnswerError, match="income"):
+        check_answers(questions, {"income": -(10**400)})
 
 
 def test_an_option_is_stored_without_the_spaces_around_it_as_the_page_sends_it() -> None:
@@ -70,6 +77,12 @@ def test_a_required_question_must_be_answered() -> None:
         check_answers(questions, {})
 
 
+def test_an_empty_text_is_no_answer_to_a_required_question() -> None:
+    questions = parse_questions([{"name": "criteria", "kind": "text", "required": True}])
+    with pytest.raises(InvalidAnswerError, match="criteria is not answered"):
+        check_answers(questions, {"criteria": ""})
+
+
 @pytest.mark.parametrize(
     ("question", "complaint"),
     [
@@ -77,8 +90,9 @@ def test_a_required_question_must_be_answered() -> None:
         ({"name": "Age", "kind": "number"}, "its name is 'Age'"),
         ({"name": "age", "kind": "guess"}, "its kind is 'guess'"),
         ({"name": "age", "kind": "number", "max": 3}, "'max' is not known"),
-        ({"name": "age", "kind": "number", "maximum": "3"}, "no number"),
-        ({"name": "age", "kind": "number", "minimum": float("inf")}, "not finite"),
+        ({"name": "age", "kind": "number", "maximum": "3"}, "no finite number"),
+        ({"name": "age", "kind": "number", "minimum": 10**400}, "no finite number"),
+        ({"name": "age", "kind": "number", "minimum": float("inf")}, "no finite number"),
         ({"name": "age", "kind": "number", "minimum": 20, "maximum": 18}, "its minimum 20 is above its maximum 18"),
         ({"name": "age", "kind": "number", "required": "yes"}, "required is 'yes', expected true or false"),
         ({"name": "sex", "kind": "choice", "options": "lr"}, "its options are 'lr', expected a list"),

@@ -93,6 +93,11 @@ def test_nobody_sits_there(distance: float) -> None:
         checked_distance_mm(distance)
 
 
+def test_a_window_of_no_height_still_shows_the_smallest_ring() -> None:
+    setup = acuity_setup(ScreeningOptions(), pixel_mm=0.25, distance_mm=700, height_px=0, seed=1)
+    assert setup["largest"] == setup["smallest"]
+
+
 def test_the_largest_ring_fits_into_the_window() -> None:
     setup = acuity_setup(ScreeningOptions(), pixel_mm=0.25, distance_mm=6000, height_px=600, seed=1)
     content = next_content("acuity", setup, [])

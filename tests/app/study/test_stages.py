@@ -5,6 +5,7 @@ import pytest
 from app.study.stages import (
     ALL_STAGES,
     FINISHED,
+    INTERVIEW,
     INTRODUCTION,
     OPTIONAL_STAGES,
     PRACTICE,
@@ -54,6 +55,12 @@ def test_optional_stages_stand_in_their_order(optional: tuple[str, ...]) -> None
     while stage != TRIAL:
         stage = after_completing(stage, stage, way)
     assert next_stage(TRIAL, way) == ("interview" if "interview" in optional else FINISHED)
+
+
+@pytest.mark.parametrize("current", [PRACTICE, INTERVIEW])
+def test_a_preview_in_a_stage_that_an_edit_took_away_is_where_it_stands_among_all(current: str) -> None:
+    assert is_past(TRIAL, current) == (current == INTERVIEW)
+    assert after_completing(INTRODUCTION, current) == current
 
 
 def test_who_has_withdrawn_completes_nothing() -> None:

@@ -18,17 +18,20 @@ from sqlalchemy import update
 from app.operations.create import create_study
 from app.settings import Settings
 from app.simulation.participants import begin, next_trial, simulate
+from app.store.admission import begin_preview
 from app.store.engine import open_database
 from app.store.keys import utc_now
-from app.store.studies import set_standing, study_by_slug
+from app.store.studies import edit_study, set_standing, study_by_slug
 from app.store.tables import session
 from app.study.options import parse_options
+from app.study.stages import FINISHED
 from tests.app.web.admin.dashboard_client import Dashboard
 from tests.app.web.http_checks import is_problem
 from tests.recruiting_platform import OPTIONS, Platform
 
 pytestmark = pytest.mark.slow
 
+URLS = ("complete_url", "screened_out_url", "no_consent_url", "full_url")
 Create = Callable[..., dict[str, Any]]
 VoteBody = Callable[..., dict[str, Any]]
 
@@ -326,6 +329,25 @@ def test_the_form_changes_how_people_come_even_after_some_have(
     assert saved.status_code == 200
     for text in ('name="outside.id" maxlength="1000" value="RID"', 'value="SID WAVE"', 'value="45"'):
         assert text in saved.text
+
+
+def test_who_began_before_a_study_took_ids_finds_its_code_at_the_end_and_a_preview_none(
+    client: httpx.Client, settings: Settings, create: Create, vote_body: VoteBody, server: str
+) -> None:
+    study = create({"id": "", "keep": [], "random_codes": False, **dict.fromkeys(URLS, ""), "code": "C0DE"})
+    enters(client, study, "p-1")
+    with open_database(settings.url) as database:
+        with database.writing() as connection:
+            made = study_by_slug(connection, study["slug"])
+            assert made is not None
+            outside = {"id": "PERSON", "code": "C0DE", "complete_url": "https://platform.test/?c={code}"}
+            edit_study(connection, made.id, made.revision, {"options": {**made.options, "outside": outside}})
+        preview = begin_preview(database, made, utc_now(), FINISHED)
+    assert goes_through(client, vote_body)["ending"] == {
+        "code": "C0DE", "url": "https://platform.test/?c=C0DE", "after_s": 10
+    }  # fmt: skip
+    seen = httpx.get(f"{server}/api/v1/session", headers={"Authorization": f"Bearer {preview}"}).json()
+    assert (seen["stage"], seen["ending"]) == ("finished", None)
 
 
 def test_simulated_participants_of_such_a_study_have_ids_too(

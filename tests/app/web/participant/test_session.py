@@ -9,9 +9,13 @@ from uuid import uuid4
 import httpx
 import pytest
 
+from app.errors import NoSessionError
 from app.operations import manage
 from app.settings import Settings
 from app.simulation.participants import begin
+from app.store.engine import open_database
+from app.store.keys import utc_now
+from app.web.participant.session_bodies import present_view
 from tests.app.web.http_checks import is_problem
 
 VoteBody = Callable[..., dict[str, Any]]
@@ -221,6 +225,11 @@ def test_a_resume_whose_answer_was_lost_is_repeated_by_its_key(participant: http
     assert (first.status_code, second.status_code) == (200, 200)
     assert first.json() == second.json()
     assert is_problem(httpx.post(path, json=body | {"key": str(uuid4())}), 404)
+
+
+def test_a_session_that_went_on_elsewhere_during_a_request_is_told_as_any_that_is_not_there(settings: Settings) -> None:
+    with open_database(settings.url) as database, pytest.raises(NoSessionError):
+        present_view(database, "ended meanwhile", utc_now())
 
 
 def test_what_is_meant_for_another_session_than_the_cookies_is_refused(

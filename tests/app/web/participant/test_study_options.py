@@ -161,6 +161,18 @@ def test_each_strip_alone_is_served_under_names_that_tell_nothing(
         assert is_problem(client.get(f"/media/{names[0].split('/')[-1].split('.')[0]}x.{wrong}"), 404)
 
 
+def test_four_participants_practise_a_pair_with_either_film_as_a_and_either_first(
+    client: httpx.Client, create: Create
+) -> None:
+    study = create(optional_stages=["practice"])
+    ways = set()
+    for _ in range(4):
+        begin(client, study["slug"], study["invitation"])
+        first = client.get("/api/v1/session/practice").json()[0]
+        ways.add((first["media"]["a"], first["first_shown"]))
+    assert ways == {("top", "a"), ("top", "b"), ("bottom", "a"), ("bottom", "b")}
+
+
 def test_a_study_without_a_fallback_has_no_single_films(client: httpx.Client, create: Create) -> None:
     study = create(fallback="")
     assert 'data-fallback=""' in client.get(f"/s/{study['invitation']}").text
