@@ -11,14 +11,17 @@ from typing import Any
 from app.errors import UnavailableError
 from app.intake.stimuli import MANIFEST
 from app.operations.extras import MODULES, has_extra
+from app.operations.jobs.kinds import title_of
 from app.operations.running import running_url
 from app.settings import Settings
 from app.store.engine import Database, embedded_file, open_database, without_password
 from app.store.keys import utc_now
 from app.store.migrate import newest_version, version_of
+from app.store.queue import JobState, list_jobs, workers
 from app.store.server_tasks import running_tasks
 from app.store.studies import all_studies, progress_by_study
 
+RUNNING: tuple[JobState, ...] = ("running",)
 UNKNOWN: Mapping[str, Any] = {"studies": None, "jobs": []}  # without a database that can be read
 
 
@@ -73,7 +76,9 @@ def _database_status(settings: Settings) -> dict[str, Any]:
 
 def _content(database: Database) -> dict[str, Any]:
     with database.reading() as connection:
-        studies, jobs = all_studies(connection), running_tasks(connection, utc_now())
+        now = utc_now()
+        studies, tasks, alive = all_studies(connection), running_tasks(connection, now), workers(connection, now)
+        running = [job for job in list_jobs(connection, states=RUNNING) if job.worker in {each.name for each in alive}]
         counts = progress_by_study(connection).values()
     return {
         "studies": {
@@ -82,7 +87,7 @@ def _content(database: Database) -> dict[str, Any]:
             "participants": sum(count.n_started for count in counts),
             "votes": sum(count.n_votes for count in counts),
         },
-        "jobs": jobs,
+        "jobs": [*tasks, *(f"{title_of(job.kind)}: {job.output}" for job in running)],
     }
 
 

@@ -18,6 +18,8 @@ from app.errors import ConflictError, InvalidError, NotFoundError, StimuliError
 from app.files import read_json, whole_file
 from app.intake.stimuli import MANIFEST, TOGETHER, StimulusSet, level_notes, read_manifest
 from app.operations.create import slugify
+from app.operations.jobs.fields import SETS
+from app.operations.jobs.queueing import refuse_while_used
 from app.settings import Settings
 from app.store.audit import Actor
 from app.store.designs import change_levels
@@ -188,7 +190,7 @@ def delete_set(settings: Settings, database: Database, name: str, again: str, ac
     Raises
     ------
     ConflictError
-        If a study was made of it, or it lies outside the server's folder of stimulus sets.
+        If a study was made of it, it lies outside the server's folder of stimulus sets, or a job works on it.
     InvalidError
         If the title is not typed right.
     """
@@ -199,6 +201,7 @@ def delete_set(settings: Settings, database: Database, name: str, again: str, ac
             raise ConflictError(f"{known.title} is not deleted: these studies were made of it: {names}.")
         if not known.is_here:
             raise ConflictError(f"{known.title} is not deleted: it lies in {known.folder}, which is not the server's.")
+        refuse_while_used(connection, f"{SETS}/{known.name}")
         if again.strip() != known.title:
             raise InvalidError(f"Nothing was deleted: type {known.title!r} to delete this set, found {again[:40]!r}.")
         actor.note(connection, "stimulus set deleted", None, known.name, title=known.title)

@@ -97,20 +97,21 @@ def renew_link(
 def set_up_link(database: Database, now: datetime) -> str | None:
     """Make a new set-up link while there are no experimenters; returns its secret, or None."""
     with database.reading() as connection:
-        if connection.scalar(select(exists().where(experimenter.c.name != UNNAMED))):
+        if connection.scalar(select(_is_anybody_named())):
             return None
     return renew_link(database, UNNAMED, now, "owner")
 
 
 def is_set_up_link(connection: Connection, secret: str, now: datetime) -> bool:
-    return bool(connection.scalar(select(exists().where(experimenter.c.name == UNNAMED, *_good_link(secret, now)))))
+    """Whether a set-up link is valid: until it is used, expires, is renewed, or somebody has been added."""
+    return bool(connection.scalar(select(exists().where(*_good_set_up_link(secret, now)))))
 
 
 def finish_set_up(connection: Connection, secret: str, name: str, password_hash: str, now: datetime) -> int | None:
     """Make the holder of the set-up link an owner and end the link; returns their id, None if the link is not valid."""
     return connection.execute(
         update(experimenter)
-        .where(experimenter.c.name == UNNAMED, *_good_link(secret, now))
+        .where(*_good_set_up_link(secret, now))
         .values(name=name, role="owner", password_hash=password_hash, **_no_link())
         .returning(experimenter.c.id)
     ).scalar_one_or_none()
@@ -370,6 +371,15 @@ def _good_link(secret: str, now: datetime) -> tuple[ColumnElement[bool], ...]:
         experimenter.c.link_expires_at > now,
         experimenter.c.disabled_at.is_(None),
     )
+
+
+def _good_set_up_link(secret: str, now: datetime) -> tuple[ColumnElement[bool], ...]:
+    return (experimenter.c.name == UNNAMED, ~_is_anybody_named(), *_good_link(secret, now))
+
+
+def _is_anybody_named() -> ColumnElement[bool]:
+    named = experimenter.alias()
+    return exists().where(named.c.name != UNNAMED)
 
 
 def _one(connection: Connection, *conditions: ColumnElement[bool]) -> Experimenter | None:

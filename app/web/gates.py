@@ -61,6 +61,8 @@ async def check_request_text(request: Request) -> None:
             check_text(await request.json())  # kept by the request, so nothing is read twice
     except (JSONDecodeError, UnicodeDecodeError):
         return  # the route refuses it
+    except RecursionError as error:
+        raise InvalidError("This cannot be stored: it holds too many lists within one another.") from error
     except ValueError as error:
         raise InvalidError(f"This cannot be stored: {error}.") from error
 

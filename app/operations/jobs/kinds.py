@@ -33,6 +33,11 @@ def job_kind(name: str) -> JobKind:
     return KINDS[name]
 
 
+def title_of(name: str) -> str:
+    """Return the title of a kind; the name itself of one that is no more."""
+    return KINDS[name].title if name in KINDS else name
+
+
 def kinds_for(settings: Settings, shelf: str, name: str) -> list[tuple[JobKind, str, str]]:
     """Return the kinds that can begin with an entry: each with the field that takes it, and the value there."""
     starts = []

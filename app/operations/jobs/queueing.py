@@ -6,10 +6,20 @@ from collections.abc import Iterable
 from itertools import takewhile
 
 from app.errors import ConflictError
-from app.operations.jobs.kinds import KINDS
+from app.operations.jobs.kinds import KINDS, title_of
 from app.store.audit import Actor
-from app.store.engine import Database
-from app.store.queue import NewJob, QueuedJob, cancel_job, enqueue, is_made_since, job_by_id, retry_job
+from app.store.engine import Database, Transaction
+from app.store.queue import (
+    OPEN,
+    NewJob,
+    QueuedJob,
+    cancel_job,
+    enqueue,
+    is_made_since,
+    job_by_id,
+    list_jobs,
+    retry_job,
+)
 
 
 def queue_job(database: Database, new: NewJob, actor: Actor) -> QueuedJob:
@@ -58,6 +68,21 @@ def uses(job: QueuedJob) -> set[str]:
     """Return the entries that a job reads, makes or changes, as "SHELF/NAME"."""
     kind = KINDS.get(job.kind)
     return {job.output} | (kind.reads(job.arguments) if kind else set())
+
+
+def refuse_while_used(connection: Transaction, place: str) -> None:
+    """Check that no job that waits or runs reads, makes or changes an entry, "SHELF/NAME".
+
+    Raises
+    ------
+    ConflictError
+        If one does.
+    """
+    for job in list_jobs(connection, states=OPEN):
+        if place in uses(job):
+            raise ConflictError(
+                f"A job works on {place.partition('/')[2]} now: {title_of(job.kind)}. Cancel it, or wait for its end."
+            )
 
 
 def must_wait(job: QueuedJob, earlier: QueuedJob) -> bool:

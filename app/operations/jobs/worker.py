@@ -161,13 +161,16 @@ class JobWorker:
         if is_cancelling:
             command.kill()  # what is left of its processes
         if status == 0:
-            tell_progress(self._database, self._me.name, job.public_id, command.progress())
-            self._end(job, "done", "")
+            self._end_done(running)
         elif is_cancelling:
             self._end(job, "cancelled", "")
         else:
             self._end(job, "failed", self._without_folders(command.outcome()))
         del self._running[job.public_id]
+
+    def _end_done(self, running: _Running) -> None:
+        tell_progress(self._database, self._me.name, running.job.public_id, running.command.progress())
+        self._end(running.job, "done", "")
 
     def _end(self, job: QueuedJob, state: JobState, detail: str) -> None:
         end_job(self._database, self._me.name, job.public_id, state, detail, self._clock())
@@ -180,7 +183,7 @@ class JobWorker:
         return sentence
 
     def _leave(self) -> None:
-        """Stop the commands and give their jobs back."""
+        """Stop the commands and give back the jobs of those that were not done."""
         ends_s = time.monotonic() + ENDS_WITHIN_S
         while any(running.command.status is None for running in self._running.values()) and time.monotonic() < ends_s:
             for running in self._running.values():
@@ -189,6 +192,9 @@ class JobWorker:
         for running in self._running.values():
             running.command.kill()
         with suppress(UnavailableError):  # else they are queued again when this worker is found to be silent
+            for running in self._running.values():
+                if running.command.status == 0:  # since the last look
+                    self._end_done(running)
             leave(self._database, self._me.name, self._clock())
 
 

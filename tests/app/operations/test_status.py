@@ -21,6 +21,8 @@ from app.operations.running import DEFAULT_URL, noted, running_url, url_for_link
 from app.operations.status import server_status
 from app.settings import Settings
 from app.store.engine import open_database
+from app.store.keys import utc_now
+from app.store.queue import NewJob, Worker, beat, enqueue, take_job
 from tests.command_line import Command
 
 
@@ -118,6 +120,21 @@ def test_a_command_without_its_database_says_what_the_database_said(
         "reconstudy: the database cannot be used: unable to open database file; `reconstudy status` tells where it "
         "lies and what space is left; run it as the server's user"
     )
+
+
+def test_the_status_names_the_job_that_a_worker_runs(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = Settings(data_dir=tmp_path)
+    monkeypatch.setenv("RECONSTUDY_DATA_DIR", str(tmp_path))
+    upgrade_database(settings)
+    with open_database(settings.url) as database:
+        with database.writing() as connection:
+            for name in ("first", "second"):
+                enqueue(connection, NewJob("render", {}, f"sets/{name}"), "Eva", utc_now())
+        beat(database, Worker("Anna's", ("render",), 1, utc_now(), utc_now()), utc_now())
+        take_job(database, "Anna's", ["render"], utc_now())
+    assert "Work:           Render films: sets/first\n" in command("status").out
 
 
 def test_the_status_does_not_advise_to_upgrade_what_is_newer(

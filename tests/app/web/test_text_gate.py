@@ -45,6 +45,11 @@ def test_a_body_too_deep_to_be_read_is_refused(participant: httpx.Client) -> Non
     assert is_problem(participant.put(COMPLETE, content=content, headers=JSON), 400)
 
 
+def test_a_body_too_deep_to_be_read_is_refused_where_none_is_expected(client: httpx.Client) -> None:
+    answer = client.request("GET", "/api/v1/session", content=50_000 * b"[", headers=JSON)
+    assert is_problem(answer, 422)
+
+
 def test_a_name_with_a_nul_character_is_refused(experimenter: Dashboard, study: dict[str, Any]) -> None:
     answer = experimenter.act(f"/admin/studies/{study['slug']}/duplicate", name="Twin\0")
     assert answer.status_code == 422

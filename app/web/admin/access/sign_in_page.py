@@ -66,7 +66,9 @@ def _check_set_up_link(database: Database, secret: str, now: datetime) -> None:
         is_valid = is_set_up_link(connection, secret, now)
     if not is_valid:
         record_alone(database, STRANGER, Entry("set-up refused", detail={"by": "link"}), now)
-        raise UnauthorisedError("This set-up link is not valid any more. `reconstudy serve` prints a new one.")
+        raise UnauthorisedError(
+            "This set-up link is not valid any more. `reconstudy serve` prints a new one while nobody has been added."
+        )
 
 
 @router.get("/login/{secret}")

@@ -13,7 +13,7 @@ from anyio import CapacityLimiter, to_thread
 from fastapi import APIRouter, Form, Path, Request
 from fastapi.responses import FileResponse, Response
 
-from app.errors import ConflictError, ForbiddenError, InvalidError, NotFoundError, StimuliError
+from app.errors import ForbiddenError, InvalidError, NotFoundError, StimuliError
 from app.ffmpeg import Progress
 from app.files import read_json
 from app.films.strips import write_picture
@@ -25,9 +25,8 @@ from app.intake.reports import REPORT, TABLE
 from app.intake.shelves import KINDS, ShelfEntry, entries, entry_path, file_in, remove_entry
 from app.intake.summaries import SUMMARIES
 from app.operations.attach import attach
-from app.operations.jobs.kinds import KINDS as JOB_KINDS
 from app.operations.jobs.kinds import kinds_for
-from app.operations.jobs.queueing import uses
+from app.operations.jobs.queueing import refuse_while_used, uses
 from app.settings import Settings
 from app.store.engine import Database
 from app.store.queue import OPEN, QueuedJob, list_jobs
@@ -208,10 +207,8 @@ def delete(
     entry_of(request, kind, name)
     if again.strip() != name:
         raise InvalidError(f"Nothing was deleted: type {name} to delete it for good.")
-    if jobs := _open_jobs(store, kind, name):
-        raise ConflictError(
-            f"A job works on {name} now: {JOB_KINDS[jobs[0].kind].title}. Cancel it, or wait for its end."
-        )
+    with store.reading() as connection:
+        refuse_while_used(connection, f"{kind}/{name}")
     remove_entry(settings(request).intake_dir, kind, name)
     with store.writing() as connection:
         actor.note(connection, "file deleted", subject=f"{kind}/{name}")

@@ -20,7 +20,7 @@ from app.operations.jobs.command import LOG, job_folder, log_tail
 from app.operations.jobs.estimate import whole_left_s
 from app.operations.jobs.fields import SETS, Choices, Entries, Entry, Field, NewName, Switch, place
 from app.operations.jobs.kind import JobKind
-from app.operations.jobs.kinds import GROUPS, KINDS
+from app.operations.jobs.kinds import GROUPS, KINDS, title_of
 from app.settings import Settings
 from app.store.queue import (
     OPEN,
@@ -61,11 +61,10 @@ class ShownJob:
 
 def shown_job(job: QueuedJob, moment: datetime) -> ShownJob:
     """Return what pages show of a job."""
-    kind = KINDS.get(job.kind)
     took = (job.ended_at or moment) - job.started_at if job.started_at else None
     return ShownJob(
         job,
-        kind.title if kind else job.kind,
+        title_of(job.kind),
         job.output.rpartition("/")[2],
         "" if took is None else duration(took),
         "" if job.left_s is None else duration(timedelta(seconds=job.left_s)),

@@ -194,6 +194,20 @@ def test_a_worker_that_is_told_to_end_queues_its_job_again(
     assert job(database, public_id).state == "queued"
 
 
+def test_a_job_that_was_done_when_its_worker_was_told_to_end_is_not_queued_again(
+    here: Settings, database: Database, runs: Callable[[str], None]
+) -> None:
+    runs("pass")
+    public_id, runner, stop = queued(here, database), JobWorker(here, database), threading.Event()
+    runner.look()
+    assert job(database, public_id).state == "running"
+    for running in runner._running.values():  # as it may between two looks
+        running.command._process.wait(TIMEOUT_S)
+    stop.set()
+    runner.work(stop)
+    assert job(database, public_id).state == "done"
+
+
 def test_the_command_of_a_worker_that_was_killed_ends_before_the_job_begins_again(
     runs: Callable[[str], None], tmp_path: Path
 ) -> None:

@@ -52,6 +52,18 @@ def test_an_older_set_up_link_ends_with_the_next_start(tmp_path: Path) -> None:
         assert stranger.get(str(newer)).status_code == 200
 
 
+def test_the_set_up_link_ends_when_somebody_has_been_added(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    path = manage.set_up_path(settings)
+    assert path is not None
+    with running_server(settings) as url, Dashboard(url) as late:
+        assert late.get(path).status_code == 200
+        manage.add_experimenter(settings, "Olga")
+        form = {"name": "Late", "password": PASSWORD, "again": PASSWORD}
+        assert (late.get(path).status_code, late.enter(path, **form).status_code) == (401, 401)
+    assert [person["name"] for person in manage.list_experimenters(settings)] == ["Olga"]
+
+
 def test_a_password_signs_in_and_ends_the_link(small_server: str, small: Settings) -> None:
     link = manage.add_experimenter(small, "Paula")["path"]
     with Dashboard(small_server) as paula:

@@ -295,6 +295,17 @@ def test_a_set_is_seen_renamed_and_deleted_only_when_no_study_uses_it(own_set: t
     assert "Theirs" not in dashboard.get("/admin/sets").text
 
 
+def test_a_set_on_which_a_job_works_is_not_deleted(own_set: tuple[Dashboard, Settings]) -> None:
+    dashboard, settings = own_set
+    job = dashboard.act("/admin/work/new/validate-films", set="tiny", reference="id_fa").url.path
+    refused = dashboard.act("/admin/sets/tiny/delete", again="tiny")
+    assert refused.status_code == 409
+    assert "A job works on tiny now: Validate films." in refused.text
+    assert (settings.sets_dir / "tiny").is_dir()
+    dashboard.act(f"{job}/cancel")
+    assert dashboard.act("/admin/sets/tiny/delete", again="tiny").url.path == "/admin/sets"
+
+
 def test_a_study_is_created_from_a_study_file_and_what_is_wrong_is_named_by_its_line(
     eva: tuple[Dashboard, Settings],
 ) -> None:
