@@ -185,5 +185,6 @@ def is_cut_jpeg(content: bytes) -> bool:
     """
     place = 2
     while content[place : place + 1] == b"\xff" and content[place : place + 2] != JPEG_SCAN:
-        place += 2 + int.from_bytes(content[place + 2 : place + 4], "big")
+        is_fill = content[place + 1 : place + 2] == b"\xff"  # any number of these may stand before a marker
+        place += 1 if is_fill else 2 + int.from_bytes(content[place + 2 : place + 4], "big")
     return content.find(JPEG_END, place) < 0

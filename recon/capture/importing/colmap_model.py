@@ -197,7 +197,11 @@ def _read_cameras_txt(path: Path) -> dict[int, Camera]:
 
 def _read_images_txt(path: Path) -> dict[int, ColmapImage]:
     images = {}
-    for number, words in _rows(path)[::2]:  # every second line lists the image's points
+    rows = iter(_rows(path))
+    for number, words in rows:
+        if not words:
+            continue
+        next(rows, None)  # the line after an image's lists its points, and may be empty
         with faults_at(f"{path}, line {number}"):
             if len(words) < 10:
                 raise ValueError(f"{len(words)} words, expected IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME")

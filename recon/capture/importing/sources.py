@@ -164,8 +164,8 @@ def write_recording(out: Path, recording: Recording, options: ImportOptions) -> 
     if not recording.sensors:
         raise CaptureError("the source names no sensors, expected at least one")
     turn = rigid(Y_FROM[options.up or recording.up], np.zeros(3))
-    fps = recording.fps if options.fps is None else options.fps
-    fps = _video_fps(recording) or DEFAULT_FPS if fps is None else fps
+    told = (options.fps, recording.fps, _video_fps(recording), DEFAULT_FPS)  # videos are checked whatever is said
+    fps = next(rate for rate in told if rate is not None)
     sensors = tuple(_stream(source, turn) for source in recording.sensors)
     names = _held_out_names([path for _, path in recording.held_out])
     held_out = tuple(

@@ -224,7 +224,8 @@ def _from_json(path: Path, capture: Capture) -> Strokes:
             raise CaptureError(f"{place}: a point lies outside the picture of {camera.size[0]}x{camera.size[1]} pixels")
         by_frame = strokes.setdefault((entry["sensor"], entry["side"]), {})
         labels = by_frame.setdefault(frame, np.full(camera.size[::-1], NOTHING, dtype=np.uint8))
-        cv2.polylines(labels, [np.round(points).astype(np.int32)], False, label, int(width))
+        is_dot = len(points) == 1  # of which only a closed line is drawn
+        cv2.polylines(labels, [np.round(points).astype(np.int32)], is_dot, label, int(width))
     return strokes
 
 

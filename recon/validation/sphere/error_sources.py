@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from recon.validation.sphere.cells import N_RINGS, N_SECTORS, Cap
 from recon.validation.sphere.model import SphereFit
-from recon.validation.sphere.uncertainty import coverage_factor
+from recon.validation.sphere.uncertainty import MIN_SECTORS, coverage_factor
 
 N_DRAWS = 200  # of sectors, for the uncertainties
 MIN_SHOTS = 2
@@ -54,19 +54,24 @@ def error_sources(shots: Sequence[CellErrors], seed: int) -> dict[str, float | i
     Returns
     -------
     row : n_shots; calibration_mm, shot_mm and matching_mm with u_...; the first two are None with a single shot, where
-        smooth_mm is both together; coverage_factor for 95 % intervals
+        smooth_mm is both together; coverage_factor for 95 % intervals. This and u_... are None where fewer than four
+        sectors have a cell that every shot shows
     """
     means, variances = (np.stack([getattr(shot, name) for shot in shots]) for name in ("means", "variances"))
     n_shots = len(shots)
     values = _sources(means, variances)
-    by_sector = means.reshape(n_shots, N_SECTORS, N_RINGS), variances.reshape(n_shots, N_SECTORS, N_RINGS)
-    draws = np.random.default_rng(seed).integers(0, N_SECTORS, (N_DRAWS, N_SECTORS))
-    drawn = np.stack([_sources(*(part[:, draw].reshape(n_shots, -1) for part in by_sector)) for draw in draws])
-    spreads = np.std(drawn[np.isfinite(drawn[:, -1])], axis=0) * np.sqrt(N_SECTORS / (N_SECTORS - 1))
-    row: dict[str, float | int | None] = {"n_shots": n_shots, "coverage_factor": coverage_factor(N_SECTORS - 1)}
+    by_sector = [part.reshape(n_shots, N_SECTORS, N_RINGS) for part in (means, variances)]
+    shown = np.flatnonzero(np.isfinite(by_sector[0]).all(axis=0).any(axis=1))  # by every shot, in a cell at least
+    spreads, factor = np.full(len(values), np.nan), None
+    if (n := len(shown)) >= MIN_SECTORS:
+        draws = shown[np.random.default_rng(seed).integers(0, n, (N_DRAWS, n))]
+        drawn = [_sources(*(part[:, draw].reshape(n_shots, -1) for part in by_sector)) for draw in draws]
+        spreads, factor = np.std(drawn, axis=0) * np.sqrt(n / (n - 1)), coverage_factor(n - 1)
+    row: dict[str, float | int | None] = {"n_shots": n_shots, "coverage_factor": factor}
     for name, value, spread in zip(("calibration", "shot", "matching", "smooth"), values, spreads, strict=True):
-        is_known = np.isfinite(value)
-        row |= {f"{name}_mm": float(value) if is_known else None, f"u_{name}_mm": float(spread) if is_known else None}
+        row |= {
+            key: float(mm) if np.isfinite(mm) else None for key, mm in ((f"{name}_mm", value), (f"u_{name}_mm", spread))
+        }
     return row
 
 

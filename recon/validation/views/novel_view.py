@@ -223,8 +223,7 @@ def true_disparity(depth: NDArray[np.float32], camera: Camera, view: Rectificati
 def _regions(mask: NDArray[np.bool_] | None, covered: NDArray[np.bool_]) -> dict[str, NDArray[np.bool_]]:
     if mask is None:
         return {"all": np.ones_like(covered)}
-    padded = np.pad(mask, 1).astype(np.uint8)  # an object may leave the picture; its border there is no outline
-    padded[[0, -1]], padded[:, [0, -1]] = padded[[1, -2]], padded[:, [1, -2]]
+    padded = np.pad(mask, 1, mode="edge").astype(np.uint8)  # an object may leave the picture: no outline is there
     depth = cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1]
     rim = mask & (depth <= max(2.0, RIM_SHARE * float(np.sqrt(np.count_nonzero(mask)))))
     return {"all": np.ones_like(mask), "rim": rim, "inside": mask & ~rim}

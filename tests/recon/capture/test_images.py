@@ -150,6 +150,16 @@ def test_a_jpeg_may_end_before_its_file_does_but_not_in_its_thumbnail_alone(tmp_
         read_image(tmp_path / "cut.jpg")
 
 
+def test_fill_bytes_before_a_jpegs_segments_do_not_make_it_cut_off(tmp_path: Path) -> None:
+    encoded = cv2.imencode(".jpg", np.full((48, 64, 3), 90, np.uint8))[1].tobytes()
+    filled = encoded[:2] + b"\xff\xff\xff" + encoded[2:]  # as ITU-T T.81, B.1.1.2 allows before any marker
+    (tmp_path / "filled.jpg").write_bytes(filled)
+    assert (read_image(tmp_path / "filled.jpg") == 90).all()
+    (tmp_path / "cut.jpg").write_bytes(filled[:-2])
+    with pytest.raises(CaptureError, match="is cut off"):
+        read_image(tmp_path / "cut.jpg")
+
+
 def test_of_16_bits_the_upper_8_are_taken(tmp_path: Path) -> None:
     picture = np.random.default_rng(1).integers(0, 256, (12, 16, 3)).astype(np.uint8)
     cv2.imwrite(str(tmp_path / "full.png"), picture[..., ::-1].astype(np.uint16) * 257)

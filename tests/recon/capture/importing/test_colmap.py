@@ -9,6 +9,7 @@ import pytest
 
 from recon.capture.format import CaptureError, read_frame, read_held_out
 from recon.capture.importing.colmap import import_colmap
+from recon.capture.importing.colmap_model import read_model
 from recon.capture.importing.sources import ImportOptions
 from tests.recon.capture.importing.labelled_recording import BOUNDS, POINTS, RIG, colmap_model, seen, write_picture
 
@@ -42,6 +43,14 @@ def test_what_is_wrong_in_a_colmap_model_is_named(tmp_path: Path) -> None:
     colmap_model(source, model="THIN_PRISM_FISHEYE")
     with pytest.raises(CaptureError, match=r"cameras.txt, line 2: camera model THIN_PRISM_FISHEYE"):
         import_colmap(source, tmp_path / "out", [(11, 12)], ImportOptions(unit_mm=1.0))
+
+
+def test_empty_lines_around_the_images_of_a_text_model_say_nothing(tmp_path: Path) -> None:
+    source = colmap_model(tmp_path / "source")
+    expected = read_model(source).images.keys()
+    table = source / "images.txt"
+    table.write_text("\n" + table.read_text() + "\n\n")
+    assert read_model(source).images.keys() == expected
 
 
 def test_held_out_photographs_of_one_name_in_several_folders_stay_apart(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -43,12 +44,20 @@ def test_unequal_counts_are_named_unless_fewer_frames_are_asked_for(tmp_path: Pa
     assert import_json(path, tmp_path / "out", ImportOptions(n_frames=2)).n_frames == 2
 
 
-def test_videos_of_different_rates_are_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize("fps", [None, 25.0])  # a rate that is said makes frames of one number no more of one instant
+def test_videos_of_different_rates_are_named(tmp_path: Path, fps: float | None) -> None:
     write_calibration(tmp_path / "calibration.yml", Rig(RIG.sensors[:1]))
     write_video(tmp_path / "left.avi", [10, 20, 30])
     write_video(tmp_path / "right.avi", [10, 20, 30], fps=30.0)
     with pytest.raises(CaptureError, match=r"left has 25\.000 frames a second, sensor S1, right 30\.000"):
-        import_opencv(tmp_path, tmp_path / "out", OPTIONS)
+        import_opencv(tmp_path, tmp_path / "out", replace(OPTIONS, fps=fps))
+
+
+def test_the_frame_rate_of_videos_is_that_which_is_said(tmp_path: Path) -> None:
+    write_calibration(tmp_path / "calibration.yml", Rig(RIG.sensors[:1]))
+    for side in ("left", "right"):
+        write_video(tmp_path / f"{side}.avi", [10, 20, 30])
+    assert import_opencv(tmp_path, tmp_path / "out", replace(OPTIONS, fps=240.0)).fps == 240.0
 
 
 def test_a_variable_frame_rate_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -129,6 +129,14 @@ def test_what_is_wrong_in_scribbles_is_named(
         read_scribbles(write_json(tmp_path / "strokes.json", entries), ball)
 
 
+def test_a_stroke_of_one_point_is_a_dot(ball: Capture, tmp_path: Path) -> None:
+    entries = strokes()
+    entries[0].update(points=[[62, 60]], width=5)
+    labels = read_scribbles(write_json(tmp_path / "strokes.json", entries), ball)["S1", "left"][KEY]
+    rows, columns = np.nonzero(labels == cv2.GC_FGD)
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (57, 63, 59, 65)  # round, as the ends of lines
+
+
 def test_strokes_that_are_no_list_are_named(ball: Capture, tmp_path: Path) -> None:
     (tmp_path / "strokes.json").write_text('{"strokes": 5}', encoding="utf-8")
     with pytest.raises(CaptureError, match=r"strokes\.json: strokes is 5, expected a list"):

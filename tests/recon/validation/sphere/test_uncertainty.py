@@ -82,6 +82,20 @@ def test_what_comes_back_in_every_shot_is_calibration() -> None:
     assert single["smooth_mm"] == pytest.approx(2.0, abs=0.3)
 
 
+def test_uncertainties_of_error_sources_come_from_the_sectors_that_every_shot_shows() -> None:
+    rng, n_cells = np.random.default_rng(3), N_SECTORS * N_RINGS
+    for n_known in (5, 3, 0):
+        means = rng.normal(0, 1, (8, n_cells))
+        means[0, n_known * N_RINGS :] = np.nan
+        row = error_sources([CellErrors(shot, np.full(n_cells, 9.0)) for shot in means], 1)
+        assert (row["matching_mm"] is None) is (n_known == 0)
+        if n_known == 5:
+            assert row["u_shot_mm"] is not None
+            assert row["coverage_factor"] == coverage_factor(4)
+        else:  # a bootstrap over fewer sectors tells nothing, least of all that there is no uncertainty
+            assert {row[key] for key in row if key.startswith("u_")} == {None}
+
+
 def fits_at(*centres: tuple[float, float, float]) -> dict[str, SphereFit]:
     return {
         f"S{number}": SphereFit(np.array(centre), 150.0, 150.0, 2.0, 0.3, 0.9)

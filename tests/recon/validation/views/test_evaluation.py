@@ -93,6 +93,14 @@ def test_coverage_and_spill_are_shares_of_object_and_drawing() -> None:
     assert unmasked["roughness"] is None
 
 
+def test_an_object_that_leaves_the_picture_has_no_rim_along_its_border_or_in_its_corner() -> None:
+    mask = np.zeros((64, 64), bool)
+    mask[32:, 32:] = True
+    _, rim, inside = view_rows(photograph().pixels, mask, photograph(mask=mask))
+    assert inside["n_pixels"] == 30 * 30  # two pixels along the upper and the left side are the rim
+    assert rim["n_pixels"] == 32 * 32 - 30 * 30
+
+
 def test_teeth_and_holes_make_an_outline_rough() -> None:
     mask = photograph().mask
     assert mask is not None
