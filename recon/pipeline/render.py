@@ -123,6 +123,6 @@ def _run_parts(parts: Sequence[partial[tuple[int, int]]], pool: Pool, progress: 
     """Make the parts of videos; progress counts the frames that are made, as of the files of a run."""
     done, total = 0, sum(len(part.args[2]) for part in parts)
     progress("video frames", done, total)
-    for made, found in pool.run(parts):
-        done, total = done + made, total - found
+    for n_made, n_known in pool.run(parts):
+        done, total = done + n_made, total - n_known
         progress("video frames", done, total)

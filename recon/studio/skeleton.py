@@ -104,7 +104,13 @@ def axis_rotation(axis: ArrayLike, angle: float) -> Vector:
 
 
 def rotation_between(a: Vector, b: Vector, largest: float = np.pi) -> Vector:
-    """Return the smallest rotation, float64 (3, 3), of direction a (3,) to b (3,), or by `largest` radians that way."""
+    """Return the smallest rotation, float64 (3, 3), that turns one direction into another.
+
+    Parameters
+    ----------
+    a, b : float64 (3,), the directions
+    largest : radians; it turns no farther on its way to `b`
+    """
     a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
     axis = np.cross(a, b)
     sine = np.linalg.norm(axis)
