@@ -16,9 +16,7 @@ from app.analysis.ties import TIE_MODELS
 Array = NDArray[np.float64]
 
 RANKED_TO = 7  # decimals of scores that are ranked; a penalised fit stops within 1e-8 or so of its maximum
-CERTAIN = (
-    100.0  # log-odds, beyond which a preference is 0 or 1 to all digits, and far beyond which exponentials overflow
-)
+CERTAIN = 100.0  # log-odds; beyond, a preference is 0 or 1 to all digits, and far beyond exponentials overflow
 LARGEST_COVARIANCE = 3000  # parameters; beyond, the covariance matrix takes minutes and a gigabyte
 
 

@@ -42,9 +42,7 @@ def cut_before(
     """
     depth = transformed(vertices.astype(np.float64), camera.cam_from_world[2:3])[:, 0]
     reach = float(np.linalg.norm(vertices - camera.centre, axis=1).max())
-    near = max(
-        2 * reach * float(camera.K[:2, :2].max()) / FARTHEST_PIXEL, 2 * NEAREST
-    )  # no pixel is too far from there
+    near = max(2 * reach * float(camera.K[:2, :2].max()) / FARTHEST_PIXEL, 2 * NEAREST)  # no pixel is too far
     is_before = depth >= near
     n_before = is_before[faces].sum(axis=1)
 

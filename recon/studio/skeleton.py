@@ -161,11 +161,11 @@ def _pose_arm(controls: Controls, side: str, turns: dict[str, Vector], joints: d
     turns[upper] = rotation_between(chest @ (REST[fore] - REST[upper]), elbow - shoulder) @ chest
     turns[fore] = rotation_between(turns[upper] @ (REST[hand] - REST[fore]), wrist - elbow) @ turns[upper]
     along = wrist - elbow
-    bend = rotation_between(along, np.asarray(controls.pointing.get(side, along)), MAX_WRIST_BEND)
-    turns[hand] = bend @ turns[fore]
+    flexion = rotation_between(along, np.asarray(controls.pointing.get(side, along)), MAX_WRIST_BEND)
+    turns[hand] = flexion @ turns[fore]
     if side in controls.palms:
-        twist = _twist(turns[hand] @ PALM[side], np.asarray(controls.palms[side]) - wrist, bend @ along)
-        turns[hand] = axis_rotation(bend @ along, twist) @ turns[hand]
+        twist = _twist(turns[hand] @ PALM[side], np.asarray(controls.palms[side]) - wrist, flexion @ along)
+        turns[hand] = axis_rotation(flexion @ along, twist) @ turns[hand]
         turns[fore] = axis_rotation(along, 0.5 * twist) @ turns[fore]
     joints[upper], joints[fore], joints[hand] = shoulder, elbow, wrist
     bend = axis_rotation(ACROSS * (-1.0, -out, -out), np.radians(controls.curl.get(side, RELAXED_CURL_DEG)))

@@ -119,11 +119,12 @@ class Part {
   async download() {
     if (!this.isStopped) this.line = new AbortController();
     const hush = () => this.line.abort(new DOMException(`${this.url} fell silent`, "TimeoutError"));
-    let silence = setTimeout(hush, LONGEST_SILENCE_MS);
+    let silence = 0;
     const heard = () => {
       clearTimeout(silence);
       silence = setTimeout(hush, LONGEST_SILENCE_MS);
     };
+    heard();
     return this.receive(heard).finally(() => clearTimeout(silence));
   }
 

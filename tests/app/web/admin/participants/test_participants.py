@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
@@ -14,7 +14,7 @@ from uuid import uuid4
 import anyio
 import httpx
 import pytest
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import Browser, Page, expect
 
 from app.films.strips import GUARD_ROWS
 from app.operations.create import create_study
@@ -243,14 +243,20 @@ def test_a_study_without_a_reference_has_no_still_of_it(experimenter: Dashboard,
     assert experimenter.get(f"{still}/reference.jpg").status_code == 404
 
 
+@pytest.fixture
+def owners_page(browser: Browser, server: str, settings: Settings) -> Iterator[Page]:
+    """A browser's page, signed in to the dashboard."""
+    page = browser.new_page(base_url=server)
+    sign_in(page, settings)
+    yield page
+    page.close()
+
+
 @pytest.mark.browser
 @pytest.mark.slow
 @pytest.mark.parametrize("new_database_url", ["sqlite"], indirect=True)
-def test_the_browser_marks_the_reference_while_it_was_on_screen(
-    browser: Browser, server: str, settings: Settings, looked_at_reference: str
-) -> None:
-    page = browser.new_page(base_url=server)
-    sign_in(page, settings)
+def test_the_browser_marks_the_reference_while_it_was_on_screen(owners_page: Page, looked_at_reference: str) -> None:
+    page = owners_page
     page.goto(looked_at_reference)
     marked = page.locator(".is-on-screen")
     expect(marked).to_have_attribute("data-label", re.compile("^[ab]$"))
@@ -264,23 +270,18 @@ def test_the_browser_marks_the_reference_while_it_was_on_screen(
     strips = [number * (tiny_stimuli.HEIGHT + GUARD_ROWS) / film_height for number in range(3)]
     *compared, reference = page.evaluate(WINDOWS)
     assert [*sorted(compared), reference] == pytest.approx(strips, abs=0.01)
-    page.close()
 
 
 @pytest.mark.browser
 @pytest.mark.slow
 @pytest.mark.parametrize("new_database_url", ["sqlite"], indirect=True)
-def test_a_replay_whose_film_cannot_be_played_says_so(
-    browser: Browser, server: str, settings: Settings, looked_at_reference: str
-) -> None:
-    page = browser.new_page(base_url=server)
-    sign_in(page, settings)
+def test_a_replay_whose_film_cannot_be_played_says_so(owners_page: Page, looked_at_reference: str) -> None:
+    page = owners_page
     page.route("**/media/**", lambda route: route.fulfill(body=b"no film", content_type="video/mp4"))
     page.goto(looked_at_reference)
     page.get_by_role("button", name="Play").click()
     expect(page.get_by_role("alert")).to_contain_text("could not play the film")
     expect(page.get_by_role("button", name="Play")).to_be_visible()
-    page.close()
 
 
 def test_participants_are_searched_sorted_and_shown_a_page_at_a_time(
