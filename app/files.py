@@ -107,7 +107,7 @@ class WorkFolder(TemporaryDirectory[str]):
 
 
 @contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
+def one_by_one_in(folder: Path) -> Iterator[None]:
     """Let one thread or process at a time work in a folder; others wait for the end of its block."""
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / LOCK).open("ab") as lock:  # closing it unlocks it, as the end of a process does

@@ -9,7 +9,7 @@ from typing import Any
 
 from app.errors import StimuliError
 from app.ffmpeg import Progress
-from app.files import alone_in
+from app.files import one_by_one_in
 from app.films.object_store import MediaStore
 from app.films.pairs import (
     NO_REFERENCES,
@@ -89,7 +89,7 @@ def prepare_study(
     exposure = _exposure(practice.compared, exposure_s)
     check_minimum_viewing(options, exposure)
     check_groups(options.groups, practice.compared.datasets)
-    with alone_in(settings.media_dir):  # studies of the same set share films, which are removed once they are padded
+    with one_by_one_in(settings.media_dir):  # studies of one set share films, which are removed once padded
         shown, pairs, practised = _prepare_films(settings, stimulus_set, practice, options, progress)
     return PreparedStudy(
         shown=shown,
