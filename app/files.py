@@ -46,6 +46,12 @@ def is_plain_name(name: str) -> bool:
     )
 
 
+def free_gb(folder: Path) -> float:
+    """Return what is free on the disk of a folder that may still have to be made, GB."""
+    nearest = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.is_dir())
+    return shutil.disk_usage(nearest).free / 1e9
+
+
 def private_folder(path: Path) -> None:
     """Make a folder that only its owner may enter, or make one that is there private."""
     path.mkdir(PRIVATE_FOLDER, parents=True, exist_ok=True)

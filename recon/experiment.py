@@ -69,6 +69,7 @@ CLOUD_PEAK = 1000.0  # mm, of the PSNR of D1, the same for all scenes
 FILM_STEP = 3  # every third frame is measured; in `small` a model stays for five
 REACH_MM = 220.0  # how far an object's centre may be from that of the working volume, on each axis
 SEED = 1
+SCENE_BYTES, OBJECT_BYTES = 125, 60  # on disk, for each pixel of a frame: the paper's six approaches, and one
 OBJECTIVE_FILE = "objective.json"
 RECORDING = ("capture", "studio", "rig.py", "geometry")
 MEASURING = ("validation", "render", "surface", "cloud.py", "fusion", "geometry", "rig.py")
@@ -96,6 +97,13 @@ class Scale:
     video_size: tuple[int, int]
     video_fps: float
     seconds: float
+
+    @property
+    def gigabytes(self) -> float:
+        """What recordings and models take on the disk, as measured, by the paper's six approaches."""
+        scenes = len(SCENES) * self.n_frames * self.size[0] * self.size[1] * SCENE_BYTES
+        objects = (self.n_spheres + self.n_cuboids) * self.object_size[0] * self.object_size[1] * OBJECT_BYTES
+        return (scenes + objects) / 1e9
 
     def resized(self, n_frames: int | None = None, seconds: float | None = None) -> Scale:
         """Record each scene in another number of frames of the same time, or make videos of another length."""

@@ -16,7 +16,7 @@ import typer
 
 from app.cli.analysis import score_sentences
 from app.cli.shared import by_step
-from app.files import read_json, write_json
+from app.files import free_gb, read_json, write_json
 from recon.cli.console import JsonOption, ProgressLine, print_result
 from recon.cli.options import (
     ClusterOption,
@@ -259,7 +259,10 @@ def experiment_paper(
         device,
     )
     study = StudyPart(out.resolve(), has_ratings=ratings)
-    sentence = f"The experiment takes {EXPERIMENT_TAKES[scale]}"
+    sentence = (
+        f"The experiment takes {EXPERIMENT_TAKES[scale]} and {experiment.scale.gigabytes:.0f} GB of disk "
+        f"({free_gb(out):.0f} GB are free)"
+    )
     if scale == "full" and not yes:
         _ask_to_go_on(sentence)
     progress = ProgressLine()

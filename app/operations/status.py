@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from app.errors import UnavailableError
+from app.files import free_gb
 from app.intake.stimuli import MANIFEST
 from app.operations.extras import MODULES, has_extra
 from app.operations.jobs.kinds import title_of
@@ -39,7 +39,7 @@ def server_status(settings: Settings) -> dict[str, Any]:
     return {
         "version": version("reconstudy"),
         "data_dir": str(settings.data_dir.absolute()),
-        "free_gb": round(shutil.disk_usage(_nearest(settings.data_dir)).free / 1e9, 1),
+        "free_gb": round(free_gb(settings.data_dir), 1),
         **_database_status(settings),
         "films": {
             "n": len(films),
@@ -93,8 +93,3 @@ def _content(database: Database) -> dict[str, Any]:
 
 def _megabytes(files: Iterable[Path]) -> float:
     return round(sum(file.stat().st_size for file in files) / 1e6, 1)
-
-
-def _nearest(folder: Path) -> Path:
-    """Return the folder, or the nearest one above it that is there."""
-    return next(place for place in (folder.absolute(), *folder.absolute().parents) if place.is_dir())

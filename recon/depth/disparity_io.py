@@ -2,7 +2,8 @@
 
 Convention
 ----------
-In memory an unmatched pixel is NaN. NPY and TIFF keep it; PFM, which has no NaN by custom, holds infinity.
+In memory an unmatched pixel is NaN. NPY and TIFF keep it; PFM, which has no NaN by custom, holds infinity. Only TIFF is
+compressed (deflate): a person before a masked background takes a seventh of the space.
 PFM stores the bottom row first and its scale's sign gives the byte order (negative: little endian).
 """
 
@@ -22,6 +23,7 @@ from recon.storage.npy import read_npy
 PFM_HEADER = re.compile(rb"\s*(\S+)\s+(\S+)\s+(\S+)\s+(\S+)\s?")  # one space ends it: floats may look like spaces
 SUFFIXES = (".pfm", ".npy", ".tiff", ".tif", ".png")
 PNG16_SCALE = 256  # KITTI's devkit, 2012
+SMALL = [cv2.IMWRITE_TIFF_COMPRESSION, cv2.IMWRITE_TIFF_COMPRESSION_ADOBE_DEFLATE]
 PREVIEW_PERCENTILES = (1.0, 99.0)  # a few wrong matches must not wash out the colours
 
 
@@ -49,7 +51,7 @@ def write_disparity(path: Path, disparity: NDArray[np.floating]) -> None:
             temporary.write_bytes(_pfm_bytes(values))
         else:
             image = colour_preview(values)[:, :, ::-1] if path.suffix == ".png" else values
-            if not cv2.imwrite(str(temporary), image):
+            if not cv2.imwrite(str(temporary), image, [] if path.suffix == ".png" else SMALL):
                 raise ValueError(f"{path}: could not be written as {path.suffix}")
 
 

@@ -6,7 +6,8 @@ finished, with the digests of what the file was made from and of the file itself
 warnings and the meshes' digests: a folder without it is no run yet.
 
 A run is ``run.json``, ``log.jsonl`` (each file when it was made), ``capture.json`` (the rig and bounds),
-``matched/`` and ``depth/<method>/<sensor>/<frame>.npy`` (before and after filtering in time),
+``matched/<method>/<sensor>/<frame>.tiff`` and ``depth/<method>/<sensor>/<frame>.npy`` (disparities before and after
+filtering in time),
 ``programs/<method>/<sensor>/<frame>/log.txt`` and ``programs/<approach>/<frame>/log.txt`` (what programs of others
 printed), ``clouds/<method>/<sensor>/<frame>.ply``, ``meshes/<approach>/<frame>.ply`` (``.glb`` with a texture), and
 ``previews/<frame>.png`` to look at.
@@ -61,7 +62,7 @@ class View(NamedTuple):
     @property
     def matched(self) -> str:
         """The disparity map of the frame by itself."""
-        return f"matched/{self.method}/{self.sensor_id}/{self.frame:04d}.npy"
+        return f"matched/{self.method}/{self.sensor_id}/{self.frame:04d}.tiff"
 
     @property
     def program(self) -> str:

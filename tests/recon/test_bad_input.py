@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from recon.capture import format as capture_format
 from recon.capture.masks.segment import segment_capture
+from recon.depth.disparity_io import read_disparity
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import read_mesh, write_cloud, write_no_cloud
 from recon.storage.files import alone_in, read_json, write_json
@@ -122,7 +123,7 @@ def test_the_filter_remembers_nothing_across_a_frame_without_foreground(command:
     run = capture.parent / "run"
     command("reconstruct", capture, "-o", run, "--depth", "id")
     assert np.isnan(np.load(run / "depth/id/S2/0001.npy")).all()
-    matched, filtered = (np.load(run / stage / "id/S2/0002.npy") for stage in ("matched", "depth"))
+    matched, filtered = (read_disparity(run / name) for name in ("matched/id/S2/0002.tiff", "depth/id/S2/0002.npy"))
     assert np.array_equal(matched, filtered, equal_nan=True)
 
 

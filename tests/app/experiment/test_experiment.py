@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections import Counter
 from itertools import combinations
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -191,11 +193,14 @@ def test_a_factor_of_adaptive_pairs_has_the_effects_of_its_levels() -> None:
     assert colours.scores("colour", "ball") == {"vertices": 1.0}
 
 
-def test_full_says_how_long_it_takes_and_waits_to_be_told(command: Command, tmp_path: Path) -> None:
-    told = command("experiment", "paper", "-o", tmp_path / "full", "--scale", "full")
+def test_full_says_how_long_it_takes_and_how_much_room_and_waits_to_be_told(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=29_400_000_000))
+    told = command("experiment", "paper", "-o", tmp_path / "full", "--scale", "full", "--frames", "5")
     assert told.code == 2
     assert "--yes" in told.err
-    assert "hours on two idle cores, and nobody can be asked here" in told.err
+    assert "hours on two idle cores and 12 GB of disk (29 GB are free), and nobody can be asked here" in told.err
     assert not (tmp_path / "full").exists()
 
 

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from PIL import Image
 
 from recon.depth.disparity_io import colour_preview, read_disparity, write_disparity
 
@@ -56,6 +57,15 @@ def test_unmatched_is_nan_in_npy_and_tiff(tmp_path: Path) -> None:
     write_disparity(tmp_path / "map.tiff", disparity)
     np.testing.assert_array_equal(np.load(tmp_path / "map.npy"), disparity)
     np.testing.assert_array_equal(cv2.imread(str(tmp_path / "map.tiff"), cv2.IMREAD_UNCHANGED), disparity)
+
+
+def test_a_tiff_of_a_person_before_a_masked_background_is_small_and_read_by_other_programs(tmp_path: Path) -> None:
+    disparity = np.full((200, 100), np.nan, np.float32)
+    disparity[50:150, 30:60] = np.linspace(40, 60, 100, dtype=np.float32)[:, None]
+    write_disparity(tmp_path / "map.tiff", disparity)
+    with Image.open(tmp_path / "map.tiff") as image:
+        np.testing.assert_array_equal(image, disparity)
+    assert (tmp_path / "map.tiff").stat().st_size < disparity.nbytes / 7
 
 
 def test_the_preview_shows_near_warm_far_cold_and_unmatched_black(tmp_path: Path) -> None:

@@ -214,11 +214,11 @@ def test_a_failure_names_its_frame_and_the_run_is_resumed(capture: Capture, tmp_
         reconstruct(capture.folder, run, options)
     assert "out of memory" in Path(str(error.value).split("its log is ")[1]).read_text()
     assert not (run / "run.json").exists()
-    assert made(run) == [f"matched/mine/{view}.npy" for view in ("S1/0000", "S2/0000", "S1/0001")]
+    assert made(run) == [f"matched/mine/{view}.tiff" for view in ("S1/0000", "S2/0000", "S1/0001")]
     busy.unlink()
     reconstruct(capture.folder, run, replace(options, methods=read_methods(path)))
-    assert [name for name in made(run) if name.startswith("matched")].count("matched/mine/S1/0000.npy") == 1
-    assert np.isfinite(read_disparity(run / "matched/mine/S2/0001.npy")).any()
+    assert [name for name in made(run) if name.startswith("matched")].count("matched/mine/S1/0000.tiff") == 1
+    assert np.isfinite(read_disparity(run / "matched/mine/S2/0001.tiff")).any()
 
 
 @pytest.mark.slow
