@@ -24,11 +24,11 @@ ELSEWHERE = {"RECONSTUDY_REAL_DATA"}  # of the tests
 
 
 def leaves(command: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
-    if hasattr(command, "commands"):
-        for name, below in command.commands.items():
-            yield from leaves(below, (*path, name))
-    else:
+    below = getattr(command, "commands", {})
+    if not below or command.invoke_without_command:
         yield path, command
+    for name, each in below.items():
+        yield from leaves(each, (*path, name))
 
 
 COMMANDS = dict(leaves(typer.main.get_command(app)))
@@ -110,9 +110,14 @@ def test_the_site_is_built_without_a_broken_link_and_names_every_command_and_set
     assert built.returncode == 0, built.stderr
     commands = (tmp_path / "commands.html").read_text(encoding="utf-8")
     for path, command in COMMANDS.items():
-        assert f"reconstudy {' '.join(path)}" in commands
+        heading = f">reconstudy {' '.join(path)}<"
+        assert heading in commands
+        section = commands.split(heading)[1].split("<h2")[0]
         for parameter in command.params:
-            assert parameter.param_type_name != "option" or max(parameter.opts, key=len) in commands
+            if parameter.param_type_name == "option":
+                assert max(parameter.opts, key=len) in section
+            else:
+                assert (parameter.metavar or parameter.name.upper()).replace("|", " or ") in section
     settings = (tmp_path / "settings.html").read_text(encoding="utf-8")
     assert all(f"RECONSTUDY_{name.upper()}" in settings for name in Settings.model_fields)
 
