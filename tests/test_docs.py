@@ -60,6 +60,16 @@ def is_there(module: str, name: str) -> bool:
     return hasattr(importlib.import_module(module), name)
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_name_that_a_page_imports_is_public(page: Path) -> None:
+    rows = re.findall(
+        r"^\| `((?:app|recon)[\w.]*)` \| (.*) \|$", (ROOT / "docs" / "python.md").read_text(), re.MULTILINE
+    )
+    public = {f"{package}.{name}" for package, names in rows for name in re.findall(r"`(\w+)`", names)}
+    lines = re.findall(r"^from ((?:app|recon)[\w.]*) import ([\w, ]+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    assert {f"{module}.{name}" for module, names in lines for name in names.split(", ")} <= public
+
+
 def words(line: str) -> list[str]:
     try:
         return shlex.split(line)
