@@ -17,6 +17,7 @@ import typer
 
 from app.cli import app
 from app.settings import Settings
+from recon.capture.schema import CAMERA_KEYS, CAPTURE_KEYS, SENSOR_KEYS
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
@@ -156,6 +157,12 @@ def test_the_security_page_has_every_requirement_once_and_counts_them() -> None:
     told = [len(states), *(counts[state] for state in ("held", "not applicable", "operator", "open"))]
     assert [int(number) for number in said.groups()] == told
     assert told[0] == sum(told[1:]) == 253  # of levels 1 and 2 of ASVS 5.0.0
+
+
+def test_the_page_on_recording_explains_every_key_of_a_capture() -> None:
+    page = (ROOT / "docs" / "capture.md").read_text(encoding="utf-8").partition("### capture.json\n")[2]
+    explained = set(re.findall(r"`(\w+)`", "".join(re.findall(r"^\| (`.*?) \|", page, re.MULTILINE))))
+    assert explained == {*CAPTURE_KEYS, *SENSOR_KEYS, *CAMERA_KEYS, "frame"}
 
 
 def test_every_page_stands_in_the_navigation() -> None:
