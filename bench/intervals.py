@@ -1,6 +1,6 @@
 """How often intervals hold the truth, and how often tests reject what is true, in simulated studies.
 
-`python bench/intervals.py` prints one line for each, with its Monte Carlo error; docs/analysis.md quotes them.
+`python bench/intervals.py` prints one line for each, with its Monte Carlo error; docs/simulation.md quotes them.
 """
 
 from __future__ import annotations

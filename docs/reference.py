@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import json
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -53,12 +54,12 @@ def commands() -> str:
 
 
 def leaves(command: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
-    """Return every command that does something, with its full name."""
-    if hasattr(command, "commands"):
-        for name, below in command.commands.items():
-            yield from leaves(below, (*path, name))
-    else:
+    """Return every command that does something, with its full name; so may one that has others below it."""
+    below = getattr(command, "commands", {})
+    if not below or command.invoke_without_command:
         yield " ".join(path), command
+    for name, each in below.items():
+        yield from leaves(each, (*path, name))
 
 
 def _parameters(command: Any) -> str:
@@ -73,7 +74,8 @@ def _row(parameter: Any) -> tuple[str, str, str] | None:
         names = [*sorted(parameter.opts, key=len, reverse=True), *parameter.secondary_opts]
         shown = " / ".join(f"`{name}`" for name in names)
     else:
-        shown = f"`{parameter.name.upper()}{' …' if parameter.nargs == -1 else ''}`"
+        name = (parameter.metavar or parameter.name.upper()).replace("|", " or ")  # a bar would end the table's cell
+        shown = f"`{name}{' …' if parameter.nargs == -1 else ''}`"
     default = "required" if parameter.required else _default(parameter.default)
     return shown, _sentence(getattr(parameter, "help", "")), default
 
@@ -81,6 +83,10 @@ def _row(parameter: Any) -> tuple[str, str, str] | None:
 def _default(value: Any) -> str:
     if callable(value) or value in (None, False, (), [], "", 0, dataclasses.MISSING):
         return ""
+    if isinstance(value, list):  # of an option that may be repeated
+        return f"`{' '.join(value)}`"
+    if isinstance(value, tuple):  # as TOML writes it
+        return f"`{json.dumps(value, ensure_ascii=False)}`"
     return f"`{'yes' if value is True else value}`"
 
 

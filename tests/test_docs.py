@@ -17,6 +17,7 @@ import typer
 
 from app.cli import app
 from app.settings import Settings
+from recon.capture.schema import CAMERA_KEYS, CAPTURE_KEYS, SENSOR_KEYS
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
@@ -24,11 +25,11 @@ ELSEWHERE = {"RECONSTUDY_REAL_DATA"}  # of the tests
 
 
 def leaves(command: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
-    if hasattr(command, "commands"):
-        for name, below in command.commands.items():
-            yield from leaves(below, (*path, name))
-    else:
+    below = getattr(command, "commands", {})
+    if not below or command.invoke_without_command:
         yield path, command
+    for name, each in below.items():
+        yield from leaves(each, (*path, name))
 
 
 COMMANDS = dict(leaves(typer.main.get_command(app)))
@@ -58,6 +59,16 @@ def test_every_name_that_a_page_imports_is_there(page: Path) -> None:
 
 def is_there(module: str, name: str) -> bool:
     return hasattr(importlib.import_module(module), name)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_name_that_a_page_imports_is_public(page: Path) -> None:
+    rows = re.findall(
+        r"^\| `((?:app|recon)[\w.]*)` \| (.*) \|$", (ROOT / "docs" / "python.md").read_text(), re.MULTILINE
+    )
+    public = {f"{package}.{name}" for package, names in rows for name in re.findall(r"`(\w+)`", names)}
+    lines = re.findall(r"^from ((?:app|recon)[\w.]*) import ([\w, ]+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    assert {f"{module}.{name}" for module, names in lines for name in names.split(", ")} <= public
 
 
 def words(line: str) -> list[str]:
@@ -110,9 +121,14 @@ def test_the_site_is_built_without_a_broken_link_and_names_every_command_and_set
     assert built.returncode == 0, built.stderr
     commands = (tmp_path / "commands.html").read_text(encoding="utf-8")
     for path, command in COMMANDS.items():
-        assert f"reconstudy {' '.join(path)}" in commands
+        heading = f">reconstudy {' '.join(path)}<"
+        assert heading in commands
+        section = commands.split(heading)[1].split("<h2")[0]
         for parameter in command.params:
-            assert parameter.param_type_name != "option" or max(parameter.opts, key=len) in commands
+            if parameter.param_type_name == "option":
+                assert max(parameter.opts, key=len) in section
+            else:
+                assert (parameter.metavar or parameter.name.upper()).replace("|", " or ") in section
     settings = (tmp_path / "settings.html").read_text(encoding="utf-8")
     assert all(f"RECONSTUDY_{name.upper()}" in settings for name in Settings.model_fields)
 
@@ -141,6 +157,12 @@ def test_the_security_page_has_every_requirement_once_and_counts_them() -> None:
     told = [len(states), *(counts[state] for state in ("held", "not applicable", "operator", "open"))]
     assert [int(number) for number in said.groups()] == told
     assert told[0] == sum(told[1:]) == 253  # of levels 1 and 2 of ASVS 5.0.0
+
+
+def test_the_page_on_recording_explains_every_key_of_a_capture() -> None:
+    page = (ROOT / "docs" / "capture.md").read_text(encoding="utf-8").partition("### capture.json\n")[2]
+    explained = set(re.findall(r"`(\w+)`", "".join(re.findall(r"^\| (`.*?) \|", page, re.MULTILINE))))
+    assert explained == {*CAPTURE_KEYS, *SENSOR_KEYS, *CAMERA_KEYS, "frame"}
 
 
 def test_every_page_stands_in_the_navigation() -> None:

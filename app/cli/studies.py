@@ -359,10 +359,10 @@ def _tell_of_study(study: dict[str, Any], settings: Settings, url: str | None, *
     running = running_url(settings)
     study["link"] = (url or url_for_links(settings)) + study["path"]
     left_out = f" Left out: {', '.join(study['without'])}." if study["without"] else ""
-    shown = "pairs" if study["n_pairs"] else "trials"
-    n_shown = study["n_pairs"] or study["n_trials"]
+    n_pairs = study["n_pairs"]
+    shown = counted(n_pairs, "pair") if n_pairs else counted(study["n_trials"], "trial")
     sentences = [
-        f"Created the study {study['slug']}: {n_shown} {shown} of {study['n_conditions']} conditions, "
+        f"Created the study {study['slug']}: {shown} of {counted(study['n_conditions'], 'condition')}, "
         f"{study['exposure_s']:g} s each.{left_out}",
         _languages_sentence(study["languages"]),
         *(f"{note}." for note in study.get("notes", ())),

@@ -71,7 +71,7 @@ class StudyOptions:
     Parameters
     ----------
     languages : those that participants may choose from, the first being that of the plain texts here; one: it is
-        fixed; empty: all reviewed ones, the plain texts being English. See `offered_languages`
+        fixed; empty: all reviewed ones, the plain texts being English
     texts : the study's own texts by language and key, in place of a language pack's or besides the plain ones
     optional_stages : those of screening, practice and interview that are on
     screening : its tests and limits
@@ -84,7 +84,9 @@ class StudyOptions:
     protocol : how participants judge: PC compares pairs, ACR and ACR-HR rate films one by one, DCR against a reference,
         CCR says how much better one of a pair is
     scale : of ACR, ACR-HR and DCR: number of grades, or a slider
-    both_orders, repeated_pairs, identical_pairs : trials besides every pair once, see `Repetition`
+    both_orders : show every pair twice, the second time with A and B exchanged
+    repeated_pairs : number of pairs of each dataset that are shown again, unchanged
+    identical_pairs : number of pairs of each dataset that hold the same stimulus twice
     adaptive_pairs : number of pairs of each dataset to choose from the votes so far; 0: every pair is shown
     free_exposure : the films play until the participant ends the exposure
     see_both : the vote waits until both of a pair were on screen; the page shows the pair again
