@@ -71,8 +71,11 @@ def test_comments_are_noted_tagged_counted_exported_and_erased(
     assert "1 comment of 1 participant" in coder.get(comments, params={"tag": "skin"}).text
     assert "1 comment of 1 participant" in coder.get(comments, params={"untagged": "true"}).text
     assert "2 comments of 2 participants" in coder.get(comments, params={"source": "written"}).text
-    back = coder.act(f"{comments}/tag", **spoken, tag="skin", take_off="true", back="tag=faces&at=0")
+    assert 'page=1#comment-2"' in coder.get(comments, params={"tag": "faces"}).text
+    back = coder.act(f"{comments}/tag", **spoken, tag="skin", take_off="true", back="tag=faces&page=1#comment-2")
     assert "3 comments of 2 participants" in back.text
+    assert back.url.fragment == "comment-2"
+    assert 'id="comment-2"' in back.text
     table = list(csv.DictReader(io.StringIO(analyst.get(f"{rest}/comments?format=csv").text)))
     assert [(row["participant"], row["source"], row["tags"]) for row in table] == [
         ("P001", "written", "[]"),
@@ -92,7 +95,10 @@ def test_comments_are_noted_tagged_counted_exported_and_erased(
     assert analyst.get(f"{rest}/comment_tags").json()[0]["n_comments"] == 1
     refused = coder.act(f"{base}/votes/{trial['trial']}/comment", comment="what a colleague told me of them")
     assert (refused.status_code, "P001 was erased" in refused.text) == (422, True)
-    coder.act(f"{comments}/tags/delete", tag="faces")
+    assert coder.act(f"{comments}/tags/delete", tag="faces").status_code == 422
+    assert coder.act(f"{comments}/tags/delete", tag="faces", again="face").status_code == 422
+    assert analyst.get(f"{rest}/comment_tags").json()[0]["n_comments"] == 1
+    coder.act(f"{comments}/tags/delete", tag="faces", again="faces")
     assert [row["tags"] for row in analyst.get(f"{rest}/comments").json()] == [[]]
 
 
