@@ -283,6 +283,31 @@ def test_newer_results_leave_their_reader_where_they_are(
     page.close()
 
 
+def test_a_film_is_played_and_paused_by_one_button_which_tells_if_it_cannot(
+    browser: Browser, server: str, settings: Settings, study: dict[str, Any]
+) -> None:
+    page = browser.new_page(base_url=server)
+    faults: list[str] = []
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    sign_in(page, settings)
+    page.goto(f"/admin/studies/{study['slug']}/stimuli")
+    button = page.locator("[data-play]").first
+    button.click()
+    expect(button).to_have_accessible_name("Pause id_fa")
+    button.click()
+    expect(button).to_have_accessible_name("Play id_fa")
+    page.route("**/media/**", lambda route: route.fulfill(body=b"no film", content_type="video/mp4"))
+    page.reload()
+    button.click()
+    expect(page.get_by_role("alert")).to_have_text("This browser could not play the film.")
+    page.unroute("**/media/**")
+    button.click()
+    expect(button).to_have_accessible_name("Pause id_fa")
+    expect(page.get_by_role("alert")).to_have_count(0)
+    assert faults == []
+    page.close()
+
+
 def test_an_invitation_is_copied_by_its_button_and_printed_with_its_code(page: Page, study: dict[str, Any]) -> None:
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     page.goto(f"/admin/studies/{study['slug']}/invitations")
