@@ -127,7 +127,7 @@ def comment_on(
     with database.writing() as connection:
         keep_trial_comment(connection, study.id, trial, unix(comment), actor.name, actor.now)
         actor.note(connection, "trial commented on", study, trial)
-    return see(f"/admin/studies/{study.slug}/votes/{trial}")
+    return see(f"/admin/studies/{study.slug}/votes/{trial}?saved=1")
 
 
 def looks_of(viewing: dict[str, Any], shown_ms: float) -> Sequence[Look]:
