@@ -25,15 +25,8 @@ const watch = () => {
 };
 watch();
 
-/** @returns {NodeListOf<HTMLDetailsElement>} */
-const foldable = () => document.querySelectorAll("details[id]");
-/** @type {Map<string, boolean>} */
-const open = new Map(); // what the reader has unfolded or folded, by id
-document.body.addEventListener("htmx:beforeSwap", () => {
-  for (const details of foldable()) open.set(details.id, details.open);
-});
 document.body.addEventListener("htmx:afterSwap", () => {
-  for (const details of foldable()) details.open = open.get(details.id) ?? details.open;
+  tip.hidden = true; // of a mark that is no more
   watch();
 });
 

@@ -5,12 +5,27 @@ import { required } from "./elements.js";
 
 for (const button of document.querySelectorAll("[data-play]")) {
   const video = required(HTMLVideoElement, "video", button.parentElement ?? document);
+  const fault = document.createElement("p");
+  fault.className = "bad";
+  fault.setAttribute("role", "alert");
   button.addEventListener("click", async () => {
     if (!video.src) video.src = video.dataset.src ?? "";
-    if (video.paused) await video.play();
-    else video.pause();
-    button.textContent = video.paused ? "Play" : "Pause";
+    fault.remove();
+    if (!video.paused) video.pause();
+    else await video.play().catch(({ name }) => name !== "AbortError" && tell()); // aborted: paused again before it began
   });
+  const tell = () => {
+    fault.textContent = "This browser could not play the film.";
+    button.closest("figure")?.append(fault);
+    video.pause();
+    video.removeAttribute("src"); // the next press asks for it again
+    name();
+  };
+  const name = () => {
+    button.textContent = video.paused ? "Play" : "Pause";
+    button.setAttribute("aria-label", `${button.textContent} ${video.getAttribute("aria-label")}`);
+  };
+  for (const change of ["play", "pause"]) video.addEventListener(change, name);
 }
 
 const inView = new IntersectionObserver((entries) => {

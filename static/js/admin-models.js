@@ -317,7 +317,9 @@ function tellScale() {
   required(HTMLOptionElement, "[value=error]", colours).disabled = !known;
   if (!known && colours.value === "error") colours.value = "own";
   byId("errors-scale").hidden = colours.value !== "error";
-  controls.limitMm.value = `± ${limitMm().toPrecision(2)} mm`;
+  const limit = limitMm();
+  controls.limitMm.value = `± ${limit < 100 ? limit.toPrecision(2) : Math.round(limit)} mm`;
+  controls.limit.setAttribute("aria-valuetext", controls.limitMm.value);
 }
 
 function start() {

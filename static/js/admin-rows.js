@@ -49,6 +49,10 @@ function button(text, act) {
   made.type = "button";
   made.className = "button button-small";
   made.textContent = text;
-  made.addEventListener("click", act);
+  made.addEventListener("click", () => {
+    const list = made.closest("fieldset");
+    act();
+    list?.dispatchEvent(new Event("input", { bubbles: true })); // a change, as typing is
+  });
   return made;
 }

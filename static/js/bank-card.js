@@ -22,8 +22,10 @@ export class BankCard {
     return this.slider.valueAsNumber;
   }
 
+  /** Begins within the window, where its edge can be dragged; the card must be on show. */
   startAnew() {
-    this.#set(FIRST.smallest + Math.random() * (FIRST.largest - FIRST.smallest));
+    const largest = Math.min(FIRST.largest, required(HTMLElement, "#card-fitting").clientWidth);
+    this.#set(FIRST.smallest + Math.random() * (largest - FIRST.smallest));
   }
 
   /** @param {number} width */

@@ -150,8 +150,8 @@ async function fitCards(page) {
     const card_widths = [];
     while (card_widths.length < N_CARDS) {
       page.tell({ card: card_widths.length + 1 });
-      card.startAnew();
       page.show("card");
+      card.startAnew();
       if ((await pressed("card-fits", "no-card-yes")) === "no-card-yes") return null;
       card_widths.push(card.width);
     }

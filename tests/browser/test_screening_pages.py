@@ -209,6 +209,18 @@ def test_a_double_click_loses_one_dot(screened: Any, page: Page, visitor: Visito
     shows(page, "2 of 5")
 
 
+def test_a_card_begins_within_a_narrow_window_where_its_edge_can_be_dragged(
+    screened: Any, page: Page, visitor: Visitor
+) -> None:
+    study = screened(tests=["acuity"])
+    page.set_viewport_size({"width": 320, "height": 640})
+    page.add_init_script("Math.random = () => 0.999")  # the widest that a card begins
+    enters(visitor, study)
+    page.keyboard.press("Enter")
+    visitor.sees("card")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 320
+
+
 def test_cards_that_differ_are_fitted_again_and_none_may_end_it(screened: Any, page: Page, visitor: Visitor) -> None:
     study = screened(tests=["acuity"], on_failure="stop")
     enters(visitor, study)

@@ -32,6 +32,7 @@ from app.web.gates import Store
 from app.web.roles import Acting, AStudy, Looking
 
 LONGEST_FILTER = 100  # characters
+LONGEST_BACK = 40 * LONGEST_FILTER  # three filters, each character of which may take twelve in an address
 SOURCE_NAMES = {"written": "questionnaire", "spoken": "interview", "trial": "on a trial"}
 
 Tag = Annotated[str, Form(min_length=1, max_length=LONGEST_TAG)]
@@ -93,7 +94,16 @@ def change_tag(actor: Acting, study: AStudy, database: Store, tag: Tag, new: Tag
 
 
 @router.post("/tags/delete")
-def remove_tag(actor: Acting, study: AStudy, database: Store, tag: Tag) -> Response:
+def remove_tag(
+    actor: Acting,
+    study: AStudy,
+    database: Store,
+    tag: Tag,
+    again: Annotated[str, Form(max_length=LONGEST_TAG)] = "",
+) -> Response:
+    """Delete a tag, which nothing brings back onto its comments; typing it again prevents accidents."""
+    if again.strip() != tag:
+        raise InvalidError(f"To delete the tag {tag}, type {tag} into the field. Nothing was changed.")
     with database.writing() as connection:
         delete_tag(connection, study.id, tag)
         actor.note(connection, "tag deleted", study, tag)
@@ -110,7 +120,7 @@ def put_tag(
     subject: Annotated[str, Form(max_length=LONGEST_QUESTION)],
     tag: Tag,
     take_off: Annotated[bool, Form()] = False,
-    back: Annotated[str, Form(max_length=6 * LONGEST_FILTER)] = "",
+    back: Annotated[str, Form(max_length=LONGEST_BACK)] = "",
 ) -> Response:
     """Give a comment a tag, which is added to the study if it is new; or take one off."""
     place = CommentPlace(participant, source, subject)

@@ -30,12 +30,7 @@ def interview_page(request: Request, person: Looking, study: AStudy, label: Labe
         said = spoken_of(connection, participant.id)
     asked = parse_options(study.options).spoken_questions
     answers = {question: said.get(question, "") for question in (*asked, *said)}
-    context = {
-        "label": label,
-        "answers": answers,
-        "longest": LONGEST_ANSWER,
-        "is_saved": "saved" in request.query_params,
-    }
+    context = {"label": label, "answers": answers, "longest": LONGEST_ANSWER}
     return study_page(request, "interview", person, study, context)
 
 

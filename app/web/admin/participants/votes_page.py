@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Form, Path, Query, Request
 from fastapi.responses import Response
 
-from app.errors import NotFoundError
+from app.errors import ConflictError, InvalidError, NotFoundError
 from app.store.comments import LONGEST_COMMENT, keep_trial_comment, trial_comment_of
 from app.store.designs import datasets_of
 from app.store.given_trials import MOST_COUNTED, SORTABLE, SoughtTrials, given_labels, given_trials, n_given_trials
@@ -31,6 +31,8 @@ KINDS = {
 }
 KINDS_OF_PAIRS = ("ties", "unswitched")
 REFERENCE = "reference"  # label of a look at it, and the strip of a film that shows it
+
+Note = Annotated[str, Form(max_length=2 * LONGEST_COMMENT)]  # browsers send two characters for each end of a line
 
 router = APIRouter(prefix="/admin/studies/{slug}/votes", include_in_schema=False)
 
@@ -121,13 +123,26 @@ def comment_on(
     study: AStudy,
     trial: Annotated[str, Path(max_length=32)],
     database: Store,
-    comment: Annotated[str, Form(max_length=LONGEST_COMMENT)] = "",
+    comment: Note = "",
+    seen: Note = "",
 ) -> Response:
-    """Note what was said or seen at a trial; an empty text deletes the note."""
+    """Note what was said or seen at a trial; an empty text deletes the note.
+
+    Parameters
+    ----------
+    seen : the note as the page showed it
+    """
+    text, shown = unix(comment), unix(seen)
+    if len(text) > LONGEST_COMMENT:
+        raise InvalidError(f"The comment is longer than {LONGEST_COMMENT} characters. Nothing was kept.")
     with database.writing() as connection:
-        keep_trial_comment(connection, study.id, trial, unix(comment), actor.name, actor.now)
-        actor.note(connection, "trial commented on", study, trial)
-    return see(f"/admin/studies/{study.slug}/votes/{trial}")
+        kept = trial_comment_of(connection, trial)
+        if shown not in (text, kept.comment if kept else ""):
+            raise ConflictError("Somebody else has noted something on this trial meanwhile. Nothing was kept.")
+        if shown != text:
+            keep_trial_comment(connection, study.id, trial, text, actor.name, actor.now)
+            actor.note(connection, "trial commented on", study, trial)
+    return see(f"/admin/studies/{study.slug}/votes/{trial}?saved=1")
 
 
 def looks_of(viewing: dict[str, Any], shown_ms: float) -> Sequence[Look]:

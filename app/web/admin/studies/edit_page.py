@@ -99,7 +99,7 @@ def save_study(
         If somebody else has changed the study meanwhile, or a setting cannot change any more.
     """
     server, store = settings(request), database(request)
-    address = f"/admin/studies/{study.slug}/{page}"
+    address = f"/admin/studies/{study.slug}/{page}{'&' if '?' in page else '?'}saved=1"
     try:
         change = check_edit(server, store, study, wanted, languages(request))
         if change.folder is None:

@@ -63,7 +63,11 @@ class SharedMonitor:
 def overview_page(request: Request, person: Person, study: AStudy) -> Response:
     with database(request).reading() as connection:
         compared = datasets_of(connection, study.id)
-        invitations = [invitation for invitation in invitations_of(connection, study.id) if not invitation.is_used]
+        invitations = [
+            invitation
+            for invitation in invitations_of(connection, study.id)
+            if invitation.places != 1 and not invitation.is_used  # one person's link is nobody else's
+        ]
     link = f"{request.base_url}s/{invitations[0].code}" if invitations else None
     options = parse_options(study.options)
     practised = [films for films in options.practice_pairs if films.dataset in compared]

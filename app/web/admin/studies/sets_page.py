@@ -98,7 +98,7 @@ def change_factors(
         for key, row in zip(condition, rows, strict=True)
     }
     name_factors(settings(request), database, name, levels, actor)
-    return see(f"/admin/sets/{quote(name)}")
+    return see(f"/admin/sets/{quote(name)}?saved=1")
 
 
 @router.post("/sets/{name}/name")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -9,7 +10,10 @@ import httpx
 
 from app.operations import create, manage
 from app.settings import Settings
+from app.web.admin.layout import TABS
 from tests.app.web.admin.dashboard_client import Dashboard, signed_in
+
+TITLE = re.compile(r"<title>(.*?)</title>", re.DOTALL)
 
 
 def test_the_link_signs_in_and_leaves_the_address(client: httpx.Client, settings: Settings) -> None:
@@ -71,6 +75,13 @@ def test_all_studies_are_listed_and_lead_to_their_invitations(experimenter: Dash
     assert study["name"] in experimenter.get("/admin").text
     page = experimenter.get(f"/admin/studies/{study['slug']}").text
     assert f"{experimenter.base_url}/s/{study['invitation']}".replace("//s/", "/s/") in page
+
+
+def test_every_page_of_a_study_has_a_title_of_its_own(experimenter: Dashboard, study: dict[str, Any]) -> None:
+    """By which tabs are told apart, and which a screen reader says first."""
+    base = f"/admin/studies/{study['slug']}"
+    titles = [TITLE.findall(experimenter.get(base + address).text)[0] for address, _, _ in TABS]
+    assert len({*titles}) == len(TABS), titles
 
 
 def test_a_closed_study_lets_nobody_in_until_it_is_opened_again(

@@ -144,6 +144,7 @@ def test_a_telephone_at_night_in_tokyo(browser: Browser, server: str, settings: 
 FIRST_CONTENT = "performance.getEntriesByName('first-contentful-paint')[0].startTime"
 SOON_MS, MOST_LOOKS = 1000, 5  # the best of them: other work on this machine is not the page's
 POLLED_EVERY_MS = 11_000  # the results, and a little more
+READ_LEFT = "(element) => element.scrollLeft"
 
 
 def test_there_is_something_to_see_within_a_second(page: Page, new_study: Callable[[], dict[str, Any]]) -> None:
@@ -247,6 +248,64 @@ def test_pages_that_follow_a_study_lead_to_the_sign_in_when_another_tab_signs_ou
         results.clock.fast_forward(POLLED_EVERY_MS)
         for page in (results, overview):
             page.get_by_role("heading", name="Sign in").wait_for()
+
+
+def test_newer_results_leave_their_reader_where_they_are(
+    browser: Browser, server: str, token: str, settings: Settings, new_study: Callable[[], dict[str, Any]]
+) -> None:
+    study = new_study()
+    abilities = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0}
+    simulate(server, study["slug"], study["invitation"], token, 3, abilities)
+    page = browser.new_page(base_url=server, viewport=TELEPHONE)
+    page.clock.install()
+    sign_in(page, settings)
+    page.goto(f"/admin/studies/{study['slug']}/results")
+    results = page.locator("#results")
+    expect(results.locator("> p[role=status]")).to_have_count(0)
+    page.locator("details:has(#triads) > summary").click()
+    code = page.get_by_text("Code that draws it").first
+    code.click()
+    table = page.locator("#triads_rows")
+    table.evaluate("(table) => { table.scrollIntoView(); table.scrollTo(60, 0); }")
+    code.evaluate("(summary) => summary.focus({ preventScroll: true })")
+    read_digest, read_top = "(part) => part.dataset.digest", "(table) => table.getBoundingClientRect().top"
+    before, top, left = results.evaluate(read_digest), table.evaluate(read_top), table.evaluate(READ_LEFT)
+    assert left > 0
+    simulate(server, study["slug"], study["invitation"], token, 1, abilities)
+    while results.evaluate(read_digest) == before:
+        with page.expect_response("**/results?*"):
+            page.clock.fast_forward(POLLED_EVERY_MS)
+        page.wait_for_load_state("networkidle")
+    assert table.evaluate(READ_LEFT) == left
+    assert table.evaluate(read_top) == pytest.approx(top, abs=60), "a row more stands above"
+    expect(code).to_be_focused()
+    assert page.locator(".plot-code").first.evaluate("(code) => code.open")
+    page.close()
+
+
+def test_a_film_is_played_and_paused_by_one_button_which_tells_if_it_cannot(
+    browser: Browser, server: str, settings: Settings, study: dict[str, Any]
+) -> None:
+    page = browser.new_page(base_url=server)
+    faults: list[str] = []
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    sign_in(page, settings)
+    page.goto(f"/admin/studies/{study['slug']}/stimuli")
+    button = page.locator("[data-play]").first
+    button.click()
+    expect(button).to_have_accessible_name("Pause id_fa")
+    button.click()
+    expect(button).to_have_accessible_name("Play id_fa")
+    page.route("**/media/**", lambda route: route.fulfill(body=b"no film", content_type="video/mp4"))
+    page.reload()
+    button.click()
+    expect(page.get_by_role("alert")).to_have_text("This browser could not play the film.")
+    page.unroute("**/media/**")
+    button.click()
+    expect(button).to_have_accessible_name("Pause id_fa")
+    expect(page.get_by_role("alert")).to_have_count(0)
+    assert faults == []
+    page.close()
 
 
 def test_an_invitation_is_copied_by_its_button_and_printed_with_its_code(page: Page, study: dict[str, Any]) -> None:

@@ -97,6 +97,9 @@ def test_an_owner_adds_people_changes_roles_and_ends_access(server: str, setting
         olaf.act("/admin/users/disable", name="Nina")
         assert nina.get("/admin").status_code == 401
         assert nina.enter(f"/admin/login/{link}").status_code == 401
+        row = olaf.get("/admin/users").text.partition('<th scope="row">Nina</th>')[2].partition("</tr>")[0]
+        assert "no access" in row
+        assert "all studies" not in row
 
 
 def test_the_last_owner_cannot_be_locked_out(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ import pytest
 from app.operations.create import create_study
 from app.settings import Settings
 from app.simulation.participants import simulate
+from app.store.comments import LONGEST_COMMENT
 from app.study.options import parse_options
 from tests.app.web.admin.dashboard_client import Dashboard, signed_in
 
@@ -71,8 +72,11 @@ def test_comments_are_noted_tagged_counted_exported_and_erased(
     assert "1 comment of 1 participant" in coder.get(comments, params={"tag": "skin"}).text
     assert "1 comment of 1 participant" in coder.get(comments, params={"untagged": "true"}).text
     assert "2 comments of 2 participants" in coder.get(comments, params={"source": "written"}).text
-    back = coder.act(f"{comments}/tag", **spoken, tag="skin", take_off="true", back="tag=faces&at=0")
+    assert 'page=1#comment-2"' in coder.get(comments, params={"tag": "faces"}).text
+    back = coder.act(f"{comments}/tag", **spoken, tag="skin", take_off="true", back="tag=faces&page=1#comment-2")
     assert "3 comments of 2 participants" in back.text
+    assert back.url.fragment == "comment-2"
+    assert 'id="comment-2"' in back.text
     table = list(csv.DictReader(io.StringIO(analyst.get(f"{rest}/comments?format=csv").text)))
     assert [(row["participant"], row["source"], row["tags"]) for row in table] == [
         ("P001", "written", "[]"),
@@ -92,8 +96,31 @@ def test_comments_are_noted_tagged_counted_exported_and_erased(
     assert analyst.get(f"{rest}/comment_tags").json()[0]["n_comments"] == 1
     refused = coder.act(f"{base}/votes/{trial['trial']}/comment", comment="what a colleague told me of them")
     assert (refused.status_code, "P001 was erased" in refused.text) == (422, True)
-    coder.act(f"{comments}/tags/delete", tag="faces")
+    assert coder.act(f"{comments}/tags/delete", tag="faces").status_code == 422
+    assert coder.act(f"{comments}/tags/delete", tag="faces", again="face").status_code == 422
+    assert analyst.get(f"{rest}/comment_tags").json()[0]["n_comments"] == 1
+    coder.act(f"{comments}/tags/delete", tag="faces", again="faces")
     assert [row["tags"] for row in analyst.get(f"{rest}/comments").json()] == [[]]
+
+
+def test_a_note_on_a_trial_replaces_no_other_that_its_writer_has_not_seen(
+    coder: Dashboard, analyst: httpx.Client, asked: dict[str, Any], server: str, settings: Settings
+) -> None:
+    trial = analyst.get(f"/api/v1/studies/{asked['slug']}/trials?participant=P002").json()[0]["trial"]
+    replay = f"/admin/studies/{asked['slug']}/votes/{trial}"
+    coder.act(f"{replay}/comment", comment="waxy\r\nskin", seen="")
+    with signed_in(server, settings, "Cyril", "experimenter") as other:
+        late = other.act(f"{replay}/comment", comment="a long thought of another", seen="")
+        assert late.status_code == 409
+        assert "a long thought of another" in late.text
+        assert "waxy\nskin</textarea>" in other.get(replay).text
+        other.act(f"{replay}/comment", comment="waxy\r\nskin", seen="waxy\r\nskin")
+        assert "Noted by Cora" in other.get(replay).text, "nothing was changed"
+        long = {"comment": "\r\n".join("x" * (LONGEST_COMMENT // 2)), "seen": "waxy\nskin"}
+        assert other.act(f"{replay}/comment", **long).status_code == 200
+        assert other.act(f"{replay}/comment", comment="x" * (LONGEST_COMMENT + 1)).status_code == 422
+    coder.act(f"{replay}/comment", comment="", seen=long["comment"])
+    assert "Noted by" not in coder.get(replay).text
 
 
 def test_demographics_leave_out_who_does_not_count(

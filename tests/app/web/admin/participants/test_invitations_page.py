@@ -53,6 +53,15 @@ def test_a_list_of_people_becomes_labelled_invitations_to_mail_and_to_print(
     assert "ada@example.org" not in experimenter.get(f"{base}/invitations.csv").text
 
 
+def test_the_overview_gives_nobody_the_link_of_one_person(experimenter: Dashboard, new_study: NewStudy) -> None:
+    study = new_study()
+    base = f"/admin/studies/{study['slug']}"
+    experimenter.act(f"{base}/invitations/people", people="Ada Example, ada@example.org")
+    assert f"/s/{study['invitation']}" in experimenter.get(base).text
+    experimenter.act(f"{base}/invitations/{study['invitation']}/end")
+    assert "Participants begin at" not in experimenter.get(base).text
+
+
 @pytest.mark.parametrize(
     ("label", "parts"),
     [

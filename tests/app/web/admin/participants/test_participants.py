@@ -136,7 +136,7 @@ def test_an_exclusion_needs_a_reason_counts_at_once_and_can_be_undone(
     assert {vote["participant"] for vote in votes if vote["excluded"]} == {"P002"}
     results = f"/admin/studies/{taken['slug']}/results"
     assert "6 votes are left out" in experimenter.results(results)
-    assert "All participants are counted" in experimenter.results(results, everybody="true")
+    assert "Who is excluded counts here, too" in experimenter.results(results, everybody="true")
     experimenter.act(f"{person}/include")
     assert "Every vote is counted" in experimenter.results(results)
     assert "undone by Eva Example" in experimenter.get(person).text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from base64 import b64decode
 from collections.abc import Callable, Iterator
 from itertools import count
@@ -151,6 +152,21 @@ def test_errors_are_colours_blue_inside_and_red_outside(page: Page, look: Look) 
     assert page.locator("output").text_content() == "± 1.0 mm"
     stronger = colour(look("left"))
     assert stronger[0] - stronger[1] > before
+
+
+def test_large_errors_are_told_in_whole_millimetres(page: Page, path: str) -> None:
+    def widen(route: Route) -> None:
+        answer = route.fetch()
+        route.fulfill(
+            response=answer, body=re.sub(r'"error_limit_mm": [\d.]+', '"error_limit_mm": 123.4', answer.text())
+        )
+
+    page.route(f"**{path}", widen)
+    page.goto(path)
+    page.get_by_label("Colours").select_option("error")
+    page.get_by_label("Distance of the full colour").fill("50")
+    assert page.locator("output").text_content() == "± 123 mm"
+    expect(page.get_by_label("Distance of the full colour")).to_have_attribute("aria-valuetext", "± 123 mm")
 
 
 def test_a_scene_without_truth_offers_no_errors(page: Page, look: Look) -> None:

@@ -67,6 +67,17 @@ def test_results_tell_when_nothing_is_new(experimenter: Dashboard, taken: dict[s
     assert experimenter.get(results, params={"seen": digest, "everybody": "true"}).status_code in (200, 204)
 
 
+def test_results_that_count_the_excluded_tell_whom_the_downloads_leave_out(
+    experimenter: Dashboard, taken: dict[str, Any]
+) -> None:
+    results = f"/admin/studies/{taken['slug']}/results"
+    told = "These files leave out who is excluded"
+    assert told not in experimenter.results(results)
+    everybody = experimenter.results(results, everybody="true")
+    assert told in everybody
+    assert "Who is excluded counts here, too; who has withdrawn does not." in everybody
+
+
 def test_a_study_without_votes_says_so(experimenter: Dashboard, new_study: Callable[[], dict[str, Any]]) -> None:
     assert "No votes yet." in experimenter.get(f"/admin/studies/{new_study()['slug']}/results").text
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import Browser, Dialog, expect
 
 from app.operations import manage
 from app.operations.create import read_options
@@ -13,6 +15,37 @@ from app.study.study_file import parse_study_file
 from tests.app.web.admin.dashboard_client import sign_in
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+
+def test_a_page_whose_text_is_not_saved_asks_before_it_is_left(
+    browser: Browser, server: str, settings: Settings, study: dict[str, Any]
+) -> None:
+    page = browser.new_page(base_url=server)
+    asked: list[str] = []
+
+    def stay(dialog: Dialog) -> None:
+        asked.append(dialog.type)
+        dialog.dismiss()
+
+    page.on("dialog", stay)
+    sign_in(page, settings)
+    page.goto(f"/admin/studies/{study['slug']}/texts")
+    consent = page.get_by_role("textbox", name="Consent Markdown")
+    consent.click()
+    page.keyboard.type("You may stop at any time.")
+    page.get_by_role("link", name="Deutsch").click()
+    expect(consent).to_have_value("You may stop at any time.")
+    assert asked == ["beforeunload"]
+    page.get_by_role("button", name="Save the texts").click()
+    expect(page.get_by_role("status")).to_have_text("Saved.")
+    page.get_by_role("link", name="Deutsch").click()
+    page.wait_for_url("**language=de")
+    page.goto(f"/admin/studies/{study['slug']}/edit")
+    page.get_by_role("group", name="Written questions").get_by_role("button", name="Add a row").click()
+    page.get_by_role("link", name="Overview").click()
+    expect(page.get_by_role("button", name="Save", exact=True)).to_be_visible()
+    assert asked == ["beforeunload"] * 2
+    page.close()
 
 
 def test_a_study_is_made_edited_and_previewed_without_a_file(browser: Browser, own_server: str, own: Settings) -> None:

@@ -138,6 +138,7 @@ def test_a_viewer_is_led_to_no_page_that_is_refused(server: str, settings: Setti
     assert f"/api/v1/studies/{taken['slug']}/votes?format=csv" in seen
 
 
+SAVED = '<p class="hint" role="status">Saved.</p>'
 TYPED = "What we wanted to find out, in many words.\r\n\r\nThank you <all>."
 SHOWN = TYPED.replace("<all>", "&lt;all&gt;")
 
@@ -198,6 +199,8 @@ def test_a_form_edits_a_study_and_two_editors_are_told_of_each_other(
     edited = experimenter.act(f"{base}/edit", revision=revision, **fields)
     assert "Renamed" in edited.text
     assert 'value="1.5"' in edited.text
+    assert SAVED in edited.text
+    assert SAVED not in page
     late = experimenter.act(f"{base}/edit", revision=revision, **fields | {"name": "Overwritten"})
     assert late.status_code == 409
     assert "Somebody else has changed this study" in late.text
