@@ -87,6 +87,7 @@ def test_a_study_is_made_edited_and_previewed_without_a_file(browser: Browser, o
     page.get_by_text("Jump to").click()
     page.get_by_role("button", name="interview").click()
     page.get_by_text("Are your eyes tired?").wait_for()
+    page.wait_for_load_state("networkidle")  # what the page asks about films has no session any more once it is left
     page.get_by_role("button", name="Leave the preview").click()
     page.wait_for_url("**/admin/studies/by-hand")
 
