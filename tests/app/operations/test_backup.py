@@ -19,6 +19,7 @@ from app.operations.backup import back_up, check, restore
 from app.operations.database import open_store
 from app.settings import Settings
 from app.store.engine import Database, open_database
+from app.store.images import image_digests, keep_image
 from app.store.migrate import newest_version, upgrade, version_of
 from app.store.tables import metadata, pair, session, trial, vote
 from tests.app.web.admin import small_models
@@ -90,6 +91,22 @@ def test_every_row_comes_back_on_either_kind_of_database(
     (new_id,) = seed_ids(database)
     assert new_id == 1 + max(row[0] for row in before["trial"])
     database.dispose()
+
+
+@pytest.mark.parametrize("kind", ["sqlite", pytest.param("postgresql", marks=pytest.mark.slow)])
+def test_images_that_a_study_shows_come_back(
+    here: Settings, kind: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    with open_store(here) as database, database.writing() as connection:
+        keep_image(connection, 1, "room.png", bytes(range(256)))
+        before = image_digests(connection, 1)
+    back_up(here, tmp_path / "backup.zip")
+    url = None if kind == "sqlite" else request.getfixturevalue("postgres").new_database(f"images_{id(here)}")
+    there = Settings(data_dir=tmp_path / "there", database_url=url)
+    restore(there, tmp_path / "backup.zip")
+    assert rows_of(there) == rows_of(here)
+    with open_store(there) as database, database.reading() as connection:
+        assert image_digests(connection, 1) == before
 
 
 def seed_ids(database: Database) -> list[int]:
