@@ -26,8 +26,9 @@ from app.store.engine import Database
 from app.store.experimenters import UNNAMED
 from app.store.migrate import newest_version, revisions, upgrade_within, why_not_ready
 from app.store.schema import metadata
-from app.store.tables import experimenter, session, trial, vote
+from app.store.tables import experimenter, participant, session, trial, vote
 from app.store.trials import is_voted_on
+from app.study.stages import FINISHED
 
 FACTS = "backup.json"
 SCHEMA_VERSION = 1
@@ -296,9 +297,11 @@ def _contradictions(connection: Connection) -> Iterator[str]:
     )
     ended = (
         select(func.count(session.c.id.distinct()))
+        .join(participant)
         .join(trial, trial.c.session_id == session.c.id)
         .outerjoin(vote, is_voted_on())
-        .where(session.c.stage == "finished", trial.c.voided_at.is_(None), vote.c.id.is_(None))
+        .where(session.c.stage == FINISHED, trial.c.voided_at.is_(None), vote.c.id.is_(None))
+        .where(participant.c.is_preview.is_(False))  # previews skip stages, and their votes are forgotten
     )
     counts = {
         "votes on trials that were interrupted": connection.scalar(voided),

@@ -18,9 +18,11 @@ from app.operations import create, manage
 from app.operations.backup import back_up, check, restore
 from app.operations.database import open_store
 from app.settings import Settings
+from app.store.admission import begin_preview
 from app.store.engine import Database, open_database
 from app.store.images import image_digests, keep_image
 from app.store.migrate import newest_version, upgrade, version_of
+from app.store.studies import study_by_id
 from app.store.tables import metadata, pair, session, trial, vote
 from tests.app.web.admin import small_models
 from tests.postgresql import PostgresServer
@@ -451,6 +453,15 @@ def test_contradictions_are_found(here: Settings) -> None:
     faults = check(here)["faults"]
     assert "1 votes on trials that were interrupted" in faults
     assert "1 finished sessions with trials without a vote" in faults
+
+
+def test_a_preview_that_skipped_its_trials_is_no_fault(here: Settings) -> None:
+    with open_store(here) as database:
+        with database.reading() as connection:
+            study = study_by_id(connection, 1)
+        assert study is not None
+        begin_preview(database, study, NOW, "finished")
+    assert not [fault for fault in check(here)["faults"] if "finished" in fault]
 
 
 def test_only_their_owner_reads_the_database_and_its_backup(tmp_path: Path) -> None:
