@@ -187,7 +187,9 @@ def test_films_are_rated_where_the_protocol_says_so_and_planned_in_grades(comman
     plan = json.loads(command("plan", *sizes, "--protocol", "ACR", "--json").out)
     assert (plan["trials"], plan["minutes"], plan["votes"]) == (2, 1, 40)
     assert "grades" in command("plan", *sizes, "--protocol", "DCR").out
-    assert "protocol is 'MOS', expected one of PC" in command("plan", *sizes, "--protocol", "MOS").err
+    refused = command("plan", *sizes, "--protocol", "MOS")
+    assert refused.code == 2
+    assert "protocol is 'MOS', expected one of PC" in refused.err
 
 
 @pytest.mark.slow
