@@ -7,8 +7,12 @@ import shutil
 from pathlib import Path
 
 import pytest
+from sqlalchemy import update
 
 from app.cli.studies import _balance_lines
+from app.operations.database import open_store
+from app.settings import Settings
+from app.store.tables import assignment
 from recon.storage.files import read_json, write_json
 from tests.app import tiny_stimuli
 from tests.command_line import Command
@@ -258,5 +262,11 @@ def test_balance_is_told(command: Command, stimuli: Path) -> None:
     told = command("study", "balance", "tiny")
     assert "Orders from the seed 1: balanced" in told.out
     assert "3 finished" in told.out
+    assert told.code == 0
     report = json.loads(command("study", "balance", "tiny", "--json").out)
     assert report["pairs"][0]["n_shown"] == 3
+    with open_store(Settings()) as database, database.writing() as connection:
+        connection.execute(update(assignment).values(first_shown="a"))
+    changed = command("study", "balance", "tiny")
+    assert "Orders from the seed 1: NOT BALANCED" in changed.out
+    assert changed.code == 1, "a script notices, as of db check"
