@@ -228,13 +228,13 @@ def keep_trial_comment(
         If its participant was erased.
     """
     row = connection.execute(
-        select(trial.c.id, trial.c.session_id, participant.c.label, participant.c.erased_at)
+        select(trial.c.id, trial.c.session_id, session.c.participant_id)
         .select_from(trial.join(session).join(participant))
         .where(takes_part_in(study_id), trial.c.public_id == trial_id)
     ).one_or_none()
     if row is None:
         raise NotFoundError("This study has no such trial.")
-    check_not_erased(row.label, row.erased_at)
+    check_not_erased(connection, row.participant_id)
     values = {"comment": comment, "experimenter": experimenter, "written_at": now}
     this = trial_comment.c.trial_id == row.id
     if not comment:

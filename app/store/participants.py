@@ -54,13 +54,15 @@ def person_of_session(connection: Connection, public_id: str) -> Person | None:
     return Person(**row._mapping) if row else None
 
 
-def check_not_erased(label: str, erased_at: datetime | None) -> None:
-    """Refuse to keep anything more of a participant who was erased.
+def check_not_erased(connection: Connection, participant_id: int) -> None:
+    """Refuse to keep anything more of a participant who was erased, and lock their row: erasures and notes wait.
 
     Raises
     ------
     InvalidError
     """
+    this = select(participant.c.label, participant.c.erased_at).where(participant.c.id == participant_id)
+    label, erased_at = connection.execute(this.with_for_update(key_share=True)).one()
     if erased_at is not None:
         raise InvalidError(f"{label} was erased; nothing is kept of them any more.")
 
