@@ -120,6 +120,13 @@ def test_values_that_an_option_does_not_take_are_wrong_use(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_file_of_utf_16_that_is_cut_off_is_named(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "votes.csv").write_bytes(VOTES.encode("utf-16")[:-1])
+    told = command("analyse", tmp_path / "votes.csv", "--dry-run")
+    assert told.code == 1
+    assert "votes.csv: begins as UTF-16, and cannot be read as such: truncated data" in told.err
+
+
 @pytest.mark.parametrize("value", ["NaN", "1e400", "true", '"1"'])
 def test_abilities_that_are_no_numbers_are_refused(command: Command, tmp_path: Path, value: str) -> None:
     (tmp_path / "abilities.json").write_text(f'{{"id_fa": {value}}}')
