@@ -122,7 +122,8 @@ def add_tag(connection: Connection, study_id: int, name: str, now: datetime) -> 
         raise ConflictError(f"This study has the tag {name} already.")
     if len(known) >= MOST_TAGS:
         raise ConflictError(f"This study has {MOST_TAGS} tags already, which is the most. Delete one first.")
-    connection.execute(insert(comment_tag).values(study_id=study_id, name=name, created_at=now))
+    row = {"study_id": study_id, "name": name, "created_at": now}
+    insert_or_ignore(connection, comment_tag, [row], comment_tag.c.id)  # somebody may be adding it, too
 
 
 def rename_tag(connection: Connection, study_id: int, name: str, new: str) -> None:

@@ -56,23 +56,6 @@ def test_a_note_that_is_being_written_goes_with_the_person_who_is_erased(databas
         erase_them()
 
 
-def test_two_who_note_something_on_a_trial_at_once_are_both_answered(database: Database) -> None:
-    (trial_id, _), *_ = seed_voters(database, 1, 2)[0].trials
-
-    def note(text: str) -> None:
-        with database.writing() as connection:
-            keep_trial_comment(connection, 1, trial_id, text, "Eva", NOW)
-
-    with ThreadPoolExecutor(1) as pool:
-        with database.writing() as connection:
-            keep_trial_comment(connection, 1, trial_id, "first", "Ada", NOW)
-            second = pool.submit(note, "second")
-            wait([second], WAIT_S)
-        second.result()
-    with database.reading() as connection:
-        assert connection.scalars(select(trial_comment.c.comment)).all() == ["second"]
-
-
 def test_what_leads_to_a_person_is_deleted_and_votes_stay(database: Database) -> None:
     voter = seed_voters(database, 2, 3)[0]
     by = {"experimenter": "Eva", "written_at": NOW}
