@@ -266,7 +266,10 @@ def _decode(content: bytes) -> tuple[str, str]:
         if content.startswith(signature):
             raise VotesError(f"is {kind}, expected a table of text; give the file the ending of what it is")
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return content.decode("utf-16"), "UTF-16"
+        try:
+            return content.decode("utf-16"), "UTF-16"
+        except UnicodeDecodeError as error:
+            raise VotesError(f"begins as UTF-16, and cannot be read as such: {error.reason}") from error
     try:
         return content.decode("utf-8-sig"), "UTF-8 with a byte-order mark" if content[:1] == b"\xef" else "UTF-8"
     except UnicodeDecodeError as error:

@@ -117,5 +117,6 @@ def _wrong_setting(error: ValueError) -> str | None:
 
 
 def _fail(sentence: str, code: int = 1) -> None:
-    print(f"reconstudy: {sentence}", file=sys.stderr)
+    clear_line = "\r\x1b[K" if sys.stderr.isatty() else ""  # of the progress, which the error has stopped
+    print(f"{clear_line}reconstudy: {sentence}", file=sys.stderr)
     sys.exit(code)

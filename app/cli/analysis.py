@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from app.cli.shared import by_step
+from app.cli.shared import by_step, wrong_use
 from app.files import read_json
 from app.study.protocols import TYPICAL_INCONSISTENCY
 from recon.cli.console import JsonOption, ProgressLine, print_result
@@ -147,6 +147,19 @@ def analyse(
     _check_choice("--width", width, WIDTHS)
     _check_choice("--by", by, ("dataset", "none"))
     mappings = _parse_mapping(columns, "--columns"), _parse_mapping(choices, "--choices")
+    with wrong_use():
+        settings = AnalysisSettings(
+            ties=ties,
+            order_effect=order_effect,
+            bootstrap=bootstrap,
+            seed=seed,
+            equivalence_margin=equivalence,
+            penalty=penalty,
+            jod_prior=jod_prior,
+            random_effects=random_effects,
+            by_dataset=by == "dataset",
+            exclude=tuple(exclude or ()),
+        )
     if out is None and not dry_run:
         raise typer.BadParameter("--out is missing: the folder for the results (or --dry-run, which writes nothing)")
     if ends and not rated and ratings is None:
@@ -161,18 +174,6 @@ def analyse(
         analysis = analyse_ratings_file(rated, out, ends, exclude or (), width=WIDTHS[width], measures=measures)
         scores = _rating_sentences(analysis)
     else:
-        settings = AnalysisSettings(
-            ties=ties,
-            order_effect=order_effect,
-            bootstrap=bootstrap,
-            seed=seed,
-            equivalence_margin=equivalence,
-            penalty=penalty,
-            jod_prior=jod_prior,
-            random_effects=random_effects,
-            by_dataset=by == "dataset",
-            exclude=tuple(exclude or ()),
-        )
         analysis = analyse_file(
             votes,
             out,
@@ -229,7 +230,8 @@ def plan(
     for option, value in (("--effect", effect), ("--inconsistency", inconsistency)):
         if not 0 < value < math.inf:
             raise typer.BadParameter(f"{option} is {value:g}, expected more than 0")
-    chosen, _ = parse_protocol({"protocol": protocol})
+    with wrong_use():
+        chosen, _ = parse_protocol({"protocol": protocol})
     is_rated = chosen in RATED
     if is_rated:
         result = plan_ratings(RatingPlan(conditions, datasets, participants, inconsistency), effect)
@@ -304,14 +306,17 @@ def _parse_mapping(text: str | None, option: str) -> dict[str, str] | None:
     pairs = [pair.partition("=") for pair in text.split(",")]
     if not all(ours.strip() and theirs.strip() for ours, _, theirs in pairs):
         raise typer.BadParameter(f"{option} is {text!r}, expected ours=theirs, comma between")
+    names = [ours.strip() for ours, _, _ in pairs]
+    if repeated := [name for name in names if names.count(name) > 1]:
+        raise typer.BadParameter(f"{option} names {repeated[0]} twice; expected ours=theirs, each of ours once")
     return {ours.strip(): theirs.strip() for ours, _, theirs in pairs}
 
 
 def _read_abilities(path: Path) -> dict[str, float]:
     content = read_json(path)
-    wrong = [name for name, value in content.items() if isinstance(value, bool) or not isinstance(value, int | float)]
-    if wrong:
-        raise ValueError(f"{path}: the ability of {wrong[0]} is {content[wrong[0]]!r}, expected a number")
+    for name, value in content.items():
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise ValueError(f"{path}: the ability of {name} is {value!r}, expected a number")
     return {name: float(value) for name, value in content.items()}
 
 

@@ -225,12 +225,14 @@ def study_balance(
     study: StudyArgument,
     as_json: JsonOption = False,
 ) -> None:
-    """Check that all orders follow from the seed, and that labels, first looks and datasets are balanced."""
+    """Check that orders follow from the seed and are balanced: labels, first looks, datasets; exit with 1 if not."""
     from app.operations.manage import study_balance as balance_of
     from app.settings import Settings
 
     report = balance_of(Settings(), study)
     print_result(report, "\n".join(_balance_lines(report)), as_json=as_json)
+    if not report["ok"]:
+        raise typer.Exit(1)
 
 
 @study_app.command("attach")

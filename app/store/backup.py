@@ -1,7 +1,8 @@
 """Write all rows of a database to a file, and restore them into either kind of database.
 
 A ZIP archive: `backup.json` (version of the schema, and for each table the number of rows and their digest), and
-`tables/NAME.jsonl`, one JSON object a row. All tables are of one moment, and the server may run meanwhile.
+`tables/NAME.jsonl`, one JSON object a row, bytes in it as base64. All tables are of one moment, and the server may run
+meanwhile.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
+from base64 import b64decode, b64encode
 from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from datetime import UTC, datetime
 from itertools import islice
@@ -16,15 +18,17 @@ from typing import Any
 from zipfile import ZipFile
 
 from alembic.migration import MigrationContext
-from sqlalchemy import JSON, Connection, DateTime, MetaData, Table, func, insert, inspect, select, text
+from sqlalchemy import JSON, Connection, DateTime, LargeBinary, MetaData, Table, func, insert, inspect, select, text
 from sqlalchemy.exc import OperationalError
+from sqlalchemy.types import TypeEngine
 
 from app.store.engine import Database
 from app.store.experimenters import UNNAMED
 from app.store.migrate import newest_version, revisions, upgrade_within, why_not_ready
 from app.store.schema import metadata
-from app.store.tables import experimenter, session, trial, vote
+from app.store.tables import experimenter, participant, session, trial, vote
 from app.store.trials import is_voted_on
+from app.study.stages import FINISHED
 
 FACTS = "backup.json"
 SCHEMA_VERSION = 1
@@ -106,11 +110,16 @@ def _write_table(connection: Connection, table: Table, archive: ZipFile) -> dict
         for row in connection.execute(
             select(table).order_by(*table.primary_key).execution_options(yield_per=ROWS_AT_ONCE)
         ):
-            line = json.dumps(dict(row._mapping), default=datetime.isoformat).encode() + b"\n"
+            line = json.dumps(dict(row._mapping), default=_as_text).encode() + b"\n"
             digest.update(line)
             file.write(line)
             n_rows += 1
     return {"rows": n_rows, "sha256": digest.hexdigest()}
+
+
+def _as_text(value: datetime | bytes) -> str:
+    """Return what JSON does not have as a text, from which `_reader` makes it again."""
+    return b64encode(value).decode() if isinstance(value, bytes) else value.isoformat()
 
 
 def _file_of(table_name: str) -> str:
@@ -237,21 +246,31 @@ def _fill(connection: Connection, table: Table, rows: Iterable[Mapping[str, Any]
     for column in table.columns:
         if isinstance(column.type, JSON):
             column.type.none_as_null = True
-    moments = [column.name for column in table.columns if isinstance(column.type, DateTime)]
     is_sqlite = connection.dialect.name == "sqlite"
+    readers = {column.name: read for column in table.columns if (read := _reader(column.type, is_sqlite=is_sqlite))}
     left = iter(rows)
     while some := list(islice(left, ROWS_AT_ONCE)):
-        connection.execute(insert(table), [{**row, **_moments(row, moments, is_sqlite)} for row in some])
+        connection.execute(insert(table), [{**row, **_read(row, readers)} for row in some])
     if not is_sqlite and "id" in table.c:
         newest = select(func.coalesce(func.max(table.c.id), 0) + 1).scalar_subquery()
         connection.execute(select(func.setval(func.pg_get_serial_sequence(table.name, "id"), newest, False)))
 
 
-def _moments(row: Mapping[str, Any], names: Iterable[str], is_sqlite: bool) -> dict[str, datetime | None]:
-    moments = {name: datetime.fromisoformat(row[name]) if row[name] else None for name in names}
-    if is_sqlite:  # keeps no time zone
-        return {name: moment and moment.astimezone(UTC).replace(tzinfo=None) for name, moment in moments.items()}
-    return moments
+def _reader(kind: TypeEngine[Any], *, is_sqlite: bool) -> Callable[[str], Any] | None:
+    """Return what makes a column's value from its text in a backup; None: it stands there as it is."""
+    if isinstance(kind, LargeBinary):
+        return b64decode
+    if not isinstance(kind, DateTime):
+        return None
+    return _without_zone if is_sqlite else datetime.fromisoformat
+
+
+def _without_zone(text: str) -> datetime:
+    return datetime.fromisoformat(text).astimezone(UTC).replace(tzinfo=None)  # SQLite keeps no time zone
+
+
+def _read(row: Mapping[str, Any], readers: Mapping[str, Callable[[str], Any]]) -> dict[str, Any]:
+    return {name: read(row[name]) for name, read in readers.items() if row[name] is not None}
 
 
 def faults_of(database: Database) -> list[str]:
@@ -278,9 +297,11 @@ def _contradictions(connection: Connection) -> Iterator[str]:
     )
     ended = (
         select(func.count(session.c.id.distinct()))
+        .join(participant)
         .join(trial, trial.c.session_id == session.c.id)
         .outerjoin(vote, is_voted_on())
-        .where(session.c.stage == "finished", trial.c.voided_at.is_(None), vote.c.id.is_(None))
+        .where(session.c.stage == FINISHED, trial.c.voided_at.is_(None), vote.c.id.is_(None))
+        .where(participant.c.is_preview.is_(False))  # previews skip stages, and their votes are forgotten
     )
     counts = {
         "votes on trials that were interrupted": connection.scalar(voided),

@@ -122,7 +122,8 @@ def add_tag(connection: Connection, study_id: int, name: str, now: datetime) -> 
         raise ConflictError(f"This study has the tag {name} already.")
     if len(known) >= MOST_TAGS:
         raise ConflictError(f"This study has {MOST_TAGS} tags already, which is the most. Delete one first.")
-    connection.execute(insert(comment_tag).values(study_id=study_id, name=name, created_at=now))
+    row = {"study_id": study_id, "name": name, "created_at": now}
+    insert_or_ignore(connection, comment_tag, [row], comment_tag.c.id)  # somebody may be adding it, too
 
 
 def rename_tag(connection: Connection, study_id: int, name: str, new: str) -> None:
@@ -228,13 +229,13 @@ def keep_trial_comment(
         If its participant was erased.
     """
     row = connection.execute(
-        select(trial.c.id, trial.c.session_id, participant.c.label, participant.c.erased_at)
+        select(trial.c.id, trial.c.session_id, session.c.participant_id)
         .select_from(trial.join(session).join(participant))
         .where(takes_part_in(study_id), trial.c.public_id == trial_id)
     ).one_or_none()
     if row is None:
         raise NotFoundError("This study has no such trial.")
-    check_not_erased(row.label, row.erased_at)
+    check_not_erased(connection, row.participant_id)
     values = {"comment": comment, "experimenter": experimenter, "written_at": now}
     this = trial_comment.c.trial_id == row.id
     if not comment:

@@ -44,14 +44,15 @@ def erase(connection: Connection, person: Person, now: datetime) -> None:
     ConflictError
         If they were erased before.
     """
-    if person.erased_at is not None:
+    this = (participant.c.id == person.id, participant.c.erased_at.is_(None))
+    # first, as it locks their row: nobody keeps a note meanwhile
+    if not connection.execute(update(participant).where(*this).values(erased_at=now)).rowcount:
         raise ConflictError(f"{person.label} was erased before.")
     withdraw_participant(connection, person, now)
     _delete_given(connection, [person.id], KEPT_AT_ERASURE)
     _end_access(connection, [person.id])
     sessions = select(session.c.id).where(session.c.participant_id == person.id)
     connection.execute(update(trial).where(trial.c.session_id.in_(sessions)).values(void_viewing=None))
-    connection.execute(update(participant).where(participant.c.id == person.id).values(erased_at=now))
     by_name = select(participant.c.invitation_id).where(participant.c.id == person.id).scalar_subquery()
     connection.execute(update(invitation).where(invitation.c.id == by_name, invitation.c.places == 1).values(label=""))
 

@@ -293,11 +293,12 @@ def disable(connection: Connection, name: str, now: datetime) -> list[str]:
     ConflictError
         If nobody would be left who is an owner.
     """
-    _lock_owners(connection)
+    has_owners = _lock_owners(connection)
     ended = update(experimenter).where(experimenter.c.name == name).values(disabled_at=now, **_no_link())
     for experimenter_id in connection.scalars(ended.returning(experimenter.c.id)).all():
         end_all_sessions(connection, experimenter_id)
-    _refuse_to_lock_out(connection)
+    if has_owners:
+        _refuse_to_lock_out(connection)
     theirs = (api_token.c.created_by == name, api_token.c.revoked_at.is_(None))
     revoked = update(api_token).where(*theirs).values(revoked_at=now).returning(api_token.c.name)
     return list(connection.scalars(revoked))

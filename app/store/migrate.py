@@ -58,9 +58,8 @@ def why_not_ready(database: Database) -> str | None:
         return "The database does not answer."
     if version == newest_version():
         return None
-    return _why_unknown(version) or (
-        f"The database is at version {version}, expected {newest_version()}; run `reconstudy db upgrade`."
-    )
+    state = "has no tables yet" if version is None else f"is at version {version}, expected {newest_version()}"
+    return _why_unknown(version) or f"The database {state}; run `reconstudy db upgrade`."
 
 
 def _why_unknown(version: str | None) -> str | None:

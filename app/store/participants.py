@@ -9,7 +9,7 @@ from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, Row, Select, func, literal_column, select, update
 
-from app.errors import ConflictError, InvalidError, NotFoundError
+from app.errors import ConflictError, GoneError, InvalidError, NotFoundError
 from app.store.belonging import rows_of_people
 from app.store.engine import insert_or_ignore, sorted_by
 from app.store.exclusions import in_force, is_excluded, sessions_in, takes_part_in
@@ -54,15 +54,30 @@ def person_of_session(connection: Connection, public_id: str) -> Person | None:
     return Person(**row._mapping) if row else None
 
 
-def check_not_erased(label: str, erased_at: datetime | None) -> None:
-    """Refuse to keep anything more of a participant who was erased.
+def check_not_erased(connection: Connection, participant_id: int) -> None:
+    """Refuse to keep anything more of a participant who was erased, and lock their row: erasures and notes wait.
 
     Raises
     ------
     InvalidError
     """
+    this = select(participant.c.label, participant.c.erased_at).where(participant.c.id == participant_id)
+    label, erased_at = connection.execute(this.with_for_update(key_share=True)).one()
     if erased_at is not None:
         raise InvalidError(f"{label} was erased; nothing is kept of them any more.")
+
+
+def lock_unless_withdrawn(connection: Connection, session_id: int) -> None:
+    """Lock a session, lest anything be kept of who withdraws, or is erased, while a request is under way.
+
+    Raises
+    ------
+    GoneError
+        If the participant has withdrawn.
+    """
+    is_open = (session.c.id == session_id, session.c.withdrawn_at.is_(None))
+    if connection.scalar(select(session.c.id).where(*is_open).with_for_update(key_share=True)) is None:
+        raise GoneError("You have withdrawn from the study.")
 
 
 def sessions_of(connection: Connection, participant_id: int) -> list[str]:

@@ -17,6 +17,7 @@ from sqlalchemy import ColumnElement, Connection, Row, func, insert, select, upd
 from app.errors import ConflictError, NotFoundError
 from app.store.engine import Database
 from app.store.exclusions import COUNTING, counting, takes_part_in
+from app.store.participants import lock_unless_withdrawn
 from app.store.tables import participant, screening_display, screening_entry, screening_item, screening_test, session
 from app.study.screening import (
     NOT_TAKEN,
@@ -289,7 +290,7 @@ def screening_verdicts(
 def _screening_of(database: Database, session_id: int) -> Iterator[Connection]:
     """Hold a writing transaction that locks the session: what comes twice at once is taken one after the other."""
     with database.writing() as connection:
-        connection.execute(select(session.c.id).where(session.c.id == session_id).with_for_update(key_share=True))
+        lock_unless_withdrawn(connection, session_id)
         yield connection
 
 

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Literal
 
-from sqlalchemy import ColumnElement, Connection, Row, exists, func, insert, select, true, update
+from sqlalchemy import ColumnElement, Connection, Row, exists, func, select, true, update
 
 from app.errors import ConflictError
+from app.store.engine import insert_or_ignore
 from app.store.exclusions import takes_part_in
 from app.store.tables import condition, dataset, pair, participant, session, study, vote
 from app.study.stages import FINISHED
@@ -62,8 +63,17 @@ class StudyCounts:
 
 
 def insert_study(connection: Connection, values: Mapping[str, Any]) -> int:
-    """Insert the row of a study; `values` are its columns."""
-    return int(connection.execute(insert(study).values(**values).returning(study.c.id)).scalar_one())
+    """Insert the row of a study; `values` are its columns.
+
+    Raises
+    ------
+    ValueError
+        If a study has its slug.
+    """
+    inserted = insert_or_ignore(connection, study, [values], study.c.id)
+    if not inserted:
+        raise ValueError(f"there is already a study {values['slug']!r}; choose another name")
+    return int(inserted[0])
 
 
 def slug_exists(connection: Connection, slug: str) -> bool:

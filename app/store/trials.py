@@ -13,7 +13,8 @@ from app.errors import ConflictError, NotFoundError
 from app.store.designs import SECOND_CODEC, has_lighter, has_singles
 from app.store.engine import Database
 from app.store.keys import new_opaque_id
-from app.store.tables import assignment, pair, second_film, session, trial, vote
+from app.store.participants import lock_unless_withdrawn
+from app.store.tables import assignment, pair, second_film, trial, vote
 from app.study.trial import LEFT_THE_PAGE
 
 MOST_ATTEMPTS = 2  # an interrupted trial is repeated once
@@ -100,9 +101,11 @@ def void_trial(
         If the session has no such trial.
     ConflictError
         If it has a vote, has not been given out, or is itself a repetition whose page was not left.
+    GoneError
+        If the participant has withdrawn.
     """
     with database.writing() as connection:
-        connection.execute(select(session.c.id).where(session.c.id == session_id).with_for_update(key_share=True))
+        lock_unless_withdrawn(connection, session_id)
         row = connection.execute(
             select(trial, exists().where(is_voted_on()).label("has_vote")).where(
                 trial.c.session_id == session_id, trial.c.public_id == trial_id

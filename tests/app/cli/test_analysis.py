@@ -99,6 +99,42 @@ def test_a_scale_of_votes_is_refused(command: Command, tmp_path: Path) -> None:
     assert "--ratings FILE" in told.err
 
 
+@pytest.mark.parametrize("dry_run", [(), ("--dry-run",)])
+@pytest.mark.parametrize(
+    ("option", "value", "says"),
+    [
+        ("--ties", "davison", "ties is 'davison', expected one of davidson"),
+        ("--penalty", "lasso", "penalty is 'lasso', expected one of firth"),
+        ("--equivalence", "-1", "expected a number of JOD above 0"),
+        ("--columns", "item_a=x,item_a=y", "--columns names item_a twice"),
+        ("--choices", "a=1,a=first", "--choices names a twice"),
+    ],
+)
+def test_values_that_an_option_does_not_take_are_wrong_use(
+    command: Command, tmp_path: Path, option: str, value: str, says: str, dry_run: tuple[str, ...]
+) -> None:
+    (tmp_path / "votes.csv").write_text(VOTES)
+    told = command("analyse", tmp_path / "votes.csv", "-o", tmp_path / "out", option, value, *dry_run)
+    assert told.code == 2
+    assert says in " ".join(told.err.replace("│", " ").split())
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_of_utf_16_that_is_cut_off_is_named(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "votes.csv").write_bytes(VOTES.encode("utf-16")[:-1])
+    told = command("analyse", tmp_path / "votes.csv", "--dry-run")
+    assert told.code == 1
+    assert "votes.csv: begins as UTF-16, and cannot be read as such: truncated data" in told.err
+
+
+@pytest.mark.parametrize("value", ["NaN", "1e400", "true", '"1"'])
+def test_abilities_that_are_no_numbers_are_refused(command: Command, tmp_path: Path, value: str) -> None:
+    (tmp_path / "abilities.json").write_text(f'{{"id_fa": {value}}}')
+    told = command("simulate", "--study", "any", "--abilities", tmp_path / "abilities.json")
+    assert told.code == 1
+    assert "the ability of id_fa is" in told.err
+
+
 @pytest.mark.slow
 def test_published_scores_come_back_from_the_votes(command: Command, real_data: Path, tmp_path: Path) -> None:
     votes = real_data / "votes/pwcmp_tone_mapping.csv"

@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from app.cli import _fail
+from recon.cli.console import ProgressLine
 from tests.command_line import Command
 
 
@@ -47,6 +49,19 @@ def test_help_and_server_load_no_reconstruction_backend() -> None:
     code = f"import sys, app.cli, app.main; sys.exit(' '.join({heavy} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert not done.stderr.strip()
+
+
+@pytest.mark.parametrize(("is_terminal", "before"), [(True, "\r\x1b[K"), (False, "\n")])
+def test_an_error_is_not_written_behind_the_progress(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], is_terminal: bool, before: str
+) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: is_terminal)
+    ProgressLine()("checking", 1, 2)
+    with pytest.raises(SystemExit):
+        _fail("broken.mp4: cannot be decoded as a video")
+    written = capsys.readouterr().err
+    assert "checking: 1/2" in written
+    assert written.endswith(f"{before}reconstudy: broken.mp4: cannot be decoded as a video\n")
 
 
 def test_wrong_use_ends_with_2(command: Command, tmp_path: Path) -> None:

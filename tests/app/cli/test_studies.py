@@ -7,8 +7,12 @@ import shutil
 from pathlib import Path
 
 import pytest
+from sqlalchemy import update
 
 from app.cli.studies import _balance_lines
+from app.operations.database import open_store
+from app.settings import Settings
+from app.store.tables import assignment
 from recon.storage.files import read_json, write_json
 from tests.app import tiny_stimuli
 from tests.command_line import Command
@@ -189,7 +193,9 @@ def test_films_are_rated_where_the_protocol_says_so_and_planned_in_grades(comman
     plan = json.loads(command("plan", *sizes, "--protocol", "ACR", "--json").out)
     assert (plan["trials"], plan["minutes"], plan["votes"]) == (2, 1, 40)
     assert "grades" in command("plan", *sizes, "--protocol", "DCR").out
-    assert "protocol is 'MOS', expected one of PC" in command("plan", *sizes, "--protocol", "MOS").err
+    refused = command("plan", *sizes, "--protocol", "MOS")
+    assert refused.code == 2
+    assert "protocol is 'MOS', expected one of PC" in refused.err
 
 
 @pytest.mark.slow
@@ -258,5 +264,11 @@ def test_balance_is_told(command: Command, stimuli: Path) -> None:
     told = command("study", "balance", "tiny")
     assert "Orders from the seed 1: balanced" in told.out
     assert "3 finished" in told.out
+    assert told.code == 0
     report = json.loads(command("study", "balance", "tiny", "--json").out)
     assert report["pairs"][0]["n_shown"] == 3
+    with open_store(Settings()) as database, database.writing() as connection:
+        connection.execute(update(assignment).values(first_shown="a"))
+    changed = command("study", "balance", "tiny")
+    assert "Orders from the seed 1: NOT BALANCED" in changed.out
+    assert changed.code == 1, "a script notices, as of db check"

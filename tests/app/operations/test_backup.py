@@ -18,8 +18,11 @@ from app.operations import create, manage
 from app.operations.backup import back_up, check, restore
 from app.operations.database import open_store
 from app.settings import Settings
+from app.store.admission import begin_preview
 from app.store.engine import Database, open_database
+from app.store.images import image_digests, keep_image
 from app.store.migrate import newest_version, upgrade, version_of
+from app.store.studies import study_by_id
 from app.store.tables import metadata, pair, session, trial, vote
 from tests.app.web.admin import small_models
 from tests.postgresql import PostgresServer
@@ -90,6 +93,22 @@ def test_every_row_comes_back_on_either_kind_of_database(
     (new_id,) = seed_ids(database)
     assert new_id == 1 + max(row[0] for row in before["trial"])
     database.dispose()
+
+
+@pytest.mark.parametrize("kind", ["sqlite", pytest.param("postgresql", marks=pytest.mark.slow)])
+def test_images_that_a_study_shows_come_back(
+    here: Settings, kind: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    with open_store(here) as database, database.writing() as connection:
+        keep_image(connection, 1, "room.png", bytes(range(256)))
+        before = image_digests(connection, 1)
+    back_up(here, tmp_path / "backup.zip")
+    url = None if kind == "sqlite" else request.getfixturevalue("postgres").new_database(f"images_{id(here)}")
+    there = Settings(data_dir=tmp_path / "there", database_url=url)
+    restore(there, tmp_path / "backup.zip")
+    assert rows_of(there) == rows_of(here)
+    with open_store(there) as database, database.reading() as connection:
+        assert image_digests(connection, 1) == before
 
 
 def seed_ids(database: Database) -> list[int]:
@@ -434,6 +453,15 @@ def test_contradictions_are_found(here: Settings) -> None:
     faults = check(here)["faults"]
     assert "1 votes on trials that were interrupted" in faults
     assert "1 finished sessions with trials without a vote" in faults
+
+
+def test_a_preview_that_skipped_its_trials_is_no_fault(here: Settings) -> None:
+    with open_store(here) as database:
+        with database.reading() as connection:
+            study = study_by_id(connection, 1)
+        assert study is not None
+        begin_preview(database, study, NOW, "finished")
+    assert not [fault for fault in check(here)["faults"] if "finished" in fault]
 
 
 def test_only_their_owner_reads_the_database_and_its_backup(tmp_path: Path) -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor, wait
 from datetime import timedelta
 
 import pytest
 from sqlalchemy import Table, func, insert, select, update
 
-from app.store.deletion import delete_study, forget_people, studies_to_forget
+from app.errors import ConflictError, InvalidError
+from app.store.comments import keep_trial_comment
+from app.store.deletion import delete_study, erase, forget_people, studies_to_forget
 from app.store.engine import Database
 from app.store.participants import everything_of, participant_labelled
 from app.store.sessions import session_by_token
@@ -22,11 +25,35 @@ from app.store.tables import (
     spoken_answer,
     stage_record,
     study,
+    trial_comment,
 )
 from tests.app.store.test_designs import OTHER_FILMS, insert_film
 from tests.seeded_studies import NOW, seed_voters
 
+WAIT_S = 0.5  # an erasure that waits for nobody is done long before
 KEEPS = {"privacy": {"keep_days": 10}}
+
+
+def test_a_note_that_is_being_written_goes_with_the_person_who_is_erased(database: Database) -> None:
+    voter = seed_voters(database, 1, 2)[0]
+    (trial_id, _), *_ = voter.trials
+
+    def erase_them() -> None:
+        with database.writing() as connection:
+            erase(connection, participant_labelled(connection, 1, "P001"), NOW)
+
+    with ThreadPoolExecutor(1) as pool:
+        with database.writing() as connection:
+            keep_trial_comment(connection, 1, trial_id, "Ada sighed.", "Eva", NOW)
+            erasure = pool.submit(erase_them)
+            wait([erasure], WAIT_S)
+        erasure.result()
+    with database.reading() as connection:
+        assert connection.scalar(select(func.count()).select_from(trial_comment)) == 0
+    with database.writing() as connection, pytest.raises(InvalidError, match="P001 was erased"):
+        keep_trial_comment(connection, 1, trial_id, "Ada sighed.", "Eva", NOW)
+    with pytest.raises(ConflictError, match="P001 was erased before"):
+        erase_them()
 
 
 def test_what_leads_to_a_person_is_deleted_and_votes_stay(database: Database) -> None:

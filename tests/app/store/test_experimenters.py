@@ -65,6 +65,13 @@ def test_owners_who_lock_each_other_out_at_once_leave_one_of_them(database: Data
         assert [one.role == "owner" and not one.is_disabled for one in people].count(True) == 1
 
 
+def test_access_ends_where_nobody_is_an_owner_yet(database: Database) -> None:
+    renew_link(database, "Ada", NOW, "viewer")
+    with database.writing() as connection:
+        disable(connection, "Ada", NOW)
+        assert [one.is_disabled for one in all_experimenters(connection)] == [True]
+
+
 def test_a_link_with_a_lower_role_leaves_an_owner(database: Database) -> None:
     renew_link(database, "Ada", NOW, "viewer")  # before there is an owner, anybody may come
     renew_link(database, "Eva", NOW, "owner")

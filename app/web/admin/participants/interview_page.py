@@ -52,7 +52,7 @@ def keep_interview(
     """
     with database.writing() as connection:
         participant = participant_labelled(connection, study.id, label)
-        check_not_erased(label, participant.erased_at)
+        check_not_erased(connection, participant.id)
         kept = spoken_of(connection, participant.id)
         known = {*parse_options(study.options).spoken_questions, *kept}
         shown, noted = _by_question(question, seen), _by_question(question, answer)

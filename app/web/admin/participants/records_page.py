@@ -143,7 +143,7 @@ def enter_screening_result(
         raise InvalidError(f"Nothing was entered: {error}.") from error
     with database.writing() as connection:
         participant = participant_labelled(connection, study.id, label)
-        check_not_erased(label, participant.erased_at)
+        check_not_erased(connection, participant.id)
         enter_result(connection, participant.id, entered, actor.name, actor.now)
         actor.note(connection, "screening result entered", study, label, test=test)  # the log outlives an erasure
     return see(_address(study, label))
