@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
-from sqlalchemy import Connection, Table, select
+from sqlalchemy import ColumnElement, Connection, Label, Table, select
 
 from app.store.sessions import Session
 from app.store.tables import (
@@ -21,7 +22,10 @@ from app.store.tables import (
 )
 from app.study.stages import FINISHED
 
-GIVEN: dict[str, tuple[Table, tuple[str, ...]]] = {  # what is left out is the server's, or would say what was compared
+TEST = select(screening_test.c.test).where(screening_test.c.id == screening_item.c.screening_test_id)
+GIVEN: dict[
+    str, tuple[Table, tuple[str | Label[str], ...]]
+] = {  # what is left out is the server's, or would say what was compared
     "stages": (stage_record, ("stage", "data", "completed_at")),
     "votes": (
         vote,
@@ -29,7 +33,10 @@ GIVEN: dict[str, tuple[Table, tuple[str, ...]]] = {  # what is left out is the s
     ),
     "screening_display": (screening_display, ("pixel_mm", "distance_mm", "distance_source", "measured", "measured_at")),
     "screening_tests": (screening_test, ("test", "started_at", "finished_at", "verdict", "result")),
-    "screening_answers": (screening_item, ("number", "answer", "response_ms", "answered_at")),
+    "screening_answers": (
+        screening_item,
+        (TEST.scalar_subquery().label("test"), "number", "answer", "response_ms", "answered_at"),
+    ),
     "screening_entries": (screening_entry, ("test", "instrument", "result", "verdict", "logmar", "entered_at")),
 }
 NOTES = (
@@ -66,8 +73,11 @@ def own_data(connection: Connection, of_session: Session) -> dict[str, Any]:
     return {**facts, "stage": of_session.stage, **given, "interrupted": interrupted, "recruiting": came, "notes": NOTES}
 
 
-def _rows(connection: Connection, table: Table, columns: tuple[str, ...], belongs: Any) -> list[dict[str, Any]]:
-    rows = connection.execute(select(*(table.c[name] for name in columns)).where(belongs).order_by(table.c.id))
+def _rows(
+    connection: Connection, table: Table, columns: Sequence[str | Label[str]], belongs: ColumnElement[bool]
+) -> list[dict[str, Any]]:
+    chosen = [table.c[column] if isinstance(column, str) else column for column in columns]
+    rows = connection.execute(select(*chosen).where(belongs).order_by(table.c.id))
     return [{name: _plain(value) for name, value in row._mapping.items()} for row in rows]
 
 

@@ -1,9 +1,13 @@
-"""Settings of the server by the command line: what is wrong in them is told in a line."""
+"""The server by the command line: the links that it shows, and settings, of which it tells in a line what is wrong."""
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import pytest
 
+import app.main
 from app.settings import Settings
 from tests.command_line import Command
 
@@ -49,3 +53,18 @@ def test_an_address_for_links_that_leads_nowhere_is_refused(command: Command, ur
     told = command("admin", "add", "Me", "--url", url)
     assert told.code == 2
     assert "is no address of a server; expected" in told.err
+
+
+def test_the_links_that_a_server_shows_are_those_of_studies_that_take_people(
+    command: Command, monkeypatch: pytest.MonkeyPatch, stimuli: Path
+) -> None:
+    def serve(*_: Any, on_start: Any, **__: Any) -> None:
+        on_start("http://127.0.0.1:8000")
+
+    monkeypatch.setattr(app.main, "serve", serve)
+    for name in ("Under way", "Done"):
+        command("study", "create", stimuli, "--name", name)
+    command("study", "close", "done")
+    shown = command("serve").out
+    assert "participants of Under way: http://127.0.0.1:8000/s/" in shown
+    assert "Done" not in shown

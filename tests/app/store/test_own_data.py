@@ -9,7 +9,7 @@ from sqlalchemy import insert, select
 from app.store.engine import Database
 from app.store.own_data import own_data
 from app.store.sessions import session_by_token
-from app.store.tables import recruit, session
+from app.store.tables import recruit, screening_item, screening_test, session
 from app.store.trials import void_trial
 from tests.seeded_studies import NOW, seed_voters
 
@@ -24,6 +24,22 @@ def test_a_look_that_was_interrupted_is_among_the_data_of_who_looked(database: D
     with database.reading() as connection:
         given = own_data(connection, begun)
     assert given["interrupted"] == [{"void_reason": "hidden", "void_viewing": viewing, "voided_at": NOW.isoformat()}]
+
+
+def test_an_answer_of_the_screening_says_of_which_test_it_is(database: Database) -> None:
+    voter = seed_voters(database, 1, 3)[0]
+    with database.writing() as connection:
+        begun = session_by_token(connection, voter.token)
+        assert begun is not None
+        for answer, test in enumerate(("colour", "acuity")):
+            values = {"session_id": begun.id, "test": test, "setup": {}, "started_at": NOW}
+            test_id = connection.execute(
+                insert(screening_test).values(**values).returning(screening_test.c.id)
+            ).scalar_one()
+            item = {"screening_test_id": test_id, "number": 1, "content": {}, "served_at": NOW, "answer": answer}
+            connection.execute(insert(screening_item).values(session_id=begun.id, **item))
+        told = own_data(connection, begun)["screening_answers"]
+    assert [(answer["test"], answer["answer"]) for answer in told] == [("colour", 0), ("acuity", 1)]
 
 
 def test_the_completion_code_is_told_at_the_end_alone(database: Database) -> None:
