@@ -23,7 +23,7 @@ from pathlib import Path
 from recon.storage.artefacts import file_digest
 from recon.studio import SynthParameters, synthesise
 
-KINDS = (".npy", ".ply", ".png", ".mp4", ".quality.json")
+KINDS = (".tiff", ".npy", ".ply", ".png", ".mp4", ".quality.json")
 BOTH = """
 import sys
 from app.cli import main

@@ -55,7 +55,7 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def digests(folder: Path) -> dict[str, str]:
     """Of everything that was made but what says when and how fast."""
-    kinds = (".npy", ".ply", ".png", ".mp4", ".quality.json")
+    kinds = (".tiff", ".npy", ".ply", ".png", ".mp4", ".quality.json")
     return {
         str(path.relative_to(folder)): file_digest(path)
         for path in sorted(folder.rglob("*"))

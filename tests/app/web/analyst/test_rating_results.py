@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -86,6 +87,10 @@ def test_mean_opinion_scores_are_means_of_the_votes_and_are_compared_with_measur
         assert experimenter.get(f"{page}{tab}").status_code == 200, tab
     results = experimenter.get(f"{page}/results").text
     assert "pm_fb (reference)" in results
+    overall = results.partition("<caption>all datasets</caption>")[2].partition("</table>")[0]
+    means = {name: mean(row["mos"] for row in rows if row["condition"] == name) for name in QUALITIES}
+    shown = re.findall(r">(\w+)</th><td>5</td><td>([\d.]+)<", overall)
+    assert shown == [(name, decimal(means[name])) for name in sorted(means, key=means.__getitem__, reverse=True)]
     assert "DMOS" in results
     assert experimenter.get(f"{page}/figures/opinion_scores.svg").text.startswith("<svg")
     assert len(experimenter.get(f"{page}/figures/opinion_scores.csv").text.splitlines()) == 1 + len(rows)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -18,9 +19,9 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
 def test_a_page_whose_text_is_not_saved_asks_before_it_is_left(
-    browser: Browser, server: str, settings: Settings, study: dict[str, Any]
+    browser: Browser, server: str, settings: Settings, new_study: Callable[[], dict[str, Any]]
 ) -> None:
-    page = browser.new_page(base_url=server)
+    page, study = browser.new_page(base_url=server), new_study()
     asked: list[str] = []
 
     def stay(dialog: Dialog) -> None:
