@@ -10,10 +10,11 @@ from typing import Annotated, Any
 
 import typer
 
-from app.cli.shared import by_step, wrong_use
+from app.cli.shared import by_step
 from app.files import read_json
 from app.study.protocols import TYPICAL_INCONSISTENCY
 from recon.cli.console import JsonOption, ProgressLine, print_result
+from recon.cli.options import wrong_use
 
 app = typer.Typer()
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -29,15 +27,6 @@ UrlOption = Annotated[
         help="Address of the server, for printed links; default: the public one, where it runs, or port 8000.",
     ),
 ]
-
-
-@contextmanager
-def wrong_use() -> Iterator[None]:
-    """Refuse as wrong use, by the exit status 2, what the block finds wrong with the options' values."""
-    try:
-        yield
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from error
 
 
 def by_step(progress: ProgressLine) -> Progress:

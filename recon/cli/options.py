@@ -149,12 +149,19 @@ def parse_pairs(text: str) -> tuple[tuple[int, int], ...]:
     return tuple((int(pair[1]), int(pair[2])) for pair in pairs if pair)
 
 
-def parse_place(address: str) -> Path:
-    """Find the folder that a path or an fsspec URL names."""
+@contextmanager
+def wrong_use() -> Iterator[None]:
+    """Refuse as wrong use, by the exit status 2, what the block finds wrong with the options' values."""
     try:
-        return place(address)
+        yield
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
+
+
+def parse_place(address: str) -> Path:
+    """Find the folder that a path or an fsspec URL names."""
+    with wrong_use():
+        return place(address)
 
 
 def parse_path(text: str, kinds: Collection[str]) -> str | Path:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-import app.main
 from app.settings import Settings
 from tests.command_line import Command
 
@@ -58,10 +56,7 @@ def test_an_address_for_links_that_leads_nowhere_is_refused(command: Command, ur
 def test_the_links_that_a_server_shows_are_those_of_studies_that_take_people(
     command: Command, monkeypatch: pytest.MonkeyPatch, stimuli: Path
 ) -> None:
-    def serve(*_: Any, on_start: Any, **__: Any) -> None:
-        on_start("http://127.0.0.1:8000")
-
-    monkeypatch.setattr(app.main, "serve", serve)
+    monkeypatch.setattr("app.main.serve", lambda *_, on_start, **__: on_start("http://127.0.0.1:8000"))
     for name in ("Under way", "Done"):
         command("study", "create", stimuli, "--name", name)
     command("study", "close", "done")
