@@ -40,7 +40,7 @@ from sqlalchemy import (
     make_url,
 )
 from sqlalchemy.dialects import postgresql, sqlite
-from sqlalchemy.exc import ArgumentError, DataError, InterfaceError, OperationalError
+from sqlalchemy.exc import ArgumentError, DataError, IntegrityError, InterfaceError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from app.errors import InvalidError, NotFoundError, UnavailableError
@@ -55,6 +55,7 @@ BUSY_TIMEOUT_S = 20  # another program may hold SQLite's write lock, for example
 SHRED_WITHIN_S = 1  # votes wait meanwhile
 CONNECT_TIMEOUT_S = 5
 SECRETS = ("password", "sslpassword")  # that may stand in the query of an address, by libpq
+UNIQUE_VIOLATION = "23505"  # PostgreSQL's code
 POSTGRESQL_OPTIONS = "-c synchronous_commit=on"  # the server's default may be less
 
 
@@ -89,8 +90,8 @@ class Database:
     """An engine, and the lock under which SQLite is written to: waiting there is fair, SQLite's own is not.
 
     It is open while a block runs, or until it is disposed of. Both kinds of transaction raise `UnavailableError` while
-    the database is away, locked by somebody else for long, or its disk is full: nothing was changed, unless the
-    connection broke while the commit was on its way.
+    the database is away, locked by somebody else for long, or its disk is full, and on PostgreSQL where somebody else
+    wrote the same row at that moment: nothing was changed, unless the connection broke while the commit was on its way.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -131,6 +132,11 @@ class Database:
                     yield connection
             except DataError as error:
                 raise InvalidError("This holds a character or a number that cannot be kept.") from error
+            except IntegrityError as error:
+                if getattr(error.orig, "sqlstate", None) != UNIQUE_VIOLATION:
+                    raise
+                log.warning("one row was written twice at once; the later is undone: %s", error.orig)
+                raise UnavailableError("This was changed by somebody else at this moment. Please try again.") from error
 
     @contextmanager
     def _unavailable_when_away(self) -> Iterator[None]:
@@ -238,9 +244,17 @@ def read_json_column(content: str | bytes) -> Any:
 
 
 def _configure_sqlite(path: Path, dbapi_connection: Any, _record: Any) -> None:
+    dbapi_connection.isolation_level = None  # the driver begins nothing by itself: _begin_sqlite does
+    try:
+        dbapi_connection.execute("PRAGMA schema_version").close()
+    except sqlite3.DatabaseError as error:
+        if error.sqlite_errorcode != sqlite3.SQLITE_NOTADB:
+            raise
+        raise ValueError(
+            f"{path}: is no SQLite database, or a damaged one; restore a backup, or name another place"
+        ) from error
     if stat.S_IMODE(path.stat().st_mode) != PRIVATE:
         path.chmod(PRIVATE)  # the write-ahead log, made later, takes over its mode
-    dbapi_connection.isolation_level = None  # the driver begins nothing by itself: _begin_sqlite does
     # temp_store: no file is made for each statement of several rows, which could be undone half way
     # secure_delete: what is deleted is overwritten with zeros
     for pragma in (
@@ -250,14 +264,7 @@ def _configure_sqlite(path: Path, dbapi_connection: Any, _record: Any) -> None:
         "temp_store=MEMORY",
         "secure_delete=ON",
     ):
-        try:
-            dbapi_connection.execute(f"PRAGMA {pragma}").close()
-        except sqlite3.DatabaseError as error:
-            if error.sqlite_errorcode != sqlite3.SQLITE_NOTADB:
-                raise
-            raise ValueError(
-                f"{path}: is no SQLite database, or a damaged one; restore a backup, or name another place"
-            ) from error
+        dbapi_connection.execute(f"PRAGMA {pragma}").close()
 
 
 def _begin_sqlite(connection: Connection) -> None:

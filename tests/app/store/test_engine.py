@@ -172,11 +172,13 @@ def test_what_is_no_database_that_can_be_used_is_refused(tmp_path: Path) -> None
     with pytest.raises(ValueError, match="expected a database of SQLite or PostgreSQL"):
         open_database("mysql://somewhere/study")
     (tmp_path / "study.sqlite").write_bytes(b"\x8f random bytes")
+    (tmp_path / "study.sqlite").chmod(0o644)
     with (
         pytest.raises(ValueError, match=r"study\.sqlite: is no SQLite database"),
         open_database(f"sqlite:///{tmp_path / 'study.sqlite'}").reading(),
     ):
         pass
+    assert (tmp_path / "study.sqlite").stat().st_mode & 0o777 == 0o644
 
 
 @pytest.mark.parametrize(
@@ -252,6 +254,32 @@ def test_what_postgresql_cannot_hold_is_not_found_and_not_kept(postgres: Postgre
         connection.execute(select(api_token).where(api_token.c.name == "\0"))
     with pytest.raises(InvalidError), database.writing() as connection:
         connection.execute(insert(api_token).values(**token_row("\0")))
+    database.dispose()
+
+
+@pytest.mark.slow
+def test_what_two_add_at_once_is_kept_once_and_the_other_may_try_again(postgres: PostgresServer) -> None:
+    database = open_database(postgres.new_database("at-once"))
+    upgrade(database)
+    both_looked = threading.Barrier(2)
+    refused = []
+
+    def add() -> None:
+        try:
+            with database.writing() as connection:
+                assert connection.scalar(select(func.count()).select_from(api_token)) == 0
+                both_looked.wait(timeout=20)
+                connection.execute(insert(api_token).values(**token_row("same")))
+        except UnavailableError as error:
+            refused.append(error.detail)
+
+    adding = [threading.Thread(target=add) for _ in range(2)]
+    for thread in adding:
+        thread.start()
+    for thread in adding:
+        thread.join()
+    assert refused == ["This was changed by somebody else at this moment. Please try again."]
+    assert n_tokens(database) == 1
     database.dispose()
 
 
