@@ -76,9 +76,10 @@ def analyse_file(
     refuse_to_replace([*paths, items, measures, participants, ratings], out)
     source = ", ".join(path.name for path in paths)
     votes, understood = understand_votes(paths, columns, choices)
-    settings = _with_factors(settings or AnalysisSettings(), items, factors)
-    settings = _with_groups(settings, participants, groups)
-    settings, notes = (settings, []) if measures is None else _with_measures(settings, votes, measures)
+    settings, notes = read_beside(
+        votes, settings or AnalysisSettings(), items=items, factors=factors, measures=measures,
+        participants=participants, groups=groups,
+    )  # fmt: skip
     rated, excluded = None, settings.exclude
     if ratings is not None:
         table, how = _single_ratings(ratings, scale)
@@ -95,6 +96,31 @@ def analyse_file(
     analysis["warnings"] += font_warnings(analysis)
     write_analysis(analysis, out, source=source, width=width)
     return analysis
+
+
+def read_beside(
+    votes: VotesTable,
+    settings: AnalysisSettings,
+    *,
+    items: File | None = None,
+    factors: Sequence[str] | None = None,
+    measures: File | None = None,
+    participants: File | None = None,
+    groups: Sequence[str] | None = None,
+) -> tuple[AnalysisSettings, list[str]]:
+    """Read the files that may lie beside votes, as in `analyse_file`.
+
+    Returns
+    -------
+    the settings with their factors, groupings and measures; sentences on what of the measures was averaged or left out
+
+    Raises
+    ------
+    ValueError
+        As in `analyse_file`.
+    """
+    settings = _with_groups(_with_factors(settings, items, factors), participants, groups)
+    return (settings, []) if measures is None else _with_measures(settings, votes, measures)
 
 
 def _with_factors(settings: AnalysisSettings, items: File | None, factors: Sequence[str] | None) -> AnalysisSettings:
@@ -203,13 +229,18 @@ def analyse_ratings_file(
     return analysis
 
 
-def _with_measures_of(analysis: Mapping[str, Any], table: RatingTable | ComparisonTable, path: File) -> dict[str, Any]:
-    """Return an analysis of ratings with the comparison of a file's measures with their scores."""
+def read_measures_of(table: RatingTable | ComparisonTable, path: File) -> tuple[AnalysisSettings, list[str]]:
+    """Read objective measures of what was rated, as in `analyse_ratings_file`; returns the same as `read_beside`."""
     known = read_measures(Path(path))
     datasets = list(dict.fromkeys(dataset for dataset, _ in table.items))
     items = list(dict.fromkeys(condition for _, condition in table.items))
     notes = _measure_notes(known, datasets, items, path, "ratings")
-    settings = AnalysisSettings(measures=known.on(datasets), better=known.better)
+    return AnalysisSettings(measures=known.on(datasets), better=known.better), notes
+
+
+def _with_measures_of(analysis: Mapping[str, Any], table: RatingTable | ComparisonTable, path: File) -> dict[str, Any]:
+    """Return an analysis of ratings with the comparison of a file's measures with their scores."""
+    settings, notes = read_measures_of(table, path)
     if isinstance(table, RatingTable):
         result = with_measures(analysis, opinion_score_sets(table), settings)
     else:

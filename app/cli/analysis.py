@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,6 +15,9 @@ from app.files import read_json
 from app.study.protocols import TYPICAL_INCONSISTENCY
 from recon.cli.console import JsonOption, ProgressLine, print_result
 from recon.cli.options import wrong_use
+
+if TYPE_CHECKING:
+    from app.analysis import AnalysisSettings
 
 app = typer.Typer()
 
@@ -140,6 +143,7 @@ def analyse(
 ) -> None:
     """Analyse any pair-comparison votes or ratings: scores, standard errors, figures and a report."""
     from app.analysis import AnalysisSettings, analyse_file, analyse_ratings_file
+    from app.analysis.analyse_files import read_measures_of
     from app.analysis.drawing import WIDTHS
     from app.analysis.ratings.reading import understand_ratings
 
@@ -166,9 +170,15 @@ def analyse(
     if ends and not rated and ratings is None:
         raise typer.BadParameter("--scale is for ratings, and the file holds votes; did you mean --ratings FILE?")
     if out is None or dry_run:
-        understood = [] if rated else _understood_votes(votes, *mappings)
+        beside_votes = {
+            "items": items, "factors": factor, "measures": measures, "participants": participants, "groups": group,
+        }  # fmt: skip
+        understood = [] if rated else _understood_votes(votes, *mappings, settings, beside_votes)
         if beside := rated or ratings:
-            understood += understand_ratings(beside, ends)[1]
+            table, sentences = understand_ratings(beside, ends)
+            understood += sentences
+            if rated and measures:
+                understood += _understood_measures(*read_measures_of(table, measures))
         print_result({"understood": understood}, "\n".join(understood), as_json=as_json)
         return
     if rated:
@@ -322,21 +332,40 @@ def _read_abilities(path: Path) -> dict[str, float]:
 
 
 def _understood_votes(
-    paths: Sequence[Path], columns: dict[str, str] | None, choices: dict[str, str] | None
+    paths: Sequence[Path],
+    columns: dict[str, str] | None,
+    choices: dict[str, str] | None,
+    settings: AnalysisSettings,
+    beside: Mapping[str, Any],
 ) -> list[str]:
+    """Return how votes, and the files beside them that `read_beside` takes, are understood."""
+    from app.analysis.analyse_files import read_beside
     from app.analysis.findings.phrases import counted
     from app.analysis.reading import understand_votes
 
     votes, sentences = understand_votes(paths, columns, choices)
+    settings, notes = read_beside(votes, settings, **beside)
     used = votes.used()
     people = counted(len(votes.participants), "participant") if votes.has_participants else "unknown participants"
     datasets = counted(len(votes.datasets), "dataset") if votes.has_datasets else "no named dataset"
     return [
         *sentences,
         f"Together: {votes.n_votes} votes, of which {used.n_votes} count; {people}, {datasets}, "
-        f"{len(votes.items)} conditions: {', '.join(votes.items[:MOST_NAMED])}"
-        + (" …" if len(votes.items) > MOST_NAMED else ""),
+        f"{len(votes.items)} conditions: {_few(votes.items)}",
+        *(f"Factor {name}: {_few(levels.values())}" for name, levels in settings.factors.items()),
+        *(f"Grouping {name}: {_few(groups.values())}" for name, groups in settings.groups.items()),
+        *_understood_measures(settings, notes),
     ]
+
+
+def _understood_measures(settings: AnalysisSettings, notes: Sequence[str]) -> list[str]:
+    return ([f"Measures: {_few(settings.measures)}"] if settings.measures else []) + [*notes]
+
+
+def _few(names: Iterable[str]) -> str:
+    """Name the first of some names, each once."""
+    unlike = list(dict.fromkeys(names))
+    return ", ".join(unlike[:MOST_NAMED]) + (" …" if len(unlike) > MOST_NAMED else "")
 
 
 def _found_sentences(analysis: Mapping[str, Any]) -> str:

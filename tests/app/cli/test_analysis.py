@@ -47,6 +47,34 @@ def test_votes_become_scores_tables_and_a_report(command: Command, tmp_path: Pat
         assert (tmp_path / "out" / name).stat().st_size > 0
 
 
+def test_a_dry_run_reads_the_files_beside_the_votes_too(command: Command, tmp_path: Path) -> None:
+    files = {
+        "votes": VOTES,
+        "items": "item,depth\nx,id\ny,pm\n",
+        "people": "participant,age\np1,old\np2,old\np3,young\np4,young\n",
+        "measures": "dataset,item,psnr\nball,x,30\nball,y,31\nbox,x,9\n",
+    }
+    for name, text in files.items():
+        (tmp_path / f"{name}.csv").write_text(text)
+    votes, items, people, measures = (tmp_path / f"{name}.csv" for name in files)
+    asked = ("analyse", votes, "--items", items, "--participants", people, "--measures", measures, "--dry-run")
+    told = command(*asked)
+    assert told.code == 0, told.err
+    for sentence in ("Factor depth: id, pm", "Grouping age: old, young", "Measures: psnr", "measures: box/x not among"):
+        assert sentence in told.out
+    wrong = command(*asked, "--factor", "fusion")
+    assert wrong.code == 1
+    assert "has no factor 'fusion'; it has depth" in wrong.err
+
+
+def test_a_dry_run_of_ratings_reads_their_measures(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "ratings.csv").write_text(RATINGS)
+    (tmp_path / "measures.csv").write_text("dataset,item,psnr\nbox,x,30\n")
+    told = command("analyse", tmp_path / "ratings.csv", "--measures", tmp_path / "measures.csv", "--dry-run")
+    assert told.code == 1
+    assert "measures box/x; the ratings are on x, y, z" in told.err
+
+
 def test_an_unknown_choice_is_named_with_its_row(command: Command, tmp_path: Path) -> None:
     (tmp_path / "votes.csv").write_text(VOTES.replace("p3,ball,x,y,a", "p3,ball,x,y,left"))
     told = command("analyse", tmp_path / "votes.csv", "-o", tmp_path / "out")
