@@ -280,14 +280,20 @@ def run_steps(
 ) -> dict[str, float]:
     """Announce and run every step; returns seconds by name.
 
-    `notes` keeps the longest that each step took over all starts: a later one only finds that all is there.
+    `notes` keeps how long each step took until it was done, what it took before it failed or was interrupted included,
+    and no less after a later start, which only finds that all is there.
     """
     seconds = read_json(notes) if notes.is_file() else {}
     for number, step in enumerate(steps, start=1):
         say(f"{number} of {len(steps)}: {step.name}")
+        unfinished = f"{step.name}, not done"
         started = clock()
-        step.run()
-        seconds[step.name] = max(seconds.get(step.name, 0.0), round(clock() - started, 1))
+        try:
+            step.run()
+        finally:
+            seconds[unfinished] = round(seconds.get(unfinished, 0.0) + clock() - started, 1)
+            write_json(notes, seconds)
+        seconds[step.name] = max(seconds.get(step.name, 0.0), seconds.pop(unfinished))
         write_json(notes, seconds)
         if step.look:
             say(f"   look at {step.look}")

@@ -75,6 +75,21 @@ def test_a_step_that_was_there_keeps_the_time_that_it_took_to_make(tmp_path: Pat
     assert seconds == {"a": 40.0}
 
 
+def test_a_step_that_was_interrupted_took_the_time_of_all_its_parts(tmp_path: Path) -> None:
+    clock, notes = Clock(), tmp_path / "seconds.json"
+
+    def interrupted() -> None:
+        clock.now += 30.0
+        raise KeyboardInterrupt
+
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            run_steps([clock.step("a", 0.0)._replace(run=interrupted)], notes, lambda _: None, clock)
+    for taken in (40.0, 0.2):
+        assert run_steps([clock.step("a", taken)], notes, lambda _: None, clock) == {"a": 100.0}
+    assert json.loads(notes.read_text(encoding="utf-8")) == {"a": 100.0}
+
+
 def test_what_people_prefer_follows_what_was_measured_in_each_dataset() -> None:
     abilities = true_abilities([*ssim("ball", SSIM), *ssim("box", {one: 0.9 * SSIM[one] for one in APPROACHES})])
     for dataset in ("ball", "box"):
