@@ -108,7 +108,13 @@ def read_beside(
     participants: File | None = None,
     groups: Sequence[str] | None = None,
 ) -> tuple[AnalysisSettings, list[str]]:
-    """Read the files that may lie beside votes, as in `analyse_file`.
+    """Read the files that may lie beside votes.
+
+    Parameters
+    ----------
+    votes : whose datasets and items the measures are of
+    settings : how to analyse
+    items, factors, measures, participants, groups : as in `analyse_file`
 
     Returns
     -------
