@@ -126,7 +126,9 @@ def read_beside(
         As in `analyse_file`.
     """
     settings = _with_groups(_with_factors(settings, items, factors), participants, groups)
-    return (settings, []) if measures is None else _with_measures(settings, votes, measures)
+    if measures is None:
+        return settings, []
+    return _with_measures(settings, votes.datasets if votes.has_datasets else (), votes.items, measures)
 
 
 def _with_factors(settings: AnalysisSettings, items: File | None, factors: Sequence[str] | None) -> AnalysisSettings:
@@ -153,10 +155,12 @@ def _with_groups(
     return replace(settings, groups=_chosen(read_participants(Path(participants)), groups, "grouping", participants))
 
 
-def _with_measures(settings: AnalysisSettings, votes: VotesTable, measures: File) -> tuple[AnalysisSettings, list[str]]:
+def _with_measures(
+    settings: AnalysisSettings, datasets: Sequence[str], items: Sequence[str], path: File, what: str = "votes"
+) -> tuple[AnalysisSettings, list[str]]:
     """Return the settings with the measures of a file, and sentences on what was averaged or left out."""
-    known, datasets = read_measures(Path(measures)), votes.datasets if votes.has_datasets else ()
-    notes = _measure_notes(known, datasets, votes.items, measures)
+    known = read_measures(Path(path))
+    notes = _measure_notes(known, datasets, items, path, what)
     return replace(settings, measures=known.on(datasets or (ALL,)), better=known.better), notes
 
 
@@ -237,11 +241,9 @@ def analyse_ratings_file(
 
 def read_measures_of(table: RatingTable | ComparisonTable, path: File) -> tuple[AnalysisSettings, list[str]]:
     """Read objective measures of what was rated, as in `analyse_ratings_file`; returns the same as `read_beside`."""
-    known = read_measures(Path(path))
     datasets = list(dict.fromkeys(dataset for dataset, _ in table.items))
     items = list(dict.fromkeys(condition for _, condition in table.items))
-    notes = _measure_notes(known, datasets, items, path, "ratings")
-    return AnalysisSettings(measures=known.on(datasets), better=known.better), notes
+    return _with_measures(AnalysisSettings(), datasets, items, path, "ratings")
 
 
 def _with_measures_of(analysis: Mapping[str, Any], table: RatingTable | ComparisonTable, path: File) -> dict[str, Any]:
@@ -262,7 +264,7 @@ def _single_ratings(path: File, scale: tuple[float, float] | None) -> tuple[Rati
 
 
 def _measure_notes(
-    measures: MeasureValues, datasets: Sequence[str], items: Sequence[str], path: File, what: str = "votes"
+    measures: MeasureValues, datasets: Sequence[str], items: Sequence[str], path: File, what: str
 ) -> list[str]:
     """Return sentences on what was averaged or left out of measures; raise if no item is among those of the votes."""
     strangers = measures.strangers(datasets, items)
