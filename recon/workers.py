@@ -35,7 +35,8 @@ INTERRUPTED = 130  # exit status, as shells give it
 ENDS_WITHIN_S = 5.0  # after it was interrupted, a worker process
 RETRIES = 2  # how often a task on a cluster is tried again, unless its input is wrong
 CONNECT_S = 20  # to wait for a scheduler's answer, and for a worker
-ONE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
+NUMBA = "NUMBA_NUM_THREADS"
+ONE_THREAD = (NUMBA, "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 KEPT_MEMORY = 32 * 2**20  # bytes; the most that glibc takes for M_MMAP_THRESHOLD
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # as malloc.h numbers them
 
@@ -210,7 +211,8 @@ def _become_worker() -> None:
     signal.signal(signal.SIGUSR1, signal.default_int_handler)  # where a shell has SIGINT ignored, too
     Thread(target=_end_with_parent, name="parent", daemon=True).start()
     for name in ONE_THREAD:  # for what is not loaded yet
-        os.environ[name] = "1"
+        if not (name == NUMBA and "numba" in sys.modules):  # it refuses another number, when it compiles next
+            os.environ[name] = "1"
     _use_one_thread()
 
 
