@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from math import prod
 from pathlib import Path
 from shutil import rmtree
 from typing import Any
@@ -69,7 +70,10 @@ CLOUD_PEAK = 1000.0  # mm, of the PSNR of D1, the same for all scenes
 FILM_STEP = 3  # every third frame is measured; in `small` a model stays for five
 REACH_MM = 220.0  # how far an object's centre may be from that of the working volume, on each axis
 SEED = 1
-SCENE_BYTES, OBJECT_BYTES = 125, 60  # on disk, for each pixel of a frame: the paper's six approaches, and one
+SCENE_BYTES, OBJECT_BYTES = 130, 35  # on disk, for each pixel of a frame: the paper's six approaches, and one
+SCENE_US, OBJECT_US, FILM_US = 14.6, 7.6, 0.2  # on two idle cores, for each pixel of a frame, microseconds
+FILMS_OF_SCENE = 7  # of the paper's six approaches, and of the true models
+FURTHER_S = 340.0  # for 1 650 votes, comparisons and starting everything, at any scale
 OBJECTIVE_FILE = "objective.json"
 RECORDING = ("capture", "studio", "rig.py", "geometry")
 MEASURING = ("validation", "render", "surface", "cloud.py", "fusion", "geometry", "rig.py")
@@ -101,9 +105,22 @@ class Scale:
     @property
     def gigabytes(self) -> float:
         """What recordings and models take on the disk, as measured, by the paper's six approaches."""
-        scenes = len(SCENES) * self.n_frames * self.size[0] * self.size[1] * SCENE_BYTES
-        objects = (self.n_spheres + self.n_cuboids) * self.object_size[0] * self.object_size[1] * OBJECT_BYTES
-        return (scenes + objects) / 1e9
+        scenes, objects, _films = self._pixels
+        return (scenes * SCENE_BYTES + objects * OBJECT_BYTES) / 1e9
+
+    @property
+    def hours(self) -> float:
+        """How long all of it takes on two idle cores, as measured, by the paper's six approaches."""
+        scenes, objects, films = self._pixels
+        return ((scenes * SCENE_US + objects * OBJECT_US + films * FILM_US) / 1e6 + FURTHER_S) / 3600
+
+    @property
+    def _pixels(self) -> tuple[int, int, float]:
+        """Count the pixels of one camera: of the scenes, of the objects, of all films with those of the truth."""
+        scenes = len(SCENES) * self.n_frames * prod(self.size)
+        objects = (self.n_spheres + self.n_cuboids) * prod(self.object_size)
+        films = len(SCENES) * FILMS_OF_SCENE * self.video_fps * self.seconds * prod(self.video_size)
+        return scenes, objects, films
 
     def resized(self, n_frames: int | None = None, seconds: float | None = None) -> Scale:
         """Record each scene in another number of frames of the same time, or make videos of another length."""

@@ -17,7 +17,7 @@ import typer
 from app.cli.analysis import score_sentences
 from app.cli.shared import by_step
 from app.files import free_gb, read_json, write_json
-from recon.cli.console import JsonOption, ProgressLine, print_result
+from recon.cli.console import JsonOption, ProgressLine, duration, print_result
 from recon.cli.options import (
     ClusterOption,
     DeviceOption,
@@ -41,10 +41,6 @@ PRACTICE_SCENE = "box"  # small, as it is only to be told from its coarse twin
 PRACTICE_FRAMES = 2
 COARSE_MM = 40.0  # voxels, twice as large as the good model's
 DEMO_TAKES = "about two minutes on two idle cores"
-EXPERIMENT_TAKES = {
-    "small": "about nine minutes on two idle cores",
-    "full": "about 14 hours on two idle cores",  # reckoned from the megapixels and the times of small
-}
 
 app = typer.Typer()
 experiment_app = typer.Typer(no_args_is_help=True, help="Run whole experiments, from recording to report.")
@@ -260,8 +256,8 @@ def experiment_paper(
     )
     study = StudyPart(out.resolve(), has_ratings=ratings)
     sentence = (
-        f"The experiment takes {EXPERIMENT_TAKES[scale]} and {experiment.scale.gigabytes:.0f} GB of disk "
-        f"({free_gb(out):.0f} GB are free)"
+        f"The experiment takes about {duration(3600 * experiment.scale.hours)} on two idle cores "
+        f"and {experiment.scale.gigabytes:.0f} GB of disk ({free_gb(out):.0f} GB are free)"
     )
     if scale == "full" and not yes:
         _ask_to_go_on(sentence)

@@ -45,7 +45,7 @@ class ProgressLine:
             self._already_done = done
         left_s = self._left_s(now - self._started, done, total)
         self._write(now, {"step": what, "done": done, "total": total, "left_s": left_s})
-        times = _duration(now - self._started) + ("" if left_s is None else f", about {_duration(left_s)} left")
+        times = duration(now - self._started) + ("" if left_s is None else f", about {duration(left_s)} left")
         if sys.stderr.isatty():
             self._rewrite(f"{what}: {done}/{total} {_bar(done, total)} {times}")
             if done >= total:
@@ -92,7 +92,8 @@ def print_result(result: Mapping[str, Any], sentences: str, *, as_json: bool) ->
     print(json.dumps(result, default=str, allow_nan=False) if as_json else sentences, flush=True)
 
 
-def _duration(seconds: float) -> str:
+def duration(seconds: float) -> str:
+    """Say how long something takes, as people do: "80 s", "25 min", "2.0 h"."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -208,14 +208,21 @@ def test_a_factor_of_adaptive_pairs_has_the_effects_of_its_levels() -> None:
     assert colours.scores("colour", "ball") == {"vertices": 1.0}
 
 
+@pytest.mark.parametrize(
+    ("options", "takes"),
+    [
+        ((), "7.0 h on two idle cores and 171 GB"),
+        (("--frames", "5", "--seconds", "5"), "59 min on two idle cores and 10 GB"),
+    ],
+)
 def test_full_says_how_long_it_takes_and_how_much_room_and_waits_to_be_told(
-    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...], takes: str
 ) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=29_400_000_000))
-    told = command("experiment", "paper", "-o", tmp_path / "full", "--scale", "full", "--frames", "5")
+    told = command("experiment", "paper", "-o", tmp_path / "full", "--scale", "full", *options)
     assert told.code == 2
     assert "--yes" in told.err
-    assert "hours on two idle cores and 12 GB of disk (29 GB are free), and nobody can be asked here" in told.err
+    assert f"takes about {takes} of disk (29 GB are free), and nobody can be asked here" in told.err
     assert not (tmp_path / "full").exists()
 
 
