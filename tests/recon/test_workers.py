@@ -93,7 +93,7 @@ def test_a_worker_uses_one_thread_whatever_the_main_program_has_loaded(tmp_path:
     program = tmp_path / "program.py"
     program.write_text(PROGRAM)
     done = subprocess.run([sys.executable, program], capture_output=True, text=True, check=False)
-    assert done.stdout.split() == ["1", "1", "8"], done.stderr
+    assert (done.returncode, done.stdout.split()) == (0, ["1", "1", "8"]), done.stderr
 
 
 WAITING = """
