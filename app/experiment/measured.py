@@ -36,11 +36,12 @@ def sphere_section(results: Results, published: Mapping[str, Any]) -> Section:
     rows = report["reconstructions"]
     text = [
         f"{len({row['sample'] for row in rows})} placed spheres of radius {report['settings']['radius_mm']:g} mm, "
-        f"three sensors each, by DR: {min(points)} to {max(points)} points, {fmean(points):.0f} on average. "
+        f"three sensors each, by DR: {_count(min(points))} to {_count(max(points))} points, {_count(fmean(points))} "
+        "on average. "
         f"{len({row['sample'] for row in rows if not row['is_excluded']})} placements have a reconstruction that is "
         f"used; left out by rule: {', '.join(row['name'] for row in report['excluded']) or 'none'}. "
-        f"The paper: {paper['samples']} reconstructions, {paper['used']} used, {paper['points_mean']:.0f} points on "
-        "average.",
+        f"The paper: {paper['samples']} reconstructions, {paper['used']} used, {_count(paper['points_mean'])} points "
+        "on average.",
         "Our sphere is matt and textured all over, and its cameras are calibrated better than real ones, so that more "
         "points are inliers.",
     ]
@@ -68,10 +69,11 @@ def _figure_5(results: Results, rows: Sequence[Mapping[str, Any]], threshold: fl
     """Return the picture of the used reconstruction with the most outliers, of those that have one."""
     drawn = {row["name"]: picture for row in rows if (picture := _picture(results.out / SPHERE, row["name"])).is_file()}
     row = min((row for row in rows if row["name"] in drawn), key=lambda row: (row["is_excluded"], row["inliers"]))
+    outliers = row["n_points"] * (1 - row["inliers"])
     caption = (
         f"Figure 5. Points of reconstruction {row['name']} (grey) with the fitted ideal sphere (circle), from the "
-        f"sensor and from the side; to the right of each, its {row['n_points'] * (1 - row['inliers']):.0f} outliers "
-        f"beyond ±{threshold:g} mm among {row['n_points']} points, orange outside and blue inside. Of the "
+        f"sensor and from the side; to the right of each, its {_count(outliers)} outliers "
+        f"beyond ±{threshold:g} mm among {_count(row['n_points'])} points, orange outside and blue inside. Of the "
         "reconstructions used that have a picture, it has the most outliers."
     )
     return Figure(caption, "figure_5", pictures=[data_url(drawn[row["name"]].read_bytes(), "png")])
@@ -79,6 +81,11 @@ def _figure_5(results: Results, rows: Sequence[Mapping[str, Any]], threshold: fl
 
 def _picture(folder: Path, name: str) -> Path:
     return folder / f"sphere_{name.replace('/', '_')}.png"
+
+
+def _count(number: float) -> str:
+    """Write a count with a space, which does not break, between thousands."""
+    return f"{number:,.0f}".replace(",", "\N{NO-BREAK SPACE}")
 
 
 def _percent(share: float | None) -> str:
@@ -119,7 +126,7 @@ def models_section(results: Results) -> Section:
     def rows(shown: Sequence[str]) -> list[Row]:
         return [
             (name, described[name].unit, BETTER[described[name].direction], *(
-                f"{fmean(measured[approach]):.3g}" if approach in measured else "–" for approach in shown
+                f"{fmean(measured[approach]):#.3g}".rstrip(".") if approach in measured else "–" for approach in shown
             ))
             for name, measured in values.items()
         ]  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections import Counter
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,6 +18,7 @@ import app.experiment.study
 import recon.experiment
 import recon.validation.truth.evaluation
 from app.cli.experiments import Step, run_steps
+from app.experiment.measured import models_section
 from app.experiment.report import conclusions
 from app.experiment.results import Results, order_text
 from app.experiment.study import people, raters, true_abilities
@@ -206,6 +208,16 @@ def test_a_factor_of_adaptive_pairs_has_the_effects_of_its_levels() -> None:
     assert order_text(colours.scores("colour", "all"), told_apart) == "photographs > vertices ≈ painted"
     assert told_apart == {("photographs", "vertices"), ("photographs", "painted")}
     assert colours.scores("colour", "ball") == {"vertices": 1.0}
+
+
+def test_means_of_measures_are_told_with_three_digits_so_that_a_column_compares() -> None:
+    of_all = dict.fromkeys(APPROACHES, 0.76) | {"id_fa": 29.96, "id_fb": 27.0, "dr_fa": 118.4, "dr_fb": 0.0}
+    table = models_section(replace(results(SSIM), measures=ssim("ball", of_all))).tables[0]
+    (row,) = table.rows
+    shown = dict(zip(table.columns[3:], row[3:], strict=True))
+    assert shown == dict.fromkeys(APPROACHES, "0.760") | {
+        "id_fa": "30.0", "id_fb": "27.0", "dr_fa": "118", "dr_fb": "0.00"
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize(
