@@ -9,6 +9,10 @@ from numpy.typing import NDArray
 EDGE_PX = 2  # how far a threshold's outline lies outside the object's at most
 NEIGHBOURHOOD_PX = 4  # from which the object's typical evidence is taken
 HALF = 0.5  # a blurred edge is where half of the object's evidence is left
+LIT = 0.3  # of the threshold: a background as bright may be brighter than it beside the object, by stray light
+TRIMS = 6  # of EDGE_PX each, as far as stray light reaches
+ACROSS_PX = 8  # a neighbourhood that reaches across it
+BESIDE_PX = 9  # from a mask on, there is background only
 REACH_PX = 16  # how far from the mask GrabCut may add, at 1000 pixels of picture height
 ROUNDS = 2  # of GrabCut
 PATTERN_PX = 3.0  # standard deviation; a background's pattern is what is finer
@@ -26,20 +30,53 @@ def edge_share(mask: NDArray[np.bool_]) -> float:
     return float(np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]]).mean())
 
 
-def tightened(mask: NDArray[np.bool_], evidence: NDArray[np.float32]) -> NDArray[np.bool_]:
+def tightened(
+    mask: NDArray[np.bool_],
+    evidence: NDArray[np.float32],
+    background: NDArray[np.float32] | float = 0.0,
+    reach: int = NEIGHBOURHOOD_PX,
+) -> NDArray[np.bool_]:
     """Trim from a mask the rim where less than half of the object's own evidence is left.
 
     Parameters
     ----------
     mask : bool (H, W)
     evidence : float32 (H, W), high where the object is; its blur has put the threshold's outline outside
+    background : float32 (H, W), the evidence that what lies behind the object would give
+    reach : pixels around, from which the object's typical evidence is taken
     """
-    inner = cv2.erode(mask.astype(np.uint8), None, iterations=EDGE_PX).astype(np.float32)
-    window = (2 * NEIGHBOURHOOD_PX + 1, 2 * NEIGHBOURHOOD_PX + 1)
-    weight = cv2.boxFilter(inner, -1, window)
-    typical = cv2.boxFilter(inner * evidence, -1, window) / np.maximum(weight, 1e-6)
+    inner = cv2.erode(mask.astype(np.uint8), None, iterations=EDGE_PX)
+    typical, weight = _around(inner, evidence, reach)
     rim = mask & (inner == 0) & (weight > 0)
-    return np.asarray(mask & ~(rim & (evidence < HALF * typical)))
+    return np.asarray(mask & ~(rim & (evidence < background + HALF * (typical - background))))
+
+
+def without_lit_background(
+    mask: NDArray[np.bool_], brightness: NDArray[np.float32], threshold: float
+) -> NDArray[np.bool_]:
+    """Trim from a mask what is rather its background, where that is not black and stray light falls on it.
+
+    Parameters
+    ----------
+    mask : bool (H, W)
+    brightness : float32 (H, W)
+    threshold : of the brightness, above which the mask was made
+    """
+    beyond = cv2.erode((~mask).astype(np.uint8), None, iterations=BESIDE_PX)
+    background, _ = _around(beyond, brightness, 2 * BESIDE_PX)
+    lit = background > LIT * threshold
+    for _ in range(TRIMS):
+        mask = mask & ~(lit & ~tightened(mask, brightness, background, ACROSS_PX))
+    return mask
+
+
+def _around(
+    chosen: NDArray[np.uint8], evidence: NDArray[np.float32], reach: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Average the evidence of chosen pixels around each one; returns it, 0 where there are none, and their share."""
+    window = (2 * reach + 1, 2 * reach + 1)
+    share = cv2.boxFilter(chosen.astype(np.float32), -1, window)
+    return np.asarray(cv2.boxFilter(chosen * evidence, -1, window) / np.maximum(share, 1e-6)), np.asarray(share)
 
 
 def grown(picture: NDArray[np.uint8], mask: NDArray[np.bool_], doubtful: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -38,7 +38,15 @@ from recon.capture.masks.evidence import (
     found_threshold,
     smoothed,
 )
-from recon.capture.masks.outline import KEPT, edge_share, grown, hides_plate, likeness, tightened
+from recon.capture.masks.outline import (
+    KEPT,
+    edge_share,
+    grown,
+    hides_plate,
+    likeness,
+    tightened,
+    without_lit_background,
+)
 from recon.capture.masks.scribbles import Strokes, mask_of_key_frame, propagated, read_scribbles
 from recon.capture.noise import largest_channel
 from recon.storage.files import check_not_read, check_suffix, read_json, write_json
@@ -211,7 +219,8 @@ def _mask(
         doubtful = _not_background(mask, evidence)
     else:
         doubtful = changed & ~(likeness(smooth, plate, mask, changed) > KEPT)
-    return clean_mask(grown(picture, mask, doubtful), clean_up)
+    whole = clean_mask(grown(picture, mask, doubtful), clean_up)
+    return whole if plate is not None else clean_mask(without_lit_background(whole, evidence, limit), clean_up)
 
 
 def _not_background(mask: NDArray[np.bool_], evidence: NDArray[np.float32]) -> NDArray[np.bool_]:

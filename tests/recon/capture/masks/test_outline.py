@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from recon.capture.masks.evidence import evidence_of
-from recon.capture.masks.outline import KEPT, grown, hides_plate, likeness, tightened
+from recon.capture.masks.outline import KEPT, grown, hides_plate, likeness, tightened, without_lit_background
 
 SIZE = (120, 160)
 
@@ -26,6 +26,22 @@ def test_a_blurred_edge_is_put_where_half_of_the_evidence_is_left() -> None:
     tight = tightened(wide, np.asarray(evidence, dtype=np.float32))
     assert (wide & ~exact).sum() > 100
     assert (tight ^ exact).sum() < 20
+
+
+def test_a_cloth_that_stray_light_falls_on_does_not_belong_to_the_object_before_it() -> None:
+    exact = disc(28)
+    glow = cv2.GaussianBlur(exact.astype(np.float32) * 45, (0, 0), 5)
+    brightness = np.asarray(45 + cv2.GaussianBlur(exact.astype(np.float32) * 170, (0, 0), 1.2) + glow * ~exact)
+    wide = brightness > 50
+    tight = without_lit_background(wide, brightness, 50.0)
+    assert (wide & ~exact).sum() > 1000
+    assert (tight ^ exact).sum() < 60  # of 176 along the outline
+
+
+def test_a_dark_part_before_a_black_background_stays_whole() -> None:
+    brightness = np.where(disc(28), np.float32(200), np.float32(3)) * np.where(np.arange(SIZE[1]) < 60, 0.2, 1)
+    kept = without_lit_background(disc(28), brightness.astype(np.float32), 50.0)
+    assert (kept == disc(28)).all()
 
 
 def test_a_shadow_keeps_the_floors_pattern_and_trousers_of_its_colour_do_not() -> None:

@@ -231,6 +231,13 @@ def test_the_temples_own_shadows_belong_to_it(real_data: Path) -> None:
     assert not mask[:, :60].any()
 
 
+def test_the_cloth_that_the_temple_lights_up_does_not_belong_to_it(real_data: Path) -> None:
+    """Beside the base's edge, which lies at column 126, it is brighter than the threshold."""
+    mask = mask_on_dark(cv2.imread(str(real_data / "temple" / "templeR0022.png"))[..., ::-1].copy())
+    assert not mask[140, :125].any()
+    assert mask[140, 128:180].all()
+
+
 @pytest.mark.slow
 def test_the_temple_is_whole_and_the_cloth_is_gone(real_data: Path, tmp_path: Path) -> None:
     capture = import_middlebury(real_data / "temple", tmp_path / "temple", n_frames=1)
