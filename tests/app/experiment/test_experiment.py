@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import app.experiment.study
-import recon.experiment
+import recon.experiment.plan
 import recon.validation.truth.evaluation
 from app.cli.experiments import Step, run_steps
 from app.experiment.measured import models_section
@@ -240,7 +240,7 @@ def test_full_says_how_long_it_takes_and_how_much_room_and_waits_to_be_told(
 
 @pytest.mark.parametrize("approach", ["pm_fb", "truth"])
 def test_models_by_the_name_of_an_approach_of_the_experiment_are_refused_at_once(tmp_path: Path, approach: str) -> None:
-    folders = [models_of(tmp_path / scene, scene, approach) for scene in recon.experiment.SCENES]
+    folders = [models_of(tmp_path / scene, scene, approach) for scene in recon.experiment.SCALES["small"].scenes]
     given = recon.experiment.Experiment(tmp_path, recon.experiment.SCALES["small"], models=tuple(folders))
     with pytest.raises(
         ValueError, match=f"^{approach}: is an approach of the experiment itself; give the models anoth"
@@ -294,15 +294,15 @@ def test_an_unknown_scale_is_wrong_use(command: Command, tmp_path: Path) -> None
 def test_reports_on_approaches_of_an_earlier_start_do_not_count(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    small = recon.experiment.Experiment(tmp_path, recon.experiment.SCALES["small"])
-    monkeypatch.setattr(recon.experiment, "SCENES", ("ball",))
-    monkeypatch.setattr(recon.experiment, "_surfaces", lambda *_: {"pm_fb": None})
+    scale = replace(recon.experiment.SCALES["small"], scenes=("ball",))
+    small = recon.experiment.Experiment(tmp_path, scale)
+    monkeypatch.setattr(recon.experiment.plan, "surfaces", lambda *_: {"pm_fb": None})
     for name in ("truth/ball_sgm_fb", "truth/ball_pm_fb", "sphere"):
         small.report(name).mkdir(parents=True)
         (small.report(name) / "report.json").write_text('{"reconstructions": []}', encoding="utf-8")
     small.stimuli.mkdir()
     (small.stimuli / "manifest.json").write_text('{"stimuli": []}', encoding="utf-8")
-    recon.experiment.write_objective(small, no_progress)
+    recon.experiment.plan.write_objective(small, no_progress)
     reports = json.loads((tmp_path / "objective.json").read_text(encoding="utf-8"))["reports"]
     assert "validation/truth/ball_pm_fb" in reports
     assert "validation/truth/ball_sgm_fb" not in reports
@@ -311,9 +311,8 @@ def test_reports_on_approaches_of_an_earlier_start_do_not_count(
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """The scale `small`, but so that it takes a minute: two scenes, two balls, six people."""
-    scale = recon.experiment.Scale((120, 214), (240, 240), 2, 10.0, 2, 1, (160, 90), 25.0, 0.4)
+    scale = recon.experiment.Scale((120, 214), (240, 240), 2, 10.0, 2, 1, (160, 90), 25.0, 0.4, ("ball", "face"))
     monkeypatch.setitem(recon.experiment.SCALES, "small", scale)
-    monkeypatch.setattr(recon.experiment, "SCENES", ("ball", "face"))
     monkeypatch.setattr(recon.validation.truth.evaluation, "N_SAMPLES", 5000)
     for name, value in {"N_PEOPLE": 6, "N_MEN": 3, "N_TRAINED": 3, "LACKING": 2}.items():
         monkeypatch.setattr(app.experiment.study, name, value)
