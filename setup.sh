@@ -70,7 +70,8 @@ install_python_packages() {
   python=$(find_python)
   echo "setup: installing Python packages into $venv (a few minutes the first time)"
   [ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
-  "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+  "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements.lock
+  "$venv/bin/python" -m compileall -qq -j 0 "$venv/lib" || true  # on all cores, which pip does on one
   "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
   echo "$wanted" > "$venv/.installed"
 }
