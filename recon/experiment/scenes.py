@@ -63,11 +63,7 @@ def render_scenes(experiment: Experiment, progress: Progress) -> None:
         workers=experiment.workers,
         cluster=experiment.cluster,
     )
-    folders = [
-        folder
-        for scene in experiment.scale.scenes
-        for folder in (experiment.run(scene), _lay_out_truth(experiment, scene))
-    ]
+    folders = [folder for name in scale.scenes for folder in (experiment.run(name), _lay_out_truth(experiment, name))]
     render([*folders, *experiment.models], experiment.stimuli, options, progress)
 
 

@@ -66,7 +66,10 @@ def without_lit_background(
     background, _ = _around(beyond, brightness, 2 * BESIDE_PX)
     lit = background > LIT * threshold
     for _ in range(TRIMS):
-        mask = mask & ~(lit & ~tightened(mask, brightness, background, ACROSS_PX))
+        trimmed = mask & lit & ~tightened(mask, brightness, background, ACROSS_PX)
+        if not trimmed.any():
+            break
+        mask = mask & ~trimmed
     return mask
 
 
