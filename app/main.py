@@ -32,9 +32,9 @@ from app.operations.housekeeping import EVERY_S, keep_house
 from app.operations.jobs.beside_server import worker_beside
 from app.operations.languages import read_languages
 from app.settings import Settings
-from app.store.engine import Database, open_database
-from app.store.keys import utc_now
-from app.store.vote_writer import VoteWriter
+from app.store.database.engine import Database, open_database
+from app.store.database.keys import utc_now
+from app.store.trials.vote_writer import VoteWriter
 from app.web import media
 from app.web.admin import background
 from app.web.admin.access import account_page, server_page, sign_in_page, users_page

@@ -24,10 +24,10 @@ for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np
 
-from app.analysis.bootstrap import bootstrap_scores, participant_weights
-from app.analysis.bradley_terry import fit_counts, fit_scores
-from app.analysis.counts import count_pairs
-from app.analysis.votes_table import VotesTable, votes_from_indices
+from app.analysis.model.bootstrap import bootstrap_scores, participant_weights
+from app.analysis.model.bradley_terry import fit_counts, fit_scores
+from app.analysis.model.counts import count_pairs
+from app.analysis.reading.votes_table import VotesTable, votes_from_indices
 
 try:
     import evalica

@@ -33,7 +33,7 @@ from bombs import BOMBS, Bomb
 from memory import memory_mb
 
 from app.settings import Settings
-from app.store.engine import open_database
+from app.store.database.engine import open_database
 from tests.app.web.admin.dashboard_client import signed_in
 from tests.seeded_studies import seed_study
 from tests.study_server import StudyServer

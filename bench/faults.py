@@ -35,8 +35,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from sqlalchemy import select
 from voters import voters_of
 
-from app.store.engine import open_database
-from app.store.tables import trial, vote
+from app.store.database.engine import open_database
+from app.store.database.tables import trial, vote
 from tests import sqlite_disk
 from tests.app.web.vote_senders import Letter, Tally, letters_of, send_all
 from tests.postgresql import PostgresServer

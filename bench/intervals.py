@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
-from app.analysis.agreement import concordance_p_value
 from app.analysis.analyse import factor_results, group_comparisons
-from app.analysis.comparison import compare
-from app.analysis.observers import observer_rows
-from app.analysis.power import StudyPlan, simulate_votes
-from app.analysis.random_effect_rows import random_effect_tables
-from app.analysis.result_rows import contrast_rows, score_rows
-from app.analysis.settings import AnalysisSettings
-from app.analysis.triads import Triads, pooled_p_value, triads
-from app.analysis.votes_table import NONE, VotesTable, joined
+from app.analysis.comparisons.comparison import compare
+from app.analysis.comparisons.power import StudyPlan, simulate_votes
+from app.analysis.comparisons.random_effect_rows import random_effect_tables
+from app.analysis.comparisons.result_rows import contrast_rows, score_rows
+from app.analysis.model.settings import AnalysisSettings
+from app.analysis.reading.votes_table import NONE, VotesTable, joined
+from app.analysis.screening.agreement import concordance_p_value
+from app.analysis.screening.observers import observer_rows
+from app.analysis.screening.triads import Triads, pooled_p_value, triads
 
 ABILITIES = np.linspace(-0.8, 0.8, 6)
 LARGE = 100_000  # participants whose votes give the scores that a study estimates

@@ -12,11 +12,8 @@ from uuid import UUID
 
 from sqlalchemy import Connection, Table, insert
 
-from app.store.designs import planned_pairs
-from app.store.engine import Database
-from app.store.invitations import insert_invitation, invitation_by_code
-from app.store.studies import study_by_id
-from app.store.tables import (
+from app.store.database.engine import Database
+from app.store.database.tables import (
     assignment,
     audit_entry,
     participant,
@@ -28,7 +25,10 @@ from app.store.tables import (
     trial,
     vote,
 )
-from app.study.design import ONCE, participant_order
+from app.store.participants.invitations import insert_invitation, invitation_by_code
+from app.store.studies.studies import study_by_id
+from app.store.trials.designs import planned_pairs
+from app.study.design.design import ONCE, participant_order
 from app.study.stages import INTERVIEW
 from tests.seeded_studies import NOW, seed_study
 

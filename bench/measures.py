@@ -15,15 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.comparison import Comparison, compare
+from app.analysis.comparisons.comparison import Comparison, compare
+from app.analysis.comparisons.power import StudyPlan, simulate_votes
+from app.analysis.model.settings import AnalysisSettings
 from app.analysis.objective.comparison import comparison_rows
 from app.analysis.objective.permutation import condition_orders
 from app.analysis.objective.points import Points
 from app.analysis.objective.prediction import CORRELATIONS, SHARES, describe, prediction_rows
 from app.analysis.objective.scores import score_sets
-from app.analysis.power import StudyPlan, simulate_votes
-from app.analysis.settings import AnalysisSettings
-from app.analysis.votes_table import ALL, VotesTable, votes_from_indices
+from app.analysis.reading.votes_table import ALL, VotesTable, votes_from_indices
 
 Array = NDArray[np.float64]
 

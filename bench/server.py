@@ -42,10 +42,10 @@ from voters import voters_of
 from app.operations.jobs.beside_server import worker_beside
 from app.operations.jobs.kinds import job_kind
 from app.settings import Settings
-from app.store.engine import Database, open_database
-from app.store.keys import utc_now
+from app.store.database.engine import Database, open_database
+from app.store.database.keys import utc_now
+from app.store.database.tables import pair
 from app.store.queue import enqueue, job_by_id
-from app.store.tables import pair
 from recon.studio import SynthParameters, synthesise
 from tests import sqlite_disk
 from tests.app.web.vote_senders import Letter, Line, Tally, letters_of, send_all

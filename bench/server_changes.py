@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta
 from functools import partial
 
 import app.main
-from app.store import vote_writer
+from app.store.trials import vote_writer
 from tests import sqlite_disk
 
 SLOW_MS = 5.0

@@ -32,9 +32,9 @@ from sqlalchemy import insert, select
 
 from app.operations.manage import add_experimenter, add_token
 from app.settings import Settings
-from app.store.engine import open_database
-from app.store.migrate import upgrade
-from app.store.tables import vote
+from app.store.database.engine import open_database
+from app.store.database.migrate import upgrade
+from app.store.database.tables import vote
 from tests.app.web.admin.dashboard_client import Dashboard
 from tests.postgresql import PostgresServer
 from tests.study_server import StudyServer

@@ -35,9 +35,9 @@ from app.operations.manage import add_token
 from app.settings import Settings
 from app.simulation.observer import Observer, gap_of_ring
 from app.simulation.participants import Preference
-from app.study.options import StudyOptions
-from app.study.pictures import MARGIN
-from app.study.presets import PAPER, PRESETS
+from app.study.options.options import StudyOptions
+from app.study.options.presets import PAPER, PRESETS
+from app.study.screening.pictures import MARGIN
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 

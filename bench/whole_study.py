@@ -36,12 +36,12 @@ from app.operations.jobs.kinds import job_kind
 from app.operations.manage import add_token
 from app.settings import Settings
 from app.simulation.participants import simulate
-from app.store.engine import Database, open_database
-from app.store.invitations import insert_invitation
-from app.store.keys import utc_now
-from app.store.migrate import upgrade
+from app.store.database.engine import Database, open_database
+from app.store.database.keys import utc_now
+from app.store.database.migrate import upgrade
+from app.store.database.tables import participant, session, vote
+from app.store.participants.invitations import insert_invitation
 from app.store.queue import enqueue, job_by_id
-from app.store.tables import participant, session, vote
 from recon.studio import SynthParameters, synthesise
 from tests.postgresql import PostgresServer
 from tests.seeded_studies import seed_study

@@ -19,7 +19,7 @@ from pictures import keep
 from playwright.sync_api import sync_playwright
 from scipy.spatial import cKDTree
 
-from app.study.pictures import png
+from app.study.screening.pictures import png
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import write_cloud
 from recon.studio import SynthParameters, synthesise

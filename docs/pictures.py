@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from playwright.sync_api import ViewportSize, sync_playwright
 
-from app.analysis.drawing import svg_png
-from app.analysis.figures import drawn_figures
+from app.analysis.drawing.charts_in_common import svg_png
+from app.analysis.report.figures import drawn_figures
 from app.experiment.study import TRUTH
 from app.files import read_json, write_bytes
 from app.main import running_server
 from app.operations import create
 from app.settings import Settings
-from app.study.options import StudyOptions
+from app.study.options.options import StudyOptions
 from recon.pipeline.preview import webp
 from recon.render.sheet import contact_sheet
 

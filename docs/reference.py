@@ -92,9 +92,9 @@ def _default(value: Any) -> str:
 
 def settings() -> str:
     """Return the server's environment variables, the options of a study and the settings of an analysis."""
-    from app.analysis.settings import AnalysisSettings
+    from app.analysis.model.settings import AnalysisSettings
     from app.settings import Settings
-    from app.study.options import StudyOptions
+    from app.study.options.options import StudyOptions
 
     prefix = str(Settings.model_config["env_prefix"])
     server = [

@@ -25,7 +25,7 @@ from app.main import running_server
 from app.operations import create, manage
 from app.settings import Settings
 from app.simulation.participants import begin, next_trial, simulate_study, vote
-from app.study.options import StudyOptions
+from app.study.options.options import StudyOptions
 
 PICTURES = Path(__file__).parent / "pictures"
 SIZES = {"laptop": (1366, 768), "screen": (1920, 1080), "telephone": (390, 844)}

@@ -16,8 +16,8 @@ from hypothesis import settings
 from playwright.sync_api import Browser, expect, sync_playwright
 from sqlalchemy import make_url
 
-from app.store.engine import Database, open_database
-from app.store.migrate import upgrade
+from app.store.database.engine import Database, open_database
+from app.store.database.migrate import upgrade
 from tests.command_line import Command, command_line
 from tests.postgresql import PostgresServer
 

@@ -14,15 +14,15 @@ from sqlalchemy import select, update
 
 from app.films.pairs import PairVideo
 from app.intake.stimuli import Stimulus, StimulusSet
-from app.store.admission import Admission, admit
-from app.store.designs import insert_design
-from app.store.engine import Database, open_database
-from app.store.invitations import Invitation, insert_invitation, invitation_by_code
-from app.store.migrate import upgrade
-from app.store.sessions import session_by_token
-from app.store.studies import insert_study
-from app.store.tables import assignment, session, trial
-from app.store.vote_records import Vote
+from app.store.database.engine import Database, open_database
+from app.store.database.migrate import upgrade
+from app.store.database.tables import assignment, session, trial
+from app.store.participants.invitations import Invitation, insert_invitation, invitation_by_code
+from app.store.studies.studies import insert_study
+from app.store.trials.admission import Admission, admit
+from app.store.trials.designs import insert_design
+from app.store.trials.sessions import session_by_token
+from app.store.trials.vote_records import Vote
 
 NOW = datetime(2026, 3, 1, 12, 0, tzinfo=UTC)
 

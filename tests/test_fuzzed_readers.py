@@ -21,12 +21,12 @@ from hypothesis import strategies as st
 from imageio_ffmpeg import get_ffmpeg_exe
 from PIL import Image
 
-from app.analysis.attributes import read_items
-from app.analysis.reading import read_votes
+from app.analysis.reading.attributes import read_items
+from app.analysis.reading.read_votes import read_votes
 from app.ffmpeg import decode
 from app.intake.stimuli import read_stimulus_set
 from app.operations.create import read_options
-from app.study.study_file import parse_study_file
+from app.study.options.study_file import parse_study_file
 from recon.capture.depth_maps import read_depth_values
 from recon.capture.format import read_draft
 from recon.capture.images import read_image, read_video_frame, video_times

@@ -57,7 +57,7 @@ HOMES = {
     "jinja2": (
         "app/web/",
         "app/main.py",
-        "app/analysis/report_page.py",
+        "app/analysis/report/page.py",
         "app/experiment/report.py",
         "recon/validation/page.py",
         "recon/capture/checking/page.py",
@@ -70,19 +70,19 @@ HOMES = {
 }
 PURE = {"numpy", "scipy"}
 PURE_EXCEPTIONS = {
-    "app/analysis/charts.py": {"altair"},
-    "app/analysis/drawing.py": {"altair", "vl_convert"},
-    "app/analysis/objective/charts.py": {"altair"},
-    "app/analysis/ratings/charts.py": {"altair"},
-    "app/analysis/report_page.py": {"jinja2"},
-    "app/analysis/quick_reading.py": {"pyarrow"},
+    "app/analysis/report/charts.py": {"altair"},
+    "app/analysis/drawing/charts_in_common.py": {"altair", "vl_convert"},
+    "app/analysis/report/objective_charts.py": {"altair"},
+    "app/analysis/report/rating_charts.py": {"altair"},
+    "app/analysis/report/page.py": {"jinja2"},
+    "app/analysis/reading/quick_reading.py": {"pyarrow"},
     "app/analysis/analyse.py": {"pandas"},
-    "app/analysis/layouts.py": {"pandas"},
-    "app/analysis/reading.py": {"pandas"},
-    "app/analysis/wide_tables.py": {"pandas"},
+    "app/analysis/reading/layouts.py": {"pandas"},
+    "app/analysis/reading/read_votes.py": {"pandas"},
+    "app/analysis/reading/wide_tables.py": {"pandas"},
     "app/analysis/ratings/layouts.py": {"pandas"},
-    "app/analysis/tabular.py": {"pandas", "pyarrow"},
-    "app/analysis/votes_table.py": {"pandas"},
+    "app/analysis/reading/tabular.py": {"pandas", "pyarrow"},
+    "app/analysis/reading/votes_table.py": {"pandas"},
 }
 IMPURE_STANDARD_LIBRARY = {"sqlite3", "random", "secrets", "time", "socket", "http", "urllib", "uuid"}
 

@@ -5,19 +5,19 @@ reads a clock or draws unseeded random numbers; only reading and writing touch f
 from typing import TYPE_CHECKING
 
 from app.analysis.analyse import analyse
-from app.analysis.reading import read_votes, votes_from_rows
-from app.analysis.settings import AnalysisSettings
-from app.analysis.votes_table import VotesError, VotesTable
+from app.analysis.model.settings import AnalysisSettings
+from app.analysis.reading.read_votes import read_votes, votes_from_rows
+from app.analysis.reading.votes_table import VotesError, VotesTable
 
 if TYPE_CHECKING:
     from app.analysis.analyse_files import analyse_file, analyse_ratings_file
-    from app.analysis.report import write_analysis
+    from app.analysis.report.write import write_analysis
 else:
 
     def __getattr__(name: str) -> object:
         """Import the report when it is asked for: what draws its figures takes a quarter of the time of all imports."""
         if name == "write_analysis":
-            from app.analysis import report as module
+            from app.analysis.report import write as module
         elif name in ("analyse_file", "analyse_ratings_file"):
             from app.analysis import analyse_files as module
         else:

@@ -9,12 +9,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from app.analysis.agreement import agreement_rows, concordance, dataset_agreement_rows
-from app.analysis.attention_checks import check_rows
-from app.analysis.bradley_terry import fit_scores
-from app.analysis.comparison import Comparison, compare, dataset_names, in_order, votes_on_dataset
-from app.analysis.contrasts import holm
-from app.analysis.factors import (
+from app.analysis.comparisons.comparison import Comparison, compare, dataset_names, in_order, votes_on_dataset
+from app.analysis.comparisons.factors import (
     Effect,
     ModelTest,
     coding,
@@ -25,17 +21,10 @@ from app.analysis.factors import (
     order_test,
     votes_with_levels,
 )
-from app.analysis.findings.phrases import listed
-from app.analysis.findings.votes import vote_findings
-from app.analysis.groups import GroupComparison, check_groups, compare_groups
-from app.analysis.homogeneity import Part, parts_differ
-from app.analysis.objective.against_scores import measure_tables
-from app.analysis.objective.points import ScoreSet
-from app.analysis.objective.scores import score_sets
-from app.analysis.observers import observer_rows
-from app.analysis.random_effect_rows import random_effect_tables
-from app.analysis.reading import Rows, votes_from_rows
-from app.analysis.result_rows import (
+from app.analysis.comparisons.groups import GroupComparison, check_groups, compare_groups
+from app.analysis.comparisons.homogeneity import Part, parts_differ
+from app.analysis.comparisons.random_effect_rows import random_effect_tables
+from app.analysis.comparisons.result_rows import (
     contrast_rows,
     group_rows,
     model_row,
@@ -45,9 +34,20 @@ from app.analysis.result_rows import (
     tie_model_rows,
     triads_row,
 )
-from app.analysis.settings import AnalysisSettings
-from app.analysis.triads import triads
-from app.analysis.votes_table import ALL, MAIN, WITHDRAWN, VotesError, VotesTable, only_compared
+from app.analysis.findings.votes import vote_findings
+from app.analysis.model.bradley_terry import fit_scores
+from app.analysis.model.contrasts import holm
+from app.analysis.model.settings import AnalysisSettings
+from app.analysis.objective.against_scores import measure_tables
+from app.analysis.objective.points import ScoreSet
+from app.analysis.objective.scores import score_sets
+from app.analysis.reading.phrases import listed
+from app.analysis.reading.read_votes import Rows, votes_from_rows
+from app.analysis.reading.votes_table import ALL, MAIN, WITHDRAWN, VotesError, VotesTable, only_compared
+from app.analysis.screening.agreement import agreement_rows, concordance, dataset_agreement_rows
+from app.analysis.screening.attention_checks import check_rows
+from app.analysis.screening.observers import observer_rows
+from app.analysis.screening.triads import triads
 from app.analysis.warnings import MOST_PAIRS, measure_warnings, warnings_of
 
 

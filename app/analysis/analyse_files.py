@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from app.analysis.analyse import analyse, used_votes
-from app.analysis.attributes import MeasureValues, read_items, read_measures, read_participants
-from app.analysis.drawing import FULL
-from app.analysis.figures import font_warnings
+from app.analysis.drawing.charts_in_common import FULL
+from app.analysis.model.settings import AnalysisSettings
 from app.analysis.ratings.alignment import align
 from app.analysis.ratings.analyse_ratings import analyse_ratings
 from app.analysis.ratings.comparisons import analyse_comparisons
@@ -18,10 +17,11 @@ from app.analysis.ratings.content import NO_VOTES, with_measures, with_tables
 from app.analysis.ratings.reading import understand_ratings
 from app.analysis.ratings.score_sets import comparison_score_sets, opinion_score_sets
 from app.analysis.ratings.table import ComparisonTable, RatingTable
-from app.analysis.reading import in_several, understand_votes
-from app.analysis.report import refuse_to_replace, write_analysis
-from app.analysis.settings import AnalysisSettings
-from app.analysis.votes_table import ALL, VotesError, VotesTable
+from app.analysis.reading.attributes import MeasureValues, read_items, read_measures, read_participants
+from app.analysis.reading.read_votes import in_several, understand_votes
+from app.analysis.reading.votes_table import ALL, VotesError, VotesTable
+from app.analysis.report.figures import font_warnings
+from app.analysis.report.write import refuse_to_replace, write_analysis
 
 File = Path | str
 MOST_NAMED = 5  # of what is not among the votes

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from app.analysis.bradley_terry import RIDGE
-from app.analysis.comparison import Comparison
+from app.analysis.comparisons.comparison import Comparison
+from app.analysis.model.bradley_terry import RIDGE
+from app.analysis.model.settings import LEVEL
 from app.analysis.objective.permutation import FEWEST_CONDITIONS
-from app.analysis.settings import LEVEL
-from app.analysis.votes_table import ALL, VotesTable
+from app.analysis.reading.votes_table import ALL, VotesTable
 
 NOTHING_LEFT = "No vote is left after practice and exclusions: there is nothing to analyse."
 MOST_PAIRS = 10_000  # listed of a comparison

@@ -144,7 +144,7 @@ def analyse(
     """Analyse any pair-comparison votes or ratings: scores, standard errors, figures and a report."""
     from app.analysis import AnalysisSettings, analyse_file, analyse_ratings_file
     from app.analysis.analyse_files import read_measures_of
-    from app.analysis.drawing import WIDTHS
+    from app.analysis.drawing.charts_in_common import WIDTHS
     from app.analysis.ratings.reading import understand_ratings
 
     ends = _parse_scale(scale)
@@ -229,11 +229,11 @@ def plan(
     """Find a study's power and sample size: by simulation for comparisons, by a paired t-test for ratings."""
     import numpy as np
 
-    from app.analysis.power import StudyPlan, plan_study
+    from app.analysis.comparisons.power import StudyPlan, plan_study
     from app.analysis.ratings.planning import RatingPlan, plan_ratings
-    from app.study.duration import trials_s
+    from app.study.options.duration import trials_s
+    from app.study.options.study_file import EXPOSURE_BOUNDS_S
     from app.study.protocols import RATED, parse_protocol
-    from app.study.study_file import EXPOSURE_BOUNDS_S
 
     shortest, longest = EXPOSURE_BOUNDS_S
     if not shortest <= exposure <= longest:
@@ -340,8 +340,8 @@ def _understood_votes(
 ) -> list[str]:
     """Return how votes, and the files beside them that `read_beside` takes, are understood."""
     from app.analysis.analyse_files import read_beside
-    from app.analysis.findings.phrases import counted
-    from app.analysis.reading import understand_votes
+    from app.analysis.reading.phrases import counted
+    from app.analysis.reading.read_votes import understand_votes
 
     votes, sentences = understand_votes(paths, columns, choices)
     settings, notes = read_beside(votes, settings, **beside)

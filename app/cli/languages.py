@@ -56,7 +56,7 @@ def languages_check(
     as_json: JsonOption = False,
 ) -> None:
     """Check language packs: missing and unknown keys, placeholders, empty texts, plurals, HTML."""
-    from app.study.language_pack import language_pack_faults
+    from app.study.languages.language_pack import language_pack_faults
 
     faults = {str(file): language_pack_faults(file) for file in files}
     lines = [f"{file}: {fault}" for file, listed in faults.items() for fault in listed]

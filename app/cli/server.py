@@ -139,7 +139,7 @@ def admin_add(
     from app.operations.manage import add_experimenter
     from app.operations.running import url_for_links
     from app.settings import Settings
-    from app.store.experimenters import ROLES
+    from app.store.access.experimenters import ROLES
 
     if role is not None and role not in ROLES:
         raise typer.BadParameter(f"--role is {role!r}, expected one of {', '.join(ROLES)}")
@@ -226,7 +226,7 @@ def token_add(
     """Make a bearer token for fetching results over REST; it is shown only once."""
     from app.operations.manage import add_token
     from app.settings import Settings
-    from app.store.tokens import READING, SCOPES
+    from app.store.access.tokens import READING, SCOPES
 
     if unknown := sorted(set(scope or ()) - SCOPES.keys()):
         raise typer.BadParameter(f"--scope is {unknown[0]!r}, expected some of {', '.join(SCOPES)}")

@@ -16,7 +16,7 @@ from recon.cli.console import JsonOption, ProgressLine, counted, print_result
 if TYPE_CHECKING:
     from app.intake.merge import NewSet
     from app.settings import Settings
-    from app.store.studies import Standing
+    from app.store.studies.studies import Standing
 
 FEWEST_CONDITIONS = 2  # of a dataset that a study compares
 
@@ -380,7 +380,7 @@ def _languages_sentence(languages: Mapping[str, str]) -> str:
 
 
 def _balance_lines(report: Mapping[str, Any]) -> Iterator[str]:
-    from app.study.balance import holds
+    from app.study.design.balance import holds
 
     yield f"Orders from the seed {report['seed']}: {'balanced' if report['ok'] else 'NOT BALANCED'}"
     yield "Participants: " + ", ".join(f"{n} {state}" for state, n in report["participants"].items())

@@ -9,7 +9,7 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
-from app.study.option_table import COLUMNS, SETTINGS, Kind, Setting
+from app.study.options.option_table import COLUMNS, SETTINGS, Kind, Setting
 
 TYPES: dict[Kind, Any] = {
     "flag": bool | None,

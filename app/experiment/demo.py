@@ -14,7 +14,7 @@ from app.operations.create import create_study, read_options
 from app.operations.manage import add_experimenter, attach_results, list_studies
 from app.settings import Settings
 from app.simulation.participants import simulate_study
-from app.study.presets import QUICK
+from app.study.options.presets import QUICK
 from app.study.stages import PRACTICE
 from app.web.front import FRONT_FILE
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import altair as alt
 
-from app.analysis.drawing import FULL, INK, MARGIN, PALETTE, colours_of
-from app.analysis.votes_table import ALL
+from app.analysis.drawing.charts_in_common import FULL, INK, MARGIN, PALETTE, colours_of
+from app.analysis.reading.votes_table import ALL
 
 LARGEST_MM = 100.0  # of the axis of figure 6
 PUBLISHED, HERE = "published", "here"

@@ -8,7 +8,7 @@ from statistics import fmean
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from app.analysis.votes_table import ALL
+from app.analysis.reading.votes_table import ALL
 from app.experiment.parts import Figure, Section, Table, data_url
 from app.experiment.results import Results, screened_out
 from app.experiment.study import N_PEOPLE, TRUTH

@@ -7,8 +7,8 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-from app.analysis.drawing import chart_svg
-from app.analysis.votes_table import ALL
+from app.analysis.drawing.charts_in_common import chart_svg
+from app.analysis.reading.votes_table import ALL
 from app.experiment.figures import inlier_chart
 from app.experiment.parts import Figure, Row, Section, Table, data_url
 from app.experiment.results import SPHERE, Results

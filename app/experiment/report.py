@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from app.analysis.correlation import spearman
-from app.analysis.drawing import svg_pdf
-from app.analysis.votes_table import ALL
+from app.analysis.drawing.charts_in_common import svg_pdf
+from app.analysis.reading.votes_table import ALL
+from app.analysis.screening.correlation import spearman
 from app.experiment.parts import Figure, wrapped_picture
 from app.experiment.results import Results, order_text, screened_out
 from app.experiment.sections import experiment_sections

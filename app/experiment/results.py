@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from app.analysis.contrasts import SIGNIFICANT
-from app.analysis.votes_table import ALL
+from app.analysis.model.contrasts import SIGNIFICANT
+from app.analysis.reading.votes_table import ALL
 from app.experiment.study import has_adaptive_pairs
 from app.files import read_json
 from app.intake.reports import Measure

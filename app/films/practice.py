@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from app.errors import StimuliError
 from app.ffmpeg import in_parallel, no_progress, reading, run_ffmpeg
 from app.intake.stimuli import Stimulus, StimulusSet
-from app.study.practice import MOST_PRACTICE, PracticeFilms
+from app.study.options.practice import MOST_PRACTICE, PracticeFilms
 
 LOOK_WIDTH = 160  # pixels to which films are reduced to be compared: what is plain is plain in small
 LOOKS = 5  # pictures of each film that are compared, evenly over its length

@@ -23,7 +23,7 @@ from app.errors import TooLargeError
 
 MOST_MB = 1024  # what a reader may take besides the program; a JSON of app.files.LARGEST_JSON takes 350 MB
 LONGEST_S = 900  # of computing; an upload of 64 GB unpacks in half of that
-READERS = ("app.intake.arrivals", "app.intake.models", "app.intake.stimuli", "app.analysis.measures_table")
+READERS = ("app.intake.arrivals", "app.intake.models", "app.intake.stimuli", "app.analysis.reading.measures_table")
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")

@@ -188,7 +188,7 @@ def _check_complete(
 def _read_levels(path: Path, conditions: Sequence[str]) -> Levels:
     if not path.exists():
         return {condition: {} for condition in conditions}
-    from app.analysis.tabular import read_csv  # pandas loads slowly
+    from app.analysis.reading.tabular import read_csv  # pandas loads slowly
 
     try:
         table = read_csv(path)

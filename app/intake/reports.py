@@ -80,7 +80,7 @@ def read_report(path: Path) -> Report:
 
     Parameters
     ----------
-    path : the report's folder, its report.json, or a CSV file, see `app/analysis/measures_table.py`
+    path : the report's folder, its report.json, or a CSV file, see `app/analysis/reading/measures_table.py`
 
     Raises
     ------
@@ -121,7 +121,7 @@ def _read_table(path: Path) -> Report:
 
 def _measures_of(table: Path) -> tuple[list[Measure], tuple[str, ...]]:
     """Return a table's values and its notes."""
-    from app.analysis.measures_table import read_measures_table  # pandas loads slowly
+    from app.analysis.reading.measures_table import read_measures_table  # pandas loads slowly
 
     read_table = read_measures_table(table)
     measures = [

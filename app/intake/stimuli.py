@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from app.errors import StimuliError
 from app.ffmpeg import Progress, VideoFacts, decode, in_parallel, no_progress
 from app.files import file_digest, read_json_bytes
-from app.study.text import check_text
+from app.study.languages.text import check_text
 
 MANIFEST = "manifest.json"
 TOGETHER = "all"  # name of all datasets, or of all items, in results

@@ -18,13 +18,13 @@ from app.intake.bounds import in_bounds
 from app.intake.models import Model, holds_models, read_models
 from app.intake.reports import Measure, Report, check_agreement, expanded, read_report, report_files
 from app.settings import Settings
-from app.store.attached_models import replace_models
-from app.store.attached_reports import replace_report
-from app.store.audit import Entry, record
-from app.store.designs import conditions_of, datasets_of
-from app.store.engine import Database
-from app.store.measurements import measurement_records, replace_measurements
-from app.store.studies import Study
+from app.store.database.engine import Database
+from app.store.studies.attached_models import replace_models
+from app.store.studies.attached_reports import replace_report
+from app.store.studies.audit import Entry, record
+from app.store.studies.studies import Study
+from app.store.trials.designs import conditions_of, datasets_of
+from app.store.trials.measurements import measurement_records, replace_measurements
 
 LONGEST_SUBJECT = 500
 MOST_LISTED = 12  # names in a sentence

@@ -18,12 +18,12 @@ from app.operations.attach import digest_of, model_file, report_folder
 from app.operations.encryption import decrypt, encrypt, is_encrypted, read_recipients
 from app.operations.erasure import erase_again
 from app.settings import Settings
-from app.store.attached_models import model_digests
-from app.store.attached_reports import report_digests
-from app.store.backup import FACTS, faults_of, holds_nothing, read_tables, refuse_what_is_held, write_tables
-from app.store.designs import film_files
-from app.store.engine import Database, Transaction, embedded_file, open_database
-from app.store.keys import utc_now
+from app.store.database.engine import Database, Transaction, embedded_file, open_database
+from app.store.database.keys import utc_now
+from app.store.studies.attached_models import model_digests
+from app.store.studies.attached_reports import report_digests
+from app.store.trials.backup import FACTS, faults_of, holds_nothing, read_tables, refuse_what_is_held, write_tables
+from app.store.trials.designs import film_files
 
 MEDIA = "media/"
 DAMAGED = (BadZipFile, zlib.error, EOFError, RuntimeError)  # RuntimeError: bits say that an entry is encrypted

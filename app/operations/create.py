@@ -18,20 +18,20 @@ from app.operations.database import open_store
 from app.operations.languages import read_languages
 from app.operations.prepare import prepare_study, prepared_columns
 from app.settings import Settings
-from app.store import studies
-from app.store.audit import COMMAND_LINE, Actor, Entry, record
-from app.store.designs import copy_design, insert_design, insert_practice
-from app.store.engine import Database
-from app.store.images import copy_images
-from app.store.invitations import insert_invitation
-from app.store.keys import utc_now
-from app.store.orders import most_trials
-from app.study.options import StudyOptions, parse_options
-from app.study.presets import QUICK, read_preset
-from app.study.study_file import KEYS as STUDY_FILE_KEYS
-from app.study.study_file import parse_study_file
-from app.study.text import is_one_line
-from app.study.wording import LONGEST_NAME, check_languages, refused_languages
+from app.store.database.engine import Database
+from app.store.database.keys import utc_now
+from app.store.participants.invitations import insert_invitation
+from app.store.studies import studies
+from app.store.studies.audit import COMMAND_LINE, Actor, Entry, record
+from app.store.studies.images import copy_images
+from app.store.trials.designs import copy_design, insert_design, insert_practice
+from app.store.trials.orders import most_trials
+from app.study.languages.text import is_one_line
+from app.study.options.options import StudyOptions, parse_options
+from app.study.options.presets import QUICK, read_preset
+from app.study.options.study_file import KEYS as STUDY_FILE_KEYS
+from app.study.options.study_file import parse_study_file
+from app.study.options.wording import LONGEST_NAME, check_languages, refused_languages
 
 LONGEST_SLUG = 48
 RESERVED = ("new",)  # the page that creates a study has this place among the studies

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from app.settings import Settings
-from app.store.engine import Database, open_database
-from app.store.migrate import upgrade, why_not_ready
+from app.store.database.engine import Database, open_database
+from app.store.database.migrate import upgrade, why_not_ready
 
 
 def open_store(settings: Settings) -> Database:

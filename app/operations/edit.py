@@ -17,23 +17,23 @@ from app.operations.manage import study_file_of
 from app.operations.prepare import prepare_study, prepared_columns
 from app.operations.stimulus_sets import set_of_study
 from app.settings import Settings
-from app.store.audit import Actor
-from app.store.deletion import delete_previews
-from app.store.designs import conditions_of, datasets_of, practice_pairs, replace_design
-from app.store.engine import Database, Transaction
-from app.store.keys import utc_now
-from app.store.recruits import renew_codes
-from app.store.studies import Study, edit_study, lock_study, progress_of
-from app.study.adaptive import check_adaptive
-from app.study.groups import check_groups
-from app.study.language_pack import LanguagePack
-from app.study.option_table import CHANGES, WITH_FILMS, why_fixed
-from app.study.options import check_minimum_viewing, without_effect
-from app.study.privacy import check_days_left, forgets_at
+from app.store.database.engine import Database, Transaction
+from app.store.database.keys import utc_now
+from app.store.participants.recruits import renew_codes
+from app.store.studies.audit import Actor
+from app.store.studies.studies import Study, edit_study, lock_study, progress_of
+from app.store.trials.deletion import delete_previews
+from app.store.trials.designs import conditions_of, datasets_of, practice_pairs, replace_design
+from app.study.design.adaptive import check_adaptive
+from app.study.design.groups import check_groups
+from app.study.languages.language_pack import LanguagePack
+from app.study.languages.text import is_one_line
+from app.study.options.option_table import CHANGES, WITH_FILMS, why_fixed
+from app.study.options.options import check_minimum_viewing, without_effect
+from app.study.options.privacy import check_days_left, forgets_at
+from app.study.options.study_file import StudyFile
+from app.study.options.wording import LONGEST_NAME, check_languages
 from app.study.stages import PRACTICE
-from app.study.study_file import StudyFile
-from app.study.text import is_one_line
-from app.study.wording import LONGEST_NAME, check_languages
 
 LONGEST_NOTE = 200  # characters of a value in the audit log
 

@@ -18,11 +18,11 @@ from typing import Any
 from app.errors import UnavailableError
 from app.files import PRIVATE
 from app.settings import Settings
-from app.store.audit import Actor, Entry, is_recorded, record
-from app.store.deletion import erase, forget_people, studies_to_forget
-from app.store.engine import Database, Transaction
-from app.store.participants import Person, person_of_session, sessions_of
-from app.store.studies import Study, study_by_slug
+from app.store.database.engine import Database, Transaction
+from app.store.participants.participants import Person, person_of_session, sessions_of
+from app.store.studies.audit import Actor, Entry, is_recorded, record
+from app.store.studies.studies import Study, study_by_slug
+from app.store.trials.deletion import erase, forget_people, studies_to_forget
 
 LIST = "erasures.jsonl"  # in the data folder
 NOT_NOTED = "This cannot be erased at the moment, because the server's disk is full. Please try again later."

@@ -9,7 +9,7 @@ from app.errors import StudyError
 from app.operations.erasure import enforce_retention
 from app.operations.leftovers import remove_leftovers
 from app.settings import Settings
-from app.store.engine import Database
+from app.store.database.engine import Database
 
 EVERY_S = 3600.0
 

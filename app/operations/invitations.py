@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from app.errors import NotFoundError
-from app.store.audit import Actor
-from app.store.engine import Database
-from app.store.invitations import end_invitation, insert_invitation
-from app.store.studies import Study
+from app.store.database.engine import Database
+from app.store.participants.invitations import end_invitation, insert_invitation
+from app.store.studies.audit import Actor
+from app.store.studies.studies import Study
 
 MOST_PLACES = 100_000  # of an invitation
 MOST_AT_ONCE = 200

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from app.files import packaged
 from app.settings import Settings
-from app.study.language_pack import SHIPPED, LanguagePack, LanguagePackError, read_language_pack
+from app.study.languages.language_pack import SHIPPED, LanguagePack, LanguagePackError, read_language_pack
 
 log = logging.getLogger(__name__)
 

@@ -15,18 +15,18 @@ from app.operations.database import open_store
 from app.operations.invitations import MOST_PLACES, make_invitations
 from app.operations.standing import change_standing, delete_study
 from app.settings import Settings
-from app.store import studies
-from app.store.audit import COMMAND_LINE, Actor
-from app.store.engine import Database, Transaction, open_database
-from app.store.experimenters import Role, all_experimenters, disable, experimenter_named, renew_link, set_up_link
-from app.store.invitations import invitations_of
-from app.store.keys import utc_now
-from app.store.migrate import upgrade
-from app.store.orders import study_plan, taken_orders
-from app.store.tokens import READING, Token, all_tokens, insert_token, revoke_token
-from app.study.balance import balance_report
-from app.study.options import parse_options
-from app.study.study_file import StudyFile, write_study_file
+from app.store.access.experimenters import Role, all_experimenters, disable, experimenter_named, renew_link, set_up_link
+from app.store.access.tokens import READING, Token, all_tokens, insert_token, revoke_token
+from app.store.database.engine import Database, Transaction, open_database
+from app.store.database.keys import utc_now
+from app.store.database.migrate import upgrade
+from app.store.participants.invitations import invitations_of
+from app.store.studies import studies
+from app.store.studies.audit import COMMAND_LINE, Actor
+from app.store.trials.orders import study_plan, taken_orders
+from app.study.design.balance import balance_report
+from app.study.options.options import parse_options
+from app.study.options.study_file import StudyFile, write_study_file
 
 
 def upgrade_database(settings: Settings) -> dict[str, Any]:

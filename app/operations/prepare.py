@@ -26,12 +26,12 @@ from app.films.pairs import (
 from app.films.practice import Practice, choose_practice, without_dataset
 from app.intake.stimuli import StimulusSet, read_stimulus_set
 from app.settings import Settings
-from app.study.adaptive import check_adaptive
-from app.study.groups import check_groups
-from app.study.options import StudyOptions, check_minimum_viewing, parse_options, without_effect
+from app.study.design.adaptive import check_adaptive
+from app.study.design.groups import check_groups
+from app.study.options.options import StudyOptions, check_minimum_viewing, parse_options, without_effect
+from app.study.options.study_file import EXPOSURE_BOUNDS_S
 from app.study.protocols import DCR, WITH_REFERENCE
 from app.study.stages import PRACTICE
-from app.study.study_file import EXPOSURE_BOUNDS_S
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from app.errors import ConflictError
-from app.store import deletion
-from app.store.audit import Actor
-from app.store.engine import Database
-from app.store.studies import Standing, Study, lock_study, progress_of, set_standing
+from app.store.database.engine import Database
+from app.store.studies.audit import Actor
+from app.store.studies.studies import Standing, Study, lock_study, progress_of, set_standing
+from app.store.trials import deletion
 
 
 def change_standing(database: Database, study: Study, standing: Standing, actor: Actor) -> None:

@@ -14,12 +14,12 @@ from app.operations.extras import MODULES, has_extra
 from app.operations.jobs.kinds import title_of
 from app.operations.running import running_url
 from app.settings import Settings
-from app.store.engine import Database, embedded_file, open_database, without_password
-from app.store.keys import utc_now
-from app.store.migrate import newest_version, version_of
+from app.store.database.engine import Database, embedded_file, open_database, without_password
+from app.store.database.keys import utc_now
+from app.store.database.migrate import newest_version, version_of
+from app.store.database.server_tasks import running_tasks
 from app.store.queue import JobState, list_jobs, workers
-from app.store.server_tasks import running_tasks
-from app.store.studies import all_studies, progress_by_study
+from app.store.studies.studies import all_studies, progress_by_study
 
 RUNNING: tuple[JobState, ...] = ("running",)
 UNKNOWN: Mapping[str, Any] = {"studies": None, "jobs": []}  # without a database that can be read

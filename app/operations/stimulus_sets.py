@@ -21,11 +21,11 @@ from app.operations.create import slugify
 from app.operations.jobs.fields import SETS
 from app.operations.jobs.queueing import refuse_while_used
 from app.settings import Settings
-from app.store.audit import Actor
-from app.store.designs import change_levels
-from app.store.engine import Database, Transaction
-from app.store.studies import Study, all_studies, edit_set
-from app.study.options import parse_options
+from app.store.database.engine import Database, Transaction
+from app.store.studies.audit import Actor
+from app.store.studies.studies import Study, all_studies, edit_set
+from app.store.trials.designs import change_levels
+from app.study.options.options import parse_options
 
 LONGEST_LEVEL = 100  # characters of a factor's name, or of a level
 MOST_FACTORS = 20

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.study.acuity import LAPSING, N_DIRECTIONS, probability_right
-from app.study.colour_vision import AXES, CONE_OF, DIRECTIONS, NOTHING, Axis, cone_signals, is_on_ring
+from app.study.screening.acuity import LAPSING, N_DIRECTIONS, probability_right
+from app.study.screening.colour_vision import AXES, CONE_OF, DIRECTIONS, NOTHING, Axis, cone_signals, is_on_ring
 
 GROUND = 128  # grey level between the dots
 VISIBLE = 0.6  # least difference of ring and ground that is noticed, in standard deviations of the dots

@@ -22,10 +22,10 @@ from app.simulation.observer import Observer
 from app.simulation.preference import choose, tie_weight
 from app.simulation.rating import LOG_ODDS_OF_SCALE, Rater, draw_rater
 from app.simulation.screening import take_screening
-from app.study.comprehension import right_answer
+from app.study.options.study_file import parse_study_file
 from app.study.protocols import CCR, DCR
+from app.study.questions.comprehension import right_answer
 from app.study.stages import ENDS, INTERVIEW, INTRODUCTION, PRACTICE, SCREENING, TRIAL
-from app.study.study_file import parse_study_file
 
 TIMEOUT_S = 30.0
 MOST_SWITCHES = 8

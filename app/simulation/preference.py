@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from app.study.valid_vote import Choice
+from app.study.trial.valid_vote import Choice
 
 
 def tie_weight(tie_rate: float) -> float:

@@ -9,9 +9,9 @@ import httpx
 import numpy as np
 
 from app.simulation.observer import Observer
-from app.study.pictures import read_png
-from app.study.screening import FIXED_DISTANCES_CM
-from app.study.viewing_distance import BLIND_SPOT_DEG, CARD_MM, N_BLIND_SPOTS, N_CARDS
+from app.study.screening.pictures import read_png
+from app.study.screening.screening import FIXED_DISTANCES_CM
+from app.study.screening.viewing_distance import BLIND_SPOT_DEG, CARD_MM, N_BLIND_SPOTS, N_CARDS
 
 Ask = Callable[[str, str, Mapping[str, Any] | None], httpx.Response]  # method, path, body
 

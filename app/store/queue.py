@@ -14,9 +14,9 @@ from typing import Any, Literal
 from sqlalchemy import ColumnElement, Connection, Select, case, delete, func, insert, select, update
 
 from app.errors import ConflictError, NotFoundError
-from app.store.engine import Database, insert_or_ignore
-from app.store.keys import new_opaque_id
-from app.store.tables import queued_job, worker
+from app.store.database.engine import Database, insert_or_ignore
+from app.store.database.keys import new_opaque_id
+from app.store.database.tables import queued_job, worker
 
 JobState = Literal["queued", "running", "done", "failed", "cancelled"]
 STATES: tuple[JobState, ...] = ("queued", "running", "done", "failed", "cancelled")

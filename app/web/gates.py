@@ -18,16 +18,16 @@ from starlette.types import Scope
 
 from app.errors import InvalidError, NoSessionError, NotFoundError, StudyError
 from app.settings import Settings
-from app.store.audit import STRANGER, Entry, record_alone
-from app.store.engine import Database
-from app.store.experimenters import Experimenter
-from app.store.invitations import Invitation, invitation_by_code
-from app.store.keys import digest
-from app.store.sessions import Session, end_overdue, session_by_token
-from app.store.studies import study_by_id
-from app.store.vote_writer import VoteWriter
-from app.study.language_pack import LanguagePack
-from app.study.text import check_text
+from app.store.access.experimenters import Experimenter
+from app.store.database.engine import Database
+from app.store.database.keys import digest
+from app.store.participants.invitations import Invitation, invitation_by_code
+from app.store.studies.audit import STRANGER, Entry, record_alone
+from app.store.studies.studies import study_by_id
+from app.store.trials.sessions import Session, end_overdue, session_by_token
+from app.store.trials.vote_writer import VoteWriter
+from app.study.languages.language_pack import LanguagePack
+from app.study.languages.text import check_text
 from app.web.limits.connections import network_of
 from app.web.limits.throttle import PIECE, SENT_PIECES, WRONG_CODES, Throttle
 

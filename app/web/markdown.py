@@ -11,7 +11,7 @@ from markdown_it.renderer import RendererHTML
 from markdown_it.token import Token
 from markupsafe import Markup, escape
 
-from app.study.image import IMAGE_NAME
+from app.study.trial.image import IMAGE_NAME
 
 OUTWARD = re.compile(r"(https?://|mailto:)", re.IGNORECASE)
 COMMAND = re.compile(r"`([^`]+)`")

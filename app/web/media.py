@@ -17,9 +17,9 @@ from app.errors import NotFoundError, UnavailableError
 from app.films.object_store import SIGNED_FOR_S, MediaStore
 from app.films.pairs import FilmFile
 from app.films.strips import SINGLE
-from app.store.designs import film_file
-from app.store.images import image_content
-from app.study.image import media_type
+from app.store.studies.images import image_content
+from app.store.trials.designs import film_file
+from app.study.trial.image import media_type
 from app.web.gates import Store, settings
 
 # The content of a name never changes. Private: shared caches must not serve a study's material to others.

@@ -13,10 +13,10 @@ from fastapi.responses import Response
 from limits import RateLimitItemPerMinute
 
 from app.errors import ForbiddenError, NotFoundError, StudyError, UnauthorisedError
-from app.store.audit import STRANGER, Actor, Entry, record_alone
-from app.store.experimenters import SESSION_LASTS, Experimenter, Role, is_session_open, open_session
-from app.store.studies import Study, study_by_slug
-from app.store.tokens import SCOPES_OF_ROLE, token_by_secret
+from app.store.access.experimenters import SESSION_LASTS, Experimenter, Role, is_session_open, open_session
+from app.store.access.tokens import SCOPES_OF_ROLE, token_by_secret
+from app.store.studies.audit import STRANGER, Actor, Entry, record_alone
+from app.store.studies.studies import Study, study_by_slug
 from app.web.gates import address, bearer, cookie, database, now, set_cookie, settings, throttle
 from app.web.limits.throttle import WRONG_TOKENS
 

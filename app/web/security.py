@@ -12,11 +12,11 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.study.image import LARGEST_IMAGE
-from app.study.questionnaire import LONGEST_ANSWER, LONGEST_QUESTION, MOST_QUESTIONS, MOST_SPOKEN_QUESTIONS
+from app.study.options.study_file import LONGEST_FILE
+from app.study.options.wording import LONGEST_TEXT
+from app.study.questions.questionnaire import LONGEST_ANSWER, LONGEST_QUESTION, MOST_QUESTIONS, MOST_SPOKEN_QUESTIONS
 from app.study.stages import INTERVIEW
-from app.study.study_file import LONGEST_FILE
-from app.study.wording import LONGEST_TEXT
+from app.study.trial.image import LARGEST_IMAGE
 from app.web.problems import problem
 from app.web.roles import UPLOAD_PATH, set_experimenter_cookie
 

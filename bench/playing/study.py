@@ -18,7 +18,7 @@ from app.main import running_server
 from app.operations.create import create_study
 from app.operations.manage import add_token
 from app.settings import Settings
-from app.study.options import parse_options
+from app.study.options.options import parse_options
 from playing.bars import SECONDS, write_films
 
 PEER = """<!doctype html><meta charset="utf-8"><title>Two video elements</title>

@@ -16,10 +16,10 @@ from app.main import running_server
 from app.operations.create import create_study
 from app.operations.manage import add_token
 from app.settings import Settings
-from app.store import vote_writer
-from app.store.engine import Database
-from app.store.vote_records import KeptVote, Vote, keep_votes
-from app.study.options import StudyOptions
+from app.store.database.engine import Database
+from app.store.trials import vote_writer
+from app.store.trials.vote_records import KeptVote, Vote, keep_votes
+from app.study.options.options import StudyOptions
 from tests.browser.numbered_films import squares, write_films
 from tests.browser.study_visitor import MakeFilms, NewStudy, Study, Visitor
 from tests.conftest import BROWSER_TIMEOUT_MS

@@ -18,8 +18,8 @@ from urllib.parse import urlsplit
 from playwright.async_api import BrowserContext, Error, Page, Route, ViewportSize, async_playwright
 from sqlalchemy import select
 
-from app.store.engine import open_database
-from app.store.tables import trial, vote
+from app.store.database.engine import open_database
+from app.store.database.tables import trial, vote
 from tests.conftest import BROWSER_OPTIONS, browser_path
 from tests.seeded_studies import Voter
 from tests.study_server import ROOT, StudyServer

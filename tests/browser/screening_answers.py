@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from playwright.sync_api import Locator, Page, expect
 
 from app.simulation.observer import Observer, gap_of_ring
-from app.study.pictures import MARGIN
+from app.study.screening.pictures import MARGIN
 from tests.browser.study_visitor import Visitor
 
 N_RINGS, N_PLATES = 24, 18

@@ -10,7 +10,7 @@ from playwright.sync_api import Page, expect
 
 from app.operations.manage import add_invitation
 from app.settings import Settings
-from app.study.options import parse_options
+from app.study.options.options import parse_options
 from tests.browser.accessibility import check_accessibility
 from tests.browser.screening_answers import picture_of
 from tests.browser.study_visitor import NewStudy, Study, Visitor

@@ -10,8 +10,8 @@ import httpx
 import pytest
 from playwright.sync_api import Page, expect
 
-from app.study.options import parse_options
-from app.study.questionnaire import DEFAULT_QUESTIONS
+from app.study.options.options import parse_options
+from app.study.questions.questionnaire import DEFAULT_QUESTIONS
 from tests.browser.accessibility import check_accessibility
 from tests.browser.numbered_films import squares
 from tests.browser.study_visitor import MakeFilms, NewStudy, Study, Visitor

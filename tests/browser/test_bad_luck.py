@@ -13,10 +13,10 @@ from playwright.sync_api import Browser, Page, expect
 from sqlalchemy import func, select, update
 
 from app.settings import Settings
-from app.store.engine import open_database
-from app.store.keys import utc_now
-from app.store.tables import session
-from app.study.options import parse_options
+from app.store.database.engine import open_database
+from app.store.database.keys import utc_now
+from app.store.database.tables import session
+from app.study.options.options import parse_options
 from tests.browser.study_visitor import NewStudy, Study, Visitor
 from tests.conftest import BROWSER_OPTIONS, browser_path
 

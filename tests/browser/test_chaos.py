@@ -9,8 +9,8 @@ from random import Random
 
 import pytest
 
-from app.store.engine import open_database
-from app.store.migrate import upgrade
+from app.store.database.engine import open_database
+from app.store.database.migrate import upgrade
 from tests.browser.crashing_tabs import Seen, compare, vote_in_chaos
 from tests.seeded_studies import seed_voters
 from tests.study_server import StudyServer

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
-from app.study.options import parse_options
+from app.study.options.options import parse_options
 from tests.browser.screening_answers import DRAWN, N_PLATES, N_RINGS, fits_card, shows
 from tests.browser.study_visitor import NewStudy, Study, Visitor
 

@@ -12,7 +12,7 @@ from playwright.sync_api import Page, expect
 from app.operations.manage import study_balance
 from app.settings import Settings
 from app.simulation.participants import Preference
-from app.study.options import parse_options
+from app.study.options.options import parse_options
 from tests.browser.numbered_films import squares, write_films
 from tests.browser.screening_answers import passes_screening
 from tests.browser.study_visitor import NewStudy, Study, Visitor

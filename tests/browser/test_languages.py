@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
-from app.study.options import parse_options
+from app.study.options.options import parse_options
 from tests.browser.accessibility import check_accessibility
 from tests.browser.study_visitor import NewStudy, Visitor
 

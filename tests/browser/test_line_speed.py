@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from playwright.sync_api import Page, expect
 
-from app.study.options import parse_options
+from app.study.options.options import parse_options
 from tests.browser.numbered_films import HEIGHT, WIDTH
 from tests.browser.study_visitor import MakeFilms, NewStudy, Visitor
 

@@ -8,9 +8,9 @@ from playwright.sync_api import Page, Response, expect
 
 from app.operations.manage import add_invitation
 from app.settings import Settings
-from app.store.engine import open_database
-from app.store.keys import utc_now
-from app.store.studies import Standing, set_standing, study_by_slug
+from app.store.database.engine import open_database
+from app.store.database.keys import utc_now
+from app.store.studies.studies import Standing, set_standing, study_by_slug
 from tests.browser.numbered_films import CONDITIONS, DATASET
 from tests.browser.study_visitor import Study, Visitor
 

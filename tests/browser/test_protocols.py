@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Page, expect
 
-from app.study.options import parse_options
+from app.study.options.options import parse_options
 from tests.browser.accessibility import check_accessibility
 from tests.browser.numbered_films import CONDITIONS
 from tests.browser.study_visitor import NewStudy, Study, Visitor

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Error, Page, expect
 
-from app.study.options import StudyOptions
+from app.study.options.options import StudyOptions
 from tests.browser.study_visitor import NewStudy, Study, Visitor
 
 pytestmark = pytest.mark.browser

@@ -8,7 +8,7 @@ import httpx
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, Route, expect
 
-from app.study.options import parse_options
+from app.study.options.options import parse_options
 from tests.browser.study_visitor import NewStudy, Visitor
 from tests.recruiting_platform import HOST, OPTIONS, Platform
 

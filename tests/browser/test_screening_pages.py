@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 from playwright.sync_api import Browser, Page, Route, expect
 
-from app.study.options import parse_options
-from app.study.pictures import read_png
+from app.study.options.options import parse_options
+from app.study.screening.pictures import read_png
 from tests.browser.accessibility import check_accessibility
 from tests.browser.screening_answers import DRAWN, N_RINGS, fits_card, picture_of, shows, types_distance
 from tests.browser.study_visitor import NewStudy, Study, Visitor

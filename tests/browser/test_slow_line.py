@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, Route, expect
 
-from app.study.options import parse_options
+from app.study.options.options import parse_options
 from tests.browser.screening_answers import fits_card, types_distance
 from tests.browser.study_visitor import NewStudy, Study, Visitor
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
-from app.study.options import parse_options
+from app.study.options.options import parse_options
 from tests.browser.study_visitor import NewStudy
 
 pytestmark = pytest.mark.browser

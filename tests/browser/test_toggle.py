@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from playwright.sync_api import Page, expect
 
-from app.study.options import parse_options
+from app.study.options.options import parse_options
 from tests.browser.numbered_films import DARK, HEIGHT, LIGHT, WIDTH, decode_squares, squares
 from tests.browser.playback_techniques import leave_only
 from tests.browser.study_visitor import MakeFilms, NewStudy, Study, Visitor

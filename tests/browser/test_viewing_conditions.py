@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from playwright.sync_api import Browser, Page, Route, expect
 
-from app.study.options import StudyOptions
+from app.study.options.options import StudyOptions
 from tests.browser.numbered_films import HEIGHT, WIDTH
 from tests.browser.study_visitor import MakeFilms, NewStudy, Study, Visitor
 from tests.conftest import BROWSER_TIMEOUT_MS

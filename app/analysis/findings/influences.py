@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from app.analysis.contrasts import SIGNIFICANT
-from app.analysis.findings.phrases import counted, finding, listed, p_phrase, percent, signed
 from app.analysis.findings.ranking import level_text, overall, preferred_share, sharing_letters
+from app.analysis.model.contrasts import SIGNIFICANT
 from app.analysis.objective.prediction import directed, measures_by_rank
-from app.analysis.votes_table import ALL
+from app.analysis.reading.phrases import counted, finding, listed, p_phrase, percent, signed
+from app.analysis.reading.votes_table import ALL
 
 Row = Mapping[str, Any]
 

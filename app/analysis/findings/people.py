@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from app.analysis.contrasts import FEWEST_PARTICIPANTS, SIGNIFICANT, holm
-from app.analysis.findings.phrases import counted, finding, outstanding, p_phrase, unsigned
 from app.analysis.findings.ranking import overall
-from app.analysis.observers import FEWEST_FOR_FENCES
+from app.analysis.model.contrasts import FEWEST_PARTICIPANTS, SIGNIFICANT, holm
+from app.analysis.reading.phrases import counted, finding, outstanding, p_phrase, unsigned
+from app.analysis.screening.observers import FEWEST_FOR_FENCES
 
 
 def limit_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:

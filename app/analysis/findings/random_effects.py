@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from app.analysis.contrasts import SIGNIFICANT
 from app.analysis.findings.pairs import contrast_between
-from app.analysis.findings.phrases import (
+from app.analysis.model.contrasts import SIGNIFICANT
+from app.analysis.reading.phrases import (
     counted,
     finding,
     listed,

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from app.analysis.contrasts import MOST_ITEMS, SIGNIFICANT
 from app.analysis.findings.pairs import contrast_between
-from app.analysis.findings.phrases import (
+from app.analysis.model.contrasts import MOST_ITEMS, SIGNIFICANT
+from app.analysis.reading.phrases import (
     finding,
     listed,
     number_with_interval,
@@ -18,7 +18,7 @@ from app.analysis.findings.phrases import (
     percent,
     signed,
 )
-from app.analysis.votes_table import ALL
+from app.analysis.reading.votes_table import ALL
 
 Row = Mapping[str, Any]
 

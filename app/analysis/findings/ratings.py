@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from app.analysis.contrasts import FEWEST_PARTICIPANTS, MOST_ITEMS
 from app.analysis.findings.pairs import better_first
-from app.analysis.findings.phrases import (
+from app.analysis.findings.ranking import Condition, tested_ranking, untested_ranking
+from app.analysis.model.contrasts import FEWEST_PARTICIPANTS, MOST_ITEMS
+from app.analysis.reading.phrases import (
     counted,
     finding,
     listed,
@@ -17,8 +18,7 @@ from app.analysis.findings.phrases import (
     signed,
     unsigned,
 )
-from app.analysis.findings.ranking import Condition, tested_ranking, untested_ranking
-from app.analysis.votes_table import ALL
+from app.analysis.reading.votes_table import ALL
 
 Row = Mapping[str, Any]
 

@@ -7,9 +7,9 @@ from typing import Any
 
 from app.analysis.findings.influences import influence_findings
 from app.analysis.findings.people import limit_findings, people_findings
-from app.analysis.findings.phrases import TIES, finding
 from app.analysis.findings.random_effects import random_effect_findings
 from app.analysis.findings.ranking import overall, ranking_findings
+from app.analysis.reading.phrases import TIES, finding
 
 
 def vote_findings(analysis: Mapping[str, Any]) -> list[dict[str, str]]:

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from app.analysis.model.settings import AnalysisSettings
 from app.analysis.objective.comparison import comparison_rows
 from app.analysis.objective.points import ScoreSet, matched
 from app.analysis.objective.prediction import prediction_rows
-from app.analysis.settings import AnalysisSettings
-from app.analysis.votes_table import ALL
+from app.analysis.reading.votes_table import ALL
 
 Row = Mapping[str, Any]
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.contrasts import holm, two_sided
-from app.analysis.correlation import pearson, spearman
+from app.analysis.model.contrasts import holm, two_sided
 from app.analysis.objective.pair_order import better_worse, pair_differences
 from app.analysis.objective.permutation import FEWEST_CONDITIONS, ROUNDING
 from app.analysis.objective.points import Points
+from app.analysis.screening.correlation import pearson, spearman
 
 Array = NDArray[np.float64]
 

@@ -1,6 +1,6 @@
 """Correlate a measure with the scores in every order of the conditions at once.
 
-Linear and rank correlations are those of `app.analysis.correlation`, which takes a single order.
+Linear and rank correlations are those of `app.analysis.screening.correlation`, which takes a single order.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from app.analysis.drawing import text_width
+from app.analysis.drawing.charts_in_common import text_width
 
 Row = Mapping[str, Any]
 

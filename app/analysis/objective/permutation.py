@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from app.analysis.model.settings import LEVEL
 from app.analysis.objective.points import Indices, Points
-from app.analysis.settings import LEVEL
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.contrasts import SIGNIFICANT, Contrast
+from app.analysis.model.contrasts import SIGNIFICANT, Contrast
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.correlation import FEWEST_POINTS
 from app.analysis.objective.correlations import kendalls, monotones, pearsons, spearmans
 from app.analysis.objective.logistic import PARAMETERS, fit_logistic, grid_correlations
 from app.analysis.objective.pair_order import better_worse, different_similar, pair_differences, share_in_order
 from app.analysis.objective.permutation import chance, condition_orders
 from app.analysis.objective.points import Indices, Points, ScoreSet, matched
-from app.analysis.votes_table import ALL
+from app.analysis.reading.votes_table import ALL
+from app.analysis.screening.correlation import FEWEST_POINTS
 
 Array = NDArray[np.float64]
 Measures = Mapping[str, Mapping[str, Mapping[str, float]]]  # measure -> dataset -> item -> value

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app.analysis.comparison import Comparison
+from app.analysis.comparisons.comparison import Comparison
+from app.analysis.comparisons.result_rows import intervals
+from app.analysis.model.separation import NEVER_COMPARED
 from app.analysis.objective.points import ScoreSet, score_set
-from app.analysis.result_rows import intervals
-from app.analysis.separation import NEVER_COMPARED
-from app.analysis.votes_table import ALL
+from app.analysis.reading.votes_table import ALL
 
 
 def score_sets(compared: Sequence[Comparison]) -> dict[str, ScoreSet]:

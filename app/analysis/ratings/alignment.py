@@ -12,13 +12,13 @@ from scipy.optimize import minimize
 from scipy.sparse import coo_array, csr_array, hstack
 from scipy.sparse.csgraph import connected_components
 
-from app.analysis.contrasts import critical_value
-from app.analysis.counts import PairCounts
-from app.analysis.existence import recession
+from app.analysis.model.contrasts import critical_value
+from app.analysis.model.counts import PairCounts
+from app.analysis.model.existence import recession
+from app.analysis.model.scales import LOG_ODDS_PER_JOD
+from app.analysis.model.ties import TIE_MODELS, WITHOUT_TIES, Derivatives, TieModel
 from app.analysis.ratings.table import RatingTable, numbered_names
-from app.analysis.scales import LOG_ODDS_PER_JOD
-from app.analysis.ties import TIE_MODELS, WITHOUT_TIES, Derivatives, TieModel
-from app.analysis.votes_table import NONE, A, B, VotesTable
+from app.analysis.reading.votes_table import NONE, A, B, VotesTable
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from app.analysis.contrasts import Contrast, critical_value, letters
+from app.analysis.model.contrasts import Contrast, critical_value, letters
 from app.analysis.ratings.contrasts import rating_contrasts
 from app.analysis.ratings.opinion_scores import columns_by_condition, condition_rows, item_rows
 from app.analysis.ratings.outliers import (

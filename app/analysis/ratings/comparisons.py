@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from app.analysis.contrasts import FEWEST_PARTICIPANTS, critical_value
+from app.analysis.model.contrasts import FEWEST_PARTICIPANTS, critical_value
 from app.analysis.ratings.opinion_scores import mean_with_interval
 from app.analysis.ratings.table import ComparisonTable
-from app.analysis.votes_table import ALL
+from app.analysis.reading.votes_table import ALL
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

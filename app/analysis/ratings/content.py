@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from app.analysis.findings.ratings import rating_findings
+from app.analysis.model.settings import AnalysisSettings
 from app.analysis.objective.against_scores import measure_tables
 from app.analysis.objective.points import ScoreSet
-from app.analysis.settings import AnalysisSettings
 from app.analysis.warnings import measure_warnings
 
 VOTE_TABLES = (

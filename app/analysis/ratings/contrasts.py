@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.contrasts import MOST_ITEMS, Contrast, holm, two_sided
+from app.analysis.model.contrasts import MOST_ITEMS, Contrast, holm, two_sided
+from app.analysis.model.separation import SIGN_TEST
 from app.analysis.ratings.opinion_scores import columns_by_condition, mean_with_interval, person_means
 from app.analysis.ratings.table import RatingTable
-from app.analysis.separation import SIGN_TEST
 
 Array = NDArray[np.float64]
 

@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from app.analysis.layouts import SYNONYMS, plain, recognise
-from app.analysis.tabular import numbers, refuse, shown, texts
-from app.analysis.votes_table import VotesError
+from app.analysis.reading.layouts import SYNONYMS, plain, recognise
+from app.analysis.reading.tabular import numbers, refuse, shown, texts
+from app.analysis.reading.votes_table import VotesError
 
 # Names in lower case, without spaces, points, hyphens and underscores.
 WORDS = {

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.contrasts import critical_value
+from app.analysis.model.contrasts import critical_value
 from app.analysis.ratings.table import RatingTable
 
 Array = NDArray[np.float64]

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.correlation import defined, pearson
 from app.analysis.ratings.opinion_scores import person_means
 from app.analysis.ratings.table import RatingTable
+from app.analysis.screening.correlation import defined, pearson
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import ncf, t
 
-from app.analysis.contrasts import SIGNIFICANT
-from app.analysis.power import WANTED_POWER, StudySize
+from app.analysis.comparisons.power import WANTED_POWER, StudySize
+from app.analysis.model.contrasts import SIGNIFICANT
 
 
 @dataclass(frozen=True)

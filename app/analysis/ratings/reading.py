@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from app.analysis.ratings.layouts import is_of_ratings, one_rating_a_row
 from app.analysis.ratings.table import PROTOCOLS, ComparisonTable, RatingTable, numbered_names
-from app.analysis.tabular import flags, numbers, read_frame, refuse, texts
-from app.analysis.votes_table import VotesError
+from app.analysis.reading.tabular import flags, numbers, read_frame, refuse, texts
+from app.analysis.reading.votes_table import VotesError
 
 Columns = Mapping[str, NDArray[np.object_]]
 

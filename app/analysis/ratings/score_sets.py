@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from app.analysis.contrasts import Contrast
+from app.analysis.model.contrasts import Contrast
 from app.analysis.objective.points import ScoreSet, score_set
 from app.analysis.ratings.contrasts import paired_contrasts
 from app.analysis.ratings.opinion_scores import item_rows, person_means
 from app.analysis.ratings.table import RatingTable
-from app.analysis.votes_table import ALL
+from app.analysis.reading.votes_table import ALL
 
 Row = Mapping[str, Any]
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.ratings.table import ComparisonTable, RatingTable, numbered_names
-from app.analysis.votes_table import VotesTable
+from app.analysis.reading.votes_table import VotesTable
 
 Float = NDArray[np.float64]
 Names = tuple[tuple[str, str], ...]

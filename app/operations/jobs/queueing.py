@@ -7,8 +7,7 @@ from itertools import takewhile
 
 from app.errors import ConflictError
 from app.operations.jobs.kinds import KINDS, title_of
-from app.store.audit import Actor
-from app.store.engine import Database, Transaction
+from app.store.database.engine import Database, Transaction
 from app.store.queue import (
     OPEN,
     NewJob,
@@ -20,6 +19,7 @@ from app.store.queue import (
     list_jobs,
     retry_job,
 )
+from app.store.studies.audit import Actor
 
 
 def queue_job(database: Database, new: NewJob, actor: Actor) -> QueuedJob:

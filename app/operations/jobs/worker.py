@@ -21,8 +21,8 @@ from app.operations.jobs.command import Command, job_folder
 from app.operations.jobs.kinds import KINDS, job_kind
 from app.operations.jobs.queueing import must_wait
 from app.settings import Settings
-from app.store.engine import Database
-from app.store.keys import utc_now
+from app.store.database.engine import Database
+from app.store.database.keys import utc_now
 from app.store.queue import (
     JobProgress,
     JobState,

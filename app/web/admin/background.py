@@ -14,10 +14,9 @@ from fastapi.responses import Response
 
 from app.errors import NotFoundError, StudyError, UnavailableError
 from app.ffmpeg import Progress
-from app.store.audit import Actor, Entry, record_alone
-from app.store.engine import Database
-from app.store.keys import utc_now
-from app.store.server_tasks import (
+from app.store.database.engine import Database
+from app.store.database.keys import utc_now
+from app.store.database.server_tasks import (
     BEATS_WITHIN,
     LONGEST_DETAIL,
     STOPPED,
@@ -28,6 +27,7 @@ from app.store.server_tasks import (
     task_by_id,
     tell_progress,
 )
+from app.store.studies.audit import Actor, Entry, record_alone
 from app.web.admin.layout import page, see
 from app.web.gates import Store
 from app.web.roles import Person

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from types import TracebackType
 
-from app.store.counted_votes import VoteState
-from app.store.engine import Database
+from app.store.database.engine import Database
+from app.store.trials.counted_votes import VoteState
 from app.web.analyst.results import analysis_of, rows_of
 
 AT_MOST_EVERY = timedelta(seconds=10)  # between computations for a study; votes come more often

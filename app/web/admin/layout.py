@@ -8,8 +8,8 @@ from urllib.parse import quote
 from fastapi import Request
 from fastapi.responses import RedirectResponse, Response
 
-from app.store.experimenters import Experimenter, Role
-from app.store.studies import Study, progress_of
+from app.store.access.experimenters import Experimenter, Role
+from app.store.studies.studies import Study, progress_of
 from app.web.gates import database, now, render
 
 TABS: tuple[tuple[str, str, Role], ...] = (

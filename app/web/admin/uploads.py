@@ -13,8 +13,8 @@ from app.errors import InvalidError, TooLargeError
 from app.files import WorkFolder
 from app.intake.bounds import in_bounds
 from app.intake.zips import MB
-from app.store.audit import Actor, Entry, record_alone
-from app.store.engine import Database
+from app.store.database.engine import Database
+from app.store.studies.audit import Actor, Entry, record_alone
 from app.web.roles import acting_by_header
 
 UploadingActor = Annotated[Actor, Depends(acting_by_header("experimenter"))]

@@ -12,22 +12,22 @@ from dataclasses import replace
 from typing import IO, Any
 
 from app.operations.manage import study_file_of
-from app.store.audit import audit_records
-from app.store.comments import comment_records, tag_records
-from app.store.demographics import demographic_records
-from app.store.designs import conditions_of
-from app.store.engine import Database, Transaction
-from app.store.images import image_content, image_digests
-from app.store.interviews import questionnaire_records
-from app.store.measurements import measurement_records
-from app.store.participants import participant_records
-from app.store.screening import screening_records
-from app.store.sessions import shown_wordings
-from app.store.studies import Study, study_by_id
-from app.store.trial_records import trial_records
-from app.store.vote_records import vote_records
-from app.study.options import parse_options
-from app.study.study_file import StudyFile, write_study_file
+from app.store.database.engine import Database, Transaction
+from app.store.participants.comments import comment_records, tag_records
+from app.store.participants.interviews import questionnaire_records
+from app.store.participants.participants import participant_records
+from app.store.participants.screening import screening_records
+from app.store.studies.audit import audit_records
+from app.store.studies.images import image_content, image_digests
+from app.store.studies.studies import Study, study_by_id
+from app.store.trials.demographics import demographic_records
+from app.store.trials.designs import conditions_of
+from app.store.trials.measurements import measurement_records
+from app.store.trials.sessions import shown_wordings
+from app.store.trials.trial_records import trial_records
+from app.store.trials.vote_records import vote_records
+from app.study.options.options import parse_options
+from app.study.options.study_file import StudyFile, write_study_file
 from app.web.analyst.columns import FURTHER, TABLES, with_others
 from app.web.analyst.formats import PART, write_csv
 from app.web.analyst.results import inputs_of, items_factors, prepare_results, rows_of
@@ -73,7 +73,7 @@ def _without_codes(file: StudyFile) -> StudyFile:
 
 def _write_analysis(files: _Files, analysis: Mapping[str, Any], source: str) -> None:
     """Write the analysis as `reconstudy analyse` does: its tables, every figure, the report, and analysis.json."""
-    from app.analysis.report import COLUMNS, report_files, table_csv
+    from app.analysis.report.write import COLUMNS, report_files, table_csv
 
     for name, columns in COLUMNS.items():
         if name not in ANALYSIS_TABLES and analysis.get(name):

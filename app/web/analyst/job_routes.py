@@ -16,9 +16,9 @@ from app.operations.jobs.fields import Choice, Choices, Entry
 from app.operations.jobs.fields import Field as JobField
 from app.operations.jobs.kinds import KINDS, job_kind
 from app.settings import Settings
-from app.store.audit import Actor
+from app.store.access.tokens import JOBS
 from app.store.queue import STATES, JobState, QueuedJob, job_by_id, list_jobs
-from app.store.tokens import JOBS
+from app.store.studies.audit import Actor
 from app.web.analyst import columns
 from app.web.analyst.formats import ChosenFormat, json_bytes, json_object, table
 from app.web.analyst.openapi import object_answers, table_answers

@@ -10,15 +10,15 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from app.intake.reports import better_by_measure, by_measure
-from app.store.counted_votes import VoteState, vote_state
-from app.store.designs import conditions_of
-from app.store.engine import Database, Transaction
-from app.store.interviews import questionnaire_records
-from app.store.measurements import measurement_records
-from app.store.participants import assigned_groups, counted_voters
-from app.store.studies import Study, study_by_id
-from app.study.groupings import groupings, without_small_groups
-from app.study.options import StudyOptions, parse_options
+from app.store.database.engine import Database, Transaction
+from app.store.participants.interviews import questionnaire_records
+from app.store.participants.participants import assigned_groups, counted_voters
+from app.store.studies.studies import Study, study_by_id
+from app.store.trials.counted_votes import VoteState, vote_state
+from app.store.trials.designs import conditions_of
+from app.store.trials.measurements import measurement_records
+from app.study.design.groupings import groupings, without_small_groups
+from app.study.options.options import StudyOptions, parse_options
 from app.study.protocols import CCR, PC, RATED, WITH_REFERENCE
 from app.web.analyst.columns import with_others
 from app.web.analyst.formats import csv_text
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from app.analysis.votes_table import VotesTable
+    from app.analysis.reading.votes_table import VotesTable
 
 RESULTS_KEPT = 16  # the latest; one of a study with 100 participants takes some MB
 ASSIGNED = "assigned group"  # beside the questions that participants are grouped by
@@ -53,7 +53,7 @@ class Results:
     @cached_property
     def charts(self) -> dict[str, tuple[str, Any]]:
         """Caption and chart of every figure that has anything to show, by name."""
-        from app.analysis.figures import named_charts
+        from app.analysis.report.figures import named_charts
 
         charts = named_charts(self.analysis) if self.analysis is not None else ()
         return {name: (caption, chart) for name, caption, chart in charts if chart is not None}
@@ -257,7 +257,7 @@ def _analysed_ratings(votes: VotesTable, rating: NDArray[np.float64], inputs: In
 
 def load_analysis() -> None:
     """Import what scores and figures need, before somebody waits a second for them."""
-    import app.analysis.report  # noqa: F401
+    import app.analysis.report.write  # noqa: F401
 
 
 def items_factors(levels: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, str]]:
@@ -276,7 +276,7 @@ def figures_of(results: Results) -> list[tuple[str, str]]:
 
 def code_of(results: Results, name: str) -> Mapping[str, str]:
     """Return the code that draws a figure anew from the analysis, by its language."""
-    from app.analysis.figure_code import figure_code
+    from app.analysis.drawing.figure_code import figure_code
 
     return figure_code(name, results.analysis) if results.analysis is not None else {}
 
@@ -288,8 +288,8 @@ def figure(results: Results, name: str, kind: str) -> bytes | None:
     ----------
     kind : a key of FIGURE_TYPES, or `vega` for a specification
     """
-    from app.analysis.drawing import chart_svg, chart_vega, svg_pdf, svg_png
-    from app.analysis.figure_code import figure_rows
+    from app.analysis.drawing.charts_in_common import chart_svg, chart_vega, svg_pdf, svg_png
+    from app.analysis.drawing.figure_code import figure_rows
 
     _, chart = results.charts.get(name, ("", None))
     if chart is None or results.analysis is None:

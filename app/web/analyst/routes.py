@@ -12,24 +12,24 @@ from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import Response
 
 from app.operations.manage import study_summary
-from app.store import tables
-from app.store.audit import audit_records, audit_state
-from app.store.comments import comment_records, tag_names, tag_records
-from app.store.counted_votes import vote_state
-from app.store.demographics import demographic_records
-from app.store.designs import conditions_of, datasets_of, stimulus_names
-from app.store.engine import Database, Transaction
-from app.store.interviews import questionnaire_records
-from app.store.measurements import measurement_records
-from app.store.participants import n_participants, participant_records, session_state
-from app.store.screening import n_screening_records, screening_records
-from app.store.studies import Study, all_studies, progress_by_study, progress_of
-from app.store.table_state import Tables, table_state
-from app.store.tokens import AUDIT as AUDIT_SCOPE
-from app.store.tokens import PERSONAL, READ
-from app.store.trial_records import SoughtRows, rows_by_session, trial_page, trial_state
-from app.store.vote_records import vote_row
-from app.study.options import parse_options
+from app.store.access.tokens import AUDIT as AUDIT_SCOPE
+from app.store.access.tokens import PERSONAL, READ
+from app.store.database import tables
+from app.store.database.engine import Database, Transaction
+from app.store.database.table_state import Tables, table_state
+from app.store.participants.comments import comment_records, tag_names, tag_records
+from app.store.participants.interviews import questionnaire_records
+from app.store.participants.participants import n_participants, participant_records, session_state
+from app.store.participants.screening import n_screening_records, screening_records
+from app.store.studies.audit import audit_records, audit_state
+from app.store.studies.studies import Study, all_studies, progress_by_study, progress_of
+from app.store.trials.counted_votes import vote_state
+from app.store.trials.demographics import demographic_records
+from app.store.trials.designs import conditions_of, datasets_of, stimulus_names
+from app.store.trials.measurements import measurement_records
+from app.store.trials.trial_records import SoughtRows, rows_by_session, trial_page, trial_state
+from app.store.trials.vote_records import vote_row
+from app.study.options.options import parse_options
 from app.web.analyst import columns
 from app.web.analyst.archive import write_archive
 from app.web.analyst.compression import CompressedRoute

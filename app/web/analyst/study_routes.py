@@ -17,17 +17,17 @@ from app.operations.invitations import MOST_AT_ONCE, MOST_PLACES, make_invitatio
 from app.operations.manage import study_file_of, study_summary
 from app.operations.standing import change_standing, delete_study
 from app.operations.stimulus_sets import set_called
-from app.store.audit import Actor
-from app.store.engine import Database, Transaction
-from app.store.invitations import Invitation, invitations_of
-from app.store.participants import exclude, exclusion_records, participant_labelled, undo_exclusion
-from app.store.studies import Standing, Study, StudyCounts, progress_of, study_by_slug
-from app.store.tokens import PEOPLE, STUDIES
-from app.study.option_table import COLUMNS
-from app.study.options import overridden, parse_options
-from app.study.presets import QUICK
-from app.study.study_file import EXPOSURE_BOUNDS_S
-from app.study.wording import LONGEST_NAME
+from app.store.access.tokens import PEOPLE, STUDIES
+from app.store.database.engine import Database, Transaction
+from app.store.participants.invitations import Invitation, invitations_of
+from app.store.participants.participants import exclude, exclusion_records, participant_labelled, undo_exclusion
+from app.store.studies.audit import Actor
+from app.store.studies.studies import Standing, Study, StudyCounts, progress_of, study_by_slug
+from app.study.options.option_table import COLUMNS
+from app.study.options.options import overridden, parse_options
+from app.study.options.presets import QUICK
+from app.study.options.study_file import EXPOSURE_BOUNDS_S
+from app.study.options.wording import LONGEST_NAME
 from app.web.analyst.compression import CompressedRoute
 from app.web.gates import Store, languages, settings
 from app.web.roles import AStudy, may_change

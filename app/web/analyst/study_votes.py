@@ -7,7 +7,8 @@ from collections import OrderedDict
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from app.store.counted_votes import (
+from app.store.database.engine import Transaction
+from app.store.trials.counted_votes import (
     Judge,
     KnownVotes,
     VoteColumns,
@@ -15,14 +16,13 @@ from app.store.counted_votes import (
     counted_votes,
     judges_of,
 )
-from app.store.designs import ShownPair, shown_pairs
-from app.store.engine import Transaction
+from app.store.trials.designs import ShownPair, shown_pairs
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from app.analysis.votes_table import VotesTable
+    from app.analysis.reading.votes_table import VotesTable
 
 STUDIES_KEPT = 8  # a million votes take 50 MB
 WITHDRAWN = "withdrawn"
@@ -93,7 +93,7 @@ def votes_table(
     """
     import numpy as np
 
-    from app.analysis.votes_table import VotesTable
+    from app.analysis.reading.votes_table import VotesTable
 
     sessions, who = np.unique(votes.session, return_inverse=True)
     people = [judges[int(key)] for key in sessions]

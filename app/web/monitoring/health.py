@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse, Response
 
-from app.store.migrate import why_not_ready
+from app.store.database.migrate import why_not_ready
 from app.web.gates import Store, settings
 from app.web.monitoring.metrics import Metrics
 from app.web.problems import problem

@@ -10,13 +10,13 @@ from fastapi import APIRouter, Path, Request, Response
 from limits import RateLimitItemPerMinute
 
 from app.errors import ChangedError, InvalidError, NotFoundError
-from app.store.admission import Admission, admit
-from app.store.engine import Database
-from app.store.images import image_digests
-from app.store.sessions import resume_session
-from app.store.studies import Study, study_by_id
-from app.study.options import parse_options
-from app.study.wording import Wording, offered_languages, wording
+from app.store.database.engine import Database
+from app.store.studies.images import image_digests
+from app.store.studies.studies import Study, study_by_id
+from app.store.trials.admission import Admission, admit
+from app.store.trials.sessions import resume_session
+from app.study.options.options import parse_options
+from app.study.options.wording import Wording, offered_languages, wording
 from app.web.gates import (
     PARTICIPANT_COOKIE,
     Now,

@@ -12,19 +12,19 @@ from fastapi import Request
 from fastapi.responses import RedirectResponse
 from starlette.datastructures import QueryParams
 
-from app.store.admission import WhyClosed, why_closed
-from app.store.designs import has_single_films, largest_film
-from app.store.engine import Transaction
-from app.store.images import image_digests
-from app.store.invitations import Invitation, invitation_by_code
-from app.store.keys import typed_code
-from app.store.orders import most_trials
-from app.store.recruits import recruit_of_session, session_of_outside_id
-from app.store.sessions import Session, session_by_token
-from app.store.studies import Study, study_by_id
-from app.study.duration import stage_minutes
-from app.study.options import StudyOptions, parse_options
-from app.study.recruiting import Arrival
+from app.store.database.engine import Transaction
+from app.store.database.keys import typed_code
+from app.store.participants.invitations import Invitation, invitation_by_code
+from app.store.participants.recruits import recruit_of_session, session_of_outside_id
+from app.store.studies.images import image_digests
+from app.store.studies.studies import Study, study_by_id
+from app.store.trials.admission import WhyClosed, why_closed
+from app.store.trials.designs import has_single_films, largest_film
+from app.store.trials.orders import most_trials
+from app.store.trials.sessions import Session, session_by_token
+from app.study.options.duration import stage_minutes
+from app.study.options.options import StudyOptions, parse_options
+from app.study.options.recruiting import Arrival
 from app.web.gates import PARTICIPANT_COOKIE, cookie, database, now
 from app.web.once import Shared
 

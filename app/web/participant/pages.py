@@ -13,15 +13,15 @@ from fastapi import APIRouter, Depends, Form, Request
 from fastapi.responses import RedirectResponse, Response
 
 from app.errors import InvalidError, NotFoundError
-from app.store.admission import begin_preview
-from app.store.deletion import forget_preview_votes
-from app.store.invitations import invitation_of_session
-from app.store.sessions import resume_session, session_by_token
-from app.store.studies import study_by_id
-from app.study.language_pack import LanguagePack, nested_texts
-from app.study.privacy import collected
-from app.study.stage_data import consent_to_send
-from app.study.wording import offered_languages, wording
+from app.store.participants.invitations import invitation_of_session
+from app.store.studies.studies import study_by_id
+from app.store.trials.admission import begin_preview
+from app.store.trials.deletion import forget_preview_votes
+from app.store.trials.sessions import resume_session, session_by_token
+from app.study.languages.language_pack import LanguagePack, nested_texts
+from app.study.options.privacy import collected
+from app.study.options.stage_data import consent_to_send
+from app.study.options.wording import offered_languages, wording
 from app.web.form_token import has_form_token, is_own_form, own_form, page_with_form
 from app.web.gates import (
     PARTICIPANT_COOKIE,

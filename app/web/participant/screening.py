@@ -11,8 +11,8 @@ from fastapi import APIRouter, Path, Response
 from pydantic import BaseModel, Field
 
 from app.errors import ConflictError, InvalidError, NotFoundError
-from app.store.engine import Database
-from app.store.screening import (
+from app.store.database.engine import Database
+from app.store.participants.screening import (
     Display,
     ServedItem,
     answer_item,
@@ -24,13 +24,12 @@ from app.store.screening import (
     keep_distance,
     states_of,
 )
-from app.store.sessions import Session
-from app.study.acuity import certifying_distance_mm, smallest_size
-from app.study.colour_vision import DIRECTIONS, NOTHING
-from app.study.pictures import png
-from app.study.screening import TestName, draw, is_possible
-from app.study.stages import SCREENING
-from app.study.viewing_distance import (
+from app.store.trials.sessions import Session
+from app.study.screening.acuity import certifying_distance_mm, smallest_size
+from app.study.screening.colour_vision import DIRECTIONS, NOTHING
+from app.study.screening.pictures import png
+from app.study.screening.screening import TestName, draw, is_possible
+from app.study.screening.viewing_distance import (
     N_BLIND_SPOTS,
     N_CARDS,
     ImplausibleError,
@@ -38,6 +37,7 @@ from app.study.viewing_distance import (
     checked_distance_mm,
     pixel_mm,
 )
+from app.study.stages import SCREENING
 from app.web.gates import Now, Participant, SignedIn, Store
 from app.web.participant.session_bodies import Strict
 

@@ -12,20 +12,20 @@ from fastapi.responses import JSONResponse
 
 from app.errors import ConflictError, InvalidError, NotFoundError
 from app.operations.erasure import erase_participant
-from app.store.audit import PARTICIPANT, Actor
-from app.store.own_data import own_data
-from app.store.participants import person_of_session
-from app.store.sessions import (
+from app.store.participants.participants import person_of_session
+from app.store.studies.audit import PARTICIPANT, Actor
+from app.store.studies.studies import study_by_id
+from app.store.trials.own_data import own_data
+from app.store.trials.sessions import (
     Session,
     complete_stage,
     withdraw,
 )
-from app.store.studies import study_by_id
-from app.study.comprehension import right_answer
-from app.study.questionnaire import LONGEST_ANSWER, MOST_QUESTIONS
-from app.study.stage_data import InvalidStageError, check_stage_data, consent_to_send
+from app.study.options.stage_data import InvalidStageError, check_stage_data, consent_to_send
+from app.study.options.wording import first_language, offered_languages
+from app.study.questions.comprehension import right_answer
+from app.study.questions.questionnaire import LONGEST_ANSWER, MOST_QUESTIONS
 from app.study.stages import INTERVIEW, IllegalMoveError
-from app.study.wording import first_language, offered_languages
 from app.web.gates import (
     Now,
     Participant,

@@ -8,16 +8,16 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.errors import NoSessionError
-from app.store.engine import Database, Transaction
-from app.store.images import image_digests
-from app.store.keys import resume_code
-from app.store.recruits import recruit_of_session
-from app.store.sessions import Session, done_of, last_answer_at, session_by_token
-from app.study.duration import stage_minutes
+from app.store.database.engine import Database, Transaction
+from app.store.database.keys import resume_code
+from app.store.participants.recruits import recruit_of_session
+from app.store.studies.images import image_digests
+from app.store.trials.sessions import Session, done_of, last_answer_at, session_by_token
+from app.study.options.duration import stage_minutes
+from app.study.options.recruiting import MOST_KEPT, Ending
+from app.study.options.wording import DEBRIEFING, NAME, first_language, own_texts
 from app.study.protocols import Protocol
-from app.study.recruiting import MOST_KEPT, Ending
 from app.study.stages import FINISHED, SCREENED_OUT, TRIAL
-from app.study.wording import DEBRIEFING, NAME, first_language, own_texts
 from app.web.markdown import render_markdown
 
 LONG_ABSENCE = timedelta(minutes=30)  # then the page shows the instructions again

@@ -8,14 +8,14 @@ from pydantic import AfterValidator, BaseModel, Field, with_config
 from typing_extensions import TypedDict
 
 from app.films.strips import LIGHTER
-from app.store.designs import SECOND_FILM, STRIPS, PracticePair
-from app.store.sessions import Done, Session
-from app.store.trials import MOST_ATTEMPTS, NextTrial
-from app.study.options import FullScreen, Pixels, StudyOptions
+from app.store.trials.designs import SECOND_FILM, STRIPS, PracticePair
+from app.store.trials.sessions import Done, Session
+from app.store.trials.trials import MOST_ATTEMPTS, NextTrial
+from app.study.options.options import FullScreen, Pixels, StudyOptions
 from app.study.protocols import CCR, Protocol
-from app.study.technique import Technique
-from app.study.trial import Disturbance, Half, Interruption, Label
-from app.study.valid_vote import without_unknowns
+from app.study.trial.technique import Technique
+from app.study.trial.trial import Disturbance, Half, Interruption, Label
+from app.study.trial.valid_vote import without_unknowns
 from app.web.participant.session_bodies import UUID, Strict
 
 LONGEST_MS = 24 * 3600 * 1000.0  # a day: a trial that was left open overnight still counts

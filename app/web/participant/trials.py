@@ -8,9 +8,9 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Request, Response
 
 from app.errors import ConflictError, GoneError
-from app.store.designs import practice_pairs
-from app.store.sessions import done_of
-from app.store.trials import mark_served, next_trials, void_trial
+from app.store.trials.designs import practice_pairs
+from app.store.trials.sessions import done_of
+from app.store.trials.trials import mark_served, next_trials, void_trial
 from app.study.stages import SCREENED_OUT, TIMED_OUT, TRIAL, is_past
 from app.web.gates import Now, Participant, Store, throttle
 from app.web.limits.throttle import REMARKS

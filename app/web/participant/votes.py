@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Path, Request, Response
 from pydantic import BaseModel
 
-from app.store.vote_records import Vote
+from app.store.trials.vote_records import Vote
 from app.web.gates import Now, ParticipantToken, meant_session, vote_writer
 from app.web.participant.trial_bodies import VoteBody
 

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 
 from app.analysis import AnalysisSettings, VotesError, analyse, analyse_file, votes_from_rows
 from app.analysis.analyse import scored
-from app.analysis.contrasts import ALL_ALIKE
-from app.analysis.factors import votes_with_levels
-from app.analysis.reading import read_votes
-from app.analysis.report_page import report_page
-from app.analysis.ties import TIE_MODELS
-from app.analysis.votes_table import VotesTable, votes_from_indices
+from app.analysis.comparisons.factors import votes_with_levels
+from app.analysis.model.contrasts import ALL_ALIKE
+from app.analysis.model.ties import TIE_MODELS
+from app.analysis.reading.read_votes import read_votes
+from app.analysis.reading.votes_table import VotesTable, votes_from_indices
+from app.analysis.report.page import report_page
 
 KEYS = {
     "scores": "comparison dataset item score se se_participant ci_low ci_high n_votes wins losses ties status",

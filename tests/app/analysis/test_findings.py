@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from app.analysis import AnalysisSettings, analyse, votes_from_rows, write_analysis
-from app.analysis.report_page import report_page
+from app.analysis.report.page import report_page
 
 DEPTHS, FUSIONS = ("id", "dr", "pm"), ("fa", "fb")
 FACTORS = {
@@ -320,7 +320,7 @@ def test_who_stands_out_is_named_and_nobody_is_where_nobody_does() -> None:
 
 
 def test_a_zero_that_rounding_made_negative_has_no_minus() -> None:
-    from app.analysis.findings.phrases import signed, unsigned
+    from app.analysis.reading.phrases import signed, unsigned
 
     assert [(signed(value), unsigned(value)) for value in (-1e-17, -0.004, -0.006)] == [
         ("+0.00", "0.00"),
@@ -333,7 +333,7 @@ def test_a_zero_that_rounding_made_negative_has_no_minus() -> None:
     ("share", "text"), [(1 / 200, "less than 1 %"), (1 / 100, "1 %"), (199 / 200, "more than 99 %"), (1.0, "100 %")]
 )
 def test_a_share_that_is_not_certain_is_never_said_as_nothing_or_all(share: float, text: str) -> None:
-    from app.analysis.findings.phrases import percent
+    from app.analysis.reading.phrases import percent
 
     assert percent(share) == text
 
@@ -349,7 +349,7 @@ def test_a_share_that_is_not_certain_is_never_said_as_nothing_or_all(share: floa
     ],
 )
 def test_names_are_listed_as_in_a_sentence(names: Sequence[str], text: str) -> None:
-    from app.analysis.findings.phrases import listed
+    from app.analysis.reading.phrases import listed
 
     assert listed(names) == text
 

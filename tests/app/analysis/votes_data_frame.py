@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from app.analysis.votes_table import CHOICES, ROLES, VotesTable
+from app.analysis.reading.votes_table import CHOICES, ROLES, VotesTable
 
 
 def frame_from_votes(votes: VotesTable) -> pd.DataFrame:

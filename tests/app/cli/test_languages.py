@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from app.files import packaged
-from app.study.language_pack import SHIPPED
+from app.study.languages.language_pack import SHIPPED
 from tests.command_line import Command
 
 

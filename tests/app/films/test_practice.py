@@ -10,7 +10,7 @@ import pytest
 from app.errors import StimuliError
 from app.films.practice import choose_practice, most_different
 from app.intake.stimuli import StimulusSet, read_stimulus_set
-from app.study.practice import PracticeFilms, parse_practice_pairs
+from app.study.options.practice import PracticeFilms, parse_practice_pairs
 from tests.app import tiny_stimuli
 
 APPROACHES = ("id_fa", "id_fb", "pm_fb")  # grey levels in this order

@@ -16,8 +16,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from app.analysis import tabular
-from app.analysis.reading import read_votes
+from app.analysis.reading import tabular
+from app.analysis.reading.read_votes import read_votes
 from app.errors import InvalidError, TooLargeError
 from app.ffmpeg import decode, reading
 from app.files import LARGEST_JSON, read_json

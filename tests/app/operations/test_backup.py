@@ -18,12 +18,12 @@ from app.operations import create, manage
 from app.operations.backup import back_up, check, restore
 from app.operations.database import open_store
 from app.settings import Settings
-from app.store.admission import begin_preview
-from app.store.engine import Database, open_database
-from app.store.images import image_digests, keep_image
-from app.store.migrate import newest_version, upgrade, version_of
-from app.store.studies import study_by_id
-from app.store.tables import metadata, pair, session, trial, vote
+from app.store.database.engine import Database, open_database
+from app.store.database.migrate import newest_version, upgrade, version_of
+from app.store.database.tables import metadata, pair, session, trial, vote
+from app.store.studies.images import image_digests, keep_image
+from app.store.studies.studies import study_by_id
+from app.store.trials.admission import begin_preview
 from tests.app.web.admin import small_models
 from tests.postgresql import PostgresServer
 from tests.seeded_studies import NOW, seed_voters

@@ -16,12 +16,12 @@ from app.errors import UnavailableError
 from app.operations.backup import back_up, restore
 from app.operations.erasure import LIST, enforce_retention, erase_participant
 from app.settings import Settings
-from app.store.audit import Actor
-from app.store.engine import Database, open_database
-from app.store.migrate import upgrade
-from app.store.participants import participant_labelled
-from app.store.studies import set_standing, study_by_slug
-from app.store.tables import participant, session, stage_record, study
+from app.store.database.engine import Database, open_database
+from app.store.database.migrate import upgrade
+from app.store.database.tables import participant, session, stage_record, study
+from app.store.participants.participants import participant_labelled
+from app.store.studies.audit import Actor
+from app.store.studies.studies import set_standing, study_by_slug
 from tests.seeded_studies import NOW, seed_voters
 
 EARLIER = json.dumps({"session": "x" * 22, "at": NOW.isoformat()}) + "\n"

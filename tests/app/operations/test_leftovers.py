@@ -14,7 +14,7 @@ from app.intake.part_uploads import PartUpload, begin_upload, checking, standing
 from app.main import running_server
 from app.operations.leftovers import LEFT_FOR, remove_leftovers
 from app.settings import Settings
-from app.store.keys import utc_now
+from app.store.database.keys import utc_now
 
 
 def killed_at_work(settings: Settings) -> list[Path]:

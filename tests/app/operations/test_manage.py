@@ -13,7 +13,7 @@ import pytest
 from app.errors import StimuliError
 from app.operations import create, manage
 from app.settings import Settings
-from app.store.migrate import newest_version
+from app.store.database.migrate import newest_version
 from tests.app import tiny_stimuli
 
 

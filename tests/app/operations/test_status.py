@@ -20,8 +20,8 @@ from app.operations.manage import upgrade_database
 from app.operations.running import DEFAULT_URL, noted, running_url, url_for_links
 from app.operations.status import server_status
 from app.settings import Settings
-from app.store.engine import open_database
-from app.store.keys import utc_now
+from app.store.database.engine import open_database
+from app.store.database.keys import utc_now
 from app.store.queue import NewJob, Worker, beat, enqueue, take_job
 from tests.command_line import Command
 

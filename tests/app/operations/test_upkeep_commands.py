@@ -12,7 +12,7 @@ from app.cli import app
 from app.errors import ConflictError
 from app.operations import manage
 from app.settings import Settings
-from app.store.engine import open_database
+from app.store.database.engine import open_database
 from tests.seeded_studies import seed_voters
 
 pytestmark = pytest.mark.slow

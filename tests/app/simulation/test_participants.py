@@ -14,10 +14,10 @@ from app.operations import create, manage
 from app.settings import Settings
 from app.simulation.observer import Observer
 from app.simulation.participants import Person, pass_stages, simulate, simulate_study
-from app.store.engine import open_database
-from app.store.invitations import end_invitation
-from app.store.studies import study_by_slug
-from app.study.options import parse_options
+from app.store.database.engine import open_database
+from app.store.participants.invitations import end_invitation
+from app.store.studies.studies import study_by_slug
+from app.study.options.options import parse_options
 from app.study.stages import ENDS
 from tests.app import tiny_stimuli
 from tests.app.web.http_checks import is_problem

@@ -7,8 +7,8 @@ from datetime import datetime
 
 import pytest
 
-from app.store.engine import Database
-from app.store.invitations import Invitation, insert_invitation, invitation_by_code
+from app.store.database.engine import Database
+from app.store.participants.invitations import Invitation, insert_invitation, invitation_by_code
 from tests.seeded_studies import NOW, seed_study
 
 MakeInvitation = Callable[[int | None], Invitation]

@@ -6,8 +6,8 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 
 from app.errors import GoneError
-from app.store.engine import open_database
-from app.store.invitations import invitation_by_code
+from app.store.database.engine import open_database
+from app.store.participants.invitations import invitation_by_code
 from tests.seeded_studies import NOW, begin_session
 
 

@@ -9,7 +9,7 @@ from threading import Barrier
 import pytest
 
 from app.errors import ConflictError, NotFoundError
-from app.store.engine import Database
+from app.store.database.engine import Database
 from app.store.queue import (
     LOST_AFTER,
     JobProgress,

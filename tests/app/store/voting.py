@@ -11,12 +11,12 @@ from uuid import uuid4
 from sqlalchemy import event, func, select
 
 from app.errors import StudyError
-from app.store.engine import Database
-from app.store.invitations import Invitation
-from app.store.sessions import Session, complete_stage, session_by_token
-from app.store.tables import vote
-from app.store.trials import NextTrial, mark_served, next_trials
-from app.store.vote_records import KeptVote, Vote, keep_votes
+from app.store.database.engine import Database
+from app.store.database.tables import vote
+from app.store.participants.invitations import Invitation
+from app.store.trials.sessions import Session, complete_stage, session_by_token
+from app.store.trials.trials import NextTrial, mark_served, next_trials
+from app.store.trials.vote_records import KeptVote, Vote, keep_votes
 from tests.seeded_studies import NOW, begin_session
 
 

@@ -4,10 +4,10 @@ from typing import Any
 
 import pytest
 
-from app.study.options import StudyOptions, parse_options
+from app.study.options.options import StudyOptions, parse_options
+from app.study.options.study_file import StudyFile, parse_study_file, write_study_file
 from app.study.protocols import PROTOCOLS, SCALES, Protocol, Scale, grades_of, stored_scale, texts_of
-from app.study.study_file import StudyFile, parse_study_file, write_study_file
-from app.study.valid_vote import InvalidVoteError, choice_of
+from app.study.trial.valid_vote import InvalidVoteError, choice_of
 
 
 @pytest.mark.parametrize(

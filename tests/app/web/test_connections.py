@@ -15,7 +15,7 @@ import pytest
 from app.main import create_app
 from app.operations import manage
 from app.settings import Settings
-from app.store.engine import open_database
+from app.store.database.engine import open_database
 from tests.seeded_studies import Voter, seed_voters
 
 N_CONNECTIONS = 15  # of a process, besides the one of its votes

@@ -14,8 +14,8 @@ from random import Random
 import pytest
 from sqlalchemy import select
 
-from app.store.engine import Database, open_database
-from app.store.tables import trial, vote
+from app.store.database.engine import Database, open_database
+from app.store.database.tables import trial, vote
 from tests import sqlite_disk
 from tests.app.web.vote_senders import Tally, letters_of, send
 from tests.postgresql import PostgresServer

@@ -13,7 +13,7 @@ from sqlalchemy import text
 
 from app.settings import Settings
 from app.simulation.participants import begin
-from app.store.engine import open_database
+from app.store.database.engine import open_database
 from tests.app.web.admin.dashboard_client import Dashboard
 from tests.app.web.http_checks import is_problem
 

@@ -15,7 +15,7 @@ import httpx
 from app.main import create_app
 from app.operations import manage
 from app.settings import Settings
-from app.store.engine import open_database
+from app.store.database.engine import open_database
 from tests.seeded_studies import Voter, seed_voters
 
 MIDDLEWARE = {  # every request's
@@ -28,11 +28,11 @@ MIDDLEWARE = {  # every request's
 PATH = {
     "app.web.gates",
     "app.web.participant.votes",
-    "app.store.vote_writer",
-    "app.store.vote_records",
-    "app.store.keys",
-    "app.store.engine",
-    "app.study.valid_vote",
+    "app.store.trials.vote_writer",
+    "app.store.trials.vote_records",
+    "app.store.database.keys",
+    "app.store.database.engine",
+    "app.study.trial.valid_vote",
 }
 
 

@@ -20,8 +20,8 @@ from sqlalchemy import func, select
 from app.main import serve
 from app.operations import manage
 from app.settings import Settings
-from app.store.engine import open_database
-from app.store.tables import vote
+from app.store.database.engine import open_database
+from app.store.database.tables import vote
 from tests.app.web.admin.dashboard_client import signed_in
 from tests.app.web.vote_senders import letters_of, send
 from tests.postgresql import PostgresServer

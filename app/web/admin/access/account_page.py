@@ -8,9 +8,7 @@ from fastapi import APIRouter, Form, Request
 from fastapi.responses import Response
 
 from app.errors import ConflictError, InvalidError, NotFoundError
-from app.store.audit import Actor
-from app.store.engine import Database
-from app.store.experimenters import (
+from app.store.access.experimenters import (
     begin_experimenter_session,
     end_all_sessions,
     end_session,
@@ -19,13 +17,15 @@ from app.store.experimenters import (
     sessions_of,
     set_password,
 )
-from app.store.second_factors import (
+from app.store.access.second_factors import (
     confirm_second_factor,
     end_second_factor,
     n_recovery_codes,
     prepare_second_factor,
     second_factor_of,
 )
+from app.store.database.engine import Database
+from app.store.studies.audit import Actor
 from app.web.admin.access.passwords import is_password, new_password_hash
 from app.web.admin.access.second_factor import is_code, new_totp_secret, totp_picture
 from app.web.admin.layout import page, see

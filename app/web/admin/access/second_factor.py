@@ -8,8 +8,8 @@ from secrets import compare_digest
 import pyotp
 import segno
 
-from app.store.engine import Transaction
-from app.store.second_factors import second_factor_of, spend_recovery_code, spend_step
+from app.store.access.second_factors import second_factor_of, spend_recovery_code, spend_step
+from app.store.database.engine import Transaction
 
 ISSUER = "reconstudy"
 CLOCK_STEPS = (-1, 0, 1)  # of 30 s by which the clocks of server and telephone may differ, RFC 6238 section 5.2

@@ -9,7 +9,7 @@ from importlib.metadata import version
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
-from app.store.migrate import newest_version
+from app.store.database.migrate import newest_version
 from app.web.admin.layout import page
 from app.web.gates import settings
 from app.web.roles import Owner

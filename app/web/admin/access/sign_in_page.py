@@ -9,9 +9,7 @@ from fastapi import APIRouter, Depends, Form, Path, Request
 from fastapi.responses import Response
 
 from app.errors import InvalidError, UnauthorisedError
-from app.store.audit import STRANGER, Entry, record, record_alone
-from app.store.engine import Database
-from app.store.experimenters import (
+from app.store.access.experimenters import (
     begin_experimenter_session,
     experimenter_by_link,
     experimenter_named,
@@ -21,6 +19,8 @@ from app.store.experimenters import (
     sign_out,
     spend_link,
 )
+from app.store.database.engine import Database
+from app.store.studies.audit import STRANGER, Entry, record, record_alone
 from app.web.admin.access.account_page import Password, browser_of, signed_in, signed_out
 from app.web.admin.access.passwords import is_password, new_password_hash
 from app.web.admin.access.second_factor import is_let_in

@@ -9,9 +9,7 @@ from fastapi import APIRouter, Form, Query, Request
 from fastapi.responses import Response
 
 from app.errors import ConflictError, InvalidError, NotFoundError
-from app.store.audit import SORTABLE, audit_records, audit_state
-from app.store.engine import Transaction
-from app.store.experimenters import (
+from app.store.access.experimenters import (
     ALL_STUDIES,
     Experimenter,
     Role,
@@ -22,8 +20,10 @@ from app.store.experimenters import (
     restrict,
     set_role,
 )
-from app.store.studies import all_studies
-from app.store.tokens import SCOPES, all_tokens, insert_token, revoke_token
+from app.store.access.tokens import SCOPES, all_tokens, insert_token, revoke_token
+from app.store.database.engine import Transaction
+from app.store.studies.audit import SORTABLE, audit_records, audit_state
+from app.store.studies.studies import all_studies
 from app.web.admin.layout import page, see
 from app.web.admin.listing import listing
 from app.web.gates import Store, database

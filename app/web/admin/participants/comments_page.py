@@ -10,7 +10,7 @@ from fastapi import APIRouter, Form, Query, Request
 from fastapi.responses import Response
 
 from app.errors import InvalidError
-from app.store.comments import (
+from app.store.participants.comments import (
     LONGEST_TAG,
     SOURCES,
     CommentPlace,
@@ -24,8 +24,8 @@ from app.store.comments import (
     tag_records,
     untag_comment,
 )
-from app.store.studies import Study
-from app.study.questionnaire import LONGEST_QUESTION
+from app.store.studies.studies import Study
+from app.study.questions.questionnaire import LONGEST_QUESTION
 from app.web.admin.layout import see, study_page
 from app.web.admin.listing import listed
 from app.web.gates import Store

@@ -8,8 +8,8 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import Response
 
-from app.store.demographics import Among, demographics_among
-from app.study.demographics import demographic_sentence
+from app.store.trials.demographics import Among, demographics_among
+from app.study.questions.demographics import demographic_sentence
 from app.web.admin.layout import study_page
 from app.web.gates import Store
 from app.web.roles import AStudy, Looking

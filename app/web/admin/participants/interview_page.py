@@ -9,10 +9,10 @@ from fastapi import APIRouter, Form, Path, Request
 from fastapi.responses import Response
 
 from app.errors import ConflictError, InvalidError
-from app.store.interviews import keep_spoken, spoken_of
-from app.store.participants import check_not_erased, participant_labelled
-from app.study.options import parse_options
-from app.study.questionnaire import LONGEST_ANSWER
+from app.store.participants.interviews import keep_spoken, spoken_of
+from app.store.participants.participants import check_not_erased, participant_labelled
+from app.study.options.options import parse_options
+from app.study.questions.questionnaire import LONGEST_ANSWER
 from app.web.admin.layout import see, study_page, unix
 from app.web.gates import Store
 from app.web.roles import Acting, AStudy, Looking

@@ -15,15 +15,15 @@ from fastapi.responses import Response
 from app.errors import InvalidError, NotFoundError
 from app.operations.invitations import CODE_SHOWN, MOST_AT_ONCE, MOST_PLACES, make_invitations, stop_invitation
 from app.operations.manage import study_file_of
-from app.store.audit import Entry, record
-from app.store.designs import datasets_of
-from app.store.invitations import Invitation, invitations_of, label_invitation
-from app.store.orders import n_taken_in
-from app.store.participants import group_counts
-from app.store.studies import progress_of
-from app.study.groups import Group, check_groups, parse_groups
-from app.study.options import parse_options
-from app.study.wording import NAME, first_language, own_texts
+from app.store.participants.invitations import Invitation, invitations_of, label_invitation
+from app.store.participants.participants import group_counts
+from app.store.studies.audit import Entry, record
+from app.store.studies.studies import progress_of
+from app.store.trials.designs import datasets_of
+from app.store.trials.orders import n_taken_in
+from app.study.design.groups import Group, check_groups, parse_groups
+from app.study.options.options import parse_options
+from app.study.options.wording import NAME, first_language, own_texts
 from app.web.admin.layout import attachment, page, see, study_page, unix
 from app.web.admin.studies.edit_page import Revision, save_study
 from app.web.analyst.formats import CSV, csv_text

@@ -14,11 +14,9 @@ from pydantic import StringConstraints
 
 from app.errors import InvalidError
 from app.operations.erasure import erase_participant as erase_for_good
-from app.store.audit import Entry, record
-from app.store.comments import SoughtComments, comment_records
-from app.store.counted_votes import vote_state
-from app.store.experimenters import Experimenter
-from app.store.participants import (
+from app.store.access.experimenters import Experimenter
+from app.store.participants.comments import SoughtComments, comment_records
+from app.store.participants.participants import (
     SORTABLE,
     SoughtPeople,
     check_not_erased,
@@ -33,15 +31,17 @@ from app.store.participants import (
     undo_exclusion,
     withdraw_participant,
 )
-from app.store.recruits import outside_ids_of, recruit_of, recruit_records
-from app.store.screening import enter_result, screening_records, screening_verdicts
-from app.store.sessions import new_resume_code
-from app.store.studies import Study
-from app.study.answers import WordedAnswer, worded_answers
-from app.study.options import parse_options
-from app.study.screening import EnteredResult, TestName, check_entered
+from app.store.participants.recruits import outside_ids_of, recruit_of, recruit_records
+from app.store.participants.screening import enter_result, screening_records, screening_verdicts
+from app.store.studies.audit import Entry, record
+from app.store.studies.studies import Study
+from app.store.trials.counted_votes import vote_state
+from app.store.trials.sessions import new_resume_code
+from app.study.options.options import parse_options
+from app.study.questions.answers import WordedAnswer, worded_answers
+from app.study.screening.screening import EnteredResult, TestName, check_entered
+from app.study.screening.verdicts import worded_result, worded_verdicts
 from app.study.stages import ENDS, INTERVIEW, SCREENING
-from app.study.verdicts import worded_result, worded_verdicts
 from app.web.admin.flags import PATIENCE_S, Flags
 from app.web.admin.layout import attachment, see, study_page
 from app.web.admin.listing import listing

@@ -10,11 +10,18 @@ from fastapi import APIRouter, Form, Path, Query, Request
 from fastapi.responses import Response
 
 from app.errors import ConflictError, InvalidError, NotFoundError
-from app.store.comments import LONGEST_COMMENT, keep_trial_comment, trial_comment_of
-from app.store.designs import datasets_of
-from app.store.given_trials import MOST_COUNTED, SORTABLE, SoughtTrials, given_labels, given_trials, n_given_trials
-from app.store.trial_records import trial_film, trial_record
-from app.study.options import parse_options
+from app.store.participants.comments import LONGEST_COMMENT, keep_trial_comment, trial_comment_of
+from app.store.trials.designs import datasets_of
+from app.store.trials.given_trials import (
+    MOST_COUNTED,
+    SORTABLE,
+    SoughtTrials,
+    given_labels,
+    given_trials,
+    n_given_trials,
+)
+from app.store.trials.trial_records import trial_film, trial_record
+from app.study.options.options import parse_options
 from app.study.protocols import RATED
 from app.web.admin.layout import see, study_page, unix
 from app.web.admin.listing import listing

@@ -9,7 +9,7 @@ from fastapi.responses import FileResponse, Response
 
 from app.errors import NotFoundError
 from app.operations.attach import model_file
-from app.store.attached_models import model_records
+from app.store.studies.attached_models import model_records
 from app.web.admin.layout import study_page
 from app.web.gates import Store, settings
 from app.web.media import FOREVER, SANDBOX, is_known

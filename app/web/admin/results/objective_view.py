@@ -61,8 +61,8 @@ def attachment_notes(detail: Mapping[str, Any]) -> list[str]:
 
 def measure_lines(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Say of each measure, best first, how well it predicts the scores, and if people prefer what it calls worse."""
-    from app.analysis.findings.phrases import with_interval
     from app.analysis.objective.prediction import measures_by_rank
+    from app.analysis.reading.phrases import with_interval
 
     last = {row["measure"]: row for row in rows}
     return [

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 
 from app.errors import NotFoundError
-from app.store.studies import Study
+from app.store.studies.studies import Study
 from app.web.admin.layout import attachment, study_page
 from app.web.admin.listing import POLLED
 from app.web.admin.results.scores_view import groups_view, results_view

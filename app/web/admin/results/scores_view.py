@@ -20,8 +20,8 @@ Row = Mapping[str, Any]
 
 def results_view(request: Request, analysis: Mapping[str, Any]) -> dict[str, Any]:
     """Return what the results page shows besides the rows of analysis.json."""
-    from app.analysis.contrasts import SIGNIFICANT
-    from app.analysis.report_sections import clearest_contrasts
+    from app.analysis.model.contrasts import SIGNIFICANT
+    from app.analysis.report.sections import clearest_contrasts
 
     pairs, triads = clearest_contrasts(analysis), _triads(analysis)
     return {
@@ -83,13 +83,13 @@ def by_dataset(rows: Iterable[Row]) -> dict[str, list[Row]]:
 
 def groups_view(analysis: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return each grouping: its groups with their size, a test of their difference, and each item's score in them."""
-    from app.analysis.figure_code import names_by_file
+    from app.analysis.drawing.figure_code import names_by_file
 
     return [_grouping(analysis, name, file) for file, name in names_by_file(analysis["groups"], "grouping").items()]
 
 
 def _grouping(analysis: Mapping[str, Any], name: str, file: str) -> dict[str, Any]:
-    from app.analysis.findings.phrases import with_interval
+    from app.analysis.reading.phrases import with_interval
 
     datasets = unique(row["dataset"] for row in analysis["groups"])
     dataset = "all" if "all" in datasets else datasets[0]

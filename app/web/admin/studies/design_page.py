@@ -10,15 +10,15 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import Response
 
-from app.store.counted_votes import vote_state
-from app.store.designs import conditions_of
-from app.store.engine import Database
-from app.store.orders import most_trials, study_plan, taken_orders
-from app.store.participants import session_state
-from app.store.studies import Study
-from app.study.balance import balance_report, holds
-from app.study.duration import stage_minutes
-from app.study.options import parse_options
+from app.store.database.engine import Database
+from app.store.participants.participants import session_state
+from app.store.studies.studies import Study
+from app.store.trials.counted_votes import vote_state
+from app.store.trials.designs import conditions_of
+from app.store.trials.orders import most_trials, study_plan, taken_orders
+from app.study.design.balance import balance_report, holds
+from app.study.options.duration import stage_minutes
+from app.study.options.options import parse_options
 from app.study.protocols import TYPICAL_INCONSISTENCY
 from app.web.admin.layout import study_page
 from app.web.admin.listing import listed
@@ -87,7 +87,7 @@ def _checked_orders(database: Database, study: Study, now: datetime) -> dict[str
 @lru_cache(maxsize=64)
 def _power(conditions: int, datasets: int, participants: int, effect: float, *, is_rated: bool) -> tuple[float, float]:
     """Return the power in one dataset and over all, as shares of studies; the effect is in JOD, or in grades."""
-    from app.analysis.power import StudyPlan, power
+    from app.analysis.comparisons.power import StudyPlan, power
     from app.analysis.ratings.planning import RatingPlan, rating_power
 
     if is_rated:

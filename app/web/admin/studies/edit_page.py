@@ -14,12 +14,12 @@ from app.ffmpeg import Progress
 from app.operations.edit import check_edit, remake_films, save_edit
 from app.operations.manage import study_file_of
 from app.operations.stimulus_sets import set_of_study
-from app.store.audit import Actor
-from app.store.designs import conditions_of, datasets_of
-from app.store.engine import Database
-from app.store.experimenters import Experimenter
-from app.store.studies import Study, progress_of
-from app.study.study_file import LONGEST_FILE, StudyFile, parse_study_file, with_line, write_study_file
+from app.store.access.experimenters import Experimenter
+from app.store.database.engine import Database
+from app.store.studies.audit import Actor
+from app.store.studies.studies import Study, progress_of
+from app.store.trials.designs import conditions_of, datasets_of
+from app.study.options.study_file import LONGEST_FILE, StudyFile, parse_study_file, with_line, write_study_file
 from app.web.admin.background import start_task
 from app.web.admin.layout import attachment, see, study_page, unix
 from app.web.admin.studies.form import Fields, StudyForm, fixed_settings, read_values, study_of, values_of

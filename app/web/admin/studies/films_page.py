@@ -11,10 +11,10 @@ from fastapi.responses import FileResponse, Response
 from app.errors import NotFoundError
 from app.files import file_digest
 from app.films.strips import write_still
-from app.store.designs import STRIPS, pair_records, stimulus_records
-from app.store.experimenters import Experimenter
-from app.store.studies import Study
-from app.study.options import parse_options
+from app.store.access.experimenters import Experimenter
+from app.store.studies.studies import Study
+from app.store.trials.designs import STRIPS, pair_records, stimulus_records
+from app.study.options.options import parse_options
 from app.web.admin.layout import study_page
 from app.web.admin.listing import listed
 from app.web.gates import Store, database, settings

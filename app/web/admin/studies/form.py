@@ -10,16 +10,16 @@ from fastapi import Depends, Request
 from starlette.datastructures import FormData
 
 from app.errors import InvalidError
-from app.study.lab_sheet import LONGEST_NOTE
-from app.study.option_table import COLUMNS, SECTION_NOTES, SECTIONS, SETTINGS, Setting, why_fixed
-from app.study.options import StudyOptions, parse_options
-from app.study.practice import MOST_PRACTICE
-from app.study.privacy import LONGEST_CONTACT
+from app.study.options.lab_sheet import LONGEST_NOTE
+from app.study.options.option_table import COLUMNS, SECTION_NOTES, SECTIONS, SETTINGS, Setting, why_fixed
+from app.study.options.options import StudyOptions, parse_options
+from app.study.options.practice import MOST_PRACTICE
+from app.study.options.privacy import LONGEST_CONTACT
+from app.study.options.recruiting import LONGEST_ADDRESS
+from app.study.options.study_file import StudyFile
+from app.study.options.wording import LONGEST_TEXT, QUESTIONS
 from app.study.protocols import RATED, typed_scale
-from app.study.questionnaire import KINDS, MOST_QUESTIONS
-from app.study.recruiting import LONGEST_ADDRESS
-from app.study.study_file import StudyFile
-from app.study.wording import LONGEST_TEXT, QUESTIONS
+from app.study.questions.questionnaire import KINDS, MOST_QUESTIONS
 from app.web.admin.layout import unix
 
 MARK = "field"  # names a field that a browser leaves out where nothing is chosen

@@ -13,18 +13,18 @@ from app.ffmpeg import Progress
 from app.operations.create import create_study, duplicate_study, new_slug, read_options
 from app.operations.standing import change_standing as change_study
 from app.operations.stimulus_sets import KnownSet, known_sets, set_called
-from app.store.admission import begin_preview
-from app.store.audit import Actor
-from app.store.engine import Database
-from app.store.experimenters import Experimenter
-from app.store.invitations import preview_code
-from app.store.studies import Standing, all_studies, progress_by_study
-from app.study.option_table import COLUMNS
-from app.study.options import parse_options
-from app.study.presets import PRESETS, QUICK, read_preset
+from app.store.access.experimenters import Experimenter
+from app.store.database.engine import Database
+from app.store.participants.invitations import preview_code
+from app.store.studies.audit import Actor
+from app.store.studies.studies import Standing, all_studies, progress_by_study
+from app.store.trials.admission import begin_preview
+from app.study.options.option_table import COLUMNS
+from app.study.options.options import parse_options
+from app.study.options.presets import PRESETS, QUICK, read_preset
+from app.study.options.study_file import LONGEST_FILE, StudyFile, parse_study_file, with_line
+from app.study.options.wording import check_languages
 from app.study.stages import PRACTICE
-from app.study.study_file import LONGEST_FILE, StudyFile, parse_study_file, with_line
-from app.study.wording import check_languages
 from app.web.admin.background import start_task
 from app.web.admin.layout import page, see, unix
 from app.web.admin.studies.form import Fields, StudyForm, options_of, read_values, values_of

@@ -12,17 +12,23 @@ from fastapi import APIRouter, Request
 from fastapi.responses import Response
 from starlette.concurrency import run_in_threadpool
 
-from app.store.admission import why_closed
-from app.store.counted_votes import vote_state
-from app.store.designs import datasets_of
-from app.store.experimenters import Role
-from app.store.invitations import invitations_of
-from app.store.monitor import votes_by_minute
-from app.store.orders import n_taken_in
-from app.store.participants import SoughtPeople, last_heard_at, n_interrupted, participant_records, session_state
-from app.store.studies import Study, progress_of
-from app.study.options import parse_options
-from app.study.privacy import forgets_at
+from app.store.access.experimenters import Role
+from app.store.participants.invitations import invitations_of
+from app.store.participants.participants import (
+    SoughtPeople,
+    last_heard_at,
+    n_interrupted,
+    participant_records,
+    session_state,
+)
+from app.store.studies.studies import Study, progress_of
+from app.store.trials.admission import why_closed
+from app.store.trials.counted_votes import vote_state
+from app.store.trials.designs import datasets_of
+from app.store.trials.monitor import votes_by_minute
+from app.store.trials.orders import n_taken_in
+from app.study.options.options import parse_options
+from app.study.options.privacy import forgets_at
 from app.study.stages import ENDS, FINISHED
 from app.web.admin.flags import PATIENCE_S, Flags
 from app.web.admin.layout import study_page

@@ -21,7 +21,7 @@ from app.intake.zips import MB, check_zip, unpack
 from app.operations.create import slugify
 from app.operations.stimulus_sets import delete_set, known_sets, name_factors, rename_set, set_called, studies_of
 from app.settings import Settings
-from app.store.audit import Entry, record_alone
+from app.store.studies.audit import Entry, record_alone
 from app.web.admin.background import start_task
 from app.web.admin.layout import page, see
 from app.web.admin.uploads import UploadingActor, receive

@@ -11,13 +11,12 @@ from fastapi.responses import Response
 
 from app.errors import ConflictError, InvalidError, NotFoundError
 from app.operations.manage import study_file_of
-from app.store.engine import Transaction
-from app.store.images import image_digests, keep_image, remove_image
-from app.store.studies import Study, lock_study, progress_of
-from app.study.image import LARGEST_IMAGE, MOST_IMAGES, check_image
-from app.study.language_pack import BY, PLURALS, LanguagePack, Text
-from app.study.options import StudyOptions, parse_options
-from app.study.wording import (
+from app.store.database.engine import Transaction
+from app.store.studies.images import image_digests, keep_image, remove_image
+from app.store.studies.studies import Study, lock_study, progress_of
+from app.study.languages.language_pack import BY, PLURALS, LanguagePack, Text
+from app.study.options.options import StudyOptions, parse_options
+from app.study.options.wording import (
     CONSENT,
     DEBRIEFING,
     LONGEST_TEXT,
@@ -32,6 +31,7 @@ from app.study.wording import (
     refused_languages,
     wording,
 )
+from app.study.trial.image import LARGEST_IMAGE, MOST_IMAGES, check_image
 from app.web.admin.layout import see, study_page, unix
 from app.web.admin.studies.edit_page import Revision, save_study
 from app.web.gates import Store, languages

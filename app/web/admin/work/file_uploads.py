@@ -39,8 +39,8 @@ from app.intake.part_uploads import (
 from app.intake.shelves import free_path
 from app.intake.zips import MB
 from app.settings import Settings
-from app.store.audit import Actor, Entry, record_alone
-from app.store.engine import Database
+from app.store.database.engine import Database
+from app.store.studies.audit import Actor, Entry, record_alone
 from app.web.admin.background import UPLOAD, start_task
 from app.web.admin.layout import see
 from app.web.admin.uploads import UploadingActor

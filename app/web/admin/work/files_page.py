@@ -28,9 +28,9 @@ from app.operations.attach import attach
 from app.operations.jobs.kinds import kinds_for
 from app.operations.jobs.queueing import refuse_while_used, uses
 from app.settings import Settings
-from app.store.engine import Database
+from app.store.database.engine import Database
 from app.store.queue import OPEN, QueuedJob, list_jobs
-from app.store.studies import Study, all_studies
+from app.store.studies.studies import Study, all_studies
 from app.web.admin.background import start_task
 from app.web.admin.layout import page, see
 from app.web.gates import Store, settings

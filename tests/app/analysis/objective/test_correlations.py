@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
-from app.analysis.correlation import kendall, pearson, spearman
 from app.analysis.objective.correlations import kendalls, monotones, pearsons, spearmans
+from app.analysis.screening.correlation import kendall, pearson, spearman
 
 Array = NDArray[np.float64]
 

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from app.analysis.correlation import pearson, spearman
 from app.analysis.objective.correlations import pearsons, spearmans
 from app.analysis.objective.permutation import chance, condition_orders
 from app.analysis.objective.points import Points
 from app.analysis.objective.prediction import CORRELATIONS, describe
+from app.analysis.screening.correlation import pearson, spearman
 
 NO_PAIRS = np.zeros((0, 2), np.intp)
 

@@ -12,11 +12,11 @@ import pytest
 from scipy import stats
 
 from app.analysis import AnalysisSettings, VotesError, analyse, analyse_file
-from app.analysis.attributes import read_measures
+from app.analysis.comparisons.power import StudyPlan, simulate_votes
 from app.analysis.objective.logistic import fit_logistic
 from app.analysis.objective.points import ScoreSet, matched
 from app.analysis.objective.prediction import SHARES, prediction_rows
-from app.analysis.power import StudyPlan, simulate_votes
+from app.analysis.reading.attributes import read_measures
 
 RNG = np.random.default_rng(0)
 

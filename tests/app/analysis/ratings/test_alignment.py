@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from app.analysis import AnalysisSettings, VotesTable, analyse
 from app.analysis.ratings.alignment import align
 from app.analysis.ratings.table import RatingTable
-from app.analysis.votes_table import votes_from_indices
+from app.analysis.reading.votes_table import votes_from_indices
 from tests.app.analysis.ratings.rated_tables import rating_table
 
 Array = NDArray[np.float64]

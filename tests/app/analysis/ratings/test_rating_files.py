@@ -13,8 +13,8 @@ import pytest
 from app.analysis import AnalysisSettings, analyse_file, analyse_ratings_file
 from app.analysis.ratings.reading import holds_ratings, read_ratings, understand_ratings
 from app.analysis.ratings.table import ComparisonTable, RatingTable
-from app.analysis.reading import read_votes
-from app.analysis.votes_table import VotesError
+from app.analysis.reading.read_votes import read_votes
+from app.analysis.reading.votes_table import VotesError
 
 HEADER = "participant,dataset,condition,rating"
 COMPARED = "participant,dataset,item_a,item_b,rating,first_shown"

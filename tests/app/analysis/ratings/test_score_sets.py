@@ -11,7 +11,7 @@ from scipy.stats import ttest_rel
 
 from app.analysis import analyse_ratings_file
 from app.analysis.ratings.score_sets import opinion_score_sets
-from app.analysis.votes_table import VotesError
+from app.analysis.reading.votes_table import VotesError
 from tests.app.analysis.ratings.rated_tables import rating_table, simulated
 
 CONDITIONS = ("c0", "c1", "c2", "c3", "c4", "c5")

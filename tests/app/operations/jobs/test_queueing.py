@@ -8,9 +8,9 @@ import pytest
 
 from app.errors import ConflictError
 from app.operations.jobs.queueing import cancel, must_wait, queue_job, retry, uses, waits_for
-from app.store.audit import Actor
-from app.store.engine import Database
+from app.store.database.engine import Database
 from app.store.queue import NewJob, end_job, list_jobs, take_job
+from app.store.studies.audit import Actor
 from tests.seeded_studies import NOW
 
 EVA = Actor(1, "Eva", NOW)

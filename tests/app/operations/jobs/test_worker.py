@@ -23,7 +23,7 @@ from app.operations.jobs.estimate import whole_left_s
 from app.operations.jobs.kinds import KINDS, job_kind
 from app.operations.jobs.worker import JobWorker
 from app.settings import Settings
-from app.store.engine import Database
+from app.store.database.engine import Database
 from app.store.queue import QueuedJob, cancel_job, enqueue, job_by_id, leave, retry_job
 from tests.seeded_studies import NOW
 

@@ -13,8 +13,8 @@ import pytest
 
 from app.errors import ConflictError
 from app.settings import Settings
-from app.store.engine import Database, open_database
-from app.store.server_tasks import BEATS_WITHIN, ServerTask, beat, begin_task, end_task, task_by_id
+from app.store.database.engine import Database, open_database
+from app.store.database.server_tasks import BEATS_WITHIN, ServerTask, beat, begin_task, end_task, task_by_id
 from app.web.admin import background
 from app.web.admin.studies import lifecycle_page
 from tests.app.web.admin.dashboard_client import ends, signed_in

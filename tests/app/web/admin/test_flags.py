@@ -15,7 +15,7 @@ import pytest
 from app.operations.database import open_store
 from app.settings import Settings
 from app.simulation.participants import begin, next_trial
-from app.store.counted_votes import VoteState
+from app.store.trials.counted_votes import VoteState
 from app.web.admin import flags as of_flags
 from app.web.admin.flags import AT_MOST_EVERY, Flags
 from tests.app.web.admin.dashboard_client import Dashboard, until

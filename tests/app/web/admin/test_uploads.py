@@ -16,9 +16,9 @@ from sqlalchemy import update
 from app.operations import create
 from app.operations.database import open_store
 from app.settings import Settings
-from app.store.experimenters import OLD_TOKEN_LASTS, TOKEN_LASTS
-from app.store.keys import utc_now
-from app.store.tables import experimenter_session
+from app.store.access.experimenters import OLD_TOKEN_LASTS, TOKEN_LASTS
+from app.store.database.keys import utc_now
+from app.store.database.tables import experimenter_session
 from tests.app.web.admin import small_models
 from tests.app.web.admin.dashboard_client import Dashboard, ends, files_of, signed_in, zipped
 

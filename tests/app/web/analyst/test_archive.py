@@ -18,11 +18,11 @@ import pytest
 from sqlalchemy import Connection
 
 from app.settings import Settings
-from app.store.engine import open_database
-from app.store.migrate import upgrade
-from app.store.studies import study_by_slug
-from app.store.trial_records import trial_records
-from app.store.vote_records import keep_votes, vote_records
+from app.store.database.engine import open_database
+from app.store.database.migrate import upgrade
+from app.store.studies.studies import study_by_slug
+from app.store.trials.trial_records import trial_records
+from app.store.trials.vote_records import keep_votes, vote_records
 from app.web.analyst import archive, routes
 from app.web.analyst.formats import IN_MEMORY
 from tests.app.web.admin.dashboard_client import Dashboard

@@ -21,7 +21,7 @@ from app.operations.create import create_study
 from app.operations.manage import add_token, attach_results
 from app.settings import Settings
 from app.simulation.participants import simulate
-from app.study.options import parse_options
+from app.study.options.options import parse_options
 from app.web.admin.results.scores_view import decimal
 from app.web.analyst.columns import OBSERVERS, OBSERVERS_OF_RATINGS
 from tests.app.web.admin.dashboard_client import Dashboard

@@ -12,16 +12,16 @@ import pytest
 from sqlalchemy import Connection, update
 
 from app.analysis import votes_from_rows
-from app.analysis.votes_table import A, B, VotesTable
+from app.analysis.reading.votes_table import A, B, VotesTable
 from app.intake.reports import Measure
-from app.store.deletion import erase
-from app.store.engine import Database
-from app.store.measurements import replace_measurements
-from app.store.participants import exclude, participant_labelled, undo_exclusion, withdraw_participant
-from app.store.studies import Study, all_studies
-from app.store.tables import study as study_table
-from app.store.tables import vote
-from app.store.vote_records import keep_votes, vote_records
+from app.store.database.engine import Database
+from app.store.database.tables import study as study_table
+from app.store.database.tables import vote
+from app.store.participants.participants import exclude, participant_labelled, undo_exclusion, withdraw_participant
+from app.store.studies.studies import Study, all_studies
+from app.store.trials.deletion import erase
+from app.store.trials.measurements import replace_measurements
+from app.store.trials.vote_records import keep_votes, vote_records
 from app.web.analyst import results
 from app.web.analyst.results import grouped_results_of, results_of
 from app.web.analyst.study_votes import read_votes_table

@@ -11,7 +11,7 @@ import pytest
 
 from app.operations.create import create_study
 from app.settings import Settings
-from app.study.options import parse_options
+from app.study.options.options import parse_options
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ import pytest
 from app.operations import create
 from app.settings import Settings
 from app.simulation.participants import next_trial, pass_stages, vote
-from app.study.options import StudyOptions
+from app.study.options.options import StudyOptions
 from tests.app import tiny_stimuli
 
 DATASETS = ("walrus", "teapot")

@@ -19,8 +19,8 @@ from app.files import packaged
 from app.main import running_server
 from app.operations.create import create_study
 from app.settings import Settings
-from app.study.language_pack import SHIPPED
-from app.study.options import parse_options
+from app.study.languages.language_pack import SHIPPED
+from app.study.options.options import parse_options
 
 BOTH = {
     "languages": ["en", "de"],

@@ -9,7 +9,7 @@ import pytest
 from app.operations.create import create_study
 from app.operations.manage import add_invitation
 from app.settings import Settings
-from app.study.options import parse_options
+from app.study.options.options import parse_options
 from app.web.participant.pages import preferred_language
 
 AVAILABLE = ["en", "de"]

@@ -24,10 +24,10 @@ from app.operations.erasure import LIST, enforce_retention
 from app.operations.housekeeping import keep_house
 from app.settings import Settings
 from app.simulation.participants import next_trial
-from app.store.engine import open_database
-from app.store.keys import utc_now
-from app.study.language_pack import SHIPPED
-from app.study.options import parse_options
+from app.store.database.engine import open_database
+from app.store.database.keys import utc_now
+from app.study.languages.language_pack import SHIPPED
+from app.study.options.options import parse_options
 from tests.app.tiny_stimuli import APPROACHES
 from tests.app.web.admin.dashboard_client import signed_in
 

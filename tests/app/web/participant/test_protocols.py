@@ -16,7 +16,7 @@ from app.films.strips import GUARD_ROWS
 from app.operations import manage
 from app.settings import Settings
 from app.simulation.participants import begin, simulate
-from app.study.options import parse_options
+from app.study.options.options import parse_options
 from tests.app import tiny_stimuli
 from tests.app.web.http_checks import is_problem
 

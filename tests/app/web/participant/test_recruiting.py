@@ -18,12 +18,12 @@ from sqlalchemy import update
 from app.operations.create import create_study
 from app.settings import Settings
 from app.simulation.participants import begin, next_trial, simulate
-from app.store.admission import begin_preview
-from app.store.engine import open_database
-from app.store.keys import utc_now
-from app.store.studies import edit_study, set_standing, study_by_slug
-from app.store.tables import session
-from app.study.options import parse_options
+from app.store.database.engine import open_database
+from app.store.database.keys import utc_now
+from app.store.database.tables import session
+from app.store.studies.studies import edit_study, set_standing, study_by_slug
+from app.store.trials.admission import begin_preview
+from app.study.options.options import parse_options
 from app.study.stages import FINISHED
 from tests.app.web.admin.dashboard_client import Dashboard
 from tests.app.web.http_checks import is_problem

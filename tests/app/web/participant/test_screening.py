@@ -16,10 +16,10 @@ from app.operations.create import create_study
 from app.settings import Settings
 from app.simulation.observer import Observer
 from app.simulation.participants import begin, simulate
-from app.study.acuity import LARGEST_FIRST
-from app.study.options import parse_options
-from app.study.pictures import read_png
-from app.study.viewing_distance import CARD_MM
+from app.study.options.options import parse_options
+from app.study.screening.acuity import LARGEST_FIRST
+from app.study.screening.pictures import read_png
+from app.study.screening.viewing_distance import CARD_MM
 from tests.app.web.admin.dashboard_client import signed_in
 from tests.app.web.http_checks import is_problem
 

@@ -13,8 +13,8 @@ from app.errors import NoSessionError
 from app.operations import manage
 from app.settings import Settings
 from app.simulation.participants import begin
-from app.store.engine import open_database
-from app.store.keys import utc_now
+from app.store.database.engine import open_database
+from app.store.database.keys import utc_now
 from app.web.participant.session_bodies import present_view
 from tests.app.web.http_checks import is_problem
 

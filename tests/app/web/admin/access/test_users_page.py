@@ -11,7 +11,7 @@ from app.main import running_server
 from app.operations import manage
 from app.operations.database import open_store
 from app.settings import Settings
-from app.store.audit import audit_records
+from app.store.studies.audit import audit_records
 from tests.app.web.admin.dashboard_client import PASSWORD, Dashboard, signed_in
 
 pytestmark = pytest.mark.slow

@@ -15,8 +15,8 @@ import pytest
 from app.operations.create import create_study
 from app.settings import Settings
 from app.simulation.participants import simulate
-from app.store.comments import LONGEST_COMMENT
-from app.study.options import parse_options
+from app.store.participants.comments import LONGEST_COMMENT
+from app.study.options.options import parse_options
 from tests.app.web.admin.dashboard_client import Dashboard, signed_in
 
 pytestmark = pytest.mark.slow

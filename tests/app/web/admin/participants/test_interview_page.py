@@ -14,8 +14,8 @@ import pytest
 from app.operations import create, manage
 from app.settings import Settings
 from app.simulation.participants import Person, begin, simulate
-from app.study.options import parse_options
-from app.study.questionnaire import LONGEST_ANSWER, LONGEST_QUESTION, MOST_QUESTIONS, MOST_SPOKEN_QUESTIONS
+from app.study.options.options import parse_options
+from app.study.questions.questionnaire import LONGEST_ANSWER, LONGEST_QUESTION, MOST_QUESTIONS, MOST_SPOKEN_QUESTIONS
 from tests.app.web.admin.dashboard_client import Dashboard, signed_in
 from tests.app.web.http_checks import is_problem
 

@@ -20,7 +20,7 @@ from app.films.strips import GUARD_ROWS
 from app.operations.create import create_study
 from app.settings import Settings
 from app.simulation.participants import begin, next_trial, simulate
-from app.study.options import StudyOptions
+from app.study.options.options import StudyOptions
 from app.web.admin import listing
 from app.web.admin.flags import Flags
 from app.web.admin.participants.votes_page import looks_of

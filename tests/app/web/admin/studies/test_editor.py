@@ -19,11 +19,11 @@ from app.operations import manage
 from app.operations.create import create_study
 from app.settings import Settings
 from app.simulation.participants import begin, next_trial
-from app.store.deletion import studies_to_forget
-from app.store.engine import open_database
-from app.store.keys import utc_now
-from app.study.options import StudyOptions, parse_options
-from app.study.study_file import parse_study_file
+from app.store.database.engine import open_database
+from app.store.database.keys import utc_now
+from app.store.trials.deletion import studies_to_forget
+from app.study.options.options import StudyOptions, parse_options
+from app.study.options.study_file import parse_study_file
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in
 
 pytestmark = pytest.mark.slow

@@ -11,8 +11,8 @@ from playwright.sync_api import Browser, Dialog, expect
 from app.operations import manage
 from app.operations.create import read_options
 from app.settings import Settings
-from app.study.presets import PAPER
-from app.study.study_file import parse_study_file
+from app.study.options.presets import PAPER
+from app.study.options.study_file import parse_study_file
 from tests.app.web.admin.dashboard_client import sign_in
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]

@@ -22,15 +22,15 @@ from app.operations import create, manage
 from app.operations.create import read_options
 from app.settings import Settings
 from app.simulation.participants import begin, next_trial
-from app.store import admission
-from app.store.engine import open_database
-from app.store.invitations import invitation_by_code
-from app.store.keys import new_secret, utc_now
-from app.store.studies import lock_study
-from app.study.practice import PracticeFilms
-from app.study.presets import PAPER, PRESETS
-from app.study.study_file import LONGEST_FILE, parse_study_file
-from app.study.wording import LONGEST_TEXT
+from app.store.database.engine import open_database
+from app.store.database.keys import new_secret, utc_now
+from app.store.participants.invitations import invitation_by_code
+from app.store.studies.studies import lock_study
+from app.store.trials import admission
+from app.study.options.practice import PracticeFilms
+from app.study.options.presets import PAPER, PRESETS
+from app.study.options.study_file import LONGEST_FILE, parse_study_file
+from app.study.options.wording import LONGEST_TEXT
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in
 
 SIGNED_IN = """
@@ -47,7 +47,7 @@ with running_server(settings) as url, httpx.Client(base_url=url, follow_redirect
     link = add_experimenter(settings, "Ada")["path"]
     client.get(link).raise_for_status()
     client.post(link, data={"form_token": client.cookies["entry"]}).raise_for_status()
-sys.exit("app.analysis.report" not in sys.modules)  # the server ended once its background tasks were done
+sys.exit("app.analysis.report.write" not in sys.modules)  # the server ended once its background tasks were done
 """
 
 CARD = r'<article class="card" aria-labelledby="study-([^"]+)">(.*?)</article>'

@@ -13,9 +13,9 @@ import pytest
 
 from app.operations import manage
 from app.settings import Settings
-from app.study.image import LARGEST_IMAGE
-from app.study.options import StudyOptions
-from app.study.study_file import parse_study_file
+from app.study.options.options import StudyOptions
+from app.study.options.study_file import parse_study_file
+from app.study.trial.image import LARGEST_IMAGE
 from tests.app.web.admin.dashboard_client import Dashboard
 
 PNG = b"\x89PNG\r\n\x1a\n" + bytes(8)

@@ -19,7 +19,7 @@ from app.intake import part_uploads
 from app.operations import create
 from app.operations.leftovers import remove_leftovers
 from app.settings import Settings
-from app.store.keys import utc_now
+from app.store.database.keys import utc_now
 from app.web.admin.work import file_uploads
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in, zipped
 

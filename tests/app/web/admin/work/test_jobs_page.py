@@ -12,8 +12,8 @@ from app.main import running_server
 from app.operations import manage
 from app.operations.jobs.command import LOG, job_folder
 from app.settings import Settings
-from app.store.engine import open_database
-from app.store.keys import utc_now
+from app.store.database.engine import open_database
+from app.store.database.keys import utc_now
 from app.store.queue import JobProgress, NewJob, Worker, beat, end_job, enqueue, take_job, tell_progress
 from app.web.admin.work import jobs_page
 from tests.app.web.admin.dashboard_client import signed_in, until

@@ -16,8 +16,8 @@ from playwright.sync_api import Browser, expect
 from app.main import running_server
 from app.operations.jobs.command import LOG, job_folder
 from app.settings import Settings
-from app.store.engine import open_database
-from app.store.keys import utc_now
+from app.store.database.engine import open_database
+from app.store.database.keys import utc_now
 from app.store.queue import JobProgress, NewJob, end_job, enqueue, take_job, tell_progress, workers
 from recon.pipeline.run import read_run
 from recon.studio import SynthParameters, synthesise

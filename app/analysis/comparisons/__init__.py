@@ -1,0 +1,1 @@
+"""Compare conditions: one comparison, factors, groups, homogeneity, the rows of results, and power."""

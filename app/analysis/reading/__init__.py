@@ -1,0 +1,1 @@
+"""Read any table of votes or of measures: recognise its layout, then read it."""

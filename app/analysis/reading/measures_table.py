@@ -1,0 +1,269 @@
+"""Read the long table of measures: a row for each value, as `reconstudy validate` writes it or anybody else does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal, cast, get_args
+
+from app.analysis.reading.tabular import named, number, read_csv
+from app.analysis.reading.votes_table import VotesError
+
+Better = Literal["higher", "lower"]
+
+REQUIRED = ("dataset", "approach", "measure", "value", "better")
+OPTIONAL = ("frame", "direction", "unit", "source")
+WHOLE = ("", "all")  # the frame of a value of the whole sequence
+SYMMETRIC = ("", "symmetric")  # directions that add nothing to a measure's name
+DIRECTIONS = (*SYMMETRIC, "reference_to_distorted", "distorted_to_reference")
+WORDS = {"lower": "less is better", "higher": "more is better"}  # the direction in a study's validation.csv
+LARGEST_TABLE = 32 * 1024 * 1024  # bytes; 300 000 rows, more than all measures of a large study frame by frame
+LONGEST_NAME, LONGEST_UNIT, LONGEST_SOURCE = 200, 40, 500  # characters, as the study server stores them
+MOST_NAMED = 5  # of the places that a note is about
+
+
+@dataclass(frozen=True)
+class MeasuredValue:
+    """The value of a measure for an approach on a dataset, over the whole sequence.
+
+    Parameters
+    ----------
+    dataset, approach : in a study's words; the dataset "all" stands for every dataset
+    measure : its name, with the direction of the comparison where that is not symmetric
+    value : finite
+    better : whether a higher or a lower value is better
+    unit, source : "" where the table does not tell
+    """
+
+    dataset: str
+    approach: str
+    measure: str
+    value: float
+    better: Better
+    unit: str = ""
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class MeasuresTable:
+    """The values of a table of measures.
+
+    Parameters
+    ----------
+    values : in the order of the table, each dataset, approach and measure once
+    notes : sentences that tell what was averaged and what was left out
+    """
+
+    values: tuple[MeasuredValue, ...]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A checked row.
+
+    Parameters
+    ----------
+    number : counted from 1 below the header
+    frame : None for the whole sequence
+    """
+
+    number: int
+    frame: int | None
+    value: MeasuredValue
+
+    @property
+    def place(self) -> tuple[str, str, str]:
+        return self.value.dataset, self.value.approach, self.value.measure
+
+
+def is_long(columns: Sequence[str]) -> bool:
+    """Tell the long table, with a row for each value, from the wide one, with a column for each measure."""
+    return {"measure", "value"} <= set(columns)
+
+
+def read_measures_table(path: Path) -> MeasuresTable:
+    """Read the long table of measures from a CSV file.
+
+    Raises
+    ------
+    VotesError
+        Naming the file, and the row where there is one: the file is too large or no UTF-8 table separated by commas, or
+        its content is refused by `measures_from_columns`.
+    """
+    if path.is_file() and (size := path.stat().st_size) > LARGEST_TABLE:
+        raise VotesError(
+            f"{path}: has {size / 2**20:.0f} MB, expected {LARGEST_TABLE // 2**20} MB at most; keep the rows of the "
+            "whole sequence (no frame), or divide the table"
+        )
+    frame = read_csv(path)
+    try:
+        return measures_from_columns({str(name): frame[name].tolist() for name in frame.columns})
+    except VotesError as error:
+        raise VotesError(f"{path}: {error}") from error
+
+
+def measures_from_columns(columns: Mapping[str, Sequence[str]]) -> MeasuresTable:
+    """Return one value for each dataset, approach and measure.
+
+    Rows without a frame are the value. Where a measure has values of frames alone, it is their mean. Values that are
+    not finite, such as the PSNR of two equal things, are left out; the notes name them.
+
+    Parameters
+    ----------
+    columns : texts by column: `dataset, approach, measure, value, better`, and `frame, direction, unit, source` where
+        there are any; other columns are ignored
+
+    Raises
+    ------
+    VotesError
+        Naming the row: a column is missing, a cell cannot be read, a value stands in the table twice, or rows of a
+        measure contradict each other in what is better or in the unit.
+    """
+    _check_columns(list(columns))
+    n_rows = len(columns["dataset"])
+    texts = {name: [cell.strip() for cell in columns.get(name, [""] * n_rows)] for name in (*REQUIRED, *OPTIONAL)}
+    cells = zip(*texts.values(), strict=True)
+    rows = [_row(number, dict(zip(texts, row, strict=True))) for number, row in enumerate(cells, start=1)]
+    _check_agreement(rows)
+    return _whole_sequences(rows)
+
+
+def _check_columns(columns: Sequence[str]) -> None:
+    missing = [name for name in REQUIRED if name not in columns]
+    if not missing:
+        return
+    more = "; better is higher or lower, for each measure" if missing == ["better"] else ""
+    raise VotesError(
+        f"has the columns {named(columns)}, without {', '.join(missing)}; expected {', '.join(REQUIRED)}, and "
+        f"{', '.join(OPTIONAL)} where known{more}"
+    )
+
+
+def _row(number: int, cells: Mapping[str, str]) -> _Row:
+    for name, longest in (
+        *((name, LONGEST_NAME) for name in ("dataset", "approach", "measure")),
+        ("unit", LONGEST_UNIT),
+        ("source", LONGEST_SOURCE),
+    ):
+        if len(cells[name]) > longest:
+            raise VotesError(f"row {number}: {name} has {len(cells[name])} characters, expected {longest} at most")
+        if not cells[name] and longest == LONGEST_NAME:
+            raise VotesError(f"row {number}: {name} is empty")
+    if cells["better"] not in get_args(Better):
+        raise VotesError(f"row {number}: better is {cells['better']!r}, expected higher or lower")
+    if cells["direction"] not in (*DIRECTIONS, WORDS[cells["better"]]):
+        raise VotesError(
+            f"row {number}: direction is {cells['direction']!r}, expected {', '.join(DIRECTIONS[1:])} or nothing"
+        )
+    value = MeasuredValue(
+        dataset=cells["dataset"],
+        approach=cells["approach"],
+        measure=_full_name(cells["measure"], cells["direction"]),
+        value=_number(number, cells["value"]),
+        better=cast(Better, cells["better"]),
+        unit=cells["unit"],
+        source=cells["source"],
+    )
+    return _Row(number, _frame(number, cells["frame"]), value)
+
+
+def _full_name(measure: str, direction: str) -> str:
+    """Return the measure's name with what is compared with what, unless both ways are."""
+    return f"{measure} ({direction.replace('_', ' ')})" if direction in DIRECTIONS[len(SYMMETRIC) :] else measure
+
+
+def _number(row: int, text: str) -> float:
+    """Return the value of a cell, NaN where it is empty."""
+    try:
+        return number(text or "nan")
+    except ValueError as error:
+        raise VotesError(f"row {row}: value is {text!r}, expected a number") from error
+
+
+def _frame(row: int, text: str) -> int | None:
+    if text in WHOLE:
+        return None
+    if not (text.isascii() and text.isdigit()):
+        raise VotesError(
+            f"row {row}: frame is {text!r}, expected a whole number, or nothing for the value of the whole sequence"
+        )
+    return int(text)
+
+
+def _check_agreement(rows: Sequence[_Row]) -> None:
+    places: dict[tuple[str, str, str, int | None], _Row] = {}
+    measures: dict[str, _Row] = {}
+    for row in rows:
+        first = places.setdefault((*row.place, row.frame), row)
+        if first is not row:
+            frame = "" if row.frame is None else f" in frame {row.frame}"
+            raise VotesError(
+                f"row {row.number}: {_what(row)}{frame} is {row.value.value:g}, row {first.number} has it already with "
+                f"{first.value.value:g}; keep one of them, or give them different names"
+            )
+        earlier = measures.setdefault(row.value.measure, row)
+        for name in ("better", "unit"):
+            value, value_before = getattr(row.value, name), getattr(earlier.value, name)
+            if value != value_before:
+                raise VotesError(
+                    f"row {row.number}: {name} of {row.value.measure} is {value!r}, row {earlier.number} says "
+                    f"{value_before!r}; expected the same for all values of a measure"
+                )
+
+
+def _whole_sequences(rows: Sequence[_Row]) -> MeasuresTable:
+    values: list[MeasuredValue] = []
+    left_out: list[_Row] = []
+    averaged: dict[str, list[int]] = {}  # measure -> numbers of frames
+    for place in _by_place(rows):
+        whole = [row for row in place if row.frame is None]
+        used = [row for row in whole or place if math.isfinite(row.value.value)]
+        left_out += [row for row in whole or place if not math.isfinite(row.value.value)]
+        if used and not whole:
+            averaged.setdefault(used[0].value.measure, []).append(len(used))
+        if used:
+            values.append(_mean(used))
+    return MeasuresTable(tuple(values), (*_averages(averaged), *_absences(left_out)))
+
+
+def _by_place(rows: Sequence[_Row]) -> Iterator[list[_Row]]:
+    """Yield the rows of each dataset, approach and measure, in the order of the first."""
+    places: dict[tuple[str, str, str], list[_Row]] = {}
+    for row in rows:
+        places.setdefault(row.place, []).append(row)
+    yield from places.values()
+
+
+def _mean(rows: Sequence[_Row]) -> MeasuredValue:
+    mean = math.fsum(row.value.value for row in rows) / len(rows)
+    sources = "; ".join(dict.fromkeys(row.value.source for row in rows if row.value.source))
+    return replace(rows[0].value, value=mean, source=sources[:LONGEST_SOURCE])
+
+
+def _averages(averaged: Mapping[str, Sequence[int]]) -> Iterator[str]:
+    for measure, counts in averaged.items():
+        fewest, most = min(counts), max(counts)
+        if fewest < most:
+            yield f"{measure} is the mean of {fewest} to {most} frames; not all approaches have equally many"
+        else:
+            yield f"{measure} is the mean of {most} frame{'s' * (most > 1)}"
+
+
+def _absences(rows: Sequence[_Row]) -> Iterator[str]:
+    """Yield a sentence for each measure with values that are not finite."""
+    by_measure: dict[str, list[str]] = {}
+    for row in rows:
+        frame = "" if row.frame is None else f" frame {row.frame}"
+        value = "not a number" if math.isnan(row.value.value) else f"{row.value.value:+g}"
+        text = f"{row.value.dataset}/{row.value.approach}{frame} ({value})"
+        by_measure.setdefault(row.value.measure, []).append(text)
+    for measure, places in by_measure.items():
+        more = f" and {len(places) - MOST_NAMED} more" if len(places) > MOST_NAMED else ""
+        yield f"{measure} leaves out what has no finite value: {', '.join(places[:MOST_NAMED])}{more}"
+
+
+def _what(row: _Row) -> str:
+    return f"{row.value.measure} of {row.value.dataset}/{row.value.approach}"

@@ -1,0 +1,1 @@
+"""Write the report: its page, sections, tables, figures and charts."""

@@ -1,0 +1,1 @@
+"""Judge people and votes: circular triads, chance, observers, attention checks, agreement."""

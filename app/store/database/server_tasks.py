@@ -1,0 +1,110 @@
+"""Keep the progress of tasks that the server does for experimenters in its threads; all its processes show it.
+
+Commands on recordings and films are jobs instead, which worker processes run: `app.store.queue`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from sqlalchemy import Connection, select, update
+
+from app.errors import ConflictError
+from app.store.database.engine import Database, insert_or_ignore
+from app.store.database.keys import new_opaque_id
+from app.store.database.tables import job
+
+BEATS_WITHIN = timedelta(minutes=2)  # a task without a sign of life for longer has died with its process
+LONGEST_DETAIL = 500
+STOPPED = "The server was stopped while it did this. Start it again: what was finished is taken up."
+
+
+@dataclass(frozen=True)
+class ServerTask:
+    public_id: str
+    actor: str
+    title: str
+    subject: str | None
+    state: str
+    done: int
+    total: int
+    detail: str
+    result: str | None
+    started_at: datetime
+    beat_at: datetime
+
+    def is_lost(self, now: datetime) -> bool:
+        """Whether the process that ran the task has died."""
+        return self.state == "running" and now - self.beat_at > BEATS_WITHIN
+
+
+@dataclass(frozen=True)
+class Begun:
+    """A running task; `is_new` unless it was running already."""
+
+    public_id: str
+    is_new: bool
+
+
+def begin_task(database: Database, actor: str, title: str, now: datetime, subject: str | None = None) -> Begun:
+    """Begin a task, or return the actor's running task of the same subject.
+
+    Parameters
+    ----------
+    subject : what it makes; two tasks never make the same at once. None: nothing that another task could make
+
+    Raises
+    ------
+    ConflictError
+        If somebody else's task makes it now.
+    """
+    public_id = new_opaque_id()
+    values = {"public_id": public_id, "actor": actor, "title": title, "subject": subject, "state": "running"}
+    counts = {"done": 0, "total": 0, "detail": "", "started_at": now, "beat_at": now}
+    with database.writing() as connection:
+        makes_it = (job.c.subject == subject) & (job.c.state == "running")
+        is_lost = job.c.beat_at < now - BEATS_WITHIN
+        connection.execute(update(job).where(makes_it & is_lost).values(state="failed", detail=STOPPED))
+        if insert_or_ignore(connection, job, [values | counts], job.c.id):
+            return Begun(public_id, is_new=True)
+        runs = connection.execute(select(job.c.public_id, job.c.actor).where(makes_it)).one_or_none()
+    if runs is None or runs.actor != actor:
+        by = "Somebody" if runs is None else runs.actor
+        raise ConflictError(f"{by} does this at the moment ({title}). Wait until it is done, or choose another name.")
+    return Begun(runs.public_id, is_new=False)
+
+
+def beat(database: Database, public_id: str, now: datetime) -> None:
+    """Store a sign of life of a task."""
+    _change(database, public_id, beat_at=now)
+
+
+def tell_progress(database: Database, public_id: str, done: int, total: int, detail: str, now: datetime) -> None:
+    values = {"done": done, "total": total, "detail": detail[:LONGEST_DETAIL], "beat_at": now}
+    _change(database, public_id, **values)
+
+
+def end_task(database: Database, public_id: str, result: str, now: datetime) -> None:
+    _change(database, public_id, state="done", result=result, beat_at=now)
+
+
+def fail_task(database: Database, public_id: str, reason: str, now: datetime) -> None:
+    _change(database, public_id, state="failed", detail=reason[:LONGEST_DETAIL], beat_at=now)
+
+
+def task_by_id(connection: Connection, public_id: str) -> ServerTask | None:
+    columns = [job.c[name] for name in ServerTask.__dataclass_fields__]
+    row = connection.execute(select(*columns).where(job.c.public_id == public_id)).one_or_none()
+    return ServerTask(**row._mapping) if row else None
+
+
+def running_tasks(connection: Connection, now: datetime) -> list[str]:
+    """Return the titles of what runs now, the oldest first."""
+    lives = (job.c.state == "running") & (job.c.beat_at >= now - BEATS_WITHIN)
+    return list(connection.scalars(select(job.c.title).where(lives).order_by(job.c.id)))
+
+
+def _change(database: Database, public_id: str, **values: object) -> None:
+    with database.writing() as connection:
+        connection.execute(update(job).where(job.c.public_id == public_id).values(**values))

@@ -1,0 +1,1 @@
+"""Invitations, participants, what they were screened for, and what they say."""

@@ -1,0 +1,1 @@
+"""Studies, what is attached to them, and who changed what."""

@@ -1,0 +1,1 @@
+"""Designs, orders, sessions, trials and votes; what is read from and deleted with them."""

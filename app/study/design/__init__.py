@@ -1,0 +1,1 @@
+"""Which pairs or stimuli somebody sees, and in which order."""

@@ -1,0 +1,109 @@
+"""Assign participants at random to groups, equally many to each; a group may see only some of the datasets.
+
+Everything follows from the study's seed and the participant's slot: of every n slots in a row, one goes to each of the
+n groups (permuted blocks). A slot that is given up is given out again, and with it its group.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from app.study.options.entries import is_list
+from app.study.trial.trial import PlannedPair
+
+MOST_GROUPS = 20
+LONGEST_NAME = 60
+_GROUPS = 9  # stream of random numbers besides those of `app.study.design.design` and `app.study.design.rating_order`
+
+Names = Mapping[int, tuple[str, str]]  # (dataset, condition) by the stimulus' key
+
+
+@dataclass(frozen=True)
+class Group:
+    """A group that participants are assigned to.
+
+    Parameters
+    ----------
+    name : shown to experimenters only
+    datasets : those that its participants see; empty: all
+    """
+
+    name: str
+    datasets: tuple[str, ...] = ()
+
+
+def parse_groups(content: Any) -> tuple[Group, ...]:
+    """Read the option `groups` of a study file, a list of tables with `name` and `datasets`.
+
+    Raises
+    ------
+    ValueError
+        Naming the group and its fault.
+    """
+    if not is_list(content) or len(content) > MOST_GROUPS:
+        raise ValueError(f"groups is {content!r:.80}, expected a list of at most {MOST_GROUPS} tables")
+    groups = tuple(_group(entry, number) for number, entry in enumerate(content, start=1))
+    names = [group.name for group in groups]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise ValueError(f"groups: {twice[0]!r} is there twice")
+    if len(groups) == 1:
+        raise ValueError(f"groups: there is only {names[0]!r}, expected at least two, or none")
+    return groups
+
+
+def check_groups(groups: Sequence[Group], datasets: Sequence[str]) -> None:
+    """Check that groups see datasets of the study, and that each dataset is seen.
+
+    Raises
+    ------
+    ValueError
+        Naming the dataset and its fault.
+    """
+    for group in groups:
+        if unknown := [name for name in group.datasets if name not in datasets]:
+            raise ValueError(
+                f"group {group.name!r}: there is no dataset {unknown[0]!r}; expected some of {', '.join(datasets)}"
+            )
+    seen = {name for group in groups for name in group.datasets or datasets}
+    if groups and (unseen := [name for name in datasets if name not in seen]):
+        raise ValueError(f"groups: nobody would see the dataset {unseen[0]!r}; name it in at least one group")
+
+
+def group_of_slot(n_groups: int, seed: int, slot: int) -> tuple[int, int]:
+    """Return the group of a slot, counted from 0, and the slot's place among those of its group.
+
+    Parameters
+    ----------
+    n_groups : of the study, at least one
+    seed : the study's
+    slot : the participant's, from 0
+    """
+    block, turn = divmod(slot, n_groups)
+    return int(np.random.default_rng([seed, _GROUPS, block]).permutation(n_groups)[turn]), block
+
+
+def pairs_of_group(group: Group, pairs: Sequence[PlannedPair], names: Names) -> list[PlannedPair]:
+    """Return the pairs that a group's participants see.
+
+    Parameters
+    ----------
+    group : the group
+    pairs : all of the study
+    names : of their stimuli
+    """
+    return [pair for pair in pairs if not group.datasets or names[pair.top][0] in group.datasets]
+
+
+def _group(content: Any, number: int) -> Group:
+    if not isinstance(content, Mapping) or set(content) - {"name", "datasets"}:
+        raise ValueError(f"group {number} is {content!r:.80}, expected a table with name and datasets")
+    name, datasets = content.get("name"), content.get("datasets", ())
+    if not isinstance(name, str) or not 0 < len(name.strip()) <= LONGEST_NAME:
+        raise ValueError(f"group {number}: its name is {name!r:.80}, expected 1 to {LONGEST_NAME} characters")
+    if not is_list(datasets) or not all(isinstance(dataset, str) for dataset in datasets):
+        raise ValueError(f"group {name!r}: datasets is {datasets!r:.80}, expected a list of names")
+    return Group(name.strip(), tuple(dict.fromkeys(datasets)))

@@ -1,0 +1,1 @@
+"""The options of a study, as files and forms give them."""

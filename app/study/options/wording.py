@@ -1,0 +1,295 @@
+"""Compose the texts that a study's participants read in a language: the language's pack with the study's own texts.
+
+A study's own texts are its consent, its debriefing, its questions' wording, and whatever it says in place of the pack's
+texts. A study is offered only in languages in which it has all of them, so that no session mixes languages.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from app.study.languages.language_pack import (
+    MODEL,
+    TAG,
+    LanguagePack,
+    Text,
+    flat_texts,
+    model_texts,
+    nested_texts,
+    text_faults,
+)
+from app.study.options.entries import is_list
+from app.study.protocols import IN_PROTOCOLS, Protocol, texts_of
+from app.study.questions.questionnaire import Question
+
+if TYPE_CHECKING:
+    from app.study.options.options import StudyOptions
+
+CONSENT, DEBRIEFING, NAME = "study.consent", "study.debriefing", "study.name"
+QUESTIONS = "questions"
+LONGEST_TEXT = 20_000  # characters of a consent text
+LONGEST_NAME = 200  # characters of a study's name
+
+OwnTexts = Mapping[str, Mapping[str, Text]]  # by language and key
+
+
+@dataclass(frozen=True)
+class Wording:
+    """All texts of a study in one language.
+
+    Parameters
+    ----------
+    language : of the pack
+    texts : nested as in a pack; `study` has name, consent and debriefing, `questions` text and labels of each question
+    sha256 : of language and texts, and of the study's images, whose digests are `study.images`
+    """
+
+    language: str
+    texts: Mapping[str, Any]
+    sha256: str
+
+
+def wording(pack: LanguagePack, options: StudyOptions, name: str, images: Mapping[str, str] | None = None) -> Wording:
+    """Compose a study's texts in the language of a pack.
+
+    Parameters
+    ----------
+    pack : of a language that the study is offered in, see `offered_languages`
+    options : the study's
+    name : the study's, used where it has none in this language
+    images : SHA-256 of the study's images, by name
+    """
+    said = own_texts(options, pack.tag)
+    texts = nested_texts({**protocol_texts(pack, options.protocol), **_of_pack(said)})
+    texts["study"] = {
+        "name": said.get(NAME, name),
+        "consent": said.get(CONSENT, ""),
+        "debriefing": said.get(DEBRIEFING, ""),
+        "images": dict(images or {}),
+    }
+    texts[QUESTIONS] = {question.name: _asked(question, pack, said) for question in options.questions}
+    content = json.dumps([pack.tag, texts], ensure_ascii=False, sort_keys=True)
+    return Wording(pack.tag, texts, hashlib.sha256(content.encode()).hexdigest())
+
+
+def protocol_texts(pack: LanguagePack, protocol: Protocol) -> dict[str, Text]:
+    """Return a pack's texts for a protocol by key, without the questions of the interview."""
+    return {key: text for key, text in texts_of(pack.texts, protocol).items() if key.partition(".")[0] != QUESTIONS}
+
+
+def _of_pack(said: Mapping[str, Text]) -> dict[str, Text]:
+    """Return those of a study's own texts that stand in place of a pack's."""
+    return {key: text for key, text in said.items() if key.partition(".")[0] not in (QUESTIONS, "study")}
+
+
+def own_texts(options: StudyOptions, language: str) -> dict[str, Text]:
+    """Return a study's own texts in a language, by key; the plain options count in its first language."""
+    plain = _plain_texts(options) if language == first_language(options) else {}
+    return {**plain, **options.texts.get(language, {})}
+
+
+def plain_document(plain: str, texts: dict[str, dict[str, Text]], language: str, key: str) -> str:
+    """Take a document in the study's first language out of its own texts: there it is a plain option.
+
+    Parameters
+    ----------
+    plain : the option
+    texts : the study's own, by language; they lose the document
+    language : the study's first
+    key : CONSENT or DEBRIEFING
+
+    Raises
+    ------
+    ValueError
+        If the option and the texts differ.
+    """
+    document = str(texts.get(language, {}).pop(key, plain))
+    if plain not in ("", document):
+        raise ValueError(f"texts.{language}.{key} and the option {key.removeprefix('study.')} differ; leave one out")
+    return document
+
+
+def consent_in(options: StudyOptions, language: str) -> str:
+    """Return the text that a participant agrees to in a language; empty: no consent is asked for."""
+    return str(own_texts(options, language).get(CONSENT, ""))
+
+
+def first_language(options: StudyOptions) -> str:
+    """Return the language of the study's plain texts: the first it names, else English."""
+    return options.languages[0] if options.languages else MODEL
+
+
+def missing_texts(options: StudyOptions, language: str) -> list[str]:
+    """Return the keys of a study's own texts that it lacks in a language, in order.
+
+    Whatever the study says itself in one language, it must say in every language that it is offered in.
+    """
+    said = {first_language(options): None, **dict.fromkeys(options.texts)}
+    needed = {key for tag in said for key in own_texts(options, tag)} - {NAME}
+    return sorted(needed - set(own_texts(options, language)))
+
+
+def offered_languages(options: StudyOptions, packs: Mapping[str, LanguagePack]) -> list[str]:
+    """Return the languages in which a participant can take a study; the first is its main one.
+
+    Without the option `languages`, they are all reviewed ones, and those of the study's own texts.
+    """
+    return [tag for tag, refusal in refused_languages(options, packs).items() if not refusal]
+
+
+def refused_languages(options: StudyOptions, packs: Mapping[str, LanguagePack]) -> dict[str, str]:
+    """Return why a study is not offered in each of its languages, in one sentence; empty: it is offered."""
+    reviewed = [tag for tag, pack in packs.items() if pack.status == "reviewed"]
+    named = options.languages or tuple(dict.fromkeys([first_language(options), *reviewed, *options.texts]))
+    return {tag: _refusal(options, packs, tag) for tag in named}
+
+
+def check_languages(options: StudyOptions, packs: Mapping[str, LanguagePack]) -> None:
+    """Check that a study can be taken in some language, and names no language without a pack.
+
+    Raises
+    ------
+    ValueError
+        Naming the language and what it lacks.
+    """
+    if unknown := [tag for tag in (*options.languages, *options.texts) if tag not in packs]:
+        raise ValueError(f"there is no language pack {unknown[0]!r}; expected some of {', '.join(packs)}")
+    if not offered_languages(options, packs):
+        raise ValueError(
+            f"the study is complete in no language: {'; '.join(refused_languages(options, packs).values())}"
+        )
+
+
+def parse_languages(content: Any) -> tuple[str, ...]:
+    """Read the option `languages`.
+
+    Raises
+    ------
+    ValueError
+        If it is not a list of different language tags.
+    """
+    is_of_tags = is_list(content) and all(isinstance(tag, str) and TAG.fullmatch(tag) for tag in content)
+    if not is_of_tags or len(set(content)) < len(content):
+        raise ValueError(f'languages is {content!r}, expected a list of different tags such as ["en", "de"]')
+    return tuple(content)
+
+
+def changed_languages(options: StudyOptions, languages: Sequence[str]) -> dict[str, Any]:
+    """Return the options that change with `languages`; every text stays in its language.
+
+    Raises
+    ------
+    ValueError
+        If the new first language lacks a question's text, which the study cannot do without.
+    """
+    before, after = first_language(options), languages[0] if languages else MODEL
+    changes: dict[str, Any] = {"languages": list(languages)}
+    if before == after:
+        return changes
+    texts = {**options.texts, before: own_texts(options, before)}
+    first = dict(texts.get(after, {}))
+    questions = []
+    for question in options.questions:
+        parts = [f"{QUESTIONS}.{question.name}.{part}" for part in ("text", "labels")]
+        if lacking := [part for part in parts if part in texts[before] and part not in first]:
+            raise ValueError(f"{lacking[0]} is missing in {after}, which cannot be the first language without it")
+        text, labels = str(first.pop(parts[0], "")), tuple(first.pop(parts[1], ()))
+        questions.append(asdict(replace(question, text=text, labels=labels)))
+    return {**changes, "texts": {**texts, after: first}, "consent": "", "debriefing": "", "questions": questions}
+
+
+def parse_own_texts(content: Any, questions: Sequence[Question]) -> dict[str, dict[str, Text]]:
+    """Read the option `texts`: by language, nested as in a pack or by dotted keys.
+
+    Raises
+    ------
+    ValueError
+        Naming the language, the key and its fault.
+    """
+    if not isinstance(content, Mapping) or not all(isinstance(texts, Mapping) for texts in content.values()):
+        raise ValueError("texts: expected a table of each language, such as [options.texts.en.trial]")
+    by_name = {question.name: question for question in questions}
+    parsed = {}
+    for language, texts in content.items():
+        if not TAG.fullmatch(language):
+            raise ValueError(f"texts: {language!r} is no language's tag, expected one such as en or zh")
+        flat = flat_texts(texts)
+        for key, text in flat.items():
+            if faults := _faults_of_own(key, text, by_name):
+                raise ValueError(f"texts.{language}: {faults[0]}")
+        parsed[language] = {key: text.strip() if isinstance(text, str) else text for key, text in flat.items()}
+    return {language: texts for language, texts in parsed.items() if texts}
+
+
+def _faults_of_own(key: str, text: Any, questions: Mapping[str, Question]) -> list[str]:
+    group, _, rest = key.partition(".")
+    if key in (CONSENT, DEBRIEFING, NAME):
+        longest = LONGEST_NAME if key == NAME else LONGEST_TEXT
+        is_text = isinstance(text, str) and 0 < len(text.strip()) <= longest
+        return [] if is_text else [f"{key}: expected a text of 1 to {longest} characters"]
+    if group == QUESTIONS:
+        name, _, part = rest.partition(".")
+        return _question_faults(key, part, text, questions.get(name))
+    if key not in model_texts() or key.startswith(IN_PROTOCOLS):
+        return [f"{key!r} is not known; expected a key of the language packs, {CONSENT}, {DEBRIEFING} or {NAME}"]
+    if len(str(text)) > LONGEST_TEXT:
+        return [f"{key}: expected a text of at most {LONGEST_TEXT} characters"]
+    return text_faults(key, text, may_leave_out=True)
+
+
+def _question_faults(key: str, part: str, text: Any, question: Question | None) -> list[str]:
+    if question is None or part not in ("text", "labels"):
+        return [f"{key!r} is not known; expected {QUESTIONS}.NAME.text or .labels of a question that the study asks"]
+    if part == "text":
+        return [] if isinstance(text, str) and text.strip() else [f"{key} is {text!r:.40}, expected the question"]
+    n = len(question.options) if question.kind == "choice" else 2
+    is_complete = is_list(text) and len(text) == n and all(isinstance(label, str) and label for label in text)
+    if question.kind not in ("choice", "scale") or not is_complete:
+        of_what = "its options" if question.kind == "choice" else "the two ends of a scale"
+        return [f"{key} is {text!r:.60}, expected a list of labels for {of_what}"]
+    return []
+
+
+def _plain_texts(options: StudyOptions) -> dict[str, Text]:
+    texts: dict[str, Text] = {CONSENT: options.consent, DEBRIEFING: options.debriefing}
+    for question in options.questions:
+        texts[f"{QUESTIONS}.{question.name}.text"] = question.text
+        texts[f"{QUESTIONS}.{question.name}.labels"] = list(question.labels) or _bare_options(question)
+    return {key: text for key, text in texts.items() if text}
+
+
+def _bare_options(question: Question) -> list[str]:
+    """Return the options of a choice that no pack has labels for; they are shown as they are stored."""
+    if question.kind != "choice" or pack_labels(question, model_texts()):
+        return []
+    return list(question.options)
+
+
+def pack_labels(question: Question, texts: Mapping[str, Any]) -> list[str]:
+    """Return a pack's labels of a question; none where it does not know it."""
+    before = f"{QUESTIONS}.{question.name}."
+    if question.kind == "scale":
+        return list(texts.get(f"{before}ends", ()))
+    labels = [texts.get(f"{before}options.{option}") for option in question.options]
+    return [label for label in labels if label] if all(labels) else []
+
+
+def _asked(question: Question, pack: LanguagePack, said: Mapping[str, Text]) -> dict[str, Any]:
+    before = f"{QUESTIONS}.{question.name}."
+    return {
+        "text": said.get(f"{before}text") or pack.texts[f"{before}text"],
+        "labels": said.get(f"{before}labels") or pack_labels(question, pack.texts),
+    }
+
+
+def _refusal(options: StudyOptions, packs: Mapping[str, LanguagePack], tag: str) -> str:
+    if tag not in packs:
+        return f"{tag} has no language pack that can be used"
+    if missing := missing_texts(options, tag):
+        more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
+        return f"{packs[tag].name} lacks the study's own {', '.join(missing[:3])}{more}"
+    return ""

@@ -1,0 +1,1 @@
+"""The questions that participants answer beside their votes."""

@@ -1,0 +1,1 @@
+"""The tests of acuity and colour vision, the viewing distance, and their verdicts."""

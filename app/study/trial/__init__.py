@@ -1,0 +1,1 @@
+"""One trial: how its films are played, what its viewer did, and whether its vote is valid."""

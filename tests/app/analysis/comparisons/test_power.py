@@ -1,0 +1,80 @@
+"""Planning a study by simulating it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.analysis.comparisons.power import StudyPlan, detectable_jod, plan_study, power, simulate_votes
+from app.analysis.model.bradley_terry import fit_scores
+from app.analysis.ratings.planning import RatingPlan, plan_ratings
+
+
+def test_simulated_votes_have_the_abilities_and_ties_put_in() -> None:
+    abilities = np.array([-0.5, 0.0, 0.5])
+    votes = simulate_votes(StudyPlan(3, 4, 2000, tie_rate=0.3, spread=0.0), abilities, np.random.default_rng(1))
+    fit = fit_scores(votes)
+    assert fit.scores is not None
+    np.testing.assert_allclose(fit.scores, abilities, atol=0.06)
+    assert fit.tie_parameter == pytest.approx(np.log(2 * 0.3 / 0.7), abs=0.06)
+
+
+@pytest.mark.slow
+def test_power_grows_with_the_effect_and_with_people_and_keeps_its_size() -> None:
+    small = StudyPlan(4, 1, 10)
+    assert power(small, 1e-9, 1, 300) < 0.1
+    assert power(small, 0.5, 1, 100) < power(small, 1.5, 1, 100)
+    assert power(small, 0.7, 1, 100) < power(StudyPlan(4, 1, 40), 0.7, 1, 100)
+
+
+def test_different_opinions_cost_power() -> None:
+    assert power(StudyPlan(4, 5, 12, spread=1.0), 0.5, 1, 100) < power(StudyPlan(4, 5, 12, spread=0.0), 0.5, 1, 100)
+
+
+@pytest.mark.slow
+def test_a_study_of_the_papers_size_detects_what_is_known() -> None:
+    """0.91 JOD in one dataset and 0.41 pooled over five, for people whose errors are about 1.4 times the naive ones."""
+    told: list[tuple[str, int, int]] = []
+    plan = plan_study(
+        StudyPlan(6, 5, 22), np.random.default_rng(2), replicates=150, progress=lambda *each: told.append(each)
+    )
+    assert plan["votes"] == 1650
+    assert plan["detectable_jod_one_dataset"] == pytest.approx(0.91, abs=0.15)
+    assert plan["detectable_jod_pooled"] == pytest.approx(0.43, abs=0.08)
+    n_studies = 150 * 11  # of the power asked for, of the largest difference, and of each halving
+    assert told == [
+        (f"studies of {where} simulated", done, n_studies)
+        for where in ("one dataset", "all datasets")
+        for done in range(n_studies + 1)
+    ]
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"conditions": 1}, {"datasets": 0}, {"participants": 1}, {"tie_rate": 1.0}, {"spread": -0.1}]
+)
+def test_an_impossible_plan_is_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        StudyPlan(**{"conditions": 6, "datasets": 5, "participants": 22, **wrong})  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+def test_few_people_who_agree_by_chance_are_no_finding() -> None:
+    for participants in (2, 5):
+        assert power(StudyPlan(2, 1, participants), 1e-9, 1, 200) <= 0.08
+    assert power(StudyPlan(2, 1, 3), 1.5, 1, 100) == 0  # three of three are p = 0.25
+    assert power(StudyPlan(2, 1, 30), 4.0, 1, 50) > 0.9  # thirty of thirty are a finding
+
+
+@pytest.mark.slow
+def test_a_plan_without_a_chance_has_no_detectable_difference() -> None:
+    assert detectable_jod(StudyPlan(2, 1, 2, tie_rate=0.5), 1, 100) is None
+
+
+@pytest.mark.parametrize("effect", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_difference_that_is_none_is_refused(effect: float) -> None:
+    for name, plan in (
+        ("effect_jod", lambda: plan_study(StudyPlan(3, 1, 4), np.random.default_rng(1), effect_jod=effect)),
+        ("effect", lambda: plan_ratings(RatingPlan(3, 1, 4, 0.8), effect)),
+    ):
+        with pytest.raises(ValueError, match=f"{name} is {effect}, expected a difference above 0"):
+            plan()

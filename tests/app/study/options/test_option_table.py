@@ -1,0 +1,109 @@
+"""The table of settings tells what the code does: every option stands in it, with its choices and bounds."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from app.study.options.option_table import (
+    CHANGES,
+    COLUMNS,
+    ELSEWHERE,
+    SECTIONS,
+    SETTINGS,
+    WITH_FILMS,
+    Setting,
+    why_fixed,
+)
+from app.study.options.options import StudyOptions, parse_options
+
+NEEDS = {  # what an option needs beside it, to be right
+    ("scale", "*"): {"protocol": "ACR"},
+    ("protocol", "ACR-HR"): {"reference": "x"},
+    ("protocol", "DCR"): {"reference": "x"},
+    ("screening.distance", "fixed"): {"screening": {"distance": "fixed", "distance_cm": 90}},
+    ("screening.distance_cm", "*"): {"screening": {"distance": "fixed"}},
+    ("questions", "*"): {"optional_stages": []},
+}
+OPTIONS = [setting for setting in SETTINGS if setting.name not in COLUMNS]
+WITH_CHOICES = [setting for setting in OPTIONS if setting.choices]
+WITH_BOUNDS = [setting for setting in OPTIONS if setting.kind in ("whole", "number")]
+
+
+def name_of(setting: Setting) -> str:
+    return setting.name
+
+
+def content(setting: Setting, value: Any) -> dict[str, Any]:
+    """Options with one of them set, and what it needs beside it."""
+    needed = NEEDS.get((setting.name, str(value)), NEEDS.get((setting.name, "*"), {}))
+    table, _, key = setting.name.rpartition(".")
+    return {**needed, table: {**needed.get(table, {}), key: value}} if table else {**needed, key: value}
+
+
+def test_every_option_stands_in_the_table_once() -> None:
+    default = StudyOptions()
+    names = []
+    for option in fields(StudyOptions):
+        value = getattr(default, option.name)
+        is_table = is_dataclass(value) and not isinstance(value, type)
+        names += [f"{option.name}.{part.name}" for part in fields(value)] if is_table else [option.name]
+    listed = [*ELSEWHERE, *(setting.name for setting in OPTIONS)]
+    assert sorted(listed) == sorted(names)
+    assert set(CHANGES) == {*asdict(default), *COLUMNS}
+    assert {setting.section for setting in SETTINGS} == set(SECTIONS)
+
+
+@pytest.mark.parametrize("setting", WITH_CHOICES, ids=name_of)
+def test_every_choice_of_the_table_can_be_chosen(setting: Setting) -> None:
+    for key in setting.choices:
+        value = int(key) if key.isdecimal() else key
+        parse_options(content(setting, [value] if setting.kind == "several" else value))
+    with pytest.raises(ValueError, match=setting.name.rpartition(".")[2]):
+        parse_options(content(setting, ["nothing such"] if setting.kind == "several" else "nothing such"))
+
+
+@pytest.mark.parametrize("setting", WITH_BOUNDS, ids=name_of)
+def test_the_bounds_of_the_table_are_those_of_the_code(setting: Setting) -> None:
+    kind = int if setting.kind == "whole" else float
+    for bound, beyond in ((setting.low, -1), (setting.high, 1)):
+        if bound is not None:
+            parse_options(content(setting, kind(bound)))
+            with pytest.raises(ValueError, match=setting.name.rpartition(".")[2]):
+                parse_options(content(setting, kind(bound + beyond)))
+
+
+def test_a_setting_that_cannot_change_says_why() -> None:
+    for setting in SETTINGS:
+        assert not why_fixed(setting.change, has_begun=False, has_stimuli=True)
+        needs_set = why_fixed(setting.change, has_begun=False, has_stimuli=False)
+        assert ("stimulus set is not on this server" in needs_set) == (setting.change == WITH_FILMS)
+        assert bool(why_fixed(setting.change, has_begun=True, has_stimuli=True)) == (setting.change != "any time")
+
+
+def in_docs(value: Any) -> str:
+    """A default as the table of the documentation writes it; tables of options are explained elsewhere."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | float):
+        return f"{value:g}"
+    return f"`{value if isinstance(value, str) else json.dumps(value)}`" if value else "none"
+
+
+def test_the_documentation_lists_every_option_with_its_default_and_when_it_may_change() -> None:
+    page = (Path(__file__).parents[4] / "docs" / "studies.md").read_text(encoding="utf-8")
+    table = page.partition("| option | default | may change |")[2].partition("\n\n")[0]
+    default = {**StudyOptions().as_json(), "spoken_questions": "three"}
+    listed = {}
+    for names, said, change in re.findall(r"^\| (`.*?`) \| (.*?) \| (.*?) \|", table, re.MULTILINE):
+        for name in re.findall(r"`(\w+)`", names):
+            listed[name] = change
+            if not isinstance(default[name], Mapping) or name == "texts":
+                assert said.strip("`") == in_docs(default[name]).strip("`"), name
+    assert listed == {name: change for name, change in CHANGES.items() if name not in COLUMNS}
