@@ -192,8 +192,10 @@ def contrast_rows(comparison: Comparison, margin_jod: float | None = None) -> It
     preferences = preference_columns(
         comparison.fit, "preference", [(row.difference, row.ci_low, row.ci_high) for row in rows]
     )
+    fits = comparison.groups or [comparison.fit]  # separated conditions are compared within their group
+    equivalences = equivalence_columns(fits, rows, margin_jod)
     where = {"comparison": comparison.comparison, "dataset": comparison.dataset}
-    for row, *scales in zip(rows, preferences, equivalence_columns(comparison, margin_jod), strict=True):
+    for row, *scales in zip(rows, preferences, equivalences, strict=True):
         yield where | vars(row) | scales[0] | scales[1]
 
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from app.analysis.comparisons.comparison import Comparison
 from app.analysis.model.contrasts import ALL_ALIKE, Contrast, holm, two_sided
 from app.analysis.model.fit import Fit
 
@@ -35,7 +34,9 @@ def preference_columns(
     ]
 
 
-def equivalence_columns(comparison: Comparison, margin_jod: float | None) -> list[dict[str, Any]]:
+def equivalence_columns(
+    fits: Sequence[Fit], contrasts: Sequence[Contrast], margin_jod: float | None
+) -> list[dict[str, Any]]:
     """Return the test that two conditions differ by less than a margin, for each contrast.
 
     Two one-sided tests: the larger p-value of "the difference is below the margin" and "it is above minus the margin".
@@ -43,6 +44,8 @@ def equivalence_columns(comparison: Comparison, margin_jod: float | None) -> lis
 
     Parameters
     ----------
+    fits : what the differences are of: one fit, or one for each group of conditions that votes do not set apart
+    contrasts : the differences
     margin_jod : JOD (log-odds / ln 3); without one there is nothing to test
 
     Returns
@@ -53,14 +56,13 @@ def equivalence_columns(comparison: Comparison, margin_jod: float | None) -> lis
     ------
     Schuirmann (1987).
     """
-    rows: list[dict[str, Any]] = [{"p_equivalent": None, "p_equivalent_holm": None} for _ in comparison.contrasts]
+    rows: list[dict[str, Any]] = [{"p_equivalent": None, "p_equivalent_holm": None} for _ in contrasts]
     if margin_jod is None:
         return rows
-    fits = comparison.groups or [comparison.fit]  # separated conditions are compared within their group
     n_participants = {item: fit.n_participants for fit in fits for item in fit.items}
     p_values = {
         place: _p_equivalent(contrast, contrast.se, margin_jod * LOG_ODDS_PER_JOD, n_participants[contrast.item_a])
-        for place, contrast in enumerate(comparison.contrasts)
+        for place, contrast in enumerate(contrasts)
         if contrast.se is not None and contrast.method != ALL_ALIKE
     }
     corrected = holm(np.array(list(p_values.values())))

@@ -10,7 +10,7 @@ from sqlalchemy import Connection, delete, insert, select
 
 from app.intake.models import Model
 from app.store.database.tables import condition, dataset, model
-from app.store.trials.designs import ids_by_name
+from app.store.studies.studies import ids_by_name
 
 
 def replace_models(connection: Connection, study_id: int, models: Sequence[Model], now: datetime) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Literal
 
-from sqlalchemy import ColumnElement, Connection, Row, exists, func, select, true, update
+from sqlalchemy import ColumnElement, Connection, Row, Table, exists, func, select, true, update
 
 from app.errors import ConflictError
 from app.store.database.engine import insert_or_ignore
@@ -136,6 +136,12 @@ def edit_set(connection: Connection, study_id: int, manifest_sha256: str, factor
     """Note that the manifest of a study's stimulus set has changed, and the set's factors."""
     values = {"manifest_sha256": manifest_sha256, "factors": factors}
     connection.execute(update(study).where(study.c.id == study_id).values(**values))
+
+
+def ids_by_name(connection: Connection, table: Table, study_id: int) -> dict[str, int]:
+    """Return the ids of a study's datasets or conditions, by name."""
+    rows = connection.execute(select(table.c.name, table.c.id).where(table.c.study_id == study_id))
+    return {row.name: row.id for row in rows}
 
 
 def progress_of(connection: Connection, study_id: int) -> StudyCounts:

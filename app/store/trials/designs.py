@@ -200,12 +200,6 @@ def conditions_of(connection: Connection, study_id: int) -> dict[str, dict[str, 
     return {row.name: row.levels for row in connection.execute(rows.order_by(condition.c.position))}
 
 
-def ids_by_name(connection: Connection, table: Table, study_id: int) -> dict[str, int]:
-    """Return the ids of a study's datasets or conditions, by name."""
-    rows = connection.execute(select(table.c.name, table.c.id).where(table.c.study_id == study_id))
-    return {row.name: row.id for row in rows}
-
-
 def planned_pairs(connection: Connection, study_id: int) -> list[PlannedPair]:
     """Return all pairs of a study, as its orders need them."""
     rows = connection.execute(

@@ -10,7 +10,7 @@ from sqlalchemy import Connection, delete, insert, select
 
 from app.intake.reports import BETTER, Measure
 from app.store.database.tables import condition, dataset, measurement
-from app.store.trials.designs import ids_by_name
+from app.store.studies.studies import ids_by_name
 
 
 def replace_measurements(connection: Connection, study_id: int, measures: Sequence[Measure], now: datetime) -> None:
