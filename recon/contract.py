@@ -74,7 +74,8 @@ def check_fusion(fusion: Fusion) -> None:
     """Check that a fusion keeps its promises, called with its default parameters.
 
     From three sensors' points of a ball it makes a mesh near the ball, with faces and normals outwards and the points'
-    colours, the same bits every time; it bears a sensor that saw nothing, refuses none, and does not change the clouds.
+    colours, the same bits every time. A sensor that saw nothing changes nothing; no sensor, or points of none, is an
+    error; and the clouds stay as they are.
 
     Raises
     ------

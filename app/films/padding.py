@@ -49,7 +49,7 @@ def restore(film: Path) -> bool:
 
 
 def _size_unpadded(film: Path) -> int:
-    """Return how many bytes a film has before its padding, which is its last box."""
+    """Return how many bytes a film has without its padding: without its last box, if that is a `free` one."""
     start, end, name = 0, film.stat().st_size, b""
     with film.open("rb") as file:
         at = 0

@@ -30,7 +30,7 @@ NO_TOKEN = (
 )
 ANYBODYS = re.compile(r"/admin(/(account(/.*)?|logout|jobs/[^/]+))?|GET /api/v1/studies")
 ACCOUNT = re.compile(r"/admin/(account(/.*)?|logout)")
-ALL_STUDIES = "/duplicate"  # ends addresses below a study that make another one
+MAKES_A_STUDY = "/duplicate"  # ends addresses below a study that make another one
 
 CsrfToken = Annotated[str, Header(alias="X-CSRF-Token", max_length=100)]
 
@@ -54,7 +54,7 @@ def check_reach(request: Request, studies: tuple[str, ...] | None) -> None:
     """
     request.state.studies = studies
     path = request.url.path
-    is_of_study = "slug" in request.path_params and not path.endswith(ALL_STUDIES)
+    is_of_study = "slug" in request.path_params and not path.endswith(MAKES_A_STUDY)
     if studies is None or is_of_study or ANYBODYS.fullmatch(path) or ANYBODYS.fullmatch(f"{request.method} {path}"):
         return
     raise ForbiddenError("You see some studies only, and this belongs to all of them. An owner can change that.")

@@ -89,7 +89,8 @@ def aggregate_and_choose(
         its outermost cost
     slopes : two float32 arrays of the tiles' shape, pixels of disparity a column and a row, -1 to 1: costs flow from
         lane to lane as far as the surface rises between two pixels, and are interpolated between lanes
-    tile_bits : the tiles' size; what the first pixel of two says counts for the way between them
+    tile_bits : log2 of a tile's side; between two neighbours costs flow along the slope of the left one's, or the upper
+        one's, tile
     n_disparities : indices below this may win; the outermost lanes of a window only at the ends of the range,
         because a winner needs both neighbours for its parabola
     flip : 0, the first of equally cheap disparities wins; 15, the last

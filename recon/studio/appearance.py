@@ -12,6 +12,21 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.studio.looks import (
+    EYES_CLOSED,
+    FIFTH,
+    FIRST,
+    FOURTH,
+    HALF_SIZE,
+    KIND,
+    LONG_HAIR,
+    PATTERN,
+    SECOND,
+    SHIFT,
+    SLEEVE,
+    THIRD,
+)
+
 # Middles of the nails of the left hand at rest, mm: the right one's are mirrored.
 NAILS = (
     (651.2, 875.3, 46.4), (658.8, 863.0, 16.1), (657.2, 866.7, -16.9), (646.4, 885.3, -45.2), (607.6, 921.8, 69.6),
@@ -70,7 +85,7 @@ def _zigzag(u: float) -> float:
 def _skin(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
 ) -> tuple[float, float, float]:
-    s = look[20]
+    s = look[SHIFT]
     broad = _layer(volume, x, y + s, z, 22.0, fp)
     tone = 1.0 + 0.06 * broad + 0.07 * _layer(volume, x, y + s, z, 9.0, fp)
     tone += 0.08 * _layer(volume, x, y, z + s, 3.1, fp) + 0.10 * _layer(volume, x + s, y, z, 1.3, fp)
@@ -79,7 +94,11 @@ def _skin(
     if ax > 560.0:
         hand: tuple[float, float, float] = _hand(look, ax, y, z, fp, tone, red)
         return hand
-    r, g, b = look[1] * tone * (1.0 + 0.3 * red), look[2] * tone * (1.0 - red), look[3] * tone * (1.0 - red)
+    r, g, b = (
+        look[FIRST] * tone * (1.0 + 0.3 * red),
+        look[FIRST + 1] * tone * (1.0 - red),
+        look[FIRST + 2] * tone * (1.0 - red),
+    )
     if y < 1540.0 or z < 30.0:
         if ax > 66.0 and y > 1600.0:  # ears are redder
             g, b = g * 0.90, b * 0.90
@@ -111,7 +130,11 @@ def _skin(
             hairs = _step(thick - abs(y - brow), -1.8, 1.4) * _step(ax, 10.0, 15.0) * _step(54.0 - ax, 0.0, 8.0)
             hairs *= 0.72 + 0.7 * _layer(volume, 1.4 * x - y * np.sign(x), 0.3 * y, z, 1.1, fp)
             hairs = min(0.9, max(0.0, hairs))
-            r, g, b = r + hairs * (look[13] - r), g + hairs * (look[14] - g), b + hairs * (look[15] - b)
+            r, g, b = (
+                r + hairs * (look[FIFTH] - r),
+                g + hairs * (look[FIFTH + 1] - g),
+                b + hairs * (look[FIFTH + 2] - b),
+            )
     return r, g, b
 
 
@@ -124,7 +147,11 @@ def _hand(
     for joint in (92.0, 135.0, 158.0):
         red += 0.10 * np.exp(-((along - joint) ** 2) / 40.0) * _step(back, -24.0, -6.0)
     red += 0.10 * _step(along, 140.0, 180.0)
-    r, g, b = look[1] * tone * (1.0 + 0.2 * red), look[2] * tone * (1.0 - red), look[3] * tone * (1.0 - red)
+    r, g, b = (
+        look[FIRST] * tone * (1.0 + 0.2 * red),
+        look[FIRST + 1] * tone * (1.0 - red),
+        look[FIRST + 2] * tone * (1.0 - red),
+    )
     if along < 98.0:
         return r, g, b
     nearest = 99.0
@@ -135,9 +162,9 @@ def _hand(
     nail, rim = _step(5.2 - nearest, -soft, soft), _step(1.0 - abs(nearest - 5.4), -soft, soft)
     dark = 1.0 - 0.22 * rim
     return (
-        (r + nail * (1.12 * look[1] - r)) * dark,
-        (g + nail * (1.06 * look[2] - g)) * dark,
-        (b + nail * (1.10 * look[3] - b)) * dark,
+        (r + nail * (1.12 * look[FIRST] - r)) * dark,
+        (g + nail * (1.06 * look[FIRST + 1] - g)) * dark,
+        (b + nail * (1.10 * look[FIRST + 2] - b)) * dark,
     )
 
 
@@ -145,13 +172,13 @@ def _hand(
 def _eye(
     look: NDArray[np.float64], ax: float, x: float, y: float, z: float, fp: float, r: float, g: float, b: float
 ) -> tuple[float, float, float]:
-    """Colour an eye: white, iris, pupil and lids; look[19] is how far the lids are closed."""
+    """Colour an eye: white, iris, pupil and lids; look[EYES_CLOSED] is how far the lids are closed."""
     ex, ey = ax - 32.0, y - 1666.5
     if abs(ex) > 20.0 or abs(ey) > 14.0 or z < 60.0:
         return r, g, b
     arch = max(0.0, 1.0 - (ex / 14.5) ** 2)
     tilt = 0.05 * ex  # outer corners are higher
-    top = tilt + arch * (4.7 - 9.1 * look[19])  # the upper lid covers the iris's edge, or the look is a stare
+    top = tilt + arch * (4.7 - 9.1 * look[EYES_CLOSED])  # the upper lid covers the iris's edge, or the look is a stare
     bottom = tilt - 4.5 * arch
     soft = 0.4 + 0.5 * fp
     opened = _step(top - ey, -soft, soft) * _step(ey - bottom, -soft, soft) * _step(arch, 0.02, 0.15)
@@ -162,7 +189,7 @@ def _eye(
     ring = 0.55 + 0.45 * _step(5.2 - radius, -0.6 - soft, 0.6 + soft)
     pupil = _step(2.3 - radius, -soft, soft)
     glint = _step(1.1 - np.sqrt((x - np.sign(x) * 32.0 + 1.8) ** 2 + (ey - 2.2) ** 2), -0.6, 0.6)
-    blue = 0.5 + 0.5 * np.sin(0.9 * look[20])  # people's irises differ, brown to grey
+    blue = 0.5 + 0.5 * np.sin(0.9 * look[SHIFT])  # people's irises differ, brown to grey
     er = white + iris * ((0.11 - 0.03 * blue) * ring - white)
     eg = white * 0.96 + iris * ((0.06 + 0.05 * blue) * ring - white)
     eb = white * 0.92 + iris * ((0.03 + 0.09 * blue) * ring - white)
@@ -183,19 +210,19 @@ def _eye(
 def _shirt(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, along: float, fp: float
 ) -> tuple[float, float, float]:
-    s = look[20]
+    s = look[SHIFT]
     if abs(x) > 190.0:  # a sleeve: along the arm and around it
         u, v = z + 0.3 * y, along
     else:
         u, v = 0.85 * x + 0.5 * z, y
     mix = 0.0
-    if look[16] == 0.0:
+    if look[PATTERN] == 0.0:
         mix = 0.5 + 0.25 * _wave(u, 58.0, fp) + 0.25 * _wave(v, 58.0, fp)
         line = max(_step(abs(_zigzag(u / 58.0)), 0.16, 0.06), _step(abs(_zigzag(v / 58.0)), 0.16, 0.06))
         mix -= 0.45 * line * _step(6.0 / fp, 1.0, 2.5)
-    elif look[16] == 1.0:
+    elif look[PATTERN] == 1.0:
         mix = 0.5 + 0.5 * _wave(v, 46.0, fp)
-    elif look[16] == 2.0:
+    elif look[PATTERN] == 2.0:
         mix = 0.40 + 0.42 * _layer(volume, x + s, 0.6 * y, z, 5.0, fp) + 0.35 * _layer(volume, x, y + s, z, 1.9, fp)
     else:
         blot = _noise(volume, (x + s) / 24.0, y / 24.0, z / 24.0) + 0.4 * _layer(volume, x, y, z + s, 7.0, fp)
@@ -206,9 +233,9 @@ def _shirt(
     if fp < 1.73:
         tone += 0.10 * _step(2.6 / fp, 1.5, 4.0) * _zigzag(u / 2.6) * _zigzag(v / 2.6)
     return (
-        (look[4] + mix * (look[7] - look[4])) * tone,
-        (look[5] + mix * (look[8] - look[5])) * tone,
-        (look[6] + mix * (look[9] - look[6])) * tone,
+        (look[SECOND] + mix * (look[THIRD] - look[SECOND])) * tone,
+        (look[SECOND + 1] + mix * (look[THIRD + 1] - look[SECOND + 1])) * tone,
+        (look[SECOND + 2] + mix * (look[THIRD + 2] - look[SECOND + 2])) * tone,
     )
 
 
@@ -216,7 +243,7 @@ def _shirt(
 def _trousers(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
 ) -> tuple[float, float, float]:
-    s = look[20] + 13.0
+    s = look[SHIFT] + 13.0
     side = abs(x) - 108.0
     worn = 0.35 * np.exp(-((z - 70.0) ** 2) / 2500.0) * np.exp(-((y - 620.0) ** 2) / 40000.0)
     tone = (
@@ -226,7 +253,7 @@ def _trousers(
     tone += 0.14 * _step(3.0 / fp, 1.5, 4.0) * _zigzag((side + z + y) / 3.0)
     seam = _step(3.0 - abs(z + 6.0), -1.0 - fp, 1.0 + fp) * _step(abs(side), 30.0, 40.0)
     tone *= 1.0 - 0.28 * seam
-    return look[10] * tone, look[11] * tone, look[12] * tone
+    return look[FOURTH] * tone, look[FOURTH + 1] * tone, look[FOURTH + 2] * tone
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
@@ -236,7 +263,7 @@ def _strand(look: NDArray[np.float64], x: float, y: float, z: float) -> tuple[fl
     Hairs leave a parting that runs from the crown to the forehead, and fall down the sides. The first two numbers stay
     the same along a hair.
     """
-    parting, swept = (6.0, 0.25) if look[18] > 0.0 else (26.0, 0.6)
+    parting, swept = (6.0, 0.25) if look[LONG_HAIR] > 0.0 else (26.0, 0.6)
     dx = x - parting
     along = min(max(z + swept * abs(dx), -20.0), 130.0)
     dz = z + swept * abs(dx) - along
@@ -263,7 +290,7 @@ def _hair_inside(look: NDArray[np.float64], volume: NDArray[np.float32], x: floa
     line = max(line, 1586.0 + 100.0 * (_step(z, -52.0, -26.0) - 0.38 * _step(z, 10.0, 22.0)) * _step(ax, 50.0, 62.0))
     if z < 0.0:
         line = min(line, 1648.0 - 62.0 * _step(-z, 0.0, 40.0) + 100.0 * _step(z, -52.0, -26.0) * _step(ax, 50.0, 62.0))
-    if look[18] > 0.0:
+    if look[LONG_HAIR] > 0.0:
         beside = max(1.6 * (ax - 58.0) - max(0.0, z - 2.0), -56.0 - z) + 0.7 * ragged
         line = min(line - 0.5 * max(0.0, ax - 14.0), 1830.0 - 322.0 * _step(beside, -6.0, 8.0))
     return float(y - line + ragged)
@@ -282,7 +309,7 @@ def _hair(
     tone *= 0.7 + 0.3 * _step(way + 1800.0, 10.0, 45.0)
     tone = max(0.18, tone)
     gloss = 0.10 * max(0.0, 1.0 + 1.4 * fine) * (1.0 - 0.8 * groove)
-    return look[13] * tone, look[14] * tone, look[15] * (0.9 + 0.1 * tone) * tone, gloss
+    return look[FIFTH] * tone, look[FIFTH + 1] * tone, look[FIFTH + 2] * (0.9 + 0.1 * tone) * tone, gloss
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
@@ -291,7 +318,7 @@ def _shirt_inside(look: NDArray[np.float64], x: float, y: float, z: float) -> fl
     ax = abs(x)
     inside = max(1452.0 - 0.5 * z - y, np.sqrt(x * x + (z + 18.0) ** 2) - 84.0)
     if ax > 250.0:
-        return float(min(inside, look[17] - _along_arm(ax, y)))
+        return float(min(inside, look[SLEEVE] - _along_arm(ax, y)))
     return float(min(inside, y - 905.0))
 
 
@@ -331,7 +358,11 @@ def _person(
         if ax > 150.0 and y > 1260.0:
             seam *= 1.0 - 0.22 * _step(1.2 - abs(ax - 178.0 + 0.06 * (y - 1400.0)), -soft, soft)  # of the sleeve
         if inside < 15.0 and y > 1380.0:
-            cr, cg, cb = 0.1 * cr + 0.8 * look[4], 0.1 * cg + 0.8 * look[5], 0.1 * cb + 0.8 * look[6]
+            cr, cg, cb = (
+                0.1 * cr + 0.8 * look[SECOND],
+                0.1 * cg + 0.8 * look[SECOND + 1],
+                0.1 * cb + 0.8 * look[SECOND + 2],
+            )
         r, g, b = r + shirt * (cr * seam - r), g + shirt * (cg * seam - g), b + shirt * (cb * seam - b)
         gloss *= 1.0 - shirt
     if below > 0.0:
@@ -373,8 +404,8 @@ def person_relief(
         along = _along_arm(ax, y)
         off = 4.5 + 2.0 * _step(15.0 - inside, 0.0, 2.0)  # cuff, collar and hem are thicker
         if ax > 190.0:
-            off += 8.0 * _step(along, look[17] - 170.0, look[17]) if look[17] < 350.0 else 0.0
-            off += 5.0 * _step(along, 180.0, 300.0) * _step(495.0 - along, 0.0, 45.0) if look[17] > 350.0 else 0.0
+            off += 8.0 * _step(along, look[SLEEVE] - 170.0, look[SLEEVE]) if look[SLEEVE] < 350.0 else 0.0
+            off += 5.0 * _step(along, 180.0, 300.0) * _step(495.0 - along, 0.0, 45.0) if look[SLEEVE] > 350.0 else 0.0
         else:
             off += 5.0 * _step(1010.0 - y, 0.0, 80.0)
         off *= _step(inside, -4.0, -1.0)
@@ -392,12 +423,12 @@ def _hair_relief(look: NDArray[np.float64], volume: NDArray[np.float32], x: floa
     if inside < -3.0:
         return 0.0
     a, b, way = _strand(look, x, y, z)
-    thick = 3.5 + 13.0 * _step(y, 1700.0, 1775.0) if look[18] == 0.0 else 9.0
+    thick = 3.5 + 13.0 * _step(y, 1700.0, 1775.0) if look[LONG_HAIR] == 0.0 else 9.0
     tousled = 5.0 * _noise(volume, a / 32.0, way / 50.0, b / 32.0) + 2.0 * _noise(
         volume, a / 12.0, way / 40.0, b / 12.0
     )
     tousled -= 4.0 * _lock(volume, a, b, way)
-    if look[18] > 0.0:  # it waves, and ends in tips
+    if look[LONG_HAIR] > 0.0:  # it waves, and ends in tips
         tousled += 4.0 * _noise(volume, a / 26.0, way / 38.0, b / 26.0)
         tousled += 14.0 * _step(1570.0 - y, 0.0, 45.0) * _noise(volume, a / 11.0, 0.5, b / 11.0)
     parted = 1.0 - 0.6 * _step(14.0 - (way + y), 0.0, 9.0) * _step(y, 1700.0, 1740.0)
@@ -429,7 +460,7 @@ def person_folds(
     for i in range(len(places)):
         x, y, z = places[i, 0], places[i, 1], places[i, 2]
         ax, right = abs(x), 1 if x < 0.0 else 0
-        s = look[20] + 40.0 * right
+        s = look[SHIFT] + 40.0 * right
         inside = _shirt_inside(look, x, y, z)
         shirt = _step(inside, 4.0, 26.0)
         along = _along_arm(ax, y)
@@ -486,12 +517,12 @@ def _ball(
     """Colour a ball: six panels in three colours with dark seams, scuffed."""
     angle = np.arctan2(z, x)
     panel = int(np.floor(3.0 * angle / 3.14159265)) % 3
-    base = 1 + 3 * panel
+    base = FIRST + 3 * panel
     tone = 1.0 + 0.12 * _layer(volume, x, y, z, 20.0, fp) + 0.16 * _layer(volume, x, y, z, 6.0, fp)
     tone += 0.18 * _layer(volume, x, y, z, 2.4, fp) + 0.16 * _layer(volume, x, y, z, 1.1, fp)
     seam_at = abs(np.sin(3.0 * angle)) * np.sqrt(x * x + z * z) / 3.0
     seam = min(_step(seam_at, 1.0, 1.5 + fp), _step(abs(y), 1.5, 2.5 + fp))
-    star = _step(np.sqrt(x * x + z * z) - look[21] * 0.33, -0.5 - fp, 0.5 + fp)
+    star = _step(np.sqrt(x * x + z * z) - look[HALF_SIZE] * 0.33, -0.5 - fp, 0.5 + fp)
     tone *= 0.25 + 0.75 * seam
     r = look[base] * star + 0.75 * (1.0 - star)
     g = look[base + 1] * star + 0.75 * (1.0 - star)
@@ -506,8 +537,8 @@ def _box(
     """Colour a box: cardboard with flutes, a strip of tape and a printed label on each side."""
     tone = 1.0 + 0.10 * _layer(volume, x, y, z, 60.0, fp) + 0.10 * _layer(volume, x, y, z, 15.0, fp)
     tone += 0.14 * _layer(volume, x, y * 0.3, z, 4.0, fp) + 0.16 * _layer(volume, x, y, z, 1.4, fp)
-    r, g, b = look[1] * tone, look[2] * tone, look[3] * tone
-    hx, hy, hz = look[21], look[22], look[23]
+    r, g, b = look[FIRST] * tone, look[FIRST + 1] * tone, look[FIRST + 2] * tone
+    hx, hy, hz = look[HALF_SIZE], look[HALF_SIZE + 1], look[HALF_SIZE + 2]
     on_x, on_y = abs(abs(x) - hx) < 1.0, abs(abs(y) - hy) < 1.0
     u, v = (z, y) if on_x else ((x, z) if on_y else (x, y))
     hu, hv = (hz, hy) if on_x else ((hx, hz) if on_y else (hx, hy))
@@ -520,7 +551,11 @@ def _box(
         ink = _step(letters, 0.05, 0.15) * _step(abs((v / 15.0) % 1.0 - 0.5), 0.32, 0.28) * _step(inside, 8.0, 9.0)
         rim = _step(abs(inside - 4.0), 1.6 + 0.5 * fp, 0.8)
         ink = max(ink, rim)
-        pr, pg, pb = 0.62 + ink * (look[4] - 0.62), 0.60 + ink * (look[5] - 0.60), 0.55 + ink * (look[6] - 0.55)
+        pr, pg, pb = (
+            0.62 + ink * (look[SECOND] - 0.62),
+            0.60 + ink * (look[SECOND + 1] - 0.60),
+            0.55 + ink * (look[SECOND + 2] - 0.55),
+        )
         r, g, b = r + label * (pr * tone - r), g + label * (pg * tone - g), b + label * (pb * tone - b)
     return r, g, b, 0.05
 
@@ -530,7 +565,7 @@ def _target(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
 ) -> tuple[float, float, float, float]:
     """Colour a validation object: blots of every size, features for matching at any distance."""
-    s = look[20]
+    s = look[SHIFT]
     wx, wy = (
         x + 6.0 * _noise(volume, x / 13.0, y / 13.0, z / 13.0),
         y + 6.0 * _noise(volume, x / 13.0, z / 13.0, y / 13.0),
@@ -541,10 +576,10 @@ def _target(
     tone = 1.0 + 0.35 * _layer(volume, x, y, z, 5.5, fp) + 0.35 * _layer(volume, x + s, y, z, 2.6, fp)
     tone += 0.30 * _layer(volume, x, y + s, z, 1.2, fp)
     tone = max(0.2, tone)
-    r = look[1] + first * (look[4] - look[1])
-    g = look[2] + first * (look[5] - look[2])
-    b = look[3] + first * (look[6] - look[3])
-    r, g, b = r + second * (look[7] - r), g + second * (look[8] - g), b + second * (look[9] - b)
+    r = look[FIRST] + first * (look[SECOND] - look[FIRST])
+    g = look[FIRST + 1] + first * (look[SECOND + 1] - look[FIRST + 1])
+    b = look[FIRST + 2] + first * (look[SECOND + 2] - look[FIRST + 2])
+    r, g, b = r + second * (look[THIRD] - r), g + second * (look[THIRD + 1] - g), b + second * (look[THIRD + 2] - b)
     return r * tone, g * tone, b * tone, 0.02
 
 
@@ -552,11 +587,11 @@ def _target(
 def _albedo(
     look: NDArray[np.float64], volume: NDArray[np.float32], x: float, y: float, z: float, fp: float
 ) -> tuple[float, float, float, float]:
-    if look[0] == 0.0:
+    if look[KIND] == 0.0:
         r, g, b, gloss = _person(look, volume, x, y, z, fp)
-    elif look[0] == 1.0:
+    elif look[KIND] == 1.0:
         r, g, b, gloss = _ball(look, volume, x, y, z, fp)
-    elif look[0] == 2.0:
+    elif look[KIND] == 2.0:
         r, g, b, gloss = _box(look, volume, x, y, z, fp)
     else:
         r, g, b, gloss = _target(look, volume, x, y, z, fp)

@@ -1,7 +1,7 @@
 """Descriptions of actors, objects and lights: looks, and the rows of numbers that the kernels read.
 
-The row of a look: 0 kind, 1-15 five colours (linear), 16 pattern, 17 sleeve, 18 long hair, 19 how far the eyes are
-closed, 20 shift, 21-23 half size.
+A look becomes a row of numbers, whose columns are KIND to HALF_SIZE below. A colour has three of them: linear red,
+green and blue. The half size has three, too.
 """
 
 from __future__ import annotations
@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 NOISE_SIZE = 64  # cells per side of the periodic noise: 1 MB, which stays in a core's cache
 N_LOOK = 32  # numbers that describe one look
+# Its columns. Kernels are compiled with them: numba's cache does not see them change.
+KIND, FIRST, SECOND, THIRD, FOURTH, FIFTH = 0, 1, 4, 7, 10, 13
+PATTERN, SLEEVE, LONG_HAIR, EYES_CLOSED, SHIFT, HALF_SIZE = 16, 17, 18, 19, 20, 21
 
 PERSON, BALL, BOX, SPHERE, CUBOID = 0.0, 1.0, 2.0, 3.0, 4.0
 PLAID, STRIPES, KNIT, PRINT = 0.0, 1.0, 2.0, 3.0
@@ -75,11 +78,12 @@ def linear(colour: Colour) -> NDArray[np.float64]:
 def look_row(look: Look) -> NDArray[np.float64]:
     """Convert a look to the row, float64 (N_LOOK,), that the kernels read."""
     row = np.zeros(N_LOOK)
-    row[0] = look.kind
-    for i, colour in enumerate((look.first, look.second, look.third, look.fourth, look.fifth)):
-        row[1 + 3 * i : 4 + 3 * i] = linear(colour)
-    row[16:21] = look.pattern, look.sleeve, float(look.long_hair), 0.0, look.shift
-    row[21:24] = look.half_size
+    row[KIND], row[PATTERN], row[SLEEVE] = look.kind, look.pattern, look.sleeve
+    row[LONG_HAIR], row[SHIFT] = float(look.long_hair), look.shift
+    colours = (look.first, look.second, look.third, look.fourth, look.fifth)
+    for column, colour in zip((FIRST, SECOND, THIRD, FOURTH, FIFTH), colours, strict=True):
+        row[column : column + 3] = linear(colour)
+    row[HALF_SIZE : HALF_SIZE + 3] = look.half_size
     return row
 
 

@@ -12,7 +12,7 @@ from recon.rig import transformed
 from recon.studio import objects
 from recon.studio.anatomy import person_parts
 from recon.studio.appearance import vertex_albedo
-from recon.studio.looks import look_row
+from recon.studio.looks import EYES_CLOSED, look_row
 from recon.studio.person import FOLD_SHADE, fold_depths, rest_body
 from recon.studio.scenes import Actor, Moment, Prop, Scene
 from recon.studio.shadow import key_share
@@ -84,7 +84,7 @@ class Stage:
         surface[:n_cloth, 9] *= np.clip(1.0 + FOLD_SHADE * depths, 0.6, 1.1)
         surface[:, 10] = key_share(vertices, normals, self.faces, self._towards_key)
         looks = self._looks.copy()
-        looks[: len(moment.blink), 19] = moment.blink
+        looks[: len(moment.blink), EYES_CLOSED] = moment.blink
         return Staged(surface, vertices, looks)
 
     def mesh(self, staged: Staged) -> Mesh:

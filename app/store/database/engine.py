@@ -2,9 +2,9 @@
 
 SQLite keeps a write-ahead log with `synchronous=FULL`, so that a commit is on disk when it returns, and a writing
 transaction takes the write lock at its beginning (`BEGIN IMMEDIATE`): what it has read cannot change before it writes.
-On PostgreSQL (`synchronous_commit=on`) a writing transaction locks the row that it decides by (`FOR UPDATE`): a study's
-while somebody is let in, a session's while its stage, screening, trials or votes change, the owners' while one's access
-ends.
+On PostgreSQL (`synchronous_commit=on`) a writing transaction locks the row that it decides by (`FOR UPDATE`): the study
+while somebody is let in; the session while its stage, screening, trials or votes change; all owners while the access of
+one of them ends, so that one is always left.
 """
 
 from __future__ import annotations
