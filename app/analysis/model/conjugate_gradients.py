@@ -7,6 +7,7 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
+from scipy.sparse.linalg import LinearOperator, cg
 
 from app.analysis.model.newton import MAX_ITERATIONS, Design, Maximum, Search, shorten, start_parameters
 from app.analysis.model.ties import Derivatives
@@ -80,19 +81,12 @@ def _conjugate_gradients(design: Design, by_pair: Derivatives, weights: csr_arra
     scale = np.r_[degree, corner] if ties else degree
     residual = residual - ridge * theta
     residual[:n] -= residual[:n].mean()  # rounding, which later steps could not remove
-    x = np.zeros_like(residual)
-    ahead = residual / scale
-    direction, size = ahead.copy(), float(residual @ ahead)
-    enough = max(size * CG_TOLERANCE**2, float(scale.sum()) * CG_ROUNDING**2)
-    for _ in range(CG_STEPS * len(x)):
-        if size <= enough:
-            break
-        image = times(direction)
-        factor = size / float(direction @ image)
-        x += factor * direction
-        residual -= factor * image
-        ahead = residual / scale
-        size, before = float(residual @ ahead), size
-        direction = ahead + size / before * direction
+    root = np.sqrt(
+        scale
+    )  # a system of the diagonal 1: the preconditioner, so that the limits below hold for every item
+    scaled = LinearOperator((len(root), len(root)), matvec=lambda y: times(y / root) / root, dtype=np.float64)
+    enough = float(np.linalg.norm(root)) * CG_ROUNDING
+    y, _ = cg(scaled, residual / root, rtol=CG_TOLERANCE, atol=enough, maxiter=CG_STEPS * len(root))
+    x: Array = y / root
     x[:n] -= x[:n].mean()
     return x

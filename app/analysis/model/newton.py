@@ -21,7 +21,6 @@ LARGEST_STEP = 3.0  # log-odds of any pair; keeps the exponentials finite while 
 OVERSHOT = 0.9  # share of the old slope that a step may leave behind the maximum before it is halved
 IN_CACHE = 100_000  # pairs times tables computed together: a few arrays of this size stay in the cache
 SMALL_MAP = 50_000  # entries up to which a matrix product beats scattering into matrices
-UNROLLED = 16  # parameters up to which all tables' systems are solved together, element by element
 
 
 @dataclass(frozen=True)
@@ -343,34 +342,10 @@ def shorten(design: Design, theta: Array, newton: Array) -> Array:
 
 
 def solve(matrices: Array, right: Array) -> Array:
-    """Solve symmetric positive definite systems, float64 (B, P, P) and (B, P) to (B, P); a singular one has no numbers.
-
-    Small systems are eliminated together, with the tables along the last axis: five times faster than LAPACK called
-    for each.
-    """
-    n_tables, n = right.shape
-    if n > UNROLLED or n_tables < 8:
-        try:
-            return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0], np.float64)
-        except np.linalg.LinAlgError:
-            if n_tables == 1:
-                return np.full_like(right, np.nan)
-            return np.concatenate([solve(matrices[i : i + 1], right[i : i + 1]) for i in range(n_tables)])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return _eliminate(matrices, right)
-
-
-def _eliminate(matrices: Array, right: Array) -> Array:
-    n = right.shape[1]
-    a = np.ascontiguousarray(matrices.transpose(1, 2, 0))  # (P, P, B)
-    x = np.ascontiguousarray(right.T)  # (P, B)
-    for k in range(n):
-        for row in range(k + 1, n):
-            factor = a[k, row] / a[k, k]
-            a[row, row:] -= factor * a[k, row:]
-            x[row] -= factor * x[k]
-    for k in range(n - 1, -1, -1):
-        for column in range(k + 1, n):
-            x[k] -= a[k, column] * x[column]
-        x[k] /= a[k, k]
-    return np.ascontiguousarray(x.T)
+    """Solve symmetric positive definite systems, float64 (B, P, P) and (B, P) to (B, P); NaN where one is singular."""
+    try:
+        return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0], np.float64)
+    except np.linalg.LinAlgError:
+        if len(right) == 1:
+            return np.full_like(right, np.nan)
+        return np.concatenate([solve(matrices[i : i + 1], right[i : i + 1]) for i in range(len(right))])
