@@ -28,9 +28,9 @@ from app.files import packaged, private_folder
 from app.films.object_store import MediaStore
 from app.intake.bounds import end_with_parent
 from app.operations.database import open_store
-from app.operations.housekeeping import EVERY_S, keep_house
 from app.operations.jobs.beside_server import worker_beside
-from app.operations.languages import read_languages
+from app.operations.studies.languages import read_languages
+from app.operations.upkeep.housekeeping import EVERY_S, keep_house
 from app.settings import Settings
 from app.store.database.engine import Database, open_database
 from app.store.database.keys import utc_now

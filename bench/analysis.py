@@ -26,7 +26,7 @@ import numpy as np
 
 from app.analysis.model.bootstrap import bootstrap_scores, participant_weights
 from app.analysis.model.bradley_terry import fit_counts, fit_scores
-from app.analysis.model.counts import count_pairs
+from app.analysis.model.likelihood.counts import count_pairs
 from app.analysis.reading.votes_table import VotesTable, votes_from_indices
 
 try:

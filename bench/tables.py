@@ -30,7 +30,7 @@ from large_study import fill
 from memory import memory_mb
 from sqlalchemy import insert, select
 
-from app.operations.manage import add_experimenter, add_token
+from app.operations.studies.manage import add_experimenter, add_token
 from app.settings import Settings
 from app.store.database.engine import open_database
 from app.store.database.migrate import upgrade

@@ -34,11 +34,11 @@ from recon.validation.clouds import FitError, named_clouds
 from recon.validation.cuboid.fit import fit_cuboid
 from recon.validation.sampling import subsample
 from recon.validation.sphere.cells import cap_of
-from recon.validation.sphere.consensus import fit_sphere
 from recon.validation.sphere.evaluation import measure_spheres
 from recon.validation.sphere.exclusion import Parts, examine_parts, findings, usual_parts
-from recon.validation.sphere.methods import METHODS
-from recon.validation.sphere.model import SphereFit, SphereSettings
+from recon.validation.sphere.fit.consensus import fit_sphere
+from recon.validation.sphere.fit.methods import METHODS
+from recon.validation.sphere.fit.model import SphereFit, SphereSettings
 from recon.validation.triangles import TriangleTree
 from recon.validation.truth.evaluation import compare_points, sample_evenly
 

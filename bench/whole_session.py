@@ -30,8 +30,8 @@ from playing.chromium import ENTER, Chromium
 from playing.firefox import Firefox
 
 from app.main import running_server
-from app.operations.create import create_study, read_options
-from app.operations.manage import add_token
+from app.operations.studies.create import create_study, read_options
+from app.operations.studies.manage import add_token
 from app.settings import Settings
 from app.simulation.observer import Observer, gap_of_ring
 from app.simulation.participants import Preference

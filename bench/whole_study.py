@@ -33,7 +33,7 @@ from server import wait_for_port, wait_for_step
 from sqlalchemy import func, select
 
 from app.operations.jobs.kinds import job_kind
-from app.operations.manage import add_token
+from app.operations.studies.manage import add_token
 from app.settings import Settings
 from app.simulation.participants import simulate
 from app.store.database.engine import Database, open_database

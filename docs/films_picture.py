@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pictures import keep
 
-from recon.render.quality import MARGIN
-from recon.render.video import MASTER, read_luma, read_video, write_video
+from recon.render.encoding.quality import MARGIN
+from recon.render.encoding.video import MASTER, read_luma, read_video, write_video
 from recon.validation.films.evaluation import FilmSettings, measure_films
 from recon.validation.films.flicker import excess_change
 from recon.validation.films.likeness import similarity_map

@@ -18,7 +18,7 @@ from app.analysis.report.figures import drawn_figures
 from app.experiment.study import TRUTH
 from app.files import read_json, write_bytes
 from app.main import running_server
-from app.operations import create
+from app.operations.studies import create
 from app.settings import Settings
 from app.study.options.options import StudyOptions
 from recon.pipeline.preview import webp

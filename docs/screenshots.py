@@ -22,7 +22,7 @@ from playwright.sync_api import Page, sync_playwright
 from app.experiment.demo import MEASURES
 from app.experiment.study import TRUTH
 from app.main import running_server
-from app.operations import create, manage
+from app.operations.studies import create, manage
 from app.settings import Settings
 from app.simulation.participants import begin, next_trial, simulate_study, vote
 from app.study.options.options import StudyOptions

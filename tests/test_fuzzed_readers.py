@@ -25,7 +25,7 @@ from app.analysis.reading.attributes import read_items
 from app.analysis.reading.read_votes import read_votes
 from app.ffmpeg import decode
 from app.intake.stimuli import read_stimulus_set
-from app.operations.create import read_options
+from app.operations.studies.create import read_options
 from app.study.options.study_file import parse_study_file
 from recon.capture.depth_maps import read_depth_values
 from recon.capture.format import read_draft

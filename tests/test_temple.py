@@ -13,8 +13,8 @@ from scipy.spatial import KDTree
 
 from app.analysis import analyse, votes_from_rows
 from app.main import running_server
-from app.operations.create import create_study
-from app.operations.manage import add_token
+from app.operations.studies.create import create_study
+from app.operations.studies.manage import add_token
 from app.settings import Settings
 from app.simulation.participants import simulate
 from recon.capture.checking.check import check_capture

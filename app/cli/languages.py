@@ -21,7 +21,7 @@ def languages_list(context: typer.Context, as_json: JsonOption = False) -> None:
     """List the languages of the participants' pages, or check a language pack."""
     if context.invoked_subcommand is not None:
         return
-    from app.operations.languages import find_language_packs
+    from app.operations.studies.languages import find_language_packs
     from app.settings import Settings
 
     settings = Settings()

@@ -36,8 +36,8 @@ def serve(
     """Serve all studies, and run the dashboard's jobs, until you press Ctrl-C."""
     from app.main import serve as serve_studies
     from app.operations.jobs.beside_server import ends_in_order
-    from app.operations.manage import list_studies, set_up_path
     from app.operations.running import noted
+    from app.operations.studies.manage import list_studies, set_up_path
     from app.settings import Settings
 
     settings = Settings()
@@ -136,8 +136,8 @@ def admin_add(
     as_json: JsonOption = False,
 ) -> None:
     """Make a sign-in link for an experimenter, valid once, for a day; older link, password and sessions end."""
-    from app.operations.manage import add_experimenter
     from app.operations.running import url_for_links
+    from app.operations.studies.manage import add_experimenter
     from app.settings import Settings
     from app.store.access.experimenters import ROLES
 
@@ -153,7 +153,7 @@ def admin_add(
 @admin_app.command("list")
 def admin_list(as_json: JsonOption = False) -> None:
     """List all experimenters with their roles."""
-    from app.operations.manage import list_experimenters
+    from app.operations.studies.manage import list_experimenters
     from app.settings import Settings
 
     people = list_experimenters(Settings())
@@ -172,7 +172,7 @@ def admin_remove(
     as_json: JsonOption = False,
 ) -> None:
     """End an experimenter's access and tokens at once; the audit log stays, and `admin add` lets them in again."""
-    from app.operations.manage import remove_experimenter
+    from app.operations.studies.manage import remove_experimenter
     from app.settings import Settings
 
     remove_experimenter(Settings(), experimenter)
@@ -182,7 +182,7 @@ def admin_remove(
 @token_app.command("list")
 def token_list(as_json: JsonOption = False) -> None:
     """List all tokens, newest first; their secrets are not stored."""
-    from app.operations.manage import list_tokens
+    from app.operations.studies.manage import list_tokens
     from app.settings import Settings
 
     tokens = list_tokens(Settings())
@@ -200,7 +200,7 @@ def token_revoke(
     as_json: JsonOption = False,
 ) -> None:
     """Revoke a token: it opens nothing from now on."""
-    from app.operations.manage import end_token
+    from app.operations.studies.manage import end_token
     from app.settings import Settings
 
     was_valid = end_token(Settings(), token_name)
@@ -224,7 +224,7 @@ def token_add(
     as_json: JsonOption = False,
 ) -> None:
     """Make a bearer token for fetching results over REST; it is shown only once."""
-    from app.operations.manage import add_token
+    from app.operations.studies.manage import add_token
     from app.settings import Settings
     from app.store.access.tokens import READING, SCOPES
 
@@ -249,7 +249,7 @@ def backup(
     as_json: JsonOption = False,
 ) -> None:
     """Back up everything that is stored, as it is at one moment; the server may run meanwhile."""
-    from app.operations.backup import back_up
+    from app.operations.upkeep.backup import back_up
     from app.settings import Settings
 
     result = back_up(Settings(), file, with_media=media, encrypt_to=encrypt_to or ())
@@ -269,7 +269,7 @@ def restore(
     as_json: JsonOption = False,
 ) -> None:
     """Restore a backup, all of it or nothing; the server may run meanwhile."""
-    from app.operations.backup import restore as restore_backup
+    from app.operations.upkeep.backup import restore as restore_backup
     from app.settings import Settings
 
     result = restore_backup(Settings(), file, replace=replace, identity=identity)
@@ -283,7 +283,7 @@ def restore(
 @db_app.command("check")
 def db_check(as_json: JsonOption = False) -> None:
     """Check the database and the films, models and reports it names; exit with 1 if anything is wrong."""
-    from app.operations.backup import check
+    from app.operations.upkeep.backup import check
     from app.settings import Settings
 
     result = check(Settings())
@@ -295,7 +295,7 @@ def db_check(as_json: JsonOption = False) -> None:
 @db_app.command("upgrade")
 def db_upgrade(as_json: JsonOption = False) -> None:
     """Upgrade the database to the newest version."""
-    from app.operations.manage import upgrade_database
+    from app.operations.studies.manage import upgrade_database
     from app.settings import Settings
 
     result = upgrade_database(Settings())

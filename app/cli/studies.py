@@ -135,7 +135,7 @@ def study_create(
     given: dict[str, Any],
 ) -> None:
     """Create a study from a stimulus set, with an open invitation. Flags override the file, and it the preset."""
-    from app.operations.create import create_study, read_options
+    from app.operations.studies.create import create_study, read_options
     from app.settings import Settings
     from app.study.protocols import typed_scale
     from app.study.stages import PRACTICE
@@ -171,7 +171,7 @@ def study_import(
     as_json: JsonOption = False,
 ) -> None:
     """Create a study from a study file, with an open invitation."""
-    from app.operations.create import import_study
+    from app.operations.studies.create import import_study
     from app.settings import Settings
 
     progress = ProgressLine()
@@ -189,7 +189,7 @@ def study_export(
 ) -> None:
     """Write a study file, from which `study import` makes the study again."""
     from app.files import write_text
-    from app.operations.manage import export_study
+    from app.operations.studies.manage import export_study
     from app.settings import Settings
 
     text = export_study(Settings(), study)
@@ -209,8 +209,8 @@ def study_invite(
     as_json: JsonOption = False,
 ) -> None:
     """Add an invitation to a study."""
-    from app.operations.manage import add_invitation
     from app.operations.running import url_for_links
+    from app.operations.studies.manage import add_invitation
     from app.settings import Settings
 
     settings = Settings()
@@ -226,7 +226,7 @@ def study_balance(
     as_json: JsonOption = False,
 ) -> None:
     """Check that orders follow from the seed and are balanced: labels, first looks, datasets; exit with 1 if not."""
-    from app.operations.manage import study_balance as balance_of
+    from app.operations.studies.manage import study_balance as balance_of
     from app.settings import Settings
 
     report = balance_of(Settings(), study)
@@ -251,8 +251,8 @@ def study_attach(
     as_json: JsonOption = False,
 ) -> None:
     """Attach objective measures, reports and models to a study, in place of those attached before."""
-    from app.operations.attach import listed
-    from app.operations.manage import attach_results
+    from app.operations.studies.attach import listed
+    from app.operations.studies.manage import attach_results
     from app.settings import Settings
 
     attached = attach_results(Settings(), results, study, only=only or ())
@@ -296,7 +296,7 @@ def study_archive(study: StudyArgument, as_json: JsonOption = False) -> None:
 
 
 def _change_standing(study: str, standing: Standing, *, as_json: bool) -> None:
-    from app.operations.manage import change_study_standing
+    from app.operations.studies.manage import change_study_standing
     from app.settings import Settings
 
     changed = change_study_standing(Settings(), study, standing)
@@ -310,7 +310,7 @@ def study_duplicate(
     as_json: JsonOption = False,
 ) -> None:
     """Create a study of the same stimuli and options, without participants; it stays paused until opened."""
-    from app.operations.manage import copy_study
+    from app.operations.studies.manage import copy_study
     from app.settings import Settings
 
     made = copy_study(Settings(), study, new_name)
@@ -325,7 +325,7 @@ def study_delete(
     as_json: JsonOption = False,
 ) -> None:
     """Delete a study with all its votes for good; once somebody has begun, archive it first."""
-    from app.operations.manage import remove_study
+    from app.operations.studies.manage import remove_study
     from app.settings import Settings
 
     if not yes and typer.prompt(f"All votes of {study} will be gone. Type {study} to delete it", err=True) != study:
@@ -338,7 +338,7 @@ def study_delete(
 @study_app.command("list")
 def study_list(as_json: JsonOption = False) -> None:
     """List all studies with their progress, newest first."""
-    from app.operations.manage import list_studies
+    from app.operations.studies.manage import list_studies
     from app.settings import Settings
 
     settings = Settings()

@@ -10,8 +10,8 @@ from app.analysis import write_analysis
 from app.experiment.study import TRUTH, fetched
 from app.ffmpeg import Progress
 from app.files import read_json, write_bytes, write_json
-from app.operations.create import create_study, read_options
-from app.operations.manage import add_experimenter, attach_results, list_studies
+from app.operations.studies.create import create_study, read_options
+from app.operations.studies.manage import add_experimenter, attach_results, list_studies
 from app.settings import Settings
 from app.simulation.participants import simulate_study
 from app.study.options.presets import QUICK

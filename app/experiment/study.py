@@ -20,8 +20,8 @@ from app.files import read_json, write_json
 from app.intake.reports import Measure, read_report
 from app.intake.stimuli import MANIFEST
 from app.main import running_server
-from app.operations.create import create_study, read_options
-from app.operations.manage import attach_results, list_studies, own_token
+from app.operations.studies.create import create_study, read_options
+from app.operations.studies.manage import attach_results, list_studies, own_token
 from app.settings import Settings
 from app.simulation.observer import Observer
 from app.simulation.participants import Person, simulate_study

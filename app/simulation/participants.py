@@ -16,7 +16,7 @@ import httpx
 import numpy as np
 
 from app.ffmpeg import Progress, no_progress
-from app.operations.manage import export_study, invitation_for, own_token
+from app.operations.studies.manage import export_study, invitation_for, own_token
 from app.settings import Settings
 from app.simulation.observer import Observer
 from app.simulation.preference import choose, tie_weight

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from app.ffmpeg import run_ffmpeg
 from app.main import running_server
-from app.operations.create import create_study
-from app.operations.manage import add_token
+from app.operations.studies.create import create_study
+from app.operations.studies.manage import add_token
 from app.settings import Settings
 from app.study.options.options import parse_options
 from playing.bars import SECONDS, write_films

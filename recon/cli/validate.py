@@ -94,7 +94,7 @@ def validate_sphere(
     from recon.validation.clouds import named_clouds
     from recon.validation.measures import Subject
     from recon.validation.sphere.evaluation import measure_spheres
-    from recon.validation.sphere.model import ReferenceSettings, SphereSettings
+    from recon.validation.sphere.fit.model import ReferenceSettings, SphereSettings
     from recon.validation.sphere.report import write_sphere_report
 
     settings = SphereSettings(

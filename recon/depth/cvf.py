@@ -14,17 +14,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.depth.census import WINDOW, WINDOWS
 from recon.depth.consistency import consistent, lands_inside
 from recon.depth.gpu import Gpu, GpuView
-from recon.depth.hierarchy import TILE_BITS, search_windows
-from recon.depth.lanes import N_LANES
+from recon.depth.matching.census import WINDOW, WINDOWS
+from recon.depth.matching.hierarchy import TILE_BITS, search_windows
+from recon.depth.matching.lanes import N_LANES
+from recon.depth.matching.permeability import WORST, aggregate_and_choose, rows_held
+from recon.depth.matching.slanted import SURFACE_STEP, aggregate_along_surface
+from recon.depth.matching.slopes import tile_slopes
+from recon.depth.matching.views import View, views_of
 from recon.depth.pair import MIN_SIDE, StereoPair, has_texture
-from recon.depth.permeability import WORST, aggregate_and_choose, rows_held
 from recon.depth.refinement import filled, local_planes, without_specks
-from recon.depth.slanted import SURFACE_STEP, aggregate_along_surface
-from recon.depth.slopes import tile_slopes
-from recon.depth.views import View, views_of
 from recon.workers import in_bands, in_both
 
 WHOLE_IMAGE_BITS = 30  # a tile larger than any image

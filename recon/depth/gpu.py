@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.depth import plane_search, slanted, subpixel, texture
-from recon.depth.census import BEHIND, blurred
-from recon.depth.lanes import N_LANES
-from recon.depth.permeability import WORST
-from recon.depth.plane_search import Settings
-from recon.depth.texture import Texture
-from recon.depth.views import View
+from recon.depth.matching import plane_search, slanted, subpixel, texture
+from recon.depth.matching.census import BEHIND, blurred
+from recon.depth.matching.lanes import N_LANES
+from recon.depth.matching.permeability import WORST
+from recon.depth.matching.plane_search import Settings
+from recon.depth.matching.texture import Texture
+from recon.depth.matching.views import View
 
 SOURCE = Path(__file__).with_suffix(".cu")
 KERNELS = (

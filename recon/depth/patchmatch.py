@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 from recon.depth.consistency import consistent, lands_inside
 from recon.depth.cvf import DrParameters, match_views, refined, views_on
 from recon.depth.gpu import Gpu, GpuView
+from recon.depth.matching.plane_search import SLOPE_SHARE, Settings, sweep
+from recon.depth.matching.texture import GREY_SCALE, MAX_DISTANCE, texture_of
+from recon.depth.matching.views import Level, View
 from recon.depth.pair import StereoPair, has_texture
-from recon.depth.plane_search import SLOPE_SHARE, Settings, sweep
 from recon.depth.refinement import filled, without_specks
-from recon.depth.texture import GREY_SCALE, MAX_DISTANCE, texture_of
-from recon.depth.views import Level, View
 from recon.workers import in_bands, in_both
 
 SLOPE_WINDOW = 5  # pixels over which the seed's slopes are averaged

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from recon.capture.noise import largest_channel
 from recon.depth.channels import grey_image
-from recon.depth.guide import guide_image, noise_level
+from recon.depth.matching.guide import guide_image, noise_level
 from recon.depth.pair import StereoPair
 
 NOISE_SHARE = 0.7  # mean change of a still scene's guide, in units of the images' noise; measured at 4 grey levels

@@ -22,7 +22,7 @@ from recon.validation.cuboid.report import write_cuboid_report
 from recon.validation.measures import Subject
 from recon.validation.page import REPORT
 from recon.validation.sphere.evaluation import measure_spheres
-from recon.validation.sphere.model import SphereSettings
+from recon.validation.sphere.fit.model import SphereSettings
 from recon.validation.sphere.report import write_sphere_report
 from recon.workers import Progress, no_progress
 

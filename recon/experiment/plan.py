@@ -8,7 +8,7 @@ from functools import partial
 
 from recon.approaches import DEPTH_METHODS, check_colours
 from recon.depth import DEFAULTS
-from recon.depth.census import WINDOW
+from recon.depth.matching.census import WINDOW
 from recon.depth.temporal import TemporalParameters
 from recon.experiment.comparisons import compare_clouds, compare_films, compare_truth, compare_views, surfaces
 from recon.experiment.folder import SEED, Experiment

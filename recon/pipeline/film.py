@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from recon.pipeline.keys import camera_key
 from recon.pipeline.manifest import Stimulus
 from recon.pipeline.sources import ModelSequence, Setting
-from recon.render.checked import holds_checked_frames, write_checked_video
+from recon.render.encoding.checked import holds_checked_frames, write_checked_video
+from recon.render.encoding.quality import VideoCheck
+from recon.render.encoding.video import SILHOUETTE, VideoError, join_videos, probe_video, write_video
 from recon.render.frames import describe_renderer, render_masked_frames
 from recon.render.path_file import write_path
-from recon.render.quality import VideoCheck
 from recon.render.scene import check_background, scene_around
-from recon.render.video import SILHOUETTE, VideoError, join_videos, probe_video, write_video
 from recon.rig import Camera
 from recon.storage.artefacts import Artefacts, code_version
 from recon.storage.files import read_json, write_json

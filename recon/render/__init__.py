@@ -1,10 +1,10 @@
 """From a model and cameras to pictures and videos."""
 
 from recon.render.camera_path import camera_path
+from recon.render.encoding.video import DELIVERED, MASTER, read_video, write_video
 from recon.render.frames import render_frames
 from recon.render.path_file import read_path, write_path
 from recon.render.scene import scene_around
-from recon.render.video import DELIVERED, MASTER, read_video, write_video
 
 __all__ = [
     "DELIVERED",

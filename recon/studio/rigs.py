@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.rig import Camera, Rig, Sensor, look_at, rigid
-from recon.studio.skeleton import axis_rotation, rotation
+from recon.studio.actors.skeleton import axis_rotation, rotation
 
 NEAREST_SENSOR_MM, FARTHEST_SENSOR_MM = 2300.0, 2900.0  # section 4.2 of the paper
 APART_DEG = 42.0  # between neighbours, so that their views overlap

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.rig import rigid
-from recon.studio.anatomy import Build
-from recon.studio.looks import BALL, BOX, CUBOID, KNIT, PERSON, PRINT, SPHERE, STRIPES, Look
+from recon.studio.actors.anatomy import Build
+from recon.studio.actors.skeleton import REST_HEIGHT_MM, Controls, Vector, rotation
+from recon.studio.light.looks import BALL, BOX, CUBOID, KNIT, PERSON, PRINT, SPHERE, STRIPES, Look
 from recon.studio.rigs import Field
-from recon.studio.skeleton import REST_HEIGHT_MM, Controls, Vector, rotation
 
 SPHERE_RADIUS_MM = 150.0
 CUBOID_SIZE_MM = (220.0, 320.0, 160.0)

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from recon.geometry.mesh import Mesh
 from recon.rig import transformed
 from recon.studio import objects
-from recon.studio.anatomy import person_parts
-from recon.studio.appearance import vertex_albedo
-from recon.studio.looks import EYES_CLOSED, look_row
-from recon.studio.person import FOLD_SHADE, fold_depths, rest_body
+from recon.studio.actors.anatomy import person_parts
+from recon.studio.actors.person import FOLD_SHADE, fold_depths, rest_body
+from recon.studio.actors.skeleton import pose, rotation, skin, vertex_normals
+from recon.studio.light.appearance import vertex_albedo
+from recon.studio.light.looks import EYES_CLOSED, look_row
+from recon.studio.light.shadow import key_share
 from recon.studio.scenes import Actor, Moment, Prop, Scene
-from recon.studio.shadow import key_share
-from recon.studio.skeleton import pose, rotation, skin, vertex_normals
 
 
 @dataclass(frozen=True, eq=False)

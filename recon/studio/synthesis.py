@@ -17,14 +17,14 @@ from recon.geometry.mesh_files import write_mesh
 from recon.rig import Camera, Rig, Sensor
 from recon.storage.files import new_folder, write_json
 from recon.studio import truth
-from recon.studio.appearance import shade
-from recon.studio.exposure import display_curve, expose
-from recon.studio.lighting import lit
-from recon.studio.looks import light_table, noise_volume
+from recon.studio.light.appearance import shade
+from recon.studio.light.exposure import display_curve, expose
+from recon.studio.light.lighting import lit
+from recon.studio.light.looks import light_table, noise_volume
+from recon.studio.light.shadow import FLOOR_CELLS, floor_shade
 from recon.studio.rasterise import Visibility, see
 from recon.studio.rigs import arc_rig, between, distorted, disturbed
 from recon.studio.scenes import SCENES, Scene
-from recon.studio.shadow import FLOOR_CELLS, floor_shade
 from recon.studio.stage import Stage, Staged
 from recon.studio.views import FLOOR_Y_MM, View, empty_view
 from recon.workers import Progress, no_progress

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from recon.capture.rectify import viewing_directions
 from recon.rig import Camera
-from recon.studio.appearance import room_plate
-from recon.studio.exposure import plate_values
-from recon.studio.looks import linear
-from recon.studio.shadow import FLOOR_CELLS, FLOOR_HALF_MM
+from recon.studio.light.appearance import room_plate
+from recon.studio.light.exposure import plate_values
+from recon.studio.light.looks import linear
+from recon.studio.light.shadow import FLOOR_CELLS, FLOOR_HALF_MM
 
 CURTAIN_MM = 3900.0  # radius of the curtain around the world's y axis; the sensors stand inside
 FLOOR_Y_MM = 0.0

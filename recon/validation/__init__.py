@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from recon.validation.known_object.evaluation import ObjectSettings, measure_object
     from recon.validation.measures import Subject
     from recon.validation.sphere.evaluation import measure_spheres
-    from recon.validation.sphere.model import SphereSettings
+    from recon.validation.sphere.fit.model import SphereSettings
     from recon.validation.truth.evaluation import (
         MeshSettings,
         compare_points,

@@ -13,7 +13,7 @@ import httpx
 import pytest
 
 from app.main import running_server
-from app.operations import create, manage
+from app.operations.studies import create, manage
 from app.settings import Settings
 from app.simulation.participants import begin, simulate
 from tests.app import tiny_stimuli

@@ -13,8 +13,8 @@ from playwright.sync_api import Browser, BrowserContext, Page
 
 from app.errors import StudyError
 from app.main import running_server
-from app.operations.create import create_study
-from app.operations.manage import add_token
+from app.operations.studies.create import create_study
+from app.operations.studies.manage import add_token
 from app.settings import Settings
 from app.store.database.engine import Database
 from app.store.trials import vote_writer

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
 
-from app.operations.manage import add_invitation
+from app.operations.studies.manage import add_invitation
 from app.settings import Settings
 from app.study.options.options import parse_options
 from tests.browser.accessibility import check_accessibility

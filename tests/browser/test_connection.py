@@ -7,7 +7,7 @@ from uuid import RFC_4122, UUID
 import pytest
 from playwright.sync_api import Page, Route, expect
 
-from app.operations.manage import add_invitation
+from app.operations.studies.manage import add_invitation
 from app.settings import Settings
 from tests.browser.study_visitor import Study, Visitor
 

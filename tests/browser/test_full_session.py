@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
 
-from app.operations.manage import study_balance
+from app.operations.studies.manage import study_balance
 from app.settings import Settings
 from app.simulation.participants import Preference
 from app.study.options.options import parse_options

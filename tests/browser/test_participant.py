@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Page, Response, expect
 
-from app.operations.manage import add_invitation
+from app.operations.studies.manage import add_invitation
 from app.settings import Settings
 from app.store.database.engine import open_database
 from app.store.database.keys import utc_now

@@ -14,7 +14,7 @@ from app.analysis.comparisons.factors import votes_on_factor, votes_with_levels
 from app.analysis.model.bootstrap import Bootstrap, bootstrap_scores, participant_weights
 from app.analysis.model.bradley_terry import fit_scores
 from app.analysis.model.contrasts import Contrast, contrasts
-from app.analysis.model.fit import Fit
+from app.analysis.model.likelihood.fit import Fit
 from app.analysis.model.separation import group_fits, separated_contrasts
 from app.analysis.model.settings import AnalysisSettings
 from app.analysis.model.showing_order import why_no_order_effect

@@ -17,8 +17,8 @@ from scipy.stats import f as f_distribution
 
 from app.analysis.model.bradley_terry import fit_scores
 from app.analysis.model.contrasts import Estimates, contrasts_of, half_widths, has_few_participants, letters
-from app.analysis.model.fit import Fit
-from app.analysis.model.participant_errors import ALIKE
+from app.analysis.model.likelihood.fit import Fit
+from app.analysis.model.likelihood.participant_errors import ALIKE
 from app.analysis.reading.votes_table import VotesTable
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ import numpy as np
 from app.analysis.comparisons.comparison import fit_by
 from app.analysis.comparisons.factors import ModelTest
 from app.analysis.comparisons.homogeneity import Part, parts_differ
-from app.analysis.model.fit import Fit
+from app.analysis.model.likelihood.fit import Fit
 from app.analysis.model.settings import AnalysisSettings
 from app.analysis.reading.votes_table import VotesError, VotesTable, only_compared
 

@@ -13,12 +13,12 @@ from app.analysis.comparisons.groups import GroupComparison
 from app.analysis.model.bootstrap import Bootstrap
 from app.analysis.model.bradley_terry import fit_pairs
 from app.analysis.model.contrasts import half_widths, has_few_participants, letters, scores_of
-from app.analysis.model.counts import count_pairs
 from app.analysis.model.distance_prior import fit_with_prior
-from app.analysis.model.fit import Fit
+from app.analysis.model.likelihood.counts import count_pairs
+from app.analysis.model.likelihood.fit import Fit
+from app.analysis.model.likelihood.ties import TIE_MODELS
 from app.analysis.model.scales import LOG_ODDS_PER_JOD, equivalence_columns, preference_columns
 from app.analysis.model.thurstone import JOD, fit_thurstone
-from app.analysis.model.ties import TIE_MODELS
 from app.analysis.reading.votes_table import ALL, NONE, VotesTable
 from app.analysis.screening.triads import Triads, by_participant, pooled_p_value
 

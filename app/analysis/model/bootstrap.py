@@ -13,11 +13,11 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from app.analysis.model.bradley_terry import fit_counts, is_identified
-from app.analysis.model.counts import PairCounts, exchanged, outcome_index
-from app.analysis.model.fit import Fit
-from app.analysis.model.newton import Design, Search, maximise
+from app.analysis.model.likelihood.counts import PairCounts, exchanged, outcome_index
+from app.analysis.model.likelihood.fit import Fit
+from app.analysis.model.likelihood.newton import Design, Search, maximise
+from app.analysis.model.likelihood.ties import TIE_MODELS, WITHOUT_TIES
 from app.analysis.model.settings import LEVEL
-from app.analysis.model.ties import TIE_MODELS, WITHOUT_TIES
 from app.analysis.reading.votes_table import VotesTable
 
 Array = NDArray[np.float64]

@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.model.conjugate_gradients import maximise_many_items
-from app.analysis.model.counts import PairCounts, count_pairs
-from app.analysis.model.existence import Existence, ford, recession
-from app.analysis.model.fit import Fit
-from app.analysis.model.newton import Design, Search, maximise
-from app.analysis.model.participant_errors import participant_covariance
-from app.analysis.model.penalised import maximise_firth
-from app.analysis.model.ties import TIE_MODELS, WITHOUT_TIES, TieModel
+from app.analysis.model.likelihood.conjugate_gradients import maximise_many_items
+from app.analysis.model.likelihood.counts import PairCounts, count_pairs
+from app.analysis.model.likelihood.existence import Existence, ford, recession
+from app.analysis.model.likelihood.fit import Fit
+from app.analysis.model.likelihood.newton import Design, Search, maximise
+from app.analysis.model.likelihood.participant_errors import participant_covariance
+from app.analysis.model.likelihood.penalised import maximise_firth
+from app.analysis.model.likelihood.ties import TIE_MODELS, WITHOUT_TIES, TieModel
 from app.analysis.reading.votes_table import VotesTable
 
 Array = NDArray[np.float64]

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from app.analysis.model.fit import Fit
-from app.analysis.model.participant_errors import ALIKE
+from app.analysis.model.likelihood.fit import Fit
+from app.analysis.model.likelihood.participant_errors import ALIKE
 from app.analysis.model.settings import LEVEL
 
 Array = NDArray[np.float64]

@@ -10,10 +10,10 @@ from scipy.optimize import minimize
 from scipy.special import log_ndtr
 
 from app.analysis.model.contrasts import critical_value
-from app.analysis.model.counts import PairCounts, count_pairs
-from app.analysis.model.existence import ford
+from app.analysis.model.likelihood.counts import PairCounts, count_pairs
+from app.analysis.model.likelihood.existence import ford
+from app.analysis.model.likelihood.ties import TIE_MODELS
 from app.analysis.model.thurstone import LOG_DENSITY_AT_0
-from app.analysis.model.ties import TIE_MODELS
 from app.analysis.reading.votes_table import VotesTable
 
 Array = NDArray[np.float64]

@@ -18,11 +18,11 @@ from scipy.optimize import minimize
 from scipy.special import ndtr, ndtri
 
 from app.analysis.model.bootstrap import participant_counts
-from app.analysis.model.fit import Fit
-from app.analysis.model.newton import LARGEST_STEP, Design
-from app.analysis.model.penalised import third_order
+from app.analysis.model.likelihood.fit import Fit
+from app.analysis.model.likelihood.newton import LARGEST_STEP, Design
+from app.analysis.model.likelihood.penalised import third_order
+from app.analysis.model.likelihood.ties import TIE_MODELS, Derivatives
 from app.analysis.model.settings import LEVEL
-from app.analysis.model.ties import TIE_MODELS, Derivatives
 from app.analysis.reading.votes_table import VotesTable
 
 Array = NDArray[np.float64]

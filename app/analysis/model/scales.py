@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from app.analysis.model.contrasts import ALL_ALIKE, Contrast, holm, two_sided
-from app.analysis.model.fit import Fit
+from app.analysis.model.likelihood.fit import Fit
 
 # One just-objectionable difference: preferred by 75 %, Perez-Ortiz and Mantiuk (2017).
 LOG_ODDS_PER_JOD = float(np.log(3))

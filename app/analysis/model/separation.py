@@ -17,7 +17,7 @@ from scipy.stats import binomtest
 
 from app.analysis.model.bradley_terry import fit_scores
 from app.analysis.model.contrasts import BY_SCORES, MOST_ITEMS, Contrast, contrasts, holm
-from app.analysis.model.fit import Fit
+from app.analysis.model.likelihood.fit import Fit
 from app.analysis.model.settings import LEVEL
 from app.analysis.reading.votes_table import NONE, VotesTable, only_compared
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from app.analysis.model.penalised import PENALTIES
-from app.analysis.model.ties import TIE_MODELS
+from app.analysis.model.likelihood.penalised import PENALTIES
+from app.analysis.model.likelihood.ties import TIE_MODELS
 from app.study.options.options import RANDOM_EFFECTS
 
 LEVEL = 0.95  # confidence level of every interval

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.analysis.model.counts import outcome_index
+from app.analysis.model.likelihood.counts import outcome_index
 from app.analysis.reading.votes_table import VotesTable
 
 MOST_CONFOUNDED = 0.5  # share of the order effect's information; above, its variance is more than doubled

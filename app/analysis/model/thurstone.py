@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtr, ndtri
 
 from app.analysis.model.bradley_terry import MANY_ITEMS
-from app.analysis.model.counts import PairCounts, count_pairs
-from app.analysis.model.existence import ford
-from app.analysis.model.fit import Fit
-from app.analysis.model.newton import Design, maximise
-from app.analysis.model.participant_errors import participant_covariance
-from app.analysis.model.ties import TIE_MODELS, Derivatives, TieModel
+from app.analysis.model.likelihood.counts import PairCounts, count_pairs
+from app.analysis.model.likelihood.existence import ford
+from app.analysis.model.likelihood.fit import Fit
+from app.analysis.model.likelihood.newton import Design, maximise
+from app.analysis.model.likelihood.participant_errors import participant_covariance
+from app.analysis.model.likelihood.ties import TIE_MODELS, Derivatives, TieModel
 from app.analysis.reading.votes_table import VotesTable
 
 Array = NDArray[np.float64]

@@ -13,10 +13,10 @@ from scipy.sparse import coo_array, csr_array, hstack
 from scipy.sparse.csgraph import connected_components
 
 from app.analysis.model.contrasts import critical_value
-from app.analysis.model.counts import PairCounts
-from app.analysis.model.existence import recession
+from app.analysis.model.likelihood.counts import PairCounts
+from app.analysis.model.likelihood.existence import recession
+from app.analysis.model.likelihood.ties import TIE_MODELS, WITHOUT_TIES, Derivatives, TieModel
 from app.analysis.model.scales import LOG_ODDS_PER_JOD
-from app.analysis.model.ties import TIE_MODELS, WITHOUT_TIES, Derivatives, TieModel
 from app.analysis.ratings.table import RatingTable, numbered_names
 from app.analysis.reading.votes_table import NONE, A, B, VotesTable
 

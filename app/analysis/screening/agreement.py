@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, rankdata
 
-from app.analysis.model.counts import PairCounts, count_pairs
+from app.analysis.model.likelihood.counts import PairCounts, count_pairs
 from app.analysis.reading.votes_table import ALL, VotesTable, numbered, only_compared
 from app.analysis.screening.correlation import defined, kendall, pearson, spearman
 

@@ -17,10 +17,10 @@ from scipy.stats import norm
 from app.analysis.model.bootstrap import RUNAWAY, participant_counts
 from app.analysis.model.bradley_terry import MANY_ITEMS, fit_pairs
 from app.analysis.model.contrasts import holm
-from app.analysis.model.counts import PairCounts, outcome_index
-from app.analysis.model.fit import Fit
-from app.analysis.model.newton import Design, Search, maximise
-from app.analysis.model.ties import TIE_MODELS
+from app.analysis.model.likelihood.counts import PairCounts, outcome_index
+from app.analysis.model.likelihood.fit import Fit
+from app.analysis.model.likelihood.newton import Design, Search, maximise
+from app.analysis.model.likelihood.ties import TIE_MODELS
 from app.analysis.reading.votes_table import NONE, A, B, VotesTable, only_compared, order_of
 from app.analysis.screening.triads import Triads, by_participant, pooled_p_value, smallest_p_value
 

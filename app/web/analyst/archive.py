@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import IO, Any
 
-from app.operations.manage import study_file_of
+from app.operations.studies.manage import study_file_of
 from app.store.database.engine import Database, Transaction
 from app.store.participants.comments import comment_records, tag_records
 from app.store.participants.interviews import questionnaire_records
@@ -19,10 +19,10 @@ from app.store.participants.participants import participant_records
 from app.store.participants.screening import screening_records
 from app.store.studies.audit import audit_records
 from app.store.studies.images import image_content, image_digests
+from app.store.studies.measurements import measurement_records
 from app.store.studies.studies import Study, study_by_id
 from app.store.trials.demographics import demographic_records
 from app.store.trials.designs import conditions_of
-from app.store.trials.measurements import measurement_records
 from app.store.trials.sessions import shown_wordings
 from app.store.trials.trial_records import trial_records
 from app.store.trials.vote_records import vote_records

@@ -13,10 +13,10 @@ from app.intake.reports import better_by_measure, by_measure
 from app.store.database.engine import Database, Transaction
 from app.store.participants.interviews import questionnaire_records
 from app.store.participants.participants import assigned_groups, counted_voters
+from app.store.studies.measurements import measurement_records
 from app.store.studies.studies import Study, study_by_id
 from app.store.trials.counted_votes import VoteState, vote_state
 from app.store.trials.designs import conditions_of
-from app.store.trials.measurements import measurement_records
 from app.study.design.groupings import groupings, without_small_groups
 from app.study.options.options import StudyOptions, parse_options
 from app.study.protocols import CCR, PC, RATED, WITH_REFERENCE

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import Response
 
-from app.operations.manage import study_summary
+from app.operations.studies.manage import study_summary
 from app.store.access.tokens import AUDIT as AUDIT_SCOPE
 from app.store.access.tokens import PERSONAL, READ
 from app.store.database import tables
@@ -22,11 +22,11 @@ from app.store.participants.interviews import questionnaire_records
 from app.store.participants.participants import n_participants, participant_records, session_state
 from app.store.participants.screening import n_screening_records, screening_records
 from app.store.studies.audit import audit_records, audit_state
+from app.store.studies.measurements import measurement_records
 from app.store.studies.studies import Study, all_studies, progress_by_study, progress_of
 from app.store.trials.counted_votes import vote_state
 from app.store.trials.demographics import demographic_records
 from app.store.trials.designs import conditions_of, datasets_of, stimulus_names
-from app.store.trials.measurements import measurement_records
 from app.store.trials.trial_records import SoughtRows, rows_by_session, trial_page, trial_state
 from app.store.trials.vote_records import vote_row
 from app.study.options.options import parse_options

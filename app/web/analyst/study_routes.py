@@ -11,12 +11,12 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from app.errors import InvalidError, NotFoundError
 from app.ffmpeg import no_progress
-from app.operations.create import create_study, duplicate_study, read_options
-from app.operations.edit import check_edit, remake_films, save_edit
-from app.operations.invitations import MOST_AT_ONCE, MOST_PLACES, make_invitations, stop_invitation
-from app.operations.manage import study_file_of, study_summary
-from app.operations.standing import change_standing, delete_study
-from app.operations.stimulus_sets import set_called
+from app.operations.studies.create import create_study, duplicate_study, read_options
+from app.operations.studies.edit import check_edit, remake_films, save_edit
+from app.operations.studies.invitations import MOST_AT_ONCE, MOST_PLACES, make_invitations, stop_invitation
+from app.operations.studies.manage import study_file_of, study_summary
+from app.operations.studies.standing import change_standing, delete_study
+from app.operations.studies.stimulus_sets import set_called
 from app.store.access.tokens import PEOPLE, STUDIES
 from app.store.database.engine import Database, Transaction
 from app.store.participants.invitations import Invitation, invitations_of

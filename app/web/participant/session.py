@@ -11,7 +11,7 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import JSONResponse
 
 from app.errors import ConflictError, InvalidError, NotFoundError
-from app.operations.erasure import erase_participant
+from app.operations.upkeep.erasure import erase_participant
 from app.store.participants.participants import person_of_session
 from app.store.studies.audit import PARTICIPANT, Actor
 from app.store.studies.studies import study_by_id

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.render.quality import psnr_db
+from recon.render.encoding.quality import psnr_db
 from recon.validation.cloud_quality.compared import Pair, Prepared, Value, both_ways
 from recon.validation.cloud_quality.neighbours import NearestGroups
 

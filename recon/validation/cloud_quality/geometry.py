@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.normals import vector_sums
-from recon.render.quality import psnr_db
+from recon.render.encoding.quality import psnr_db
 from recon.validation.cloud_quality.compared import Pair, Prepared, Value, both_ways
 from recon.validation.cloud_quality.neighbours import NearestGroups
 from recon.validation.truth.evaluation import compared

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from recon.render.quality import WINDOW_PX
+from recon.render.encoding.quality import WINDOW_PX
 from recon.validation.films.film import MeasuredFilm, measure_film
 from recon.validation.films.likeness import SMALLEST_PX
 from recon.validation.films.stimuli import Pair, paired, read_films

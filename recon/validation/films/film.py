@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.render.video import read_luma
+from recon.render.encoding.video import read_luma
 from recon.validation.films.flicker import excess_change
 from recon.validation.films.likeness import Likeness, likenesses
 from recon.validation.films.pictures import comparison_picture

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.render.quality import ssim_window
+from recon.render.encoding.quality import ssim_window
 
 
 def excess_change(

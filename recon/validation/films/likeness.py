@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.render.quality import WINDOW_PX, psnr_db, ssim_maps, without_margin
+from recon.render.encoding.quality import WINDOW_PX, psnr_db, ssim_maps, without_margin
 
 SCALE_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # Wang, Simoncelli, Bovik (2003), section 3.2
 SMALLEST_PX = WINDOW_PX * 2 ** (len(SCALE_WEIGHTS) - 1)  # the window must fit into the smallest scale

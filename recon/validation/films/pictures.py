@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.render.quality import MARGIN
+from recon.render.encoding.quality import MARGIN
 from recon.validation.films.likeness import similarity_map
 from recon.validation.pictures import ORANGE, tile, window_around
 

@@ -11,7 +11,7 @@ from recon.validation.pictures import BACKGROUND, CIRCLE, ORANGE, with_colour_sc
 from recon.validation.sampling import subsample
 from recon.validation.sphere.cells import N_RINGS, N_SECTORS, cap_of
 from recon.validation.sphere.exclusion import COHERENT_CELLS
-from recon.validation.sphere.model import SphereFit
+from recon.validation.sphere.fit.model import SphereFit
 
 SIDE_PX, BLOCK_PX = 540, 5  # of the picture, and of the map
 REACH = 1.04  # of the radius: half the picture

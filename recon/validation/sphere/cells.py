@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.validation.sampling import axes_facing
-from recon.validation.sphere.model import SphereFit
+from recon.validation.sphere.fit.model import SphereFit
 
 N_SECTORS = 8
 N_RINGS = 3  # of equal numbers of points

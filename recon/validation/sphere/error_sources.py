@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.validation.sphere.cells import N_RINGS, N_SECTORS, Cap
-from recon.validation.sphere.model import SphereFit
+from recon.validation.sphere.fit.model import SphereFit
 from recon.validation.sphere.uncertainty import MIN_SECTORS, coverage_factor
 
 N_DRAWS = 200  # of sectors, for the uncertainties

@@ -33,8 +33,8 @@ from recon.validation.sphere.exclusion import (
     sensor_offsets,
     usual_parts,
 )
-from recon.validation.sphere.methods import METHODS
-from recon.validation.sphere.model import SphereSettings
+from recon.validation.sphere.fit.methods import METHODS
+from recon.validation.sphere.fit.model import SphereSettings
 from recon.validation.sphere.reconstruction import MeasuredSphere, combined_ratios, fitted, measure_reconstruction
 from recon.validation.sphere.reference import Centre, agreement, check_unit, mean_centre, read_references
 from recon.validation.sphere.uncertainty import N_DRAWS

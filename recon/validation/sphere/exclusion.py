@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.validation.sphere.cells import N_SECTORS, Cap
-from recon.validation.sphere.model import SphereFit
-from recon.validation.sphere.refinement import moved_centre
+from recon.validation.sphere.fit.model import SphereFit
+from recon.validation.sphere.fit.refinement import moved_centre
 
 MAX_SECTOR_SHIFT = 1.0  # mm for a radius of 150 mm, the centre's shift when one of eight sectors is left out
 MAX_RING_SHIFT = 2.5  # mm likewise, for the inner or outer half of the cap; slices of whole disparities reach 2.4

@@ -15,9 +15,9 @@ from recon.validation.sampling import subsample
 from recon.validation.sphere.cells import cap_of
 from recon.validation.sphere.error_sources import CellErrors, cell_errors
 from recon.validation.sphere.exclusion import Parts, examine_parts, part_limits
-from recon.validation.sphere.methods import METHODS
-from recon.validation.sphere.model import SphereFit, SphereSettings, surface_share
-from recon.validation.sphere.refinement import refine_sphere
+from recon.validation.sphere.fit.methods import METHODS
+from recon.validation.sphere.fit.model import SphereFit, SphereSettings, surface_share
+from recon.validation.sphere.fit.refinement import refine_sphere
 from recon.validation.sphere.uncertainty import Uncertainty, fit_uncertainty
 from recon.validation.sphere.visibility import meets_sphere, missing_share
 

@@ -20,8 +20,8 @@ from recon.rig import rigid, transformed
 from recon.validation.clouds import MIN_POINTS, FitError, read_measured
 from recon.validation.sampling import subsample
 from recon.validation.sphere.cells import cap_of
-from recon.validation.sphere.consensus import fit_sphere
-from recon.validation.sphere.model import FRAMES, OWN, SENSORS, ReferenceSettings
+from recon.validation.sphere.fit.consensus import fit_sphere
+from recon.validation.sphere.fit.model import FRAMES, OWN, SENSORS, ReferenceSettings
 from recon.validation.sphere.uncertainty import CONFIDENCE, coverage_factor, fit_uncertainty
 from recon.validation.super4pcs import rigid_motions
 

@@ -13,7 +13,7 @@ from recon.validation.page import Section, curve_chart, curve_columns, percent, 
 from recon.validation.pictures import sphere_picture
 from recon.validation.sphere.cell_picture import cell_picture
 from recon.validation.sphere.exclusion import MIN_SURFACE_SHARE, part_limits
-from recon.validation.sphere.model import OWN
+from recon.validation.sphere.fit.model import OWN
 from recon.validation.sphere.reconstruction import MeasuredSphere
 
 METHOD_TEXT = {

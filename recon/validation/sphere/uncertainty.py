@@ -17,9 +17,9 @@ from scipy.special import stdtrit  # scipy.stats takes half a second to import
 
 from recon.validation.measures import TABLE_THRESHOLD, inlier_rms
 from recon.validation.sphere.cells import N_SECTORS, Cap, sector_at
-from recon.validation.sphere.kernels import tukey_sums
-from recon.validation.sphere.model import CUTOFF, SphereFit, band_of
-from recon.validation.sphere.refinement import normal_matrix
+from recon.validation.sphere.fit.kernels import tukey_sums
+from recon.validation.sphere.fit.model import CUTOFF, SphereFit, band_of
+from recon.validation.sphere.fit.refinement import normal_matrix
 
 N_DRAWS = 200  # of sectors; they tell a standard uncertainty to a twentieth of it
 MIN_SECTORS = 4

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.render.quality import psnr_db, ssim_maps
+from recon.render.encoding.quality import psnr_db, ssim_maps
 
 GRADIENT_C = 170.0  # Xue et al. (2014), for values up to 255
 PREWITT = np.array([[1, 0, -1], [1, 0, -1], [1, 0, -1]], np.float32) / 3

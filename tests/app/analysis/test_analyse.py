@@ -16,7 +16,7 @@ from app.analysis import AnalysisSettings, VotesError, analyse, analyse_file, vo
 from app.analysis.analyse import scored
 from app.analysis.comparisons.factors import votes_with_levels
 from app.analysis.model.contrasts import ALL_ALIKE
-from app.analysis.model.ties import TIE_MODELS
+from app.analysis.model.likelihood.ties import TIE_MODELS
 from app.analysis.reading.read_votes import read_votes
 from app.analysis.reading.votes_table import VotesTable, votes_from_indices
 from app.analysis.report.page import report_page

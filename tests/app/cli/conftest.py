@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from recon.render.video import write_video
+from recon.render.encoding.video import write_video
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from playwright.sync_api import Browser
 
 from app.films.object_store import MediaStore
 from app.main import running_server
-from app.operations import create
+from app.operations.studies import create
 from app.settings import Settings
 from app.simulation.participants import begin
 from tests.app.web.admin.dashboard_client import sign_in

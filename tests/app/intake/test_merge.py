@@ -17,7 +17,7 @@ from app.files import file_digest
 from app.intake.import_videos import import_stimuli
 from app.intake.merge import merge_sets
 from app.intake.stimuli import read_stimulus_set
-from app.operations.create import create_study
+from app.operations.studies.create import create_study
 from app.settings import Settings
 from tests.app import tiny_stimuli
 

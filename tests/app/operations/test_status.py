@@ -16,9 +16,9 @@ from sqlalchemy import text
 
 from app.main import running_server, serve
 from app.operations.extras import MODULES
-from app.operations.manage import upgrade_database
 from app.operations.running import DEFAULT_URL, noted, running_url, url_for_links
 from app.operations.status import server_status
+from app.operations.studies.manage import upgrade_database
 from app.settings import Settings
 from app.store.database.engine import open_database
 from app.store.database.keys import utc_now
@@ -173,7 +173,7 @@ def test_a_server_whose_output_is_a_log_prints_no_links(
     """The journal keeps what a server under systemd prints: links would open a session, or make an owner."""
     monkeypatch.setattr("app.main.serve", lambda *_, on_start, **__: on_start("http://127.0.0.1:8000"))
     listed = [{"name": "Ball", "state": "open", "invitations": ["m65rdenpqzuj"]}]
-    monkeypatch.setattr("app.operations.manage.list_studies", lambda _: listed)
+    monkeypatch.setattr("app.operations.studies.manage.list_studies", lambda _: listed)
     monkeypatch.setenv("RECONSTUDY_DATA_DIR", str(tmp_path))
     monkeypatch.setenv("RECONSTUDY_LOG_FORMAT", log_format)
     told = command("serve").out

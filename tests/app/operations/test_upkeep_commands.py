@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from app.cli import app
 from app.errors import ConflictError
-from app.operations import manage
+from app.operations.studies import manage
 from app.settings import Settings
 from app.store.database.engine import open_database
 from tests.seeded_studies import seed_voters

@@ -10,7 +10,7 @@ from typing import Any
 import httpx
 import pytest
 
-from app.operations import create, manage
+from app.operations.studies import create, manage
 from app.settings import Settings
 from app.simulation.observer import Observer
 from app.simulation.participants import Person, pass_stages, simulate, simulate_study

@@ -13,7 +13,7 @@ import httpx
 import pytest
 
 from app.main import create_app
-from app.operations import manage
+from app.operations.studies import manage
 from app.settings import Settings
 from app.store.database.engine import open_database
 from tests.seeded_studies import Voter, seed_voters

@@ -12,8 +12,8 @@ import pytest
 from app.experiment.demo import ABILITIES, MEASURES, demo_analysis, demo_front, demo_study, demo_votes
 from app.ffmpeg import no_progress
 from app.main import running_server
-from app.operations.create import create_study
-from app.operations.manage import list_studies
+from app.operations.studies.create import create_study
+from app.operations.studies.manage import list_studies
 from app.settings import Settings
 from tests.app import tiny_stimuli
 

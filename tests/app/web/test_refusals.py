@@ -9,7 +9,7 @@ from typing import Any
 import httpx
 import pytest
 
-from app.operations import manage
+from app.operations.studies import manage
 from app.settings import Settings
 from app.simulation.participants import begin
 from tests.app.web.admin.dashboard_client import signed_in

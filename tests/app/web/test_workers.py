@@ -18,7 +18,7 @@ import pytest
 from sqlalchemy import func, select
 
 from app.main import serve
-from app.operations import manage
+from app.operations.studies import manage
 from app.settings import Settings
 from app.store.database.engine import open_database
 from app.store.database.tables import vote

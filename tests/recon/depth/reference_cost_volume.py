@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.depth.guide import Passages, permeabilities
-from recon.depth.slanted import SPARE
+from recon.depth.matching.guide import Passages, permeabilities
+from recon.depth.matching.slanted import SPARE
 
 HEIGHT, WIDTH, N_DISPARITIES = 13, 21, 16
 LEVEL = np.zeros((HEIGHT, WIDTH), np.float32)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from recon.depth import MATCHERS, Matcher, StereoPair, match_dr, match_id
 from recon.depth.cvf import DrParameters, IdParameters
-from recon.depth.views import Level
+from recon.depth.matching.views import Level
 
 every_matcher = pytest.mark.parametrize("matcher", MATCHERS.values(), ids=MATCHERS.keys())
 

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from recon.depth import StereoPair, match_pm, patchmatch, plane_search
+from recon.depth import StereoPair, match_pm, patchmatch
+from recon.depth.matching import plane_search
+from recon.depth.matching.texture import MAX_DISTANCE, texture_of
+from recon.depth.matching.views import View, views_of
 from recon.depth.patchmatch import PmParameters
-from recon.depth.texture import MAX_DISTANCE, texture_of
-from recon.depth.views import View, views_of
 
 HEIGHT, WIDTH = 30, 44
 

@@ -32,8 +32,8 @@ from recon.pipeline.render import render
 from recon.pipeline.run import mesh_name, read_run, recorded_in
 from recon.pipeline.sources import run_source
 from recon.render.camera_path import camera_path
+from recon.render.encoding.video import probe_video, read_luma
 from recon.render.path_file import read_path
-from recon.render.video import probe_video, read_luma
 from recon.storage.artefacts import file_digest
 from recon.storage.files import read_json, write_json
 from recon.studio import SynthParameters, synthesise

@@ -10,14 +10,24 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from recon.studio.anatomy import Build, person_parts
-from recon.studio.appearance import NAILS
-from recon.studio.implicit import Part, body_mesh, distance, part_table, split_long_edges
-from recon.studio.looks import look_row, noise_volume
+from recon.studio.actors.anatomy import Build, person_parts
+from recon.studio.actors.implicit import Part, body_mesh, distance, part_table, split_long_edges
+from recon.studio.actors.person import RestBody, fold_depths, rest_body
+from recon.studio.actors.skeleton import (
+    BONES,
+    MAX_WRIST_BEND,
+    PALM,
+    REST,
+    Controls,
+    pose,
+    rotation,
+    skin,
+    vertex_normals,
+)
+from recon.studio.light.appearance import NAILS
+from recon.studio.light.looks import look_row, noise_volume
 from recon.studio.objects import ball, box
-from recon.studio.person import RestBody, fold_depths, rest_body
 from recon.studio.scenes import SCENES
-from recon.studio.skeleton import BONES, MAX_WRIST_BEND, PALM, REST, Controls, pose, rotation, skin, vertex_normals
 from recon.studio.stage import Stage
 
 Faces = NDArray[np.int32]

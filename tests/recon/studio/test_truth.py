@@ -19,7 +19,7 @@ from recon.geometry.mesh_files import read_mesh
 from recon.rig import Camera, Sensor, look_at
 from recon.storage.files import read_json, write_json
 from recon.studio import SynthParameters, synthesise
-from recon.studio.atlas import lay_out
+from recon.studio.actors.atlas import lay_out
 from recon.studio.objects import ball
 from recon.studio.rasterise import see
 from recon.studio.synthesis import restaged

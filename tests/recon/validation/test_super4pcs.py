@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from recon.validation.clouds import FitError
 from recon.validation.congruent import congruent_bases, pairs_at_distance
-from recon.validation.sphere.methods import METHODS, fit_super4pcs
+from recon.validation.sphere.fit.methods import METHODS, fit_super4pcs
 from recon.validation.super4pcs import Super4PCSParameters, rigid_motions, super4pcs
 from tests.recon.validation.sphere.simulated_caps import CapParameters, simulate_cap
 

@@ -13,8 +13,8 @@ from fastapi import APIRouter, Form, Path, Request
 from fastapi.responses import Response
 
 from app.errors import InvalidError, NotFoundError
-from app.operations.invitations import CODE_SHOWN, MOST_AT_ONCE, MOST_PLACES, make_invitations, stop_invitation
-from app.operations.manage import study_file_of
+from app.operations.studies.invitations import CODE_SHOWN, MOST_AT_ONCE, MOST_PLACES, make_invitations, stop_invitation
+from app.operations.studies.manage import study_file_of
 from app.store.participants.invitations import Invitation, invitations_of, label_invitation
 from app.store.participants.participants import group_counts
 from app.store.studies.audit import Entry, record

@@ -13,7 +13,7 @@ from fastapi.responses import JSONResponse, Response
 from pydantic import StringConstraints
 
 from app.errors import InvalidError
-from app.operations.erasure import erase_participant as erase_for_good
+from app.operations.upkeep.erasure import erase_participant as erase_for_good
 from app.store.access.experimenters import Experimenter
 from app.store.participants.comments import SoughtComments, comment_records
 from app.store.participants.participants import (

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import FileResponse, Response
 
 from app.errors import NotFoundError
-from app.operations.attach import model_file
+from app.operations.studies.attach import model_file
 from app.store.studies.attached_models import model_records
 from app.web.admin.layout import study_page
 from app.web.gates import Store, settings

@@ -8,10 +8,10 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import FileResponse, Response
 
 from app.errors import NotFoundError
-from app.operations.attach import ATTACHED, report_folder
+from app.operations.studies.attach import ATTACHED, report_folder
 from app.store.studies.attached_reports import report_records
 from app.store.studies.audit import audit_records
-from app.store.trials.measurements import measurement_records
+from app.store.studies.measurements import measurement_records
 from app.web.admin.layout import attachment, study_page
 from app.web.admin.listing import listed
 from app.web.admin.results.objective_view import (

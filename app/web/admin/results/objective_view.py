@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from app.intake.reports import EVERY_DATASET
-from app.operations.attach import listed
+from app.operations.studies.attach import listed
 from app.web.admin.results.scores_view import MINUS, NOTHING, by_dataset, decimal, p_value, unique
 
 SHOWN = (  # of a measure, with intervals

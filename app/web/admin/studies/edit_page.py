@@ -11,9 +11,9 @@ from fastapi.responses import Response
 
 from app.errors import ConflictError, InvalidError
 from app.ffmpeg import Progress
-from app.operations.edit import check_edit, remake_films, save_edit
-from app.operations.manage import study_file_of
-from app.operations.stimulus_sets import set_of_study
+from app.operations.studies.edit import check_edit, remake_films, save_edit
+from app.operations.studies.manage import study_file_of
+from app.operations.studies.stimulus_sets import set_of_study
 from app.store.access.experimenters import Experimenter
 from app.store.database.engine import Database
 from app.store.studies.audit import Actor

@@ -10,9 +10,9 @@ from fastapi.responses import Response
 
 from app.errors import InvalidError
 from app.ffmpeg import Progress
-from app.operations.create import create_study, duplicate_study, new_slug, read_options
-from app.operations.standing import change_standing as change_study
-from app.operations.stimulus_sets import KnownSet, known_sets, set_called
+from app.operations.studies.create import create_study, duplicate_study, new_slug, read_options
+from app.operations.studies.standing import change_standing as change_study
+from app.operations.studies.stimulus_sets import KnownSet, known_sets, set_called
 from app.store.access.experimenters import Experimenter
 from app.store.database.engine import Database
 from app.store.participants.invitations import preview_code

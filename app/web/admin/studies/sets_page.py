@@ -18,8 +18,15 @@ from app.ffmpeg import Progress
 from app.intake.bounds import in_bounds
 from app.intake.stimuli import StimulusSet, check_videos, read_manifest
 from app.intake.zips import MB, check_zip, unpack
-from app.operations.create import slugify
-from app.operations.stimulus_sets import delete_set, known_sets, name_factors, rename_set, set_called, studies_of
+from app.operations.studies.create import slugify
+from app.operations.studies.stimulus_sets import (
+    delete_set,
+    known_sets,
+    name_factors,
+    rename_set,
+    set_called,
+    studies_of,
+)
 from app.settings import Settings
 from app.store.studies.audit import Entry, record_alone
 from app.web.admin.background import start_task

@@ -10,7 +10,7 @@ from fastapi import APIRouter, File, Form, Path, Request, UploadFile
 from fastapi.responses import Response
 
 from app.errors import ConflictError, InvalidError, NotFoundError
-from app.operations.manage import study_file_of
+from app.operations.studies.manage import study_file_of
 from app.store.database.engine import Transaction
 from app.store.studies.images import image_digests, keep_image, remove_image
 from app.store.studies.studies import Study, lock_study, progress_of

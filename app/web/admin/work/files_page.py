@@ -24,9 +24,9 @@ from app.intake.part_uploads import unfinished
 from app.intake.reports import REPORT, TABLE
 from app.intake.shelves import KINDS, ShelfEntry, entries, entry_path, file_in, remove_entry
 from app.intake.summaries import SUMMARIES
-from app.operations.attach import attach
 from app.operations.jobs.kinds import kinds_for
 from app.operations.jobs.queueing import refuse_while_used, uses
+from app.operations.studies.attach import attach
 from app.settings import Settings
 from app.store.database.engine import Database
 from app.store.queue import OPEN, QueuedJob, list_jobs

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from app.analysis.model.bradley_terry import fit_scores
-from app.analysis.model.conjugate_gradients import maximise_many_items
-from app.analysis.model.fit import Fit
-from app.analysis.model.newton import solve
-from app.analysis.model.participant_errors import participant_gradients
-from app.analysis.model.ties import TIE_MODELS
+from app.analysis.model.likelihood.conjugate_gradients import maximise_many_items
+from app.analysis.model.likelihood.fit import Fit
+from app.analysis.model.likelihood.newton import solve
+from app.analysis.model.likelihood.participant_errors import participant_gradients
+from app.analysis.model.likelihood.ties import TIE_MODELS
 from app.analysis.reading.read_votes import read_votes, votes_from_rows
 from app.analysis.reading.votes_table import VotesTable, only_compared, votes_from_indices
 

@@ -13,7 +13,7 @@ import pytest
 
 from app.analysis import analyse
 from app.analysis.comparisons.power import StudyPlan, simulate_votes
-from app.analysis.model.counts import count_pairs
+from app.analysis.model.likelihood.counts import count_pairs
 from app.analysis.reading.read_votes import read_votes, votes_from_rows
 from app.analysis.reading.votes_table import VotesError, VotesTable, only_compared, votes_from_indices
 from app.analysis.screening import observers

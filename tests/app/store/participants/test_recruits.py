@@ -14,8 +14,8 @@ import pytest
 from sqlalchemy import func, select, update
 
 from app.errors import ClosedError
-from app.operations.edit import Edit, save_edit
-from app.operations.manage import study_file_of
+from app.operations.studies.edit import Edit, save_edit
+from app.operations.studies.manage import study_file_of
 from app.store.database.engine import Database
 from app.store.database.tables import participant, recruit, session, study
 from app.store.participants.invitations import Invitation

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from app.operations.create import read_options
+from app.operations.studies.create import read_options
 from app.study.design.design import Repetition
 from app.study.options.options import StudyOptions
 from app.study.options.presets import ONLINE, PAPER, PRESETS, QUICK, read_preset

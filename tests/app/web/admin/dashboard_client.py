@@ -16,7 +16,7 @@ from typing import Any
 import httpx
 from playwright.sync_api import Page
 
-from app.operations import manage
+from app.operations.studies import manage
 from app.settings import Settings
 from app.store.access.experimenters import Role
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import httpx
 
-from app.operations import create, manage
+from app.operations.studies import create, manage
 from app.settings import Settings
 from app.web.admin.layout import TABS
 from tests.app.web.admin.dashboard_client import Dashboard, signed_in

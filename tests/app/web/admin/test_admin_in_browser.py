@@ -15,7 +15,7 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, Route, expect
 
-from app.operations.manage import copy_study
+from app.operations.studies.manage import copy_study
 from app.settings import Settings
 from app.simulation.participants import simulate
 from app.study.options.wording import LONGEST_NAME

@@ -16,7 +16,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from app.main import running_server
-from app.operations import manage
+from app.operations.studies import manage
 from app.settings import Settings
 from app.simulation.participants import begin, next_trial, pass_stages, vote
 

@@ -11,8 +11,8 @@ import pytest
 from playwright.sync_api import Browser, Page, Route, expect
 
 from app.main import running_server
-from app.operations import manage
 from app.operations.jobs.beside_server import worker_beside
+from app.operations.studies import manage
 from app.settings import Settings
 from app.simulation.participants import simulate
 from recon.studio import SynthParameters, synthesise

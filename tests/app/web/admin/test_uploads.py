@@ -13,8 +13,8 @@ import httpx
 import pytest
 from sqlalchemy import update
 
-from app.operations import create
 from app.operations.database import open_store
+from app.operations.studies import create
 from app.settings import Settings
 from app.store.access.experimenters import OLD_TOKEN_LASTS, TOKEN_LASTS
 from app.store.database.keys import utc_now

@@ -27,7 +27,7 @@ from schemathesis.specs.openapi.checks import (
 )
 
 from app.main import create_app, running_server
-from app.operations import create, manage
+from app.operations.studies import create, manage
 from app.settings import Settings
 from app.simulation.participants import begin, simulate
 from app.store.access.tokens import SCOPES

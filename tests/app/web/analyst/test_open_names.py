@@ -11,7 +11,7 @@ import httpx
 import pytest
 
 from app.analysis import analyse_file
-from app.operations import create
+from app.operations.studies import create
 from app.settings import Settings
 from app.simulation.participants import simulate
 from tests.app.tiny_stimuli import encode, flat, stimulus, write_manifest, write_set

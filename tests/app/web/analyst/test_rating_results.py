@@ -17,8 +17,8 @@ import pytest
 
 from app.analysis import analyse_ratings_file
 from app.analysis.warnings import NOTHING_LEFT
-from app.operations.create import create_study
-from app.operations.manage import add_token, attach_results
+from app.operations.studies.create import create_study
+from app.operations.studies.manage import add_token, attach_results
 from app.settings import Settings
 from app.simulation.participants import simulate
 from app.study.options.options import parse_options

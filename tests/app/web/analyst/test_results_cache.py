@@ -18,9 +18,9 @@ from app.store.database.engine import Database
 from app.store.database.tables import study as study_table
 from app.store.database.tables import vote
 from app.store.participants.participants import exclude, participant_labelled, undo_exclusion, withdraw_participant
+from app.store.studies.measurements import replace_measurements
 from app.store.studies.studies import Study, all_studies
 from app.store.trials.deletion import erase
-from app.store.trials.measurements import replace_measurements
 from app.store.trials.vote_records import keep_votes, vote_records
 from app.web.analyst import results
 from app.web.analyst.results import grouped_results_of, results_of

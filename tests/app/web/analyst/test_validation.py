@@ -12,7 +12,7 @@ from typing import Any
 import httpx
 import pytest
 
-from app.operations import manage
+from app.operations.studies import manage
 from app.settings import Settings
 from app.simulation.participants import simulate
 from app.web.admin.results.objective_view import SHOWN, measure_lines, report_view

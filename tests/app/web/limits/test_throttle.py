@@ -11,8 +11,8 @@ import pytest
 from limits import RateLimitItemPerHour
 
 from app.main import running_server
-from app.operations import manage
-from app.operations.create import create_study
+from app.operations.studies import manage
+from app.operations.studies.create import create_study
 from app.settings import Settings
 from app.web import gates
 from app.web.limits.throttle import PIECE, REMARKS

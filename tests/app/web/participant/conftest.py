@@ -9,7 +9,7 @@ from uuid import uuid4
 
 import pytest
 
-from app.operations.create import create_study
+from app.operations.studies.create import create_study
 from app.settings import Settings
 from app.study.options.options import parse_options
 

@@ -12,7 +12,7 @@ import httpx
 import numpy as np
 import pytest
 
-from app.operations import create
+from app.operations.studies import create
 from app.settings import Settings
 from app.simulation.participants import next_trial, pass_stages, vote
 from app.study.options.options import StudyOptions

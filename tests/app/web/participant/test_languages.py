@@ -17,7 +17,7 @@ import pytest
 
 from app.files import packaged
 from app.main import running_server
-from app.operations.create import create_study
+from app.operations.studies.create import create_study
 from app.settings import Settings
 from app.study.languages.language_pack import SHIPPED
 from app.study.options.options import parse_options

@@ -6,8 +6,8 @@ from typing import Any
 import httpx
 import pytest
 
-from app.operations.create import create_study
-from app.operations.manage import add_invitation
+from app.operations.studies.create import create_study
+from app.operations.studies.manage import add_invitation
 from app.settings import Settings
 from app.study.options.options import parse_options
 from app.web.participant.pages import preferred_language

@@ -17,11 +17,11 @@ from playwright.sync_api import Browser, expect
 
 from app.files import packaged
 from app.main import running_server
-from app.operations import manage
-from app.operations.backup import back_up, restore
-from app.operations.create import create_study
-from app.operations.erasure import LIST, enforce_retention
-from app.operations.housekeeping import keep_house
+from app.operations.studies import manage
+from app.operations.studies.create import create_study
+from app.operations.upkeep.backup import back_up, restore
+from app.operations.upkeep.erasure import LIST, enforce_retention
+from app.operations.upkeep.housekeeping import keep_house
 from app.settings import Settings
 from app.simulation.participants import next_trial
 from app.store.database.engine import open_database

@@ -13,7 +13,7 @@ import pytest
 
 from app.ffmpeg import decode
 from app.films.strips import GUARD_ROWS
-from app.operations import manage
+from app.operations.studies import manage
 from app.settings import Settings
 from app.simulation.participants import begin, simulate
 from app.study.options.options import parse_options

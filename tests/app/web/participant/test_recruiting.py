@@ -15,7 +15,7 @@ import httpx
 import pytest
 from sqlalchemy import update
 
-from app.operations.create import create_study
+from app.operations.studies.create import create_study
 from app.settings import Settings
 from app.simulation.participants import begin, next_trial, simulate
 from app.store.database.engine import open_database

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from app.main import running_server
-from app.operations.create import create_study
+from app.operations.studies.create import create_study
 from app.settings import Settings
 from app.simulation.observer import Observer
 from app.simulation.participants import begin, simulate

@@ -10,7 +10,7 @@ import httpx
 import pytest
 
 from app.errors import NoSessionError
-from app.operations import manage
+from app.operations.studies import manage
 from app.settings import Settings
 from app.simulation.participants import begin
 from app.store.database.engine import open_database

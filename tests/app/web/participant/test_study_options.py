@@ -16,7 +16,7 @@ from app.ffmpeg import decode
 from app.films.pairs import FilmMaker, prepare_pairs, split_reference
 from app.films.strips import GUARD_ROWS
 from app.intake.stimuli import read_stimulus_set
-from app.operations import manage
+from app.operations.studies import manage
 from app.settings import Settings
 from app.simulation.participants import begin, simulate
 from tests.app import tiny_stimuli

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from recon.render.quality import psnr_db
+from recon.render.encoding.quality import psnr_db
 from recon.validation.cloud_quality.colour import colours
 from recon.validation.cloud_quality.compared import SYMMETRIC, TO_DISTORTED, TO_REFERENCE, Pair, Prepared
 from recon.validation.cloud_quality.geometry import d1, d2, intrinsic_peak

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.render.video import MASTER, SILHOUETTE, write_video
+from recon.render.encoding.video import MASTER, SILHOUETTE, write_video
 
 SIZE = (192, 176)  # (width, height), pixels: the smallest height with all scales of MS-SSIM
 N_FRAMES = 6

@@ -13,7 +13,7 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
-from recon.render.video import read_luma
+from recon.render.encoding.video import read_luma
 from recon.validation.films import evaluation, film
 from recon.validation.films.evaluation import FilmSettings, measure_films
 from recon.validation.films.film import MeasuredFilm

@@ -34,11 +34,11 @@ from recon.validation.clouds import FitError, named_clouds, read_measured
 from recon.validation.page import curve_chart, write_figure
 from recon.validation.sphere import reconstruction
 from recon.validation.sphere.cells import cap_of
-from recon.validation.sphere.consensus import fit_sphere
 from recon.validation.sphere.evaluation import measure_spheres
 from recon.validation.sphere.exclusion import Parts, examine_parts, findings, missing_remark, usual_parts
-from recon.validation.sphere.methods import METHODS
-from recon.validation.sphere.model import SphereSettings
+from recon.validation.sphere.fit.consensus import fit_sphere
+from recon.validation.sphere.fit.methods import METHODS
+from recon.validation.sphere.fit.model import SphereSettings
 from recon.validation.sphere.report import write_sphere_report
 from recon.validation.sphere.visibility import missing_share
 from tests.recon.validation.sphere.simulated_caps import CapParameters, simulate_cap

@@ -15,9 +15,9 @@ from recon.validation.clouds import FitError
 from recon.validation.sphere.cells import N_RINGS, N_SECTORS, cap_of
 from recon.validation.sphere.error_sources import CellErrors, error_sources
 from recon.validation.sphere.exclusion import Parts, findings, sensor_offsets
-from recon.validation.sphere.model import ReferenceSettings, SphereFit
+from recon.validation.sphere.fit.model import ReferenceSettings, SphereFit
+from recon.validation.sphere.fit.refinement import refine_sphere
 from recon.validation.sphere.reference import Centre, agreement, check_unit, read_references
-from recon.validation.sphere.refinement import refine_sphere
 from recon.validation.sphere.uncertainty import coverage_factor, fit_uncertainty
 from tests.recon.validation.sphere.simulated_caps import CapParameters, simulate_cap
 

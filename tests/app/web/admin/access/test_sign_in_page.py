@@ -12,7 +12,7 @@ import httpx
 import pytest
 
 from app.main import running_server
-from app.operations import manage
+from app.operations.studies import manage
 from app.settings import Settings
 from app.web.admin.access import account_page, sign_in_page
 from tests.app.web.admin.dashboard_client import PASSWORD, Dashboard, signed_in

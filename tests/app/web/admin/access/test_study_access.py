@@ -11,7 +11,7 @@ import pytest
 
 from app.errors import ConflictError, NotFoundError
 from app.main import create_app
-from app.operations import manage
+from app.operations.studies import manage
 from app.settings import Settings
 from app.store.access.tokens import SCOPES
 from tests.app.web.admin.dashboard_client import Dashboard, signed_in

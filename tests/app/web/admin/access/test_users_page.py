@@ -8,8 +8,8 @@ import httpx
 import pytest
 
 from app.main import running_server
-from app.operations import manage
 from app.operations.database import open_store
+from app.operations.studies import manage
 from app.settings import Settings
 from app.store.studies.audit import audit_records
 from tests.app.web.admin.dashboard_client import PASSWORD, Dashboard, signed_in

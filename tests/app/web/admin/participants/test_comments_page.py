@@ -12,7 +12,7 @@ from typing import Any
 import httpx
 import pytest
 
-from app.operations.create import create_study
+from app.operations.studies.create import create_study
 from app.settings import Settings
 from app.simulation.participants import simulate
 from app.store.participants.comments import LONGEST_COMMENT

@@ -11,7 +11,7 @@ from typing import Any
 import httpx
 import pytest
 
-from app.operations import create, manage
+from app.operations.studies import create, manage
 from app.settings import Settings
 from app.simulation.participants import Person, begin, simulate
 from app.study.options.options import parse_options

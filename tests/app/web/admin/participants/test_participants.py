@@ -17,7 +17,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from app.films.strips import GUARD_ROWS
-from app.operations.create import create_study
+from app.operations.studies.create import create_study
 from app.settings import Settings
 from app.simulation.participants import begin, next_trial, simulate
 from app.study.options.options import StudyOptions

@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 from playwright.sync_api import Browser, Page, Route, expect
 
-from app.operations import manage
+from app.operations.studies import manage
 from app.settings import Settings
 from tests.app.web.admin import small_models
 from tests.app.web.admin.dashboard_client import files_of, sign_in, zipped

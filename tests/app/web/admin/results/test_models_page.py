@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from app.intake.models import read_model, read_models
-from app.operations import manage
+from app.operations.studies import manage
 from app.settings import Settings
 from recon.geometry.mesh_files import write_mesh
 from tests.app.web.admin import small_models

@@ -15,8 +15,8 @@ import pytest
 
 from app.files import file_digest
 from app.main import running_server
-from app.operations import manage
-from app.operations.create import create_study
+from app.operations.studies import manage
+from app.operations.studies.create import create_study
 from app.settings import Settings
 from app.simulation.participants import begin, next_trial
 from app.store.database.engine import open_database

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Dialog, expect
 
-from app.operations import manage
-from app.operations.create import read_options
+from app.operations.studies import manage
+from app.operations.studies.create import read_options
 from app.settings import Settings
 from app.study.options.presets import PAPER
 from app.study.options.study_file import parse_study_file

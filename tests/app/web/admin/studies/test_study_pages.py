@@ -18,8 +18,8 @@ import httpx
 import pytest
 from sqlalchemy import Engine, event
 
-from app.operations import create, manage
-from app.operations.create import read_options
+from app.operations.studies import create, manage
+from app.operations.studies.create import read_options
 from app.settings import Settings
 from app.simulation.participants import begin, next_trial
 from app.store.database.engine import open_database
@@ -38,7 +38,7 @@ import sys
 from pathlib import Path
 import httpx
 from app.main import running_server
-from app.operations.manage import add_experimenter
+from app.operations.studies.manage import add_experimenter
 from app.settings import Settings
 
 settings = Settings(data_dir=Path(sys.argv[1]), database_url=None)

@@ -11,7 +11,7 @@ from typing import Any
 import httpx
 import pytest
 
-from app.operations import manage
+from app.operations.studies import manage
 from app.settings import Settings
 from app.study.options.options import StudyOptions
 from app.study.options.study_file import parse_study_file

@@ -16,8 +16,8 @@ import httpx
 import pytest
 
 from app.intake import part_uploads
-from app.operations import create
-from app.operations.leftovers import remove_leftovers
+from app.operations.studies import create
+from app.operations.upkeep.leftovers import remove_leftovers
 from app.settings import Settings
 from app.store.database.keys import utc_now
 from app.web.admin.work import file_uploads

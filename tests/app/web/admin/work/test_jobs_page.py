@@ -9,8 +9,8 @@ import httpx
 import pytest
 
 from app.main import running_server
-from app.operations import manage
 from app.operations.jobs.command import LOG, job_folder
+from app.operations.studies import manage
 from app.settings import Settings
 from app.store.database.engine import open_database
 from app.store.database.keys import utc_now

@@ -1,0 +1,1 @@
+"""The likelihood of votes and its maximum: counts, ties, Newton, existence, penalties, errors."""

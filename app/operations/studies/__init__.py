@@ -1,0 +1,1 @@
+"""What an operator does with studies: create, edit, attach, invite, close."""

@@ -1,0 +1,218 @@
+"""Edit a study, by a form, a file or a program: every setting takes effect, or is refused with the reason.
+
+Which setting may change when stands in `CHANGES`. Some need the study's films made again; that takes minutes, so it is
+a step of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from app.errors import ConflictError, InvalidError
+from app.ffmpeg import Progress
+from app.operations.studies.manage import study_file_of
+from app.operations.studies.prepare import prepare_study, prepared_columns
+from app.operations.studies.stimulus_sets import set_of_study
+from app.settings import Settings
+from app.store.database.engine import Database, Transaction
+from app.store.database.keys import utc_now
+from app.store.participants.recruits import renew_codes
+from app.store.studies.audit import Actor
+from app.store.studies.studies import Study, edit_study, lock_study, progress_of
+from app.store.trials.deletion import delete_previews
+from app.store.trials.designs import conditions_of, datasets_of, practice_pairs, replace_design
+from app.study.design.adaptive import check_adaptive
+from app.study.design.groups import check_groups
+from app.study.languages.language_pack import LanguagePack
+from app.study.languages.text import is_one_line
+from app.study.options.option_table import CHANGES, WITH_FILMS, why_fixed
+from app.study.options.options import check_minimum_viewing, without_effect
+from app.study.options.privacy import check_days_left, forgets_at
+from app.study.options.study_file import StudyFile
+from app.study.options.wording import LONGEST_NAME, check_languages
+from app.study.stages import PRACTICE
+
+LONGEST_NOTE = 200  # characters of a value in the audit log
+
+
+@dataclass(frozen=True)
+class Edit:
+    """A change of a study that may be made.
+
+    Parameters
+    ----------
+    study : as its editor saw it
+    wanted : all settings as they are to be
+    changes : the new values by name
+    folder : of the stimulus set of which the films are made again; None: they stay as they are
+    """
+
+    study: Study
+    wanted: StudyFile
+    changes: Mapping[str, Any]
+    folder: Path | None
+
+
+def check_edit(
+    settings: Settings,
+    database: Database,
+    study: Study,
+    wanted: StudyFile,
+    packs: Mapping[str, LanguagePack],
+) -> Edit:
+    """Check that a study may be changed as wanted; what the file leaves out besides options stays.
+
+    Parameters
+    ----------
+    settings, database : of the server
+    study : as it is
+    wanted : as it is to be
+    packs : the server's languages
+
+    Raises
+    ------
+    InvalidError
+        If a value is out of bounds, has no effect, or the study would be complete in no language.
+    ConflictError
+        If a setting cannot change any more, or the films cannot be made again.
+    """
+    now = study_file_of(study)
+    with database.reading() as connection:
+        try:
+            wanted = _complete(now, wanted)
+            changes = _changes(now, wanted)
+            check_languages(wanted.options, packs)
+            if forgets_at(wanted.options, study.closed_at) != forgets_at(now.options, study.closed_at):
+                check_days_left(wanted.options, study.closed_at, utc_now())
+            for name, reason in without_effect(wanted.options).items():
+                if name in changes or "protocol" in changes:
+                    raise ValueError(reason)
+            needs_films = _needs_films(connection, study, wanted, changes)
+            if not needs_films:
+                if wanted.options.adaptive_pairs:
+                    check_adaptive(wanted.options.adaptive_pairs, len(conditions_of(connection, study.id)))
+                check_groups(wanted.options.groups, datasets_of(connection, study.id))
+        except ValueError as error:
+            raise InvalidError(f"Nothing was changed: {error}.") from error
+        known = set_of_study(settings, connection, study) if needs_films else None
+        has_begun = progress_of(connection, study.id).n_started > 0
+    for name in changes:
+        change = WITH_FILMS if name in needs_films else CHANGES[name]
+        if reason := why_fixed(change, has_begun=has_begun, has_stimuli=known is not None or not needs_films):
+            raise ConflictError(f"Nothing was changed: {name} cannot change, because {reason}.")
+    return Edit(study, wanted, changes, known.folder if known else None)
+
+
+def save_edit(database: Database, edit: Edit, revision: int, actor: Actor) -> None:
+    """Save a change that needs no other films.
+
+    Parameters
+    ----------
+    database : of the server
+    edit : as `check_edit` returned it
+    revision : of the study, as its editor saw it
+    actor : who changes it
+
+    Raises
+    ------
+    ConflictError
+        If somebody else has changed the study meanwhile, or a participant has begun.
+    """
+    wanted = edit.wanted
+    with database.writing() as connection:
+        _lock_unless_begun(connection, edit)
+        values: dict[str, Any] = {"name": wanted.name, "exposure_s": wanted.exposure_s, "seed": wanted.seed}
+        edit_study(connection, edit.study.id, revision, {**values, "options": wanted.options.as_json()})
+        if "outside" in edit.changes:
+            renew_codes(connection, edit.study.id, wanted.options.outside)
+        actor.note(connection, "study edited", edit.study, edit.study.slug, **edit.changes)
+
+
+def remake_films(
+    settings: Settings, database: Database, edit: Edit, revision: int, actor: Actor, progress: Progress
+) -> None:
+    """Save a change that needs other films, once they are made; films that are there are not made again.
+
+    Parameters
+    ----------
+    settings, database : of the server
+    edit : as `check_edit` returned it, with a folder
+    revision : of the study, as its editor saw it
+    actor : who changes it
+    progress : called after each video
+
+    Raises
+    ------
+    ValueError
+        If an option does not fit the stimulus set; StimuliError if the set cannot be used.
+    ConflictError
+        If somebody else has changed the study meanwhile, or a participant has begun.
+    """
+    assert edit.folder is not None, "the films are to be made again"
+    wanted, study = edit.wanted, edit.study
+    made = prepare_study(settings, edit.folder, wanted.options, wanted.exposure_s, progress)
+    with database.writing() as connection:
+        _lock_unless_begun(connection, edit)
+        edit_study(connection, study.id, revision, {"name": wanted.name, "seed": wanted.seed, **prepared_columns(made)})
+        delete_previews(connection, study.id)
+        replace_design(connection, study.id, made.shown, made.pairs, made.practice)
+        notes = {"notes": list(made.notes)} if made.notes else {}
+        actor.note(connection, "study edited", study, study.slug, **edit.changes, films="made again", **notes)
+
+
+def _complete(now: StudyFile, wanted: StudyFile) -> StudyFile:
+    """Fill what a file leaves out with the present settings; the stimulus set cannot change.
+
+    Raises
+    ------
+    ValueError
+        If the stimulus set changes, or a value is out of bounds.
+    """
+    if wanted.stimuli is not None or wanted.manifest_sha256 not in (None, now.manifest_sha256):
+        raise ValueError("the stimuli of a study do not change; create a new study of the other stimulus set")
+    exposure_s = float(now.exposure_s or 0) if wanted.exposure_s is None else float(wanted.exposure_s)
+    check_minimum_viewing(wanted.options, exposure_s)
+    name = wanted.name.strip()
+    if not 1 <= len(name) <= LONGEST_NAME or not is_one_line(name):
+        raise ValueError(f"name is {name!r:.240}, expected 1 to {LONGEST_NAME} characters in one line")
+    seed = now.seed if wanted.seed is None else wanted.seed
+    before, options = now.options, wanted.options
+    if options.practice_dataset != before.practice_dataset and options.practice_pairs == before.practice_pairs:
+        options = replace(options, practice_pairs=())  # they were chosen for the other dataset
+    return StudyFile(name, None, now.manifest_sha256, exposure_s, seed, options)
+
+
+def _needs_films(
+    connection: Transaction, study: Study, wanted: StudyFile, changes: Mapping[str, Any]
+) -> frozenset[str]:
+    """Return the changed settings for which films are made again."""
+    needed = {name for name in changes if CHANGES[name] == WITH_FILMS}
+    if PRACTICE in wanted.options.way and not practice_pairs(connection, study.id):
+        needed.add("optional_stages")
+    return frozenset(needed & changes.keys())
+
+
+def _lock_unless_begun(connection: Transaction, edit: Edit) -> None:
+    lock_study(connection, edit.study.id)  # nobody begins between the check and the change
+    if progress_of(connection, edit.study.id).n_started:
+        for name in edit.changes:
+            if reason := why_fixed(CHANGES[name], has_begun=True, has_stimuli=True):
+                raise ConflictError(f"Nothing was changed: {name} cannot change, because {reason}.")
+
+
+def _changes(before: StudyFile, after: StudyFile) -> dict[str, Any]:
+    """Return the changed settings with their new values; long texts by their length, a platform's codes not at all."""
+    old, new = _flat(before), _flat(after)
+    shown = new | {"outside": asdict(after.options.outside.without_codes)}
+    return {key: _short(shown[key]) for key, value in new.items() if value != old[key]}
+
+
+def _short(value: Any) -> Any:
+    return value if len(str(value)) <= LONGEST_NOTE else f"{len(str(value))} characters"
+
+
+def _flat(study: StudyFile) -> dict[str, Any]:
+    return {"name": study.name, "exposure_s": study.exposure_s, "seed": study.seed, **study.options.as_json()}

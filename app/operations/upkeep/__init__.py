@@ -1,0 +1,1 @@
+"""What keeps a server whole: backups, encryption, erasure, what to clear away."""

@@ -1,0 +1,1 @@
+"""The steps that the matchers are built of: census, guide, hierarchy, aggregation, the search of planes."""

@@ -1,0 +1,1 @@
+"""Encode frames as a film, and check every frame of it."""

@@ -1,0 +1,1 @@
+"""Light and its effect: looks, highlights, shadows, and what a camera writes."""

@@ -1,0 +1,1 @@
+"""Fit a sphere of known radius: consensus, refinement, and whether the result is plausible."""
