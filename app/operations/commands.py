@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
 
 from recon.commands import COMMANDS as COMMANDS_OF_RECON
-from recon.commands.setting import Argument, Command
-from recon.commands.shared import PRACTICE, out
+from recon.commands.setting import OUT, Command, argument, option
+from recon.commands.shared import PRACTICE
 
 
 class StimuliImport(Command):
     """Of `stimuli import`."""
 
-    folder: Annotated[
-        Path, Argument("Folder with DATASET/CONDITION.mp4; conditions.csv in it gives factors; masters are kept.")
-    ]
-    out: Annotated[Path, out("New folder for the stimulus set.")]
-    practice: Annotated[
-        str | None, replace(PRACTICE, help="Dataset of two videos for practice; it is not compared.")
-    ] = None
+    folder: Path = argument("Folder with DATASET/CONDITION.mp4; conditions.csv in it gives factors; masters are kept.")
+    out: Path = option(..., "New folder for the stimulus set.", flags=OUT)
+    practice: str | None = option(None, "Dataset of two videos for practice; it is not compared.", **PRACTICE)
 
 
 COMMANDS: Mapping[str, type[Command]] = {**COMMANDS_OF_RECON, "stimuli import": StimuliImport}

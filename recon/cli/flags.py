@@ -13,7 +13,7 @@ from pydantic.fields import FieldInfo
 
 from recon.cli.console import JsonOption
 from recon.cli.options import parse_place
-from recon.commands.setting import Argument, Command, Setting, bounds, settings_of
+from recon.commands.setting import Command, Setting, bounds, settings_of
 
 C = TypeVar("C", bound=Command)
 
@@ -53,9 +53,9 @@ def _checked(settings: type[C], given: Mapping[str, Any]) -> C:
 
 def _parameter(name: str, info: FieldInfo, setting: Setting, more: dict[str, Any]) -> Parameter:
     low, high = bounds(info)
-    said: dict[str, Any] = {"help": setting.help, "metavar": setting.metavar, "min": low, "max": high}
+    said: dict[str, Any] = {"help": info.description, "metavar": setting.metavar, "min": low, "max": high}
     said |= {"parser": parse_place} if setting.is_place else {}
-    made = typer.Argument if isinstance(setting, Argument) else typer.Option
+    made = typer.Argument if setting.is_argument else typer.Option
     option: Any = made(*setting.flags, **said | more)
     default = Parameter.empty if info.is_required() else info.default
     annotation: Any = Annotated[info.annotation, option]

@@ -24,11 +24,11 @@ from recon.storage.remote import is_there, place
 if TYPE_CHECKING:
     from recon.pipeline.methods import Methods
 
-WorkersOption = Annotated[int, typer.Option(min=1, help=WORKERS.help)]
-ClusterOption = Annotated[str | None, typer.Option(help=CLUSTER.help)]
-DeviceOption = Annotated[Literal["cpu", "gpu"], typer.Option(help=DEVICE.help)]
-MethodsOption = Annotated[Path | None, typer.Option(help=METHODS.help)]
-FurtherOption = Annotated[str, typer.Option(help=APPROACHES.help)]
+WorkersOption = Annotated[int, typer.Option(min=1, help=WORKERS.description)]
+ClusterOption = Annotated[str | None, typer.Option(help=CLUSTER.description)]
+DeviceOption = Annotated[Literal["cpu", "gpu"], typer.Option(help=DEVICE.description)]
+MethodsOption = Annotated[Path | None, typer.Option(help=METHODS.description)]
+FurtherOption = Annotated[str, typer.Option(help=APPROACHES.description)]
 
 SCHEME = re.compile(r"[a-z][a-z0-9+.-]+:", re.IGNORECASE)  # of a URL, as a path's first part
 

@@ -45,7 +45,7 @@ def _field(name: str, info: FieldInfo, setting: Setting) -> Field:
     said: dict[str, Any] = {
         "name": name,
         "label": setting.label,
-        "help": setting.help if setting.note is None else setting.note,
+        "help": setting.in_form(info.description or ""),
         "option": setting.flag(name),
         "is_required": info.is_required(),
         "default": _default(info, setting),
