@@ -16,7 +16,7 @@ ROOT = Path(__file__).parent.parent
 FLOORS = {
     "recon": [
         {"rig", "geometry", "programs", "storage", "workers"},
-        {"capture"},
+        {"capture", "commands"},
         {"depth", "models", "studio"},
         {"cloud"},
         {"surface"},
@@ -128,6 +128,10 @@ def name_of(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
 
 
+def is_below(name: str, package: str) -> bool:
+    return name == package or name.startswith(f"{package}.")
+
+
 def modules_that_import(package: str, *folders: str) -> list[str]:
     return [
         name_of(path)
@@ -140,8 +144,17 @@ def test_recon_never_imports_app() -> None:
     assert modules_that_import("app", "recon") == []
 
 
-def test_in_app_only_the_command_line_imports_recon() -> None:
-    assert [name for name in modules_that_import("recon", "app") if not name.startswith("app/cli/")] == []
+def test_in_app_only_the_command_line_imports_recon_and_jobs_its_light_room_of_settings() -> None:
+    others = [path for path in python_files("app") if not name_of(path).startswith("app/cli/")]
+    imported = {(name_of(path), name) for path in others for name in imported_modules(path) if is_below(name, "recon")}
+    assert {name for name, _ in imported} <= {"app/operations/commands.py", "app/operations/jobs/forms.py"}
+    assert [name for _, name in imported if not is_below(name, "recon.commands")] == []
+
+
+def test_the_settings_of_commands_load_nothing_heavy() -> None:
+    imported = {name for path in python_files("recon/commands") for name in imported_modules(path)}
+    ours = {name for name in imported if is_below(name, "recon.commands")}
+    assert {name.split(".")[0] for name in imported - ours} - sys.stdlib_module_names == {"pydantic"}
 
 
 @pytest.mark.parametrize("package", FLOORS)

@@ -11,7 +11,9 @@ import typer
 
 from app.cli.shared import UrlOption, by_step
 from app.cli.study_flags import with_option_flags
+from app.operations.commands import StimuliImport
 from recon.cli.console import JsonOption, ProgressLine, counted, print_result
+from recon.cli.flags import with_settings
 
 if TYPE_CHECKING:
     from app.intake.merge import NewSet
@@ -50,24 +52,15 @@ def stimuli_check(
 
 
 @stimuli_app.command("import")
-def stimuli_import(
-    folder: Annotated[
-        Path,
-        typer.Argument(help="Folder with DATASET/CONDITION.mp4; conditions.csv in it gives factors; masters are kept."),
-    ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="New folder for the stimulus set.")],
-    practice: Annotated[
-        str | None, typer.Option(help="Dataset of two videos for practice; it is not compared.")
-    ] = None,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(StimuliImport)
+def stimuli_import(asked: StimuliImport, *, as_json: bool) -> None:
     """Make a stimulus set from videos that were not made by reconstudy."""
     from app.intake.import_videos import import_stimuli
 
     progress = ProgressLine()
-    made = import_stimuli(folder, out, practice=practice, progress=by_step(progress))
+    made = import_stimuli(asked.folder, asked.out, practice=asked.practice, progress=by_step(progress))
     progress.close()
-    _tell_of_set(made, out, as_json=as_json)
+    _tell_of_set(made, asked.out, as_json=as_json)
 
 
 @stimuli_app.command("merge")

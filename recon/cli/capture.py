@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from recon.cli.console import JsonOption, ProgressLine, counted, print_result
+from recon.cli.flags import with_settings
 from recon.cli.options import parse_bounds, parse_frames, parse_pairs, parse_position, parse_size, telling
+from recon.commands.recordings import (
+    TEMPLE_PAIRS,
+    CaptureCalibrate,
+    CaptureCheck,
+    CaptureImport,
+    CaptureSegment,
+)
 
 if TYPE_CHECKING:
     from recon.capture.checking.check import CheckReport
@@ -23,7 +31,6 @@ IMPORTED = {  # formats, and the options that not all of them take
     "meshroom": ("pairs", "units", "up"),
     "json": ("units", "up", "shots"),
 }
-TEMPLE_PAIRS = "13-14,20-21,27-28"  # three sensors on one joint spot in Middlebury's templeRing
 
 
 @app.command("synth")
@@ -98,41 +105,8 @@ def capture_truth(
 
 
 @app.command("import")
-def capture_import(
-    kind: Annotated[
-        str, typer.Argument(help="Format of the source: middlebury, opencv, colmap, nerfstudio, meshroom or json.")
-    ],
-    source: Annotated[Path, typer.Argument(help="Folder of the recording, or its calibration or JSON file.")],
-    out: Annotated[Path, typer.Argument(help="Folder to make; must be empty or absent.")],
-    pairs: Annotated[
-        str | None,
-        typer.Option(
-            help="LEFT-RIGHT view numbers of each stereo sensor, comma-separated: IMAGE_IDs of colmap, viewIds of "
-            f"meshroom, places in nerfstudio's frames from 1. Default for middlebury: {TEMPLE_PAIRS}."
-        ),
-    ] = None,
-    frames: Annotated[int | None, typer.Option(min=1, help="Frames to take; default: all (middlebury: 3).")] = None,
-    bounds: Annotated[
-        str | None, typer.Option(help="x0,y0,z0,x1,y1,z1 in mm; default: the source's own bounding box.")
-    ] = None,
-    units: Annotated[
-        str | None, typer.Option(help="Unit of the source's lengths: mm, cm, m, in, or a number of mm.")
-    ] = None,
-    up: Annotated[
-        str | None,
-        typer.Option(
-            help="Which axis of the source points upwards: x, -x, y, -y, z or -z. Default: as the source says, else y."
-        ),
-    ] = None,
-    fps: Annotated[
-        float | None, typer.Option(min=0.01, help="Frames a second; default: as the videos, else 25.")
-    ] = None,
-    name: Annotated[str | None, typer.Option(help="The scene's name; default: the source's.")] = None,
-    shots: Annotated[
-        str | None, typer.Option(help="For json: names of the shots to take as frames, comma-separated.")
-    ] = None,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(CaptureImport)
+def capture_import(asked: CaptureImport, *, as_json: bool) -> None:
     """Import a real recording into the capture format, and print the check of it; `capture check` tells its verdict."""
     from recon.capture.checking.check import check_capture
     from recon.capture.importing.colmap import import_colmap
@@ -143,25 +117,28 @@ def capture_import(
     from recon.capture.importing.opencv import import_opencv
     from recon.capture.importing.sources import GapWarning, ImportOptions, parse_unit
 
+    kind, source, out, pairs = asked.format, asked.source, asked.out, asked.pairs
     if kind not in IMPORTED:
         raise typer.BadParameter(f"{kind!r} is not a format that can be imported; expected {', '.join(IMPORTED)}")
-    for option, value in {"pairs": pairs, "units": units, "up": up, "shots": shots}.items():
+    for option in ("pairs", "units", "up", "shots"):
+        value = getattr(asked, option)
         is_so_anyway = kind == "middlebury" and (option, value) in (("units", "m"), ("up", "y"))
         if value is not None and option not in IMPORTED[kind] and not is_so_anyway:
             raise typer.BadParameter(f"{kind} takes no --{option}; leave it out")
-    box, unit = parse_bounds(bounds), parse_unit(units) if units else None
-    options = ImportOptions(name=name, n_frames=frames, bounds=box, unit_mm=unit, fps=fps, up=up)
+    box, unit = parse_bounds(asked.bounds), parse_unit(asked.units) if asked.units else None
+    name, n_frames, fps = asked.name, asked.frames, asked.fps
+    options = ImportOptions(name=name, n_frames=n_frames, bounds=box, unit_mm=unit, fps=fps, up=asked.up)
     with telling(GapWarning):
         if kind == "middlebury":
             views = parse_pairs(pairs or TEMPLE_PAIRS)
-            import_middlebury(source, out, pairs=views, n_frames=frames or 3, bounds=box, name=name, fps=fps or FPS)
+            import_middlebury(source, out, pairs=views, n_frames=n_frames or 3, bounds=box, name=name, fps=fps or FPS)
         elif kind == "opencv":
             import_opencv(source, out, options)
         elif kind in ("colmap", "nerfstudio", "meshroom"):
             importers = {"colmap": import_colmap, "nerfstudio": import_nerfstudio, "meshroom": import_meshroom}
             importers[kind](source, out, parse_pairs(pairs) if pairs else None, options)
         else:
-            names = tuple(shot.strip() for shot in shots.split(",")) if shots else None
+            names = tuple(shot.strip() for shot in asked.shots.split(",")) if asked.shots else None
             import_json(source, out, options, shots=names)
     report = check_capture(out)
     print_result({"capture": str(out), **report.as_json()}, _check_sentences(out, report), as_json=as_json)
@@ -216,64 +193,32 @@ def capture_board(
 
 
 @app.command("calibrate")
-def capture_calibrate(
-    images: Annotated[
-        list[Path],
-        typer.Argument(
-            help="A folder with left and right (folders or videos), one such folder per sensor, or one per camera."
-        ),
-    ],
-    board: Annotated[
-        str,
-        typer.Option(
-            help="chessboard:9x6:25 (inner corners, square in mm) or charuco:11x8:30:22 (squares; square, marker: mm)."
-        ),
-    ],
-    out: Annotated[
-        Path, typer.Option("--out", "-o", help="Where to write calibration.yml; its report goes beside it.")
-    ],
-    replace: Annotated[
-        bool, typer.Option("--replace", help="Let an earlier calibration of that name, and its report, give way.")
-    ] = False,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(CaptureCalibrate)
+def capture_calibrate(asked: CaptureCalibrate, *, as_json: bool) -> None:
     """Calibrate cameras, stereo pairs and the sensors' places from pictures of a board."""
     from recon.capture.calibration.board import parse_board
     from recon.capture.calibration.run import calibrate_folders
 
     progress = ProgressLine()
-    report = calibrate_folders(images, parse_board(board), out, replaces=replace, progress=progress)
+    board = parse_board(asked.board)
+    report = calibrate_folders(asked.images, board, asked.out, replaces=asked.replace, progress=progress)
     progress.close()
-    result = {"calibration": str(out), **report.as_json()}
+    result = {"calibration": str(asked.out), **report.as_json()}
     print_result(
-        result, f"{report.as_text()}\nCalibrated {counted(len(report.pairs), 'sensor')}: {out}", as_json=as_json
+        result, f"{report.as_text()}\nCalibrated {counted(len(report.pairs), 'sensor')}: {asked.out}", as_json=as_json
     )
 
 
 @app.command("segment")
-def capture_segment(
-    capture: Annotated[Path, typer.Argument(help="Folder of the capture.")],
-    method: Annotated[
-        str | None, typer.Option(help="plate or threshold; default: plate if the capture has one, else threshold.")
-    ] = None,
-    threshold: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            max=254,
-            help="Grey levels by which the object differs from the plate, or its least brightness without one.",
-        ),
-    ] = None,
-    scribbles: Annotated[
-        Path | None, typer.Option(help="Folder of pictures, or JSON, with strokes on key frames; replaces the method.")
-    ] = None,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(CaptureSegment)
+def capture_segment(asked: CaptureSegment, *, as_json: bool) -> None:
     """Write foreground masks: by clean plate, by threshold against a dark background, or from scribbles."""
     from recon.capture.masks.segment import segment_capture
 
-    progress = ProgressLine()
-    made = segment_capture(capture, method=method, threshold=threshold, scribbles=scribbles, progress=progress)
+    progress, capture = ProgressLine(), asked.capture
+    made = segment_capture(
+        capture, method=asked.method, threshold=asked.threshold, scribbles=asked.scribbles, progress=progress
+    )
     progress.close()
     result = {"capture": str(capture), "sensors": len(made.sensors), "frames": made.n_frames}
     print_result(
@@ -302,22 +247,17 @@ def capture_mask(
 
 
 @app.command("check")
-def capture_check(
-    capture: Annotated[Path, typer.Argument(help="Folder of the capture.")],
-    report_folder: Annotated[
-        Path | None, typer.Option("--report", help="Folder for report.html (with thumbnails) and report.json.")
-    ] = None,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(CaptureCheck)
+def capture_check(asked: CaptureCheck, *, as_json: bool) -> None:
     """List everything that is wrong with a capture; exit with 1 if it cannot be used."""
     from recon.capture.checking.check import check_capture
     from recon.capture.checking.page import check_place, write_check
 
-    if report_folder is not None:
-        check_place(report_folder)
-    report = check_capture(capture)
-    written = "" if report_folder is None else f"\nReport: {write_check(report, report_folder)}"
-    print_result(report.as_json(), _check_sentences(capture, report) + written, as_json=as_json)
+    if asked.report is not None:
+        check_place(asked.report)
+    report = check_capture(asked.capture)
+    written = "" if asked.report is None else f"\nReport: {write_check(report, asked.report)}"
+    print_result(report.as_json(), _check_sentences(asked.capture, report) + written, as_json=as_json)
     if report.problems:
         raise typer.Exit(1)
 

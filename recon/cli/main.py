@@ -8,33 +8,28 @@ from __future__ import annotations
 import shlex
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 
 from recon.cli.capture import app as capture_app
 from recon.cli.console import JsonOption, ProgressLine, counted, print_result
+from recon.cli.flags import with_settings
 from recon.cli.options import (
-    PLUGIN_NAMES,
-    ClusterOption,
-    DeviceOption,
-    FurtherOption,
     MethodsCommand,
     MethodsOption,
-    WorkersOption,
     find_methods,
     parse_approaches,
     parse_frames,
     parse_loops,
     parse_names,
     parse_path,
-    parse_place,
     parse_size,
 )
 from recon.cli.validate import app as validate_app
+from recon.commands.reconstruction import Match, Reconstruct, Render
+from recon.commands.setting import PLUGIN_NAMES
 from recon.storage.remote import address_of, is_copy
-
-OR_URL = "or an fsspec URL such as s3://BUCKET/NAME"
 
 app = typer.Typer(no_args_is_help=True)
 app.add_typer(capture_app, name="capture")
@@ -42,95 +37,30 @@ app.add_typer(validate_app, name="validate")
 
 
 @app.command(cls=MethodsCommand)
-def match(
-    left: Annotated[Path, typer.Argument(help="Left image of a rectified pair, 8 bits.")],
-    right: Annotated[Path, typer.Argument(help="Right image, of the same size.")],
-    disparities: Annotated[int, typer.Option(help="How many disparities to search.")],
-    out: Annotated[
-        Path, typer.Option("--out", "-o", help="File to write: .pfm, .npy, .tiff, or .png for a coloured preview.")
-    ],
-    method: Annotated[
-        str, typer.Option(help=f"Depth method: id, dr, pm, sgm, {PLUGIN_NAMES}, or one of --methods.")
-    ] = "id",
-    min_disparity: Annotated[int, typer.Option(help="Smallest disparity to search.")] = 0,
-    methods: MethodsOption = None,
-    device: DeviceOption = "cpu",
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(Match)
+def match(asked: Match, *, as_json: bool) -> None:
     """Match one rectified pair; unmatched pixels become NaN (npy, tiff) or inf (pfm)."""
     from recon.pipeline.reconstruct import match_files
 
     result = match_files(
-        left,
-        right,
-        out,
-        method=method,
-        n_disparities=disparities,
-        min_disparity=min_disparity,
-        methods=find_methods(methods),
-        device=device,
+        asked.left,
+        asked.right,
+        asked.out,
+        method=asked.method,
+        n_disparities=asked.disparities,
+        min_disparity=asked.min_disparity,
+        methods=find_methods(asked.methods),
+        device=asked.device,
     )
     for warning in result["warnings"]:
         typer.echo(f"warning: {warning}", err=True)
-    sentence = f"{method}: {result['density']:.1%} of the pixels matched in {result['seconds']:.3f} s: {out}"
-    print_result(result, sentence, as_json=as_json)
+    matched = f"{result['density']:.1%} of the pixels matched in {result['seconds']:.3f} s"
+    print_result(result, f"{asked.method}: {matched}: {asked.out}", as_json=as_json)
 
 
 @app.command(cls=MethodsCommand)
-def reconstruct(
-    capture: Annotated[
-        Path, typer.Argument(parser=parse_place, metavar="CAPTURE", help=f"Folder of the capture, {OR_URL}.")
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out",
-            "-o",
-            parser=parse_place,
-            metavar="PATH",
-            help=f"Folder of the run, {OR_URL}; a run that was stopped is resumed.",
-        ),
-    ],
-    depth: Annotated[
-        str | None,
-        typer.Option(
-            help="Depth methods, comma-separated: id, dr, pm, sgm, given (the capture's own depth maps), "
-            f"{PLUGIN_NAMES}, those of --methods. Default: id,dr,pm; given if the capture holds only depth maps.",
-        ),
-    ] = None,
-    fusion: Annotated[
-        str, typer.Option(help=f"Fusions, comma-separated: fa, fb, poisson, tsdf, {PLUGIN_NAMES}, those of --methods.")
-    ] = "fa,fb",
-    colour: Annotated[
-        str,
-        typer.Option(
-            help="Where models take colours from, comma-separated: vertices (averaged as the surface is) and "
-            "photographs (a texture as sharp as the pictures)."
-        ),
-    ] = "vertices",
-    approach: FurtherOption = "",
-    methods: MethodsOption = None,
-    frames: Annotated[str | None, typer.Option(help="A:B for the frames A to B-1; default: all.")] = None,
-    voxel: Annotated[
-        float | None, typer.Option(help="Voxel size, mm; default: chosen from the depth resolution.")
-    ] = None,
-    temporal: Annotated[bool, typer.Option(help="Filter the depth maps in time to reduce flicker.")] = True,
-    balance: Annotated[bool, typer.Option("--balance-colours", help="Make the sensors' colours agree.")] = False,
-    close_holes: Annotated[
-        float, typer.Option(min=0, help="Close holes whose rim is no longer than this, mm; default: leave them open.")
-    ] = 0.0,
-    erode: Annotated[
-        int, typer.Option(min=0, help="Pixels to cut off along the masks' edges, for masks that reach past the object.")
-    ] = 0,
-    outlines: Annotated[
-        Literal["masks", "off"],
-        typer.Option(help="masks: surfaces end where the masks of all sensors do; off: where their points do."),
-    ] = "masks",
-    workers: WorkersOption = 1,
-    cluster: ClusterOption = None,
-    device: DeviceOption = "cpu",
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(Reconstruct)
+def reconstruct(asked: Reconstruct, *, as_json: bool) -> None:
     """Make depth maps, clouds and meshes of a capture by every approach."""
     from recon.capture.format import read_capture
     from recon.cloud import CloudParameters
@@ -139,21 +69,22 @@ def reconstruct(
     from recon.pipeline.reconstruct import reconstruct_capture
     from recon.surface import SurfaceParameters
 
+    capture = asked.capture
     options = ReconstructOptions(
-        depths=parse_names(depth or ""),
-        fusions=parse_names(fusion),
-        colours=parse_names(colour),
-        further=parse_approaches(approach),
-        methods=find_methods(methods),
-        frames=parse_frames(frames),
-        temporal=TemporalParameters() if temporal else None,
-        surface=SurfaceParameters(voxel_mm=voxel, longest_rim_mm=close_holes),
-        cloud=CloudParameters(erode_px=erode),
-        balance_colours=balance,
-        outlines=outlines == "masks",
-        workers=workers,
-        cluster=cluster,
-        device=device,
+        depths=parse_names(asked.depth or ""),
+        fusions=parse_names(asked.fusion),
+        colours=parse_names(asked.colour),
+        further=parse_approaches(asked.approach),
+        methods=find_methods(asked.methods),
+        frames=parse_frames(asked.frames),
+        temporal=TemporalParameters() if asked.temporal else None,
+        surface=SurfaceParameters(voxel_mm=asked.voxel, longest_rim_mm=asked.close_holes),
+        cloud=CloudParameters(erode_px=asked.erode),
+        balance_colours=asked.balance,
+        outlines=asked.outlines == "masks",
+        workers=asked.workers,
+        cluster=asked.cluster,
+        device=asked.device,
     )
     progress = ProgressLine()
     recording = read_capture(capture.resolve())
@@ -163,12 +94,12 @@ def reconstruct(
             f"{address_of(capture)} has no masks: all that stands in its bounds becomes part of the models, the room, "
             f"too; `reconstudy capture segment {folder}`{where} makes masks"
         )
-    result = reconstruct_capture(recording, out, options, progress)
+    result = reconstruct_capture(recording, asked.out, options, progress)
     for warning in result["warnings"]:
         progress.say(f"warning: {warning}")
     progress.close()
     made = f"{counted(len(result['frames']), 'frame')}, approaches {', '.join(result['approaches'])}"
-    print_result(result, f"Reconstructed {result['dataset']} ({made}): {address_of(out)}", as_json=as_json)
+    print_result(result, f"Reconstructed {result['dataset']} ({made}): {address_of(asked.out)}", as_json=as_json)
 
 
 @app.command(cls=MethodsCommand)
@@ -281,74 +212,30 @@ def models(
 
 
 @app.command()
-def render(
-    folders: Annotated[
-        list[Path],
-        typer.Argument(
-            parser=parse_place,
-            metavar="RUN|MODELS",
-            help=f"Runs, each a folder {OR_URL}, and folders of models by other programs, each with a scene.json. All "
-            "of one scene are filmed alike.",
-        ),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option("--out", "-o", parser=parse_place, metavar="PATH", help=f"Folder of the stimulus set, {OR_URL}."),
-    ],
-    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT, pixels.")] = "1920x1080",
-    fps: Annotated[float, typer.Option(min=1, max=120, help="Frames a second.")] = 25.0,
-    seconds: Annotated[float, typer.Option(min=0.04, help="Length of every video.")] = 15.0,
-    background: Annotated[str, typer.Option(help="Artificial background: studio, dark or plain.")] = "studio",
-    path: Annotated[
-        str,
-        typer.Option(
-            metavar="sensors|orbit|swing|FILE",
-            help="The camera's way: along the sensors, once around, to both sides of the first sensor, or as in a JSON "
-            "file like the SET/paths/DATASET.json that this writes. auto: sensors, or swing where there is only one.",
-        ),
-    ] = "auto",
-    loop: Annotated[
-        list[str],
-        typer.Option(
-            metavar="[APPROACH=]repeat|bounce|static",
-            help="How a short recording fills the video: again from the start, back and forth, or by its first model "
-            "alone; for one approach by its name, again and again.",
-        ),
-    ] = ["bounce"],  # noqa: B006  # typer copies it
-    static: Annotated[
-        str, typer.Option(metavar="APPROACH,APPROACH,...", help="Approaches that show their first model alone.")
-    ] = "",
-    renderer: Annotated[str, typer.Option(help="Renderer: auto or a name.")] = "auto",
-    master: Annotated[bool, typer.Option(help="Keep a near-lossless master beside each video.")] = True,
-    practice: Annotated[
-        str, typer.Option(metavar="DATASET", help="Scene with two videos that a study's participants practise with.")
-    ] = "",
-    workers: WorkersOption = 1,
-    cluster: ClusterOption = None,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(Render)
+def render(asked: Render, *, as_json: bool) -> None:
     """Render fly-through videos of every approach of every run and models folder, as a stimulus set."""
     from recon.pipeline.film import RenderOptions
     from recon.pipeline.render import render as render_folders
     from recon.render.camera_path import PATHS
     from recon.storage.files import read_json
 
-    every, loops = parse_loops(loop, static)
+    every, loops = parse_loops(asked.loop, asked.static)
     options = RenderOptions(
-        size=parse_size(size),
-        fps=fps,
-        seconds=seconds,
-        background=background,
-        path=parse_path(path, PATHS),
+        size=parse_size(asked.size),
+        fps=asked.fps,
+        seconds=asked.seconds,
+        background=asked.background,
+        path=parse_path(asked.path, PATHS),
         loop=every,
         loops=loops,
-        renderer=renderer,
-        master=master,
-        workers=workers,
-        cluster=cluster,
+        renderer=asked.renderer,
+        master=asked.master,
+        workers=asked.workers,
+        cluster=asked.cluster,
     )
     progress = ProgressLine()
-    manifest = render_folders(folders, out, options, progress, practice=practice)
+    manifest = render_folders(asked.folders, asked.out, options, progress, practice=asked.practice)
     progress.close()
     content = read_json(manifest)
     stimuli = [*content["stimuli"], *content["practice"]]

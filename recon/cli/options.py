@@ -16,34 +16,22 @@ import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from recon.approaches import Approach, parse_approach
+from recon.commands.setting import PLUGIN_NAMES
+from recon.commands.shared import APPROACHES, CLUSTER, DEVICE, METHODS, WORKERS
 from recon.plugins import DEPTH_GROUP, FUSION_GROUP
 from recon.storage.remote import is_there, place
 
 if TYPE_CHECKING:
     from recon.pipeline.methods import Methods
 
-WorkersOption = Annotated[
-    int, typer.Option(min=1, help="Local processes with one thread each; 1: this process with all cores.")
-]
-ClusterOption = Annotated[
-    str | None,
-    typer.Option(
-        help="Let the workers of this Dask scheduler do the work, tcp://HOST:8786; they need the same folders or URLs."
-    ),
-]
-DeviceOption = Annotated[
-    Literal["cpu", "gpu"], typer.Option(help="Where id, dr and pm match: cpu, or gpu, with the same disparities.")
-]
-MethodsOption = Annotated[
-    Path | None, typer.Option(help="TOML file of further methods: variants of ours, and other programs.")
-]
-FurtherOption = Annotated[
-    str, typer.Option(help="Further approaches beside these combinations, comma-separated: sgm_fb,pm_poisson.")
-]
+WorkersOption = Annotated[int, typer.Option(min=1, help=WORKERS.description)]
+ClusterOption = Annotated[str | None, typer.Option(help=CLUSTER.description)]
+DeviceOption = Annotated[Literal["cpu", "gpu"], typer.Option(help=DEVICE.description)]
+MethodsOption = Annotated[Path | None, typer.Option(help=METHODS.description)]
+FurtherOption = Annotated[str, typer.Option(help=APPROACHES.description)]
 
 SCHEME = re.compile(r"[a-z][a-z0-9+.-]+:", re.IGNORECASE)  # of a URL, as a path's first part
 
-PLUGIN_NAMES = "installed plug-ins"  # in the help of an option: what stands for the names of those that are installed
 PLUGIN_GROUPS = {"method": DEPTH_GROUP, "depth": DEPTH_GROUP, "fusion": FUSION_GROUP}
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
-from recon.cli.console import JsonOption, ProgressLine, print_result
-from recon.cli.options import WorkersOption, parse_frames, parse_names, parse_position, refuse_url
+from recon.cli.console import ProgressLine, print_result
+from recon.cli.flags import with_settings
+from recon.cli.options import parse_frames, parse_names, parse_position, refuse_url
 from recon.cli.validation_sentences import (
     cloud_sentences,
     cuboid_sentences,
@@ -19,13 +20,17 @@ from recon.cli.validation_sentences import (
     sphere_sentences,
     view_sentences,
 )
+from recon.commands.measures import (
+    ValidateCloud,
+    ValidateCuboid,
+    ValidateFilms,
+    ValidateMesh,
+    ValidateObject,
+    ValidateSphere,
+    ValidateViews,
+)
 
-EVERY_DATASET = "all"
 DECIMALS = 9  # of thresholds, so that the third step of 0.1 is 0.3 as it is written
-DatasetOption = Annotated[str, typer.Option(help="Scene of a study that the results are for; all: every scene.")]
-ApproachOption = Annotated[
-    list[str] | None, typer.Option(help="Approach of a study that the results are for, such as pm_fb; may be repeated.")
-]
 
 
 def _report_folder(context: typer.Context, parameter: typer.CallbackParam, out: Path) -> Path:
@@ -37,17 +42,7 @@ def _report_folder(context: typer.Context, parameter: typer.CallbackParam, out: 
     return out
 
 
-ReportOption = Annotated[
-    Path, typer.Option("--out", "-o", file_okay=False, callback=_report_folder, help="Folder of the report.")
-]
-SensorsOption = Annotated[
-    list[str] | None, typer.Option(help="Sensor of each cloud, in order; fewer names than clouds repeat.")
-]
-ThresholdsOption = Annotated[str, typer.Option(help="Thresholds of the inlier curve, mm: FROM:TO or FROM:TO:STEP.")]
-SeedOption = Annotated[
-    int, typer.Option(min=0, help="Seed of the random samples; the same seed gives the same report.")
-]
-UnitOption = Annotated[str, typer.Option(help="Unit of PLY, OBJ and text: mm, cm, m or in.")]
+REPORT = {"file_okay": False, "callback": _report_folder}  # of each command's setting `out`
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -56,40 +51,8 @@ app = typer.Typer(
 
 
 @app.command("sphere")
-def validate_sphere(
-    clouds: Annotated[
-        list[Path], typer.Argument(help="PLY, OBJ, glTF, or text with x y z; one file per sensor and placed ball.")
-    ],
-    radius: Annotated[float, typer.Option(help="Radius of the ball, mm.")],
-    out: ReportOption,
-    sensor: SensorsOption = None,
-    method: Annotated[str, typer.Option(help="How to find the sphere: robust or super4pcs.")] = "robust",
-    thresholds: ThresholdsOption = "5:100",
-    unit: UnitOption = "mm",
-    viewpoint: Annotated[
-        list[str] | None,
-        typer.Option(help="[SENSOR=]x,y,z of a sensor, mm; then only points in front of or behind the ball count."),
-    ] = None,
-    keep: Annotated[list[str] | None, typer.Option(help="SAMPLE/SENSOR to use although the rule excludes it.")] = None,
-    drop: Annotated[
-        list[str] | None, typer.Option(help="SAMPLE/SENSOR to leave out although the rule keeps it.")
-    ] = None,
-    reference_centre: Annotated[
-        list[Path] | None,
-        typer.Option(
-            help="Another instrument's scan of the ball, such as a LiDAR's, once per placed ball in order; or one text "
-            "file with a centre x y z a line."
-        ),
-    ] = None,
-    reference_unit: Annotated[str, typer.Option(help="Unit of the reference: mm, cm, m or in.")] = "mm",
-    reference_frame: Annotated[
-        str, typer.Option(help="own: the reference has a frame of its own, which is estimated; sensors: the clouds'.")
-    ] = "own",
-    dataset: DatasetOption = EVERY_DATASET,
-    approach: ApproachOption = None,
-    seed: SeedOption = 1,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(ValidateSphere, out=REPORT)
+def validate_sphere(asked: ValidateSphere, *, as_json: bool) -> None:
     """Fit spheres of known radius, and report signed errors and inlier ratios per sensor and combined."""
     from recon.validation.clouds import named_clouds
     from recon.validation.measures import Subject
@@ -98,44 +61,29 @@ def validate_sphere(
     from recon.validation.sphere.report import write_sphere_report
 
     settings = SphereSettings(
-        radius=radius,
-        thresholds=parse_thresholds(thresholds),
-        method=method,
-        unit=unit,
-        viewpoints=parse_viewpoints(viewpoint or ()),
-        keep=tuple(keep or ()),
-        drop=tuple(drop or ()),
-        reference=ReferenceSettings(tuple(reference_centre), reference_unit, reference_frame)
-        if reference_centre
+        radius=asked.radius,
+        thresholds=parse_thresholds(asked.thresholds),
+        method=asked.method,
+        unit=asked.unit,
+        viewpoints=parse_viewpoints(asked.viewpoint or ()),
+        keep=tuple(asked.keep or ()),
+        drop=tuple(asked.drop or ()),
+        reference=ReferenceSettings(tuple(asked.reference_centre), asked.reference_unit, asked.reference_frame)
+        if asked.reference_centre
         else None,
-        subject=Subject(dataset, tuple(approach or ())),
-        seed=seed,
+        subject=Subject(asked.dataset, tuple(asked.approach or ())),
+        seed=asked.seed,
     )
     progress = ProgressLine()
-    report, pictured = measure_spheres(named_clouds(clouds, sensor or ()), settings, progress)
+    report, pictured = measure_spheres(named_clouds(asked.clouds, asked.sensors or ()), settings, progress)
     progress.close()
-    page = write_sphere_report(report, pictured, out)
+    page = write_sphere_report(report, pictured, asked.out)
     print_report(report, page, sphere_sentences(report), as_json=as_json)
 
 
 @app.command("cuboid")
-def validate_cuboid(
-    clouds: Annotated[
-        list[Path], typer.Argument(help="PLY, OBJ, glTF, or text with x y z; one file per sensor and placed cuboid.")
-    ],
-    size: Annotated[str, typer.Option(help="The cuboid's edges in mm, AxBxC.")],
-    out: ReportOption,
-    sensor: SensorsOption = None,
-    position: Annotated[
-        list[str] | None, typer.Option(help="x,y,z of the cuboid's centre in mm, if it is known; once per sample.")
-    ] = None,
-    thresholds: ThresholdsOption = "5:100",
-    unit: UnitOption = "mm",
-    dataset: DatasetOption = EVERY_DATASET,
-    approach: ApproachOption = None,
-    seed: SeedOption = 1,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(ValidateCuboid, out=REPORT)
+def validate_cuboid(asked: ValidateCuboid, *, as_json: bool) -> None:
     """Fit cuboids of known size, and report planes, angles, edges and positions per sensor and combined."""
     from recon.validation.clouds import named_clouds
     from recon.validation.cuboid.evaluation import CuboidSettings, measure_cuboids
@@ -143,38 +91,23 @@ def validate_cuboid(
     from recon.validation.measures import Subject
 
     settings = CuboidSettings(
-        size=parse_edges(size),
-        thresholds=parse_thresholds(thresholds),
-        unit=unit,
-        positions=tuple(parse_position(text) for text in position or ()),
-        subject=Subject(dataset, tuple(approach or ())),
-        seed=seed,
+        size=parse_edges(asked.size),
+        thresholds=parse_thresholds(asked.thresholds),
+        unit=asked.unit,
+        positions=tuple(parse_position(text) for text in asked.position or ()),
+        subject=Subject(asked.dataset, tuple(asked.approach or ())),
+        seed=asked.seed,
     )
     progress = ProgressLine()
-    report, measured = measure_cuboids(named_clouds(clouds, sensor or ()), settings, progress)
+    report, measured = measure_cuboids(named_clouds(asked.clouds, asked.sensors or ()), settings, progress)
     progress.close()
-    page = write_cuboid_report(report, measured, out)
+    page = write_cuboid_report(report, measured, asked.out)
     print_report(report, page, cuboid_sentences(report), as_json=as_json)
 
 
 @app.command("object")
-def validate_object(
-    model: Annotated[Path, typer.Argument(help="The known object's mesh: PLY, OBJ or glTF.")],
-    cloud: Annotated[Path, typer.Argument(help="Reconstruction of the object: PLY, OBJ, glTF, or text with x y z.")],
-    out: ReportOption,
-    thresholds: ThresholdsOption = "5:100",
-    delta: Annotated[
-        float | None,
-        typer.Option(help="How far from the model points may lie during the search, mm; default: 2 % of its diagonal."),
-    ] = None,
-    trim: Annotated[float, typer.Option(help="Share of the points, nearest first, that the refinement uses.")] = 0.8,
-    unit: UnitOption = "mm",
-    model_unit: Annotated[str, typer.Option(help="Unit of the model: mm, cm, m or in.")] = "mm",
-    dataset: DatasetOption = EVERY_DATASET,
-    approach: ApproachOption = None,
-    seed: SeedOption = 1,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(ValidateObject, out=REPORT)
+def validate_object(asked: ValidateObject, *, as_json: bool) -> None:
     """Find a known mesh in a cloud, and report signed distances and inlier ratios."""
     from recon.validation.known_object.evaluation import ObjectSettings, measure_object
     from recon.validation.known_object.registration import RegistrationParameters
@@ -182,131 +115,52 @@ def validate_object(
     from recon.validation.measures import Subject
 
     settings = ObjectSettings(
-        thresholds=parse_thresholds(thresholds),
-        registration=RegistrationParameters(delta=delta, trim=trim, seed=seed),
-        unit=unit,
-        model_unit=model_unit,
-        subject=Subject(dataset, tuple(approach or ())),
+        thresholds=parse_thresholds(asked.thresholds),
+        registration=RegistrationParameters(delta=asked.delta, trim=asked.trim, seed=asked.seed),
+        unit=asked.unit,
+        model_unit=asked.model_unit,
+        subject=Subject(asked.dataset, tuple(asked.approach or ())),
     )
-    report, measured = measure_object(model, cloud, settings)
-    page = write_object_report(report, measured, out)
+    report, measured = measure_object(asked.model, asked.cloud, settings)
+    page = write_object_report(report, measured, asked.out)
     print_report(report, page, object_sentences(report), as_json=as_json)
 
 
 @app.command("views")
-def validate_views(
-    run: Annotated[Path, typer.Argument(help="Folder of a run.")],
-    out: ReportOption,
-    capture: Annotated[
-        Path | None, typer.Option(help="Folder of the recording; default: where the run says it was.")
-    ] = None,
-    frames: Annotated[str | None, typer.Option(help="A:B for the frames A to B-1; default: all of the run.")] = None,
-    models: Annotated[
-        list[Path] | None,
-        typer.Option(help="Folder of models of the scene by another program, with a scene.json; once for each."),
-    ] = None,
-    threshold: Annotated[
-        float | None,
-        typer.Option(help="Depths of two sensors agree within this, mm; default: the depth of one pixel of disparity."),
-    ] = None,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(ValidateViews, out=REPORT)
+def validate_views(asked: ValidateViews, *, as_json: bool) -> None:
     """Compare sensors with each other, and models with held-out and with the sensors' own photographs."""
     from recon.validation.views.evaluation import ViewSettings, measure_views
     from recon.validation.views.report import write_views_report
 
     progress = ProgressLine()
-    report, shown = measure_views(
-        run, ViewSettings(capture, parse_frames(frames), tuple(models or ()), threshold), progress
-    )
+    settings = ViewSettings(asked.capture, parse_frames(asked.frames), tuple(asked.models or ()), asked.threshold)
+    report, shown = measure_views(asked.run, settings, progress)
     progress.close()
-    page = write_views_report(report, shown, out)
+    page = write_views_report(report, shown, asked.out)
     print_report(report, page, view_sentences(report), as_json=as_json)
 
 
 @app.command("mesh")
-def validate_mesh(
-    mesh: Annotated[Path, typer.Argument(help="Mesh or cloud: PLY, OBJ or glTF; mm.")],
-    truth: Annotated[Path, typer.Option(help="True mesh or cloud, in the same coordinates: PLY, OBJ or glTF.")],
-    out: ReportOption,
-    thresholds: Annotated[str, typer.Option(help="Thresholds of the F-score, mm: FROM:TO or FROM:TO:STEP.")] = "1:20:1",
-    threshold: Annotated[
-        float | None, typer.Option(help="The threshold whose F-score counts as a measure; default: the middle one.")
-    ] = None,
-    dataset: DatasetOption = EVERY_DATASET,
-    approach: ApproachOption = None,
-    cell: Annotated[
-        float | None,
-        typer.Option(help="Compare means of points in cells of this size, mm, as Tanks and Temples does."),
-    ] = None,
-    voxel: Annotated[float, typer.Option(help="Size of the voxels over which ETH3D averages, mm.")] = 10.0,
-    scanner: Annotated[
-        str | None,
-        typer.Option(
-            help="x,y,z in mm from where the truth was scanned; ETH3D then counts what was visible from there."
-        ),
-    ] = None,
-    seed: SeedOption = 1,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(ValidateMesh, out=REPORT)
+def validate_mesh(asked: ValidateMesh, *, as_json: bool) -> None:
     """Report accuracy, completeness and F-score against the truth."""
     from recon.validation.measures import Subject
     from recon.validation.truth.evaluation import MeshSettings, measure_mesh
     from recon.validation.truth.report import write_mesh_report
 
-    subject = Subject(dataset, tuple(approach or ()))
-    place = None if scanner is None else parse_position(scanner)
-    settings = MeshSettings(parse_thresholds(thresholds), threshold, subject, seed, cell, voxel, place)
-    report = measure_mesh(mesh, truth, settings)
-    page = write_mesh_report(report, out)
+    subject = Subject(asked.dataset, tuple(asked.approach or ()))
+    place = None if asked.scanner is None else parse_position(asked.scanner)
+    thresholds = parse_thresholds(asked.thresholds)
+    settings = MeshSettings(thresholds, asked.threshold, subject, asked.seed, asked.cell, asked.voxel, place)
+    report = measure_mesh(asked.mesh, asked.truth, settings)
+    page = write_mesh_report(report, asked.out)
     print_report(report, page, mesh_sentences(report), as_json=as_json)
 
 
 @app.command("cloud")
-def validate_cloud(
-    clouds: Annotated[
-        list[Path],
-        typer.Argument(
-            help="For each approach a cloud or mesh (PLY, OBJ, glTF), or a folder of one for every frame; or a run."
-        ),
-    ],
-    reference: Annotated[
-        Path, typer.Option(help="The reference (PLY, OBJ, glTF), or its folder of frames, such as CAPTURE/truth.")
-    ],
-    out: ReportOption,
-    approach: Annotated[
-        list[str] | None,
-        typer.Option(help="Approach that a cloud belongs to, once for each in order; default: the cloud's name."),
-    ] = None,
-    dataset: Annotated[
-        str | None, typer.Option(help="Scene of a study that the clouds show; default: the run's, else all.")
-    ] = None,
-    frames: Annotated[
-        str | None, typer.Option(help="A:B for the frames A to B-1; default: all that are shared.")
-    ] = None,
-    measures: Annotated[
-        str | None,
-        typer.Option(help="Only these: d1, d2, chamfer, f_score, colour, pointssim, or one of --methods; with commas."),
-    ] = None,
-    peak: Annotated[
-        float | None,
-        typer.Option(
-            help="Peak of the PSNR of D1 and D2; default: the largest distance of neighbours in the reference."
-        ),
-    ] = None,
-    threshold: Annotated[
-        float | None,
-        typer.Option(help="Threshold of the F-score; default: a hundredth of the reference's longest side."),
-    ] = None,
-    density: Annotated[
-        float | None,
-        typer.Option(help="Samples of meshes per squared unit; default: what puts 100 000 on the reference."),
-    ] = None,
-    unit: Annotated[str, typer.Option(help="Unit of all clouds, for the tables; nothing is converted.")] = "mm",
-    seed: SeedOption = 1,
-    methods: Annotated[Path | None, typer.Option(help="TOML file of measures by other programs, such as PCQM.")] = None,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(ValidateCloud, out=REPORT)
+def validate_cloud(asked: ValidateCloud, *, as_json: bool) -> None:
     """Compare clouds or meshes with a reference: D1, D2, Chamfer, F-score, colours, PointSSIM, and other programs."""
     from recon.validation.cloud_quality.evaluation import CloudSettings, measure_clouds
     from recon.validation.cloud_quality.plugin import plugin_measures
@@ -316,43 +170,39 @@ def validate_cloud(
     from recon.validation.cloud_quality.sequences import find_compared
 
     settings = CloudSettings(
-        unit=unit,
-        peak=peak,
-        threshold=threshold,
-        sampling=Sampling(density, seed),
-        measures=parse_names(measures or ""),
-        others=plugin_measures() | program_measures(methods, out / "programs"),
+        unit=asked.unit,
+        peak=asked.peak,
+        threshold=asked.threshold,
+        sampling=Sampling(asked.density, asked.seed),
+        measures=parse_names(asked.measures or ""),
+        others=plugin_measures() | program_measures(asked.methods, asked.out / "programs"),
     )
-    files = find_compared(clouds, reference, names=tuple(approach or ()), dataset=dataset, frames=parse_frames(frames))
+    files = find_compared(
+        asked.clouds,
+        asked.reference,
+        names=tuple(asked.approach or ()),
+        dataset=asked.dataset,
+        frames=parse_frames(asked.frames),
+    )
     progress = ProgressLine()
     comparison = measure_clouds(files, settings, progress)
     progress.close()
-    page = write_cloud_report(comparison, out)
+    page = write_cloud_report(comparison, asked.out)
     print_report(comparison.report, page, cloud_sentences(comparison.report), as_json=as_json)
 
 
 @app.command("films")
-def validate_films(
-    stimulus_set: Annotated[Path, typer.Argument(metavar="SET", help="Folder of the stimulus set, or its manifest.")],
-    reference: Annotated[
-        str, typer.Option(help="Condition that every other film of its scene is compared with, such as truth.")
-    ],
-    out: ReportOption,
-    masters: Annotated[
-        bool, typer.Option("--masters", help="Measure the near-lossless masters, not the videos participants see.")
-    ] = False,
-    every: Annotated[int, typer.Option(min=1, help="Measure each such frame only, from the first on.")] = 1,
-    workers: WorkersOption = 1,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(ValidateFilms, out=REPORT)
+def validate_films(asked: ValidateFilms, *, as_json: bool) -> None:
     """Compare films with the reference's on the same path: PSNR-Y, SSIM, MS-SSIM, VMAF and flicker."""
     from recon.validation.films.evaluation import FilmSettings, measure_films
     from recon.validation.films.report import write_films_report
 
     progress = ProgressLine()
-    report, films = measure_films(stimulus_set, FilmSettings(reference, masters, every, workers), progress)
+    settings = FilmSettings(asked.reference, asked.masters, asked.every, asked.workers)
+    report, films = measure_films(asked.stimulus_set, settings, progress)
     progress.close()
-    page = write_films_report(report, films, out)
+    page = write_films_report(report, films, asked.out)
     print_report(report, page, film_sentences(report), as_json=as_json)
 
 

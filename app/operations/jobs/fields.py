@@ -312,6 +312,19 @@ class Text(Field):
 
 
 @dataclass(frozen=True, kw_only=True)
+class FrameRange(Text):
+    """A range of frames, of which there is at least one."""
+
+    def checked(self, given: Any, settings: Settings) -> str:
+        """Return the range, whose end comes after its beginning."""
+        text = super().checked(given, settings)
+        first, _, end = text.partition(":")
+        if end and int(end) <= int(first or 0):
+            raise self.refuse(given, f"an end after the first frame, for example {self.example}")
+        return text
+
+
+@dataclass(frozen=True, kw_only=True)
 class Names(Text):
     """Names with commas between; the command gets its option once for each."""
 

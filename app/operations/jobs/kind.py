@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from app.errors import InvalidError
 from app.operations.jobs.fields import Entry, Field, NewName, Values, place
+from app.operations.jobs.forms import fields_of, out_option
 from app.settings import Settings
 from app.store.queue import NewJob
 
@@ -20,9 +22,8 @@ class JobKind:
     ----------
     name : in addresses and over REST
     title, help : as people read them
-    command : of the command line
-    fields : in the order of the form and of the command's arguments
-    out_option : of the command for the output; empty: its last argument; None: it has none, as it changes an entry
+    command : as `COMMANDS` names it
+    places : by the name of a setting, the field of the entry or of the name that it takes as a path
     out_file : the file in the output that the command writes; empty: the output itself
     output : the shelf and name of what the job makes or changes
     more : further arguments that follow from the values
@@ -32,13 +33,22 @@ class JobKind:
     name: str
     title: str
     help: str
-    command: tuple[str, ...]
-    fields: tuple[Field, ...]
+    command: str
+    places: Mapping[str, Field]
     output: Callable[[Values], tuple[str, str]]
-    out_option: str | None = "--out"
     out_file: str = ""
     more: Callable[[Values, Settings], list[str]] = lambda _values, _settings: []
     needs_recon: bool = True
+
+    @cached_property
+    def fields(self) -> tuple[Field, ...]:
+        """In the order of the form, which is that of the command's help."""
+        return fields_of(self.command, self.places)
+
+    @cached_property
+    def out_option(self) -> str | None:
+        """Of the command for the output; empty: its last argument; None: it has none, as it changes an entry."""
+        return out_option(self.command, self.places)
 
     @property
     def makes_new(self) -> bool:
@@ -76,7 +86,7 @@ class JobKind:
         InvalidError
             If an entry is not there any more.
         """
-        words = list(self.command)
+        words = self.command.split()
         for field in self.fields:
             if field.option is not None and values.get(field.name) is not None:
                 words += field.words(values[field.name], settings)

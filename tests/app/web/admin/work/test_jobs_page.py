@@ -162,4 +162,4 @@ def test_a_form_says_of_each_empty_field_what_it_means(server: str, here: Settin
     assert "of the report&#39;s folder; empty: after what is chosen above" in form
     assert "none: where the run says that it was" in form
     assert '<option value="">none</option>' in form
-    assert "empty: all; for example 0:25" in form
+    assert "empty: all of the run; for example 0:25" in form

@@ -1,0 +1,62 @@
+"""Give a command the arguments and flags of its settings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import wraps
+from inspect import Parameter, Signature
+from typing import Annotated, Any, Concatenate, TypeVar
+
+import typer
+from pydantic import ValidationError
+from pydantic.fields import FieldInfo
+
+from recon.cli.console import JsonOption
+from recon.cli.options import parse_place
+from recon.commands.setting import Command, Setting, bounds, settings_of
+
+C = TypeVar("C", bound=Command)
+
+
+def with_settings(
+    settings: type[C], **more: dict[str, Any]
+) -> Callable[[Callable[Concatenate[C, ...], None]], Callable[..., None]]:
+    """Let a command take the settings as its arguments and flags, and `--json`.
+
+    Parameters
+    ----------
+    settings : of the command
+    more : what typer is told of single fields beyond what they say, by their names
+    """
+
+    def decorated(command: Callable[Concatenate[C, ...], None]) -> Callable[..., None]:
+        @wraps(command)
+        def with_flags(*, as_json: bool, **given: Any) -> None:
+            command(_checked(settings, given), as_json=as_json)
+
+        parameters = [_parameter(*field, more.get(field[0], {})) for field in settings_of(settings)]
+        parameters.append(Parameter("as_json", Parameter.KEYWORD_ONLY, default=False, annotation=JsonOption))
+        with_flags.__signature__ = Signature(parameters)  # type: ignore[attr-defined]  # PEP 362
+        with_flags.__annotations__ = {each.name: each.annotation for each in parameters}
+        return with_flags
+
+    return decorated
+
+
+def _checked(settings: type[C], given: Mapping[str, Any]) -> C:
+    try:
+        return settings(**given)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        raise typer.BadParameter(f"{fault['loc'][0]}: {fault['input']!r} was given; {fault['msg']}") from error
+
+
+def _parameter(name: str, info: FieldInfo, setting: Setting, more: dict[str, Any]) -> Parameter:
+    low, high = bounds(info)
+    said: dict[str, Any] = {"help": info.description, "metavar": setting.metavar, "min": low, "max": high}
+    said |= {"parser": parse_place} if setting.is_place else {}
+    made = typer.Argument if setting.is_argument else typer.Option
+    option: Any = made(*setting.flags, **said | more)
+    default = Parameter.empty if info.is_required() else info.default
+    annotation: Any = Annotated[info.annotation, option]
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)

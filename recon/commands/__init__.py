@@ -1,0 +1,38 @@
+"""The settings of each command, said once: its flags, the form of its job and its JSON Schema are made from them.
+
+This room imports nothing but pydantic: it is the one of `recon` that more of `app` than the command line may read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from recon.commands.measures import (
+    ValidateCloud,
+    ValidateCuboid,
+    ValidateFilms,
+    ValidateMesh,
+    ValidateObject,
+    ValidateSphere,
+    ValidateViews,
+)
+from recon.commands.reconstruction import Match, Reconstruct, Render
+from recon.commands.recordings import CaptureCalibrate, CaptureCheck, CaptureImport, CaptureSegment
+from recon.commands.setting import Command
+
+COMMANDS: Mapping[str, type[Command]] = {
+    "match": Match,
+    "reconstruct": Reconstruct,
+    "render": Render,
+    "capture import": CaptureImport,
+    "capture calibrate": CaptureCalibrate,
+    "capture segment": CaptureSegment,
+    "capture check": CaptureCheck,
+    "validate sphere": ValidateSphere,
+    "validate cuboid": ValidateCuboid,
+    "validate object": ValidateObject,
+    "validate views": ValidateViews,
+    "validate mesh": ValidateMesh,
+    "validate cloud": ValidateCloud,
+    "validate films": ValidateFilms,
+}
