@@ -14,7 +14,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from plyfile import PlyData, PlyListProperty, PlyParseError
 
 from app.files import file_digest
 
@@ -24,8 +23,24 @@ LARGEST_BYTES = 256 * 1024 * 1024  # of a model; a browser holds two
 LONGEST_HEADER = 8192
 LIMIT_SHARE = 95  # percentile of the errors where the colour scale ends, as in the reports
 UNREADABLE = "has {!r} in its header, expected points with numbers and lists of three points"
-READABLE = re.compile(r"element (vertex|face) \d{1,18}|property list (uchar|uint8) u?int(32)? vertex_ind(ices|ex)")
-TRIANGLES = {"vertex_indices": 3, "vertex_index": 3}  # lists of known length are mapped, not read into memory
+ELEMENT = re.compile(r"element (vertex|face) (\d{1,18})")
+NUMBER = re.compile(r"property (\w+) (\w+)")
+LIST = re.compile(r"property list (uchar|uint8) u?int(32)? vertex_ind(ices|ex)")
+NUMBERS = {  # the types of a point's numbers
+    name: kind
+    for kind, names in {
+        "<i1": ("char", "int8"),
+        "<u1": ("uchar", "uint8"),
+        "<i2": ("short", "int16"),
+        "<u2": ("ushort", "uint16"),
+        "<i4": ("int", "int32"),
+        "<u4": ("uint", "uint32"),
+        "<f4": ("float", "float32"),
+        "<f8": ("double", "float64"),
+    }.items()
+    for name in names
+}
+TRIANGLE = np.dtype([("length", "<u1"), ("corners", "<i4", (3,))])
 
 
 @dataclass(frozen=True)
@@ -93,42 +108,58 @@ def _files(folder: Path) -> Iterator[tuple[Kind, Path]]:
             yield kind, path
 
 
-def _read_ply(path: Path) -> PlyData:
-    """Map a PLY into memory whose only lists are those of triangles; all else would be read row by row."""
-    with path.open("rb") as file:
-        header, end, _ = file.read(LONGEST_HEADER).partition(b"end_header\n")
-        if not end or not header.startswith(b"ply\nformat binary_little_endian 1.0\n"):
-            raise ValueError("is no binary little-endian PLY file")
-        for line in (" ".join(line.split()) for line in header.decode("ascii", "replace").split("\n")):
-            if line.startswith(("element", "property list")) and not READABLE.fullmatch(line):
-                raise ValueError(UNREADABLE.format(line))
-        file.seek(0)
-        try:
-            ply = PlyData.read(file, mmap="r", known_list_len={"vertex": TRIANGLES, "face": TRIANGLES})
-        except (PlyParseError, ValueError) as error:
-            raise ValueError(f"is no whole PLY file of triangles: {error}") from error
-        if file.read(1):
-            raise ValueError("goes on after its last element")
-    return ply
-
-
 def _elements(path: Path) -> tuple[NDArray[np.void], NDArray[np.integer]]:
-    """Read the points, and the triangles (M, 3), of a PLY that can be drawn."""
-    ply = _read_ply(path)
-    for element in ply:
-        for line in element.properties:
-            if isinstance(line, PlyListProperty) != (element.name == "face"):
-                raise ValueError(UNREADABLE.format(str(line)))
-    points: NDArray[np.void] = ply["vertex"].data if "vertex" in ply else np.zeros(0, np.void)
+    """Map the points, and the triangles (M, 3), of a PLY that can be drawn, into memory."""
+    n_rows, types, at = _header(path)
+    size = path.stat().st_size
+    expected = at + sum(count * types[name].itemsize for name, count in n_rows.items())
+    if size < expected:
+        raise ValueError(f"is no whole PLY file of triangles: it has {size} bytes, its header promises {expected}")
+    content, rows = np.asarray(np.memmap(path, np.uint8, "r")), {}
+    for name, count in n_rows.items():
+        n_bytes = count * types[name].itemsize
+        rows[name] = content[at : at + n_bytes].view(types[name]) if n_bytes else np.zeros(count, types[name])
+        at += n_bytes
+    faces = rows.get("face", np.zeros(0, TRIANGLE))
+    faces = faces if faces.dtype == TRIANGLE else np.zeros(0, TRIANGLE)
+    if (faces["length"] != 3).any():
+        row = int(np.argmax(faces["length"] != 3))
+        raise ValueError(f"is no PLY file of triangles: face {row} has {faces['length'][row]} corners, expected 3")
+    if size > expected:
+        raise ValueError("goes on after its last element")
+    points: NDArray[np.void] = rows.get("vertex", np.zeros(0, np.void))
     if not len(points) or not {"x", "y", "z"} <= set(points.dtype.names or ()):
         raise ValueError("holds no points with x, y and z")
     if not all(np.isfinite(points[axis]).all() for axis in "xyz"):
         raise ValueError("holds coordinates that are not finite numbers")
-    lists = ply["face"].properties if "face" in ply else ()
-    faces: NDArray[np.integer] = ply["face"][lists[0].name] if lists else np.zeros((0, 3), np.int32)
-    if faces.size and not 0 <= faces.min() <= faces.max() < len(points):
+    corners: NDArray[np.integer] = faces["corners"]
+    if corners.size and not 0 <= corners.min() <= corners.max() < len(points):
         raise ValueError("has faces that are no triangles of its points")
-    return points, faces
+    return points, corners
+
+
+def _header(path: Path) -> tuple[dict[str, int], dict[str, np.dtype[np.void]], int]:
+    """Return the number of each element's rows, their type, and the header's bytes."""
+    with path.open("rb") as file:
+        header, end, _ = file.read(LONGEST_HEADER).partition(b"end_header\n")
+    if not end or not header.startswith(b"ply\nformat binary_little_endian 1.0\n"):
+        raise ValueError("is no binary little-endian PLY file")
+    n_rows: dict[str, int] = {}
+    fields: dict[str, list[tuple[str, str]]] = {}
+    element = ""
+    for line in (" ".join(line.split()) for line in header.decode("ascii", "replace").split("\n")):
+        number = NUMBER.fullmatch(line)
+        if (started := ELEMENT.fullmatch(line)) and started[1] not in n_rows:
+            element = started[1]
+            n_rows[element], fields[element] = int(started[2]), []
+        elif element == "face" and LIST.fullmatch(line) and not fields[element]:
+            fields[element].append(("triangle", ""))
+        elif element == "vertex" and number and number[1] in NUMBERS and number[2] not in dict(fields[element]):
+            fields[element].append((number[2], NUMBERS[number[1]]))
+        elif line.startswith(("element", "property")):
+            raise ValueError(UNREADABLE.format(line))
+    types = {name: TRIANGLE if name == "face" and rows else np.dtype(rows) for name, rows in fields.items()}
+    return n_rows, types, len(header) + len(end)
 
 
 def _error_limit(path: Path, points: NDArray[np.void]) -> float | None:

@@ -19,7 +19,7 @@ from recon.geometry.obj import mtl_text, obj_text
 from recon.geometry.ply import (
     FLOAT_NORMAL,
     UINT8_COLOUR,
-    face_list,
+    face_corners,
     optional_columns,
     ply_bytes,
     point_columns,
@@ -141,7 +141,7 @@ def read_cloud(path: Path) -> Cloud:
     """
     ply = read_ply(path)
     with _named(path):
-        sigma = point_columns(path, ply, ("sigma",))[:, 0] if "sigma" in ply["vertex"] else None
+        sigma = point_columns(path, ply, ("sigma",))[:, 0] if "sigma" in ply.columns("vertex") else None
         points, normals, colours = (point_columns(path, ply, names) for names in ("xyz", FLOAT_NORMAL, UINT8_COLOUR))
         return Cloud(points, normals if are_unit(normals) else unit_normals(normals, normals), colours, sigma)
 
@@ -206,7 +206,7 @@ def read_ply_shape(path: Path) -> Shape:
     with _named(path):
         points = finite_rows(point_columns(path, ply, "xyz"), "points")
         faces = np.zeros((0, 3), np.int32)
-        if face_list(ply) is not None:
+        if face_corners(ply) is not None:
             faces = face_indices(triangles(path, ply), len(points))
         normals, colours = (optional_columns(path, ply, names) for names in (FLOAT_NORMAL, UINT8_COLOUR))
     has_normals, has_colours = normals is not None and normals.any(), colours is not None and colours.dtype == np.uint8

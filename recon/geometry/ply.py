@@ -1,31 +1,21 @@
-"""PLY, the file format of clouds and meshes.
-
-plyfile reads the files: a binary mesh of one million vertices and two million triangles in 0.06 s, a tenth of that as
-text in 1.8 s. It also makes the headers of the files that we write, but not their content, because it writes triangles
-one by one: two million take it 3 s, `ndarray.tobytes` 0.1 s.
-"""
+"""PLY, the file format of clouds and meshes."""
 
 from __future__ import annotations
 
-import re
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from plyfile import PlyData, PlyElement, PlyParseError
 
+from recon.geometry.ply_elements import Elements, Lists, read_elements
 from recon.storage.files import refused, why_no_file
 
 FLOAT_NORMAL = ("nx", "ny", "nz")
 UINT8_COLOUR = ("red", "green", "blue")
 FACE_LISTS = ("vertex_indices", "vertex_index")
 STRIPS = "tristrips"  # Stanford's form of triangles
-TRIANGLES = {"face": dict.fromkeys(FACE_LISTS, 3)}  # lists of known length can be mapped into memory
-LONGEST_HEADER = 64 * 1024  # bytes; plyfile reads headers letter by letter
-END_OF_HEADER = b"end_header"
 
 
 def ply_bytes(columns: Mapping[str, NDArray[Any]], faces: NDArray[np.integer] | None = None) -> bytes:
@@ -37,16 +27,15 @@ def ply_bytes(columns: Mapping[str, NDArray[Any]], faces: NDArray[np.integer] | 
     faces : integer (M, 3); None for a file without the element `face`
     """
     kinds = [(name, "|u1" if values.dtype == np.uint8 else "<f4") for name, values in columns.items()]
-    vertices = np.rec.fromarrays(list(columns.values()), dtype=kinds)
-    elements, content = [PlyElement.describe(vertices, "vertex")], vertices.tobytes()
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(next(iter(columns.values())))}"]
+    header += [f"property {'uchar' if kind == '|u1' else 'float'} {name}" for name, kind in kinds]
+    content = np.rec.fromarrays(list(columns.values()), dtype=kinds).tobytes()
     if faces is not None:
-        corners: tuple[str, str, tuple[int]] = ("vertex_indices", "<i4", (3,))
-        table = np.empty(len(faces), [("length", "|u1"), corners])
+        table = np.empty(len(faces), [("length", "|u1"), ("vertex_indices", "<i4", (3,))])
         table["length"], table["vertex_indices"] = 3, faces
-        elements.append(PlyElement.describe(np.broadcast_to(np.zeros(1, [corners]), len(faces)), "face"))
+        header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
         content += table.tobytes()
-    header: str = PlyData(elements, byte_order="<").header
-    return f"{header}\n".encode("ascii") + content
+    return "\n".join([*header, "end_header", ""]).encode("ascii") + content
 
 
 def vector_columns(names: Sequence[str], vectors: NDArray[Any]) -> dict[str, NDArray[Any]]:
@@ -54,7 +43,7 @@ def vector_columns(names: Sequence[str], vectors: NDArray[Any]) -> dict[str, NDA
     return dict(zip(names, vectors.T, strict=True))
 
 
-def read_ply(path: Path) -> PlyData:
+def read_ply(path: Path) -> Elements:
     """Read the elements of a PLY file that holds points.
 
     Raises
@@ -65,18 +54,28 @@ def read_ply(path: Path) -> PlyData:
     if not path.is_file():
         raise ValueError(f"{path}: {why_no_file(path)}")
     try:
-        ply = _parsed(path)
+        ply = read_elements(path)
     except OSError as error:
         raise refused(path, error) from error
-    except Exception as error:  # numpy's own errors come through where values do not fit a property
+    except ValueError as error:
         advice = "" if path.suffix.lower() == ".ply" else "; save it as PLY"
-        raise ValueError(f"{path}: is not a whole PLY file: {str(error) or type(error).__name__}{advice}") from error
-    if "vertex" not in ply or not ply["vertex"].count:
+        raise ValueError(f"{path}: is not a whole PLY file: {error}{advice}") from error
+    if not ply.n_rows("vertex"):
         raise ValueError(f"{path}: holds no points")
     return ply
 
 
-def point_columns(path: Path, ply: PlyData, names: Sequence[str]) -> NDArray[Any]:
+def number_columns(ply: Elements, element: str, names: Sequence[str]) -> NDArray[Any]:
+    """Copy properties of an element's rows into an array (N, P); a ValueError says that one of them has lists."""
+    columns = [ply.columns(element)[name] for name in names]
+    numbers = [column for column in columns if not isinstance(column, Lists)]
+    if len(numbers) < len(columns):
+        owners = "points" if element == "vertex" else "faces"
+        raise ValueError(f"its {owners} have lists where numbers are expected: {', '.join(names)}")
+    return np.column_stack(numbers)
+
+
+def point_columns(path: Path, ply: Elements, names: Sequence[str]) -> NDArray[Any]:
     """Copy properties of the points into an array (N, P).
 
     Parameters
@@ -90,38 +89,40 @@ def point_columns(path: Path, ply: PlyData, names: Sequence[str]) -> NDArray[Any
     ValueError
         If the points lack one of the properties, or have lists in its place.
     """
-    missing = [name for name in names if name not in ply["vertex"]]
+    missing = [name for name in names if name not in ply.columns("vertex")]
     if missing:
         raise ValueError(f"{path}: its points have no {', '.join(missing)}")
-    columns = np.column_stack([ply["vertex"][name] for name in names])
-    if columns.dtype == object:
-        raise ValueError(f"{path}: its points have lists where numbers are expected: {', '.join(names)}")
-    return columns
+    try:
+        return number_columns(ply, "vertex", names)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
 
 
-def optional_columns(path: Path, ply: PlyData, *choices: Sequence[str]) -> NDArray[Any] | None:
+def optional_columns(path: Path, ply: Elements, *choices: Sequence[str]) -> NDArray[Any] | None:
     """Copy the properties by the first of these names that are all there, (N, P); None where no choice is."""
-    chosen = next((names for names in choices if all(name in ply["vertex"] for name in names)), None)
+    chosen = next((names for names in choices if all(name in ply.columns("vertex") for name in names)), None)
     return None if chosen is None else point_columns(path, ply, chosen)
 
 
-def face_list(ply: PlyData) -> str | None:
-    """Return the name of the property that holds the corners of faces; None where there are no faces.
+def face_corners(ply: Elements) -> Lists | None:
+    """Return the corners of faces; None where there are no faces.
 
     A ValueError says that there are triangles in another form: without them, a mesh would be taken for a cloud.
     """
-    if STRIPS in ply and ply[STRIPS].count:
+    if ply.n_rows(STRIPS):
         raise ValueError(f"its triangles are strips ({STRIPS}), which are not read; save it with faces")
-    if "face" not in ply or not ply["face"].count:
+    if not ply.n_rows("face"):
         return None
-    name = next((name for name in FACE_LISTS if name in ply["face"]), None)
-    if name is None:
-        properties = ", ".join(each.name for each in ply["face"].properties)
-        raise ValueError(f"its faces have {properties or 'nothing'}, expected {' or '.join(FACE_LISTS)}")
-    return name
+    columns = ply.columns("face")
+    corners = next((columns[name] for name in FACE_LISTS if name in columns), None)
+    if not isinstance(corners, Lists):
+        raise ValueError(
+            f"its faces have {', '.join(columns) or 'nothing'}, expected {' or '.join(FACE_LISTS)} with lists"
+        )
+    return corners
 
 
-def triangles(path: Path, ply: PlyData) -> NDArray[np.integer]:
+def triangles(path: Path, ply: Elements) -> NDArray[np.integer]:
     """Copy the triangles (M, 3).
 
     Raises
@@ -129,48 +130,9 @@ def triangles(path: Path, ply: PlyData) -> NDArray[np.integer]:
     ValueError
         If there are no faces, or faces with more or fewer than three corners.
     """
-    name = face_list(ply)
-    if name is None:
+    corners = face_corners(ply)
+    if corners is None:
         raise ValueError(f"{path}: holds no faces")
-    corners = ply["face"][name]
-    if corners.dtype == object:  # a text file's, or one with lists of other lengths beside
-        if any(np.shape(face) != (3,) for face in corners):
-            raise ValueError(f"{path}: its faces are no triangles throughout")
-        corners = np.stack(corners)
-    return np.array(corners)
-
-
-def _parsed(path: Path) -> PlyData:
-    """Parse a file whose header promises no more rows than it has bytes, so that no memory is taken for them."""
-    with path.open("rb") as file:
-        header, end, _ = file.read(LONGEST_HEADER).partition(END_OF_HEADER)
-        if not end:
-            raise ValueError(f"there is no end_header in its first {LONGEST_HEADER} bytes")
-        size = path.stat().st_size
-        for count in re.findall(rb"[\r\n]\s*element\s+\S+\s+(-?\d+)", header):
-            if not 0 <= int(count) <= size:
-                raise ValueError(f"its header promises {int(count)} rows, but the file has only {size} bytes")
-        file.seek(0)
-        if not header.isascii():
-            return _parsed_as_ascii(file.read())
-        if re.search(rb"[\r\n]\s*format\s+ascii", header):
-            return PlyData.read(path)
-        try:
-            ply = PlyData.read(file, known_list_len=TRIANGLES)
-        except PlyParseError as error:
-            if "unexpected list length" not in str(error):
-                raise
-            file.seek(0)
-            ply = PlyData.read(file)  # row by row, as there are other polygons
-        if file.read(1):
-            raise ValueError("it goes on after its last element")
-        return ply
-
-
-def _parsed_as_ascii(content: bytes) -> PlyData:
-    """Parse a copy of a file without the letters in its comments that plyfile refuses."""
-    header, _, rows = content.partition(END_OF_HEADER)
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / "ascii.ply"
-        copy.write_bytes(header.decode("latin-1").encode("ascii", "replace") + END_OF_HEADER + rows)
-        return _parsed(copy)
+    if (corners.lengths != 3).any():
+        raise ValueError(f"{path}: its faces are no triangles throughout")
+    return corners.values.reshape(-1, 3)

@@ -7,9 +7,17 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from plyfile import PlyData
 
-from recon.geometry.ply import FLOAT_NORMAL, UINT8_COLOUR, face_list, optional_columns, point_columns, read_ply
+from recon.geometry.ply import (
+    FLOAT_NORMAL,
+    UINT8_COLOUR,
+    face_corners,
+    number_columns,
+    optional_columns,
+    point_columns,
+    read_ply,
+)
+from recon.geometry.ply_elements import Elements, Lists
 from recon.models.part import Contents, Part, colours_from, decode_picture, fan
 
 COLOURS = (UINT8_COLOUR, ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
@@ -29,7 +37,7 @@ def read_ply_model(path: Path) -> Contents:
     """
     ply = read_ply(path)
     contents = Contents([path])
-    if any(name in ply["vertex"] for name in GAUSSIANS):
+    if any(name in ply.columns("vertex") for name in GAUSSIANS):
         raise ValueError(
             "it holds Gaussians, which only their own program draws; let that film them along SET/paths/DATASET.json, "
             "and bring the video in by `reconstudy stimuli import`"
@@ -61,40 +69,28 @@ def read_ply_model(path: Path) -> Contents:
     return contents
 
 
-def _faces(ply: PlyData) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.floating] | None]:
+def _faces(ply: Elements) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.floating] | None]:
     """Return triangles (M, 3), the face (M,) of each, and their corners' places (M, 3, 2) if they have any."""
-    name = face_list(ply)
-    if name is None:
+    lists = face_corners(ply)
+    if lists is None:
         return np.zeros((0, 3), np.int64), np.zeros(0, np.int64), None
-    lists = ply["face"][name]
-    if lists.dtype != object:
-        corners, counts = np.asarray(lists).ravel(), np.full(len(lists), 3)
-    else:
-        counts = np.array([len(face) for face in lists])
-        if counts.min() < 3:
-            raise ValueError(f"face {int(counts.argmin())} has {counts.min()} corners, expected at least 3")
-        corners = np.concatenate(lists)
-    triangles, polygons = fan(corners, counts), np.repeat(np.arange(len(counts)), counts - 2)
-    if CORNER_PLACES not in ply["face"]:
+    counts = lists.lengths
+    if counts.min() < 3:
+        raise ValueError(f"face {int(counts.argmin())} has {counts.min()} corners, expected at least 3")
+    triangles, polygons = fan(lists.values, counts), np.repeat(np.arange(len(counts)), counts - 2)
+    places = ply.columns("face").get(CORNER_PLACES)
+    if places is None:
         return triangles, polygons, None
-    places = ply["face"][CORNER_PLACES]
-    if any(len(place) != 2 * count for place, count in zip(places, counts, strict=True)):
+    if not isinstance(places, Lists) or (places.lengths != 2 * counts).any():
         raise ValueError("its faces have not two texture coordinates for each corner")
-    flat = np.concatenate([np.asarray(place, np.float64) for place in places]).reshape(-1, 2)
-    return triangles, polygons, flat[fan(np.arange(len(corners)), counts)]
+    flat = places.values.astype(np.float64).reshape(-1, 2)
+    return triangles, polygons, flat[fan(np.arange(len(flat)), counts)]
 
 
-def _face_colours(ply: PlyData) -> NDArray[np.uint8] | None:
+def _face_colours(ply: Elements) -> NDArray[np.uint8] | None:
     """Return the colours of faces, uint8 (P, 3), None where they have none."""
-    if "face" not in ply:
-        return None
-    names = next((names for names in COLOURS if all(name in ply["face"] for name in names)), None)
-    if names is None:
-        return None
-    columns = np.column_stack([ply["face"][name] for name in names])
-    if columns.dtype == object:
-        raise ValueError(f"its faces have lists where numbers are expected: {', '.join(names)}")
-    return colours_from(columns)
+    names = next((names for names in COLOURS if all(name in ply.columns("face") for name in names)), None)
+    return None if names is None else colours_from(number_columns(ply, "face", names))
 
 
 def _split_corners(part: Part) -> Part:

@@ -255,9 +255,8 @@ def test_a_capture_is_read_once_for_a_run(
 
 TRIANGLE = """import sys
 import numpy as np
-from plyfile import PlyData
-clouds = [PlyData.read(path)["vertex"] for path in sys.argv[2:]]
-points = np.concatenate([np.stack([cloud[axis] for axis in "xyz"], axis=1) for cloud in clouds])
+import trimesh
+points = np.concatenate([trimesh.load(path, process=False).vertices for path in sys.argv[2:]])
 low, size = points.min(axis=0), np.ptp(points, axis=0) / 3
 corners = [" ".join(map(str, low - size * offset)) for offset in ((0, 0, 0), (1, 0, 0), (0, 1, 0))]
 head = ["ply", "format ascii 1.0", "element vertex 3", *(f"property float {axis}" for axis in "xyz")]

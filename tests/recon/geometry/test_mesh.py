@@ -303,7 +303,7 @@ def test_triangles_in_another_form_make_no_cloud_of_a_mesh(tmp_path: Path, eleme
 
 def test_values_that_their_property_cannot_hold_are_refused(tmp_path: Path) -> None:
     (tmp_path / "bad.ply").write_bytes(ply("ascii", red=300))
-    with pytest.raises(ValueError, match=r"bad\.ply: .*300 out of bounds"):
+    with pytest.raises(ValueError, match=r"bad\.ply: .*300, out of bounds"):
         read_mesh(tmp_path / "bad.ply")
 
 

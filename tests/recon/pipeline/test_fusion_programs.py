@@ -29,9 +29,9 @@ pytestmark = pytest.mark.slow
 JOIN = """
 import sys
 import numpy as np
-from plyfile import PlyData
-clouds = [PlyData.read(path)["vertex"] for path in sys.argv[3:]]
-points = np.concatenate([np.stack([cloud[axis] for axis in "xyz"], axis=-1) for cloud in clouds])[:60]
+import trimesh
+clouds = [trimesh.load(path, process=False).vertices for path in sys.argv[3:]]
+points = np.concatenate(clouds)[:60]
 print(len(clouds), "clouds, voxel", sys.argv[2])
 {change}
 names = ["x", "y", "z"] + {names}
