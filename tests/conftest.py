@@ -16,9 +16,12 @@ from hypothesis import settings
 from playwright.sync_api import Browser, expect, sync_playwright
 from sqlalchemy import make_url
 
+import app.films.pairs
+import app.intake.stimuli
 from app.store.database.engine import Database, open_database
 from app.store.database.migrate import upgrade
 from tests.command_line import Command, command_line
+from tests.encoded_films import decoded_once, made_once
 from tests.postgresql import PostgresServer
 
 settings.register_profile("no deadline", deadline=None)  # how long an example takes is the machine's business
@@ -46,6 +49,17 @@ def no_certificates(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("SSL_CERT_FILE", raising=False)
         patch.setenv("SSL_CERT_DIR", str(tmp_path_factory.mktemp("no_certificates")))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def films_encoded_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Spare each further study of the same tiny videos four runs of ffmpeg a film; workers share what they made."""
+    folder = tmp_path_factory.getbasetemp()
+    folder = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(app.films.pairs, "make_film", made_once(app.films.pairs.make_film, folder / "encoded_films"))
+        patch.setattr(app.intake.stimuli, "decode", decoded_once())
         yield
 
 

@@ -6,7 +6,9 @@ import hashlib
 import json
 import subprocess
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import imageio_ffmpeg
@@ -21,11 +23,19 @@ TITLE = "secret-title"  # in the sources' metadata, where it must stay
 
 
 def encode(path: Path, source: str, *options: str) -> None:
-    """Encode what ffmpeg's lavfi makes of `source`."""
+    """Encode what ffmpeg's lavfi makes of `source`; the same again is a copy."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(_encoded(source, options, path.suffix))
+
+
+@cache
+def _encoded(source: str, options: tuple[str, ...], suffix: str) -> bytes:
     command = ["-v", "error", "-y", "-f", "lavfi", "-i", source, "-frames:v", str(N_FRAMES)]
     tags = ["-metadata", f"title={TITLE}", "-pix_fmt", "yuv420p", "-qp", "0"]
-    subprocess.run([imageio_ffmpeg.get_ffmpeg_exe(), *command, *tags, *options, str(path)], check=True)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"video{suffix}"
+        subprocess.run([imageio_ffmpeg.get_ffmpeg_exe(), *command, *tags, *options, str(path)], check=True)
+        return path.read_bytes()
 
 
 def flat(colour: str) -> str:

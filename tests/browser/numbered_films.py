@@ -5,7 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import imageio_ffmpeg
@@ -65,21 +67,29 @@ def decode_squares(screen: NDArray[np.uint8]) -> tuple[str, int]:
 
 
 def _film(folder: Path, name: str, index: int, fps: float, n_frames: int, draw: Draw) -> dict[str, Any]:
-    path = folder / f"{name}.mp4"
-    writer = imageio_ffmpeg.write_frames(
-        str(path), (WIDTH, HEIGHT), pix_fmt_in="gray", fps=fps, codec="libx264", quality=None, macro_block_size=2,
-        output_params=["-crf", "12", "-preset", "ultrafast"],
-    )  # fmt: skip
-    writer.send(None)
-    for frame in range(n_frames):
-        writer.send(draw(index, frame))
-    writer.close()
+    content = _encoded(index, fps, n_frames, draw)
+    (folder / f"{name}.mp4").write_bytes(content)
     return {
         "approach": name,
-        "video": path.name,
-        "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+        "video": f"{name}.mp4",
+        "sha256": hashlib.sha256(content).hexdigest(),
         "width": WIDTH,
         "height": HEIGHT,
         "fps": fps,
         "n_frames": n_frames,
     }
+
+
+@cache
+def _encoded(index: int, fps: float, n_frames: int, draw: Draw) -> bytes:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "film.mp4"
+        writer = imageio_ffmpeg.write_frames(
+            str(path), (WIDTH, HEIGHT), pix_fmt_in="gray", fps=fps, codec="libx264", quality=None, macro_block_size=2,
+            output_params=["-crf", "12", "-preset", "ultrafast"],
+        )  # fmt: skip
+        writer.send(None)
+        for frame in range(n_frames):
+            writer.send(draw(index, frame))
+        writer.close()
+        return path.read_bytes()

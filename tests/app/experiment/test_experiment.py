@@ -310,11 +310,11 @@ def test_reports_on_approaches_of_an_earlier_start_do_not_count(
 
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The scale `small`, but so that it takes a minute: two scenes, two balls, six people."""
-    scale = recon.experiment.Scale((120, 214), (240, 240), 2, 10.0, 2, 1, (160, 90), 25.0, 0.4, ("ball", "face"))
+    """The scale `small`, but so that it takes half a minute: two scenes, two balls, three people."""
+    scale = recon.experiment.Scale((108, 192), (180, 180), 2, 10.0, 2, 1, (96, 54), 25.0, 0.2, ("ball", "face"))
     monkeypatch.setitem(recon.experiment.SCALES, "small", scale)
-    monkeypatch.setattr(recon.validation.truth.evaluation, "N_SAMPLES", 5000)
-    for name, value in {"N_PEOPLE": 6, "N_MEN": 3, "N_TRAINED": 3, "LACKING": 2}.items():
+    monkeypatch.setattr(recon.validation.truth.evaluation, "N_SAMPLES", 2000)
+    for name, value in {"N_PEOPLE": 3, "N_MEN": 1, "N_TRAINED": 2, "LACKING": 1}.items():
         monkeypatch.setattr(app.experiment.study, name, value)
 
 
@@ -339,7 +339,7 @@ def test_a_small_experiment_ends_in_a_report_and_is_not_done_twice(command: Comm
     assert {stimulus["approach"] for stimulus in stimuli} == {*compared, "truth"}
     checks = {check["question"].split(" ")[0]: check for check in report["checks"]}
     assert checks["People"]["agrees"]
-    assert float(checks["Rank"]["came_out"]) > 0.4  # of six people
+    assert float(checks["Rank"]["came_out"]) > 0.4  # of three people
     page = (out / "report.html").read_text(encoding="utf-8")
     assert 'src="http' not in page
     assert page.count("<svg") >= 5
