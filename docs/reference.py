@@ -1,4 +1,4 @@
-"""Generate pages of the documentation: those at the repository's top, every command and every setting."""
+"""Generate pages of the documentation: those at the repository's top, every command, setting and table of results."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ REPOSITORY_PAGES = {
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the generated pages."""
     pages = {name: repository_page(source) for name, source in REPOSITORY_PAGES.items()}
-    for name, content in {**pages, "commands.md": commands(), "settings.md": settings()}.items():
+    for name, content in {**pages, "commands.md": commands(), "settings.md": settings(), "tables.md": tables()}.items():
         files.append(File.generated(config, name, content=content))
     return files
 
@@ -120,6 +120,21 @@ def _fields(kind: type[Any]) -> list[tuple[str, str, str]]:
     """Return the fields of a dataclass with their descriptions from its docstring."""
     described = _described(inspect.getdoc(kind) or "")
     return [(f"`{item.name}`", described[item.name], _default(item.default)) for item in dataclasses.fields(kind)]
+
+
+def tables() -> str:
+    """Return the columns of every table of results that analysts fetch."""
+    from app.web.analyst.columns import FURTHER, TABLES
+
+    parts = [
+        "# Tables of results",
+        "The columns of each table of [the REST interface](api.md#tables) and of a study's archive.",
+    ]
+    for name, columns in TABLES.items():
+        every = columns | FURTHER.get(name, {})
+        rows = [(f"`{column}`", _sentence(meaning)) for column, meaning in every.items()]
+        parts += [f"## {name.replace('_', ' ')}", _table(("column", "is"), rows)]
+    return "\n\n".join(parts) + "\n"
 
 
 TYPE = re.compile(r"(str|bool|int|float|mapping|tuple of \w+|sequence of \w+)(, optional)?")
