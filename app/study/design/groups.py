@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from app.study.options.entries import is_list
+from app.study.option_fields import is_list
 from app.study.trial.trial import PlannedPair
 
 MOST_GROUPS = 20
@@ -99,6 +99,8 @@ def pairs_of_group(group: Group, pairs: Sequence[PlannedPair], names: Names) -> 
 
 
 def _group(content: Any, number: int) -> Group:
+    if isinstance(content, Group):
+        return content
     if not isinstance(content, Mapping) or set(content) - {"name", "datasets"}:
         raise ValueError(f"group {number} is {content!r:.80}, expected a table with name and datasets")
     name, datasets = content.get("name"), content.get("datasets", ())

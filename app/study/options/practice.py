@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
-from app.study.options.entries import is_list
+from app.study.option_fields import is_list
 
 MOST_PRACTICE = 10  # pairs; more are a study of their own
 LONGEST_NAME = 200  # characters of a dataset or condition, as in a stimulus set
@@ -44,6 +44,8 @@ def parse_practice_pairs(content: Any) -> tuple[PracticeFilms, ...]:
 
 
 def _films(entry: object) -> PracticeFilms:
+    if isinstance(entry, PracticeFilms):
+        return entry
     names = [field.name for field in fields(PracticeFilms)]
     if not isinstance(entry, Mapping) or set(entry) != set(names) or not all(map(_is_name, entry.values())):
         raise ValueError(f"practice_pairs has {entry!r:.120}, expected texts for {', '.join(names)}")

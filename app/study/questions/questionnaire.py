@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
-from app.study.options.entries import is_list
+from app.study.option_fields import is_list
 
 Kind = Literal["choice", "scale", "number", "text"]
 KINDS: tuple[Kind, ...] = ("choice", "scale", "number", "text")
@@ -144,6 +144,8 @@ def _is_number(value: Any) -> bool:
 
 
 def _question(content: Any, number: int) -> Question:
+    if isinstance(content, Question):
+        return content
     if not isinstance(content, Mapping):
         raise ValueError(f"question {number}: expected a table of its own")
     known = {field.name for field in fields(Question)}

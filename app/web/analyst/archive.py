@@ -68,7 +68,7 @@ def write_archive(out: IO[bytes], database: Database, study_id: int) -> None:
 
 def _without_codes(file: StudyFile) -> StudyFile:
     """Leave a recruiting platform's code and addresses out of a study file: an archive may be published."""
-    return replace(file, options=replace(file.options, outside=file.options.outside.without_codes))
+    return replace(file, options=file.options.but(outside=file.options.outside.without_codes))
 
 
 def _write_analysis(files: _Files, analysis: Mapping[str, Any], source: str) -> None:

@@ -113,7 +113,7 @@ def assign_groups(
     except ValueError as error:
         raise InvalidError(f"Nothing was changed: {error}.") from error
     current = study_file_of(study)
-    changed = replace(current, options=replace(current.options, groups=wanted))
+    changed = replace(current, options=current.options.but(groups=wanted))
     return save_study(request, study, changed, revision, actor, "invitations")
 
 

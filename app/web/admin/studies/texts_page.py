@@ -21,16 +21,15 @@ from app.study.options.wording import (
     DEBRIEFING,
     LONGEST_TEXT,
     NAME,
-    QUESTIONS,
     changed_languages,
     first_language,
     own_texts,
-    pack_labels,
     parse_languages,
     protocol_texts,
     refused_languages,
     wording,
 )
+from app.study.questions.answers import QUESTIONS, pack_labels
 from app.study.trial.image import LARGEST_IMAGE, MOST_IMAGES, check_image
 from app.web.admin.layout import see, study_page, unix
 from app.web.admin.studies.edit_page import Revision, save_study
@@ -179,7 +178,7 @@ def _save(
 
 def _rows(options: StudyOptions, pack: LanguagePack) -> Iterator[Row]:
     """Yield all texts but the documents and the name; at the end the questions."""
-    plain = own_texts(replace(options, texts={}), pack.tag)
+    plain = own_texts(options.but(texts={}), pack.tag)
     said = options.texts.get(pack.tag, {})
     for key, text in protocol_texts(pack, options.protocol).items():
         yield Row(key, _written(text), _written(said.get(key, "")))
