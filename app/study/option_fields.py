@@ -6,14 +6,22 @@ command and the row of the documentation.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from types import NoneType
-from typing import Annotated, Any, Literal, Self, TypeVar, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, Strict, StringConstraints, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    GetJsonSchemaHandler,
+    Strict,
+    StringConstraints,
+    ValidationError,
+)
 from pydantic.fields import FieldInfo
-from pydantic_core import CoreSchema
+from pydantic_core import CoreSchema, PydanticCustomError
 
 Change = Literal["any time", "until begun", "with films"]
 ANY_TIME: Change = "any time"
@@ -42,7 +50,17 @@ KINDS: Mapping[Any, Kind] = {bool: "flag", int: "whole", float: "number", str: "
 LONGEST_SHOWN = 120  # characters of a value in a refusal
 
 T = TypeVar("T")
+
+
+def _different(parts: tuple[T, ...]) -> tuple[T, ...]:
+    if len(set(parts)) < len(parts):
+        raise PydanticCustomError("not_different", "expected different ones")
+    return parts
+
+
+Different = AfterValidator(_different)
 ListOf = Annotated[tuple[T, ...], Strict(False)]  # files hold lists
+Names = Annotated[ListOf[str], AfterValidator(lambda names: tuple(dict.fromkeys(names)))]  # each once
 Note = Annotated[str, StringConstraints(strip_whitespace=True, max_length=500)]
 
 
@@ -92,6 +110,7 @@ class Setting:
 class Options(BaseModel):
     """Options of one subject, right as soon as they are there; every field bears a `Setting`."""
 
+    called: ClassVar[str] = ""  # what a refusal calls one of several
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
     @classmethod
@@ -115,11 +134,6 @@ class Options(BaseModel):
     def but(self, **changes: Any) -> Self:
         """Return the options with some changed, which are taken as they are."""
         return self.model_copy(update=changes)
-
-
-def is_list(value: object) -> bool:
-    """Is a value a list, rather than a text?"""
-    return isinstance(value, Sequence) and not isinstance(value, str)
 
 
 def settings_of(model: type[Options], table: str = "") -> Iterator[Setting]:
@@ -206,21 +220,32 @@ def _refusal(error: ValidationError, model: type[Options], content: Any) -> str:
     fault = next((fault for fault in faults if fault["type"] == "extra_forbidden"), faults[0])
     if fault["type"] == "value_error":  # of a check of our own, which says it all
         return str(fault["ctx"]["error"])
-    (key, *place), table, at = fault["loc"], "", ""
-    if place and key in model.model_fields and is_table(model.model_fields[str(key)]):
-        model, table, at = model.model_fields[str(key)].annotation, str(key), f"{key}: "  # type: ignore[assignment]
-        key, *place = place
+    place: list[Any] = list(fault["loc"])
+    key, at, content_of = place.pop(0), "", content
+    while place and (inner := _inner(model, key)):
+        model, content_of, at = inner, content_of[key], str(key)
+        if isinstance(place[0], int):
+            content_of, at = content_of[place[0]], f"{inner.called} {place.pop(0) + 1}"
+        if not place:
+            return f"{at} is {content_of!r:.120}, expected a table of its own"
+        key = place.pop(0)
+    before = f"{at}: " if at else ""
     if fault["type"] == "extra_forbidden":
-        known = model.model_fields if table else sorted(model.model_fields)
-        return f"{at or 'option '}{key!r} is not known; expected some of {', '.join(known)}"
-    info = model.model_fields[str(key)]
+        known = model.model_fields if at else sorted(model.model_fields)
+        return f"{before or 'option '}{key!r} is not known; expected some of {', '.join(known)}"
+    info = model.model_fields[key]
     if is_table(info):
         return f"{key} is {fault['input']!r:.120}, expected a table of its own"
-    is_item = bool(place) and get_origin(get_args(_type(info))[0]) is Literal
-    if is_item:
-        return f"{at}{key} holds {_shown(fault['input'])}, expected some of {_listed(get_args(_type(info))[0])}"
-    value = (content[table] if table else content)[key] if place else fault["input"]
-    return f"{at}{key} is {_shown(value)}, expected {_expected(info)}"
+    if place and _kind(info) == "several":
+        return f"{before}{key} holds {_shown(fault['input'])}, expected some of {_listed(get_args(_type(info))[0])}"
+    return f"{before}{key} is {_shown(content_of.get(key))}, expected {_expected(info)}"
+
+
+def _inner(model: type[Options], key: str) -> type[Options] | None:
+    """Return the model of a field's table, or of the tables in its list; None: it has none."""
+    kind = _type(model.model_fields[key]) if key in model.model_fields else None
+    kind = get_args(kind)[0] if get_origin(kind) is tuple else kind
+    return kind if isinstance(kind, type) and issubclass(kind, Options) else None
 
 
 def _shown(value: Any) -> str:

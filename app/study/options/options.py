@@ -9,21 +9,21 @@ from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, 
 from pydantic_core import PydanticCustomError
 
 from app.study.design.design import Repetition
-from app.study.design.groups import Group, parse_groups
+from app.study.design.groups import MOST_GROUPS, Groups
 from app.study.languages.language_pack import MODEL
-from app.study.option_fields import ANY_TIME, WITH_FILMS, ListOf, Options, Setting
+from app.study.option_fields import ANY_TIME, WITH_FILMS, ListOf, Names, Options, Setting
 from app.study.options.lab_sheet import LabSheet
-from app.study.options.practice import PracticeFilms, parse_practice_pairs
+from app.study.options.practice import MOST_PRACTICE, PracticeFilms
 from app.study.options.privacy import PrivacyOptions
 from app.study.options.recruiting import LimitOptions, OutsideOptions
 from app.study.options.wording import (
     CONSENT,
     DEBRIEFING,
     LONGEST_TEXT,
+    Languages,
     OwnTexts,
     check_own_texts,
     flat_own_texts,
-    parse_languages,
     plain_document,
 )
 from app.study.protocols import (
@@ -41,9 +41,11 @@ from app.study.questions.comprehension import ANSWERS, ANSWERS_ALONE
 from app.study.questions.questionnaire import (
     DEFAULT_QUESTIONS,
     DEFAULT_SPOKEN_QUESTIONS,
-    Question,
-    parse_questions,
-    parse_spoken_questions,
+    LONGEST_QUESTION,
+    MOST_QUESTIONS,
+    MOST_SPOKEN_QUESTIONS,
+    Questions,
+    SpokenQuestions,
 )
 from app.study.screening.screening import ScreeningOptions
 from app.study.stages import INTERVIEW, OptionalStage, way_through
@@ -63,10 +65,6 @@ def _in_order(disturbances: tuple[Disturbance, ...]) -> tuple[Disturbance, ...]:
     return tuple(name for name in get_args(Disturbance) if name in disturbances)
 
 
-def _each_once(names: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(names))
-
-
 def _both_or_none(lengths: tuple[int, ...]) -> tuple[int, ...]:
     if len(lengths) not in (0, 2):
         raise PydanticCustomError("window", "expected both")
@@ -77,12 +75,12 @@ class StudyOptions(Options):
     """A study's options; the defaults give the shortest study."""
 
     languages: Annotated[
-        tuple[str, ...],
-        BeforeValidator(parse_languages),
+        Languages,
         Setting(
             "Languages",
             "those that participants may choose from, the first being that of the plain texts here; one: it "
             "is fixed; empty: all reviewed ones, the plain texts being English",
+            expected='a list of different tags such as ["en", "de"]',
         ),
     ] = ()
     texts: Annotated[
@@ -117,19 +115,24 @@ class StudyOptions(Options):
         bool, Setting("Comprehension question", "the instructions end with a question on them", section="stages")
     ] = False
     questions: Annotated[
-        tuple[Question, ...],
-        BeforeValidator(parse_questions),
+        Questions,
         Setting(
             "Written questions",
             "the interview; none while it is on: age, sex, experience, glasses, reasons",
             section="questions",
             kind="questions",
+            expected=f"a list of at most {MOST_QUESTIONS} tables",
         ),
     ] = ()
     spoken_questions: Annotated[
-        tuple[str, ...],
-        BeforeValidator(parse_spoken_questions),
-        Setting("Spoken questions", "asked by the experimenter; one a line", section="questions", kind="spoken"),
+        SpokenQuestions,
+        Setting(
+            "Spoken questions",
+            "asked by the experimenter; one a line",
+            section="questions",
+            kind="spoken",
+            expected=f"a list of at most {MOST_SPOKEN_QUESTIONS} different texts of 1 to {LONGEST_QUESTION} characters",
+        ),
     ] = DEFAULT_SPOKEN_QUESTIONS
     debriefing: Annotated[
         LongText,
@@ -258,14 +261,15 @@ class StudyOptions(Options):
         ),
     ] = ""
     practice_pairs: Annotated[
-        tuple[PracticeFilms, ...],
-        BeforeValidator(parse_practice_pairs),
+        ListOf[PracticeFilms],
+        Field(max_length=MOST_PRACTICE),
         Setting(
             "Films to practise with",
             "none: those that the line above says",
             section="practice",
             change=WITH_FILMS,
             kind="films",
+            expected=f'a list of at most {MOST_PRACTICE} like {{dataset = "ball", a = "good", b = "coarse"}}',
         ),
     ] = ()
     reference: Annotated[
@@ -280,8 +284,7 @@ class StudyOptions(Options):
         ),
     ] = ""
     without: Annotated[
-        ListOf[str],
-        AfterValidator(_each_once),
+        Names,
         Setting(
             "Conditions to leave out",
             "never shown nor compared, such as truth, which is there for measures alone",
@@ -357,9 +360,12 @@ class StudyOptions(Options):
         ),
     ] = Field(default=24.0, gt=0, le=1_000_000)
     groups: Annotated[
-        tuple[Group, ...],
-        BeforeValidator(parse_groups),
-        Setting("Groups", "that participants are assigned to at random, equally many to each; empty: none"),
+        Groups,
+        Setting(
+            "Groups",
+            "that participants are assigned to at random, equally many to each; empty: none",
+            expected=f"a list of at most {MOST_GROUPS} tables",
+        ),
     ] = ()
     privacy: PrivacyOptions = PrivacyOptions()
     lab_sheet: LabSheet = LabSheet()

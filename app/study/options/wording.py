@@ -9,8 +9,10 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import StringConstraints
 
 from app.study.languages.language_pack import (
     MODEL,
@@ -22,7 +24,7 @@ from app.study.languages.language_pack import (
     nested_texts,
     text_faults,
 )
-from app.study.option_fields import is_list
+from app.study.option_fields import Different, ListOf
 from app.study.protocols import IN_PROTOCOLS, Protocol, texts_of
 from app.study.questions.answers import QUESTIONS, AskedQuestion, pack_labels, worded_questions
 from app.study.questions.questionnaire import Question
@@ -34,6 +36,7 @@ CONSENT, DEBRIEFING, NAME = "study.consent", "study.debriefing", "study.name"
 LONGEST_TEXT = 20_000  # characters of a consent text
 LONGEST_NAME = 200  # characters of a study's name
 
+Languages = Annotated[ListOf[Annotated[str, StringConstraints(pattern=f"^{TAG.pattern}$")]], Different]
 OwnTexts = Mapping[str, Mapping[str, Any]]  # by language and key
 
 
@@ -170,20 +173,6 @@ def check_languages(options: StudyOptions, packs: Mapping[str, LanguagePack]) ->
         )
 
 
-def parse_languages(content: Any) -> tuple[str, ...]:
-    """Read the option `languages`.
-
-    Raises
-    ------
-    ValueError
-        If it is not a list of different language tags.
-    """
-    is_of_tags = is_list(content) and all(isinstance(tag, str) and TAG.fullmatch(tag) for tag in content)
-    if not is_of_tags or len(set(content)) < len(content):
-        raise ValueError(f'languages is {content!r}, expected a list of different tags such as ["en", "de"]')
-    return tuple(content)
-
-
 def changed_languages(options: StudyOptions, languages: Sequence[str]) -> dict[str, Any]:
     """Return the options that change with `languages`; every text stays in its language.
 
@@ -204,7 +193,7 @@ def changed_languages(options: StudyOptions, languages: Sequence[str]) -> dict[s
         if lacking := [part for part in parts if part in texts[before] and part not in first]:
             raise ValueError(f"{lacking[0]} is missing in {after}, which cannot be the first language without it")
         text, labels = str(first.pop(parts[0], "")), tuple(first.pop(parts[1], ()))
-        questions.append(asdict(replace(question, text=text, labels=labels)))
+        questions.append(question.but(text=text, labels=labels).as_json())
     return {**changes, "texts": {**texts, after: first}, "consent": "", "debriefing": "", "questions": questions}
 
 
@@ -264,7 +253,7 @@ def _question_faults(key: str, part: str, text: Any, question: Question | None) 
     if part == "text":
         return [] if isinstance(text, str) and text.strip() else [f"{key} is {text!r:.40}, expected the question"]
     n = len(question.options) if question.kind == "choice" else 2
-    is_complete = is_list(text) and len(text) == n and all(isinstance(label, str) and label for label in text)
+    is_complete = isinstance(text, list) and len(text) == n and all(isinstance(label, str) and label for label in text)
     if question.kind not in ("choice", "scale") or not is_complete:
         of_what = "its options" if question.kind == "choice" else "the two ends of a scale"
         return [f"{key} is {text!r:.60}, expected a list of labels for {of_what}"]

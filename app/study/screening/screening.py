@@ -13,10 +13,9 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field, model_validator
 
-from app.study.option_fields import ListOf, Options, Setting
+from app.study.option_fields import Different, ListOf, Options, Setting
 from app.study.screening.acuity import (
     FEWEST_GAP_PIXELS,
     AcuityTest,
@@ -55,15 +54,7 @@ LARGEST_GAP_PX = 200.0  # larger rings add no information and take long to send
 
 
 Word = TypeVar("Word")
-
-
-def _each_once(words: tuple[Word, ...]) -> tuple[Word, ...]:
-    if len(set(words)) < len(words):
-        raise PydanticCustomError("not_once", "expected each once")
-    return words
-
-
-SomeOf = Annotated[ListOf[Word], Field(min_length=1), AfterValidator(_each_once)]
+SomeOf = Annotated[ListOf[Word], Field(min_length=1), Different]
 
 
 class ScreeningOptions(Options):

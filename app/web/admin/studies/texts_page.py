@@ -24,7 +24,6 @@ from app.study.options.wording import (
     changed_languages,
     first_language,
     own_texts,
-    parse_languages,
     protocol_texts,
     refused_languages,
     wording,
@@ -95,7 +94,7 @@ def choose_languages(
 ) -> Response:
     """Save in which languages the study is offered."""
     try:
-        tags = parse_languages(named.replace(",", " ").split())
+        tags = StudyOptions.read({"languages": named.replace(",", " ").split()}).languages
         changes = changed_languages(parse_options(study.options), tags)
     except ValueError as error:
         raise InvalidError(f"Nothing was changed: {error}.") from error
