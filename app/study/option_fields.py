@@ -110,7 +110,7 @@ class Setting:
 class Options(BaseModel):
     """Options of one subject, right as soon as they are there; every field bears a `Setting`."""
 
-    called: ClassVar[str] = ""  # what a refusal calls one of several
+    called: ClassVar[str] = ""  # in refusals: one of several, and its keys where they stand in no table
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
     @classmethod
@@ -132,8 +132,8 @@ class Options(BaseModel):
         return self.model_dump(mode="json")
 
     def but(self, **changes: Any) -> Self:
-        """Return the options with some changed, which are taken as they are."""
-        return self.model_copy(update=changes)
+        """Return the options with some changed, checked as by `read`."""
+        return self.read({**dict(self), **changes})
 
 
 def settings_of(model: type[Options], table: str = "") -> Iterator[Setting]:
@@ -231,8 +231,7 @@ def _refusal(error: ValidationError, model: type[Options], content: Any) -> str:
         key = place.pop(0)
     before = f"{at}: " if at else ""
     if fault["type"] == "extra_forbidden":
-        known = model.model_fields if at else sorted(model.model_fields)
-        return f"{before or 'option '}{key!r} is not known; expected some of {', '.join(known)}"
+        return f"{before or model.called}{key!r} is not known; expected some of {', '.join(model.model_fields)}"
     info = model.model_fields[key]
     if is_table(info):
         return f"{key} is {fault['input']!r:.120}, expected a table of its own"

@@ -183,7 +183,7 @@ def _complete(now: StudyFile, wanted: StudyFile) -> StudyFile:
     before, options = now.options, wanted.options
     if options.practice_dataset != before.practice_dataset and options.practice_pairs == before.practice_pairs:
         options = options.but(practice_pairs=())  # they were chosen for the other dataset
-    return StudyFile(name, None, now.manifest_sha256, exposure_s, seed, options)
+    return now.but(name=name, stimuli=None, exposure_s=exposure_s, seed=seed, options=options)
 
 
 def _needs_films(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from app.study.option_fields import ANY_TIME, WITH_FILMS, Change, Setting, settings_of
+from app.study.option_fields import ANY_TIME, WITH_FILMS, Change, settings_of
 from app.study.options.options import StudyOptions
-from app.study.options.study_file import EXPOSURE_BOUNDS_S, HIGHEST_SEED
+from app.study.options.study_file import StudyFile
 
 SECTIONS: Mapping[str, str] = {
     "study": "Study",
@@ -37,31 +37,7 @@ SECTION_NOTES: Mapping[str, str] = {
 
 # The study's own columns; all others are options.
 COLUMNS = ("name", "exposure_s", "seed")
-_OF_COLUMNS = (
-    Setting("Name", "shown to participants and experimenters", ANY_TIME, "study", "text", name="name"),
-    Setting(
-        "Seconds a pair or film is shown",
-        "empty in a new study: as long as the shortest video",
-        section="study",
-        kind="number",
-        step="any",
-        name="exposure_s",
-        low=EXPOSURE_BOUNDS_S[0],
-        high=EXPOSURE_BOUNDS_S[1],
-        may_be_empty=True,
-    ),
-    Setting(
-        "Seed of all orders",
-        "a whole number; empty in a new study: drawn at random",
-        section="study",
-        kind="whole",
-        step="1",
-        name="seed",
-        low=0,
-        high=HIGHEST_SEED,
-        may_be_empty=True,
-    ),
-)
+_OF_COLUMNS = (setting for setting in settings_of(StudyFile) if setting.name in COLUMNS)
 _ALL = (*_OF_COLUMNS, *settings_of(StudyOptions))
 # In the order of the form; those of no section have a page of their own: the study's Texts, and its Invitations.
 SETTINGS = tuple(setting for section in SECTIONS for setting in _ALL if setting.section == section)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, model_validator
 from pydantic_core import PydanticCustomError
@@ -73,6 +73,8 @@ def _both_or_none(lengths: tuple[int, ...]) -> tuple[int, ...]:
 
 class StudyOptions(Options):
     """A study's options; the defaults give the shortest study."""
+
+    called: ClassVar[str] = "option "
 
     languages: Annotated[
         Languages,

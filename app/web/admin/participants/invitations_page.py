@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import re
 from codecs import BOM_UTF8
-from dataclasses import replace
 from typing import Annotated, Any
 
 import segno
@@ -115,7 +114,7 @@ def assign_groups(
     except ValueError as error:
         raise InvalidError(f"Nothing was changed: {error}.") from error
     current = study_file_of(study)
-    changed = replace(current, options=current.options.but(groups=wanted))
+    changed = current.but(options=current.options.but(groups=wanted))
     return save_study(request, study, changed, revision, actor, "invitations")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 from fastapi import Depends, Request
@@ -140,7 +140,7 @@ def study_of(now: StudyFile, given: Mapping[str, Any]) -> StudyFile:
         Naming the setting and what is expected.
     """
     columns = {name: given[name] for name in COLUMNS if given.get(name) is not None}
-    return replace(now, **columns, options=parse_options(options_of(now.options, given)))
+    return now.but(**columns, options=parse_options(options_of(now.options, given)))
 
 
 def options_of(now: StudyOptions, given: Mapping[str, Any]) -> dict[str, Any]:

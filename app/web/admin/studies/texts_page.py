@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 from fastapi import APIRouter, File, Form, Path, Request, UploadFile
@@ -169,7 +169,7 @@ def _save(
 ) -> Response:
     now = study_file_of(study)
     try:
-        wanted = replace(now, options=parse_options({**now.options.as_json(), **changes}))
+        wanted = now.but(options=parse_options({**now.options.as_json(), **changes}))
     except ValueError as error:
         raise InvalidError(f"Nothing was changed: {error}.") from error
     return save_study(request, study, wanted, revision, actor, page)

@@ -53,7 +53,7 @@ def test_the_orders_of_groups_with_blocks_of_their_own_break_no_rule(n_people: i
 
 def test_groups_are_read_from_a_study_file_and_written_into_it() -> None:
     groups = (Group(name="near", datasets=("ball",)), Group(name="far"))
-    study = StudyFile("Temple", options=StudyOptions(groups=groups))
+    study = StudyFile(name="Temple", options=StudyOptions(groups=groups))
     assert parse_study_file(write_study_file(study)).options.groups == groups
     assert parse_options(study.options.as_json()).groups == groups
 

@@ -21,7 +21,7 @@ NOTED = {
 
 def test_a_lab_sheet_travels_with_the_study_file() -> None:
     options = parse_options({"lab_sheet": NOTED})
-    read = parse_study_file(write_study_file(StudyFile("Lab", options=options))).options
+    read = parse_study_file(write_study_file(StudyFile(name="Lab", options=options))).options
     assert read.lab_sheet.as_json() == NOTED
 
 
