@@ -7,12 +7,17 @@ import inspect
 import json
 import re
 from collections.abc import Iterator, Sequence
+from functools import reduce
+from operator import getitem
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
+
+if TYPE_CHECKING:
+    from app.study.option_fields import Setting
 
 ROOT = Path(__file__).parent.parent
 REPOSITORY_PAGES = {
@@ -56,6 +61,7 @@ def commands() -> str:
 def leaves(command: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
     """Return every command that does something, with its full name; so may one that has others below it."""
     below = getattr(command, "commands", {})
+    command.get_params(typer.Context(command))  # some have all their parameters only once they are asked
     if not below or command.invoke_without_command:
         yield " ".join(path), command
     for name, each in below.items():
@@ -94,8 +100,14 @@ def settings() -> str:
     """Return the server's environment variables, the options of a study and the settings of an analysis."""
     from app.analysis.model.settings import AnalysisSettings
     from app.settings import Settings
+    from app.study.option_fields import settings_of
     from app.study.options.options import StudyOptions
 
+    default = StudyOptions().model_dump()
+    options = [
+        (f"`{setting.name}`", _described_setting(setting), _default(reduce(getitem, setting.name.split("."), default)))
+        for setting in settings_of(StudyOptions)
+    ]
     prefix = str(Settings.model_config["env_prefix"])
     server = [
         (f"`{prefix}{name.upper()}`", _sentence(field.description), _default(field.default))
@@ -108,12 +120,18 @@ def settings() -> str:
         _table(("variable", "", "default"), server),
         "## Studies",
         "Keys of the options file of `reconstudy study create --options` and of a study file.",
-        _table(("key", "", "default"), _fields(StudyOptions)),
+        _table(("key", "", "default"), options),
         "## Analyses",
         "Options of `reconstudy analyse`, and the fields of `app.analysis.AnalysisSettings`.",
         _table(("field", "", "default"), _fields(AnalysisSettings)),
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def _described_setting(setting: Setting) -> str:
+    """Return what an option does, with its choices."""
+    choices = "; ".join(f"`{key}` {what}" if key else f"empty: {what}" for key, what in setting.choices.items())
+    return f"{setting.label}: {setting.text}{f' ({choices})' if choices else ''}"
 
 
 def _fields(kind: type[Any]) -> list[tuple[str, str, str]]:

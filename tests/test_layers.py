@@ -47,7 +47,7 @@ RANKS = {
 FOLDERS = sorted(
     {path.parent.relative_to(ROOT).as_posix() for package in FLOORS for path in (ROOT / package).rglob("*.py")}
 )
-HAVE_A_CIRCLE = {"app/study", "app/study/options"}
+HAVE_A_CIRCLE = {"app/study/options"}
 MOST_ROOMS = dict.fromkeys(FOLDERS, 15) | {"recon": 22}
 MOST_FLOORS = 12
 
@@ -71,7 +71,7 @@ HOMES = {
     "numba": ("recon/",),
     "imageio_ffmpeg": ("recon/render/encoding/video.py", "recon/validation/films/vmaf.py", "app/ffmpeg.py"),
 }
-PURE = {"numpy", "scipy"}
+PURE = {"numpy", "pydantic", "pydantic_core", "scipy"}
 PURE_EXCEPTIONS = {
     "app/analysis/report/charts.py": {"altair"},
     "app/analysis/drawing/charts_in_common.py": {"altair", "vl_convert"},

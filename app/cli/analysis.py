@@ -233,7 +233,7 @@ def plan(
     from app.analysis.ratings.planning import RatingPlan, plan_ratings
     from app.study.options.duration import trials_s
     from app.study.options.study_file import EXPOSURE_BOUNDS_S
-    from app.study.protocols import RATED, parse_protocol
+    from app.study.protocols import PROTOCOLS, RATED
 
     shortest, longest = EXPOSURE_BOUNDS_S
     if not shortest <= exposure <= longest:
@@ -241,9 +241,9 @@ def plan(
     for option, value in (("--effect", effect), ("--inconsistency", inconsistency)):
         if not 0 < value < math.inf:
             raise typer.BadParameter(f"{option} is {value:g}, expected more than 0")
-    with wrong_use():
-        chosen, _ = parse_protocol({"protocol": protocol})
-    is_rated = chosen in RATED
+    if protocol not in PROTOCOLS:
+        raise typer.BadParameter(f"protocol is {protocol!r}, expected one of {', '.join(PROTOCOLS)}")
+    is_rated = protocol in RATED
     if is_rated:
         result = plan_ratings(RatingPlan(conditions, datasets, participants, inconsistency), effect)
     else:
@@ -254,7 +254,7 @@ def plan(
         )
         progress.close()
     n_trials = result["votes_per_participant"]
-    result |= {"protocol": chosen, "trials": n_trials, "minutes": max(1, round(trials_s(n_trials, exposure) / 60))}
+    result |= {"protocol": protocol, "trials": n_trials, "minutes": max(1, round(trials_s(n_trials, exposure) / 60))}
     unit, suffix = ("grades", "") if is_rated else ("JOD", "_jod")
     single, pooled = (result[f"detectable{suffix}_{where}"] for where in ("one_dataset", "pooled"))
     sentences = (

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from app.cli.shared import UrlOption, by_step
-from app.cli.study_flags import with_option_flags
+from app.cli.study_flags import GIVEN, CommandWithOptionFlags
 from app.operations.commands import StimuliImport
 from recon.cli.console import JsonOption, ProgressLine, counted, print_result
 from recon.cli.flags import with_settings
@@ -104,9 +104,9 @@ def _tell_of_set(new: NewSet, out: Path, *, as_json: bool) -> None:
     print_result(result, "\n".join([films, *new.notes, follows]), as_json=as_json)
 
 
-@study_app.command("create")
-@with_option_flags
+@study_app.command("create", cls=CommandWithOptionFlags)
 def study_create(
+    context: typer.Context,
     stimulus_set: Annotated[Path, typer.Argument(help="Folder of the stimulus set, or its manifest.json.")],
     study_name: Annotated[
         str, typer.Option("--name", help="The study's name, as participants and experimenters read it.")
@@ -124,8 +124,6 @@ def study_create(
     ] = None,
     url: UrlOption = None,
     as_json: JsonOption = False,
-    *,
-    given: dict[str, Any],
 ) -> None:
     """Create a study from a stimulus set, with an open invitation. Flags override the file, and it the preset."""
     from app.operations.studies.create import create_study, read_options
@@ -133,6 +131,7 @@ def study_create(
     from app.study.protocols import typed_scale
     from app.study.stages import PRACTICE
 
+    given = context.meta[GIVEN]
     if "scale" in given:
         given["scale"] = typed_scale(given["scale"])
     options = read_options(options_file, given, preset)

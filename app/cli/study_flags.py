@@ -1,17 +1,18 @@
-"""Give a command a flag for each option of a study that fits on a command line, from the table of settings."""
+"""Give a command a flag for each option of a study that fits on a command line, as the options declare them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from functools import wraps
-from inspect import Parameter, signature
-from typing import Annotated, Any, get_type_hints
+from collections.abc import Iterator, Sequence
+from inspect import Parameter, Signature
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
-from app.study.options.option_table import COLUMNS, SETTINGS, Kind, Setting
+if TYPE_CHECKING:
+    from app.study.option_fields import Setting
 
-TYPES: dict[Kind, Any] = {
+TYPES: dict[str, Any] = {
     "flag": bool | None,
     "whole": int | None,
     "number": float | None,
@@ -21,37 +22,56 @@ TYPES: dict[Kind, Any] = {
     "dataset": str | None,
 }
 SHORTER = {"practice_dataset": "practice"}  # names of flags that are not those of their options
-ON_COMMAND_LINE = [
-    setting
-    for setting in SETTINGS
-    if setting.kind in TYPES and setting.name == setting.option and setting.name not in COLUMNS
-]
 
 
-def with_option_flags(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the flags; it gets what was given as `given`, by the options' names."""
-
-    @wraps(command)
-    def with_flags(**arguments: Any) -> None:
-        options = {setting.name: arguments.pop(setting.name) for setting in ON_COMMAND_LINE}
-        command(**arguments, given={name: value for name, value in options.items() if value not in (None, [])})
-
-    hints = get_type_hints(command, include_extras=True)
-    plain = [each for each in signature(command).parameters.values() if each.name != "given"]
-    parameters = [*(each.replace(annotation=hints[each.name]) for each in plain), *_flags()]
-    with_flags.__signature__ = signature(command).replace(parameters=parameters)  # type: ignore[attr-defined]  # PEP 362
-    with_flags.__annotations__ = {each.name: each.annotation for each in parameters}
-    return with_flags
+GIVEN = "options given as flags"
 
 
-def _flags() -> Iterator[Parameter]:
-    for setting in ON_COMMAND_LINE:
+class CommandWithOptionFlags(TyperCommand):
+    """A command that takes a flag for each option; it finds those given in `context.meta[GIVEN]`, by their names.
+
+    The options are imported once the command's parameters are asked for: no other command waits for them.
+    """
+
+    flags: Sequence[Any] = ()
+
+    def get_params(self, ctx: Any) -> Any:
+        """Return the command's parameters, and a flag for each option."""
+        if not self.flags:
+            self.flags = _flags()
+            self.params += self.flags
+        return super().get_params(ctx)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command."""
+        values = {flag.name: ctx.params.pop(flag.name) for flag in self.flags}
+        ctx.meta[GIVEN] = {name: value for name, value in values.items() if value not in (None, [], ())}
+        return super().invoke(ctx)
+
+
+def _flags() -> Sequence[Any]:
+    def flags() -> None:
+        """Bear the parameters, for typer to read."""
+
+    parameters = list(_parameters())
+    flags.__signature__ = Signature(parameters)  # type: ignore[attr-defined]  # PEP 362
+    flags.__annotations__ = {each.name: each.annotation for each in parameters}
+    app = typer.Typer(add_completion=False)
+    app.command()(flags)
+    return typer.main.get_command(app).params
+
+
+def _parameters() -> Iterator[Parameter]:
+    from app.study.options.option_table import COLUMNS, SETTINGS
+
+    for setting in SETTINGS:
+        if setting.kind not in TYPES or setting.name != setting.option or setting.name in COLUMNS:
+            continue
         name = SHORTER.get(setting.name, setting.name).replace("_", "-")
         names = f"--{name}/--no-{name}" if setting.kind == "flag" else f"--{name}"
         low = setting.low if setting.kind in ("whole", "number") else None
         option = typer.Option(names, help=_help(setting), min=low, show_default=False)
-        kind: Any = TYPES[setting.kind]
-        annotation: Any = Annotated[kind, option]
+        annotation: Any = Annotated[TYPES[setting.kind], option]
         yield Parameter(setting.name, Parameter.POSITIONAL_OR_KEYWORD, default=None, annotation=annotation)
 
 

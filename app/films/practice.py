@@ -46,7 +46,7 @@ class Practice:
     @property
     def films(self) -> tuple[PracticeFilms, ...]:
         """The pairs by their names, as a study's options keep them."""
-        return tuple(PracticeFilms(a.dataset, a.approach, b.approach) for a, b in self.pairs)
+        return tuple(PracticeFilms(dataset=a.dataset, a=a.approach, b=b.approach) for a, b in self.pairs)
 
 
 def choose_practice(

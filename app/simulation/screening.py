@@ -10,7 +10,7 @@ import numpy as np
 
 from app.simulation.observer import Observer
 from app.study.screening.pictures import read_png
-from app.study.screening.screening import FIXED_DISTANCES_CM
+from app.study.screening.screening import FARTHEST_CM
 from app.study.screening.viewing_distance import BLIND_SPOT_DEG, CARD_MM, N_BLIND_SPOTS, N_CARDS
 
 Ask = Callable[[str, str, Mapping[str, Any] | None], httpx.Response]  # method, path, body
@@ -49,7 +49,7 @@ def _measure(ask: Ask, distance: str) -> None:
     else:
         screening = ask("PUT", f"{SCREENING}/distance", {"typed_cm": USUAL_DISTANCE_CM}).json()
     needed = screening["certificate"]["needed_distance_cm"]
-    if not screening["certificate"]["can_certify"] and needed < FIXED_DISTANCES_CM[1]:
+    if not screening["certificate"]["can_certify"] and needed < FARTHEST_CM:
         ask("PUT", f"{SCREENING}/distance", {"typed_cm": float(needed)})
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, TypeVar
+from typing import Literal, TypeVar
 
 Text = TypeVar("Text")
 Protocol = Literal["PC", "ACR", "ACR-HR", "DCR", "CCR"]
@@ -107,7 +107,7 @@ def grades_of(protocol: Protocol, scale: Scale) -> Grades | None:
 
 
 def typed_scale(text: str) -> int | str:
-    """Return a scale as it was typed, for `parse_protocol` to check: numbers of grades are numbers."""
+    """Return a scale as it was typed, for `parse_options` to check: numbers of grades are numbers."""
     return int(text) if text.isdecimal() else text
 
 
@@ -116,31 +116,12 @@ def stored_scale(text: str | None) -> Scale:
     return next((scale for scale in SCALES if str(scale) == text), SCALES[0])
 
 
-def parse_protocol(content: Mapping[str, Any]) -> tuple[Protocol, Scale]:
-    """Read the options `protocol` and `scale`.
-
-    Raises
-    ------
-    ValueError
-        Naming the option with an invalid value.
-    """
-    protocol, scale = content.get("protocol", PC), content.get("scale", SCALES[0])
-    if protocol not in PROTOCOLS:
-        raise ValueError(f"protocol is {protocol!r}, expected one of {', '.join(PROTOCOLS)}")
-    if isinstance(scale, bool) or scale not in SCALES:
-        raise ValueError(f"scale is {scale!r}, expected one of {', '.join(map(repr, SCALES))}")
-    if scale != SCALES[0] and protocol in (PC, CCR):
-        answers = "three answers" if protocol == PC else "seven grades"
-        raise ValueError(f"scale is {scale!r}, but protocol {protocol} always has {answers}: leave scale out")
-    return protocol, SCALES[SCALES.index(scale)]  # 9.0 is 9, as the database tells it
-
-
-def check_with_protocol(protocol: Protocol, reference: str, only_of_pairs: Mapping[str, object]) -> None:
+def check_with_protocol(protocol: Protocol, scale: Scale, reference: str, only_of_pairs: Mapping[str, object]) -> None:
     """Check a study's other options against its protocol.
 
     Parameters
     ----------
-    protocol : the study's
+    protocol, scale : the study's
     reference : the option, empty for none
     only_of_pairs : options that only a study of pairs has, with their values
 
@@ -149,6 +130,9 @@ def check_with_protocol(protocol: Protocol, reference: str, only_of_pairs: Mappi
     ValueError
         If the reference is missing or of no use, or an option is on that the protocol does not have.
     """
+    if scale != SCALES[0] and protocol in (PC, CCR):
+        answers = "three answers" if protocol == PC else "seven grades"
+        raise ValueError(f"scale is {scale!r}, but protocol {protocol} always has {answers}: leave scale out")
     if protocol in WITH_REFERENCE and not reference:
         raise ValueError(f"protocol {protocol} needs a reference: name one of the conditions as `reference`")
     if protocol == ACR and reference:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from threading import Condition
@@ -74,7 +73,7 @@ def new_study(settings: Settings, server: str, votes_kept: Condition) -> NewStud
         folder: Path, exposure_s: float, options: StudyOptions | None = None, *, see_both: bool = False
     ) -> Study:
         name = f"Study {next(numbers)}"
-        chosen = replace(options or StudyOptions(), see_both=see_both)
+        chosen = (options or StudyOptions()).but(see_both=see_both)
         made = create_study(settings, folder, name, exposure_s=exposure_s, seed=1, options=chosen)
         return Study(server, made["slug"], made["invitation"], token, votes_kept)
 

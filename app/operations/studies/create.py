@@ -29,8 +29,7 @@ from app.store.trials.orders import most_trials
 from app.study.languages.text import is_one_line
 from app.study.options.options import StudyOptions, parse_options
 from app.study.options.presets import QUICK, read_preset
-from app.study.options.study_file import KEYS as STUDY_FILE_KEYS
-from app.study.options.study_file import parse_study_file
+from app.study.options.study_file import StudyFile, parse_study_file
 from app.study.options.wording import LONGEST_NAME, check_languages, refused_languages
 
 LONGEST_SLUG = 48
@@ -186,7 +185,7 @@ def read_options(path: Path | None, given: Mapping[str, Any], preset: str = QUIC
     text = _read_toml(path, "a TOML file of a study's options")
     try:
         in_file = tomllib.loads(text)
-        if set(STUDY_FILE_KEYS) & set(in_file):
+        if StudyFile.model_fields.keys() & set(in_file):
             raise ValueError(
                 "is a study file; make its study by `reconstudy study import FILE --stimuli SET`, or give --options a "
                 "file of what its table options holds"

@@ -7,7 +7,7 @@ a step of its own.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,8 @@ from app.study.design.adaptive import check_adaptive
 from app.study.design.groups import check_groups
 from app.study.languages.language_pack import LanguagePack
 from app.study.languages.text import is_one_line
-from app.study.options.option_table import CHANGES, WITH_FILMS, why_fixed
+from app.study.option_fields import WITH_FILMS
+from app.study.options.option_table import CHANGES, why_fixed
 from app.study.options.options import check_minimum_viewing, without_effect
 from app.study.options.privacy import check_days_left, forgets_at
 from app.study.options.study_file import StudyFile
@@ -181,8 +182,8 @@ def _complete(now: StudyFile, wanted: StudyFile) -> StudyFile:
     seed = now.seed if wanted.seed is None else wanted.seed
     before, options = now.options, wanted.options
     if options.practice_dataset != before.practice_dataset and options.practice_pairs == before.practice_pairs:
-        options = replace(options, practice_pairs=())  # they were chosen for the other dataset
-    return StudyFile(name, None, now.manifest_sha256, exposure_s, seed, options)
+        options = options.but(practice_pairs=())  # they were chosen for the other dataset
+    return now.but(name=name, stimuli=None, exposure_s=exposure_s, seed=seed, options=options)
 
 
 def _needs_films(
@@ -206,7 +207,7 @@ def _lock_unless_begun(connection: Transaction, edit: Edit) -> None:
 def _changes(before: StudyFile, after: StudyFile) -> dict[str, Any]:
     """Return the changed settings with their new values; long texts by their length, a platform's codes not at all."""
     old, new = _flat(before), _flat(after)
-    shown = new | {"outside": asdict(after.options.outside.without_codes)}
+    shown = new | {"outside": after.options.outside.without_codes.as_json()}
     return {key: _short(shown[key]) for key, value in new.items() if value != old[key]}
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +95,7 @@ def prepare_study(
         shown=shown,
         pairs=pairs,
         practice=practised,
-        options=replace(options, practice_pairs=practice.films),
+        options=options.but(practice_pairs=practice.films),
         exposure_s=exposure,
         factors=practice.compared.factors,
         manifest_sha256=stimulus_set.sha256,

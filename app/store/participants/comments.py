@@ -29,7 +29,7 @@ from app.store.database.tables import (
 from app.store.participants.exclusions import COUNTING, counting, takes_part_in
 from app.store.participants.participants import check_not_erased
 from app.study.options.options import parse_options
-from app.study.questions.answers import asked_questions
+from app.study.options.wording import asked_questions
 from app.study.stages import INTERVIEW
 
 Source = Literal["written", "spoken", "trial"]

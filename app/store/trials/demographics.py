@@ -11,7 +11,7 @@ from app.store.database.tables import study
 from app.store.participants.interviews import questionnaire_records
 from app.store.trials.counted_votes import judges_of
 from app.study.options.options import parse_options
-from app.study.questions.answers import asked_questions
+from app.study.options.wording import asked_questions
 from app.study.questions.demographics import demographics
 
 Among = Literal["counted", "everybody"]

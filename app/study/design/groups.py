@@ -7,52 +7,43 @@ n groups (permuted blocks). A slot that is given up is given out again, and with
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, ClassVar
 
 import numpy as np
+from pydantic import AfterValidator, Field, StringConstraints
 
-from app.study.options.entries import is_list
+from app.study.option_fields import ListOf, Names, Options, Setting
 from app.study.trial.trial import PlannedPair
 
 MOST_GROUPS = 20
-LONGEST_NAME = 60
 _GROUPS = 9  # stream of random numbers besides those of `app.study.design.design` and `app.study.design.rating_order`
 
-Names = Mapping[int, tuple[str, str]]  # (dataset, condition) by the stimulus' key
+StimulusNames = Mapping[int, tuple[str, str]]  # (dataset, condition) by the stimulus' key
 
 
-@dataclass(frozen=True)
-class Group:
-    """A group that participants are assigned to.
+class Group(Options):
+    """A group that participants are assigned to."""
 
-    Parameters
-    ----------
-    name : shown to experimenters only
-    datasets : those that its participants see; empty: all
-    """
+    called: ClassVar[str] = "group"
 
-    name: str
-    datasets: tuple[str, ...] = ()
+    name: Annotated[
+        str,
+        StringConstraints(strip_whitespace=True, min_length=1, max_length=60),
+        Setting("Name", "shown to experimenters only", expected="1 to 60 characters"),
+    ]
+    datasets: Annotated[Names, Setting("Datasets", "those that its participants see; empty: all")] = ()
 
 
-def parse_groups(content: Any) -> tuple[Group, ...]:
-    """Read the option `groups` of a study file, a list of tables with `name` and `datasets`.
-
-    Raises
-    ------
-    ValueError
-        Naming the group and its fault.
-    """
-    if not is_list(content) or len(content) > MOST_GROUPS:
-        raise ValueError(f"groups is {content!r:.80}, expected a list of at most {MOST_GROUPS} tables")
-    groups = tuple(_group(entry, number) for number, entry in enumerate(content, start=1))
+def _are_several(groups: tuple[Group, ...]) -> tuple[Group, ...]:
     names = [group.name for group in groups]
     if twice := [name for name in names if names.count(name) > 1]:
         raise ValueError(f"groups: {twice[0]!r} is there twice")
     if len(groups) == 1:
         raise ValueError(f"groups: there is only {names[0]!r}, expected at least two, or none")
     return groups
+
+
+Groups = Annotated[ListOf[Group], Field(max_length=MOST_GROUPS), AfterValidator(_are_several)]
 
 
 def check_groups(groups: Sequence[Group], datasets: Sequence[str]) -> None:
@@ -86,7 +77,7 @@ def group_of_slot(n_groups: int, seed: int, slot: int) -> tuple[int, int]:
     return int(np.random.default_rng([seed, _GROUPS, block]).permutation(n_groups)[turn]), block
 
 
-def pairs_of_group(group: Group, pairs: Sequence[PlannedPair], names: Names) -> list[PlannedPair]:
+def pairs_of_group(group: Group, pairs: Sequence[PlannedPair], names: StimulusNames) -> list[PlannedPair]:
     """Return the pairs that a group's participants see.
 
     Parameters
@@ -96,14 +87,3 @@ def pairs_of_group(group: Group, pairs: Sequence[PlannedPair], names: Names) -> 
     names : of their stimuli
     """
     return [pair for pair in pairs if not group.datasets or names[pair.top][0] in group.datasets]
-
-
-def _group(content: Any, number: int) -> Group:
-    if not isinstance(content, Mapping) or set(content) - {"name", "datasets"}:
-        raise ValueError(f"group {number} is {content!r:.80}, expected a table with name and datasets")
-    name, datasets = content.get("name"), content.get("datasets", ())
-    if not isinstance(name, str) or not 0 < len(name.strip()) <= LONGEST_NAME:
-        raise ValueError(f"group {number}: its name is {name!r:.80}, expected 1 to {LONGEST_NAME} characters")
-    if not is_list(datasets) or not all(isinstance(dataset, str) for dataset in datasets):
-        raise ValueError(f"group {name!r}: datasets is {datasets!r:.80}, expected a list of names")
-    return Group(name.strip(), tuple(dict.fromkeys(datasets)))

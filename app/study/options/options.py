@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
+
+from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, model_validator
+from pydantic_core import PydanticCustomError
 
 from app.study.design.design import Repetition
-from app.study.design.groups import Group, parse_groups
+from app.study.design.groups import MOST_GROUPS, Groups
 from app.study.languages.language_pack import MODEL
-from app.study.options.entries import Entries, is_list
-from app.study.options.lab_sheet import LabSheet, parse_lab_sheet
-from app.study.options.practice import PracticeFilms, parse_practice_pairs
-from app.study.options.privacy import PrivacyOptions, parse_privacy
-from app.study.options.recruiting import LimitOptions, OutsideOptions, parse_limits, parse_outside
+from app.study.option_fields import ANY_TIME, WITH_FILMS, ListOf, Names, Options, Setting
+from app.study.options.lab_sheet import LabSheet
+from app.study.options.practice import MOST_PRACTICE, PracticeFilms
+from app.study.options.privacy import PrivacyOptions
+from app.study.options.recruiting import LimitOptions, OutsideOptions
 from app.study.options.wording import (
     CONSENT,
     DEBRIEFING,
     LONGEST_TEXT,
+    Languages,
     OwnTexts,
-    parse_languages,
-    parse_own_texts,
+    check_own_texts,
+    flat_own_texts,
     plain_document,
 )
 from app.study.protocols import (
@@ -33,133 +36,347 @@ from app.study.protocols import (
     Scale,
     check_with_protocol,
     grades_of,
-    parse_protocol,
 )
 from app.study.questions.comprehension import ANSWERS, ANSWERS_ALONE
 from app.study.questions.questionnaire import (
     DEFAULT_QUESTIONS,
     DEFAULT_SPOKEN_QUESTIONS,
-    Question,
-    parse_questions,
-    parse_spoken_questions,
+    LONGEST_QUESTION,
+    MOST_QUESTIONS,
+    MOST_SPOKEN_QUESTIONS,
+    Questions,
+    SpokenQuestions,
 )
-from app.study.screening.screening import ScreeningOptions, parse_screening
-from app.study.stages import INTERVIEW, OPTIONAL_STAGES, way_through
-from app.study.trial.technique import TWO_VIDEOS, WEBCODECS
+from app.study.screening.screening import ScreeningOptions
+from app.study.stages import INTERVIEW, OptionalStage, way_through
 from app.study.trial.trial import Disturbance
 
-MOST_CHECKS = 100  # of a kind in each dataset
-MOST_ADAPTIVE = 10_000  # pairs of each dataset
-BREAK_EVERY = 25  # trials
-LONGEST_BREAK_S = 3600
 VOID_ON: tuple[Disturbance, ...] = ("full screen", "hidden")
-RANDOM_EFFECTS = ("", "participants", "participants,datasets")
-SECOND_CODECS = ("", "vp9", "av1")  # besides H.264
-FALLBACKS = ("", WEBCODECS, TWO_VIDEOS)
 Pixels = Literal["fit", "1:1"]
 FullScreen = Literal["asked", "required"]
-LONGEST_MINIMUM_S = 600.0  # of looking at each of both
-LARGEST_WINDOW = 10_000  # CSS pixels
-MOST_HOURS = 1_000_000  # a century, which dates can still be reckoned with
-ABANDONED_AFTER_H = 24.0  # without an answer; a participant who returns the next day keeps the slot
+SecondCodec = Literal["", "vp9", "av1"]  # besides H.264
+Fallback = Literal["", "webcodecs", "two videos"]
+RandomEffects = Literal["", "participants", "participants,datasets"]
+RANDOM_EFFECTS: tuple[RandomEffects, ...] = get_args(RandomEffects)
+LongText = Annotated[str, StringConstraints(strip_whitespace=True, max_length=LONGEST_TEXT)]
 
 
-@dataclass(frozen=True)
-class StudyOptions:
-    """A study's options; the defaults give the shortest study.
+def _in_order(disturbances: tuple[Disturbance, ...]) -> tuple[Disturbance, ...]:
+    return tuple(name for name in get_args(Disturbance) if name in disturbances)
 
-    Parameters
-    ----------
-    languages : those that participants may choose from, the first being that of the plain texts here; one: it is
-        fixed; empty: all reviewed ones, the plain texts being English
-    texts : the study's own texts by language and key, in place of a language pack's or besides the plain ones
-    optional_stages : those of screening, practice and interview that are on
-    screening : its tests and limits
-    consent : Markdown that a participant agrees to, paragraphs apart by an empty line; empty: no consent is asked for
-    consent_version : its authors' name for this text
-    comprehension : do the instructions end with a comprehension question?
-    questions : of the interview
-    spoken_questions : asked aloud by the experimenter, who notes the answers in a form of the dashboard
-    debriefing : Markdown that participants read at the end, paragraphs apart by an empty line
-    protocol : how participants judge: PC compares pairs, ACR and ACR-HR rate films one by one, DCR against a reference,
-        CCR says how much better one of a pair is
-    scale : of ACR, ACR-HR and DCR: number of grades, or a slider
-    both_orders : show every pair twice, the second time with A and B exchanged
-    repeated_pairs : number of pairs of each dataset that are shown again, unchanged
-    identical_pairs : number of pairs of each dataset that hold the same stimulus twice
-    adaptive_pairs : number of pairs of each dataset to choose from the votes so far; 0: every pair is shown
-    free_exposure : the films play until the participant ends the exposure
-    see_both : the vote waits until both of a pair were on screen; the page shows the pair again
-    minimum_viewing_s : seconds for which A and B must each have been on screen before the vote; the page shows the pair
-        again until they were
-    void_on : what voids a look while it lasts, so that the pair comes again at the end: the page is hidden, the full
-        screen left, another window in front (blur), the window resized; what is not named here is recorded only
-    full_screen : asked for only (asked), or no film is shown without it (required)
-    minimum_window : width and height, CSS pixels, of the smallest window in which films are shown; empty: any
-    phones : are phones and tablets let in?
-    pixels : the films are as large as the window allows (fit), or a pixel of a film is a pixel of the display (1:1)
-    practice_dataset : the dataset that is for practice only: no trial shows it; empty: none
-    practice_pairs : films to practise with; empty: those that the stimulus set names for practice, else two that differ
-        plainly
-    reference : the condition shown as the reference beside every pair, and compared with nothing; in ACR-HR hidden
-        among the films, in DCR what each film is rated against; empty: none
-    without : conditions of the stimulus set that are left out: neither shown nor compared
-    second_codec : codec of further films, for browsers without H.264; empty: none
-    fallback : how to show a pair in a browser that cannot play one film of both: decode a film of each picture by
-        picture (webcodecs); failing that, use two players, which may be a frame apart (two videos); empty: not at all
-    lighter_films : are films with fewer bytes made and, on a slow line, shown? They look a little worse, A and B alike,
-        and votes on them are marked
-    break_every : trials after which a break is offered; 0: never
-    break_s : how long a break lasts at least, s; 0: as long as its participant likes
-    random_effects : what the scores are also fitted with as random effects: `participants`, or `participants,datasets`
-    abandoned_after_h : hours without an answer after which another participant gets an unfinished slot
-    outside : how people come from a recruiting platform and go back
-    limits : how many are taken in, until when, and how long each may take
-    groups : that participants are assigned to at random, equally many to each; empty: none
-    lab_sheet : the room and the display, for the record
-    privacy : who answers for participants' data, and how long they are kept
-    """
 
-    languages: tuple[str, ...] = ()
-    texts: OwnTexts = field(default_factory=dict)
-    optional_stages: tuple[str, ...] = ()
-    screening: ScreeningOptions = field(default_factory=ScreeningOptions)
-    consent: str = ""
-    consent_version: str = ""
-    comprehension: bool = False
-    questions: tuple[Question, ...] = ()
-    spoken_questions: tuple[str, ...] = DEFAULT_SPOKEN_QUESTIONS
-    debriefing: str = ""
-    protocol: Protocol = PC
-    scale: Scale = SCALES[0]
-    both_orders: bool = False
-    repeated_pairs: int = 0
-    identical_pairs: int = 0
-    adaptive_pairs: int = 0
-    free_exposure: bool = False
-    see_both: bool = True
-    minimum_viewing_s: float = 0.0
-    void_on: tuple[Disturbance, ...] = VOID_ON
-    full_screen: FullScreen = "asked"
-    minimum_window: tuple[int, ...] = ()
-    phones: bool = True
-    pixels: Pixels = "fit"
-    practice_dataset: str = ""
-    practice_pairs: tuple[PracticeFilms, ...] = ()
-    reference: str = ""
-    without: tuple[str, ...] = ()
-    second_codec: str = ""
-    fallback: str = WEBCODECS
-    lighter_films: bool = False
-    break_every: int = BREAK_EVERY
-    break_s: int = 0
-    random_effects: str = ""
-    abandoned_after_h: float = ABANDONED_AFTER_H
-    outside: OutsideOptions = field(default_factory=OutsideOptions)
-    limits: LimitOptions = field(default_factory=LimitOptions)
-    groups: tuple[Group, ...] = ()
-    lab_sheet: LabSheet = field(default_factory=LabSheet)
-    privacy: PrivacyOptions = field(default_factory=PrivacyOptions)
+def _both_or_none(lengths: tuple[int, ...]) -> tuple[int, ...]:
+    if len(lengths) not in (0, 2):
+        raise PydanticCustomError("window", "expected both")
+    return lengths
+
+
+class StudyOptions(Options):
+    """A study's options; the defaults give the shortest study."""
+
+    called: ClassVar[str] = "option "
+
+    languages: Annotated[
+        Languages,
+        Setting(
+            "Languages",
+            "those that participants may choose from, the first being that of the plain texts here; one: it "
+            "is fixed; empty: all reviewed ones, the plain texts being English",
+            expected='a list of different tags such as ["en", "de"]',
+        ),
+    ] = ()
+    texts: Annotated[
+        OwnTexts,
+        BeforeValidator(flat_own_texts),
+        Setting("Own texts", "by language and key, in place of a language pack’s or besides the plain ones"),
+    ] = Field(default_factory=dict)
+    optional_stages: Annotated[
+        ListOf[OptionalStage],
+        Setting(
+            "Stages besides the trials",
+            "in this order",
+            section="stages",
+            choices={"screening": "screening", "practice": "practice", "interview": "interview (written questions)"},
+            expected="a list of screening, practice, interview",
+        ),
+    ] = ()
+    screening: ScreeningOptions = ScreeningOptions()
+    consent: Annotated[
+        LongText,
+        Setting(
+            "Consent",
+            "Markdown that participants agree to; an empty line separates paragraphs; empty: no consent is asked for",
+            section="stages",
+            kind="document",
+        ),
+    ] = ""
+    consent_version: Annotated[
+        LongText, Setting("Version of the consent", "your name for this text", section="stages")
+    ] = ""
+    comprehension: Annotated[
+        bool, Setting("Comprehension question", "the instructions end with a question on them", section="stages")
+    ] = False
+    questions: Annotated[
+        Questions,
+        Setting(
+            "Written questions",
+            "the interview; none while it is on: age, sex, experience, glasses, reasons",
+            section="questions",
+            kind="questions",
+            expected=f"a list of at most {MOST_QUESTIONS} tables",
+        ),
+    ] = ()
+    spoken_questions: Annotated[
+        SpokenQuestions,
+        Setting(
+            "Spoken questions",
+            "asked by the experimenter; one a line",
+            section="questions",
+            kind="spoken",
+            expected=f"a list of at most {MOST_SPOKEN_QUESTIONS} different texts of 1 to {LONGEST_QUESTION} characters",
+        ),
+    ] = DEFAULT_SPOKEN_QUESTIONS
+    debriefing: Annotated[
+        LongText,
+        Setting("Debriefing", "Markdown, shown at the end", section="stages", change=ANY_TIME, kind="document"),
+    ] = ""
+    protocol: Annotated[
+        Protocol,
+        Setting(
+            "Protocol",
+            "how participants judge",
+            section="protocol",
+            change=WITH_FILMS,
+            choices={
+                "PC": "pair comparison: which of two is better, or neither",
+                "CCR": "comparison category rating: how much better or worse B is than A, in seven grades",
+                "ACR": "absolute category rating: how good each film is, one by one",
+                "ACR-HR": "ACR with the reference hidden among the films",
+                "DCR": "degradation category rating (DSIS): how disturbing a film’s flaws are beside the reference",
+            },
+        ),
+    ] = PC
+    scale: Annotated[
+        Scale,
+        Setting(
+            "Scale",
+            "of ACR, ACR-HR and DCR",
+            section="protocol",
+            choices={"5": "5 grades", "9": "9 grades", "11": "11 grades", "slider": "slider from 0 to 100"},
+        ),
+    ] = SCALES[0]
+    both_orders: Annotated[
+        bool, Setting("Both orders", "show every pair twice, the second time with A and B exchanged", section="trials")
+    ] = False
+    repeated_pairs: Annotated[
+        int,
+        Setting(
+            "Repeated pairs",
+            "how many pairs (or films) of each dataset are shown again, to see whether answers agree",
+            section="trials",
+        ),
+    ] = Field(default=0, ge=0, le=100)
+    identical_pairs: Annotated[
+        int,
+        Setting(
+            "Identical pairs",
+            "how many pairs of each dataset hold the same stimulus twice, to check attention",
+            section="trials",
+            change=WITH_FILMS,
+        ),
+    ] = Field(default=0, ge=0, le=100)
+    adaptive_pairs: Annotated[
+        int,
+        Setting(
+            "Adaptive pairs",
+            "how many pairs of each dataset are chosen from the votes so far; 0: every pair is shown",
+            section="trials",
+        ),
+    ] = Field(default=0, ge=0, le=10_000)
+    free_exposure: Annotated[
+        bool, Setting("Free exposure", "participants end it; the films repeat until then", section="trials")
+    ] = False
+    see_both: Annotated[
+        bool, Setting("Both must be seen", "the vote waits until both of a pair were on screen", section="viewing")
+    ] = True
+    minimum_viewing_s: Annotated[
+        float,
+        Setting(
+            "Minimum viewing, s",
+            "seconds for which A and B must each have been on screen; at most half the exposure, unless it is free",
+            section="viewing",
+        ),
+    ] = Field(default=0.0, ge=0, le=600)
+    void_on: Annotated[
+        ListOf[Disturbance],
+        AfterValidator(_in_order),
+        Setting(
+            "A look is void when",
+            "the pair then comes again at the end",
+            section="viewing",
+            choices={
+                "full screen": "the full screen is left",
+                "hidden": "the page is hidden",
+                "blur": "another window is in front",
+                "resize": "the window is resized",
+            },
+        ),
+    ] = VOID_ON
+    full_screen: Annotated[
+        FullScreen,
+        Setting(
+            "Full screen",
+            "leaving a full screen that is required voids the look",
+            section="viewing",
+            choices={"asked": "asked for", "required": "required: no film is shown without it"},
+        ),
+    ] = "asked"
+    minimum_window: Annotated[
+        ListOf[Annotated[int, Field(ge=1, le=10_000)]],
+        AfterValidator(_both_or_none),
+        Setting(
+            "Minimum window, CSS pixels",
+            "width and height of the smallest window in which films are shown; empty: any",
+            section="viewing",
+            kind="window",
+            expected="[width, height] in CSS pixels, or [] for any window",
+        ),
+    ] = ()
+    phones: Annotated[bool, Setting("Phones and tablets", "are let in", section="viewing")] = True
+    pixels: Annotated[
+        Pixels,
+        Setting(
+            "Size of the films",
+            "on the display",
+            section="viewing",
+            choices={"fit": "as large as the window allows", "1:1": "a pixel of a film is a pixel of the display"},
+        ),
+    ] = "fit"
+    practice_dataset: Annotated[
+        LongText,
+        Setting(
+            "Dataset for practice alone",
+            "no trial shows it; none: the set’s films for practice, else two films of the trials",
+            section="practice",
+            change=WITH_FILMS,
+            kind="dataset",
+        ),
+    ] = ""
+    practice_pairs: Annotated[
+        ListOf[PracticeFilms],
+        Field(max_length=MOST_PRACTICE),
+        Setting(
+            "Films to practise with",
+            "none: those that the line above says",
+            section="practice",
+            change=WITH_FILMS,
+            kind="films",
+            expected=f'a list of at most {MOST_PRACTICE} like {{dataset = "ball", a = "good", b = "coarse"}}',
+        ),
+    ] = ()
+    reference: Annotated[
+        LongText,
+        Setting(
+            "Reference",
+            "condition to show as reference: beside every pair, in ACR-HR hidden among the films, in DCR "
+            "before each film",
+            section="protocol",
+            change=WITH_FILMS,
+            kind="condition",
+        ),
+    ] = ""
+    without: Annotated[
+        Names,
+        Setting(
+            "Conditions to leave out",
+            "never shown nor compared, such as truth, which is there for measures alone",
+            section="protocol",
+            change=WITH_FILMS,
+            kind="conditions",
+        ),
+    ] = ()
+    lighter_films: Annotated[
+        bool,
+        Setting(
+            "Lighter films",
+            "also make films with fewer bytes, shown on slow lines; flags votes",
+            section="films",
+            change=WITH_FILMS,
+        ),
+    ] = False
+    second_codec: Annotated[
+        SecondCodec,
+        Setting(
+            "Second codec",
+            "also make every film in it, for browsers without H.264",
+            section="films",
+            change=WITH_FILMS,
+            choices={"": "none", "vp9": "VP9", "av1": "AV1"},
+        ),
+    ] = ""
+    fallback: Annotated[
+        Fallback,
+        Setting(
+            "Fallback",
+            "how to show a pair where its film does not play",
+            section="films",
+            change=WITH_FILMS,
+            choices={
+                "webcodecs": "decode both films picture by picture (WebCodecs)",
+                "two videos": "if need be two players, which may be a frame apart; such votes are flagged",
+                "": "none: such browsers are turned away",
+            },
+        ),
+    ] = "webcodecs"
+    break_every: Annotated[int, Setting("Break after so many trials", "0: no breaks", section="breaks")] = Field(
+        default=25, ge=0, le=10_000
+    )
+    break_s: Annotated[int, Setting("Shortest break, s", "0: as long as the participant likes", section="breaks")] = (
+        Field(default=0, ge=0, le=3600)
+    )
+    random_effects: Annotated[
+        RandomEffects,
+        Setting(
+            "Random effects",
+            "fit the scores with them, too",
+            section="analysis",
+            change=ANY_TIME,
+            choices={
+                "": "none",
+                "participants": "participants: how people at large would vote",
+                "participants,datasets": "participants and datasets: on datasets like these, too",
+            },
+        ),
+    ] = ""
+    outside: OutsideOptions = OutsideOptions()
+    limits: LimitOptions = LimitOptions()
+    abandoned_after_h: Annotated[
+        float,
+        Setting(
+            "Hours until a slot is given up",
+            "without an answer for so long, an unfinished slot goes to another participant",
+            section="limits",
+            change=ANY_TIME,
+            low=0.01,
+            expected="hours, more than 0 and at most 1000000",
+        ),
+    ] = Field(default=24.0, gt=0, le=1_000_000)
+    groups: Annotated[
+        Groups,
+        Setting(
+            "Groups",
+            "that participants are assigned to at random, equally many to each; empty: none",
+            expected=f"a list of at most {MOST_GROUPS} tables",
+        ),
+    ] = ()
+    privacy: PrivacyOptions = PrivacyOptions()
+    lab_sheet: LabSheet = LabSheet()
+
+    @model_validator(mode="after")
+    def _fits_protocol(self) -> Self:
+        only_of_pairs = {"both_orders": self.both_orders, "adaptive_pairs": self.adaptive_pairs}
+        check_with_protocol(self.protocol, self.scale, self.reference, only_of_pairs)
+        return self
 
     @property
     def repetition(self) -> Repetition:
@@ -200,7 +417,7 @@ class StudyOptions:
 
     def with_stage(self, stage: str) -> StudyOptions:
         """Return the options with an optional stage on."""
-        return replace(self, optional_stages=tuple(dict.fromkeys([*self.optional_stages, stage])))
+        return self.but(optional_stages=tuple(dict.fromkeys([*self.optional_stages, stage])))
 
     @property
     def n_practice(self) -> int:
@@ -210,16 +427,9 @@ class StudyOptions:
 
     def as_json(self) -> dict[str, Any]:
         """Return the options as JSON, which `parse_options` reads."""
-        content = _with_lists(asdict(self))
+        content = super().as_json()
         screening = {key: value for key, value in content["screening"].items() if value is not None}
         return {**content, "screening": screening, "lab_sheet": self.lab_sheet.as_json()}
-
-
-def _with_lists(value: Any) -> Any:
-    """Return tables and lists, as deep as they are, with lists in place of tuples, as JSON has them."""
-    if isinstance(value, Mapping):
-        return {key: _with_lists(part) for key, part in value.items()}
-    return [_with_lists(part) for part in value] if isinstance(value, list | tuple) else value
 
 
 def overridden(options: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
@@ -240,68 +450,22 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
     ValueError
         Naming an unknown key, or a key with an invalid value.
     """
-    known = {option.name for option in fields(StudyOptions)}
-    if unknown := sorted(set(content) - known):
-        raise ValueError(f"option {unknown[0]!r} is not known; expected some of {', '.join(sorted(known))}")
-    entries = Entries(content)
-    stages = content.get("optional_stages", ())
-    if not is_list(stages):
-        raise ValueError(f"optional_stages is {stages!r}, expected a list of {', '.join(OPTIONAL_STAGES)}")
-    way_through(stages)
-    questions = parse_questions(content.get("questions", ()))
-    if INTERVIEW in stages and not questions:
-        questions = DEFAULT_QUESTIONS
-    protocol, scale = parse_protocol(content)
-    languages = parse_languages(content.get("languages", ()))
-    texts = parse_own_texts(content.get("texts", {}), questions)
-    first = languages[0] if languages else MODEL
-    consent = plain_document(entries.text("consent", LONGEST_TEXT), texts, first, CONSENT)
-    debriefing = plain_document(entries.text("debriefing", LONGEST_TEXT), texts, first, DEBRIEFING)
-    options = StudyOptions(
-        languages=languages,
-        texts={language: said for language, said in texts.items() if said},
-        optional_stages=tuple(stages),
-        screening=parse_screening(content.get("screening", {})),
-        consent=consent,
-        consent_version=entries.text("consent_version", LONGEST_TEXT),
-        comprehension=entries.flag("comprehension"),
+    options = StudyOptions.read(dict(content))
+    questions = options.questions or (DEFAULT_QUESTIONS if INTERVIEW in options.optional_stages else ())
+    check_own_texts(options.texts, questions)
+    texts = {language: dict(said) for language, said in options.texts.items()}
+    first = options.languages[0] if options.languages else MODEL
+    return options.but(
         questions=questions,
-        spoken_questions=parse_spoken_questions(content.get("spoken_questions")),
-        debriefing=debriefing,
-        protocol=protocol,
-        scale=scale,
-        both_orders=entries.flag("both_orders"),
-        repeated_pairs=entries.count("repeated_pairs", MOST_CHECKS),
-        identical_pairs=entries.count("identical_pairs", MOST_CHECKS),
-        adaptive_pairs=entries.count("adaptive_pairs", MOST_ADAPTIVE),
-        free_exposure=entries.flag("free_exposure"),
-        see_both=entries.flag("see_both", default=True),
-        minimum_viewing_s=entries.number("minimum_viewing_s", (0, LONGEST_MINIMUM_S), 0.0),
-        void_on=_disturbances(entries),
-        full_screen=entries.one_of("full_screen", get_args(FullScreen), "asked"),
-        minimum_window=_minimum_window(entries),
-        phones=entries.flag("phones", default=True),
-        pixels=entries.one_of("pixels", get_args(Pixels), "fit"),
-        practice_dataset=entries.text("practice_dataset", LONGEST_TEXT),
-        practice_pairs=parse_practice_pairs(content.get("practice_pairs", ())),
-        reference=entries.text("reference", LONGEST_TEXT),
-        without=entries.names("without"),
-        second_codec=entries.one_of("second_codec", SECOND_CODECS),
-        fallback=entries.one_of("fallback", FALLBACKS, WEBCODECS),
-        lighter_films=entries.flag("lighter_films"),
-        break_every=entries.count("break_every", 10_000, BREAK_EVERY),
-        break_s=entries.count("break_s", LONGEST_BREAK_S),
-        random_effects=entries.one_of("random_effects", RANDOM_EFFECTS),
-        abandoned_after_h=_hours(entries, "abandoned_after_h"),
-        outside=parse_outside(content.get("outside", {})),
-        limits=parse_limits(content.get("limits", {})),
-        groups=parse_groups(content.get("groups", ())),
-        lab_sheet=parse_lab_sheet(content.get("lab_sheet", {})),
-        privacy=parse_privacy(content.get("privacy", {})),
+        consent=plain_document(options.consent, texts, first, CONSENT),
+        debriefing=plain_document(options.debriefing, texts, first, DEBRIEFING),
+        texts={language: said for language, said in texts.items() if said},
     )
-    only_of_pairs = {name: getattr(options, name) for name in ("both_orders", "adaptive_pairs")}
-    check_with_protocol(protocol, options.reference, only_of_pairs)
-    return options
+
+
+def study_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a study's options, with the words of the form as titles and descriptions."""
+    return StudyOptions.model_json_schema()
 
 
 def without_effect(options: StudyOptions) -> dict[str, str]:
@@ -334,25 +498,3 @@ def check_minimum_viewing(options: StudyOptions, exposure_s: float) -> None:
             f"minimum_viewing_s is {options.minimum_viewing_s:g}, and a pair is shown for {exposure_s:g} s: "
             f"expected at most half of it, {exposure_s / 2:g}"
         )
-
-
-def _disturbances(entries: Entries) -> tuple[Disturbance, ...]:
-    value, known = entries.content.get("void_on", VOID_ON), get_args(Disturbance)
-    if not is_list(value) or not set(map(str, value)) <= set(known):
-        raise entries.refusal("void_on", f"a list of {', '.join(known)}")
-    return tuple(name for name in known if name in value)
-
-
-def _minimum_window(entries: Entries) -> tuple[int, ...]:
-    value = entries.content.get("minimum_window", ())
-    is_size = is_list(value) and len(value) in (0, 2)
-    if not is_size or not all(type(length) is int and 0 < length <= LARGEST_WINDOW for length in value):
-        raise entries.refusal("minimum_window", "[width, height] in CSS pixels, or [] for any window")
-    return tuple(value)
-
-
-def _hours(entries: Entries, key: str) -> float:
-    value = entries.content.get(key, ABANDONED_AFTER_H)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= MOST_HOURS:
-        raise entries.refusal(key, f"hours, more than 0 and at most {MOST_HOURS}")
-    return float(value)

@@ -2,50 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
 from datetime import datetime, timedelta
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
 
-from app.study.options.entries import Entries
+from pydantic import Field
+
+from app.study.option_fields import ANY_TIME, Note, Options, Setting
 from app.study.stages import INTERVIEW, PRACTICE, SCREENING
 
 if TYPE_CHECKING:
     from app.study.options.options import StudyOptions
 
-LONGEST_CONTACT = 500  # characters
-LONGEST_KEPT_DAYS = 36_500  # a hundred years
 
+class PrivacyOptions(Options):
+    """Who answers for participants' data, and when their personal data are deleted."""
 
-@dataclass(frozen=True)
-class PrivacyOptions:
-    """Who answers for participants' data, and when their personal data are deleted.
-
-    Parameters
-    ----------
-    responsible : a person or an institution, as participants read it; empty: the page does not say
-    contact : how to reach them, such as an address of mail; empty: the page does not say
-    keep_days : days after the study was closed for which personal data are kept; 0: no limit
-    """
-
-    responsible: str = ""
-    contact: str = ""
-    keep_days: int = 0
-
-
-def parse_privacy(content: Any) -> PrivacyOptions:
-    """Read the table [options.privacy] of a study file.
-
-    Raises
-    ------
-    ValueError
-        Naming the key, the value and what is expected.
-    """
-    entries = Entries.of_table(content, "privacy", [field.name for field in fields(PrivacyOptions)])
-    return PrivacyOptions(
-        entries.text("responsible", LONGEST_CONTACT),
-        entries.text("contact", LONGEST_CONTACT),
-        entries.count("keep_days", LONGEST_KEPT_DAYS),
-    )
+    responsible: Annotated[
+        Note, Setting("Responsible", "for participants’ data: a person or an institution", ANY_TIME)
+    ] = ""
+    contact: Annotated[Note, Setting("Contact", "such as an address of mail", ANY_TIME)] = ""
+    keep_days: Annotated[
+        int,
+        Setting(
+            "Days for which personal data are kept",
+            "after the study is closed; then answers, screening, outside ids and names on invitations are deleted, and "
+            "votes stay; 0: no limit",
+            ANY_TIME,
+        ),
+    ] = Field(default=0, ge=0, le=36_500)  # a hundred years
 
 
 def collected(options: StudyOptions, *, is_named: bool = False) -> list[str]:

@@ -4,29 +4,27 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from datetime import datetime, timedelta
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from app.study.options.entries import Entries, is_list
+from pydantic import BeforeValidator, Field, StringConstraints, model_validator
+
+from app.study.option_fields import ANY_TIME, ListOf, Options, Setting
 
 Resume = Literal["anywhere", "same browser"]
 Ending = Literal["complete", "screened_out", "no_consent", "full"]
 
 ENDINGS: tuple[Ending, ...] = ("complete", "screened_out", "no_consent", "full")
-RESUMES: tuple[Resume, ...] = ("anywhere", "same browser")
-PARAMETER = re.compile(r"[A-Za-z][A-Za-z0-9_.-]{0,39}")  # the name of a URL's parameter
+PARAMETER = "[A-Za-z][A-Za-z0-9_.-]{0,39}"  # the name of a URL's parameter
 TAKEN_NAMES = ("another", "language", "code")  # parameters of our pages, and placeholders
 VALUE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._~@:+=-]{0,99}")  # no placeholder left unfilled, and no formula in a table
-CODE = re.compile(r"[A-Za-z0-9_-]{1,40}")
-ADDRESS = re.compile(r"https://[A-Za-z0-9.-]+(:\d{1,5})?(/[!-~]*|\?[!-~]*)?")
 PLACEHOLDER = re.compile(r"\{([^{}]*)\}")
 MOST_KEPT = 10
-LONGEST_ADDRESS = 1000
-LONGEST_WAIT_S = 600
-REDIRECT_AFTER_S = 10  # long enough to read that the code is on the page and where the browser goes
-MOST_PEOPLE = 1_000_000
-LONGEST_MINUTES = 10_080  # a week
+Address = Annotated[
+    str, StringConstraints(pattern=r"^(https://[A-Za-z0-9.-]+(:\d{1,5})?(/[!-~]*|\?[!-~]*)?)?$", max_length=1000)
+]
+AN_ADDRESS = "an address that begins with https:// and has no spaces, of at most 1000 characters, or nothing"
 
 
 @dataclass(frozen=True)
@@ -37,33 +35,80 @@ class Arrival:
     kept: Mapping[str, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class OutsideOptions:
+class OutsideOptions(Options):
     """How participants come from a recruiting platform, and how they go back.
 
-    Parameters
-    ----------
-    id : name of the link's parameter that holds the platform's id of a person; empty: people come without an id
-    keep : names of further parameters to keep
-    resume : "anywhere": who comes with a known id goes on with its session; "same browser": only where it began
-    code : the completion code of everybody; empty: none
-    random_codes : does each participant get a random completion code?
-    complete_url, screened_out_url, no_consent_url, full_url : https address to go to at the end, after screening out,
-        without consent, or when nobody more is taken in; `{id}`, `{code}` and kept names stand for their values; empty:
-        none
-    redirect_after_s : seconds after which the browser goes there by itself; 0: only by the button
+    In an address, `{id}`, `{code}` and kept names stand for their values.
     """
 
-    id: str = ""
-    keep: tuple[str, ...] = ()
-    resume: Resume = "anywhere"
-    code: str = ""
-    random_codes: bool = False
-    complete_url: str = ""
-    screened_out_url: str = ""
-    no_consent_url: str = ""
-    full_url: str = ""
-    redirect_after_s: int = REDIRECT_AFTER_S
+    id: Annotated[
+        str,
+        Setting(
+            "Parameter of the link that says who comes",
+            "for example PROLIFIC_PID; empty: people come without an id",
+            ANY_TIME,
+            expected="the name of a parameter such as PROLIFIC_PID, or nothing",
+        ),
+    ] = Field(default="", pattern=rf"^({PARAMETER})?$")
+    keep: Annotated[
+        ListOf[Annotated[str, StringConstraints(pattern=rf"^{PARAMETER}$")]],
+        Setting(
+            "Further parameters to keep",
+            "apart by spaces",
+            ANY_TIME,
+            expected=f"a list of at most {MOST_KEPT} names of parameters",
+        ),
+    ] = Field(default=(), max_length=MOST_KEPT)
+    resume: Annotated[
+        Resume,
+        Setting(
+            "Who comes with a known id",
+            "after having left",
+            ANY_TIME,
+            choices={
+                "anywhere": "goes on, in any browser",
+                "same browser": "goes on only in the same browser, or by the resume code",
+            },
+        ),
+    ] = "anywhere"
+    code: Annotated[
+        str,
+        Setting(
+            "Completion code",
+            "of everybody, at the end; empty: none",
+            ANY_TIME,
+            expected="1 to 40 letters, digits, - or _, or nothing",
+        ),
+    ] = Field(default="", pattern=r"^[A-Za-z0-9_-]{0,40}$")
+    random_codes: Annotated[
+        bool, Setting("Random codes", "a completion code for each participant instead", ANY_TIME)
+    ] = False
+    complete_url: Annotated[
+        Address,
+        Setting(
+            "Address at the end",
+            "begins with https://; {id}, {code} and kept names stand for their values; empty: none",
+            ANY_TIME,
+            expected=AN_ADDRESS,
+        ),
+    ] = ""
+    screened_out_url: Annotated[
+        Address, Setting("Address after screening out", "empty: none", ANY_TIME, expected=AN_ADDRESS)
+    ] = ""
+    no_consent_url: Annotated[
+        Address, Setting("Address without consent", "empty: none", ANY_TIME, expected=AN_ADDRESS)
+    ] = ""
+    full_url: Annotated[
+        Address, Setting("Address when nobody more is taken in", "empty: none", ANY_TIME, expected=AN_ADDRESS)
+    ] = ""
+    redirect_after_s: Annotated[
+        int, Setting("Seconds until the browser goes there", "0: only by the button", ANY_TIME)
+    ] = Field(default=10, ge=0, le=600)  # long enough to read that the code is on the page and where the browser goes
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        _check_together(self)
+        return self
 
     @property
     def is_on(self) -> bool:
@@ -73,7 +118,7 @@ class OutsideOptions:
     @property
     def without_codes(self) -> OutsideOptions:
         """The same without what a platform pays for: the completion code, and the addresses that lead back."""
-        return replace(self, code="", complete_url="", screened_out_url="", no_consent_url="", full_url="")
+        return self.but(code="", complete_url="", screened_out_url="", no_consent_url="", full_url="")
 
     def url(self, ending: Ending) -> str:
         """Return the address of an ending, with its placeholders; empty: none."""
@@ -117,22 +162,40 @@ class OutsideOptions:
         return Arrival(given.pop(self.id), given)
 
 
-@dataclass(frozen=True)
-class LimitOptions:
-    """How many are taken in, until when, and how long each may take.
+def _moment(value: Any) -> Any:
+    """Check a date and time with its zone, or nothing; TOML has moments of its own."""
+    text = value.isoformat() if isinstance(value, datetime) else value
+    try:
+        has_zone = text == "" or datetime.fromisoformat(text).tzinfo is not None
+    except (TypeError, ValueError):
+        has_zone = False
+    if not has_zone:
+        raise ValueError(
+            f"limits: open_until is {value!r:.120}, expected a date and time with its zone such as "
+            "2027-03-31T18:00+02:00, or nothing"
+        )
+    return text
 
-    Parameters
-    ----------
-    finished : most who finish; those under way count, because they may finish; 0: any number
-    under_way : most at the same time; 0: any number
-    open_until : date and time with its zone after which nobody new is taken in, ISO 8601; empty: no end
-    minutes : that a participant has from the beginning to the last vote; 0: any time
-    """
 
-    finished: int = 0
-    under_way: int = 0
-    open_until: str = ""
-    minutes: int = 0
+class LimitOptions(Options):
+    """How many are taken in, until when, and how long each may take."""
+
+    finished: Annotated[int, Setting("Most who finish", "those under way count; 0: any number", ANY_TIME)] = Field(
+        default=0, ge=0, le=1_000_000
+    )
+    under_way: Annotated[int, Setting("Most at the same time", "0: any number", ANY_TIME)] = Field(
+        default=0, ge=0, le=1_000_000
+    )
+    open_until: Annotated[
+        str,
+        BeforeValidator(_moment),
+        Setting("Open until", "date, time and zone, such as 2027-03-31T18:00+02:00; empty: no end", ANY_TIME),
+    ] = ""
+    minutes: Annotated[int, Setting("Minutes each may take", "to the last vote; 0: any time", ANY_TIME)] = Field(
+        default=0,
+        ge=0,
+        le=10_080,  # a week
+    )
 
     def is_over(self, now: datetime) -> bool:
         """Is the last moment to begin past?"""
@@ -151,45 +214,6 @@ class LimitOptions:
 def _encoded(value: str) -> str:
     """Percent-encode what is not unreserved in a URL; the values are ASCII."""
     return re.sub(r"[^A-Za-z0-9._~-]", lambda sign: f"%{ord(sign[0]):02X}", value)
-
-
-def parse_outside(content: Any) -> OutsideOptions:
-    """Read the table [options.outside] of a study file.
-
-    Raises
-    ------
-    ValueError
-        Naming the key, the value and what is expected.
-    """
-    entries = Entries.of_table(content, "outside", [field.name for field in fields(OutsideOptions)])
-    options = OutsideOptions(
-        id=entries.match("id", PARAMETER, "the name of a parameter such as PROLIFIC_PID"),
-        keep=_kept(entries),
-        resume=entries.one_of("resume", RESUMES, RESUMES[0]),
-        code=entries.match("code", CODE, "1 to 40 letters, digits, - or _"),
-        random_codes=entries.flag("random_codes"),
-        **{f"{ending}_url": _address(entries, f"{ending}_url") for ending in ENDINGS},
-        redirect_after_s=entries.count("redirect_after_s", LONGEST_WAIT_S, REDIRECT_AFTER_S),
-    )
-    _check_together(options)
-    return options
-
-
-def parse_limits(content: Any) -> LimitOptions:
-    """Read the table [options.limits] of a study file.
-
-    Raises
-    ------
-    ValueError
-        Naming the key, the value and what is expected.
-    """
-    entries = Entries.of_table(content, "limits", [field.name for field in fields(LimitOptions)])
-    return LimitOptions(
-        finished=entries.count("finished", MOST_PEOPLE),
-        under_way=entries.count("under_way", MOST_PEOPLE),
-        open_until=_moment(content.get("open_until", "")),
-        minutes=entries.count("minutes", LONGEST_MINUTES),
-    )
 
 
 def _check_together(options: OutsideOptions) -> None:
@@ -214,31 +238,3 @@ def _check_placeholders(options: OutsideOptions, ending: Ending) -> None:
         if name not in known:
             expected = ", ".join(f"{{{each}}}" for each in known) or "no placeholder with these options"
             raise ValueError(f"outside: {ending}_url holds {{{name}}}, expected {expected}")
-
-
-def _kept(entries: Entries) -> tuple[str, ...]:
-    value = entries.content.get("keep", ())
-    is_short = is_list(value) and len(value) <= MOST_KEPT
-    if not is_short or not all(isinstance(name, str) and PARAMETER.fullmatch(name) for name in value):
-        raise entries.refusal("keep", f"a list of at most {MOST_KEPT} names of parameters")
-    return tuple(value)
-
-
-def _address(entries: Entries, key: str) -> str:
-    address = entries.match(key, ADDRESS, "an address that begins with https:// and has no spaces")
-    if len(address) > LONGEST_ADDRESS:
-        raise ValueError(f"outside: {key} has {len(address)} characters, expected at most {LONGEST_ADDRESS}")
-    return address
-
-
-def _moment(value: Any) -> str:
-    if isinstance(value, datetime):  # TOML has moments of its own
-        value = value.isoformat()
-    expected = "a date and time with its zone such as 2027-03-31T18:00+02:00, or nothing"
-    try:
-        has_zone = value == "" or datetime.fromisoformat(value).tzinfo is not None
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"limits: open_until is {value!r}, expected {expected}") from error
-    if not has_zone:
-        raise ValueError(f"limits: open_until is {value!r}, expected {expected}")
-    return str(value)

@@ -6,50 +6,55 @@ import json
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field
 
 from app.study.languages.text import check_text
+from app.study.option_fields import ANY_TIME, Options, Setting
 from app.study.options.options import StudyOptions, parse_options
 
-KEYS = ("name", "stimuli", "manifest_sha256", "exposure_s", "seed", "options")
 EXPOSURE_BOUNDS_S = (0.1, 3600.0)
-HIGHEST_SEED = 2**63 - 1
 LONGEST_FILE = 80_000  # characters in a form, which takes 1 MiB and escapes a letter to up to twelve bytes
 
 
-@dataclass(frozen=True)
-class StudyFile:
-    """The content of a study file.
+def _options(content: Any) -> StudyOptions:
+    if isinstance(content, StudyOptions):
+        return content
+    if not isinstance(content, Mapping):
+        raise ValueError(f"options is {content!r:.120}, expected a table")
+    return parse_options(content)
 
-    Parameters
-    ----------
-    name : shown to participants and experimenters
-    stimuli : the stimulus set's folder, relative to the file; None: named elsewhere
-    manifest_sha256 : of the set's manifest, to check that it is the same set; None: any
-    exposure_s : how long a pair is shown; None: as long as the shortest video
-    seed : of all orders; None: drawn at random
-    options : everything besides the votes
 
-    Raises
-    ------
-    ValueError
-        If exposure or seed is out of bounds.
-    """
+class StudyFile(Options):
+    """The content of a study file."""
 
-    name: str
-    stimuli: str | None = None
-    manifest_sha256: str | None = None
-    exposure_s: float | None = None
-    seed: int | None = None
-    options: StudyOptions = field(default_factory=StudyOptions)
-
-    def __post_init__(self) -> None:
-        low_s, high_s = EXPOSURE_BOUNDS_S
-        if self.exposure_s is not None and not low_s <= self.exposure_s <= high_s:
-            raise ValueError(f"exposure_s is {self.exposure_s!r:.40}, expected {low_s:g} to {high_s:g} seconds")
-        if self.seed is not None and not 0 <= self.seed <= HIGHEST_SEED:
-            raise ValueError(f"seed is {self.seed!r:.40}, expected a whole number from 0 to 2^63 - 1")
+    name: Annotated[
+        str,
+        Setting("Name", "shown to participants and experimenters", ANY_TIME, "study", expected="the study's name"),
+    ]
+    stimuli: Annotated[
+        str | None,
+        Setting("Stimulus set", "its folder, relative to the file; none: named elsewhere", expected="a folder"),
+    ] = None
+    manifest_sha256: Annotated[
+        str | None,
+        Setting("Manifest", "SHA-256 of the set's, to check that it is the same", expected="64 hexadecimal digits"),
+    ] = None
+    exposure_s: Annotated[
+        float | None,
+        Setting(
+            "Seconds a pair or film is shown",
+            "empty in a new study: as long as the shortest video",
+            section="study",
+            expected="seconds from {:g} to {:g}".format(*EXPOSURE_BOUNDS_S),
+        ),
+    ] = Field(default=None, ge=EXPOSURE_BOUNDS_S[0], le=EXPOSURE_BOUNDS_S[1])
+    seed: Annotated[
+        int | None,
+        Setting("Seed of all orders", "a whole number; empty in a new study: drawn at random", section="study"),
+    ] = Field(default=None, ge=0, le=2**63 - 1)
+    options: Annotated[StudyOptions, BeforeValidator(_options)] = StudyOptions()
 
 
 def parse_study_file(text: str) -> StudyFile:
@@ -65,21 +70,7 @@ def parse_study_file(text: str) -> StudyFile:
     except RecursionError as error:
         raise ValueError("the file holds too many lists within one another") from error
     check_text(content)
-    if unknown := sorted(set(content) - set(KEYS)):
-        raise ValueError(f"{unknown[0]!r} is not known; expected some of {', '.join(KEYS)}")
-    if not isinstance(content.get("name"), str):
-        raise ValueError(f"name is {content.get('name')!r}, expected the study's name")
-    options = content.get("options", {})
-    if not isinstance(options, Mapping):
-        raise ValueError(f"options is {options!r}, expected a table")
-    return StudyFile(
-        name=content["name"],
-        stimuli=_typed(content, "stimuli", str, "a folder"),
-        manifest_sha256=_typed(content, "manifest_sha256", str, "64 hexadecimal digits"),
-        exposure_s=_typed(content, "exposure_s", (int, float), "seconds"),
-        seed=_typed(content, "seed", int, "a whole number"),
-        options=parse_options(options),
-    )
+    return StudyFile.read(content)
 
 
 def write_study_file(study: StudyFile) -> str:
@@ -87,7 +78,7 @@ def write_study_file(study: StudyFile) -> str:
     default = StudyOptions().as_json()
     options = {name: value for name, value in study.options.as_json().items() if value != default[name]}
     questions, texts = options.pop("questions", []), options.pop("texts", {})
-    lines = [_line(key, getattr(study, key)) for key in KEYS[:-1] if getattr(study, key) is not None]
+    lines = [_line(key, value) for key, value in study if key != "options" and value is not None]
     tables = {name: options.pop(name) for name in list(options) if isinstance(options[name], Mapping)}
     if options:
         lines += ["", "[options]", *(_line(name, value) for name, value in options.items())]
@@ -116,13 +107,6 @@ def with_line(text: str, complaint: str) -> str:
         if number is not None:
             return f"line {number}: {complaint}"
     return complaint
-
-
-def _typed(content: Mapping[str, Any], key: str, kind: Any, expected: str) -> Any:
-    value = content.get(key)
-    if value is not None and (isinstance(value, bool) or not isinstance(value, kind)):
-        raise ValueError(f"{key} is {value!r}, expected {expected}")
-    return value
 
 
 def _line(key: str, value: Any) -> str:

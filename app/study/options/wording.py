@@ -9,8 +9,10 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import StringConstraints
 
 from app.study.languages.language_pack import (
     MODEL,
@@ -22,19 +24,20 @@ from app.study.languages.language_pack import (
     nested_texts,
     text_faults,
 )
-from app.study.options.entries import is_list
+from app.study.option_fields import Different, ListOf
 from app.study.protocols import IN_PROTOCOLS, Protocol, texts_of
+from app.study.questions.answers import QUESTIONS, AskedQuestion, pack_labels, worded_questions
 from app.study.questions.questionnaire import Question
 
 if TYPE_CHECKING:
     from app.study.options.options import StudyOptions
 
 CONSENT, DEBRIEFING, NAME = "study.consent", "study.debriefing", "study.name"
-QUESTIONS = "questions"
 LONGEST_TEXT = 20_000  # characters of a consent text
 LONGEST_NAME = 200  # characters of a study's name
 
-OwnTexts = Mapping[str, Mapping[str, Text]]  # by language and key
+Languages = Annotated[ListOf[Annotated[str, StringConstraints(pattern=f"^{TAG.pattern}$")]], Different]
+OwnTexts = Mapping[str, Mapping[str, Any]]  # by language and key
 
 
 @dataclass(frozen=True)
@@ -113,6 +116,12 @@ def plain_document(plain: str, texts: dict[str, dict[str, Text]], language: str,
     return document
 
 
+def asked_questions(options: StudyOptions) -> dict[str, AskedQuestion]:
+    """Return a study's questions by name, worded for its experimenters: in English, else in its first language."""
+    said = {**own_texts(options, first_language(options)), **own_texts(options, MODEL)}
+    return worded_questions(options.questions, said)
+
+
 def consent_in(options: StudyOptions, language: str) -> str:
     """Return the text that a participant agrees to in a language; empty: no consent is asked for."""
     return str(own_texts(options, language).get(CONSENT, ""))
@@ -164,20 +173,6 @@ def check_languages(options: StudyOptions, packs: Mapping[str, LanguagePack]) ->
         )
 
 
-def parse_languages(content: Any) -> tuple[str, ...]:
-    """Read the option `languages`.
-
-    Raises
-    ------
-    ValueError
-        If it is not a list of different language tags.
-    """
-    is_of_tags = is_list(content) and all(isinstance(tag, str) and TAG.fullmatch(tag) for tag in content)
-    if not is_of_tags or len(set(content)) < len(content):
-        raise ValueError(f'languages is {content!r}, expected a list of different tags such as ["en", "de"]')
-    return tuple(content)
-
-
 def changed_languages(options: StudyOptions, languages: Sequence[str]) -> dict[str, Any]:
     """Return the options that change with `languages`; every text stays in its language.
 
@@ -198,31 +193,42 @@ def changed_languages(options: StudyOptions, languages: Sequence[str]) -> dict[s
         if lacking := [part for part in parts if part in texts[before] and part not in first]:
             raise ValueError(f"{lacking[0]} is missing in {after}, which cannot be the first language without it")
         text, labels = str(first.pop(parts[0], "")), tuple(first.pop(parts[1], ()))
-        questions.append(asdict(replace(question, text=text, labels=labels)))
+        questions.append(question.but(text=text, labels=labels).as_json())
     return {**changes, "texts": {**texts, after: first}, "consent": "", "debriefing": "", "questions": questions}
 
 
-def parse_own_texts(content: Any, questions: Sequence[Question]) -> dict[str, dict[str, Text]]:
+def flat_own_texts(content: Any) -> dict[str, dict[str, Any]]:
     """Read the option `texts`: by language, nested as in a pack or by dotted keys.
+
+    Raises
+    ------
+    ValueError
+        If it has another form.
+    """
+    if not isinstance(content, Mapping) or not all(isinstance(texts, Mapping) for texts in content.values()):
+        raise ValueError("texts: expected a table of each language, such as [options.texts.en.trial]")
+    if unknown := [language for language in content if not TAG.fullmatch(language)]:
+        raise ValueError(f"texts: {unknown[0]!r} is no language's tag, expected one such as en or zh")
+    return {
+        language: {key: text.strip() if isinstance(text, str) else text for key, text in flat_texts(texts).items()}
+        for language, texts in content.items()
+        if texts
+    }
+
+
+def check_own_texts(texts: OwnTexts, questions: Sequence[Question]) -> None:
+    """Check a study's own texts, by language, against the language packs and the questions that it asks.
 
     Raises
     ------
     ValueError
         Naming the language, the key and its fault.
     """
-    if not isinstance(content, Mapping) or not all(isinstance(texts, Mapping) for texts in content.values()):
-        raise ValueError("texts: expected a table of each language, such as [options.texts.en.trial]")
     by_name = {question.name: question for question in questions}
-    parsed = {}
-    for language, texts in content.items():
-        if not TAG.fullmatch(language):
-            raise ValueError(f"texts: {language!r} is no language's tag, expected one such as en or zh")
-        flat = flat_texts(texts)
-        for key, text in flat.items():
+    for language, said in texts.items():
+        for key, text in said.items():
             if faults := _faults_of_own(key, text, by_name):
                 raise ValueError(f"texts.{language}: {faults[0]}")
-        parsed[language] = {key: text.strip() if isinstance(text, str) else text for key, text in flat.items()}
-    return {language: texts for language, texts in parsed.items() if texts}
 
 
 def _faults_of_own(key: str, text: Any, questions: Mapping[str, Question]) -> list[str]:
@@ -247,7 +253,7 @@ def _question_faults(key: str, part: str, text: Any, question: Question | None) 
     if part == "text":
         return [] if isinstance(text, str) and text.strip() else [f"{key} is {text!r:.40}, expected the question"]
     n = len(question.options) if question.kind == "choice" else 2
-    is_complete = is_list(text) and len(text) == n and all(isinstance(label, str) and label for label in text)
+    is_complete = isinstance(text, list) and len(text) == n and all(isinstance(label, str) and label for label in text)
     if question.kind not in ("choice", "scale") or not is_complete:
         of_what = "its options" if question.kind == "choice" else "the two ends of a scale"
         return [f"{key} is {text!r:.60}, expected a list of labels for {of_what}"]
@@ -267,15 +273,6 @@ def _bare_options(question: Question) -> list[str]:
     if question.kind != "choice" or pack_labels(question, model_texts()):
         return []
     return list(question.options)
-
-
-def pack_labels(question: Question, texts: Mapping[str, Any]) -> list[str]:
-    """Return a pack's labels of a question; none where it does not know it."""
-    before = f"{QUESTIONS}.{question.name}."
-    if question.kind == "scale":
-        return list(texts.get(f"{before}ends", ()))
-    labels = [texts.get(f"{before}options.{option}") for option in question.options]
-    return [label for label in labels if label] if all(labels) else []
 
 
 def _asked(question: Question, pack: LanguagePack, said: Mapping[str, Text]) -> dict[str, Any]:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from app.study.languages.language_pack import MODEL, model_texts
-from app.study.options.options import StudyOptions
-from app.study.options.wording import QUESTIONS, first_language, own_texts, pack_labels
+from app.study.languages.language_pack import model_texts
 from app.study.questions.questionnaire import Question
 
 LEFT_OUT = "left out"
+QUESTIONS = "questions"  # begins the keys of their texts
 
 
 @dataclass(frozen=True)
@@ -47,11 +46,16 @@ class WordedAnswer:
     is_left_out: bool = False
 
 
-def asked_questions(options: StudyOptions) -> dict[str, AskedQuestion]:
-    """Return a study's questions by name, worded for its experimenters."""
-    said = {**own_texts(options, first_language(options)), **own_texts(options, MODEL)}
+def worded_questions(questions: Sequence[Question], said: Mapping[str, Any]) -> dict[str, AskedQuestion]:
+    """Return a study's questions by name, worded for its experimenters.
+
+    Parameters
+    ----------
+    questions : of the study
+    said : the study's own texts by key; for those that it lacks, the English pack's stand in
+    """
     asked = {}
-    for question in options.questions:
+    for question in questions:
         key = f"{QUESTIONS}.{question.name}"
         text = str(said.get(f"{key}.text") or model_texts().get(f"{key}.text") or question.name)
         labels = said.get(f"{key}.labels") or pack_labels(question, model_texts())
@@ -59,9 +63,17 @@ def asked_questions(options: StudyOptions) -> dict[str, AskedQuestion]:
     return asked
 
 
-def worded_answers(options: StudyOptions, answers: Mapping[str, Any]) -> list[WordedAnswer]:
+def pack_labels(question: Question, texts: Mapping[str, Any]) -> list[str]:
+    """Return a pack's labels of a question; none where it does not know it."""
+    before = f"{QUESTIONS}.{question.name}."
+    if question.kind == "scale":
+        return list(texts.get(f"{before}ends", ()))
+    labels = [texts.get(f"{before}options.{option}") for option in question.options]
+    return [label for label in labels if label] if all(labels) else []
+
+
+def worded_answers(asked: Mapping[str, AskedQuestion], answers: Mapping[str, Any]) -> list[WordedAnswer]:
     """Word the answers of a participant, in the order of the study's questions; then those to no question of it."""
-    asked = asked_questions(options)
     rows = [_worded(each, answers[name]) for name, each in asked.items() if name in answers]
     return rows + [WordedAnswer(name, str(answer)) for name, answer in answers.items() if name not in asked]
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, model_validator
 
-from app.study.options.entries import Entries, is_list
+from app.study.option_fields import Different, ListOf, Options, Setting
 from app.study.screening.acuity import (
     FEWEST_GAP_PIXELS,
     AcuityTest,
@@ -45,39 +46,70 @@ Rule = Literal["record", "stop"]
 Verdict = Literal["passed", "failed", "cannot be certified", "inconclusive", "not taken"]
 
 TESTS: tuple[TestName, ...] = ("acuity", "colour")
-DISTANCES: tuple[Distance, ...] = ("typed", "fixed", "blind spot")
-RULES: tuple[Rule, ...] = ("record", "stop")
 NOT_TAKEN: Verdict = "not taken"
 ENTERED_VERDICTS: tuple[Verdict, ...] = ("passed", "failed")
-DEFAULT_ACUITY_LIMIT = 0.18  # logMAR, log10(30/20): the 20/30 line that ITU-T P.910 asks for
-ACUITY_LIMITS = (-0.3, 1.0)
-FIXED_DISTANCES_CM = (20.0, 600.0)
+FARTHEST_CM = 600.0  # of a fixed distance
 RING_SHARE = 0.5  # of the window's height, for the largest ring
 LARGEST_GAP_PX = 200.0  # larger rings add no information and take long to send
 
 
-@dataclass(frozen=True)
-class ScreeningOptions:
-    """The tests of a study's screening, and the consequences of failing.
+Word = TypeVar("Word")
+SomeOf = Annotated[ListOf[Word], Field(min_length=1), Different]
 
-    Parameters
-    ----------
-    tests : those that are on
-    acuity_limit : logMAR that must be reached; larger is worse
-    distance : source of the viewing distance: typed on the page, fixed by the laboratory, or by the blind spot
-    distance_cm : the fixed distance
-    colour_axes : confusion lines of which plates are shown
-    colour_misses : plates of an axis that may be missed
-    on_failure : "record": the experimenter decides; "stop": a participant who fails or skips a test goes no further
-    """
 
-    tests: tuple[TestName, ...] = TESTS
-    acuity_limit: float = DEFAULT_ACUITY_LIMIT
-    distance: Distance = "typed"
-    distance_cm: float | None = None
-    colour_axes: tuple[Axis, ...] = AXES
-    colour_misses: int = 1
-    on_failure: Rule = "record"
+class ScreeningOptions(Options):
+    """The tests of a study's screening, and the consequences of failing."""
+
+    tests: Annotated[
+        SomeOf[TestName],
+        Setting("Tests", "that are taken", choices={"acuity": "acuity", "colour": "colour vision"}),
+    ] = TESTS
+    acuity_limit: Annotated[
+        float, Setting("Required acuity, logMAR", "0.18 is 20/30; larger is worse", step="0.01")
+    ] = Field(default=0.18, ge=-0.3, le=1)  # log10(30/20): the 20/30 line that ITU-T P.910 asks for
+    distance: Annotated[
+        Distance,
+        Setting(
+            "Viewing distance",
+            "how it is known",
+            choices={
+                "typed": "the participant types it",
+                "fixed": "fixed by the laboratory",
+                "blind spot": "measured with the blind spot",
+            },
+        ),
+    ] = "typed"
+    distance_cm: Annotated[float | None, Setting("Fixed distance, cm", "only for a fixed distance", step="0.5")] = (
+        Field(default=None, ge=20, le=FARTHEST_CM)
+    )
+    colour_axes: Annotated[
+        SomeOf[Axis],
+        Setting(
+            "Colour plates",
+            "confusion lines that are tested",
+            choices={"protan": "protan", "deutan": "deutan", "tritan": "tritan"},
+        ),
+    ] = AXES
+    colour_misses: Annotated[int, Setting("Plates that may be missed", "of each confusion line")] = Field(
+        default=1, ge=0, le=ColourTest.n_plates - 1
+    )
+    on_failure: Annotated[
+        Rule,
+        Setting(
+            "A participant who does not pass",
+            "or who skips a test",
+            choices={"record": "takes part; the experimenter decides", "stop": "goes no further"},
+        ),
+    ] = "record"
+
+    @model_validator(mode="after")
+    def _has_distance_where_fixed(self) -> Self:
+        if (self.distance == "fixed") != (self.distance_cm is not None):
+            raise ValueError(
+                f"screening: distance is {self.distance!r} and distance_cm {self.distance_cm}, expected distance_cm "
+                "with the distance 'fixed' and only then; else 'typed'"
+            )
+        return self
 
     def stops(self, verdicts: Sequence[str]) -> bool:
         """Does the study end for a participant with these verdicts? A test that could not be judged stops nobody."""
@@ -110,34 +142,6 @@ class Item:
 
     content: Mapping[str, Any]
     answer: int | None
-
-
-def parse_screening(content: Any) -> ScreeningOptions:
-    """Read the table [screening] of a study file.
-
-    Raises
-    ------
-    ValueError
-        Naming the key, the value and what is expected.
-    """
-    default = ScreeningOptions()
-    entries = Entries.of_table(content, "screening", [field.name for field in fields(ScreeningOptions)])
-    is_fixed = content.get("distance_cm") is not None
-    options = ScreeningOptions(
-        tests=_some_of(entries, "tests", TESTS),
-        acuity_limit=entries.number("acuity_limit", ACUITY_LIMITS, default.acuity_limit),
-        distance=entries.one_of("distance", DISTANCES, default.distance),
-        distance_cm=entries.number("distance_cm", FIXED_DISTANCES_CM, 0) if is_fixed else None,
-        colour_axes=_some_of(entries, "colour_axes", AXES),
-        colour_misses=entries.count("colour_misses", ColourTest.n_plates - 1, default.colour_misses),
-        on_failure=entries.one_of("on_failure", RULES, default.on_failure),
-    )
-    if (options.distance == "fixed") != (options.distance_cm is not None):
-        raise ValueError(
-            f"screening: distance is {options.distance!r} and distance_cm {options.distance_cm}, expected distance_cm "
-            f"with the distance {DISTANCES[1]!r} and only then; else {default.distance!r}"
-        )
-    return options
 
 
 def check_entered(entered: EnteredResult, options: ScreeningOptions) -> None:
@@ -279,10 +283,3 @@ def _colour_test(setup: Mapping[str, Any]) -> ColourTest:
 
 def _plan(setup: Mapping[str, Any]) -> list[PlannedPlate]:
     return plan_plates(_colour_test(setup), np.random.default_rng(setup["seed"]))
-
-
-def _some_of(entries: Entries, key: str, known: tuple[Any, ...]) -> tuple[Any, ...]:
-    value = entries.content.get(key, known)
-    if not is_list(value) or not value or any(word not in known for word in value) or len(set(value)) < len(value):
-        raise entries.refusal(key, f"some of {', '.join(known)}")
-    return tuple(value)

@@ -8,7 +8,6 @@ import json
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from typing import IO, Any
 
 from app.operations.studies.manage import study_file_of
@@ -68,7 +67,7 @@ def write_archive(out: IO[bytes], database: Database, study_id: int) -> None:
 
 def _without_codes(file: StudyFile) -> StudyFile:
     """Leave a recruiting platform's code and addresses out of a study file: an archive may be published."""
-    return replace(file, options=replace(file.options, outside=file.options.outside.without_codes))
+    return file.but(options=file.options.but(outside=file.options.outside.without_codes))
 
 
 def _write_analysis(files: _Files, analysis: Mapping[str, Any], source: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Request
@@ -159,7 +158,7 @@ def edit(body: EditBody, request: Request, actor: StudyEditor, study: AStudy, da
         options = parse_options(overridden(before.options.as_json(), body.options))
     except (ValueError, TypeError) as error:
         raise InvalidError(f"Nothing was changed: {error}.") from error
-    wanted = replace(before, options=options, **given)
+    wanted = before.but(options=options, **given)
     server = settings(request)
     change = check_edit(server, database, study, wanted, languages(request))
     if change.folder is None:

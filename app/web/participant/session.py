@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-from dataclasses import asdict
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Request
@@ -64,7 +63,7 @@ def asked(request: Request, signed_in: Participant) -> AskedView:
     """List what is to be sent when the introduction and the interview are completed."""
     options = signed_in.session.options
     consent = consent_to_send(options, _language(request, signed_in.session))
-    questions = [asdict(question) for question in options.questions]
+    questions = [question.as_json() for question in options.questions]
     return AskedView(
         consent=consent,
         comprehension=options.comprehension,

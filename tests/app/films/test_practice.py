@@ -10,7 +10,8 @@ import pytest
 from app.errors import StimuliError
 from app.films.practice import choose_practice, most_different
 from app.intake.stimuli import StimulusSet, read_stimulus_set
-from app.study.options.practice import PracticeFilms, parse_practice_pairs
+from app.study.options.options import parse_options
+from app.study.options.practice import PracticeFilms
 from tests.app import tiny_stimuli
 
 APPROACHES = ("id_fa", "id_fb", "pm_fb")  # grey levels in this order
@@ -41,12 +42,12 @@ def test_a_dataset_for_practice_is_in_no_trial_and_needs_no_note(stimulus_set: S
     practice = choose_practice(stimulus_set, "box", ())
     assert names(practice.pairs) == ["box/id_fa box/pm_fb"]
     assert practice.compared.datasets == ("ball",)
-    assert practice.films == (PracticeFilms("box", "id_fa", "pm_fb"),)
+    assert practice.films == (PracticeFilms(dataset="box", a="id_fa", b="pm_fb"),)
     assert practice.notes == ()
 
 
 def test_films_chosen_by_hand_are_shown_and_a_note_says_that_they_are_compared_too(stimulus_set: StimulusSet) -> None:
-    wanted = [PracticeFilms("ball", "id_fa", "id_fb"), PracticeFilms("box", "pm_fb", "id_fa")]
+    wanted = [PracticeFilms(dataset="ball", a="id_fa", b="id_fb"), PracticeFilms(dataset="box", a="pm_fb", b="id_fa")]
     practice = choose_practice(stimulus_set, "box", wanted)
     assert names(practice.pairs) == ["ball/id_fa ball/id_fb", "box/pm_fb box/id_fa"]
     (note,) = practice.notes
@@ -74,7 +75,7 @@ def test_where_films_are_rated_against_a_reference_each_is_practised_after_the_s
 
     assert practised("pm_fb") == ["ball/pm_fb ball/id_fa"], "the reference comes first, whichever films differ most"
     assert practised("id_fb") == ["ball/id_fb ball/id_fa", "ball/id_fb ball/pm_fb"]
-    named = PracticeFilms("box", "id_fa", "pm_fb")
+    named = PracticeFilms(dataset="box", a="id_fa", b="pm_fb")
     assert practised("pm_fb", named) == ["box/pm_fb box/id_fa"]
     assert practised("original", named) == ["box/id_fa box/pm_fb"], "the scene has no reference"
     again = choose_practice(stimulus_set, "", (), "id_fb", is_rated_against=True)
@@ -97,8 +98,8 @@ def test_films_that_the_set_names_for_practice_come_before_those_of_the_trials(f
     ("dataset", "wanted", "complaint"),
     [
         ("bux", (), "the dataset for practice is 'bux', expected one of ball, box"),
-        ("", (PracticeFilms("box", "id_fa", "pm_fx"),), "box/pm_fx .* of box it has id_fa, id_fb, pm_fb"),
-        ("", (PracticeFilms("bux", "id_fa", "pm_fx"),), "of bux it has none"),
+        ("", (PracticeFilms(dataset="box", a="id_fa", b="pm_fx"),), "box/pm_fx .* of box it has id_fa, id_fb, pm_fb"),
+        ("", (PracticeFilms(dataset="bux", a="id_fa", b="pm_fx"),), "of bux it has none"),
     ],
 )
 def test_what_the_set_lacks_is_named(
@@ -118,11 +119,11 @@ def test_the_only_dataset_cannot_be_for_practice_alone(folder: Path) -> None:
     ("content", "complaint"),
     [
         ("ball", "practice_pairs is 'ball', expected a list"),
-        ([{"dataset": "ball", "a": "x"}], "expected texts for dataset, a, b"),
+        ([{"dataset": "ball", "a": "x"}], "b is None, expected a condition's name"),
         ([{"dataset": "ball", "a": "x", "b": "x"}], "names 'x' twice"),
-        ([{"dataset": "ball", "a": "x", "b": 3}], "expected texts"),
+        ([{"dataset": "ball", "a": "x", "b": 3}], "b is 3, expected a condition's name"),
     ],
 )
 def test_pairs_to_practise_with_are_checked(content: object, complaint: str) -> None:
     with pytest.raises(ValueError, match=complaint):
-        parse_practice_pairs(content)
+        parse_options({"practice_pairs": content})

@@ -39,7 +39,7 @@ def test_a_study_file_keeps_the_protocol_and_older_ones_compare_pairs() -> None:
     for protocol in PROTOCOLS:
         rated = {"protocol": protocol, "scale": 11} if protocol.startswith(("ACR", "DCR")) else {"protocol": protocol}
         options = parse_options({**rated, "reference": "" if protocol == "ACR" else "scan"})
-        text = write_study_file(StudyFile("Study", options=options))
+        text = write_study_file(StudyFile(name="Study", options=options))
         assert parse_study_file(text).options == options
         assert ("protocol" in text) == (protocol != "PC")
     assert parse_options({}) == StudyOptions()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import re
 from codecs import BOM_UTF8
-from dataclasses import replace
 from typing import Annotated, Any
 
 import segno
@@ -21,8 +20,8 @@ from app.store.studies.audit import Entry, record
 from app.store.studies.studies import progress_of
 from app.store.trials.designs import datasets_of
 from app.store.trials.orders import n_taken_in
-from app.study.design.groups import Group, check_groups, parse_groups
-from app.study.options.options import parse_options
+from app.study.design.groups import Group, check_groups
+from app.study.options.options import StudyOptions, parse_options
 from app.study.options.wording import NAME, first_language, own_texts
 from app.web.admin.layout import attachment, page, see, study_page, unix
 from app.web.admin.studies.edit_page import Revision, save_study
@@ -108,12 +107,14 @@ def assign_groups(
     with database.reading() as connection:
         datasets = datasets_of(connection, study.id)
     try:
-        wanted = parse_groups([_described(line) for line in unix(groups).splitlines() if line.strip()])
+        wanted = StudyOptions.read(
+            {"groups": [_described(line) for line in unix(groups).splitlines() if line.strip()]}
+        ).groups
         check_groups(wanted, datasets)
     except ValueError as error:
         raise InvalidError(f"Nothing was changed: {error}.") from error
     current = study_file_of(study)
-    changed = replace(current, options=replace(current.options, groups=wanted))
+    changed = current.but(options=current.options.but(groups=wanted))
     return save_study(request, study, changed, revision, actor, "invitations")
 
 

@@ -38,6 +38,7 @@ from app.store.studies.studies import Study
 from app.store.trials.counted_votes import vote_state
 from app.store.trials.sessions import new_resume_code
 from app.study.options.options import parse_options
+from app.study.options.wording import asked_questions
 from app.study.questions.answers import WordedAnswer, worded_answers
 from app.study.screening.screening import EnteredResult, TestName, check_entered
 from app.study.screening.verdicts import worded_result, worded_verdicts
@@ -226,7 +227,7 @@ def _answers(study: Study, given: Sequence[Mapping[str, Any]]) -> list[WordedAns
     answers: Mapping[str, Any] = next(
         (row["data"].get("answers", {}) for row in given if row["stage"] == INTERVIEW), {}
     )
-    return worded_answers(parse_options(study.options), answers)
+    return worded_answers(asked_questions(parse_options(study.options)), answers)
 
 
 def _address(study: Study, label: str) -> str:

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 from fastapi import Depends, Request
 from starlette.datastructures import FormData
 
 from app.errors import InvalidError
-from app.study.options.lab_sheet import LONGEST_NOTE
-from app.study.options.option_table import COLUMNS, SECTION_NOTES, SECTIONS, SETTINGS, Setting, why_fixed
+from app.study.option_fields import Setting
+from app.study.options.option_table import COLUMNS, SECTION_NOTES, SECTIONS, SETTINGS, why_fixed
 from app.study.options.options import StudyOptions, parse_options
 from app.study.options.practice import MOST_PRACTICE
-from app.study.options.privacy import LONGEST_CONTACT
-from app.study.options.recruiting import LONGEST_ADDRESS
 from app.study.options.study_file import StudyFile
-from app.study.options.wording import LONGEST_TEXT, QUESTIONS
+from app.study.options.wording import LONGEST_TEXT
 from app.study.protocols import RATED, typed_scale
+from app.study.questions.answers import QUESTIONS
 from app.study.questions.questionnaire import KINDS, MOST_QUESTIONS
 from app.web.admin.layout import unix
 
@@ -27,13 +26,8 @@ QUESTION_PARTS = ("name", "kind", "text", "options", "labels", "minimum", "maxim
 FILMS_PARTS = ("dataset", "a", "b")
 PARTS = {"questions": QUESTION_PARTS, "practice_pairs": FILMS_PARTS}
 IN_EVERY_FORM = ("form_token", "revision", "stimulus_set", "preset", MARK)
-LONGEST = {
-    "privacy.responsible": LONGEST_CONTACT,
-    "privacy.contact": LONGEST_CONTACT,
-    "name": 200,
-    "consent_version": 200,
-    "outside.keep": 500,
-}  # characters; of others LONGEST_ADDRESS
+LONGEST = {"name": 200, "consent_version": 200, "outside.keep": 500}  # characters in a field; of others as declared
+LONGEST_TYPED = 1000  # where nothing is declared
 
 
 @dataclass(frozen=True)
@@ -86,7 +80,7 @@ class StudyForm:
 
     def longest(self, setting: Setting) -> int:
         """Most characters of a text."""
-        return LONGEST_NOTE if setting.option == "lab_sheet" else LONGEST.get(setting.name, LONGEST_ADDRESS)
+        return LONGEST.get(setting.name, setting.longest or LONGEST_TYPED)
 
     def rows(self, name: str) -> list[Mapping[str, Any]]:
         """Rows of a list of tables, and an empty one to add."""
@@ -146,7 +140,7 @@ def study_of(now: StudyFile, given: Mapping[str, Any]) -> StudyFile:
         Naming the setting and what is expected.
     """
     columns = {name: given[name] for name in COLUMNS if given.get(name) is not None}
-    return replace(now, **columns, options=parse_options(options_of(now.options, given)))
+    return now.but(**columns, options=parse_options(options_of(now.options, given)))
 
 
 def options_of(now: StudyOptions, given: Mapping[str, Any]) -> dict[str, Any]:

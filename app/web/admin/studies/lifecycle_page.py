@@ -158,7 +158,7 @@ def _settings_page(
     error: str = "",
 ) -> Response:
     """Show the form, filled with what the preset says, or with what was sent and why it was refused."""
-    values = values_of(StudyFile("", options=read_options(None, {}, preset))) | dict(given or {})
+    values = values_of(StudyFile(name="", options=read_options(None, {}, preset))) | dict(given or {})
     form = StudyForm(values, datasets=known.datasets, conditions=known.conditions, error=error)
     context = {"form": form, "stimulus_set": known, "preset": preset}
     return page(request, "new_study_settings", person, context, 422 if error else 200)
@@ -174,7 +174,7 @@ def _chosen(preset: str, given: Mapping[str, Any]) -> StudyFile:
     """
     chosen = read_preset(preset)
     base = parse_options(chosen.options)
-    now = values_of(StudyFile("", options=base))
+    now = values_of(StudyFile(name="", options=base))
     changed = {name: value for name, value in given.items() if value != now.get(name)}
     if changed.get("consent") and "consent_version" not in changed:
         changed["consent_version"] = ""  # the version names the preset's text
@@ -186,7 +186,7 @@ def _chosen(preset: str, given: Mapping[str, Any]) -> StudyFile:
     if options.practice_dataset:
         options = options.with_stage(PRACTICE)
     columns = {name: given[name] for name in COLUMNS if given.get(name) is not None}
-    return StudyFile(**{"name": "", **columns}, options=options)
+    return StudyFile.read({"name": "", **columns, "options": options})
 
 
 @router.post("/studies/{slug}/state")

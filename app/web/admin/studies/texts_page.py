@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 from fastapi import APIRouter, File, Form, Path, Request, UploadFile
@@ -21,16 +21,14 @@ from app.study.options.wording import (
     DEBRIEFING,
     LONGEST_TEXT,
     NAME,
-    QUESTIONS,
     changed_languages,
     first_language,
     own_texts,
-    pack_labels,
-    parse_languages,
     protocol_texts,
     refused_languages,
     wording,
 )
+from app.study.questions.answers import QUESTIONS, pack_labels
 from app.study.trial.image import LARGEST_IMAGE, MOST_IMAGES, check_image
 from app.web.admin.layout import see, study_page, unix
 from app.web.admin.studies.edit_page import Revision, save_study
@@ -96,7 +94,7 @@ def choose_languages(
 ) -> Response:
     """Save in which languages the study is offered."""
     try:
-        tags = parse_languages(named.replace(",", " ").split())
+        tags = StudyOptions.read({"languages": named.replace(",", " ").split()}).languages
         changes = changed_languages(parse_options(study.options), tags)
     except ValueError as error:
         raise InvalidError(f"Nothing was changed: {error}.") from error
@@ -171,7 +169,7 @@ def _save(
 ) -> Response:
     now = study_file_of(study)
     try:
-        wanted = replace(now, options=parse_options({**now.options.as_json(), **changes}))
+        wanted = now.but(options=parse_options({**now.options.as_json(), **changes}))
     except ValueError as error:
         raise InvalidError(f"Nothing was changed: {error}.") from error
     return save_study(request, study, wanted, revision, actor, page)
@@ -179,7 +177,7 @@ def _save(
 
 def _rows(options: StudyOptions, pack: LanguagePack) -> Iterator[Row]:
     """Yield all texts but the documents and the name; at the end the questions."""
-    plain = own_texts(replace(options, texts={}), pack.tag)
+    plain = own_texts(options.but(texts={}), pack.tag)
     said = options.texts.get(pack.tag, {})
     for key, text in protocol_texts(pack, options.protocol).items():
         yield Row(key, _written(text), _written(said.get(key, "")))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from datetime import datetime
 from typing import Any
 from uuid import uuid4
@@ -94,7 +93,7 @@ def test_who_is_under_way_has_a_code_of_their_own_while_the_study_makes_them(
     given = []
     for revision, codes in enumerate([{"random_codes": True}, {"random_codes": True}, {"code": "C0DE"}], start=1):
         changes = {"outside": outside | codes}
-        wanted = replace(study_file_of(before), options=parse_options(changes))
+        wanted = study_file_of(before).but(options=parse_options(changes))
         save_edit(database, Edit(before, wanted, changes, None), revision, Actor(0, "Eva", now))
         with database.reading() as connection:
             rows = connection.execute(select(participant.c.label, recruit.c.completion_code).join(recruit))

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.study.design.balance import TakenOrder, balance_report
-from app.study.design.groups import Group, check_groups, group_of_slot, parse_groups
+from app.study.design.groups import Group, check_groups, group_of_slot
 from app.study.options.options import StudyOptions, parse_options
 from app.study.options.study_file import StudyFile, parse_study_file, write_study_file
 from tests.app.study.design.test_balance import plan_of
@@ -33,7 +33,7 @@ def test_chance_assigns_and_not_the_order_of_arrival() -> None:
 
 @pytest.mark.parametrize("n_people", [1, 7])
 def test_the_orders_of_groups_with_blocks_of_their_own_break_no_rule(n_people: int) -> None:
-    blocks = (Group("near", ("dataset 0", "dataset 1")), Group("far", ("dataset 2",)))
+    blocks = (Group(name="near", datasets=("dataset 0", "dataset 1")), Group(name="far", datasets=("dataset 2",)))
     plan = replace(plan_of(3, 4), groups=blocks)
     orders = [
         TakenOrder(f"P{slot}", slot, "finished", is_released=False, trials=plan.order_of_slot(slot, plan.pairs))
@@ -52,8 +52,8 @@ def test_the_orders_of_groups_with_blocks_of_their_own_break_no_rule(n_people: i
 
 
 def test_groups_are_read_from_a_study_file_and_written_into_it() -> None:
-    groups = (Group("near", ("ball",)), Group("far"))
-    study = StudyFile("Temple", options=StudyOptions(groups=groups))
+    groups = (Group(name="near", datasets=("ball",)), Group(name="far"))
+    study = StudyFile(name="Temple", options=StudyOptions(groups=groups))
     assert parse_study_file(write_study_file(study)).options.groups == groups
     assert parse_options(study.options.as_json()).groups == groups
 
@@ -65,18 +65,18 @@ def test_groups_are_read_from_a_study_file_and_written_into_it() -> None:
         ([{"name": "near"}], "at least two"),
         ([{"name": "near"}, {"name": "near"}], "there twice"),
         ([{"name": ""}, {"name": "far"}], "1 to 60 characters"),
-        ([{"name": "near", "quota": 3}, {"name": "far"}], "name and datasets"),
+        ([{"name": "near", "quota": 3}, {"name": "far"}], "'quota' is not known; expected some of name, datasets"),
         ([{"name": "near", "datasets": "ball"}, {"name": "far"}], "expected a list of names"),
     ],
 )
 def test_faulty_groups_are_refused_with_the_reason(content: Any, fault: str) -> None:
     with pytest.raises(ValueError, match=fault):
-        parse_groups(content)
+        parse_options({"groups": content})
 
 
 def test_groups_that_do_not_fit_the_datasets_are_refused() -> None:
     with pytest.raises(ValueError, match="no dataset 'boll'; expected some of ball, box"):
-        check_groups([Group("near", ("boll",)), Group("far")], ["ball", "box"])
+        check_groups([Group(name="near", datasets=("boll",)), Group(name="far")], ["ball", "box"])
     with pytest.raises(ValueError, match="nobody would see the dataset 'box'"):
-        check_groups([Group("near", ("ball",)), Group("far", ("ball",))], ["ball", "box"])
+        check_groups([Group(name="near", datasets=("ball",)), Group(name="far", datasets=("ball",))], ["ball", "box"])
     check_groups([], ["ball"])

@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 
-from app.study.options.lab_sheet import parse_lab_sheet
 from app.study.options.options import parse_options
 from app.study.options.study_file import StudyFile, parse_study_file, write_study_file
 
@@ -22,12 +21,12 @@ NOTED = {
 
 def test_a_lab_sheet_travels_with_the_study_file() -> None:
     options = parse_options({"lab_sheet": NOTED})
-    read = parse_study_file(write_study_file(StudyFile("Lab", options=options))).options
+    read = parse_study_file(write_study_file(StudyFile(name="Lab", options=options))).options
     assert read.lab_sheet.as_json() == NOTED
 
 
 def test_what_is_not_known_is_left_out_rather_than_written_as_nothing() -> None:
-    sheet = parse_lab_sheet({"display": "  ", "size_inch": 27})
+    sheet = parse_options({"lab_sheet": {"display": "  ", "size_inch": 27}}).lab_sheet
     assert sheet.as_json() == {"size_inch": 27.0}
     assert sheet.rows() == [("Size, inch", "27")]
 
@@ -45,4 +44,4 @@ def test_what_is_not_known_is_left_out_rather_than_written_as_nothing() -> None:
 )
 def test_what_no_lab_sheet_can_hold_is_named(content: Any, complaint: str) -> None:
     with pytest.raises(ValueError, match=complaint):
-        parse_lab_sheet(content)
+        parse_options({"lab_sheet": content})

@@ -5,20 +5,17 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from app.study.option_fields import WITH_FILMS, Setting, is_table
 from app.study.options.option_table import (
     CHANGES,
     COLUMNS,
-    ELSEWHERE,
     SECTIONS,
     SETTINGS,
-    WITH_FILMS,
-    Setting,
     why_fixed,
 )
 from app.study.options.options import StudyOptions, parse_options
@@ -31,6 +28,7 @@ NEEDS = {  # what an option needs beside it, to be right
     ("screening.distance_cm", "*"): {"screening": {"distance": "fixed"}},
     ("questions", "*"): {"optional_stages": []},
 }
+ELSEWHERE = ("languages", "texts", "groups")  # on pages of their own
 OPTIONS = [setting for setting in SETTINGS if setting.name not in COLUMNS]
 WITH_CHOICES = [setting for setting in OPTIONS if setting.choices]
 WITH_BOUNDS = [setting for setting in OPTIONS if setting.kind in ("whole", "number")]
@@ -48,15 +46,13 @@ def content(setting: Setting, value: Any) -> dict[str, Any]:
 
 
 def test_every_option_stands_in_the_table_once() -> None:
-    default = StudyOptions()
     names = []
-    for option in fields(StudyOptions):
-        value = getattr(default, option.name)
-        is_table = is_dataclass(value) and not isinstance(value, type)
-        names += [f"{option.name}.{part.name}" for part in fields(value)] if is_table else [option.name]
+    for name, option in StudyOptions.model_fields.items():
+        table = option.annotation
+        names += [f"{name}.{key}" for key in table.model_fields] if is_table(option) and table else [name]
     listed = [*ELSEWHERE, *(setting.name for setting in OPTIONS)]
     assert sorted(listed) == sorted(names)
-    assert set(CHANGES) == {*asdict(default), *COLUMNS}
+    assert set(CHANGES) == {*StudyOptions.model_fields, *COLUMNS}
     assert {setting.section for setting in SETTINGS} == set(SECTIONS)
 
 

@@ -19,7 +19,7 @@ TEXTS = Path(__file__).parents[4] / "languages"
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_study_of_a_preset_is_exported_whole(name: str) -> None:
     options = read_options(None, {}, name)
-    assert parse_study_file(write_study_file(StudyFile("A study", options=options))).options == options
+    assert parse_study_file(write_study_file(StudyFile(name="A study", options=options))).options == options
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -10,20 +10,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.study.options.recruiting import VALUE, Arrival, LimitOptions, parse_limits, parse_outside
+from app.study.options.options import parse_options
+from app.study.options.recruiting import VALUE, Arrival, LimitOptions
 
 IDS = st.from_regex(VALUE, fullmatch=True)
 
 
 @given(IDS, IDS)
 def test_a_platform_reads_in_the_address_what_it_had_sent(outside_id: str, kept: str) -> None:
-    options = parse_outside({"id": "P", "keep": ["S"], "complete_url": "https://a.b/?p={id}&s={S}"})
+    options = parse_options(
+        {"outside": {"id": "P", "keep": ["S"], "complete_url": "https://a.b/?p={id}&s={S}"}}
+    ).outside
     address = options.address("complete", options.arrival({"P": outside_id, "S": kept, "X": "y"}))
     assert parse_qs(urlsplit(address).query) == {"p": [outside_id], "s": [kept]}
 
 
 def test_what_a_link_lacks_is_left_empty_in_the_address() -> None:
-    options = parse_outside({"id": "P", "keep": ["S"], "full_url": "https://a.b/{id}?s={S}"})
+    options = parse_options({"outside": {"id": "P", "keep": ["S"], "full_url": "https://a.b/{id}?s={S}"}}).outside
     assert options.address("full", Arrival("x+y")) == "https://a.b/x%2By?s="
 
 
@@ -51,7 +54,7 @@ def test_what_a_link_lacks_is_left_empty_in_the_address() -> None:
 )
 def test_an_option_of_the_way_there_and_back_that_is_wrong_is_named(content: Any, complaint: str) -> None:
     with pytest.raises(ValueError, match=complaint):
-        parse_outside(content)
+        parse_options({"outside": content})
 
 
 @pytest.mark.parametrize(
@@ -65,12 +68,12 @@ def test_an_option_of_the_way_there_and_back_that_is_wrong_is_named(content: Any
 )
 def test_a_limit_that_is_wrong_is_named(content: Any, complaint: str) -> None:
     with pytest.raises(ValueError, match=complaint):
-        parse_limits(content)
+        parse_options({"limits": content})
 
 
 @pytest.mark.parametrize("moment", ["2027-03-31T18:00+02:00", datetime(2027, 3, 31, 16, tzinfo=UTC)])
 def test_a_study_is_open_until_its_moment(moment: Any) -> None:
-    limits = parse_limits({"open_until": moment})
+    limits = parse_options({"limits": {"open_until": moment}}).limits
     end = datetime(2027, 3, 31, 16, tzinfo=UTC)
     assert [limits.is_over(end + timedelta(seconds=later)) for later in (-1, 0)] == [False, True]
 

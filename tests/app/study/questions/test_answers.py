@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from app.study.options.options import parse_options
-from app.study.questions.answers import asked_questions, worded_answers
+from app.study.options.wording import asked_questions
+from app.study.questions.answers import worded_answers
 from app.study.questions.demographics import demographic_sentence, demographics
 from app.study.screening.verdicts import snellen, worded_result, worded_verdicts
 
@@ -23,7 +24,7 @@ ASKED = parse_options({"questions": [
 
 def test_answers_are_read_with_their_labels_and_questions() -> None:
     given = {"age": 34, "sex": "unsaid", "experience": 2, "hand": "l", "criteria": None, "old": "x"}
-    worded = {row.question: row.answer for row in worded_answers(ASKED, given)}
+    worded = {row.question: row.answer for row in worded_answers(asked_questions(ASKED), given)}
     assert worded == {
         "How old are you?": "34",
         "What is your sex?": "I prefer not to say",
@@ -38,7 +39,7 @@ def test_answers_are_read_with_their_labels_and_questions() -> None:
 
 @pytest.mark.parametrize(("number", "words"), [(12345678, "12345678"), (1234567.5, "1234567.5"), (20.0, "20")])
 def test_a_number_is_read_with_all_its_digits(number: float, words: str) -> None:
-    assert [row.answer for row in worded_answers(ASKED, {"age": number})] == [words]
+    assert [row.answer for row in worded_answers(asked_questions(ASKED), {"age": number})] == [words]
 
 
 def test_a_study_without_english_texts_is_read_in_its_own_language() -> None:

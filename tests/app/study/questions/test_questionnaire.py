@@ -1,16 +1,19 @@
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Any
 
 import pytest
 
 from app.study.options.options import StudyOptions, parse_options
-from app.study.questions.questionnaire import DEFAULT_QUESTIONS, InvalidAnswerError, check_answers, parse_questions
+from app.study.questions.questionnaire import DEFAULT_QUESTIONS, InvalidAnswerError, Question, check_answers
+
+
+def parse_questions(content: Any) -> tuple[Question, ...]:
+    return parse_options({"questions": content}).questions
 
 
 def test_questions_are_read_back_as_they_were_written() -> None:
-    assert parse_questions([asdict(question) for question in DEFAULT_QUESTIONS]) == DEFAULT_QUESTIONS
+    assert parse_questions([question.as_json() for question in DEFAULT_QUESTIONS]) == DEFAULT_QUESTIONS
 
 
 def test_options_are_read_back_as_they_were_written() -> None:
@@ -87,16 +90,16 @@ def test_an_empty_text_is_no_answer_to_a_required_question() -> None:
     ("question", "complaint"),
     [
         ("age", "a table"),
-        ({"name": "Age", "kind": "number"}, "its name is 'Age'"),
-        ({"name": "age", "kind": "guess"}, "its kind is 'guess'"),
+        ({"name": "Age", "kind": "number"}, "name is 'Age'"),
+        ({"name": "age", "kind": "guess"}, "kind is 'guess'"),
         ({"name": "age", "kind": "number", "max": 3}, "'max' is not known"),
-        ({"name": "age", "kind": "number", "maximum": "3"}, "no finite number"),
-        ({"name": "age", "kind": "number", "minimum": 10**400}, "no finite number"),
-        ({"name": "age", "kind": "number", "minimum": float("inf")}, "no finite number"),
+        ({"name": "age", "kind": "number", "maximum": "3"}, "expected a finite number"),
+        ({"name": "age", "kind": "number", "minimum": 10**400}, "expected a finite number"),
+        ({"name": "age", "kind": "number", "minimum": float("inf")}, "expected a finite number"),
         ({"name": "age", "kind": "number", "minimum": 20, "maximum": 18}, "its minimum 20 is above its maximum 18"),
         ({"name": "age", "kind": "number", "required": "yes"}, "required is 'yes', expected true or false"),
-        ({"name": "sex", "kind": "choice", "options": "lr"}, "its options are 'lr', expected a list"),
-        ({"name": "sex", "kind": "choice", "options": ["l", "r"], "labels": 3}, "its labels are 3, expected a list"),
+        ({"name": "sex", "kind": "choice", "options": "lr"}, "options is 'lr', expected a list"),
+        ({"name": "sex", "kind": "choice", "options": ["l", "r"], "labels": 3}, "labels is 3, expected a list"),
         ({"name": "hand", "kind": "choice", "options": ["l", "r"]}, "no text"),
         ({"name": "sex", "kind": "choice", "options": ["l"]}, "two options"),
         ({"name": "sex", "kind": "choice", "options": ["l", "r"], "labels": ["left"]}, "a label for each"),

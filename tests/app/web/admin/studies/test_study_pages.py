@@ -10,7 +10,6 @@ import sys
 import zipfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -95,8 +94,8 @@ def test_a_study_starts_from_a_preset_which_the_form_changes(own_server: str, ow
     options = parse_study_file(manage.export_study(own, "like-the-paper")).options
     preset = read_options(None, {}, PAPER)
     texts = {"de": {key: text for key, text in preset.texts["de"].items() if key != "study.consent"}}
-    lent = (PracticeFilms("ball", "id_fa", "pm_fb"),)
-    assert options == replace(preset, consent="Ours.", consent_version="", texts=texts, practice_pairs=lent)
+    lent = (PracticeFilms(dataset="ball", a="id_fa", b="pm_fb"),)
+    assert options == preset.but(consent="Ours.", consent_version="", texts=texts, practice_pairs=lent)
 
 
 @pytest.mark.slow
