@@ -18,6 +18,7 @@ from sqlalchemy import make_url
 
 import app.films.pairs
 import app.intake.stimuli
+from app.films.strips import make_film
 from app.store.database.engine import Database, open_database
 from app.store.database.migrate import upgrade
 from tests.command_line import Command, command_line
@@ -58,7 +59,7 @@ def films_encoded_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Non
     folder = tmp_path_factory.getbasetemp()
     folder = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(app.films.pairs, "make_film", made_once(app.films.pairs.make_film, folder / "encoded_films"))
+        patch.setattr(app.films.pairs, "make_film", made_once(make_film, folder / "encoded_films"))
         patch.setattr(app.intake.stimuli, "decode", decoded_once())
         yield
 
