@@ -76,3 +76,4 @@ lock:
 	$(PART) pyproject.toml $(addprefix --extra ,postgres s3 recon cluster) --output-file requirements-recon.lock \
 		$$(sed -n 's/^\([^ ]*\)==.*/--no-emit-package \1/p' requirements-server.lock)
 	$(PART) --group build --output-file requirements-build.lock
+	python deploy/third_party.py

@@ -19,12 +19,12 @@ from fastapi import APIRouter, Depends, FastAPI
 from fastapi.routing import APIRoute
 from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment
 from sse_starlette.sse import AppStatus
 from starlette.concurrency import run_in_threadpool
 from uvicorn.supervisors import Multiprocess
 
-from app.files import packaged, private_folder
+from app.files import packaged, page_templates, private_folder
 from app.films.object_store import MediaStore
 from app.intake.bounds import end_with_parent
 from app.operations.database import open_store
@@ -364,13 +364,7 @@ def _address(bound: Any) -> str:
 
 
 def _environment() -> Environment:
-    environment = Environment(
-        loader=FileSystemLoader(packaged("templates")),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = page_templates("templates")
     environment.filters["with_code"] = with_code
     environment.globals["has_browser_packages"] = (packaged("static") / "vendor" / "htmx.min.js").is_file()
     return environment

@@ -60,10 +60,9 @@ HOMES = {
     "jinja2": (
         "app/web/",
         "app/main.py",
+        "app/files.py",
         "app/analysis/report/page.py",
-        "app/experiment/report.py",
-        "recon/validation/page.py",
-        "recon/capture/checking/page.py",
+        "recon/storage/pages.py",
     ),
     "open3d": ("recon/",),
     "pyrender": ("recon/",),

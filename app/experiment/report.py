@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from app.analysis.drawing.charts_in_common import svg_pdf
 from app.analysis.reading.votes_table import ALL
@@ -18,7 +17,7 @@ from app.experiment.parts import Figure, wrapped_picture
 from app.experiment.results import Results, order_text, screened_out
 from app.experiment.sections import experiment_sections
 from app.experiment.study import OBJECTIVE_FILE, StudyPart
-from app.files import packaged, read_json, write_bytes, write_json, write_text
+from app.files import packaged, page_templates, read_json, write_bytes, write_json, write_text
 
 PUBLISHED = "experiment/paper.toml"
 QUESTIONS = {
@@ -54,16 +53,10 @@ def write_experiment_report(results: Results, name: str) -> dict[str, Any]:
         "sections": parts,
         "lead": _lead(results, name),
     }
-    environment = Environment(
-        loader=FileSystemLoader([packaged("templates/experiment"), packaged("templates/analysis")]),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    template = page_templates("templates/experiment", "templates/analysis").get_template("experiment.html")
     for figure in (figure for part in parts for figure in part.figures if figure.name):
         _write_figure(results.out / "figures" / figure.name, figure)
-    write_text(results.out / "report.html", environment.get_template("experiment.html").render(content))
+    write_text(results.out / "report.html", template.render(content))
     report = {
         "schema_version": 1,
         "scale": name,

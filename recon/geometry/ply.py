@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.ply_elements import Elements, Lists, read_elements
+from recon.geometry.polygons import cut_polygons
 from recon.storage.files import refused, why_no_file
 
 FLOAT_NORMAL = ("nx", "ny", "nz")
@@ -119,20 +120,22 @@ def face_corners(ply: Elements) -> Lists | None:
         raise ValueError(
             f"its faces have {', '.join(columns) or 'nothing'}, expected {' or '.join(FACE_LISTS)} with lists"
         )
+    if corners.lengths.min() < 3:
+        face = int(corners.lengths.argmin())
+        raise ValueError(f"face {face} has {corners.lengths[face]} corners, expected at least 3")
     return corners
 
 
 def triangles(path: Path, ply: Elements) -> NDArray[np.integer]:
-    """Copy the triangles (M, 3).
+    """Copy the triangles (M, 3), into which other polygons are cut.
 
     Raises
     ------
     ValueError
-        If there are no faces, or faces with more or fewer than three corners.
+        If there are no faces, or one with less than three corners.
     """
     corners = face_corners(ply)
     if corners is None:
         raise ValueError(f"{path}: holds no faces")
-    if (corners.lengths != 3).any():
-        raise ValueError(f"{path}: its faces are no triangles throughout")
-    return corners.values.reshape(-1, 3)
+    places, _ = cut_polygons(point_columns(path, ply, "xyz"), corners.values, corners.lengths)
+    return corners.values[places]

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.models.part import Contents, Part, colours_from, decode_picture, fan
+from recon.geometry.polygons import cut_polygons
+from recon.models.part import Contents, Part, colours_from, decode_picture
 from recon.storage.files import why_no_file
 
 OPTIONS = re.compile(r"-(\w+)((?:\s+(?:on|off|-?[\d.]+(?:e-?\d+)?))*)\s+")  # before the file's name in `map_Kd`
@@ -89,7 +90,8 @@ def read_obj_model(path: Path) -> Contents:
         )
         if material.picture is None:
             corners[:, 1] = -1  # so that a seam does not part its vertices
-        triangles, used = _merged(corners, counts)
+        vertex, used = _merged(corners)
+        triangles = vertex[cut_polygons(positions[used[:, 0]], vertex, counts)[0]]
         has_places, has_normals = bool((used[:, 1] >= 0).all()), bool((used[:, 2] >= 0).all())
         part = Part(positions[used[:, 0]], triangles, normals[used[:, 2]] if has_normals else None)
         if material.picture is None:
@@ -228,18 +230,17 @@ def _indices(lines: Sequence[str]) -> NDArray[np.int64]:
         raise ValueError(f"its faces are not readable: {error}") from error
 
 
-def _merged(corners: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Make a vertex of each different corner; returns triangles (M, 3) and the corners (N, 3) that are left.
+def _merged(corners: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Make a vertex of each different corner; returns the vertex (K,) of each and the corners (N, 3) that are left.
 
     Parameters
     ----------
     corners : int64 (K, 3), as `_corners` returns them
-    counts : int64 (P,), corners of each polygon
     """
     size = corners.max(axis=0) + 2
     key = ((corners[:, 0] + 1) * size[1] + corners[:, 1] + 1) * size[2] + corners[:, 2] + 1
     _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
-    return fan(inverse, counts), corners[first]
+    return inverse, corners[first]
 
 
 def _materials(contents: Contents, libraries: Sequence[str], used: Collection[str]) -> dict[str, _Material]:

@@ -146,24 +146,6 @@ def colours_from(values: ArrayLike) -> NDArray[np.uint8]:
     return np.asarray(np.rint(np.clip(colours * scale, 0, 255)), dtype=np.uint8)
 
 
-def fan(corners: NDArray[np.integer], n_corners: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Cut polygons into triangles around each polygon's first corner.
-
-    Parameters
-    ----------
-    corners : integer (K,), the corners of all polygons one after another
-    n_corners : integer (P,), how many each polygon has, at least 3
-
-    Returns
-    -------
-    int64 (M, 3), the triangles
-    """
-    starts = np.cumsum(n_corners) - n_corners
-    first = np.repeat(starts, n_corners - 2)
-    within = np.arange(len(first)) - np.repeat(np.cumsum(n_corners - 2) - (n_corners - 2), n_corners - 2)
-    return np.asarray(corners[np.stack([first, first + within + 1, first + within + 2], axis=1)], dtype=np.int64)
-
-
 def check_finite(values: NDArray[np.floating], name: str) -> None:
     """Raise a ValueError that names the first of the rows (N, C) with a number that is not finite, or too large."""
     with np.errstate(invalid="ignore"):

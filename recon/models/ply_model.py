@@ -18,7 +18,8 @@ from recon.geometry.ply import (
     read_ply,
 )
 from recon.geometry.ply_elements import Elements, Lists
-from recon.models.part import Contents, Part, colours_from, decode_picture, fan
+from recon.geometry.polygons import cut_polygons
+from recon.models.part import Contents, Part, colours_from, decode_picture
 
 COLOURS = (UINT8_COLOUR, ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
 PLACES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
@@ -47,7 +48,7 @@ def read_ply_model(path: Path) -> Contents:
     colours = optional_columns(path, ply, *COLOURS)
     shades = None if colours is None else colours_from(colours)
     uv = optional_columns(path, ply, *PLACES)
-    faces, polygons, corner_uv = _faces(ply)
+    faces, polygons, corner_uv = _faces(ply, vertices)
     pictures = [
         comment.split(None, 1)[1].strip()
         for comment in ply.comments
@@ -69,22 +70,22 @@ def read_ply_model(path: Path) -> Contents:
     return contents
 
 
-def _faces(ply: Elements) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.floating] | None]:
+def _faces(
+    ply: Elements, vertices: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.floating] | None]:
     """Return triangles (M, 3), the face (M,) of each, and their corners' places (M, 3, 2) if they have any."""
     lists = face_corners(ply)
     if lists is None:
         return np.zeros((0, 3), np.int64), np.zeros(0, np.int64), None
     counts = lists.lengths
-    if counts.min() < 3:
-        raise ValueError(f"face {int(counts.argmin())} has {counts.min()} corners, expected at least 3")
-    triangles, polygons = fan(lists.values, counts), np.repeat(np.arange(len(counts)), counts - 2)
-    places = ply.columns("face").get(CORNER_PLACES)
-    if places is None:
+    places, polygons = cut_polygons(vertices, lists.values, counts)
+    triangles = lists.values[places].astype(np.int64)
+    uv = ply.columns("face").get(CORNER_PLACES)
+    if uv is None:
         return triangles, polygons, None
-    if not isinstance(places, Lists) or (places.lengths != 2 * counts).any():
+    if not isinstance(uv, Lists) or (uv.lengths != 2 * counts).any():
         raise ValueError("its faces have not two texture coordinates for each corner")
-    flat = places.values.astype(np.float64).reshape(-1, 2)
-    return triangles, polygons, flat[fan(np.arange(len(flat)), counts)]
+    return triangles, polygons, uv.values.astype(np.float64).reshape(-1, 2)[places]
 
 
 def _face_colours(ply: Elements) -> NDArray[np.uint8] | None:

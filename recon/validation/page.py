@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy.typing import NDArray
 
 from recon.capture.images import write_picture
 from recon.storage.files import alone_in, check_replaceable, new_folder, read_json, write_bytes, write_json
+from recon.storage.pages import report_page
 from recon.validation.measures import Measured, measured_rows
 
 REPORT, PAGE, TABLE = "report.json", "report.html", "measures.csv"  # of every report
@@ -144,18 +144,9 @@ def write_page(path: Path, title: str, sections: Sequence[Section]) -> Path:
     title : of the page
     sections : in their order
     """
-    environment = Environment(
-        loader=PackageLoader("recon.validation", ""),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters.update(columns=_columns, base64=_base64)
-    page = environment.get_template("report.html").render(
-        title=title, sections=sections, font=FONT, program=f"reconstudy {version('reconstudy')}"
-    )
-    return write_bytes(path, page.encode("utf-8"))
+    program = f"reconstudy {version('reconstudy')}"
+    content = {"title": title, "sections": sections, "font": FONT, "program": program}
+    return write_bytes(path, report_page("recon.validation", content, columns=_columns, base64=_base64))
 
 
 def write_table(path: Path, rows: Sequence[Mapping[str, Any]], columns: Sequence[str] = ()) -> Path:

@@ -33,11 +33,6 @@ def holds_ratings(path: Path) -> bool:
     return is_of_ratings(read_frame(path))
 
 
-def read_ratings(path: Path | str, scale: tuple[float, float] | None = None) -> RatingTable | ComparisonTable:
-    """Read ratings from a file as `understand_ratings` does, and return the table alone."""
-    return understand_ratings(path, scale)[0]
-
-
 def understand_ratings(
     path: Path | str, scale: tuple[float, float] | None = None
 ) -> tuple[RatingTable | ComparisonTable, list[str]]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import scipy
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment
 
 from app.analysis.comparisons.result_rows import PERCENTILES, WIDER_INTERVAL
 from app.analysis.findings.ranking import overall, preferred_share
@@ -19,7 +19,7 @@ from app.analysis.reading.phrases import TIES, counted
 from app.analysis.reading.votes_table import ALL
 from app.analysis.report.figures import Figure
 from app.analysis.report.sections import sections
-from app.files import packaged
+from app.files import page_templates
 
 ITEMS_IN_A_TABLE = 60
 PAGES = ("report.html", "report.md")
@@ -40,13 +40,9 @@ def report_page(name: str, analysis: Mapping[str, Any], figures: Sequence[Figure
 
 def _environment(name: str) -> Environment:
     is_html = name.endswith(".html")
-    environment = Environment(
-        loader=FileSystemLoader(packaged("templates/analysis")),
-        autoescape=is_html,
-        finalize=None if is_html else _within_cell,
-        undefined=StrictUndefined,
-        keep_trailing_newline=True,
-    )
+    spaces = {"trim_blocks": False, "lstrip_blocks": False, "keep_trailing_newline": True}
+    finalize = None if is_html else _within_cell
+    environment = page_templates("templates/analysis", autoescape=is_html, finalize=finalize, **spaces)
     environment.filters["number"] = _number
     environment.filters["unbroken"] = _unbroken
     environment.globals["is_name"] = _is_name

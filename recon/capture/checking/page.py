@@ -9,12 +9,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from recon.capture.checking.check import CheckReport
 from recon.capture.checking.continuity import Glance
 from recon.capture.recording import evenly_chosen
 from recon.storage.files import check_replaceable, write_bytes, write_json
+from recon.storage.pages import report_page
 
 REPORT, PAGE = "report.json", "report.html"
 MAX_THUMBNAILS = 12  # of a camera, evenly over its frames
@@ -30,17 +30,14 @@ def write_check(report: CheckReport, out: Path) -> Path:
     """Write `report.html` and `report.json` into a folder and return the page's path; a ValueError as `check_place`."""
     check_place(out)
     write_json(out / REPORT, report.as_json())
-    return write_bytes(out / PAGE, check_page(report).encode())
+    return write_bytes(out / PAGE, check_page(report))
 
 
-def check_page(report: CheckReport) -> str:
+def check_page(report: CheckReport) -> bytes:
     """Render the page as HTML, with its pictures inside."""
-    environment = Environment(
-        loader=PackageLoader("recon.capture.checking", ""), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
     cameras = [(FRAME.sub("…", image), list(_thumbnails(by_frame))) for image, by_frame in report.glances.items()]
-    template = environment.get_template("report.html")
-    return template.render(report=report, name=Path(report.folder).name, cameras=cameras)
+    content = {"report": report, "name": Path(report.folder).name, "cameras": cameras}
+    return report_page("recon.capture.checking", content)
 
 
 def _thumbnails(by_frame: Mapping[int, Glance]) -> Iterator[tuple[int, str]]:

@@ -273,7 +273,7 @@ def test_every_kind_of_ply_is_read(tmp_path: Path, kind: str, comment: str) -> N
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [
-        ({"face": (0, 1, 2, 2)}, "faces are no triangles throughout|unexpected list length"),
+        ({"face": (0, 1)}, "face 0 has 2 corners, expected at least 3"),
         ({"face": (0, 1, 7)}, "faces name vertices 0 to 7, but there are 3"),
         ({"n_points": 2_000_000_000}, "its header promises 2000000000 rows, but the file has only"),
     ],

@@ -50,7 +50,6 @@ class StudyForm:
 
     kinds = KINDS
     longest_text = LONGEST_TEXT
-    most_questions = MOST_QUESTIONS
 
     @property
     def sections(self) -> dict[str, tuple[str, str, list[Setting]]]:

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from app.analysis import AnalysisSettings, analyse_file, analyse_ratings_file
-from app.analysis.ratings.reading import holds_ratings, read_ratings, understand_ratings
+from app.analysis.ratings.reading import holds_ratings, understand_ratings
 from app.analysis.ratings.table import ComparisonTable, RatingTable
 from app.analysis.reading.read_votes import read_votes
 from app.analysis.reading.votes_table import VotesError
@@ -32,6 +32,10 @@ def write(tmp_path: Path) -> Write:
     return write_rows
 
 
+def table_in(path: Path, scale: tuple[float, float] | None = None) -> RatingTable | ComparisonTable:
+    return understand_ratings(path, scale)[0]
+
+
 def panel(scale: float = 1.0) -> list[str]:
     """Ratings of three conditions on two datasets by eight people, one of whom is contrary."""
     rng = np.random.default_rng(6)
@@ -46,7 +50,7 @@ def panel(scale: float = 1.0) -> list[str]:
 
 
 def test_ratings_are_read_by_name(write: Write) -> None:
-    table = read_ratings(write("ann,ball,x,4", "bob,ball,x,2.5", "ann,ball,y,1"))
+    table = table_in(write("ann,ball,x,4", "bob,ball,x,2.5", "ann,ball,y,1"))
     assert isinstance(table, RatingTable)
     assert (table.participants, table.items) == (("ann", "bob"), (("ball", "x"), ("ball", "y")))
     assert (table.person.tolist(), table.item.tolist()) == ([0, 1, 0], [0, 0, 1])
@@ -61,7 +65,7 @@ def test_long_numbers_that_name_participants_stay_apart(tmp_path: Path) -> None:
         "rating": [4.0, 2.5],
     }
     pd.DataFrame(rows).to_parquet(tmp_path / "ratings.parquet")
-    table = read_ratings(tmp_path / "ratings.parquet")
+    table = table_in(tmp_path / "ratings.parquet")
     assert table.participants == ("1234567", "1234568")
     assert table.rating.tolist() == [4, 2.5]
 
@@ -70,11 +74,11 @@ def test_a_cell_that_holds_a_list_is_refused_by_row(tmp_path: Path) -> None:
     rows = [{"participant": "ann", "x": 4, "y": [1, 2]}, {"participant": "bob", "x": 3, "y": 2}]
     (tmp_path / "ratings.json").write_text(json.dumps(rows))
     with pytest.raises(VotesError, match="found participant, x, y"):
-        read_ratings(tmp_path / "ratings.json")
+        table_in(tmp_path / "ratings.json")
 
 
 def test_the_reference_and_the_protocol_are_read(write: Write) -> None:
-    table = read_ratings(
+    table = table_in(
         write("ann,ball,x,4,acr-hr,false", "ann,ball,original,5,acr-hr,true", header=f"{HEADER},protocol,reference")
     )
     assert isinstance(table, RatingTable)
@@ -85,11 +89,11 @@ def test_a_protocol_may_be_written_in_capitals(tmp_path: Path) -> None:
     for name, other, protocol in (("condition", "", "DCR"), ("item_a", "y,", "Ccr")):
         columns = f"participant,dataset,{name},{'item_b,' if other else ''}rating,protocol"
         (tmp_path / "r.csv").write_text(f"{columns}\np1,ball,x,{other}2,{protocol}\n", encoding="utf-8")
-        assert len(read_ratings(tmp_path / "r.csv")) == 1
+        assert len(table_in(tmp_path / "r.csv")) == 1
 
 
 def test_comparisons_are_known_by_their_columns(write: Write) -> None:
-    table = read_ratings(write("ann,ball,x,y,-2,y", "bob,ball,y,x,1,", header=COMPARED))
+    table = table_in(write("ann,ball,x,y,-2,y", "bob,ball,y,x,1,", header=COMPARED))
     assert isinstance(table, ComparisonTable)
     assert (table.rating.tolist(), table.a_first.tolist()) == ([-2, 1], [False, True])
 
@@ -122,7 +126,7 @@ def test_comparisons_are_known_by_their_columns(write: Write) -> None:
 def test_what_is_wrong_with_a_file_is_named(write: Write, rows: list[str], header: str, says: str) -> None:
     path = write(*rows, header=header)
     with pytest.raises(VotesError) as refusal:
-        read_ratings(path)
+        table_in(path)
     assert str(refusal.value).startswith(f"{path}: ")
     assert says in str(refusal.value)
 
@@ -133,7 +137,7 @@ def test_a_table_of_ratings_without_any_is_known_as_such(write: Write, rows: lis
 
 
 def test_another_scale_is_accepted_when_it_is_named(write: Write) -> None:
-    table = read_ratings(write("a,d,x,87.5"), (0.0, 100.0))
+    table = table_in(write("a,d,x,87.5"), (0.0, 100.0))
     assert (table.rating.tolist(), table.high) == ([87.5], 100.0)
 
 
@@ -164,10 +168,10 @@ def test_tables_in_other_words_and_shapes_are_the_same_ratings(tmp_path: Path, t
 
 
 def test_a_wide_table_has_datasets_and_names_the_cell_that_is_no_rating(write: Write) -> None:
-    table = read_ratings(write("ann,ball,4,3", "ann,box,2,1", header="participant,scene,x,y"))
+    table = table_in(write("ann,ball,4,3", "ann,box,2,1", header="participant,scene,x,y"))
     assert table.items == (("ball", "x"), ("box", "x"), ("ball", "y"), ("box", "y"))
     with pytest.raises(VotesError, match="row 2: the column 'age' is 31, expected 1 to 5"):
-        read_ratings(write("ann,4,5", "bob,3,31", header="participant,x,age"))
+        table_in(write("ann,4,5", "bob,3,31", header="participant,x,age"))
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from app.analysis import VotesError, analyse, analyse_file, analyse_ratings_file, read_votes, votes_from_rows
-from app.analysis.ratings.reading import read_ratings
+from app.analysis.ratings.reading import understand_ratings
 from app.analysis.reading.read_votes import understand_votes
 from app.analysis.report.write import table_csv
 
@@ -213,7 +213,7 @@ def test_files_may_be_named_by_text(tmp_path: Path) -> None:
     assert analyse_file(votes, out, **beside)["votes"]["analysed"] == 3
     assert analyse_file([votes], out)["votes"]["analysed"] == 3
     assert analyse_ratings_file(ratings, out, measures=measures)["rating_items"]
-    assert len(read_ratings(ratings)) == 2
+    assert len(understand_ratings(ratings)[0]) == 2
     assert (tmp_path / "out" / "analysis.json").is_file()
 
 
