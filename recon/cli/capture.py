@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from recon.cli.console import JsonOption, ProgressLine, counted, print_result
+from recon.cli.console import ProgressLine, counted, print_result
 from recon.cli.flags import with_settings
 from recon.cli.options import parse_bounds, parse_frames, parse_pairs, parse_position, parse_size, telling
 from recon.commands.recordings import (
     TEMPLE_PAIRS,
+    CaptureBoard,
     CaptureCalibrate,
     CaptureCheck,
+    CaptureExport,
     CaptureImport,
+    CaptureMask,
     CaptureSegment,
+    CaptureSynth,
+    CaptureTruth,
 )
 
 if TYPE_CHECKING:
@@ -34,74 +39,51 @@ IMPORTED = {  # formats, and the options that not all of them take
 
 
 @app.command("synth")
-def capture_synth(
-    out: Annotated[Path, typer.Argument(help="Folder to make; must be empty or absent.")],
-    scene: Annotated[str, typer.Option(help="Scene: ball, box, people, standing, face, sphere or cuboid.")] = "ball",
-    sensors: Annotated[int, typer.Option(min=1, help="How many stereo sensors.")] = 3,
-    frames: Annotated[
-        int, typer.Option(min=1, help="How many frames; together they show one period of the motion.")
-    ] = 25,
-    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT of every camera, pixels.")] = "1280x720",
-    noise: Annotated[float, typer.Option(min=0, help="Sensor noise, grey levels (standard deviation).")] = 1.5,
-    fps: Annotated[float, typer.Option(help="Frames a second.")] = 25.0,
-    position: Annotated[
-        str, typer.Option(help="Where the sphere or the cuboid is: x,y,z in mm from the centre.")
-    ] = "0,0,0",
-    exposure_spread: Annotated[
-        float, typer.Option(min=0, help="How much the cameras' exposures differ, as a share.")
-    ] = 0.02,
-    calibration_error: Annotated[float, typer.Option(min=0, help="Error of the calibration, pixels.")] = 0.0,
-    distortion: Annotated[float, typer.Option(help="About the lenses' k1 in OpenCV's model; -0.1 is usual.")] = 0.0,
-    depth_maps: Annotated[
-        bool, typer.Option("--depth-maps", help="Record by single cameras with depth maps instead of by stereo pairs.")
-    ] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Seed; the same seed gives the same bytes.")] = 1,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(CaptureSynth)
+def capture_synth(asked: CaptureSynth, *, as_json: bool) -> None:
     """Record a synthetic scene, with its true depth, masks and mesh."""
     from recon.studio import SynthParameters, synthesise
 
     progress = ProgressLine()
     parameters = SynthParameters(
-        scene=scene,
-        n_sensors=sensors,
-        n_frames=frames,
-        size=parse_size(size),
-        noise=noise,
-        seed=seed,
-        fps=fps,
-        position=parse_position(position),
-        exposure_spread=exposure_spread,
-        calibration_error_px=calibration_error,
-        distortion=distortion,
-        depth_maps=depth_maps,
+        scene=asked.scene,
+        n_sensors=asked.sensors,
+        n_frames=asked.frames,
+        size=parse_size(asked.size),
+        noise=asked.noise,
+        seed=asked.seed,
+        fps=asked.fps,
+        position=parse_position(asked.position),
+        exposure_spread=asked.exposure_spread,
+        calibration_error_px=asked.calibration_error,
+        distortion=asked.distortion,
+        depth_maps=asked.depth_maps,
     )
-    capture = synthesise(out, parameters, progress=progress)
+    capture = synthesise(asked.out, parameters, progress=progress)
     progress.close()
-    result = {"capture": str(out), "name": capture.name, "sensors": len(capture.sensors), "frames": capture.n_frames}
+    result = {
+        "capture": str(asked.out),
+        "name": capture.name,
+        "sensors": len(capture.sensors),
+        "frames": capture.n_frames,
+    }
     print_result(
         result,
-        f"Recorded {counted(capture.n_frames, 'frame')} by {counted(len(capture.sensors), 'sensor')}: {out}",
+        f"Recorded {counted(capture.n_frames, 'frame')} by {counted(len(capture.sensors), 'sensor')}: {asked.out}",
         as_json=as_json,
     )
 
 
 @app.command("truth")
-def capture_truth(
-    capture: Annotated[Path, typer.Argument(help="Folder of a synthetic capture.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of models to make; must be empty or absent.")],
-    frames: Annotated[
-        str | None, typer.Option(help="A:B for the frames A to B-1, as the runs have them; default: all.")
-    ] = None,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(CaptureTruth)
+def capture_truth(asked: CaptureTruth, *, as_json: bool) -> None:
     """Lay out the true meshes as the approach `truth`, which `render` films like any other."""
     from recon.capture.format import read_capture
     from recon.studio.truth_models import TRUTH, write_truth_models
 
-    written = write_truth_models(read_capture(capture), out, parse_frames(frames))
-    result = {"models": str(out), "approach": TRUTH, "frames": written}
-    print_result(result, f"Wrote {len(written)} frames of the approach {TRUTH}: {out}", as_json=as_json)
+    written = write_truth_models(read_capture(asked.capture), asked.out, parse_frames(asked.frames))
+    result = {"models": str(asked.out), "approach": TRUTH, "frames": written}
+    print_result(result, f"Wrote {len(written)} frames of the approach {TRUTH}: {asked.out}", as_json=as_json)
 
 
 @app.command("import")
@@ -145,19 +127,8 @@ def capture_import(asked: CaptureImport, *, as_json: bool) -> None:
 
 
 @app.command("export")
-def capture_export(
-    kind: Annotated[str, typer.Argument(help="Format to write: nerfstudio or colmap.")],
-    capture: Annotated[Path, typer.Argument(help="Folder of the capture.")],
-    out: Annotated[Path, typer.Argument(help="Folder to make; must be empty or absent.")],
-    frame: Annotated[int, typer.Option(min=0, help="Number of the frame to export.")] = 0,
-    points: Annotated[
-        list[Path] | None,
-        typer.Option(
-            help="PLY cloud in mm for splats to start from, such as RUN/clouds/pm/S1/0000.ply; may be repeated."
-        ),
-    ] = None,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(CaptureExport)
+def capture_export(asked: CaptureExport, *, as_json: bool) -> None:
     """Write a frame of a capture for other programs: images, cameras in metres, masks, depth maps, points."""
     from recon.capture.exporting.colmap import export_colmap
     from recon.capture.exporting.nerfstudio import export_nerfstudio
@@ -166,30 +137,31 @@ def capture_export(
     from recon.geometry.mesh_files import read_cloud
 
     exporters = {"nerfstudio": export_nerfstudio, "colmap": export_colmap}
-    if kind not in exporters:
-        raise typer.BadParameter(f"{kind!r} is not a format that can be written; expected {' or '.join(exporters)}")
-    cloud = merge_clouds([read_cloud(path) for path in points]) if points else None
-    exporters[kind](read_capture(capture), out, frame=frame, points=cloud)
-    result = {"out": str(out), "kind": kind, "frame": frame}
-    print_result(result, f"Wrote frame {frame} of {capture} for {kind}: {out}", as_json=as_json)
+    if asked.kind not in exporters:
+        raise typer.BadParameter(
+            f"{asked.kind!r} is not a format that can be written; expected {' or '.join(exporters)}"
+        )
+    cloud = merge_clouds([read_cloud(path) for path in asked.points]) if asked.points else None
+    exporters[asked.kind](read_capture(asked.capture), asked.out, frame=asked.frame, points=cloud)
+    result = {"out": str(asked.out), "kind": asked.kind, "frame": asked.frame}
+    print_result(result, f"Wrote frame {asked.frame} of {asked.capture} for {asked.kind}: {asked.out}", as_json=as_json)
 
 
 @app.command("board")
-def capture_board(
-    board: Annotated[str, typer.Argument(help="As `capture calibrate` takes it, for example charuco:14x10:50:37.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="SVG file to write; it has the board's true size.")],
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(CaptureBoard)
+def capture_board(asked: CaptureBoard, *, as_json: bool) -> None:
     """Draw a calibration board for printing."""
     from recon.capture.calibration.board import parse_board
     from recon.storage.files import write_bytes
 
-    if out.suffix.lower() != ".svg":
-        raise typer.BadParameter(f"{out} ends in {out.suffix!r}, expected .svg")
-    chosen = parse_board(board)
-    write_bytes(out, chosen.drawing().encode())
+    if asked.out.suffix.lower() != ".svg":
+        raise typer.BadParameter(f"{asked.out} ends in {asked.out.suffix!r}, expected .svg")
+    chosen = parse_board(asked.board)
+    write_bytes(asked.out, chosen.drawing().encode())
     advice = f"Print it at 100 % of its size, and measure: ten squares are {10 * chosen.square_mm:g} mm."
-    print_result({"board": board, "file": str(out)}, f"Drew {board}: {out}\n{advice}", as_json=as_json)
+    print_result(
+        {"board": asked.board, "file": str(asked.out)}, f"Drew {asked.board}: {asked.out}\n{advice}", as_json=as_json
+    )
 
 
 @app.command("calibrate")
@@ -229,21 +201,14 @@ def capture_segment(asked: CaptureSegment, *, as_json: bool) -> None:
 
 
 @app.command("mask")
-def capture_mask(
-    capture: Annotated[Path, typer.Argument(help="Folder of the capture.")],
-    scribbles: Annotated[Path, typer.Option(help="Folder of pictures, or JSON, with strokes on the picture.")],
-    sensor: Annotated[str, typer.Option(help="Sensor of the picture, such as S1.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Where to write the mask, a PNG file.")],
-    side: Annotated[str, typer.Option(help="Camera of the picture, left or right.")] = "left",
-    frame: Annotated[int, typer.Option(min=0, help="Frame of the picture.")] = 0,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(CaptureMask)
+def capture_mask(asked: CaptureMask, *, as_json: bool) -> None:
     """Write the mask of one picture from the strokes on it, to try them before `segment` follows them in time."""
     from recon.capture.masks.segment import try_strokes
 
-    mask = try_strokes(capture, scribbles, (sensor, side, frame), out)
-    result = {"mask": str(out), "foreground": round(float(mask.mean()), 4)}
-    print_result(result, f"Wrote a mask of {100 * mask.mean():.1f} % foreground: {out}", as_json=as_json)
+    mask = try_strokes(asked.capture, asked.scribbles, (asked.sensor, asked.side, asked.frame), asked.out)
+    result = {"mask": str(asked.out), "foreground": round(float(mask.mean()), 4)}
+    print_result(result, f"Wrote a mask of {100 * mask.mean():.1f} % foreground: {asked.out}", as_json=as_json)
 
 
 @app.command("check")

@@ -7,17 +7,15 @@ from __future__ import annotations
 
 import shlex
 from dataclasses import replace
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
 from recon.cli.capture import app as capture_app
-from recon.cli.console import JsonOption, ProgressLine, counted, print_result
+from recon.cli.console import ProgressLine, counted, print_result
 from recon.cli.flags import with_settings
 from recon.cli.options import (
     MethodsCommand,
-    MethodsOption,
     find_methods,
     parse_approaches,
     parse_frames,
@@ -27,8 +25,7 @@ from recon.cli.options import (
     parse_size,
 )
 from recon.cli.validate import app as validate_app
-from recon.commands.reconstruction import Match, Reconstruct, Render
-from recon.commands.setting import PLUGIN_NAMES
+from recon.commands.reconstruction import Export, Fuse, Match, Models, Reconstruct, Render
 from recon.storage.remote import address_of, is_copy
 
 app = typer.Typer(no_args_is_help=True)
@@ -103,23 +100,8 @@ def reconstruct(asked: Reconstruct, *, as_json: bool) -> None:
 
 
 @app.command(cls=MethodsCommand)
-def fuse(
-    clouds: Annotated[list[Path], typer.Argument(help="PLY files of coloured, oriented points in mm, one per sensor.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .ply or .glb.")],
-    fusion: Annotated[
-        str,
-        typer.Option(
-            help="fb: one surface from all clouds; fa: a surface from each cloud, then merged; poisson: screened "
-            f"Poisson; {PLUGIN_NAMES}, or one of --methods."
-        ),
-    ] = "fb",
-    methods: MethodsOption = None,
-    voxel: Annotated[
-        float | None, typer.Option(help="Voxel size, mm; default: chosen from the points' spacing.")
-    ] = None,
-    close_holes: Annotated[float, typer.Option(min=0, help="Close holes whose rim is no longer than this, mm.")] = 0.0,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(Fuse)
+def fuse(asked: Fuse, *, as_json: bool) -> None:
     """Make a mesh from point clouds, for example RUN/clouds/pm/S1/0000.ply."""
     from recon.geometry.mesh import check_resolved
     from recon.geometry.mesh_files import read_cloud, write_mesh
@@ -127,38 +109,22 @@ def fuse(
     from recon.storage.files import check_not_read, check_suffix
     from recon.surface import SurfaceParameters
 
-    check_suffix(out, (".ply", ".glb"))
-    check_not_read(out, clouds)
-    parameters = SurfaceParameters(voxel_mm=voxel, longest_rim_mm=close_holes)
-    sensors = [read_cloud(cloud) for cloud in clouds]
-    for path, cloud in zip(clouds, sensors, strict=True):
+    check_suffix(asked.out, (".ply", ".glb"))
+    check_not_read(asked.out, asked.clouds)
+    parameters = SurfaceParameters(voxel_mm=asked.voxel, longest_rim_mm=asked.close_holes)
+    sensors = [read_cloud(cloud) for cloud in asked.clouds]
+    for path, cloud in zip(asked.clouds, sensors, strict=True):
         check_resolved(cloud.points, f"{path}: ")
-    mesh, warnings = fuse_clouds(sensors, fusion, parameters, methods=find_methods(methods))
-    write_mesh(out, mesh)
-    result = {"out": str(out), "vertices": len(mesh.vertices), "faces": len(mesh.faces), "warnings": warnings}
-    sentences = [*(f"warning: {warning}" for warning in warnings), f"Wrote {result['faces']} faces: {out}"]
+    mesh, warnings = fuse_clouds(sensors, asked.fusion, parameters, methods=find_methods(asked.methods))
+    write_mesh(asked.out, mesh)
+    result = {"out": str(asked.out), "vertices": len(mesh.vertices), "faces": len(mesh.faces), "warnings": warnings}
+    sentences = [*(f"warning: {warning}" for warning in warnings), f"Wrote {result['faces']} faces: {asked.out}"]
     print_result(result, "\n".join(sentences), as_json=as_json)
 
 
 @app.command()
-def export(
-    mesh: Annotated[
-        Path,
-        typer.Argument(help="A mesh of a run, such as RUN/meshes/pm_fb/0000.ply, or a PLY with normals and colours."),
-    ],
-    out: Annotated[
-        Path,
-        typer.Argument(help="File to write: .glb for viewers and the web, .ply, or .obj of a mesh with a texture."),
-    ],
-    truth: Annotated[
-        Path | None,
-        typer.Option(help="The true mesh, PLY, OBJ or glTF; colours then show the error, red outside, blue inside."),
-    ] = None,
-    limit: Annotated[
-        float | None, typer.Option(help="Error that gets the full colour, mm; default: 95 % of the vertices have less.")
-    ] = None,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(Export)
+def export(asked: Export, *, as_json: bool) -> None:
     """Convert a mesh; a GLB file opens in any 3D viewer."""
     from recon.geometry.mesh import error_colours, error_limit
     from recon.geometry.mesh_files import read_mesh, write_mesh
@@ -166,32 +132,28 @@ def export(
     from recon.validation.clouds import read_shape
     from recon.validation.truth.evaluation import signed_distances_to
 
-    if limit is not None and truth is None:
+    if asked.limit is not None and asked.truth is None:
         raise typer.BadParameter("--limit is about errors: it needs --truth")
-    check_not_read(out, [mesh] if truth is None else [mesh, truth])
-    model = read_mesh(mesh)
-    result: dict[str, Any] = {"out": str(out), "vertices": len(model.vertices), "faces": len(model.faces)}
-    sentence = f"Wrote {result['vertices']} vertices and {result['faces']} faces: {out}"
-    if truth is not None:
-        true = read_shape(truth)
+    check_not_read(asked.out, [asked.mesh] if asked.truth is None else [asked.mesh, asked.truth])
+    model = read_mesh(asked.mesh)
+    result: dict[str, Any] = {"out": str(asked.out), "vertices": len(model.vertices), "faces": len(model.faces)}
+    sentence = f"Wrote {result['vertices']} vertices and {result['faces']} faces: {asked.out}"
+    if asked.truth is not None:
+        true = read_shape(asked.truth)
         if not len(true.faces):
-            raise ValueError(f"{truth}: holds no faces, so that nothing is inside or outside; expected a mesh")
+            raise ValueError(f"{asked.truth}: holds no faces, so that nothing is inside or outside; expected a mesh")
         errors = signed_distances_to(true, model.vertices)
-        limit = error_limit(errors) if limit is None else limit
+        limit = error_limit(errors) if asked.limit is None else asked.limit
         model = replace(model, colours=error_colours(errors, limit), texture=None)
         result |= {"mean_mm": float(abs(errors).mean()), "limit_mm": limit}
         sentence += f"; {result['mean_mm']:.3g} mm from the truth on average, full colour at {limit:.3g} mm"
-    write_mesh(out, model)
+    write_mesh(asked.out, model)
     print_result(result, sentence, as_json=as_json)
 
 
 @app.command()
-def models(
-    runs: Annotated[list[Path], typer.Argument(help="Folders of runs, one per scene.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the models.")],
-    frame: Annotated[int | None, typer.Option(help="Number of the frame; default: the middle one.")] = None,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(Models)
+def models(asked: Models, *, as_json: bool) -> None:
     """Collect one frame's meshes and clouds of every approach, with their errors where the truth is known.
 
     `reconstudy study attach OUT` shows them in the dashboard, side by side.
@@ -199,16 +161,18 @@ def models(
     from recon.export_models import write_models
 
     progress = ProgressLine()
-    written = write_models(runs, out, frame, progress)
+    written = write_models(asked.runs, asked.out, asked.frame, progress)
     others = sorted(
         {path for folder in {path.parent for path in written} for path in folder.glob("*.ply")} - {*written}
     )
     if others:
-        names = ", ".join(path.relative_to(out).as_posix() for path in others)
-        progress.say(f"warning: {out} has models from before, too: {names}; remove those that show something else")
+        names = ", ".join(path.relative_to(asked.out).as_posix() for path in others)
+        progress.say(
+            f"warning: {asked.out} has models from before, too: {names}; remove those that show something else"
+        )
     progress.close()
-    result = {"out": str(out), "models": [path.relative_to(out).as_posix() for path in written]}
-    print_result(result, f"Wrote {len(written)} models: {out}", as_json=as_json)
+    result = {"out": str(asked.out), "models": [path.relative_to(asked.out).as_posix() for path in written]}
+    print_result(result, f"Wrote {len(written)} models: {asked.out}", as_json=as_json)
 
 
 @app.command()

@@ -17,7 +17,7 @@ from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from recon.approaches import Approach, parse_approach
 from recon.commands.setting import PLUGIN_NAMES
-from recon.commands.shared import APPROACHES, CLUSTER, DEVICE, METHODS, WORKERS
+from recon.commands.shared import APPROACHES, CLUSTER, DEVICE, WORKERS
 from recon.plugins import DEPTH_GROUP, FUSION_GROUP
 from recon.storage.remote import is_there, place
 
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 WorkersOption = Annotated[int, typer.Option(min=1, help=WORKERS.description)]
 ClusterOption = Annotated[str | None, typer.Option(help=CLUSTER.description)]
 DeviceOption = Annotated[Literal["cpu", "gpu"], typer.Option(help=DEVICE.description)]
-MethodsOption = Annotated[Path | None, typer.Option(help=METHODS.description)]
 FurtherOption = Annotated[str, typer.Option(help=APPROACHES.description)]
 
 SCHEME = re.compile(r"[a-z][a-z0-9+.-]+:", re.IGNORECASE)  # of a URL, as a path's first part

@@ -16,14 +16,32 @@ from recon.commands.measures import (
     ValidateSphere,
     ValidateViews,
 )
-from recon.commands.reconstruction import Match, Reconstruct, Render
-from recon.commands.recordings import CaptureCalibrate, CaptureCheck, CaptureImport, CaptureSegment
+from recon.commands.reconstruction import Export, Fuse, Match, Models, Reconstruct, Render
+from recon.commands.recordings import (
+    CaptureBoard,
+    CaptureCalibrate,
+    CaptureCheck,
+    CaptureExport,
+    CaptureImport,
+    CaptureMask,
+    CaptureSegment,
+    CaptureSynth,
+    CaptureTruth,
+)
 from recon.commands.setting import Command
 
 COMMANDS: Mapping[str, type[Command]] = {
     "match": Match,
     "reconstruct": Reconstruct,
+    "fuse": Fuse,
+    "export": Export,
+    "models": Models,
     "render": Render,
+    "capture synth": CaptureSynth,
+    "capture truth": CaptureTruth,
+    "capture export": CaptureExport,
+    "capture board": CaptureBoard,
+    "capture mask": CaptureMask,
     "capture import": CaptureImport,
     "capture calibrate": CaptureCalibrate,
     "capture segment": CaptureSegment,

@@ -102,6 +102,40 @@ class Reconstruct(Command):
     device: Literal["cpu", "gpu"] = DEVICE
 
 
+class Fuse(Command):
+    """Of `fuse`."""
+
+    clouds: list[Path] = argument("PLY files of coloured, oriented points in mm, one per sensor.")
+    out: Path = option(..., "File to write: .ply or .glb.", flags=OUT)
+    fusion: str = option(
+        "fb",
+        "fb: one surface from all clouds; fa: a surface from each cloud, then merged; poisson: screened "
+        f"Poisson; {PLUGIN_NAMES}, or one of --methods.",
+    )
+    methods: Path | None = METHODS
+    voxel: float | None = option(None, "Voxel size, mm; default: chosen from the points' spacing.")
+    close_holes: float = option(0.0, "Close holes whose rim is no longer than this, mm.", ge=0)
+
+
+class Export(Command):
+    """Of `export`."""
+
+    mesh: Path = argument("A mesh of a run, such as RUN/meshes/pm_fb/0000.ply, or a PLY with normals and colours.")
+    out: Path = argument("File to write: .glb for viewers and the web, .ply, or .obj of a mesh with a texture.")
+    truth: Path | None = option(
+        None, "The true mesh, PLY, OBJ or glTF; colours then show the error, red outside, blue inside."
+    )
+    limit: float | None = option(None, "Error that gets the full colour, mm; default: 95 % of the vertices have less.")
+
+
+class Models(Command):
+    """Of `models`."""
+
+    runs: list[Path] = argument("Folders of runs, one per scene.")
+    out: Path = option(..., "Folder for the models.", flags=OUT)
+    frame: int | None = option(None, "Number of the frame; default: the middle one.")
+
+
 class Render(Command):
     """Of `render`."""
 

@@ -1,4 +1,4 @@
-"""The settings of the commands on recordings that jobs run, too."""
+"""The settings of the commands on recordings."""
 
 from __future__ import annotations
 
@@ -108,3 +108,61 @@ class CaptureCheck(Command):
 
     capture: Path = argument("Folder of the capture.")
     report: Path | None = option(None, "Folder for report.html (with thumbnails) and report.json.")
+
+
+class CaptureSynth(Command):
+    """Of `capture synth`."""
+
+    out: Path = argument("Folder to make; must be empty or absent.")
+    scene: str = option("ball", "Scene: ball, box, people, standing, face, sphere or cuboid.")
+    sensors: int = option(3, "How many stereo sensors.", ge=1)
+    frames: int = option(25, "How many frames; together they show one period of the motion.", ge=1)
+    size: str = option("1280x720", "WIDTHxHEIGHT of every camera, pixels.")
+    noise: float = option(1.5, "Sensor noise, grey levels (standard deviation).", ge=0)
+    fps: float = option(25.0, "Frames a second.")
+    position: str = option("0,0,0", "Where the sphere or the cuboid is: x,y,z in mm from the centre.")
+    exposure_spread: float = option(0.02, "How much the cameras' exposures differ, as a share.", ge=0)
+    calibration_error: float = option(0.0, "Error of the calibration, pixels.", ge=0)
+    distortion: float = option(0.0, "About the lenses' k1 in OpenCV's model; -0.1 is usual.")
+    depth_maps: bool = option(
+        False, "Record by single cameras with depth maps instead of by stereo pairs.", flags=("--depth-maps",)
+    )
+    seed: int = option(1, "Seed; the same seed gives the same bytes.", ge=0)
+
+
+class CaptureTruth(Command):
+    """Of `capture truth`."""
+
+    capture: Path = argument("Folder of a synthetic capture.")
+    out: Path = option(..., "Folder of models to make; must be empty or absent.", flags=OUT)
+    frames: str | None = option(None, "A:B for the frames A to B-1, as the runs have them; default: all.")
+
+
+class CaptureExport(Command):
+    """Of `capture export`."""
+
+    kind: str = argument("Format to write: nerfstudio or colmap.")
+    capture: Path = argument("Folder of the capture.")
+    out: Path = argument("Folder to make; must be empty or absent.")
+    frame: int = option(0, "Number of the frame to export.", ge=0)
+    points: list[Path] | None = option(
+        None, "PLY cloud in mm for splats to start from, such as RUN/clouds/pm/S1/0000.ply; may be repeated."
+    )
+
+
+class CaptureBoard(Command):
+    """Of `capture board`."""
+
+    board: str = argument("As `capture calibrate` takes it, for example charuco:14x10:50:37.")
+    out: Path = option(..., "SVG file to write; it has the board's true size.", flags=OUT)
+
+
+class CaptureMask(Command):
+    """Of `capture mask`."""
+
+    capture: Path = argument("Folder of the capture.")
+    scribbles: Path = option(..., "Folder of pictures, or JSON, with strokes on the picture.")
+    sensor: str = option(..., "Sensor of the picture, such as S1.")
+    out: Path = option(..., "Where to write the mask, a PNG file.", flags=OUT)
+    side: str = option("left", "Camera of the picture, left or right.")
+    frame: int = option(0, "Frame of the picture.", ge=0)

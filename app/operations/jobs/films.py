@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from app.operations.jobs.fields import SETS, Entries, Entry, NewName
-from app.operations.jobs.kind import JobKind, named
+from app.operations.jobs.kind import JobKind
 from app.operations.jobs.shared_fields import CAPTURE
 
 FILMS = (
@@ -16,7 +16,6 @@ FILMS = (
             "capture": CAPTURE,
             "out": NewName(name="name", label="Name", help="of the run", shelf="runs", pattern="{capture}"),
         },
-        output=named("runs"),
         more=lambda _, settings: [
             *(["--device=gpu"] if settings.jobs_device == "gpu" else []),
             *([f"--cluster={settings.jobs_cluster}"] if settings.jobs_cluster else []),
@@ -36,7 +35,6 @@ FILMS = (
             ),
             "out": NewName(name="name", label="Name", help="of the stimulus set", shelf=SETS, pattern="{sources}"),
         },
-        output=named(SETS),
     ),
     JobKind(
         name="import-films",
@@ -47,7 +45,6 @@ FILMS = (
             "folder": Entry(name="films", label="Films", help="a folder of films", shelves=("films",)),
             "out": NewName(name="name", label="Name", help="of the stimulus set", shelf=SETS, pattern="{films}"),
         },
-        output=named(SETS),
         needs_recon=False,
     ),
 )

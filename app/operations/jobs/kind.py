@@ -25,7 +25,7 @@ class JobKind:
     command : as `COMMANDS` names it
     places : by the name of a setting, the field of the entry or of the name that it takes as a path
     out_file : the file in the output that the command writes; empty: the output itself
-    output : the shelf and name of what the job makes or changes
+    changes : the shelf and name of what the job changes; without it, it makes what its form has a name for
     more : further arguments that follow from the values
     needs_recon : whether it takes the extra `recon`
     """
@@ -35,7 +35,7 @@ class JobKind:
     help: str
     command: str
     places: Mapping[str, Field]
-    output: Callable[[Values], tuple[str, str]]
+    changes: Callable[[Values], tuple[str, str]] | None = None
     out_file: str = ""
     more: Callable[[Values, Settings], list[str]] = lambda _values, _settings: []
     needs_recon: bool = True
@@ -49,6 +49,13 @@ class JobKind:
     def out_option(self) -> str | None:
         """Of the command for the output; empty: its last argument; None: it has none, as it changes an entry."""
         return out_option(self.command, self.places)
+
+    def output(self, values: Values) -> tuple[str, str]:
+        """Return the shelf and name of what the job makes or changes."""
+        if self.changes is not None:
+            return self.changes(values)
+        new = next(field for field in self.fields if isinstance(field, NewName))
+        return new.shelf, values[new.name]
 
     @property
     def makes_new(self) -> bool:
@@ -96,8 +103,3 @@ class JobKind:
             out = place(settings, shelf) / name / self.out_file
             words.append(f"{self.out_option}={out}" if self.out_option else str(out))
         return words
-
-
-def named(shelf: str) -> Callable[[Values], tuple[str, str]]:
-    """Return the output of a kind whose form has a field for its name."""
-    return lambda values: (shelf, values["name"])

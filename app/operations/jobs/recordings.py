@@ -8,7 +8,7 @@ from app.errors import InvalidError
 from app.intake.captures import CAPTURE_FILE
 from app.intake.strokes import STROKES_FILE
 from app.operations.jobs.fields import Choice, Entry, NewName, Values, place
-from app.operations.jobs.kind import JobKind, named
+from app.operations.jobs.kind import JobKind
 from app.operations.jobs.shared_fields import CAPTURE, report_name
 from app.settings import Settings
 
@@ -62,7 +62,6 @@ RECORDINGS = (
         help="Lists everything that is wrong with a recording, with pictures of each sensor.",
         command="capture check",
         places={"capture": CAPTURE, "report": report_name("{capture}-check")},
-        output=named("runs"),
     ),
     JobKind(
         name="calibrate",
@@ -84,7 +83,7 @@ RECORDINGS = (
                 shelves=("captures",),
             ),
         },
-        output=_calibrated,
+        changes=_calibrated,
         out_file=CALIBRATION_FILE,
         more=_refuse_second_calibration,
     ),
@@ -99,7 +98,6 @@ RECORDINGS = (
             ),
             "out": CAPTURE_NAME,
         },
-        output=named("captures"),
         more=_scene_name,
     ),
     JobKind(
@@ -122,7 +120,7 @@ RECORDINGS = (
                 },
             ),
         },
-        output=lambda values: ("captures", values["capture"]),
+        changes=lambda values: ("captures", values["capture"]),
         more=_strokes,
     ),
 )

@@ -10,7 +10,7 @@ from app.files import read_json
 from app.intake.stimuli import MANIFEST
 from app.intake.summaries import RUN_FILE
 from app.operations.jobs.fields import SETS, Entries, Entry, Values, place
-from app.operations.jobs.kind import JobKind, named
+from app.operations.jobs.kind import JobKind
 from app.operations.jobs.shared_fields import CAPTURE, report_name
 from app.settings import Settings
 
@@ -46,7 +46,6 @@ VALIDATIONS = (
             "out": report_name("{run}-views"),
             "capture": replace(CAPTURE, help="none: where the run says that it was", otherwise=recording_of),
         },
-        output=named("runs"),
     ),
     JobKind(
         name="validate-films",
@@ -57,7 +56,6 @@ VALIDATIONS = (
             "stimulus_set": Entry(name="set", label="Stimulus set", shelves=(SETS,), holds=MANIFEST),
             "out": report_name("{set}-films"),
         },
-        output=named("runs"),
     ),
     JobKind(
         name="validate-clouds",
@@ -81,7 +79,6 @@ VALIDATIONS = (
             ),
             "out": report_name("{clouds}-clouds"),
         },
-        output=named("runs"),
     ),
     JobKind(
         name="validate-sphere",
@@ -89,7 +86,6 @@ VALIDATIONS = (
         help="Fits spheres of known radius to clouds, and reports signed errors and inliers.",
         command="validate sphere",
         places={"clouds": CLOUDS, "out": report_name("{clouds}-sphere")},
-        output=named("runs"),
     ),
     JobKind(
         name="validate-cuboid",
@@ -97,7 +93,6 @@ VALIDATIONS = (
         help="Fits cuboids of known size to clouds, and reports planes, angles and edges.",
         command="validate cuboid",
         places={"clouds": CLOUDS, "out": report_name("{clouds}-cuboid")},
-        output=named("runs"),
     ),
     JobKind(
         name="validate-object",
@@ -109,7 +104,6 @@ VALIDATIONS = (
             "cloud": replace(PLY, name="cloud", label="Cloud", help="PLY"),
             "out": report_name("{cloud}-object"),
         },
-        output=named("runs"),
     ),
     JobKind(
         name="validate-mesh",
@@ -121,6 +115,5 @@ VALIDATIONS = (
             "truth": replace(PLY, name="truth", label="Truth", help="PLY in the same coordinates"),
             "out": report_name("{mesh}-mesh"),
         },
-        output=named("runs"),
     ),
 )

@@ -10,7 +10,6 @@ from app.operations.jobs import forms
 from app.operations.jobs.fields import Number
 from app.operations.jobs.shared_fields import CAPTURE
 from recon.cli.flags import with_settings
-from recon.commands import COMMANDS
 from recon.commands.reconstruction import Reconstruct
 from recon.commands.setting import option
 
@@ -37,10 +36,3 @@ def test_a_field_of_a_model_is_a_flag_and_a_field_of_the_form(monkeypatch: pytes
     assert [(given.pause, given.fusion, as_json) for given, as_json in asked] == [(1.5, "fa,fb", True)]
     refused = CliRunner().invoke(app, ["ball", "--out", "run", "--pause", "-1"])
     assert (refused.exit_code, "--pause" in refused.output) == (2, True)
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_every_setting_says_what_it_means(name: str) -> None:
-    schema = COMMANDS[name].model_json_schema()
-    assert all(field["description"] for field in schema["properties"].values())
-    assert schema["additionalProperties"] is False
