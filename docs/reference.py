@@ -87,7 +87,7 @@ def _row(parameter: Any) -> tuple[str, str, str] | None:
 
 
 def _default(value: Any) -> str:
-    if callable(value) or value in (None, False, (), [], "", 0, dataclasses.MISSING):
+    if callable(value) or value in (None, False, (), [], {}, "", 0, dataclasses.MISSING):
         return ""
     if isinstance(value, list):  # of an option that may be repeated
         return f"`{' '.join(value)}`"

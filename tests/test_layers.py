@@ -47,7 +47,6 @@ RANKS = {
 FOLDERS = sorted(
     {path.parent.relative_to(ROOT).as_posix() for package in FLOORS for path in (ROOT / package).rglob("*.py")}
 )
-HAVE_A_CIRCLE = {"app/study/options"}
 MOST_ROOMS = dict.fromkeys(FOLDERS, 15) | {"recon": 23}
 MOST_FLOORS = 12
 
@@ -168,7 +167,7 @@ def test_a_room_imports_only_its_own_floor_and_those_below(package: str) -> None
     assert upwards == []
 
 
-@pytest.mark.parametrize("folder", [folder for folder in FOLDERS if folder not in HAVE_A_CIRCLE])
+@pytest.mark.parametrize("folder", FOLDERS)
 def test_rooms_of_a_folder_stand_on_few_floors_and_do_not_import_each_other_in_a_circle(folder: str) -> None:
     imports = {room: set(others) for room, others in imports_between_rooms(ROOT / folder).items()}
     n_floors = 0

@@ -12,8 +12,8 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from app.study.options.own_texts import LONGEST_TEXT
 from app.study.options.study_file import LONGEST_FILE
-from app.study.options.wording import LONGEST_TEXT
 from app.study.questions.questionnaire import LONGEST_ANSWER, LONGEST_QUESTION, MOST_QUESTIONS, MOST_SPOKEN_QUESTIONS
 from app.study.stages import INTERVIEW
 from app.study.trial.image import LARGEST_IMAGE

@@ -27,7 +27,7 @@ _MODULES = {
     "known_object.evaluation": ("ObjectSettings", "measure_object"),
     "measures": ("Subject",),
     "sphere.evaluation": ("measure_spheres",),
-    "sphere.model": ("SphereSettings",),
+    "sphere.fit.model": ("SphereSettings",),
     "truth.evaluation": (
         "MeshSettings",
         "compare_points",

@@ -28,9 +28,10 @@ from app.store.trials.designs import copy_design, insert_design, insert_practice
 from app.store.trials.orders import most_trials
 from app.study.languages.text import is_one_line
 from app.study.options.options import StudyOptions, parse_options
+from app.study.options.own_texts import LONGEST_NAME
 from app.study.options.presets import QUICK, read_preset
 from app.study.options.study_file import StudyFile, parse_study_file
-from app.study.options.wording import LONGEST_NAME, check_languages, refused_languages
+from app.study.options.wording import check_languages, refused_languages
 
 LONGEST_SLUG = 48
 RESERVED = ("new",)  # the page that creates a study has this place among the studies

@@ -31,9 +31,10 @@ from app.study.languages.text import is_one_line
 from app.study.option_fields import WITH_FILMS
 from app.study.options.option_table import CHANGES, why_fixed
 from app.study.options.options import check_minimum_viewing, without_effect
+from app.study.options.own_texts import LONGEST_NAME
 from app.study.options.privacy import check_days_left, forgets_at
 from app.study.options.study_file import StudyFile
-from app.study.options.wording import LONGEST_NAME, check_languages
+from app.study.options.wording import check_languages
 from app.study.stages import PRACTICE
 
 LONGEST_NOTE = 200  # characters of a value in the audit log

@@ -13,10 +13,7 @@ from app.study.design.groups import MOST_GROUPS, Groups
 from app.study.languages.language_pack import MODEL
 from app.study.option_fields import ANY_TIME, WITH_FILMS, ListOf, Names, Options, Setting
 from app.study.options.lab_sheet import LabSheet
-from app.study.options.practice import MOST_PRACTICE, PracticeFilms
-from app.study.options.privacy import PrivacyOptions
-from app.study.options.recruiting import LimitOptions, OutsideOptions
-from app.study.options.wording import (
+from app.study.options.own_texts import (
     CONSENT,
     DEBRIEFING,
     LONGEST_TEXT,
@@ -26,6 +23,9 @@ from app.study.options.wording import (
     flat_own_texts,
     plain_document,
 )
+from app.study.options.practice import MOST_PRACTICE, PracticeFilms
+from app.study.options.privacy_options import PrivacyOptions
+from app.study.options.recruiting import LimitOptions, OutsideOptions
 from app.study.protocols import (
     PC,
     SCALES,

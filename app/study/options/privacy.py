@@ -3,33 +3,9 @@
 from __future__ import annotations
 
 from datetime import datetime, timedelta
-from typing import TYPE_CHECKING, Annotated
 
-from pydantic import Field
-
-from app.study.option_fields import ANY_TIME, Note, Options, Setting
+from app.study.options.options import StudyOptions
 from app.study.stages import INTERVIEW, PRACTICE, SCREENING
-
-if TYPE_CHECKING:
-    from app.study.options.options import StudyOptions
-
-
-class PrivacyOptions(Options):
-    """Who answers for participants' data, and when their personal data are deleted."""
-
-    responsible: Annotated[
-        Note, Setting("Responsible", "for participants’ data: a person or an institution", ANY_TIME)
-    ] = ""
-    contact: Annotated[Note, Setting("Contact", "such as an address of mail", ANY_TIME)] = ""
-    keep_days: Annotated[
-        int,
-        Setting(
-            "Days for which personal data are kept",
-            "after the study is closed; then answers, screening, outside ids and names on invitations are deleted, and "
-            "votes stay; 0: no limit",
-            ANY_TIME,
-        ),
-    ] = Field(default=0, ge=0, le=36_500)  # a hundred years
 
 
 def collected(options: StudyOptions, *, is_named: bool = False) -> list[str]:

@@ -24,9 +24,9 @@ from app.store.studies.audit import Actor
 from app.store.studies.studies import Standing, Study, StudyCounts, progress_of, study_by_slug
 from app.study.options.option_table import COLUMNS
 from app.study.options.options import overridden, parse_options
+from app.study.options.own_texts import LONGEST_NAME
 from app.study.options.presets import QUICK
 from app.study.options.study_file import EXPOSURE_BOUNDS_S
-from app.study.options.wording import LONGEST_NAME
 from app.web.analyst.compression import CompressedRoute
 from app.web.gates import Store, languages, settings
 from app.web.roles import AStudy, may_change

@@ -14,8 +14,9 @@ from app.store.participants.recruits import recruit_of_session
 from app.store.studies.images import image_digests
 from app.store.trials.sessions import Session, done_of, last_answer_at, session_by_token
 from app.study.options.duration import stage_minutes
+from app.study.options.own_texts import DEBRIEFING, NAME
 from app.study.options.recruiting import MOST_KEPT, Ending
-from app.study.options.wording import DEBRIEFING, NAME, first_language, own_texts
+from app.study.options.wording import first_language, own_texts
 from app.study.protocols import Protocol
 from app.study.stages import FINISHED, SCREENED_OUT, TRIAL
 from app.web.markdown import render_markdown

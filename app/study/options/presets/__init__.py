@@ -10,7 +10,7 @@ from typing import Any
 
 from app.study.languages.language_pack import flat_texts
 from app.study.options.options import overridden
-from app.study.options.wording import CONSENT, DEBRIEFING
+from app.study.options.own_texts import CONSENT, DEBRIEFING
 
 PAPER, QUICK, ONLINE = "paper", "quick", "online"
 PRESETS = (PAPER, QUICK, ONLINE)

@@ -22,7 +22,8 @@ from app.store.trials.designs import datasets_of
 from app.store.trials.orders import n_taken_in
 from app.study.design.groups import Group, check_groups
 from app.study.options.options import StudyOptions, parse_options
-from app.study.options.wording import NAME, first_language, own_texts
+from app.study.options.own_texts import NAME
+from app.study.options.wording import first_language, own_texts
 from app.web.admin.layout import attachment, page, see, study_page, unix
 from app.web.admin.studies.edit_page import Revision, save_study
 from app.web.analyst.formats import CSV, csv_text

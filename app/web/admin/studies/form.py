@@ -13,9 +13,9 @@ from app.errors import InvalidError
 from app.study.option_fields import Setting
 from app.study.options.option_table import COLUMNS, SECTION_NOTES, SECTIONS, SETTINGS, why_fixed
 from app.study.options.options import StudyOptions, parse_options
+from app.study.options.own_texts import LONGEST_TEXT
 from app.study.options.practice import MOST_PRACTICE
 from app.study.options.study_file import StudyFile
-from app.study.options.wording import LONGEST_TEXT
 from app.study.protocols import RATED, typed_scale
 from app.study.questions.answers import QUESTIONS
 from app.study.questions.questionnaire import KINDS, MOST_QUESTIONS

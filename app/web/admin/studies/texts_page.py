@@ -16,11 +16,8 @@ from app.store.studies.images import image_digests, keep_image, remove_image
 from app.store.studies.studies import Study, lock_study, progress_of
 from app.study.languages.language_pack import BY, PLURALS, LanguagePack, Text
 from app.study.options.options import StudyOptions, parse_options
+from app.study.options.own_texts import CONSENT, DEBRIEFING, LONGEST_TEXT, NAME
 from app.study.options.wording import (
-    CONSENT,
-    DEBRIEFING,
-    LONGEST_TEXT,
-    NAME,
     changed_languages,
     first_language,
     own_texts,

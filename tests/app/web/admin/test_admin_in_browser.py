@@ -18,7 +18,7 @@ from playwright.sync_api import Browser, Page, Route, expect
 from app.operations.studies.manage import copy_study
 from app.settings import Settings
 from app.simulation.participants import simulate
-from app.study.options.wording import LONGEST_NAME
+from app.study.options.own_texts import LONGEST_NAME
 from app.web.admin.participants.invitations_page import LONGEST_LABEL
 from tests.app.web.admin.dashboard_client import sign_in
 
