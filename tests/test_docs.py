@@ -17,6 +17,7 @@ import typer
 
 from app.cli import app
 from app.settings import Settings
+from app.web.analyst.columns import DOCUMENTED, JOBS, STUDIES
 from recon.capture.schema import CAMERA_KEYS, CAPTURE_KEYS, SENSOR_KEYS
 
 ROOT = Path(__file__).parent.parent
@@ -110,7 +111,7 @@ def test_every_setting_that_is_named_exists(page: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_site_is_built_without_a_broken_link_and_names_every_command_and_setting(tmp_path: Path) -> None:
+def test_the_site_is_built_without_a_broken_link_and_names_every_command_setting_and_column(tmp_path: Path) -> None:
     built = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(tmp_path)],
         cwd=ROOT,
@@ -131,6 +132,8 @@ def test_the_site_is_built_without_a_broken_link_and_names_every_command_and_set
                 assert (parameter.metavar or parameter.name.upper()).replace("|", " or ") in section
     settings = (tmp_path / "settings.html").read_text(encoding="utf-8")
     assert all(f"RECONSTUDY_{name.upper()}" in settings for name in Settings.model_fields)
+    tables = (tmp_path / "tables.html").read_text(encoding="utf-8")
+    assert [name for name in DOCUMENTED - STUDIES.keys() - JOBS.keys() if f"<code>{name}</code>" not in tables] == []
 
 
 def test_the_security_page_names_tests_that_are_there() -> None:
