@@ -18,11 +18,14 @@ from sqlalchemy import make_url
 
 import app.films.pairs
 import app.intake.stimuli
+import app.operations.database
+import app.operations.studies.manage
 from app.films.strips import make_film
 from app.store.database.engine import Database, open_database
 from app.store.database.migrate import upgrade
 from tests.command_line import Command, command_line
 from tests.encoded_films import decoded_once, made_once
+from tests.migrated_databases import copied_where_new
 from tests.postgresql import PostgresServer
 
 settings.register_profile("no deadline", deadline=None)  # how long an example takes is the machine's business
@@ -61,6 +64,16 @@ def films_encoded_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Non
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(app.films.pairs, "make_film", made_once(make_film, folder / "encoded_films"))
         patch.setattr(app.intake.stimuli, "decode", decoded_once())
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def databases_migrated_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Spare each server's new SQLite file all migrations, which the tests of migrations go through."""
+    upgrade_or_copy = copied_where_new(tmp_path_factory.mktemp("migrated") / "template.sqlite")
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (app.operations.database, app.operations.studies.manage):
+            patch.setattr(module, "upgrade", upgrade_or_copy)
         yield
 
 
