@@ -25,6 +25,7 @@ REPOSITORY_PAGES = {
     "contributing.md": "CONTRIBUTING.md",
     "reporting.md": "SECURITY.md",
     "changelog.md": "CHANGELOG.md",
+    "third_party.md": "THIRD_PARTY.md",
 }
 
 
