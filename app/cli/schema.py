@@ -4,24 +4,32 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from pydantic import BaseModel
 
-from app.operations.commands import COMMANDS
-
-SCHEMAS: Mapping[str, type[BaseModel]] = {**COMMANDS}
+if TYPE_CHECKING:
+    from pydantic import BaseModel
 
 app = typer.Typer()
 
 
+def schemas() -> Mapping[str, type[BaseModel]]:
+    """Return the models of what users write, by name."""
+    from app.operations.commands import COMMANDS
+    from app.study.options.study_file import StudyFile
+
+    return {"study": StudyFile, **COMMANDS}
+
+
 @app.command()
 def schema(
-    name: Annotated[list[str], typer.Argument(help="Whose: a command, such as `reconstruct` or `capture import`.")],
+    name: Annotated[
+        list[str], typer.Argument(help="Whose: study, or a command, such as `reconstruct` or `capture import`.")
+    ],
 ) -> None:
-    """Print JSON Schema of settings, for editors and programs."""
-    model = SCHEMAS.get(" ".join(name))
-    if model is None:
-        raise typer.BadParameter(f"{' '.join(name)!r} has no schema; expected one of {', '.join(SCHEMAS)}")
-    print(json.dumps(model.model_json_schema(), indent=2))
+    """Print JSON Schema of a study file or of a command's settings, for editors and programs."""
+    models, wanted = schemas(), " ".join(name)
+    if wanted not in models:
+        raise typer.BadParameter(f"{wanted!r} has no schema; expected one of {', '.join(models)}")
+    print(json.dumps(models[wanted].model_json_schema(), indent=2))

@@ -72,7 +72,7 @@ class Setting:
 class Command(BaseModel):
     """The settings of a command, in the order of its help."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)  # built by the one command that runs
 
 
 def option(default: Any, meaning: str, *, ge: float | None = None, le: float | None = None, **said: Any) -> Any:

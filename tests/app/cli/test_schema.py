@@ -6,16 +6,21 @@ import json
 
 import pytest
 
-from app.cli.schema import SCHEMAS
+from app.cli.schema import schemas
+from app.operations.commands import COMMANDS
 from tests.command_line import Command
 
 
-@pytest.mark.parametrize("name", SCHEMAS)
-def test_a_schema_says_what_each_setting_means_and_takes_no_others(command: Command, name: str) -> None:
-    told = command("schema", *name.split())
-    schema = json.loads(told.out)
-    assert all(setting["description"] for setting in schema["properties"].values())
+@pytest.mark.parametrize("name", schemas())
+def test_a_schema_names_all_settings_and_takes_no_others(command: Command, name: str) -> None:
+    schema = json.loads(command("schema", *name.split()).out)
+    assert schema["properties"].keys() == schemas()[name].model_fields.keys()
     assert schema["additionalProperties"] is False
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_setting_of_a_command_says_what_it_means(name: str) -> None:
+    assert all(field.description for field in COMMANDS[name].model_fields.values())
 
 
 def test_a_schema_has_defaults_bounds_and_examples(command: Command) -> None:
