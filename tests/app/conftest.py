@@ -1,4 +1,8 @@
-"""A real server on a free port with a study of tiny videos, and clients of it."""
+"""A real server on a free port with a study of tiny videos, and clients of it.
+
+Pages, routes and who takes studies by them are tested on SQLite alone: the statements lie in app/store, whose tests run
+on both kinds of database. What reads the most tables, and what concerns connections and durability, runs on both, too.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +23,33 @@ from app.simulation.participants import begin, simulate
 from tests.app import tiny_stimuli
 from tests.app.web.admin.dashboard_client import Dashboard, signed_in
 
+HERE = Path(__file__).parent
+ON_SQLITE = {"simulation", "web"}
+ON_BOTH = {
+    "web/admin/participants/test_participants.py",
+    "web/admin/studies/test_study_pages.py",
+    "web/admin/test_admin.py",
+    "web/analyst/test_archive.py",
+    "web/analyst/test_results.py",
+    "web/analyst/test_validation.py",
+    "web/test_connections.py",
+    "web/test_durability.py",
+    "web/test_vote_path.py",
+}
 ABILITIES = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0}
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    again = {item for item in items if "[postgresql" in item.name and _is_on_sqlite(item.path)}
+    config.hook.pytest_deselected(items=list(again))
+    items[:] = [item for item in items if item not in again]
+
+
+def _is_on_sqlite(path: Path) -> bool:
+    if not path.is_relative_to(HERE):
+        return False
+    file = path.relative_to(HERE)
+    return file.parts[0] in ON_SQLITE and file.as_posix() not in ON_BOTH
 
 
 @pytest.fixture(scope="session")

@@ -139,5 +139,5 @@ def test_random_numbers_seldom_seem_to_predict_one_dataset() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("is_shared", [False, True], ids=["on every dataset", "the same on all datasets"])
 def test_random_numbers_seldom_seem_to_predict_five_datasets(is_shared: bool) -> None:
-    rates = error_rates(5, 600, is_shared=is_shared, seed=3)
+    rates = error_rates(5, 300, is_shared=is_shared, seed=3)
     assert all(0.03 <= rate <= 0.075 for rate in rates.values()), rates
