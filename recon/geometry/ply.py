@@ -67,7 +67,19 @@ def read_ply(path: Path) -> Elements:
 
 
 def number_columns(ply: Elements, element: str, names: Sequence[str]) -> NDArray[Any]:
-    """Copy properties of an element's rows into an array (N, P); a ValueError says that one of them has lists."""
+    """Copy properties of an element's rows into an array (N, P).
+
+    Parameters
+    ----------
+    ply : from `read_ply`
+    element : `vertex` or `face`
+    names : of P properties
+
+    Raises
+    ------
+    ValueError
+        If one of the properties has lists.
+    """
     columns = [ply.columns(element)[name] for name in names]
     numbers = [column for column in columns if not isinstance(column, Lists)]
     if len(numbers) < len(columns):

@@ -78,7 +78,7 @@ class Elements:
     comments: tuple[str, ...]
 
     def columns(self, name: str) -> Mapping[str, NDArray[Any] | Lists]:
-        """Return the columns of an element; none where the file has no such element, or no row of it."""
+        """Return the columns of an element, (N,) each; none where the file has no such element, or no row of it."""
         return self.elements[name].columns if self.n_rows(name) else {}
 
     def n_rows(self, name: str) -> int:
