@@ -32,6 +32,9 @@ setup:
 demo: setup
 	reconstudy demo --out demo
 
+# The processes share the cores: more threads of linear algebra would wait for each other, and busily.
+test check: export OPENBLAS_NUM_THREADS = 1
+
 # R computes the same scores from the same votes.
 test: export TEST_PACKAGES = ?r-base-core
 test: setup

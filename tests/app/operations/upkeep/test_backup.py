@@ -19,7 +19,7 @@ from app.operations.studies import create, manage
 from app.operations.upkeep.backup import back_up, check, restore
 from app.settings import Settings
 from app.store.database.engine import Database, open_database
-from app.store.database.migrate import newest_version, upgrade, version_of
+from app.store.database.migrate import newest_version, version_of
 from app.store.database.tables import metadata, pair, session, trial, vote
 from app.store.studies.images import image_digests, keep_image
 from app.store.studies.studies import study_by_id
@@ -30,11 +30,10 @@ from tests.seeded_studies import NOW, seed_voters
 
 
 @pytest.fixture
-def here(tmp_path: Path, new_database_url: Callable[[], str]) -> Settings:
+def here(tmp_path: Path, new_migrated_url: Callable[[], str]) -> Settings:
     """A server's settings, on either kind of database, with votes in it."""
-    settings = Settings(data_dir=tmp_path / "here", database_url=new_database_url())
+    settings = Settings(data_dir=tmp_path / "here", database_url=new_migrated_url())
     database = open_database(settings.url)
-    upgrade(database)
     seed_voters(database, 3, 4)
     with database.writing() as connection:
         trials = connection.execute(select(trial.c.id, trial.c.session_id)).all()
