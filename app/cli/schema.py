@@ -18,17 +18,18 @@ def schemas() -> Mapping[str, type[BaseModel]]:
     """Return the models of what users write, by name."""
     from app.operations.commands import COMMANDS
     from app.study.options.study_file import StudyFile
+    from recon.models.scene_file import SceneContent
 
-    return {"study": StudyFile, **COMMANDS}
+    return {"study": StudyFile, "scene": SceneContent, **COMMANDS}
 
 
 @app.command()
 def schema(
     name: Annotated[
-        list[str], typer.Argument(help="Whose: study, or a command, such as `reconstruct` or `capture import`.")
+        list[str], typer.Argument(help="Whose: study, scene, or a command, such as `reconstruct` or `capture import`.")
     ],
 ) -> None:
-    """Print JSON Schema of a study file or of a command's settings, for editors and programs."""
+    """Print JSON Schema of a study file, of `scene.json` or of a command's settings, for editors and programs."""
     models, wanted = schemas(), " ".join(name)
     if wanted not in models:
         raise typer.BadParameter(f"{wanted!r} has no schema; expected one of {', '.join(models)}")

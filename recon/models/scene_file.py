@@ -46,18 +46,31 @@ class _Path(_Strict):
     file: str | None = None
 
 
-class _Content(_Strict):
-    schema_version: Literal[1]
-    dataset: SafeName
-    fps: Annotated[float, Field(gt=0, le=1000)]
-    units: Literal["mm", "cm", "m"]
-    up: Literal["x", "y", "z", "-x", "-y", "-z"]
-    path: _Path
-    world_from_model: Annotated[list[Row], Field(min_length=4, max_length=4)] | None = None
-    bounds: Annotated[list[Point], Field(min_length=2, max_length=2)] | None = None
-    levels: dict[str, dict[SafeName, SafeName]] = {}
-    static: list[str] = []
-    splat_mm: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+class SceneContent(_Strict):
+    """The keys of `scene.json`."""
+
+    schema_version: Annotated[Literal[1], Field(description="of this file: 1")]
+    dataset: Annotated[SafeName, Field(description="name of the scene; that of a run to be shown beside it")]
+    fps: Annotated[float, Field(gt=0, le=1000, description="models a second", examples=[25])]
+    units: Annotated[Literal["mm", "cm", "m"], Field(description="of all files, GLB included")]
+    up: Annotated[Literal["x", "y", "z", "-x", "-y", "-z"], Field(description="the models' axis that points up")]
+    path: Annotated[_Path, Field(description="along which the models are filmed: sensors_of, orbit or file")]
+    world_from_model: Annotated[
+        Annotated[list[Row], Field(min_length=4, max_length=4)] | None,
+        Field(description="a rotation with one scale and a translation in mm, applied after units and up"),
+    ] = None
+    bounds: Annotated[
+        Annotated[list[Point], Field(min_length=2, max_length=2)] | None,
+        Field(description="lowest and highest corner of what is filmed, mm"),
+    ] = None
+    levels: Annotated[
+        dict[str, dict[SafeName, SafeName]], Field(description="approach: {factor: level}, for the analysis by factor")
+    ] = {}
+    static: Annotated[list[str], Field(description="approaches of which only the first model is shown")] = []
+    splat_mm: Annotated[
+        Annotated[float, Field(gt=0, allow_inf_nan=False)] | None,
+        Field(description="radius of the discs that point clouds are drawn by, mm"),
+    ] = None
 
 
 class PathSource(NamedTuple):
@@ -108,7 +121,7 @@ def read_scene_file(folder: Path) -> tuple[SceneFile | None, list[str]]:
     except ValueError as error:
         return None, [str(error)]
     try:
-        content = _Content.model_validate(raw)
+        content = SceneContent.model_validate(raw)
     except ValidationError as error:
         return None, [f"{file}: {_fault(detail)}" for detail in error.errors()]
     problems: list[str] = []
@@ -198,7 +211,7 @@ def _beside(folder: Path, address: str) -> Path:
     return place(address) if is_url else (folder / address).resolve()
 
 
-def _world_from_model(content: _Content, problems: list[str]) -> NDArray[np.float64]:
+def _world_from_model(content: SceneContent, problems: list[str]) -> NDArray[np.float64]:
     """Return float64 (4, 4): first the unit and the axes, then the transform of the file."""
     matrix = np.eye(4)
     matrix[:3, :3] = Y_FROM[content.up] * MM[content.units]
@@ -222,7 +235,7 @@ def _fault(detail: Any) -> str:
     if detail["type"] == "missing":
         return f"{where} is missing"
     if detail["type"] == "extra_forbidden":
-        known = {1: _Content}.get(len(detail["loc"]), Orbit if "orbit" in detail["loc"] else _Path).model_fields
+        known = {1: SceneContent}.get(len(detail["loc"]), Orbit if "orbit" in detail["loc"] else _Path).model_fields
         return f"{where} is no key that is known, expected one of {', '.join(known)}"
     message = detail["msg"].removeprefix("Value error, ")
     return f"{where} is {detail['input']!r:.80}: {message[:1].lower()}{message[1:]}"
