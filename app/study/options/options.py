@@ -163,6 +163,7 @@ class StudyOptions(Options):
             "of ACR, ACR-HR and DCR",
             section="protocol",
             choices={"5": "5 grades", "9": "9 grades", "11": "11 grades", "slider": "slider from 0 to 100"},
+            expected="one of 5, 9, 11, 'slider'",
         ),
     ] = SCALES[0]
     both_orders: Annotated[
