@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from packaging.requirements import Requirement
 
 MODULES = {
-    "recon": ("cv2", "numba", "open3d", "OpenEXR", "pyrender", "skimage"),
+    "recon": ("cv2", "mapbox_earcut", "numba", "open3d", "OpenEXR", "pyrender", "skimage"),
     "cluster": ("distributed",),
     "postgres": ("psycopg",),
     "s3": ("s3fs",),
