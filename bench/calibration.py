@@ -27,7 +27,7 @@ from recon.capture.calibration.solve import PairCalibration, calibrate_camera, c
 from recon.capture.format import read_capture
 from recon.capture.images import CaptureError
 from recon.capture.masks.segment import segment_capture
-from recon.rig import Camera, Rig, Sensor, rigid
+from recon.geometry.rig import Camera, Rig, Sensor, rigid
 from recon.studio import SynthParameters, synthesise
 from recon.studio.rigs import Field, arc_rig
 

@@ -27,6 +27,7 @@ from distributed import LocalCluster
 
 from recon.capture.format import Capture, read_capture
 from recon.cli.options import parse_size
+from recon.execution.workers import LocalProcesses, Pool, open_pool
 from recon.pipeline.film import Film, RenderOptions, make_part
 from recon.pipeline.job import ReconstructOptions, planned_job
 from recon.pipeline.reconstruct import reconstruct
@@ -35,7 +36,6 @@ from recon.pipeline.sources import run_source
 from recon.pipeline.stages import match_frame
 from recon.storage.artefacts import file_digest
 from recon.studio import SynthParameters, synthesise
-from recon.workers import LocalProcesses, Pool, open_pool
 
 Tasks = Callable[[Path], Sequence[partial[Any]]]
 """The tasks of a stage, given the folder into which they write."""

@@ -33,11 +33,11 @@ from memory import memory_mb
 from numpy.typing import NDArray
 from rooms import KINDS, noise_texture, room
 
-from recon.approaches import DEPTH_METHODS
 from recon.depth import MATCHERS, StereoPair, match_sgm
 from recon.depth.cvf import IdParameters, match_id
 from recon.depth.disparity_io import colour_preview
 from recon.depth.gpu import open_gpu
+from recon.methods.approaches import DEPTH_METHODS
 from recon.storage.files import whole_file
 
 Disparity = NDArray[np.float32]

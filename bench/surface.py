@@ -24,7 +24,7 @@ from recon.capture.rectify import Rectification
 from recon.cloud import CloudParameters, back_project, cloud_from_disparity, fit_planes, merge_clouds
 from recon.fusion import fuse_after, fuse_before
 from recon.geometry.mesh import Cloud, Mesh
-from recon.rig import Camera, look_at, rigid
+from recon.geometry.rig import Camera, look_at, rigid
 from recon.surface import SurfaceParameters
 from recon.surface.components import component_labels
 

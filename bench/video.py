@@ -26,12 +26,12 @@ from numpy.typing import NDArray
 
 from recon.geometry.mesh import Mesh, Texture
 from recon.geometry.mesh_files import read_mesh, write_mesh
+from recon.geometry.rig import Camera, Rig, Sensor, look_at
 from recon.render.camera_path import camera_path
 from recon.render.encoding.checked import check_video
 from recon.render.encoding.video import DELIVERED, MASTER, write_video
 from recon.render.frames import render_frames
 from recon.render.scene import scene_around
-from recon.rig import Camera, Rig, Sensor, look_at
 
 SIZE = (1920, 1080)
 BOUNDS = np.array([[-560.0, 0.0, -300.0], [620.0, 1850.0, 300.0]])

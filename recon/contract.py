@@ -15,8 +15,8 @@ from recon.depth import Matcher, StereoPair
 from recon.fusion import DepthView, Fusion, fused, view_of_cloud
 from recon.geometry.mesh import Cloud, Mesh
 from recon.geometry.normals import area_vectors
-from recon.plugins import default_parameters
-from recon.rig import Camera
+from recon.geometry.rig import Camera
+from recon.methods.plugins import default_parameters
 from recon.surface import NoSurfaceError
 from recon.validation.cloud_quality import PointSet, Value
 from recon.validation.cloud_quality.plugin import PluginMeasure, checked_values

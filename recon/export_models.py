@@ -10,15 +10,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from recon.approaches import parse_approach
 from recon.cloud import merge_clouds
+from recon.execution.workers import Progress
 from recon.geometry.mesh import Cloud, Mesh, Shape
 from recon.geometry.mesh_files import read_mesh, write_cloud, write_measured, write_mesh
+from recon.methods.approaches import parse_approach
 from recon.pipeline.run import Run, View, mesh_name, read_clouds, read_run, recorded_in
 from recon.studio.truth import MESH
 from recon.validation.clouds import read_shape
 from recon.validation.truth.evaluation import signed_distances_to
-from recon.workers import Progress
 
 MESHES, CLOUDS = "meshes", "clouds"
 

@@ -24,6 +24,7 @@ from recon.capture.masks.evidence import dark_background_threshold
 from recon.capture.masks.segment import METHODS, clean_mask, segment_capture
 from recon.geometry.mesh import Mesh
 from recon.geometry.mesh_files import read_mesh
+from recon.geometry.rig import Camera
 from recon.pipeline.film import RenderOptions
 from recon.pipeline.job import ReconstructOptions
 from recon.pipeline.reconstruct import reconstruct
@@ -31,7 +32,6 @@ from recon.pipeline.render import render
 from recon.pipeline.run import mesh_name
 from recon.render.frames import render_frames
 from recon.render.scene import scene_around
-from recon.rig import Camera
 
 pytestmark = pytest.mark.slow
 

@@ -27,7 +27,7 @@ from recon.capture.rectify import (
     undistortion_maps,
     viewing_directions,
 )
-from recon.rig import Camera
+from recon.geometry.rig import Camera
 from recon.storage.npy import read_npy
 from recon.storage.remote import fetched
 

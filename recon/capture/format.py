@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from recon.capture.images import CaptureError, is_video, read_image, read_video_frame
 from recon.capture.recording import CameraStream, Capture, DepthMaps, HeldOut, SensorStream, image_path
 from recon.capture.schema import Draft, capture_json, parse_capture
-from recon.rig import Camera
+from recon.geometry.rig import Camera
 from recon.storage.files import read_json, write_json
 from recon.storage.remote import fetched, missing, stored
 

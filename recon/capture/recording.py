@@ -1,7 +1,7 @@
 """The parts of a recording, and the rules that their values obey.
 
-Convention: millimetres and seconds, cameras as in `recon.rig`, world y up, frames counted from 0. All paths are
-relative to the capture's folder and stay inside it; `{frame}` or `{frame:04d}` stands for the frame's number.
+Convention: millimetres and seconds, cameras as in `recon.geometry.rig`, world y up, frames counted from 0. All paths
+are relative to the capture's folder and stay inside it; `{frame}` or `{frame:04d}` stands for the frame's number.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.images import IMAGE_SUFFIXES, VIDEO_SUFFIXES, CaptureError, is_video
-from recon.rig import Camera, Rig, Sensor, checked_bounds, rigid
+from recon.geometry.rig import Camera, Rig, Sensor, checked_bounds, rigid
 from recon.storage.files import check_safe_name
 
 KINDS = ("scene", "sphere", "cuboid")

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.rig import Camera, Sensor, bounds_corners, rigid
+from recon.geometry.rig import Camera, Sensor, bounds_corners, rigid
 
 MARGIN_PX = 16  # around the bounds: context for the matcher's windows
 FAR_DISPARITY = 1.0  # of the bounds' far side: a neighbour below for subpixel fits

@@ -26,7 +26,7 @@ from recon.capture.recording import (
     check_name,
     check_object,
 )
-from recon.rig import Camera
+from recon.geometry.rig import Camera
 
 SCHEMA_VERSION = 1
 CAPTURE_KEYS = ("schema_version", "name", "kind", "fps", "n_frames", "bounds", "object", "sensors", "held_out")

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
-from recon.approaches import Approach, parse_approach
 from recon.commands.setting import PLUGIN_NAMES
 from recon.commands.shared import APPROACHES, CLUSTER, DEVICE, WORKERS
-from recon.plugins import DEPTH_GROUP, FUSION_GROUP
+from recon.methods.approaches import Approach, parse_approach
+from recon.methods.plugins import DEPTH_GROUP, FUSION_GROUP
 from recon.storage.remote import is_there, place
 
 if TYPE_CHECKING:
@@ -83,8 +83,8 @@ def installed_names(group: str) -> list[str]:
 
 def find_methods(path: Path | None) -> Methods:
     """Find all methods, those of a file included, and tell of plug-ins that are left out."""
+    from recon.methods.plugins import PluginWarning
     from recon.pipeline.methods import read_methods
-    from recon.plugins import PluginWarning
 
     with telling(PluginWarning):
         return read_methods(path)

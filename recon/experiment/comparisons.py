@@ -7,10 +7,11 @@ from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 
-from recon.approaches import Approach, parse_approach
+from recon.execution.workers import Progress
 from recon.experiment.folder import SEED, Artefact, Experiment, make_report
 from recon.geometry.mesh import Mesh
 from recon.geometry.mesh_files import write_mesh
+from recon.methods.approaches import Approach, parse_approach
 from recon.models.read import ReadModel, read_model
 from recon.pipeline.manifest import MANIFEST
 from recon.pipeline.run import mesh_name, read_run
@@ -26,7 +27,6 @@ from recon.validation.measures import Subject
 from recon.validation.truth.evaluation import MeshSettings, measure_mesh
 from recon.validation.views.evaluation import ViewSettings, measure_views
 from recon.validation.views.report import write_views_report
-from recon.workers import Progress
 
 MESH_THRESHOLDS = tuple(float(mm) for mm in range(1, 21))
 MESH_THRESHOLD = 5.0  # mm, of the F-score that is compared with the votes

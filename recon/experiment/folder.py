@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from recon.approaches import DEPTH_METHODS, VERTICES, Approach
 from recon.depth import CPU
 from recon.experiment.scale import Scale
+from recon.methods.approaches import DEPTH_METHODS, VERTICES, Approach
 from recon.pipeline.job import ReconstructOptions
 from recon.pipeline.sources import Source, read_sources
 from recon.storage.artefacts import Artefacts, code_version

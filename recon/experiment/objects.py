@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from recon.execution.workers import Progress, no_progress
 from recon.experiment.folder import SEED, Artefact, Experiment, make_report
 from recon.experiment.scenes import record
 from recon.pipeline.job import ReconstructOptions
@@ -24,7 +25,6 @@ from recon.validation.page import REPORT
 from recon.validation.sphere.evaluation import measure_spheres
 from recon.validation.sphere.fit.model import SphereSettings
 from recon.validation.sphere.report import write_sphere_report
-from recon.workers import Progress, no_progress
 
 SENSORS = ("S1", "S2", "S3")
 OBJECT_METHOD = "dr"  # the paper's clouds of the sphere

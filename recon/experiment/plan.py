@@ -6,21 +6,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import partial
 
-from recon.approaches import DEPTH_METHODS, check_colours
 from recon.depth import DEFAULTS
 from recon.depth.matching.census import WINDOW
 from recon.depth.temporal import TemporalParameters
+from recon.execution.workers import Progress
 from recon.experiment.comparisons import compare_clouds, compare_films, compare_truth, compare_views, surfaces
 from recon.experiment.folder import SEED, Experiment
 from recon.experiment.objects import measure_cuboid, measure_sphere, sphere_points
 from recon.experiment.scenes import reconstruct_scene, record, render_scenes
+from recon.methods.approaches import DEPTH_METHODS, check_colours
 from recon.pipeline.manifest import MANIFEST
 from recon.pipeline.methods import Methods
 from recon.pipeline.sources import read_sources
 from recon.storage.files import read_json, write_json
 from recon.studio import SynthParameters
 from recon.studio.truth_models import TRUTH
-from recon.workers import Progress
 
 OBJECTIVE_FILE = "objective.json"
 Step = tuple[str, Callable[[Progress], None]]  # a name, and what makes what is missing

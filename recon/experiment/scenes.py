@@ -8,6 +8,7 @@ from shutil import rmtree
 
 from recon.capture.format import CAPTURE_FILE, read_capture
 from recon.capture.masks.segment import segment_capture
+from recon.execution.workers import Progress
 from recon.experiment.folder import Experiment
 from recon.models.scene_file import SCENE_FILE
 from recon.pipeline.film import RenderOptions
@@ -16,7 +17,6 @@ from recon.pipeline.render import render
 from recon.storage.artefacts import Artefacts, code_version
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth_models import TRUTH, write_truth_models
-from recon.workers import Progress
 
 RECORDING = ("capture", "studio", "rig.py", "geometry")
 

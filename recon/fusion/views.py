@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from recon.geometry.mesh import Cloud, Mesh
 from recon.geometry.normals import are_unit, surface_normals, unit_normals
+from recon.geometry.rig import Camera
 from recon.models.inspection import OTHER_UNIT
-from recon.rig import Camera
 from recon.surface import NoSurfaceError
 
 

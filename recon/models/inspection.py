@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Model, Splats
+from recon.geometry.rig import Camera
 from recon.models.read import MM, Placement, read_model
-from recon.rig import Camera
 
 OTHER_UNIT = 30.0  # times as large as expected: no scene is so, but for its unit
 LIKE_A_UNIT = 4.0  # a ratio so far from that of two units points to them

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from recon.geometry.mesh import Cloud, Mesh, Model, Splats, check_resolved, stacked_faces
 from recon.geometry.normals import UPWARDS, surface_normals, unit_normals
+from recon.geometry.rig import transformed
 from recon.models.atlas import one_texture
 from recon.models.gltf_model import read_gltf_model
 from recon.models.obj_model import read_obj_model
 from recon.models.part import Contents, Part
 from recon.models.ply_model import read_ply_model
-from recon.rig import transformed
 from recon.storage.artefacts import file_digest
 from recon.storage.files import refused
 

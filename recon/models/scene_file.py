@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from recon.capture.format import CAPTURE_FILE, Capture, read_draft
+from recon.geometry.rig import Y_FROM, Camera, Rig, Sensor, look_at
 from recon.models.folder import SafeName
 from recon.models.read import MM, Placement
-from recon.rig import Y_FROM, Camera, Rig, Sensor, look_at
 from recon.storage.artefacts import file_digest
 from recon.storage.files import allowed, read_json
 from recon.storage.remote import is_there, place

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.geometry.rig import Camera
 from recon.pipeline.keys import camera_key
 from recon.pipeline.manifest import Stimulus
 from recon.pipeline.sources import ModelSequence, Setting
@@ -23,7 +24,6 @@ from recon.render.encoding.video import SILHOUETTE, VideoError, join_videos, pro
 from recon.render.frames import describe_renderer, render_masked_frames
 from recon.render.path_file import write_path
 from recon.render.scene import check_background, scene_around
-from recon.rig import Camera
 from recon.storage.artefacts import Artefacts, code_version
 from recon.storage.files import read_json, write_json
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from recon.approaches import DEPTH_METHODS, FUSION_METHODS, VERTICES, Approach, approaches, check_colours
 from recon.capture.depth_maps import depth_view
 from recon.capture.format import Capture, CaptureError
 from recon.capture.recording import GIVEN, chosen_frames
 from recon.cloud import CloudParameters
 from recon.depth import CPU, check_device
 from recon.depth.temporal import TemporalParameters
+from recon.methods.approaches import DEPTH_METHODS, FUSION_METHODS, VERTICES, Approach, approaches, check_colours
 from recon.pipeline.methods import Methods
 from recon.pipeline.run import View
 from recon.storage.artefacts import Artefacts
@@ -31,7 +31,7 @@ class ReconstructOptions:
     depths, fusions : names of methods; every combination, with each of `colours`, is an approach. Without depths,
         `default_depths`
     further : approaches beside these combinations
-    colours : where models take their colours from, of `recon.approaches.COLOURS`
+    colours : where models take their colours from, of `recon.methods.approaches.COLOURS`
     methods : what these names stand for
     frames : which frames; None for all
     temporal : of the filter over a sensor's frames; None for none

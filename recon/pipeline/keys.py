@@ -10,8 +10,8 @@ from typing import Any
 from recon.capture.depth_maps import depth_maps_of
 from recon.capture.format import CameraStream, Capture, SensorStream, depth_path, image_path
 from recon.capture.recording import GIVEN
+from recon.geometry.rig import Camera
 from recon.pipeline.run import View
-from recon.rig import Camera
 from recon.storage.artefacts import file_digest
 from recon.storage.remote import fetched
 

@@ -10,19 +10,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.approaches import parse_approach
 from recon.capture.format import read_capture, read_frame
 from recon.capture.images import write_picture
 from recon.cloud import merge_clouds
 from recon.depth.disparity_io import colour_preview, read_disparity
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import read_mesh
+from recon.geometry.rig import Camera
+from recon.methods.approaches import parse_approach
 from recon.pipeline.run import Run, View, mesh_name, read_clouds, recorded_in
 from recon.render.camera_path import camera_path
 from recon.render.frames import render_frames
 from recon.render.scene import scene_around
 from recon.render.sheet import contact_sheet
-from recon.rig import Camera
 from recon.storage.artefacts import Artefacts, code_version
 from recon.storage.files import write_bytes
 

@@ -18,12 +18,14 @@ from typing import Any
 
 import numpy as np
 
-from recon.approaches import VERTICES
 from recon.capture.format import Capture, read_capture
 from recon.capture.images import read_stored_image
 from recon.depth import CPU, StereoPair, check_device
 from recon.depth.disparity_io import check_suffix, write_disparity
+from recon.execution.programs import ProgramError
+from recon.execution.workers import Pool, Progress, no_progress, open_pool
 from recon.geometry.mesh import Cloud, Mesh
+from recon.methods.approaches import VERTICES
 from recon.pipeline.film import WHERE
 from recon.pipeline.job import Job, ReconstructOptions, planned_job
 from recon.pipeline.methods import Methods, depth_key, fuse, fusion_key, match, with_limit
@@ -48,13 +50,11 @@ from recon.pipeline.stages import (
     match_frame,
 )
 from recon.pipeline.textures import compare_photographs, make_textured
-from recon.programs import ProgramError
 from recon.render.camera_path import NoPathError
 from recon.storage.artefacts import Artefacts
 from recon.storage.files import alone_in, check_not_read, remove_leftovers
 from recon.storage.remote import remove
 from recon.surface import SurfaceParameters
-from recon.workers import Pool, Progress, no_progress, open_pool
 
 PLACE_VOXELS = 3  # width of the places where sensors' colours are compared
 

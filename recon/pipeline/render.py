@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from recon.execution.workers import Pool, Progress, no_progress, open_pool
 from recon.pipeline.film import PARTS, WHERE, Film, RenderOptions, is_finished, make_film, make_part, make_path
 from recon.pipeline.film_plan import check_loops, check_path_is_read_only, planned_films
 from recon.pipeline.manifest import MANIFEST, Stimulus, write_manifest
@@ -19,7 +20,6 @@ from recon.pipeline.sources import Source, read_sources, scenes_apart
 from recon.render.frames import choose_renderer
 from recon.storage.files import alone_in, remove_leftovers
 from recon.storage.remote import remove
-from recon.workers import Pool, Progress, no_progress, open_pool
 
 
 def render(

@@ -26,10 +26,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from recon.approaches import VERTICES, parse_approach
 from recon.capture.format import Capture, CaptureError, read_draft, write_capture
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import holds_points, read_cloud
+from recon.methods.approaches import VERTICES, parse_approach
 from recon.storage.artefacts import Artefacts
 from recon.storage.files import read_json, write_json
 from recon.storage.remote import address_of, fetched, is_copy, is_there, place, stored

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.approaches import levels_of
 from recon.geometry.mesh import Model
 from recon.geometry.mesh_files import read_mesh
+from recon.geometry.rig import Camera, Rig
+from recon.methods.approaches import levels_of
 from recon.models.folder import find_models
 from recon.models.inspection import Facts, inspect_model
 from recon.models.read import Placement, read_model
@@ -25,7 +26,6 @@ from recon.models.scene_file import SCENE_FILE, Orbit, orbit_rig, read_scene_fil
 from recon.pipeline.run import RUN_FILE, Run, mesh_name, read_run
 from recon.render.camera_path import camera_path
 from recon.render.path_file import read_path
-from recon.rig import Camera, Rig
 from recon.storage.artefacts import file_digest
 from recon.storage.remote import address_of, fetched, is_copy, is_there
 

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.approaches import Approach
 from recon.capture.depth_maps import depth_view, given_disparity, read_depth_map
 from recon.capture.format import Capture, mask_pictures, read_frame, read_masks
 from recon.capture.recording import GIVEN
@@ -24,15 +23,16 @@ from recon.cloud import NothingSeenError, cloud_from_disparity, crop_cloud
 from recon.depth import StereoPair, rectified_pair
 from recon.depth.disparity_io import read_disparity, write_disparity
 from recon.depth.temporal import TemporalParameters, match_sequence
+from recon.execution.programs import LOG, ProgramError
 from recon.fusion import DepthView, view_of_cloud
 from recon.geometry.mesh import Cloud, Mesh
 from recon.geometry.mesh_files import no_cloud_digest, write_cloud, write_mesh, write_no_cloud
+from recon.methods.approaches import Approach
+from recon.methods.plugins import PluginError
 from recon.pipeline.job import Job
 from recon.pipeline.keys import camera_key, digest_once, picture_key
 from recon.pipeline.methods import depth_key, fuse, fusion_key, match, needs_views
 from recon.pipeline.run import COLOURS_NAME, View, fusion_folder, mesh_name, read_clouds
-from recon.plugins import PluginError
-from recon.programs import LOG, ProgramError
 from recon.storage.artefacts import code_version, key_of
 from recon.storage.files import read_json, write_json
 from recon.storage.remote import fetched, stored

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from recon.approaches import VERTICES, Approach
 from recon.capture.format import read_frame, read_masks
 from recon.capture.rectify import undistort
 from recon.geometry.mesh_files import read_mesh, write_mesh
+from recon.methods.approaches import VERTICES, Approach
 from recon.pipeline.job import Job
 from recon.pipeline.keys import files_key
 from recon.pipeline.run import EXPOSURES_NAME, View, mesh_name

@@ -8,10 +8,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Model
+from recon.geometry.rig import Camera
 from recon.render.heights import height_map
 from recon.render.rasterise import in_threads
 from recon.render.scene import Scene, floor_grid, floor_reach
-from recon.rig import Camera
 
 CONTACT_HEIGHT = 0.06  # of the bounds' radius: how far above the floor a surface still darkens it by contact
 PENUMBRA_HEIGHT = 0.5  # of the bounds' radius: from how high a surface casts the wide, soft shadow alone

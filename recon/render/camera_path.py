@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from recon.rig import Camera, Rig, bounds_corners, checked_bounds, look_at, transformed
+from recon.geometry.rig import Camera, Rig, bounds_corners, checked_bounds, look_at, transformed
 
 FINE_STEPS = 2000  # of the path's arc length; a step is far below what an eye sees
 POLE_DEG = 85.0  # nearer to straight above or below, "world y is up" says nothing about the picture

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.geometry.rig import Camera
 from recon.render.rasterise import FARTHEST_PIXEL, NEAREST
 from recon.render.scene import transformed
-from recon.rig import Camera
 
 Values = Sequence[NDArray[Any]]
 

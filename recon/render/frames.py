@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Model
+from recon.geometry.rig import Camera
 from recon.render.backdrop import backdrop, floor_shade
 from recon.render.cut import are_all_drawn, cut_before
 from recon.render.light import lit
@@ -20,7 +21,6 @@ from recon.render.rasterise import draw_model
 from recon.render.scene import LitMesh, LitSplats, Scene, Shot, transformed
 from recon.render.splats import draw_discs
 from recon.render.texture import NO_MIPMAPS, mipmaps
-from recon.rig import Camera
 
 GPU_DEVICES = ("/dev/dri", "/dev/nvidia0", "/dev/dxg")  # one of them exists wherever OpenGL has a GPU on Linux
 

@@ -19,9 +19,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Texture
+from recon.geometry.rig import OPENGL, Camera
 from recon.render.scene import LitMesh, LitModel, LitSplats, Shot
 from recon.render.splats import LEAST_RADIUS
-from recon.rig import OPENGL, Camera
 
 # In the order in which they are tried, with the Debian packages that hold them.
 PLATFORMS = {"egl": "libegl1 libegl-mesa0 libgl1-mesa-dri", "osmesa": "libosmesa6"}

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.rig import OPENGL, Camera
+from recon.geometry.rig import OPENGL, Camera
 from recon.storage.files import read_json, write_json
 from recon.storage.remote import address_of, fetched
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Texture
-from recon.rig import Camera, bounds_corners, checked_bounds, look_at
+from recon.geometry.rig import Camera, bounds_corners, checked_bounds, look_at
 
 KEY_AZIMUTH_DEG = 35.0  # the light stands to the left behind the camera, as in a portrait
 KEY_ELEVATION_DEG = 55.0

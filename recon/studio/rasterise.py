@@ -13,7 +13,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.rig import Camera
+from recon.geometry.rig import Camera
 
 N_SAMPLES = 5
 NEAREST_MM = 50.0

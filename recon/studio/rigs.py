@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.rig import Camera, Rig, Sensor, look_at, rigid
+from recon.geometry.rig import Camera, Rig, Sensor, look_at, rigid
 from recon.studio.actors.skeleton import axis_rotation, rotation
 
 NEAREST_SENSOR_MM, FARTHEST_SENSOR_MM = 2300.0, 2900.0  # section 4.2 of the paper

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.rig import rigid
+from recon.geometry.rig import rigid
 from recon.studio.actors.anatomy import Build
 from recon.studio.actors.skeleton import REST_HEIGHT_MM, Controls, Vector, rotation
 from recon.studio.light.looks import BALL, BOX, CUBOID, KNIT, PERSON, PRINT, SPHERE, STRIPES, Look

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Mesh
-from recon.rig import transformed
+from recon.geometry.rig import transformed
 from recon.studio import objects
 from recon.studio.actors.anatomy import person_parts
 from recon.studio.actors.person import FOLD_SHADE, fold_depths, rest_body

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from recon.capture.format import CameraStream, Capture, DepthMaps, HeldOut, SensorStream, image_path, write_capture
 from recon.capture.recording import SIDES
+from recon.execution.workers import Progress, no_progress
 from recon.geometry.mesh_files import write_mesh
-from recon.rig import Camera, Rig, Sensor
+from recon.geometry.rig import Camera, Rig, Sensor
 from recon.storage.files import new_folder, write_json
 from recon.studio import truth
 from recon.studio.light.appearance import shade
@@ -27,7 +28,6 @@ from recon.studio.rigs import arc_rig, between, distorted, disturbed
 from recon.studio.scenes import SCENES, Scene
 from recon.studio.stage import Stage, Staged
 from recon.studio.views import FLOOR_Y_MM, View, empty_view
-from recon.workers import Progress, no_progress
 
 BOUNDS_MARGIN_MM = 15.0
 CELL_PX = 5.0  # edge of the actors' triangles in pixels

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.rectify import viewing_directions
-from recon.rig import Camera
+from recon.geometry.rig import Camera
 from recon.studio.light.appearance import room_plate
 from recon.studio.light.exposure import plate_values
 from recon.studio.light.looks import linear

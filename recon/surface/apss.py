@@ -17,9 +17,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from recon.execution.workers import in_bands
 from recon.surface.band import Band, neighbours_of
 from recon.surface.cells import Cells
-from recon.workers import in_bands
 
 SMALLEST_SPREAD = 1e-3  # voxels squared; points in one place have no curvature
 

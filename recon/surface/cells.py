@@ -9,9 +9,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from recon.execution.workers import in_bands
 from recon.geometry.mesh import Cloud
 from recon.surface.blocks import BLOCK, LARGEST_AXIS, block_coordinates, block_keys, neighbours_in
-from recon.workers import in_bands
 
 BLOCKS_PER_AREA = 1.5  # blocks that a block's side of surface crosses, averaged over directions
 WEIGHT_RANGE = (1 / 16, 4.0)  # of a point against the median: no single sensor is ignored or trusted alone

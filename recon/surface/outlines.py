@@ -26,7 +26,7 @@ from scipy.spatial import cKDTree
 from recon.capture.format import Capture, SensorStream, read_masks
 from recon.capture.rectify import scaled_camera, undistortion_maps
 from recon.geometry.mesh import Cloud, Mesh
-from recon.rig import Camera
+from recon.geometry.rig import Camera
 from recon.surface import SurfaceParameters
 from recon.surface.components import component_labels, whole_components
 from recon.surface.holes import rim_edges

@@ -19,7 +19,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Mesh
-from recon.rig import Camera
+from recon.geometry.rig import Camera
 from recon.surface.colours import MAD_TO_SIGMA, MIN_SHARED_PLACES, SATURATED
 
 COARSE_SIGMA_PX = 2.0  # what a photograph loses by this blur is fine detail

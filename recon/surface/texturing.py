@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from recon.capture.rectify import scaled_camera
 from recon.geometry.mesh import Mesh
+from recon.geometry.rig import Camera
 from recon.models.atlas import one_texture
 from recon.models.part import Part
-from recon.rig import Camera
 from recon.surface.photographs import Photograph, View, colours_at, draw, prepare, qualities
 
 SMOOTHING_STEPS = 4  # over neighbouring faces, so that each camera lays out large areas

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.rig import rigid
+from recon.geometry.rig import rigid
 from recon.validation.congruent import congruent_bases, overlaps, pairs_at_distance
 
 MOST_PAIRS = 20_000

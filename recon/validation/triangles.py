@@ -20,9 +20,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from recon.execution.workers import in_bands
 from recon.geometry.normals import area_vectors
 from recon.validation.sampling import order_by_cells
-from recon.workers import in_bands
 
 LEAF_FACES = 4
 MOST_PENDING = 64  # boxes that wait while a tree of depth 32 is searched

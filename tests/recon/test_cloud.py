@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from recon.capture.rectify import Rectification
 from recon.cloud import CloudParameters, back_project, cloud_from_disparity, fit_planes, merge_clouds, support
 from recon.geometry.mesh import Cloud
-from recon.rig import Camera, look_at, rigid
+from recon.geometry.rig import Camera, look_at, rigid
 
 SIZE = (80, 60)
 MAPS = (np.zeros((60, 80), np.float32), np.zeros((60, 80), np.float32))

@@ -14,7 +14,7 @@ from recon.contract import check_fusion, check_matcher
 from recon.depth import MATCHERS, StereoPair, match_sgm
 from recon.fusion import FUSIONS, fuse_before
 from recon.geometry.mesh import Cloud, Mesh
-from recon.plugins import DEPTH_GROUP, FUSION_GROUP, registered
+from recon.methods.plugins import DEPTH_GROUP, FUSION_GROUP, registered
 
 
 def every(ours: dict[str, Callable[..., Any]], group: str) -> Any:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from recon.approaches import FUSION_METHODS
 from recon.cloud import merge_clouds
 from recon.fusion import FUSIONS, LeftOutWarning, fuse_after, fuse_before, view_of_cloud
 from recon.geometry.mesh import Cloud, merge_meshes
-from recon.rig import Camera
+from recon.geometry.rig import Camera
+from recon.methods.approaches import FUSION_METHODS
 from recon.surface import NoSurfaceError, SurfaceParameters, default_voxel, surface_from_cloud
 
 PARAMETERS = SurfaceParameters(voxel_mm=3.0)

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.rig import Camera, rigid, transformed
+from recon.geometry.rig import Camera, rigid, transformed
 
 MAX_STEPS = 30
 SMALLEST_GAIN = 1e-9  # of the cost, share; a smaller one ends

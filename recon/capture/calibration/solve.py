@@ -19,7 +19,7 @@ from recon.capture.calibration.bundle_adjustment import Poses, Sighting, adjuste
 from recon.capture.images import CaptureError
 from recon.capture.importing.opencv import CAMERA_FROM_WORLD
 from recon.capture.recording import SIDES
-from recon.rig import Camera, Sensor, rigid
+from recon.geometry.rig import Camera, Sensor, rigid
 
 MIN_IMAGES = 6
 MIN_SHARED = 6  # corners that both cameras of a pair see

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from recon.capture.checking.matches import NO_MATCHES, Matches, epipolar_errors, joined
 from recon.capture.rectify import viewing_directions
-from recon.rig import Camera, Sensor, rigid, transformed
+from recon.geometry.rig import Camera, Sensor, rigid, transformed
 
 SAME_FEATURE_PX = 1.0  # a feature of one matching found again in another
 MAX_EPIPOLAR_PX = 2.0  # matches within a sensor that are farther from their line are wrong ones

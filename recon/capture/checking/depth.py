@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from recon.capture.depth_maps import depth_maps_of, depth_size, rays, read_depth_map
 from recon.capture.format import CaptureError, SensorStream, depth_path, mask_pictures, read_mask
 from recon.capture.rectify import rectify_depth, rectify_left_mask, scaled_camera
-from recon.rig import Camera, bounds_corners
+from recon.geometry.rig import Camera, bounds_corners
 
 MIN_INSIDE = 0.05  # of the depths lie within the bounds; the rest is background
 WRONG_UNITS = (0.001, 0.01, 0.1, 10.0, 100.0, 1000.0)  # times the depths: metres for millimetres, and the like

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from recon.capture.checking.consistency import MIN_FOCAL_CHANGE, with_focal
 from recon.capture.checking.matches import Matches, epipolar_errors
-from recon.rig import Sensor, rigid
+from recon.geometry.rig import Sensor, rigid
 
 MIN_MATCHES = 20  # fewer say nothing about a calibration
 MIN_ERROR_PX = 0.15  # median; features are found to about 0.1 px, and a smaller error does no harm

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.rectify import viewing_directions
-from recon.rig import Sensor
+from recon.geometry.rig import Sensor
 
 MAX_RATIO = 0.8  # Lowe, "Distinctive image features from scale-invariant keypoints", 2004, section 7.1
 MAX_FEATURES = 4000

@@ -21,7 +21,7 @@ from recon.capture.masks.outline import edge_share
 from recon.capture.noise import noise_deviation
 from recon.capture.recording import evenly_chosen
 from recon.capture.rectify import Rectification, rectify, rectify_images, rectify_masks
-from recon.rig import Sensor
+from recon.geometry.rig import Sensor
 
 MAX_VERTICAL_ERROR_PX = 1.0  # above, matching along rows fails; good calibrations reach 0.1 to 0.3
 MEASURED_FRAMES = 3  # first, middle, last

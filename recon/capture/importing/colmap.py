@@ -17,7 +17,7 @@ from recon.capture.images import CaptureError
 from recon.capture.importing.colmap_model import find_model, read_model
 from recon.capture.importing.sources import ImportOptions, write_recording
 from recon.capture.importing.views import View, bounds_of_points, choose_sensors
-from recon.rig import rigid
+from recon.geometry.rig import rigid
 
 
 def import_colmap(

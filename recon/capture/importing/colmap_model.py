@@ -1,7 +1,7 @@
 """COLMAP's models on disk: cameras, images and points, as text or binary.
 
 Convention: poses are world to camera, quaternions w, x, y, z; pixel centres are at halves, so that the principal point
-moves by half a pixel on the way to and from `recon.rig`.
+moves by half a pixel on the way to and from `recon.geometry.rig`.
 
 Source: COLMAP's description of its output format, and `scene/reconstruction_io_binary.cc` for the binary one.
 """
@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from recon.capture.images import CaptureError
 from recon.capture.importing.sources import faults_at
 from recon.capture.importing.views import HALF_PIXEL
-from recon.rig import Camera, rigid
+from recon.geometry.rig import Camera, rigid
 
 FOLDERS = (".", "sparse/0", "sparse")  # of a model, below the folder that COLMAP worked in
 MODELS: dict[str, tuple[int, tuple[int, ...]]] = {

@@ -38,7 +38,7 @@ from recon.capture.importing.sources import (
 from recon.capture.pictures import Pictures, find_pictures
 from recon.capture.recording import FRAME_FIELD, frames_after
 from recon.capture.schema import sides_of, size_of
-from recon.rig import UNITS_MM, Camera, rigid
+from recon.geometry.rig import UNITS_MM, Camera, rigid
 from recon.storage.files import read_json
 
 DIST_KEYS = ("dist", "dist_left", "dist_right")

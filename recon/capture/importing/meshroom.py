@@ -21,7 +21,7 @@ from recon.capture.format import Capture
 from recon.capture.images import CaptureError
 from recon.capture.importing.sources import ImportOptions, faults_at, write_recording
 from recon.capture.importing.views import View, bounds_of_points, choose_sensors
-from recon.rig import Camera, rigid
+from recon.geometry.rig import Camera, rigid
 from recon.storage.files import read_json
 
 SFM_FILES = ("cameras.sfm", "sfm.sfm", "sfm.json")

@@ -22,7 +22,7 @@ from recon.capture.images import read_image
 from recon.capture.importing.sources import ImportOptions, Recording, SensorSource, faults_at, write_recording
 from recon.capture.pictures import Pictures
 from recon.capture.recording import check_bounds
-from recon.rig import Camera, bounds_corners, rigid, transformed
+from recon.geometry.rig import Camera, bounds_corners, rigid, transformed
 
 TEMPLE_PAIRS = ((13, 14), (20, 21), (27, 28))  # three sensors 53 degrees apart
 MM_PER_METRE = 1000.0

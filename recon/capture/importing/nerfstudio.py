@@ -24,7 +24,7 @@ from recon.capture.images import IMAGE_SUFFIXES, CaptureError
 from recon.capture.importing.sources import DepthSource, ImportOptions, faults_at, parse_unit, write_recording
 from recon.capture.importing.views import HALF_PIXEL, View, bounds_of_points, choose_sensors, pictures_of
 from recon.geometry.mesh_files import read_points
-from recon.rig import OPENGL, Camera, rigid
+from recon.geometry.rig import OPENGL, Camera, rigid
 from recon.storage.files import allowed, read_json
 
 TRANSFORMS = "transforms.json"

@@ -20,7 +20,7 @@ from recon.capture.format import Capture
 from recon.capture.images import CaptureError
 from recon.capture.importing.sources import ImportOptions, Recording, SensorSource, faults_at, write_recording
 from recon.capture.pictures import find_pictures
-from recon.rig import Y_FROM, Camera, Rig, Sensor, rigid
+from recon.geometry.rig import Y_FROM, Camera, Rig, Sensor, rigid
 from recon.storage.files import check_exists, check_suffix, whole_file
 
 SUFFIXES = (".yml", ".yaml", ".xml")

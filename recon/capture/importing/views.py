@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from recon.capture.images import IMAGE_SUFFIXES, CaptureError
 from recon.capture.importing.sources import DepthSource, Recording, SensorSource
 from recon.capture.pictures import Pictures, find_pictures
-from recon.rig import Camera
+from recon.geometry.rig import Camera
 
 HALF_PIXEL = 0.5  # added to the principal point of programs whose pixel centres are at halves
 BOUNDS_SHARE = (0.02, 0.98)  # of the points, on each axis: reconstructions have stray ones

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.execution.workers import Progress, no_progress
 from recon.models.shape import GLTF_SUFFIXES
 from recon.validation.cloud_quality.compared import SYMMETRIC, Pair, Prepared
 from recon.validation.cloud_quality.geometry import THRESHOLD_SHARE, intrinsic_peak
@@ -20,7 +21,6 @@ from recon.validation.cloud_quality.remarks import check_unit, remarks_on
 from recon.validation.cloud_quality.sequences import Compared
 from recon.validation.clouds import read_shape
 from recon.validation.measures import LESS, MORE, Measured, Subject, measure_rows
-from recon.workers import Progress, no_progress
 
 SOURCE, REFERENCE = "validate cloud", "reference"
 WITH_PEAK = ("d1", "d2")  # measures with a PSNR

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from math import isnan
 
-from recon.plugins import MEASURES_GROUP, Plugin, registered
+from recon.methods.plugins import MEASURES_GROUP, Plugin, registered
 from recon.validation.cloud_quality.compared import SYMMETRIC, TO_DISTORTED, TO_REFERENCE, Pair, Value
 from recon.validation.cloud_quality.measures import MEASURES, Measure, Scale
 from recon.validation.cloud_quality.points import PointSet

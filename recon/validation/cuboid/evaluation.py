@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.execution.workers import Progress, no_progress
 from recon.validation.clouds import CloudFile, FitError, read_measured
 from recon.validation.cuboid.fit import check_size, fit_cuboid
 from recon.validation.cuboid.model import AXIS_NAMES, CuboidFit, Face, band_of
@@ -28,7 +29,6 @@ from recon.validation.measures import (
     inlier_tables,
     measure_rows,
 )
-from recon.workers import Progress, no_progress
 
 MOST_PICTURES = 12
 FLATNESS_CUT = 4.0  # standard deviations; points beyond are no roughness but outliers

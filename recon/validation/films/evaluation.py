@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from recon.execution.workers import Progress, no_progress, open_pool
 from recon.render.encoding.quality import WINDOW_PX
 from recon.validation.films.film import MeasuredFilm, measure_film
 from recon.validation.films.likeness import SMALLEST_PX
 from recon.validation.films.stimuli import Pair, paired, read_films
 from recon.validation.films.tables import WORST_PERCENT, pooled_rows, study_measures
 from recon.validation.films.vmaf import MODEL, has_vmaf
-from recon.workers import Progress, no_progress, open_pool
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.rig import transformed
+from recon.geometry.rig import transformed
 from recon.validation.clouds import read_measured, read_shape, unit_mm
 from recon.validation.known_object.registration import Placement, RegistrationParameters, place_model
 from recon.validation.measures import (

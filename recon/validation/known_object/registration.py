@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Shape
-from recon.rig import UNITS_MM, bounds_corners, rigid, transformed
+from recon.geometry.rig import UNITS_MM, bounds_corners, rigid, transformed
 from recon.validation.clouds import FitError, checked_points
 from recon.validation.sampling import subsample
 from recon.validation.super4pcs import Super4PCSParameters, super4pcs

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.execution.workers import Progress, no_progress
 from recon.validation.clouds import CloudFile, FitError
 from recon.validation.measures import (
     COMBINED,
@@ -38,7 +39,6 @@ from recon.validation.sphere.fit.model import SphereSettings
 from recon.validation.sphere.reconstruction import MeasuredSphere, combined_ratios, fitted, measure_reconstruction
 from recon.validation.sphere.reference import Centre, agreement, check_unit, mean_centre, read_references
 from recon.validation.sphere.uncertainty import N_DRAWS
-from recon.workers import Progress, no_progress
 
 MOST_PICTURES = 12
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri  # scipy.stats takes half a second to import
 
-from recon.rig import rigid, transformed
+from recon.geometry.rig import rigid, transformed
 from recon.validation.clouds import MIN_POINTS, FitError, read_measured
 from recon.validation.sampling import subsample
 from recon.validation.sphere.cells import cap_of

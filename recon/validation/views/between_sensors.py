@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.approaches import parse_approach
 from recon.capture.depth_maps import depth_view, sensor_view
 from recon.capture.recording import GIVEN
 from recon.capture.rectify import Rectification
 from recon.depth.disparity_io import read_disparity
+from recon.methods.approaches import parse_approach
 from recon.pipeline.run import Run, View
 
 HIDDEN_STEPS = 8.0  # thresholds behind another sensor's surface from which a point counts as hidden from it

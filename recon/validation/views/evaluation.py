@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.approaches import FUSION_METHODS, parse_approach
 from recon.capture.format import Capture, read_capture
 from recon.capture.recording import chosen_frames
 from recon.cloud import CloudParameters
+from recon.execution.workers import Progress, no_progress
 from recon.geometry.mesh import Mesh
 from recon.geometry.mesh_files import read_mesh
+from recon.methods.approaches import FUSION_METHODS, parse_approach
 from recon.models.read import read_model
 from recon.pipeline.run import RUN_FILE, Run, mesh_name, read_run, recorded_in
 from recon.pipeline.sources import ModelSequence, read_sources
@@ -34,7 +35,6 @@ from recon.validation.views.novel_view import (
     true_mesh,
     view_rows,
 )
-from recon.workers import Progress, no_progress
 
 FLOOR = "true depth"
 MEASURES = {  # column: name, direction, unit

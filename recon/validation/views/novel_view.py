@@ -22,10 +22,10 @@ from recon.capture.rectify import Rectification, rectify_left, undistort
 from recon.cloud import CloudParameters, cloud_from_disparity, crop_cloud
 from recon.fusion import FUSIONS
 from recon.geometry.mesh import Mesh
+from recon.geometry.rig import Camera
 from recon.render.cut import are_all_drawn, cut_before
 from recon.render.rasterise import draw_model
 from recon.render.texture import NO_MIPMAPS, mipmaps
-from recon.rig import Camera
 from recon.studio.truth import MASK, read_depth
 from recon.surface import SurfaceParameters
 from recon.surface.outlines import read_sights, with_outlines

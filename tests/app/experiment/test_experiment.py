@@ -24,9 +24,9 @@ from app.experiment.results import Results, order_text
 from app.experiment.study import people, raters, true_abilities
 from app.intake.reports import Measure
 from app.simulation.rating import LOG_ODDS_OF_SCALE
-from recon.approaches import DEPTH_METHODS, FUSION_METHODS, approaches
 from recon.capture.format import read_capture
-from recon.workers import no_progress
+from recon.execution.workers import no_progress
+from recon.methods.approaches import DEPTH_METHODS, FUSION_METHODS, approaches
 from tests.command_line import Command
 
 APPROACHES = [str(approach) for approach in approaches(DEPTH_METHODS, FUSION_METHODS)]

@@ -20,7 +20,7 @@ from recon.capture.masks.segment import segment_capture
 from recon.capture.rectify import rectify_left
 from recon.cloud import cloud_from_disparity
 from recon.geometry.mesh import Cloud
-from recon.rig import Camera
+from recon.geometry.rig import Camera
 from recon.storage.files import read_json, write_json
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH

@@ -27,7 +27,7 @@ from recon.capture.format import (
     read_plates,
     write_capture,
 )
-from recon.rig import Camera
+from recon.geometry.rig import Camera
 from tests.recon.capture.calibration.board_geometry import SIZE, board_camera, record_board
 
 Content = dict[str, Any]

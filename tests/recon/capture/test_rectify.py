@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from recon.capture.importing.middlebury import import_middlebury
 from recon.capture.rectify import Rectification, rectify, rectify_images, rectify_masks, viewing_directions
-from recon.rig import Camera, Sensor, bounds_corners, look_at, rigid
+from recon.geometry.rig import Camera, Sensor, bounds_corners, look_at, rigid
 from tests.recon.capture.calibration.board_geometry import board_texture, board_view
 
 SIZE = (320, 240)

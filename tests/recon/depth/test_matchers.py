@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from recon.approaches import DEPTH_METHODS
 from recon.depth import MATCHERS, Matcher, StereoPair
+from recon.methods.approaches import DEPTH_METHODS
 
 every_matcher = pytest.mark.parametrize("matcher", MATCHERS.values(), ids=MATCHERS.keys())
 # the semi-global baseline breaks ties to the same end in both views, which then agree where nothing is known

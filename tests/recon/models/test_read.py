@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from recon.geometry.normals import surface_normals
+from recon.geometry.rig import Y_FROM
 from recon.models.read import Placement, read_model
-from recon.rig import Y_FROM
 from tests.recon.models.model_files import (
     BLUE,
     GREEN,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from recon.approaches import approaches, levels_of, parse_approach
+from recon.methods.approaches import approaches, levels_of, parse_approach
 from recon.pipeline.manifest import Stimulus, write_manifest
 from recon.storage.files import read_json
 

@@ -15,17 +15,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from recon.approaches import parse_approach
 from recon.capture.format import Capture, read_capture
 from recon.depth import DEFAULTS
 from recon.depth.cvf import DrParameters
 from recon.depth.disparity_io import read_disparity
 from recon.depth.patchmatch import PmParameters
+from recon.execution.programs import ProgramError
+from recon.methods.approaches import parse_approach
 from recon.pipeline.job import ReconstructOptions, planned_job
 from recon.pipeline.methods import Methods, OurDepth, OurFusion, depth_key, read_methods
 from recon.pipeline.reconstruct import match_files, reconstruct
 from recon.pipeline.stages import filter_sequence, match_frame
-from recon.programs import ProgramError
 from recon.storage.files import read_json
 from recon.studio import SynthParameters, synthesise
 from tests.command_line import Command

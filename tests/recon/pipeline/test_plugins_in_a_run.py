@@ -16,8 +16,8 @@ import pytest
 from recon.capture.format import Capture
 from recon.depth import StereoPair
 from recon.geometry.mesh import Mesh
+from recon.methods.plugins import PluginError
 from recon.pipeline.methods import Methods, fuse, match, read_methods
-from recon.plugins import PluginError
 from recon.storage.files import read_json
 from recon.studio import SynthParameters, synthesise
 from recon.surface import SurfaceParameters

@@ -22,6 +22,7 @@ from app.intake.models import read_models
 from recon.capture.format import Capture
 from recon.capture.images import read_image
 from recon.cli.options import parse_frames, parse_loops
+from recon.execution.workers import ThisProcess
 from recon.export_models import write_models
 from recon.geometry.mesh_files import read_mesh
 from recon.pipeline.film import Film, RenderOptions, make_part, make_path, shown_frames
@@ -41,7 +42,6 @@ from recon.studio.truth import MESH
 from recon.surface import SurfaceParameters
 from recon.validation.clouds import read_shape
 from recon.validation.truth.evaluation import signed_distances_to
-from recon.workers import ThisProcess
 from tests.command_line import Command, command_line
 
 WHOLE_WAY = """

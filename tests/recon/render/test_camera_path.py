@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from recon.geometry.rig import Camera, Rig, Sensor, bounds_corners, look_at
 from recon.render.camera_path import PathParameters, camera_path
-from recon.rig import Camera, Rig, Sensor, bounds_corners, look_at
 
 BOUNDS = np.array([[-400.0, 0.0, -300.0], [400.0, 1800.0, 300.0]])
 CENTRE = BOUNDS.mean(axis=0)

@@ -11,6 +11,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Mesh, Texture
+from recon.geometry.rig import Camera, Rig, Sensor, look_at
 from recon.render import offscreen
 from recon.render.backdrop import backdrop, floor_shade
 from recon.render.camera_path import camera_path
@@ -25,7 +26,6 @@ from recon.render.frames import (
 from recon.render.light import lit, lit_mesh
 from recon.render.offscreen import NoRendererError, working_platform
 from recon.render.scene import BACKGROUNDS, Scene, Shot, floor_grid, floor_reach, scene_around
-from recon.rig import Camera, Rig, Sensor, look_at
 
 BOUNDS = np.array([[-300.0, 0.0, -300.0], [300.0, 600.0, 300.0]])
 CENTRE = BOUNDS.mean(axis=0)

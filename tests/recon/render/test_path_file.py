@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from recon.geometry.rig import Camera, look_at
 from recon.render.path_file import read_path, write_path
-from recon.rig import Camera, look_at
 
 SIZE = (96, 54)
 K = np.array([[50.0, 0, 47.5], [0, 50.0, 26.5], [0, 0, 1]])

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Cloud, Mesh, Splats
+from recon.geometry.rig import Camera, look_at
 from recon.render.backdrop import floor_shade
 from recon.render.frames import RENDERERS, render_frames
 from recon.render.heights import disc_heights
@@ -16,7 +17,6 @@ from recon.render.light import lit_mesh, lit_splats
 from recon.render.rasterise import SAMPLE_X, SAMPLE_Y, SUBPIXELS
 from recon.render.scene import BACKGROUNDS, scene_around
 from recon.render.splats import LEAST_RADIUS, draw_discs
-from recon.rig import Camera, look_at
 from tests.recon.render.test_frames import BOUNDS, CENTRE, ball, cameras, need_opengl
 
 SAMPLES = np.stack([SAMPLE_X, SAMPLE_Y], axis=1) / SUBPIXELS

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Mesh, Texture
+from recon.geometry.rig import Camera, look_at
 from recon.render.frames import RENDERERS, render_frames
 from recon.render.rasterise import draw_model
 from recon.render.scene import BACKGROUNDS, scene_around
 from recon.render.texture import LARGEST_SIDE, drawable, mipmaps
-from recon.rig import Camera, look_at
 from tests.recon.render.test_frames import BOUNDS, CENTRE, ball, cameras, need_opengl, picture, uniform
 
 FOCAL, DISTANCE = 1000.0, 2000.0

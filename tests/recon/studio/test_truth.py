@@ -16,7 +16,7 @@ from recon.capture.checking.matches import epipolar_errors, match_pictures
 from recon.capture.format import Capture, CaptureError, read_capture, read_frame, read_held_out, read_plates
 from recon.geometry.mesh import Mesh
 from recon.geometry.mesh_files import read_mesh
-from recon.rig import Camera, Sensor, look_at
+from recon.geometry.rig import Camera, Sensor, look_at
 from recon.storage.files import read_json, write_json
 from recon.studio import SynthParameters, synthesise
 from recon.studio.actors.atlas import lay_out

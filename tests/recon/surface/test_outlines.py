@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from recon.geometry.mesh import Cloud, Mesh, merge_meshes
-from recon.rig import Camera, look_at
+from recon.geometry.rig import Camera, look_at
 from recon.surface.components import component_labels
 from recon.surface.holes import rim_edges
 from recon.surface.outlines import (

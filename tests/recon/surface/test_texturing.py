@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from recon.geometry.mesh import Mesh, merge_meshes
 from recon.geometry.normals import surface_normals
-from recon.rig import Camera, look_at
+from recon.geometry.rig import Camera, look_at
 from recon.surface.photographs import Photograph, compare_exposures, exposed, prepare, qualities
 from recon.surface.texturing import textured
 from recon.validation.views.image_quality import psnr

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.format import CameraStream, Capture, SensorStream, image_path, write_capture
-from recon.rig import Camera, look_at
+from recon.geometry.rig import Camera, look_at
 
 SIZE = (160, 120)
 TEXELS = 200  # of the board, 1 mm each

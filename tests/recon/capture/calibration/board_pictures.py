@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from recon.capture.calibration.board import Board, Corners
-from recon.rig import Camera, Rig, Sensor, look_at, rigid
+from recon.geometry.rig import Camera, Rig, Sensor, look_at, rigid
 
 PIXELS_PER_MM = 2.0
 SUPERSAMPLING = 2

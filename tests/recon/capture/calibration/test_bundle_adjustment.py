@@ -19,7 +19,7 @@ from recon.capture.calibration.bundle_adjustment import (
     _moved_camera,
     adjusted,
 )
-from recon.rig import Camera, rigid
+from recon.geometry.rig import Camera, rigid
 from tests.recon.capture.calibration.board_pictures import board_pose, project, studio_rig
 
 BOARD = parse_board("chessboard:6x5:90")

@@ -18,7 +18,7 @@ from recon.capture.calibration.board import Board, Corners, parse_board
 from recon.capture.calibration.run import calibrate_folders
 from recon.capture.calibration.solve import calibrate_camera, calibrate_pair, calibrate_rig
 from recon.capture.images import CaptureError, read_video_frame
-from recon.rig import Rig
+from recon.geometry.rig import Rig
 from tests.command_line import Command
 from tests.recon.capture.calibration.board_pictures import (
     board_picture,

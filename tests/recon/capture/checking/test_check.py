@@ -13,7 +13,7 @@ from recon.capture.checking.consistency import Shared, compared
 from recon.capture.checking.diagnosis import MIN_MATCHES
 from recon.capture.checking.matches import Matches, epipolar_errors
 from recon.capture.format import Capture, image_path, read_frame, write_capture
-from recon.rig import rigid
+from recon.geometry.rig import rigid
 from recon.studio import SynthParameters, synthesise
 from tests.command_line import Command
 from tests.recon.capture.calibration.board_geometry import SIZE, record_board

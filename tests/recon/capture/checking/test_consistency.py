@@ -19,7 +19,7 @@ from recon.capture.checking.consistency import (
     with_focal,
 )
 from recon.capture.checking.matches import Matches
-from recon.rig import Camera, Sensor, look_at, rigid
+from recon.geometry.rig import Camera, Sensor, look_at, rigid
 
 SIZE = (1280, 720)
 TOLERANCE_MM = 6.0

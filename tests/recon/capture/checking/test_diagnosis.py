@@ -14,7 +14,7 @@ from recon.capture.checking.consistency import triangulated
 from recon.capture.checking.diagnosis import diagnose
 from recon.capture.checking.matches import Matches, epipolar_errors
 from recon.capture.format import Capture, write_capture
-from recon.rig import Camera, Sensor, look_at, rigid
+from recon.geometry.rig import Camera, Sensor, look_at, rigid
 
 SIZE = (1280, 720)
 

@@ -29,8 +29,8 @@ from recon.capture.importing.nerfstudio import import_nerfstudio
 from recon.capture.importing.sources import ImportOptions
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import read_points
+from recon.geometry.rig import Camera, look_at
 from recon.render.path_file import write_path
-from recon.rig import Camera, look_at
 from recon.storage.files import read_json
 from recon.studio import SynthParameters, synthesise
 

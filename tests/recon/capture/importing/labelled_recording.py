@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from recon.capture.format import Capture
 from recon.capture.importing.opencv import import_opencv, write_calibration
 from recon.capture.importing.sources import ImportOptions
-from recon.rig import Camera, Rig, Sensor, look_at
+from recon.geometry.rig import Camera, Rig, Sensor, look_at
 
 SIZE = (320, 240)
 BOUNDS = np.array([[-500.0, -500, -500], [500, 500, 500]])

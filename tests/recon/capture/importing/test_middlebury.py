@@ -10,7 +10,7 @@ import pytest
 from recon.capture.checking.check import check_capture
 from recon.capture.format import CaptureError, read_capture, read_frame, read_held_out
 from recon.capture.importing.middlebury import import_middlebury
-from recon.rig import bounds_corners, look_at
+from recon.geometry.rig import bounds_corners, look_at
 from tests.command_line import Command
 
 SIZE = (40, 30)

@@ -11,7 +11,7 @@ import pytest
 
 from recon.capture.format import CaptureError, read_frame
 from recon.capture.importing.opencv import import_opencv, write_calibration
-from recon.rig import Rig
+from recon.geometry.rig import Rig
 from tests.recon.capture.importing.labelled_recording import (
     OPTIONS,
     POINTS,

@@ -14,7 +14,7 @@ from recon.capture.importing.json_file import import_json
 from recon.capture.importing.opencv import import_opencv, write_calibration
 from recon.capture.importing.sources import GapWarning, ImportOptions
 from recon.capture.pictures import find_pictures
-from recon.rig import Rig
+from recon.geometry.rig import Rig
 from tests.command_line import Command
 from tests.recon.capture.importing.labelled_recording import (
     OPTIONS,

@@ -20,7 +20,7 @@ from recon.capture.importing.colmap_model import read_model
 from recon.capture.importing.meshroom import import_meshroom
 from recon.capture.importing.nerfstudio import import_nerfstudio
 from recon.capture.importing.sources import ImportOptions
-from recon.rig import Camera, look_at
+from recon.geometry.rig import Camera, look_at
 
 SIZE = (320, 240)
 BOUNDS = np.array([[-500.0, -500, -500], [500, 500, 500]])

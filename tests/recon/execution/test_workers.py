@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from recon.workers import LOSSES, LocalProcesses, open_pool
+from recon.execution.workers import LOSSES, LocalProcesses, open_pool
 from tests.processes import kill, until_ended
 
 TASKS = [partial(math.factorial, n) for n in range(6)]
@@ -76,7 +76,7 @@ PROGRAM = """
 import cv2
 import numba  # before the workers are told of their threads: they load this program, too
 from functools import partial
-from recon.workers import open_pool
+from recon.execution.workers import open_pool
 @numba.njit  # numba reads its environment again when it compiles
 def double(number):
     return 2 * number
@@ -103,7 +103,7 @@ import time
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
-from recon.workers import open_pool
+from recon.execution.workers import open_pool
 def wait(folder, number):
     (folder / str(number)).write_text(str(os.getpid()))
     time.sleep(60)

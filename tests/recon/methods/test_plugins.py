@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from recon.plugins import DEPTH_GROUP, Plugin, PluginError, PluginWarning, registered
+from recon.methods.plugins import DEPTH_GROUP, Plugin, PluginError, PluginWarning, registered
 from tests.installed_package import install
 
 FLAT = Plugin("flat", "theirs:match", "theirs", "1.0")

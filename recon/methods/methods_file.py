@@ -14,8 +14,8 @@ from pathlib import Path
 from sys import float_info
 from typing import Any, TypeVar, get_type_hints
 
-from recon.approaches import check_method_name
-from recon.programs import Program
+from recon.execution.programs import Program
+from recon.methods.approaches import check_method_name
 
 Built = TypeVar("Built")
 AProgram = TypeVar("AProgram", bound=Program)

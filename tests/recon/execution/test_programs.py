@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import pytest
 
-from recon.programs import Program, ProgramError
+from recon.execution.programs import Program, ProgramError
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def test_a_program_ends_with_the_process_that_runs_it_however_that_ends(tmp_path
     program = (
         "import time; told = open('told', 'w'); print('on', file=told, flush=True); time.sleep(20); print(file=told)"
     )
-    runner = "from tests.recon.test_programs import Joining; from pathlib import Path; import signal, sys\n"
+    runner = "from tests.recon.execution.test_programs import Joining; from pathlib import Path; import signal, sys\n"
     runner += "signal.signal(signal.SIGHUP, signal.SIG_DFL)  # which nohup ignores\n"
     runner += "Joining(sys.argv[1], 'txt').run({}, Path(sys.argv[2]))"
     shell = shlex.join(["sh", "-c", f"{shlex.join([sys.executable, '-c', program])} & wait"])  # and what it started

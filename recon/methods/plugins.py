@@ -20,7 +20,7 @@ from inspect import Parameter, signature
 from pathlib import Path
 from typing import Any
 
-from recon.approaches import check_method_name
+from recon.methods.approaches import check_method_name
 
 DEPTH_GROUP, FUSION_GROUP, MEASURES_GROUP = "reconstudy.depth", "reconstudy.fusion", "reconstudy.measures"
 

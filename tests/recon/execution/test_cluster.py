@@ -16,6 +16,7 @@ from distributed import LocalCluster
 from s3fs import S3FileSystem
 
 from recon.cli.console import ProgressLine
+from recon.execution.workers import RETRIES, open_pool
 from recon.pipeline.film import RenderOptions
 from recon.pipeline.job import ReconstructOptions
 from recon.pipeline.reconstruct import reconstruct
@@ -24,7 +25,6 @@ from recon.pipeline.run import LOG_FILE
 from recon.storage.artefacts import file_digest
 from recon.storage.remote import place
 from recon.studio import SynthParameters, synthesise
-from recon.workers import RETRIES, open_pool
 from tests.command_line import Command
 from tests.object_store import BUCKET, object_store
 
@@ -165,7 +165,7 @@ def test_a_task_that_fails_is_tried_again_unless_its_input_is_wrong(cluster: Loc
 
 
 def test_an_address_where_no_scheduler_is_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("recon.workers.CONNECT_S", 1)
+    monkeypatch.setattr("recon.execution.workers.CONNECT_S", 1)
     with (
         pytest.raises(ValueError, match=r"no Dask scheduler answers at 'tcp://127.0.0.1:9'"),
         open_pool(cluster="tcp://127.0.0.1:9"),
@@ -174,7 +174,7 @@ def test_an_address_where_no_scheduler_is_is_named(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_scheduler_without_workers_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("recon.workers.CONNECT_S", 1)
+    monkeypatch.setattr("recon.execution.workers.CONNECT_S", 1)
     with (
         LocalCluster(n_workers=0, dashboard_address=":0", silence_logs=50) as empty,
         pytest.raises(ValueError, match="has no worker after 1 s; start some with `dask worker"),

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from recon.rig import Camera, Rig, Sensor, bounds_corners, look_at, rigid
+from recon.geometry.rig import Camera, Rig, Sensor, bounds_corners, look_at, rigid
 
 K = np.array([[500.0, 0.3, 319.5], [0.0, 510.0, 239.5], [0.0, 0.0, 1.0]])
 

@@ -1,0 +1,1 @@
+"""Where work runs: workers of our own, programs of others."""
