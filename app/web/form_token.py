@@ -45,7 +45,7 @@ def is_own_form(request: Request, form_token: str) -> bool:
     return bool(known) and compare_digest(form_token.encode(), known.encode())
 
 
-def own_form(request: Request, form_token: Annotated[str, Form(max_length=100)] = "") -> None:
+def own_form(request: Request, form_token: Annotated[Any, Form()] = "") -> None:
     """Refuse a form that no page of ours in this browser sent."""
-    if not is_own_form(request, form_token):
+    if not is_own_form(request, str(form_token)):
         raise ForbiddenError("This form is out of date. Load the page again, then repeat what you entered.")

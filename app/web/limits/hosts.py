@@ -48,7 +48,8 @@ class KnownHosts:
         if self.public is not None:
             others = [header for header in scope["headers"] if header[0] != b"host"]
             host = (b"host", self.public.netloc.encode())
-            scope = {**scope, "scheme": self.public.scheme, "headers": [host, *others]}
+            # Changed in place, as what stands around this one, the log and the metrics, reads the route from it.
+            scope.update(scheme=self.public.scheme, headers=[host, *others])
         await self.app(scope, receive, send)
 
 
