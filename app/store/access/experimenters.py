@@ -220,6 +220,15 @@ def end_all_sessions(connection: Connection, experimenter_id: int) -> int:
     return connection.execute(delete(experimenter_session).where(theirs)).rowcount
 
 
+def end_other_sessions(connection: Connection, experimenter_id: int, form_token: str) -> None:
+    """Sign a person out everywhere but in the session whose forms carry a token."""
+    others = (
+        experimenter_session.c.experimenter_id == experimenter_id,
+        experimenter_session.c.form_token != form_token,
+    )
+    connection.execute(delete(experimenter_session).where(*others))
+
+
 def all_experimenters(connection: Connection) -> list[Experimenter]:
     rows = connection.execute(
         select(experimenter).where(experimenter.c.name != UNNAMED).order_by(func.lower(experimenter.c.name))

@@ -16,6 +16,7 @@ from limits.strategies import MovingWindowRateLimiter
 from app.errors import TooManyError
 
 SIGN_INS = RateLimitItemPerMinute(10)  # per address
+SECOND_FACTORS = RateLimitItemPerHour(10)  # per account: whoever comes to them knows its password
 SIGN_INS_AS = RateLimitItemPerMinute(5)  # per address and name
 WRONG_CODES = RateLimitItemPerMinute(30)  # per address: unknown invitations and resume codes
 SENT_PIECES = RateLimitItemPerHour(512)  # per session: 16 MiB of large bodies; a whole study sends less than 2
@@ -46,6 +47,10 @@ class Throttle:
         """
         if not self.limiter.hit(limit, *key, cost=cost):
             self._refuse(limit, *key)
+
+    def forget(self, limit: RateLimitItem, *key: str) -> None:
+        """Forget what was counted, as it turned out to be harmless."""
+        self.limiter.clear(limit, *key)
 
     def check(self, limit: RateLimitItem, *key: str) -> None:
         """Refuse a client that is over the limit, without counting.

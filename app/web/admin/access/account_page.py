@@ -11,6 +11,7 @@ from app.errors import ConflictError, InvalidError, NotFoundError
 from app.store.access.experimenters import (
     begin_experimenter_session,
     end_all_sessions,
+    end_other_sessions,
     end_session,
     open_session,
     password_of,
@@ -90,9 +91,11 @@ def set_up_second_factor(actor: Myself, person: Person, database: Store) -> Resp
 
 
 @router.post("/second-factor/confirm")
-def turn_on_second_factor(request: Request, actor: Myself, person: Person, database: Store, code: Code) -> Response:
-    """Ask for the second factor from now on, and show the recovery codes, once."""
-    throttle(request).count(SIGN_INS_AS, address(request), actor.name.lower())
+def turn_on_second_factor(
+    request: Request, actor: Myself, person: Person, database: Store, code: Code, current: Password = ""
+) -> Response:
+    """Ask for the second factor from now on, which takes the password; show the recovery codes, once."""
+    _check_current(request, database, actor, current)
     with database.writing() as connection:
         factor = second_factor_of(connection, actor.id)
         if factor is None or factor.since is not None:
@@ -100,6 +103,7 @@ def turn_on_second_factor(request: Request, actor: Myself, person: Person, datab
         if not is_code(connection, actor.id, factor.secret, code, actor.now):
             raise InvalidError("This is not the code of now. Check the clock of your telephone, and type the next one.")
         codes = confirm_second_factor(connection, actor.id, actor.now)
+        end_other_sessions(connection, actor.id, request.state.form_token)
         actor.note(connection, "second factor turned on")
     return page(request, "recovery_codes", person, {"codes": codes})
 
@@ -113,6 +117,7 @@ def turn_off_second_factor(request: Request, actor: Myself, database: Store, cur
         _check_current(request, database, actor, current)
     with database.writing() as connection:
         end_second_factor(connection, actor.id)
+        end_other_sessions(connection, actor.id, request.state.form_token)
         actor.note(connection, "second factor turned off")
     return see("/admin/account#second-factor")
 

@@ -27,7 +27,7 @@ from app.web.admin.access.second_factor import is_let_in
 from app.web.admin.layout import see
 from app.web.form_token import own_form, page_with_form
 from app.web.gates import Now, Store, address, cookie, throttle
-from app.web.limits.throttle import SIGN_INS, SIGN_INS_AS
+from app.web.limits.throttle import SECOND_FACTORS, SIGN_INS, SIGN_INS_AS
 from app.web.roles import EXPERIMENTER_COOKIE, Myself, signed_in_person
 
 Secret = Annotated[str, Path(max_length=100)]
@@ -131,18 +131,21 @@ def sign_in(
     throttle(request).count(SIGN_INS_AS, address(request), name.strip().lower())  # a stranger locks out nobody else
     with database.reading() as connection:
         known = password_of(connection, name.strip())
-    token = None
+    token, refused = None, "sign-in refused"
     if is_password(password, known[1] if known else None) and known is not None:
+        throttle(request).count(SECOND_FACTORS, str(known[0]))
+        refused = "second factor refused"
         with database.writing() as connection:
             if is_let_in(connection, known[0], code, now):
                 token = begin_experimenter_session(connection, known[0], now, browser_of(request))
                 record(connection, name.strip(), Entry("signed in", detail={"by": "password"}), now)
-    if token is None:
-        record_alone(database, STRANGER, Entry("sign-in refused", subject=name.strip(), detail={"by": "password"}), now)
+    if token is None or known is None:
+        record_alone(database, STRANGER, Entry(refused, subject=name.strip(), detail={"by": "password"}), now)
         raise UnauthorisedError(
             "Name and password do not belong together, or the code of the authenticator app is missing or was used "
             "before. Please try again."
         )
+    throttle(request).forget(SECOND_FACTORS, str(known[0]))
     return signed_in(request, token, to if to.startswith("/admin/") else "/admin")
 
 

@@ -67,9 +67,12 @@ def test_a_second_factor_is_asked_for_until_it_is_turned_off(
         away.enter("/admin/sign-in", name="Tess", password=PASSWORD)
         assert away.get("/admin").status_code == 200  # it is not confirmed yet
         totp = pyotp.TOTP(secret)
-        assert tess.act("/admin/account/second-factor/confirm", code="000000").status_code == 422
+        confirm = "/admin/account/second-factor/confirm"
+        assert tess.act(confirm, code="000000", current=PASSWORD).status_code == 422
         step = totp.timecode(datetime.now(UTC))
-        shown = tess.act("/admin/account/second-factor/confirm", code=totp.generate_otp(step)).text
+        assert tess.act(confirm, code=totp.generate_otp(step), current="wrong").status_code == 422
+        shown = tess.act(confirm, code=totp.generate_otp(step), current=PASSWORD).text
+        assert away.get("/admin").status_code == 401  # other sessions have ended
         codes = re.findall(r"<code>((?:[a-z0-9]{6} ?){4})</code>", shown)
         assert len(set(codes)) == 10
         assert secret not in tess.get("/admin/account").text
@@ -84,12 +87,37 @@ def test_a_second_factor_is_asked_for_until_it_is_turned_off(
     assert may_enter(totp.generate_otp(step + 1))
     assert may_enter(codes[0].upper())
     assert not may_enter(codes[0])
-    with Dashboard(small_server) as tess:
+    with Dashboard(small_server) as tess, Dashboard(small_server) as away:
         tess.enter("/admin/sign-in", name="Tess", password=PASSWORD, code=codes[1])
-        assert "8 recovery codes are left" in tess.get("/admin/account").text
+        away.enter("/admin/sign-in", name="Tess", password=PASSWORD, code=codes[2])
+        assert "7 recovery codes are left" in tess.get("/admin/account").text
         assert tess.act("/admin/account/second-factor/end", current="wrong").status_code == 422
         assert tess.act("/admin/account/second-factor/end", current=PASSWORD).status_code == 200
+        assert [each.get("/admin").status_code for each in (tess, away)] == [200, 401]
     assert may_enter("")
+
+
+def test_codes_after_a_right_password_are_tried_a_few_times_only_from_all_addresses_together(
+    small_server: str, small: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    addresses = count()
+    for module in (sign_in_page, account_page):
+        monkeypatch.setattr(module, "address", lambda _request: f"guesser {next(addresses)}")
+    with signed_in(small_server, small, "Uma") as uma:
+        uma.act("/admin/account/password", password=PASSWORD, again=PASSWORD)
+        secret = re.findall(r"<code>([A-Z2-7]{32})</code>", uma.act("/admin/account/second-factor").text)[0]
+        totp = pyotp.TOTP(secret)
+        step = totp.timecode(datetime.now(UTC))
+        uma.act("/admin/account/second-factor/confirm", code=totp.generate_otp(step), current=PASSWORD)
+    with Dashboard(small_server) as guesser:
+        entry = {"name": "Uma", "password": PASSWORD}
+        assert guesser.enter("/admin/sign-in", **entry, code=totp.generate_otp(step + 1)).status_code == 200
+    with Dashboard(small_server) as guesser:
+        wrong = [guesser.enter("/admin/sign-in", **entry, code="000000").status_code for _ in range(11)]
+        assert wrong == [*[401] * 10, 429]
+        assert guesser.enter("/admin/sign-in", name="Uma", password="wrong").status_code == 401
+    with signed_in(small_server, small, "Olaf Owner", "owner") as owner:
+        assert owner.get("/admin/audit").text.count("second factor refused") == 10
 
 
 def test_where_a_second_factor_is_required_who_has_none_sees_their_account_alone(tmp_path: Path) -> None:
@@ -102,5 +130,8 @@ def test_where_a_second_factor_is_required_who_has_none_sees_their_account_alone
         assert ada.get("/api/v1/studies").status_code == 403
         ada.act("/admin/account/password", password=PASSWORD, again=PASSWORD)
         secret = re.findall(r"<code>([A-Z2-7]{32})</code>", ada.act("/admin/account/second-factor").text)[0]
-        assert ada.act("/admin/account/second-factor/confirm", code=pyotp.TOTP(secret).now()).status_code == 200
+        assert (
+            ada.act("/admin/account/second-factor/confirm", code=pyotp.TOTP(secret).now(), current=PASSWORD).status_code
+            == 200
+        )
         assert ada.get("/admin/users").status_code == 200
