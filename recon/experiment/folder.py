@@ -16,7 +16,7 @@ from recon.storage.artefacts import Artefacts, code_version
 from recon.validation.page import REPORT
 
 SEED = 1
-MEASURING = ("validation", "render", "surface", "cloud.py", "fusion", "geometry", "rig.py")
+MEASURING = ("validation", "render", "surface", "cloud.py", "fusion", "geometry")
 Artefact = tuple[Path, str]  # a run, and the name of a file in it
 
 

@@ -18,7 +18,7 @@ from recon.storage.artefacts import Artefacts, code_version
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth_models import TRUTH, write_truth_models
 
-RECORDING = ("capture", "studio", "rig.py", "geometry")
+RECORDING = ("capture", "studio", "geometry")
 
 
 def record(experiment: Experiment, name: str, parameters: SynthParameters, progress: Progress) -> None:

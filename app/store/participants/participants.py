@@ -268,7 +268,10 @@ def exclude(connection: Connection, person: Person, reason: str, by: str, now: d
     ------
     ConflictError
         If they are left out already.
+    InvalidError
+        If they were erased.
     """
+    check_not_erased(connection, person.id)
     values = {"participant_id": person.id, "reason": reason, "excluded_by": by, "excluded_at": now}
     if not insert_or_ignore(connection, exclusion, [values], exclusion.c.id):
         raise ConflictError(f"{person.label} is excluded already.")

@@ -30,6 +30,8 @@ from app.study.options.options import parse_options
 from app.study.options.privacy import forgets_at
 from app.study.stages import ENDS, TIMED_OUT
 
+ERASED = "erased"  # in the place of a reason
+EXCLUDED = "participant excluded"  # as the audit log calls it, of which older entries hold the reason
 # Their rows say that somebody came and what was shown, nothing about the person.
 KEPT_AT_ERASURE = (participant, session, assignment, trial, exclusion)
 
@@ -37,7 +39,8 @@ KEPT_AT_ERASURE = (participant, session, assignment, trial, exclusion)
 def erase(connection: Connection, person: Person, now: datetime) -> None:
     """Delete a participant's votes, answers and screening for good. Label and slot stay, so that orders balance.
 
-    The label of an invitation that let in this participant alone may name the person, and goes too.
+    That they were excluded stays too, without the reason, which may tell of the person. The label of an invitation
+    that let in this participant alone may name them, and goes.
 
     Raises
     ------
@@ -51,6 +54,7 @@ def erase(connection: Connection, person: Person, now: datetime) -> None:
     withdraw_participant(connection, person, now)
     _delete_given(connection, [person.id], KEPT_AT_ERASURE)
     _end_access(connection, [person.id])
+    _take_reasons(connection, [person.id])
     sessions = select(session.c.id).where(session.c.participant_id == person.id)
     connection.execute(update(trial).where(trial.c.session_id.in_(sessions)).values(void_viewing=None))
     by_name = select(participant.c.invitation_id).where(participant.c.id == person.id).scalar_subquery()
@@ -70,7 +74,8 @@ def studies_to_forget(connection: Connection, now: datetime) -> list[Study]:
 def forget_people(connection: Connection, study_id: int, now: datetime) -> None:
     """Delete all that a study's participants gave but their votes, and what leads from the votes to a person.
 
-    Answers, screening, notes and tags, outside ids and names on invitations go; labels, votes and exclusions stay.
+    Answers, screening, notes and tags, outside ids, names on invitations and reasons of exclusions go; labels, votes
+    and that somebody is excluded stay.
     Nobody's link or code leads to a session any more.
 
     Parameters
@@ -82,6 +87,7 @@ def forget_people(connection: Connection, study_id: int, now: datetime) -> None:
     people = select(participant.c.id).where(participant.c.study_id == study_id)
     _delete_given(connection, people, (*KEPT_AT_ERASURE, vote))
     _end_access(connection, people)
+    _take_reasons(connection, people)
     is_open = (session.c.participant_id.in_(people), session.c.stage.not_in(ENDS))
     connection.execute(update(session).where(*is_open).values(stage=TIMED_OUT))
     connection.execute(update(invitation).where(invitation.c.study_id == study_id).values(label=""))
@@ -125,6 +131,15 @@ def _delete_given(connection: Connection, people: People, kept: Collection[Any] 
     for table in reversed(metadata.sorted_tables):
         if table not in kept and (belongs := rows_of_people(table, people)) is not None:
             connection.execute(delete(table).where(belongs))
+
+
+def _take_reasons(connection: Connection, people: People) -> None:
+    """Delete why people were excluded, also from entries of the audit log that say so."""
+    connection.execute(update(exclusion).where(exclusion.c.participant_id.in_(people)).values(reason=ERASED))
+    studies_labels = select(participant.c.study_id, participant.c.label).where(participant.c.id.in_(people))
+    for study_id, label in connection.execute(studies_labels).all():
+        theirs = (audit_entry.c.study_id == study_id, audit_entry.c.subject == label, audit_entry.c.action == EXCLUDED)
+        connection.execute(update(audit_entry).where(*theirs).values(detail={}))
 
 
 def _end_access(connection: Connection, people: People) -> None:

@@ -227,7 +227,7 @@ def exclude_participant(
         held = _exclusion_of(connection, person.id)
         if held is None or held["reason"] != body.reason:
             exclude(connection, person, body.reason, actor.name, actor.now)
-            actor.note(connection, "participant excluded", study, label, reason=body.reason)
+            actor.note(connection, "participant excluded", study, label)
             held = _exclusion_of(connection, person.id)
     assert held is not None, "it was just inserted"
     shown = {name: held[name] for name in ("reason", "excluded_by")}

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from recon.experiment.folder import MEASURING
+from recon.experiment.scenes import RECORDING
 from recon.storage.artefacts import Artefacts, code_version, file_digest
 
 
@@ -71,4 +73,9 @@ def test_the_order_of_a_keys_entries_does_not_matter(tmp_path: Path) -> None:
 
 
 def test_the_code_version_tells_modules_apart() -> None:
-    assert code_version("depth") != code_version("rig.py")
+    assert code_version("depth") != code_version("cloud.py")
+
+
+@pytest.mark.parametrize("sources", [RECORDING, MEASURING])
+def test_the_modules_that_the_experiments_results_depend_on_are_there(sources: tuple[str, ...]) -> None:
+    assert code_version(*sources)

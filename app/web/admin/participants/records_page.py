@@ -154,7 +154,7 @@ def enter_screening_result(
 def exclude_participant(actor: Acting, study: AStudy, label: Label, reason: Reason, database: Store) -> Response:
     with database.writing() as connection:
         exclude(connection, participant_labelled(connection, study.id, label), reason, actor.name, actor.now)
-        actor.note(connection, "participant excluded", study, label, reason=reason)
+        actor.note(connection, "participant excluded", study, label)  # the reason stands where an erasure takes it
     return see(_address(study, label))
 
 

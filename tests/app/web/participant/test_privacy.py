@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import html
 import json
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from datetime import timedelta
@@ -21,11 +22,13 @@ from app.operations.studies import manage
 from app.operations.studies.create import create_study
 from app.operations.upkeep.backup import back_up, restore
 from app.operations.upkeep.erasure import LIST, enforce_retention
-from app.operations.upkeep.housekeeping import keep_house
+from app.operations.upkeep.housekeeping import Housekeeper
 from app.settings import Settings
 from app.simulation.participants import next_trial
 from app.store.database.engine import open_database
 from app.store.database.keys import utc_now
+from app.store.studies.audit import Actor
+from app.store.studies.studies import study_by_slug
 from app.study.languages.language_pack import SHIPPED
 from app.study.options.options import parse_options
 from tests.app.tiny_stimuli import APPROACHES
@@ -83,6 +86,29 @@ def take(client: httpx.Client, study: dict[str, Any], vote_body: VoteBody) -> di
     return session
 
 
+def write_of(server: str, settings: Settings, study: dict[str, Any], label: str) -> None:
+    """Let an experimenter write the secret wherever they can write of a participant."""
+    base = f"/admin/studies/{study['slug']}"
+    with signed_in(server, settings, "Wanda Writer", "experimenter") as writer:
+        votes = writer.get(f"{base}/votes", params={"participant": label}).text
+        trial = re.findall(rf'href="{base}/votes/([^"?]+)"', votes)[0]
+        written = {
+            f"{base}/participants/{label}/exclude": {"reason": SECRET},
+            f"{base}/participants/{label}/include": {},
+            f"{base}/votes/{trial}/comment": {"comment": SECRET},
+        }
+        for address, fields in written.items():
+            writer.act(address, **fields).raise_for_status()
+    note_as_before(settings, study["slug"], label)
+
+
+def note_as_before(settings: Settings, slug: str, label: str) -> None:
+    """Note an exclusion as the audit log held it of old, with its reason."""
+    with open_database(settings.url) as database, database.writing() as connection:
+        known = study_by_slug(connection, slug)
+        Actor(0, "Wanda Writer", utc_now()).note(connection, "participant excluded", known, label, reason=SECRET)
+
+
 def holds(settings: Settings, text: str) -> list[str]:
     """The files of the data folder that hold a text."""
     files = [path for path in settings.data_dir.rglob("*") if path.is_file()]
@@ -117,6 +143,7 @@ def test_who_erases_their_data_is_in_no_file_and_in_no_restored_backup(
     client: httpx.Client, settings: Settings, study: dict[str, Any], vote_body: VoteBody, tmp_path: Path
 ) -> None:
     session = take(client, study, vote_body)
+    write_of(str(client.base_url), settings, study, "P001")
     back_up(settings, tmp_path / "before.zip")
     assert holds(settings, SECRET)
     assert client.put("/api/v1/session/erasure", json={"confirmed": False}).status_code == 422
@@ -167,6 +194,7 @@ def test_a_study_forgets_its_people_and_keeps_their_votes_when_its_days_are_over
     client: httpx.Client, settings: Settings, study: dict[str, Any], vote_body: VoteBody, tmp_path: Path
 ) -> None:
     take(client, study, vote_body)
+    write_of(str(client.base_url), settings, study, "P001")
     database = open_database(settings.url)
     soon, later = utc_now() + timedelta(days=29), utc_now() + timedelta(days=31)
     assert enforce_retention(settings, database, later) == []  # it is open
@@ -175,7 +203,12 @@ def test_a_study_forgets_its_people_and_keeps_their_votes_when_its_days_are_over
     assert enforce_retention(settings, database, soon) == []
     with signed_in(str(client.base_url), settings, "Olga") as olga:
         assert "personal data are deleted" in olga.get(f"/admin/studies/{study['slug']}").text
-        keep_house(settings, database, later)  # as the server does
+        hours = iter((0.0, 3600.0, 7200.0))
+        keeper = Housekeeper(settings, database, lambda: next(hours))
+        for now in (soon, later):  # as the server does, whose clock jumps by two days
+            keeper.keep_house(now)
+            assert "personal data are deleted" in olga.get(f"/admin/studies/{study['slug']}").text
+        keeper.keep_house(later + timedelta(hours=1))
         assert "personal data were deleted" in olga.get(f"/admin/studies/{study['slug']}").text
         assert "personal data deleted" in olga.get("/admin/audit").text
     assert enforce_retention(settings, database, later) == []
