@@ -18,6 +18,7 @@ from app.ffmpeg import VIDEO_SUFFIXES, Progress, decode, in_parallel, no_progres
 from app.files import file_digest, read_json, whole_folder, write_json
 from app.intake.merge import NewSet, merge_sets, refuse_used, set_notes
 from app.intake.stimuli import MANIFEST, read_manifest
+from ground.file_models import SCHEMA_KEY, schema_name
 
 CONDITIONS = "conditions.csv"
 MASTER = ".master"  # ends the name of a film's lossless master, before the suffix
@@ -271,6 +272,7 @@ def _manifest(
             if level not in factors.setdefault(factor, []):
                 factors[factor].append(level)
     return {
+        SCHEMA_KEY: schema_name("manifest"),
         "schema_version": 1,
         "name": name,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
