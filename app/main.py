@@ -30,7 +30,7 @@ from app.intake.bounds import end_with_parent
 from app.operations.database import open_store
 from app.operations.jobs.beside_server import worker_beside
 from app.operations.studies.languages import read_languages
-from app.operations.upkeep.housekeeping import EVERY_S, keep_house
+from app.operations.upkeep.housekeeping import EVERY_S, Housekeeper
 from app.settings import Settings
 from app.store.database.engine import Database, open_database
 from app.store.database.keys import utc_now
@@ -65,7 +65,7 @@ from app.web.front import front_routes
 from app.web.gates import check_request_text
 from app.web.limits.connections import GuardedProtocol, open_files
 from app.web.limits.hosts import KnownHosts
-from app.web.limits.throttle import new_throttle
+from app.web.limits.throttle import Throttle
 from app.web.markdown import with_code
 from app.web.monitoring import health
 from app.web.monitoring.metrics import SHARED_FOLDER, Metrics
@@ -139,10 +139,11 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        await run_in_threadpool(keep_house, settings, database, app.state.clock())
+        keeper = Housekeeper(settings, database)
+        await run_in_threadpool(keeper.keep_house, app.state.clock())
         with app.state.votes, app.state.flags:
             async with anyio.create_task_group() as tasks:
-                tasks.start_soon(_keep_house, app)
+                tasks.start_soon(_keep_house, app, keeper)
                 yield
                 tasks.cancel_scope.cancel()
         votes_database.dispose()
@@ -208,14 +209,14 @@ def _set_state(app: FastAPI, settings: Settings, database: Database, writer: Vot
     app.state.metrics = Metrics(lambda: app.state.votes.n_waiting)
     app.state.templates = Jinja2Templates(env=_environment())
     app.state.clock = utc_now
-    app.state.throttle = new_throttle()
+    app.state.throttle = Throttle()
     app.state.is_stopping = False  # live pages end when it is set
 
 
-async def _keep_house(app: FastAPI) -> None:
+async def _keep_house(app: FastAPI, keeper: Housekeeper) -> None:
     while True:
         await anyio.sleep(EVERY_S)
-        await run_in_threadpool(keep_house, app.state.settings, app.state.database, app.state.clock())
+        await run_in_threadpool(keeper.keep_house, app.state.clock())
 
 
 def _add_middleware(app: FastAPI) -> None:

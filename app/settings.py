@@ -35,6 +35,7 @@ class Settings(BaseSettings):
     jobs_device: Literal["cpu", "gpu"] = Field(
         default="cpu", description="where jobs that reconstruct match: cpu or gpu"
     )
+    longest_job_h: float = Field(default=72, gt=0, description="after how many hours a job is ended")
     largest_intake_mb: int = Field(
         default=65536, ge=1, description="limit of an upload to the intake folder, packed and unpacked"
     )

@@ -72,7 +72,7 @@ HOMES = {
     "pyrender": ("recon/",),
     "cv2": ("recon/",),
     "numba": ("recon/",),
-    "imageio_ffmpeg": ("recon/render/encoding/video.py", "recon/validation/films/vmaf.py", "app/ffmpeg.py"),
+    "imageio_ffmpeg": ("recon/render/encoding/video.py", "recon/validation/films/vmaf.py", "app/ffmpeg/"),
 }
 PURE = {"numpy", "pydantic", "pydantic_core", "scipy"}
 PURE_EXCEPTIONS = {

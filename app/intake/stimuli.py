@@ -16,6 +16,7 @@ from pydantic import ConfigDict, Field, ValidationError
 from app.errors import StimuliError
 from app.ffmpeg import Progress, VideoFacts, decode, in_parallel, no_progress
 from app.files import file_digest, read_json_bytes
+from app.intake.treatment import refuse_unready
 from app.study.languages.text import check_text
 from ground.fields import Expected
 from ground.file_models import READS, FilePart, WholeFile, faults_of
@@ -268,7 +269,8 @@ def _check_alike(stimuli: Sequence[Stimulus], manifest: Path) -> None:
         if (shape := _shape(stimulus)) != usual:
             raise StimuliError(
                 f"{manifest}: {stimulus.name} has {shape}, the others of {stimulus.dataset} have {usual}; the stimuli "
-                f"of a dataset must be alike: render {stimulus.name} with {usual}, or leave it out"
+                f"of a dataset must be alike: make {stimulus.name} with {usual}, as `reconstudy stimuli import "
+                "--conform` does, or leave it out"
             )
     if first.width % 2 or first.height % 2:
         raise StimuliError(f"{manifest}: {first.name} is {first.width}x{first.height}, expected even numbers")
@@ -294,6 +296,8 @@ def _check_files(folder: Path, stimulus: Stimulus) -> None:
 
 
 def _check_facts(path: Path, facts: VideoFacts, stimulus: Stimulus) -> None:
+    if facts.look is not None:
+        refuse_unready(path, stimulus.name, facts)
     for fact in ("width", "height", "n_frames"):
         if getattr(facts, fact) != getattr(stimulus, fact):
             raise StimuliError(f"{path}: {fact} is {getattr(facts, fact)}, the manifest says {getattr(stimulus, fact)}")

@@ -5,7 +5,6 @@ The server itself never loads the reconstruction's packages.
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import threading
@@ -16,6 +15,7 @@ from app.errors import InvalidError, UnavailableError
 from app.intake.captures import CameraPictures
 from app.intake.strokes import STROKES_FILE
 from app.operations.extras import has_extra, install_command
+from app.operations.jobs.command import needed_environment
 
 LONGEST_S = 120
 WAITS_S = 60  # for the trial of somebody else
@@ -58,11 +58,16 @@ def try_strokes(folder: Path, camera: CameraPictures, frame: int) -> bytes:
 def _run(folder: Path, camera: CameraPictures, frame: int, out: Path) -> None:
     place = [f"--sensor={camera.sensor}", f"--side={camera.side}", f"--frame={frame}"]
     arguments = ["capture", "mask", str(folder), f"--scribbles={folder / STROKES_FILE}", *place, f"--out={out}"]
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("RECONSTUDY_")}
     command = ["nice", "-n", str(NICENESS), sys.executable, "-m", "app.cli", *arguments]
     try:
         done = subprocess.run(
-            command, capture_output=True, text=True, errors="replace", check=False, timeout=LONGEST_S, env=environment
+            command,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            check=False,
+            timeout=LONGEST_S,
+            env=needed_environment(),
         )
     except subprocess.TimeoutExpired as error:
         raise UnavailableError(

@@ -174,7 +174,7 @@ def meant_session(request: Request) -> str | None:
 
 def note_refusal(request: Request, action: str, reason: str) -> None:
     """Add to the audit log that an id or invitation led nowhere; a limited number for one address."""
-    if not throttle(request).limiter.hit(WRONG_CODES, "audit", address(request)):
+    if not throttle(request).hit(WRONG_CODES, "audit", address(request)):
         return
     person: Experimenter | None = getattr(request.state, "person", None)
     given = {name: str(request.path_params[name])[:80] for name in NOTED_IDS if name in request.path_params}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from http import HTTPStatus
@@ -35,6 +36,7 @@ PROGRAMS = (
     "/readyz",
     "/metrics",
 )  # prefixes of addresses that programs read
+FULL = (errno.ENOSPC, errno.EDQUOT)
 NOWHERE = (404, 410)  # forged ids, and invitations that are used up
 SECRET = ("form_token", "current", "password", "again")
 NOT_SHOWN = (*SECRET, "seen")  # fields that hold secrets, or that nobody typed
@@ -49,11 +51,13 @@ HEADINGS = {  # of pages, for people; programs get the phrases of HTTP
     413: "Too large",
     422: "Not accepted",
     429: "Too many requests",
+    507: "No room left",
 }
 SENTENCES = {
     404: "There is nothing at this address.",
     405: "This address does not take that method.",
     413: "The request is too large.",
+    507: "The server's disk is full. What came before is kept; an administrator has to make room, then repeat this.",
     500: "Something went wrong here. Nothing that was acknowledged is lost; please try again.",
 }
 
@@ -77,6 +81,7 @@ def install_problems(app: FastAPI, form_again: FormAgain) -> None:
     app.add_exception_handler(StudyError, _study_error)
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(RequestValidationError, _validation_error)
+    app.add_exception_handler(OSError, _system_error)
 
 
 class UnforeseenErrors:
@@ -147,6 +152,15 @@ async def _validation_error(request: Request, error: Exception) -> Response:
     if again is not None:
         return again
     return await run_in_threadpool(_answer, request, 422, sentence, typed=await _typed(request))
+
+
+async def _system_error(request: Request, error: Exception) -> Response:
+    """Answer that the disk is full, which an administrator mends; nobody foresaw any other error."""
+    assert isinstance(error, OSError)
+    if error.errno not in FULL:
+        raise error
+    log.error("%s %s failed: %s", request.method, route_of(request.scope), error)
+    return await run_in_threadpool(_answer, request, 507, SENTENCES[507], typed=await _typed(request))
 
 
 async def _typed(request: Request) -> Typed:

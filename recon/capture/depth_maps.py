@@ -31,6 +31,7 @@ from recon.geometry.rig import Camera
 from recon.storage.npy import read_npy
 from recon.storage.remote import fetched
 
+EXR_HEADER, EXR_LONGEST_LIST = 65536, 18432  # bytes; the list of a thousand channels
 EXR_CHANNELS = ("Z", "depth", "V", "Y", "R")  # in use for depth, alone or after a layer's name, the clearest first
 
 
@@ -156,6 +157,7 @@ def _read_npy(path: Path) -> NDArray[np.generic]:
 def _read_exr(path: Path) -> NDArray[np.generic]:
     import OpenEXR
 
+    _check_channels(path)
     try:
         # its warnings about damaged files go to standard output, where --json prints the result
         with redirect_stdout(sys.stderr), OpenEXR.File(str(path), separate_channels=True) as file:
@@ -170,6 +172,15 @@ def _read_exr(path: Path) -> NDArray[np.generic]:
         names = ", ".join(channels) or "none"
         raise CaptureError(f"{path}: holds the channels {names}, expected {', '.join(EXR_CHANNELS)} or only one")
     return np.asarray(next(iter(channels.values())))
+
+
+def _check_channels(path: Path) -> None:
+    """Refuse an EXR file whose header lists more channels than any camera writes: each takes time and memory."""
+    with path.open("rb") as file:
+        _, name, rest = file.read(EXR_HEADER).partition(b"channels\0chlist\0")
+    n_bytes = int.from_bytes(rest[:4], "little")
+    if name and n_bytes > EXR_LONGEST_LIST:
+        raise CaptureError(f"{path}: lists channels in {n_bytes} bytes, expected {EXR_LONGEST_LIST} at most")
 
 
 READERS: dict[str, Callable[[Path], NDArray[np.generic]]] = {".png": _read_png, ".npy": _read_npy, ".exr": _read_exr}

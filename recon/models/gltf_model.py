@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import json
 import struct
+from collections import deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -118,9 +119,13 @@ class _Reader:
         else:
             children = {child for node in nodes for child in node.get("children", ())}
             roots = [index for index in range(len(nodes)) if index not in children]
-        placed, waiting = [], [(index, np.eye(4), 1) for index in roots]
+        placed, waiting = [], deque((index, np.eye(4)) for index in roots)
         while waiting:
-            index, parent, depth = waiting.pop(0)
+            index, parent = waiting.popleft()
+            if index in self._worlds:
+                raise ValueError(
+                    f"its node {index} has two parents, or goes in a circle; glTF has trees of nodes alone"
+                )
             node = nodes[index]
             with np.errstate(invalid="ignore", over="ignore"):  # of numbers that are no transform
                 world = parent @ _transform(node)
@@ -128,9 +133,7 @@ class _Reader:
             self._worlds[index] = world
             if "mesh" in node:
                 placed.append((node, world))
-            waiting += [(child, world, depth + 1) for child in node.get("children", ())]
-            if depth > len(nodes) or len(placed) + len(waiting) > 1_000_000:
-                raise ValueError("its nodes go in a circle")
+            waiting += [(child, world) for child in node.get("children", ())]
         return placed
 
     def mesh(self, node: Mapping[str, Any]) -> Mapping[str, Any]:

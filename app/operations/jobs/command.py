@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import resource
 import signal
 import socket
@@ -32,8 +33,17 @@ FILES_BELOW = "RECONSTUDY_FILES_BELOW"  # as recon/storage/files.py reads it
 THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 LOWEST_PRIORITY = 19  # whatever else runs here, such as the server, comes first
 LEFTOVER_ENDS_WITHIN_S = 10
+# What a program of ours needs from its environment. All else stays away: passwords of databases, keys of clouds.
+NEEDED = re.compile(
+    "PATH|HOME|USER|LOGNAME|TMPDIR|TZ|LANG|LANGUAGE|LC_.*|VIRTUAL_ENV|LD_LIBRARY_PATH|PYTHON.*|COVERAGE.*|XDG_.*"
+    "|NUMBA_.*|OMP_.*|OPENBLAS_.*|MKL_.*|OPENCV_.*|CUDA_.*|NVIDIA_.*|PYOPENGL_PLATFORM|EGL_.*|LIBGL_.*|MESA_.*|GALLIUM_.*"
+)
 # OpenCV opens a recording alone, as what it is: a playlist that is called a film would lead it to other files.
-FILE_ALONE = {"OPENCV_FFMPEG_CAPTURE_OPTIONS": "protocol_whitelist;file|format_whitelist;mov,matroska,webm,avi"}
+# An image of a few bytes may announce gigabytes of pixels.
+IMAGES = {
+    "OPENCV_IO_MAX_IMAGE_PIXELS": str(2**27),
+    "OPENCV_FFMPEG_CAPTURE_OPTIONS": "protocol_whitelist;file|format_whitelist;mov,matroska,webm,avi",
+}
 LOG_END = 64 * 1024  # bytes that are looked at
 LONGEST_LINE = 500
 
@@ -112,6 +122,11 @@ class Command:
             os.close(lock)  # the command has it still
 
     @property
+    def took_s(self) -> float:
+        """How long the command has run, by a clock that nobody sets."""
+        return time.monotonic() - self._began_s
+
+    @property
     def status(self) -> int | None:
         """How the command ended: 0 done, negative by a signal; None while it runs."""
         return self._process.poll()
@@ -124,7 +139,7 @@ class Command:
         except (ValueError, TypeError):
             return JobProgress()
         is_new = progress.step not in self._step_ends
-        self._step_ends[progress.step] = time.monotonic() - self._began_s
+        self._step_ends[progress.step] = self.took_s
         if is_new or has_ended:
             with suppress(OSError):  # such as a full disk: later estimates miss it, and the job needs it not
                 write_json(self._folder / STEPS, self._step_ends)
@@ -157,9 +172,13 @@ class Command:
             os.killpg(self._process.pid, number)
 
 
+def needed_environment() -> dict[str, str]:
+    """Return what a program that reads people's files needs of the environment: no setting or secret of a server."""
+    return {name: value for name, value in os.environ.items() if NEEDED.fullmatch(name)}
+
+
 def _environment(folder: Path, threads: int, below: Sequence[Path]) -> dict[str, str]:
-    """Return the command's environment, without the server's settings: it never finds the studies' database."""
-    kept = {name: value for name, value in os.environ.items() if not name.startswith("RECONSTUDY_")}
+    """Return the command's environment: it never finds the studies' database."""
     limits = {name: str(threads) for name in THREADS}
     ours = {
         "RECONSTUDY_DATA_DIR": str(folder / "none"),
@@ -168,7 +187,7 @@ def _environment(folder: Path, threads: int, below: Sequence[Path]) -> dict[str,
         "PYTHONUNBUFFERED": "1",
         "TYPER_USE_RICH": "0",  # what the command line refuses is a sentence then, not a frame around one
     }
-    return limits | FILE_ALONE | kept | ours
+    return limits | IMAGES | needed_environment() | ours
 
 
 def _limit_memory(process: int) -> None:

@@ -149,11 +149,17 @@ class JobWorker:
             return
         status = command.status
         if status is None:
-            if is_cancelling:
+            if is_cancelling or self._is_too_long(command):
                 command.stop(ENDS_WITHIN_S)
             elif (progress := command.progress()) != running.told:
                 tell_progress(self._database, self._me.name, job.public_id, progress)
                 running.told = progress
+            return
+        if self._is_too_long(command) and status != 0 and not is_cancelling:
+            command.kill()
+            longest = f"{self._settings.longest_job_h:g} h"
+            self._end(job, "failed", f"It was ended after {longest}; RECONSTUDY_LONGEST_JOB_H allows more.")
+            del self._running[job.public_id]
             return
         if status == -signal.SIGTERM and not is_cancelling and not running.was_ended:
             running.was_ended = True  # a machine that shuts down ends all processes: then the job is given back
@@ -167,6 +173,9 @@ class JobWorker:
         else:
             self._end(job, "failed", self._without_folders(command.outcome()))
         del self._running[job.public_id]
+
+    def _is_too_long(self, command: Command) -> bool:
+        return command.took_s > 3600 * self._settings.longest_job_h
 
     def _end_done(self, running: _Running) -> None:
         tell_progress(self._database, self._me.name, running.job.public_id, running.command.progress())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse, Response
 
@@ -9,6 +11,8 @@ from app.store.database.migrate import why_not_ready
 from app.web.gates import Store, settings
 from app.web.monitoring.metrics import Metrics
 from app.web.problems import problem
+
+LEAST_FREE_MB = 16  # votes take kilobytes, and SQLite writes each twice
 
 router = APIRouter(include_in_schema=False)
 
@@ -22,8 +26,12 @@ def healthz() -> dict[str, str]:
 def readyz(request: Request, database: Store) -> JSONResponse:
     if reason := why_not_ready(database):
         return problem(503, reason)
-    if not settings(request).media_dir.is_dir():
+    server = settings(request)
+    if not server.media_dir.is_dir():
         return problem(503, "The folder of pair videos is not there.")
+    free = shutil.disk_usage(server.data_dir).free
+    if free < LEAST_FREE_MB * 2**20:
+        return problem(503, f"The disk of the data folder has {free // 2**20} MB free, expected {LEAST_FREE_MB}.")
     return JSONResponse({"status": "ready"})
 
 

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from recon.capture.format import Capture, image_path
 from recon.capture.images import CaptureError, is_video
+from recon.capture.importing.lenses import NAME_KEYS, model_name, with_lens
 from recon.capture.importing.opencv import CAMERA_FROM_WORLD
 from recon.capture.importing.sources import (
     DepthSource,
@@ -123,7 +124,11 @@ def _short_form(described: _Description, shots: Sequence[str] | None) -> SensorS
     pose = rigid(_numbers(content, f"R_{key}"), translation)
     right_from_left = np.linalg.inv(pose) if key == "left_from_right" else pose
     left_camera, right_camera = (
-        Camera(_numbers(content, f"K_{side}"), pictures.size, cam_from_world, _dist(content, f"dist_{side}"))
+        with_lens(
+            Camera(_numbers(content, f"K_{side}"), pictures.size, cam_from_world),
+            model_name(content),
+            _dist(content, f"dist_{side}"),
+        )
         for side, pictures, cam_from_world in (
             ("left", left, CAMERA_FROM_WORLD),
             ("right", right, right_from_left @ CAMERA_FROM_WORLD),
@@ -144,7 +149,11 @@ def _sensor(described: _Description, entry: Mapping[str, Any], number: int) -> S
         left_pose = _pose(described, entry["left"], None if number else CAMERA_FROM_WORLD)
         poses = [left_pose, *(_pose(described, entry[side], left_pose) for side in sides[1:])]
         left, *right = (
-            Camera(_numbers(entry[side], "K"), picture.size, pose, _dist(entry[side], "dist"))
+            with_lens(
+                Camera(_numbers(entry[side], "K"), picture.size, pose),
+                model_name(entry[side], entry, described.content),
+                _dist(entry[side], "dist"),
+            )
             for side, picture, pose in zip(sides, pictures, poses, strict=True)
         )
         depth = _depth(described.path.parent, entry["depth"]) if "depth" in entry else None
@@ -236,7 +245,13 @@ def _numbers(content: Mapping[str, Any], key: str) -> NDArray[np.float64]:
 
 def _dist(content: Mapping[str, Any], key: str) -> NDArray[np.float64]:
     for name, value in content.items():  # a slip would leave the distortion out without a word
-        if name.lower().startswith("dist") and name not in DIST_KEYS and isinstance(value, list) and any(value):
+        if (
+            name.lower().startswith("dist")
+            and name not in NAME_KEYS
+            and name not in DIST_KEYS
+            and isinstance(value, list)
+            and any(value)
+        ):
             raise CaptureError(f"{name} is not read, expected {key}")
     return _numbers({key: [], **content}, key)
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import re
+import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import httpx
 import pytest
@@ -42,6 +45,27 @@ def test_a_person_reads_a_page_instead(client: httpx.Client) -> None:
     assert answer.headers["content-type"].startswith("text/html")
     assert "There is nothing at this address." in answer.text
     assert "<h1>Not found</h1>" in answer.text
+
+
+@pytest.mark.slow
+def test_a_full_disk_is_told_as_such_and_any_other_error_of_the_system_is_not(tmp_path: Path) -> None:
+    app = create_app(Settings(data_dir=tmp_path))
+
+    @app.get("/api/v1/fails/{number}")
+    def fails(number: int) -> None:
+        raise OSError(number, "secret detail")
+
+    full = ask(app, f"/api/v1/fails/{errno.ENOSPC}")
+    assert is_problem(full, 507)
+    assert "disk is full" in full.text
+    assert is_problem(ask(app, f"/api/v1/fails/{errno.EIO}"), 500)
+
+
+def test_a_server_without_room_for_votes_is_not_ready(client: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "disk_usage", lambda _folder: SimpleNamespace(free=3 * 2**20))
+    answer = client.get("/readyz")
+    assert is_problem(answer, 503)
+    assert "3 MB free, expected 16" in answer.text
 
 
 @pytest.mark.slow

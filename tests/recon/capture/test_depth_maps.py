@@ -161,10 +161,14 @@ def test_damaged_files_and_other_pictures_are_no_depth_maps(tmp_path: Path) -> N
     with OpenEXR.File(header, {"A": values, "B": values}) as file:
         file.write(str(tmp_path / "two.exr"))
     np.save(tmp_path / "colour.npy", np.ones((4, 5, 3)))
+    channels = b"".join(b"c%06d\0" % number + bytes(16) for number in range(5000))
+    listed = b"channels\0chlist\0" + len(channels).to_bytes(4, "little") + channels
+    (tmp_path / "many.exr").write_bytes(b"v/1\x01\x02\0\0\0" + listed)
     for name in ("cut.exr", "cut.npy"):
         (tmp_path / name).write_bytes(b"\x76\x2f\x31\x01 and no more")
     for name, sentence in (
         ("two.exr", "holds the channels A, B, expected Z"),
+        ("many.exr", "lists channels in 120000 bytes, expected 18432 at most"),
         ("cut.exr", "cut.exr: is not readable as EXR"),
         ("cut.npy", "cut.npy: is not readable as NPY"),
         ("colour.npy", "holds float64 of shape"),

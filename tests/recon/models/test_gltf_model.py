@@ -281,6 +281,14 @@ def test_linear_light_becomes_srgb_by_the_standard() -> None:
     assert srgb_bytes(np.array([0.0, 0.0031308, 0.214041, 1.0])).tolist() == [0, 10, 127, 255]
 
 
+def test_nodes_that_share_children_are_refused_at_once(tmp_path: Path) -> None:
+    shared = [{"children": [level + 1, level + 1]} for level in range(40)]
+    document = {"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "nodes": [*shared, {}]}
+    (tmp_path / "a.gltf").write_text(json.dumps(document))
+    with pytest.raises(ValueError, match="its node 1 has two parents"):
+        read_contents(tmp_path / "a.gltf")
+
+
 def test_nodes_in_a_circle_are_refused_even_where_they_hold_no_mesh(tmp_path: Path) -> None:
     document = {
         "asset": {"version": "2.0"},

@@ -11,6 +11,7 @@ from fastapi.responses import Response
 
 from app.errors import ConflictError, InvalidError
 from app.ffmpeg import Progress
+from app.intake.bounds import typed_in_bounds
 from app.operations.studies.edit import check_edit, remake_films, save_edit
 from app.operations.studies.manage import study_file_of
 from app.operations.studies.stimulus_sets import set_of_study
@@ -75,7 +76,7 @@ def edit_file(
     text: Annotated[str, Form(max_length=LONGEST_FILE)],
 ) -> Response:
     try:
-        wanted = parse_study_file(unix(text))
+        wanted = typed_in_bounds(parse_study_file, unix(text))
     except ValueError as error:
         raise InvalidError(f"Nothing was changed: {with_line(unix(text), str(error))}.") from error
     return save_study(request, study, wanted, revision, actor)

@@ -10,6 +10,7 @@ from fastapi.responses import Response
 
 from app.errors import InvalidError
 from app.ffmpeg import Progress
+from app.intake.bounds import typed_in_bounds
 from app.operations.studies.create import create_study, duplicate_study, new_slug, read_options
 from app.operations.studies.standing import change_standing as change_study
 from app.operations.studies.stimulus_sets import KnownSet, known_sets, set_called
@@ -112,7 +113,7 @@ def create_from_file(
     with database.reading() as connection:
         known = set_called(settings(request), connection, stimulus_set)
     try:
-        wanted = parse_study_file(unix(text))
+        wanted = typed_in_bounds(parse_study_file, unix(text))
         slug = new_slug(database, wanted.name)
         check_languages(wanted.options, languages(request))
         if wanted.manifest_sha256 not in (None, known.content.sha256):

@@ -267,3 +267,28 @@ def test_a_command_of_a_job_never_finds_the_database_of_the_studies(
     assert f"'RECONSTUDY_FILES_BELOW': '{tmp_path}/intake:{tmp_path}/sets'" in said
     assert f"sqlite:///{tmp_path / 'job' / 'none'}" in said
     assert not (tmp_path / "job" / "none").exists()
+
+
+def test_a_command_of_a_job_is_told_no_secret_of_its_surroundings(
+    monkeypatch: pytest.MonkeyPatch, runs: Callable[[str], None], tmp_path: Path
+) -> None:
+    for name in ("PGPASSWORD", "AWS_SECRET_ACCESS_KEY", "MY_TOKEN"):
+        monkeypatch.setenv(name, "planted")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "kept")
+    runs("import os; print(os.environ)")
+    ran = Command(tmp_path / "job", [], 1, NOW)
+    while ran.status is None:
+        time.sleep(0.02)
+    said = (tmp_path / "job" / "log.txt").read_text()
+    assert "planted" not in said
+    assert "'NUMBA_CACHE_DIR': 'kept'" in said
+
+
+def test_a_job_that_takes_too_long_is_ended(here: Settings, database: Database, runs: Callable[[str], None]) -> None:
+    runs(SAYS_AND_WAITS)
+    public_id = queued(here, database)
+    hasty = JobWorker(here.model_copy(update={"longest_job_h": 0.2 / 3600}), database)
+    hasty.work(threading.Event(), once=True)
+    ended = job(database, public_id)
+    assert ended.state == "failed"
+    assert "RECONSTUDY_LONGEST_JOB_H allows more" in ended.detail

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,13 @@ import httpx
 import pytest
 from limits import RateLimitItemPerHour
 
+from app.errors import TooManyError
 from app.main import running_server
 from app.operations.studies import manage
 from app.operations.studies.create import create_study
 from app.settings import Settings
 from app.web import gates
-from app.web.limits.throttle import PIECE, REMARKS
+from app.web.limits.throttle import PIECE, REMARKS, SIGN_INS_AS, Throttle
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +72,20 @@ def test_what_people_brought_lies_in_folders_of_the_servers_user(own: Settings, 
 
 
 @pytest.mark.slow
+def test_a_clock_that_is_set_makes_nobody_wait_for_hours(monkeypatch: pytest.MonkeyPatch) -> None:
+    throttle, now = Throttle(), time.time()
+    for _ in range(SIGN_INS_AS.amount):
+        throttle.count(SIGN_INS_AS, "address")
+    with pytest.raises(TooManyError):
+        throttle.count(SIGN_INS_AS, "address")
+    monkeypatch.setattr(time, "time", lambda: now - 3600)
+    for _ in range(SIGN_INS_AS.amount):
+        throttle.count(SIGN_INS_AS, "address")
+    with pytest.raises(TooManyError) as refused:
+        throttle.count(SIGN_INS_AS, "address")
+    assert refused.value.retry_after_s <= 60
+
+
 def test_guessing_invitations_is_slowed_down(tmp_path: Path) -> None:
     with running_server(Settings(data_dir=tmp_path)) as url, httpx.Client(base_url=url) as stranger:
         body = {"invitation": "guess"}

@@ -248,6 +248,14 @@ def test_a_file_edits_a_study_and_bad_files_change_nothing(experimenter: Dashboa
 
 
 @pytest.mark.slow
+def test_a_file_that_would_take_gigabytes_to_read_is_refused(experimenter: Dashboard, new_study: NewStudy) -> None:
+    base = f"/admin/studies/{new_study()['slug']}"
+    refused = experimenter.act(f"{base}/edit/file", revision="1", text="a." * 39_000 + "a = 1")
+    assert refused.status_code == 413
+    assert "far more than its size explains" in refused.text
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("letter", ["w", "あ", "𝄞"])
 def test_the_longest_texts_of_a_study_are_taken_in_any_alphabet(
     experimenter: Dashboard, new_study: NewStudy, letter: str
