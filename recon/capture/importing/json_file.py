@@ -37,8 +37,7 @@ from recon.capture.importing.sources import (
     write_recording,
 )
 from recon.capture.pictures import Pictures, find_pictures
-from recon.capture.recording import FRAME_FIELD, frames_after
-from recon.capture.schema import sides_of, size_of
+from recon.capture.recording import FRAME_FIELD, SIDES, DepthFacts, check_facts, frames_after
 from recon.geometry.rig import UNITS_MM, Camera, rigid
 from recon.storage.files import read_json
 
@@ -145,7 +144,7 @@ def _sensors(described: _Description) -> tuple[SensorSource, ...]:
 def _sensor(described: _Description, entry: Mapping[str, Any], number: int) -> SensorSource:
     name = str(entry.get("id", f"S{number + 1}"))
     with faults_at(f"sensor {name}"):
-        sides = sides_of(entry)
+        sides = SIDES[:1] if "depth" in entry and "right" not in entry else SIDES
         pictures = tuple(_pictures(described.path.parent, entry[side]) for side in sides)
         left_pose = _pose(described, entry["left"], None if number else CAMERA_FROM_WORLD)
         poses = [left_pose, *(_pose(described, entry[side], left_pose) for side in sides[1:])]
@@ -166,8 +165,9 @@ def _depth(folder: Path, entry: Mapping[str, Any]) -> DepthSource:
     files = _matching(folder, image) if isinstance(image, str) else tuple(folder / name for name in image)
     if not files:
         raise CaptureError("depth: image is an empty list, expected depth maps")
-    size = size_of(entry) if "size" in entry else None
-    return DepthSource(files, entry.get("scale_mm", 1.0), entry.get("kind", "z"), size)
+    size = entry.get("size")
+    check_facts(DepthFacts, {"image": str(files[0]), "size": size}, "depth: ")
+    return DepthSource(files, entry.get("scale_mm", 1.0), entry.get("kind", "z"), size and (size[0], size[1]))
 
 
 def _pose(described: _Description, entry: Mapping[str, Any], other: NDArray[np.float64] | None) -> NDArray[np.float64]:
