@@ -64,11 +64,14 @@ def read_ksplat(path: Path) -> RawSplats:
     for section in sections:
         part, at = _read_section(content, at, section, level, bounds, n_rest)
         parts.append(part)
-    names = ("centres", "scales", "rotations", "opacities", "harmonics")
-    joined = [np.concatenate([getattr(part, name) for part in parts])[:n_splats] for name in names]
-    if len(joined[0]) != n_splats:
-        raise ValueError(f"its sections hold {len(joined[0])} splats, expected {n_splats}")
-    return RawSplats(*joined)
+    n_held = sum(len(part.centres) for part in parts)
+    if n_held < n_splats:
+        raise ValueError(f"its sections hold {n_held} splats, expected {n_splats}")
+
+    def joined(name: str) -> NDArray[np.floating]:
+        return np.concatenate([getattr(part, name) for part in parts])[:n_splats]
+
+    return RawSplats(joined("centres"), joined("scales"), joined("rotations"), joined("opacities"), joined("harmonics"))
 
 
 def _section(content: bytes, at: int) -> _Section:
@@ -134,7 +137,7 @@ def _fill_rest(
     """Write the harmonics of degree 1 and above, which stand degree by degree, then channel by channel."""
     values = packed.astype(np.float32)
     if level == 2:
-        values = bounds[0] + values / 255 * (bounds[1] - bounds[0])
+        values = np.asarray(bounds[0] + values / 255 * (bounds[1] - bounds[0]), np.float32)
     at = 0
     for degree in (1, 2, 3):
         n = 2 * degree + 1

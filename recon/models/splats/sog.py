@@ -93,10 +93,10 @@ def _splats(bundle: _Bundle) -> RawSplats:
     if version == 1:
         scales = _between(bundle.meta["scales"], bundle.pixels("scales")[:, :3] / np.float32(255))
         of_colours = _between(bundle.meta["sh0"], colours / np.float32(255))
-        constant, opacities = of_colours[:, :3], sigmoid(of_colours[:, 3])
+        constant, opacities = of_colours[:, :3], np.asarray(sigmoid(of_colours[:, 3]), np.float64)
     else:
         scales = _codebook(bundle.meta["scales"])[bundle.pixels("scales")[:, :3]]
-        constant, opacities = _codebook(bundle.meta["sh0"])[colours[:, :3]], colours[:, 3] / np.float32(255)
+        constant, opacities = _codebook(bundle.meta["sh0"])[colours[:, :3]], colours[:, 3] / 255
     return RawSplats(
         (np.sign(logarithms) * np.expm1(np.abs(logarithms))).astype(np.float32),
         scales_of(scales),
@@ -120,7 +120,7 @@ def _rest(bundle: _Bundle) -> NDArray[np.float32]:
         values = _codebook(entry)[entries]
     else:
         low, high = np.float32(entry["mins"]), np.float32(entry["maxs"])
-        values = low + entries / np.float32(255) * (high - low)
+        values = np.asarray(low + entries / np.float32(255) * (high - low), np.float32)
     low_byte, high_byte = bundle.pixels("shN", 1)[:, :2].astype(np.int64).T
     labels = low_byte | high_byte << 8
     if labels.max() >= len(values):
