@@ -1,7 +1,7 @@
 # The only commands anyone must know: setup, demo, test, check, bench, serve.
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := app recon migrations tests bench deploy docs setup.py
+SOURCES := app ground recon migrations tests bench deploy docs setup.py
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 # All tests run in a process for each core and two more, as those in a browser wait half of their time; quick ones, which
 # do not wait, in one for each core. File by file, so that what a file's tests share is made once; in the order of their

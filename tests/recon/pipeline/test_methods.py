@@ -106,7 +106,7 @@ WRONG_FILES = {
     "both": ('[depth.a]\nmethod = "id"\ncommand = "a"', r"\[depth.a\] has method and command, expected either"),
     "an unknown method": ('[depth.a]\nmethod = "xx"', r"\[depth.a\] method is 'xx', expected one of id, dr, pm, sgm"),
     "a method of a method": ('[depth.a]\nmethod = "id"\n[depth.b]\nmethod = "a"', r"\[depth.b\] method is 'a'"),
-    "an unknown key": ('[depth.a]\nmethod = "id"\nsweeps = 2', r"\[depth.a\] sweeps is unknown, expected sigma, lev"),
+    "an unknown key": ('[depth.a]\nmethod = "id"\nsweeps = 2', r"\[depth.a\] sweeps is unknown, expected one of sigma"),
     "a text": ('[depth.a]\nmethod = "id"\nsigma = "8"', r"\[depth.a\] sigma is '8', expected a number"),
     "a truth": ('[depth.a]\nmethod = "id"\nlevels = true', r"\[depth.a\] levels is True, expected a whole number"),
     "a fraction": ('[depth.a]\nmethod = "id"\nlevels = 1.5', r"\[depth.a\] levels is 1.5, expected a whole number"),
@@ -146,7 +146,7 @@ WRONG_FILES = {
     ),
     "a parameter of another fusion": (
         '[fusion.a]\nmethod = "poisson"\nradius = 3',
-        "radius is unknown, expected voxel_mm",
+        "radius is unknown, expected one of voxel_mm",
     ),
     "an unknown fusion": (
         '[fusion.a]\nmethod = "fc"',

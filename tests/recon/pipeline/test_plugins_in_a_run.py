@@ -201,7 +201,7 @@ def test_what_a_plug_in_prints_is_no_result(packages: Path, tmp_path: Path, caps
 def test_a_wrong_parameter_of_a_plug_in_is_named_with_its_place(packages: Path, tmp_path: Path) -> None:
     flat_package(packages, "others_strict")
     for text, sentence in (
-        ("depth = 3", r"\[depth.b\] depth is unknown, expected disparity"),
+        ("depth = 3", r"\[depth.b\] depth is unknown, expected one of disparity"),
         ('disparity = "a"', r"\[depth.b\] disparity is 'a', expected a number"),
     ):
         methods = variants(tmp_path, f'[depth.b]\nmethod = "flat"\n{text}\n')
