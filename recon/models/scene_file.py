@@ -96,6 +96,13 @@ class SceneContent(WholeFile):
         float | None,
         Field(gt=0, description="radius of the discs that point clouds are drawn by, mm; needed for clouds"),
     ] = None
+    vertex_colours: Annotated[
+        Literal["linear", "srgb"] | None,
+        Field(
+            description="what the colours of vertices in GLB and glTF files are: linear light by the standard; trimesh "
+            "and Open3D write sRGB; empty: linear, with a warning where one of these wrote the file"
+        ),
+    ] = None
 
 
 class PathSource(NamedTuple):
@@ -161,7 +168,12 @@ def read_scene_file(folder: Path) -> tuple[SceneFile | None, list[str]]:
         return None, [f"{file}: {problem}" for problem in problems]
     if path.capture is not None:
         bounds = path.capture.bounds
-    placement = Placement(content.units, tuple(map(tuple, matrix.tolist())), content.splat_mm)
+    placement = Placement(
+        content.units,
+        tuple(map(tuple, matrix.tolist())),
+        content.splat_mm,
+        vertex_colours=content.vertex_colours,
+    )
     return (
         SceneFile(
             file,
