@@ -40,8 +40,8 @@ def read_ply_model(path: Path) -> Contents:
     contents = Contents([path])
     if any(name in ply.columns("vertex") for name in GAUSSIANS):
         raise ValueError(
-            "it holds Gaussians, which only their own program draws; let that film them along SET/paths/DATASET.json, "
-            "and bring the video in by `reconstudy stimuli import`"
+            "it holds Gaussian splats, which have no surface to be measured; `render` films them, and `validate views` "
+            "compares them with photographs"
         )
     vertices = np.asarray(point_columns(path, ply, "xyz"), dtype=np.float64)
     normals = optional_columns(path, ply, FLOAT_NORMAL)
