@@ -28,7 +28,15 @@ from recon.storage.files import why_no_file
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 POINTS, TRIANGLES, STRIP, FAN = 0, 4, 5, 6
 REPEAT = 10497  # of a sampler
-READ_EXTENSIONS = {"KHR_materials_unlit", "KHR_mesh_quantization", "KHR_texture_transform", "EXT_texture_webp"}
+INSTANCES, VISIBILITY = "EXT_mesh_gpu_instancing", "KHR_node_visibility"
+READ_EXTENSIONS = {
+    "KHR_materials_unlit",
+    "KHR_mesh_quantization",
+    "KHR_texture_transform",
+    "EXT_texture_webp",
+    INSTANCES,
+    VISIBILITY,
+}
 BROKEN = (  # what reading raises where the document says something else than the standard
     KeyError,
     IndexError,
@@ -127,14 +135,30 @@ class _Reader:
                     f"its node {index} has two parents, or goes in a circle; glTF has trees of nodes alone"
                 )
             node = nodes[index]
+            extensions = node.get("extensions", {})
+            if not extensions.get(VISIBILITY, {}).get("visible", True):
+                self._contents.warn("has nodes that are hidden, and stay so")
+                continue
             with np.errstate(invalid="ignore", over="ignore"):  # of numbers that are no transform
                 world = parent @ _transform(node)
             check_finite(world, "a row of a node's transform")
             self._worlds[index] = world
-            if "mesh" in node:
+            if "mesh" in node and INSTANCES in extensions:
+                placed += [(node, world @ place) for place in self._instances(extensions[INSTANCES]["attributes"])]
+            elif "mesh" in node:
                 placed.append((node, world))
             waiting += [(child, world) for child in node.get("children", ())]
         return placed
+
+    def _instances(self, attributes: Mapping[str, int]) -> list[NDArray[np.float64]]:
+        """Return the transform (4, 4) of each instance of a mesh, in its node."""
+        parts = {
+            entry: self._accessor(attributes[name]).astype(np.float64)
+            for name, entry in (("TRANSLATION", "translation"), ("ROTATION", "rotation"), ("SCALE", "scale"))
+            if name in attributes
+        }
+        n_instances = len(next(iter(parts.values()), ()))
+        return [_transform({entry: rows[number] for entry, rows in parts.items()}) for number in range(n_instances)]
 
     def mesh(self, node: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the mesh of a node."""

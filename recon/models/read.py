@@ -16,7 +16,7 @@ from recon.geometry.rig import transformed
 from recon.models.atlas import one_texture
 from recon.models.gltf_model import read_gltf_model
 from recon.models.obj_model import read_obj_model
-from recon.models.part import Contents, Part
+from recon.models.part import NEUTRAL, Contents, Part
 from recon.models.ply_model import read_ply_model
 from recon.models.splats.read import SPLAT_READERS, holds_splats, read_with_warnings
 from recon.storage.artefacts import file_digest
@@ -30,7 +30,6 @@ READERS: dict[str, Callable[[Path], Contents]] = {
 }
 MODEL_SUFFIXES = tuple(dict.fromkeys([*READERS, *SPLAT_READERS]))
 MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
-NEUTRAL = 170  # sRGB grey of a model without colours
 Matrix = tuple[tuple[float, ...], ...]
 
 

@@ -109,7 +109,7 @@ def sigmoid(logits: NDArray[np.floating]) -> NDArray[np.float32]:
 
 
 def scales_of(logarithms: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Return scales (N, 3) of their natural logarithms; too large ones become infinite."""
+    """Return scales (N, 3) of their natural logarithms; too large ones become infinite, and `cleaned` drops them."""
     with np.errstate(over="ignore"):
         return np.asarray(np.exp(np.asarray(logarithms, np.float32)), np.float32)
 
