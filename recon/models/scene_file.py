@@ -300,18 +300,18 @@ def _path_source(folder: Path, path: ScenePath, problems: list[str]) -> PathSour
 def _placed(
     placed: Placed, content: SceneContent, folder: Path, capture: Capture | None, problems: list[str]
 ) -> Placement:
-    """Return the placement of an approach that has one of its own."""
+    """Return the placement of an approach that has one of its stated."""
     usual = Placement(content.units, (), content.splat_mm, placed.antialiased, content.vertex_colours)
     if placed.trained_on is None:
-        own = content.model_copy(
+        stated = content.model_copy(
             update={
                 "units": placed.units or content.units,
                 "up": placed.up or content.up,
                 "world_from_model": placed.world_from_model,
             }
         )
-        matrix = _world_from_model(own, problems)
-        return replace(usual, unit=own.units, world_from_model=tuple(map(tuple, matrix.tolist())))
+        matrix = _world_from_model(stated, problems)
+        return replace(usual, unit=stated.units, world_from_model=tuple(map(tuple, matrix.tolist())))
     if placed.units or placed.up or placed.world_from_model:
         problems.append("placements: trained_on says where a model stands; leave out units, up and world_from_model")
     try:
