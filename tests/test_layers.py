@@ -15,7 +15,7 @@ ROOT = Path(__file__).parent.parent
 # Floor by floor from the bottom; a room may import its own floor and those below. docs/architecture.md shows the same.
 FLOORS = {
     "ground": [
-        {"fields"},
+        {"fields", "files", "progress"},
         {"file_models"},
         {"dataclass_models"},
     ],
