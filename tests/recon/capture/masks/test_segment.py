@@ -128,6 +128,7 @@ def test_masks_that_were_deleted_are_made_again(tmp_path: Path) -> None:
     assert_masks_are_true(read_capture(board.folder), at_least=0.95)
 
 
+@pytest.mark.slow
 def test_masks_do_not_depend_on_how_many_frames_are_segmented_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
