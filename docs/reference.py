@@ -40,7 +40,13 @@ FILE_TITLES = {
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the generated pages."""
     pages = {name: repository_page(source) for name, source in REPOSITORY_PAGES.items()}
-    pages |= {"commands.md": commands(), "settings.md": settings(), "files.md": file_keys(), "tables.md": tables()}
+    pages |= {
+        "commands.md": commands(),
+        "settings.md": settings(),
+        "files.md": file_keys(),
+        "tables.md": tables(),
+        "jobs.md": jobs(),
+    }
     for name, content in pages.items():
         files.append(File.generated(config, name, content=content))
     return files
@@ -112,11 +118,25 @@ def settings() -> str:
     from app.settings import Settings
     from app.study.option_fields import settings_of
     from app.study.options.options import StudyOptions
+    from app.study.questions.questionnaire import Question
 
     default = StudyOptions().model_dump()
     options = [
-        (f"`{setting.name}`", _described_setting(setting), _default(reduce(getitem, setting.name.split("."), default)))
+        (
+            f"`{setting.name}`",
+            _described_setting(setting),
+            _default(reduce(getitem, setting.name.split("."), default)),
+            setting.change,
+        )
         for setting in settings_of(StudyOptions)
+    ]
+    questions = [
+        (
+            f"`{setting.name}`",
+            _described_setting(setting),
+            "required" if info.is_required() else _default(info.default),
+        )
+        for setting, info in zip(settings_of(Question), Question.model_fields.values(), strict=True)
     ]
     prefix = str(Settings.model_config["env_prefix"])
     server = [
@@ -129,8 +149,12 @@ def settings() -> str:
         "Environment variables. Options of the command line override some of them for one run.",
         _table(("variable", "", "default"), server),
         "## Studies",
-        "Keys of the options file of `reconstudy study create --options` and of a study file.",
-        _table(("key", "", "default"), options),
+        "Keys of the options file of `reconstudy study create --options` and of a study file. When they [may "
+        "change](studies.md#options): any time, until somebody has begun, or until then and with new films.",
+        _table(("key", "", "default", "may change"), options),
+        "### Questions",
+        "Keys of each table `[[options.questions]]`.",
+        _table(("key", "", "default"), questions),
         "## Analyses",
         "Options of `reconstudy analyse`, and the fields of `app.analysis.AnalysisSettings`.",
         _table(("field", "", "default"), _fields(AnalysisSettings)),
@@ -164,6 +188,24 @@ def tables() -> str:
         every = columns | FURTHER.get(name, {})
         rows = [(f"`{column}`", _sentence(meaning)) for column, meaning in every.items()]
         parts += [f"## {name.replace('_', ' ')}", _table(("column", "is"), rows)]
+    return "\n\n".join(parts) + "\n"
+
+
+def jobs() -> str:
+    """Return every kind of job with its fields."""
+    from app.operations.jobs.kinds import GROUPS
+
+    parts = [
+        "# Jobs",
+        "The kinds of [jobs](work.md), with their names over REST and the fields of their forms. An empty field takes "
+        "the default of the command.",
+    ]
+    for group, kinds in GROUPS.items():
+        parts.append(f"## {group}")
+        for kind in kinds:
+            rows = [(f"`{field.name}`", f"{field.label}: {field.help}".rstrip(": ")) for field in kind.fields]
+            does = f"{kind.help.rstrip('.')}. By `reconstudy {kind.command}`."
+            parts += [f"### {kind.title}: `{kind.name}`", does, _table(("field", ""), rows)]
     return "\n\n".join(parts) + "\n"
 
 

@@ -14,7 +14,7 @@ from sqlalchemy import text
 
 from app.store.database.engine import Database
 from app.store.database.migrate import newest_version, version_of
-from app.store.database.tables import metadata
+from app.store.database.schema import metadata
 from tests.processes import kill
 
 
