@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from inspect import signature
+from itertools import tee
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +14,9 @@ from numpy.typing import NDArray
 from recon.depth.cvf import DrParameters, IdParameters, match_dr, match_id
 from recon.depth.gpu import open_gpu
 from recon.depth.pair import NoTextureWarning, StereoPair, rectified_pair
-from recon.depth.patchmatch import PmParameters, match_pm
+from recon.depth.patchmatch import Past, PmParameters, match_pm
 from recon.depth.semi_global import SgmParameters, match_sgm
-from recon.depth.temporal import match_sequence
+from recon.depth.temporal import TemporalParameters, filtered
 
 __all__ = [
     "DEFAULTS",
@@ -22,6 +25,7 @@ __all__ = [
     "Matcher",
     "StereoPair",
     "match_dr",
+    "match_frames",
     "match_id",
     "match_pm",
     "match_sequence",
@@ -37,6 +41,7 @@ Matcher = Callable[..., NDArray[np.float32]]
 
 MATCHERS: dict[str, Matcher] = {"id": match_id, "dr": match_dr, "pm": match_pm, "sgm": match_sgm}
 ON_GPU = ("id", "dr", "pm")  # those that can be matched on a GPU
+PAST = "past"  # keyword argument of matchers that use what they know of the frames before
 CPU, GPU = "cpu", "gpu"
 DEVICES = (CPU, GPU)  # where methods match
 # what each is run with, if nothing else is asked for
@@ -83,3 +88,41 @@ def matched(
         warnings.simplefilter("always", NoTextureWarning)
         disparity = MATCHERS[method](pair, parameters, **on_gpu)
     return disparity, [str(warning.message) for warning in caught]
+
+
+def match_frames(pairs: Iterable[StereoPair], matcher: Matcher) -> Iterator[NDArray[np.float32]]:
+    """Match one sensor's frames; what did not change is not matched again.
+
+    Pictures that are those of the frame before have its disparities. A matcher with a keyword argument `past`, as
+    `match_pm`, is told what it knows of the frames before.
+
+    Parameters
+    ----------
+    pairs : the frames in their order
+    matcher : see `MATCHERS`; its result depends on nothing but the pair and the past
+
+    Yields
+    ------
+    disparity : float32 (H, W), pixels, NaN where unmatched
+    """
+    if PAST in signature(matcher).parameters:
+        matcher = partial(matcher, past=Past())
+    before: tuple[StereoPair, NDArray[np.float32]] | None = None
+    for pair in pairs:
+        disparity = before[1] if before is not None and before[0].is_same(pair) else matcher(pair)
+        before = (pair, disparity)
+        yield disparity.copy()
+
+
+def match_sequence(
+    pairs: Iterable[StereoPair], matcher: Matcher, parameters: TemporalParameters = TemporalParameters()
+) -> Iterator[NDArray[np.float32]]:
+    """Match one sensor's frames and filter their disparities in time: `match_frames`, then `temporal.filtered`.
+
+    Parameters
+    ----------
+    pairs, matcher : as in `match_frames`; a matcher whose disparities are whole keeps them whole
+    parameters : of the filter
+    """
+    to_match, to_filter = tee(pairs)
+    return filtered(to_filter, match_frames(to_match, matcher), parameters)

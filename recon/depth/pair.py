@@ -66,6 +66,19 @@ class StereoPair:
         """Columns, pixels."""
         return int(self.left.shape[1])
 
+    def is_same(self, other: StereoPair) -> bool:
+        """Tell whether two pairs have the same pictures, masks and disparities to search."""
+        ranges = ((pair.n_disparities, pair.min_disparity) for pair in (self, other))
+        return next(ranges) == next(ranges) and all(
+            (mine is None) == (others is None) and (mine is None or np.array_equal(mine, others))
+            for mine, others in (
+                (self.left, other.left),
+                (self.right, other.right),
+                (self.left_mask, other.left_mask),
+                (self.right_mask, other.right_mask),
+            )
+        )
+
     def foreground(self) -> tuple[slice, slice]:
         """Bound the left foreground, all that it can match, and a census window around: rows and columns."""
         if self.left_mask is None:

@@ -20,9 +20,9 @@ from recon.capture.format import Capture, mask_pictures, read_frame, read_masks
 from recon.capture.recording import GIVEN
 from recon.capture.rectify import Rectification, rectify, rectify_left, rectify_left_mask
 from recon.cloud import NothingSeenError, cloud_from_disparity, crop_cloud
-from recon.depth import StereoPair, rectified_pair
+from recon.depth import rectified_pair
 from recon.depth.disparity_io import read_disparity, write_disparity
-from recon.depth.temporal import TemporalParameters, match_sequence
+from recon.depth.temporal import TemporalParameters, filtered
 from recon.execution.programs import LOG, ProgramError
 from recon.fusion import DepthView, view_of_cloud
 from recon.geometry.mesh import Cloud, Mesh
@@ -260,13 +260,7 @@ def _filtered(job: Job, views: Sequence[View]) -> Iterator[tuple[View, NDArray[n
             continue
         maybe = (rectified_pair(job.capture, rectification, view.frame) for view in stretch)
         pairs = (pair for pair in maybe if pair is not None)  # there is one where something was matched
-        known = partial(_next_of, disparities)
-        yield from zip(stretch, match_sequence(pairs, known, parameters), strict=True)
-
-
-def _next_of(disparities: Iterator[NDArray[np.float32]], _pair: StereoPair) -> NDArray[np.float32]:
-    """Return the disparities of a pair as they were matched before."""
-    return next(disparities)
+        yield from zip(stretch, filtered(pairs, disparities, parameters), strict=True)
 
 
 def _compared_method(job: Job) -> str:
