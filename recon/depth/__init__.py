@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from inspect import signature
 from itertools import tee
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,9 @@ __all__ = [
     "DEFAULTS",
     "DEVICES",
     "MATCHERS",
+    "PAST",
     "Matcher",
+    "Past",
     "StereoPair",
     "match_dr",
     "match_frames",
@@ -62,7 +65,7 @@ def check_device(device: str) -> None:
 
 
 def matched(
-    method: str, pair: StereoPair, parameters: Parameters, device: str = CPU
+    method: str, pair: StereoPair, parameters: Parameters, device: str = CPU, past: Past | None = None
 ) -> tuple[NDArray[np.float32], list[str]]:
     """Match a pair by a method of ours.
 
@@ -72,6 +75,7 @@ def matched(
     pair : to match
     parameters : of the method
     device : one of `DEVICES`; on a GPU, methods that are not `ON_GPU` match on the processor
+    past : what the method knows of the frames before, if it is one that takes it
 
     Returns
     -------
@@ -83,10 +87,12 @@ def matched(
     GpuError
         If there is no GPU, or its memory is full.
     """
-    on_gpu = {"gpu": open_gpu()} if device == GPU and method in ON_GPU else {}
+    further: dict[str, Any] = {"gpu": open_gpu()} if device == GPU and method in ON_GPU else {}
+    if past is not None:
+        further[PAST] = past
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", NoTextureWarning)
-        disparity = MATCHERS[method](pair, parameters, **on_gpu)
+        disparity = MATCHERS[method](pair, parameters, **further)
     return disparity, [str(warning.message) for warning in caught]
 
 

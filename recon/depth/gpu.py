@@ -196,7 +196,7 @@ class Gpu:
         turns: list[tuple[int, int, int]],
         planes: tuple[NDArray[np.float32], NDArray[np.float32]],
         costs: list[NDArray[np.float32]],
-        moved: list[NDArray[np.int16]],
+        moved: tuple[NDArray[np.int16], NDArray[np.int16]],
     ) -> None:
         """Let both views' pixels look for better planes.
 

@@ -68,15 +68,9 @@ class StereoPair:
 
     def is_same(self, other: StereoPair) -> bool:
         """Tell whether two pairs have the same pictures, masks and disparities to search."""
-        ranges = ((pair.n_disparities, pair.min_disparity) for pair in (self, other))
-        return next(ranges) == next(ranges) and all(
-            (mine is None) == (others is None) and (mine is None or np.array_equal(mine, others))
-            for mine, others in (
-                (self.left, other.left),
-                (self.right, other.right),
-                (self.left_mask, other.left_mask),
-                (self.right_mask, other.right_mask),
-            )
+        return all(
+            np.array_equal(getattr(self, name), getattr(other, name))  # of None and an array as well
+            for name in ("n_disparities", "min_disparity", "left", "right", "left_mask", "right_mask")
         )
 
     def foreground(self) -> tuple[slice, slice]:

@@ -122,8 +122,8 @@ def match_pm(
     past : of the frames before this one, if it is one of a sequence; updated
     """
     disparity = np.full(pair.left.shape[:2], np.nan, np.float32)
-    traces, past = past and past.traces, past or Past()
-    past.traces = None
+    past = past or Past()
+    traces, past.traces = past.traces, None
     if not has_texture(pair):
         return disparity
     views = views_on(gpu, pair, parameters.seed)
@@ -178,15 +178,13 @@ def _continued(
         new = _started(views, parameters)
         if new is None:
             return None
-        for side in (0, 1):
-            for kept, changed in zip(_parts(old[side]), (new.guides, new.planes, new.moved), strict=True):
-                kept[~still[side]] = changed[side][~still[side]]
-    guides, planes, moved = zip(*map(_parts, old), strict=True)
-    return Search(planes, moved, guides, parameters.sweeps_again)
-
-
-def _parts(trace: Trace) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.int16]]:
-    return trace.guide, trace.planes, trace.moved
+        for side, changed in enumerate((~still[0], ~still[1])):
+            old[side].guide[changed] = new.guides[side][changed]
+            old[side].planes[changed] = new.planes[side][changed]
+            old[side].moved[changed] = new.moved[side][changed]
+    left, right = old
+    planes, moved = (left.planes, right.planes), (left.moved, right.moved)
+    return Search(planes, moved, (left.guide, right.guide), parameters.sweeps_again)
 
 
 def _placed(view: View, pair: StereoPair, trace: Trace) -> Trace:

@@ -59,7 +59,8 @@ def change_beyond_noise(before: NDArray[np.uint8], after: NDArray[np.uint8], noi
     noise : of the images, standard deviation, grey levels
     """
     change = largest_channel(cv2.absdiff(before, after)).astype(np.float32)
-    return np.maximum(cv2.blur(change, (NEIGHBOURHOOD, NEIGHBOURHOOD)) - np.float32(NOISE_SHARE * noise), 0)
+    mean = np.asarray(cv2.blur(change, (NEIGHBOURHOOD, NEIGHBOURHOOD)), np.float32)
+    return np.asarray(np.maximum(mean - np.float32(NOISE_SHARE * noise), np.float32(0)))
 
 
 class Passages(NamedTuple):
