@@ -58,7 +58,9 @@ def stimuli_import(asked: StimuliImport, *, as_json: bool) -> None:
     from app.intake.import_videos import import_stimuli
 
     progress = ProgressLine()
-    made = import_stimuli(asked.folder, asked.out, practice=asked.practice, progress=by_step(progress))
+    made = import_stimuli(
+        asked.folder, asked.out, practice=asked.practice, is_conformed=asked.conform, progress=by_step(progress)
+    )
     progress.close()
     _tell_of_set(made, asked.out, as_json=as_json)
 

@@ -460,6 +460,19 @@ vote = Table(
     CheckConstraint("first_shown in ('a', 'b')", name="first_shown"),
 )
 
+film_failure = Table(  # a film that a participant's browser could not show
+    "film_failure",
+    metadata,
+    key(),
+    reference("session"),
+    required("media", String(32)),  # of the pair, to compare or to practise with
+    required("trial", String(40)),
+    required("reason", String(300)),  # as the browser says it
+    required("browser", String(80)),
+    required("happened_at", UtcDateTime, index=True),
+    Column("settled_at", UtcDateTime),  # when somebody took note; NULL: nobody has, and it is an alarm
+)
+
 exclusion = Table(
     "exclusion",
     metadata,

@@ -39,6 +39,7 @@ from app.store.database.tables import (
     stimulus,
     trial,
 )
+from app.store.studies.film_failures import failure_records
 from app.study.trial.trial import PlannedPair
 
 FILM_FACTS = ("file", "sha256", "width", "height", "guard_rows", "fps", "n_frames")
@@ -323,6 +324,23 @@ def pair_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
     """Return every pair's video: what it holds, and its file."""
     rows = _named_pairs(study_id, *(pair.c[name] for name in ("media", *FILM_FACTS)))
     return [dict(row._mapping) for row in connection.execute(rows.order_by(dataset.c.position, pair.c.id))]
+
+
+def film_names(connection: Connection, study_id: int) -> dict[str, str]:
+    """Return what each pair's film shows, in words, by its opaque name."""
+    rows = connection.execute(_named_pairs(study_id, pair.c.media))
+    return {
+        row.media: f"{row.dataset}: {row.top}" + (f" and {row.bottom}" if row.bottom != row.top else "") for row in rows
+    }
+
+
+def failing_films(connection: Connection, study_id: int) -> list[dict[str, Any]]:
+    """Return every film that could not be shown, with what it shows, the latest first."""
+    names = film_names(connection, study_id)
+    return [
+        {**row, "film": names.get(row["media"], "practice"), "why": row["reason"], "noted_at": row["settled_at"]}
+        for row in failure_records(connection, study_id)
+    ]
 
 
 def shown_pairs(connection: Connection, study_id: int) -> dict[int, ShownPair]:
