@@ -15,6 +15,7 @@ WORST_PERCENT = 5  # this share of the frames is worse than the worst percentile
 DIRECTIONS = {"psnr_y": MORE, "ssim": MORE, "ms_ssim": MORE, "vmaf": MORE, "flicker": LESS}
 UNITS = {"psnr_y": "dB", "flicker": "grey levels"}
 SOURCE = "validate films"
+BYTES = "bytes"  # a model's size, which the analysis sets beside its score
 
 
 def pooled_measures(values: Sequence[float], measure: str) -> dict[str, float]:
@@ -51,7 +52,7 @@ def pooled_measures(values: Sequence[float], measure: str) -> dict[str, float]:
 
 def measured_values(films: Sequence[MeasuredFilm]) -> list[Measured]:
     """List every measure of every film for the table of measures: pooled first, then frame by frame."""
-    return [value for film in films for value in (*_pooled_values(film), *_frame_values(film))]
+    return [value for film in films for value in (*_pooled_values(film), *_sizes(film), *_frame_values(film))]
 
 
 def pooled_rows(film: MeasuredFilm) -> Iterator[dict[str, Any]]:
@@ -84,6 +85,7 @@ def study_measures(films: Sequence[MeasuredFilm]) -> list[dict[str, Any]]:
             direction, unit = _kind(measure)
             mean = pooled_measures(values, measure).get(measure)
             rows += measure_rows(subject, measure, mean, direction=direction, unit=unit)
+        rows += measure_rows(subject, BYTES, film.pair.film.model_bytes, direction=LESS, unit=BYTES)
     return rows
 
 
@@ -96,6 +98,23 @@ def _pooled_values(film: MeasuredFilm) -> Iterator[Measured]:
     for measure, values in film.values.items():
         for name, value in pooled_measures(values, measure).items():
             yield _value(film, None, measure, name, value)
+
+
+def _sizes(film: MeasuredFilm) -> Iterator[Measured]:
+    """Yield the size of the model's files, where it is known."""
+    size = film.pair.film.model_bytes
+    if size is not None:
+        yield Measured(
+            dataset=film.pair.film.dataset,
+            approach=film.pair.film.approach,
+            frame=None,
+            measure=BYTES,
+            direction="",
+            value=float(size),
+            unit=BYTES,
+            better=BETTER[LESS],
+            source="files of the models",
+        )
 
 
 def _frame_values(film: MeasuredFilm) -> Iterator[Measured]:
