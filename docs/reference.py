@@ -118,6 +118,7 @@ def settings() -> str:
     from app.settings import Settings
     from app.study.option_fields import settings_of
     from app.study.options.options import StudyOptions
+    from app.study.questions.questionnaire import Question
 
     default = StudyOptions().model_dump()
     options = [
@@ -128,6 +129,14 @@ def settings() -> str:
             setting.change,
         )
         for setting in settings_of(StudyOptions)
+    ]
+    questions = [
+        (
+            f"`{setting.name}`",
+            _described_setting(setting),
+            "required" if info.is_required() else _default(info.default),
+        )
+        for setting, info in zip(settings_of(Question), Question.model_fields.values(), strict=True)
     ]
     prefix = str(Settings.model_config["env_prefix"])
     server = [
@@ -143,6 +152,9 @@ def settings() -> str:
         "Keys of the options file of `reconstudy study create --options` and of a study file. When they [may "
         "change](studies.md#options): any time, until somebody has begun, or until then and with new films.",
         _table(("key", "", "default", "may change"), options),
+        "### Questions",
+        "Keys of each table `[[options.questions]]`.",
+        _table(("key", "", "default"), questions),
         "## Analyses",
         "Options of `reconstudy analyse`, and the fields of `app.analysis.AnalysisSettings`.",
         _table(("field", "", "default"), _fields(AnalysisSettings)),

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.polygons import cut_polygons
-from recon.models.part import NEUTRAL, Contents, Part, colours_from, decode_picture
+from recon.models.part import NEUTRAL, Contents, Part, cloud_part, colours_from, decode_picture
 from recon.storage.files import why_no_file
 
 OPTIONS = re.compile(r"-(\w+)((?:\s+(?:on|off|-?[\d.]+(?:e-?\d+)?))*)\s+")  # before the file's name in `map_Kd`
@@ -81,7 +81,7 @@ def read_obj_model(path: Path) -> Contents:
     places, normals = _numbers(lines.places, "vt", (1, 2, 3)), _numbers(lines.normals, "vn", (3,))
     positions = vertices[:, :3]
     if not lines.faces:
-        contents.parts.append(Part(positions, np.zeros((0, 3), np.int64), None, colours))
+        contents.parts.append(cloud_part(contents, positions, None, colours))
         return contents
     for name in dict.fromkeys(faces.material for faces in lines.faces):
         if name and libraries and name not in materials:

@@ -14,7 +14,7 @@ from recon.geometry.mesh import Cloud, Discs, Mesh, Model, check_resolved, stack
 from recon.geometry.normals import UPWARDS, surface_normals, unit_normals
 from recon.geometry.rig import transformed
 from recon.models.atlas import one_texture
-from recon.models.gltf_model import read_gltf_model
+from recon.models.gltf_model import VertexColours, read_gltf_model
 from recon.models.obj_model import read_obj_model
 from recon.models.part import NEUTRAL, Contents, Part
 from recon.models.ply_model import read_ply_model
@@ -25,10 +25,9 @@ from recon.storage.files import refused
 READERS: dict[str, Callable[[Path], Contents]] = {
     ".ply": read_ply_model,
     ".obj": read_obj_model,
-    ".glb": read_gltf_model,
-    ".gltf": read_gltf_model,
 }
-MODEL_SUFFIXES = tuple(dict.fromkeys([*READERS, *SPLAT_READERS]))
+GLTF_SUFFIXES = (".glb", ".gltf")
+MODEL_SUFFIXES = tuple(dict.fromkeys([*READERS, *GLTF_SUFFIXES, *SPLAT_READERS]))
 MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 Matrix = tuple[tuple[float, ...], ...]
 
@@ -43,12 +42,14 @@ class Placement:
     world_from_model : 4x4, to mm, y up: a rotation with one scale, and a translation
     splat_mm : radius of the discs that a point cloud is drawn by, mm; None where none is stated
     antialiased : whether splats were trained so, which few files say
+    vertex_colours : what those of glTF files are, where it is not linear light; None where nobody says
     """
 
     unit: str
     world_from_model: Matrix
     splat_mm: float | None = None
     antialiased: bool = False
+    vertex_colours: VertexColours | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +85,7 @@ def read_model(path: Path, placement: Placement) -> ReadModel:
     """
     if holds_splats(path):
         return _placed_splats(path, placement)
-    contents = read_contents(path)
+    contents = read_contents(path, placement.vertex_colours)
     try:
         parts = [part for part in contents.parts if len(part.faces)]
         if parts:
@@ -106,8 +107,13 @@ def _placed_splats(path: Path, placement: Placement) -> ReadModel:
     return ReadModel(moved, _digest([path]), warnings, _size([path]))
 
 
-def read_contents(path: Path) -> Contents:
+def read_contents(path: Path, vertex_colours: VertexColours | None = None) -> Contents:
     """Read what a model's file holds, in its own unit and axes.
+
+    Parameters
+    ----------
+    path : of the file
+    vertex_colours : of glTF, see `read_gltf_model`
 
     Raises
     ------
@@ -115,6 +121,8 @@ def read_contents(path: Path) -> Contents:
         If a file is missing or damaged; the message begins with the path.
     """
     try:
+        if path.suffix.lower() in GLTF_SUFFIXES:
+            return read_gltf_model(path, vertex_colours)
         return READERS[path.suffix.lower()](path)
     except OSError as error:
         raise refused(path, error) from error

@@ -126,6 +126,13 @@ class SceneContent(WholeFile):
         float | None,
         Field(gt=0, description="radius of the discs that point clouds are drawn by, mm; needed for clouds"),
     ] = None
+    vertex_colours: Annotated[
+        Literal["linear", "srgb"] | None,
+        Field(
+            description="what the colours of vertices in GLB and glTF files are: linear light by the standard; trimesh "
+            "and Open3D write sRGB; empty: linear, with a warning where one of these wrote the file"
+        ),
+    ] = None
 
 
 class PathSource(NamedTuple):
@@ -210,7 +217,12 @@ def read_scene_file(folder: Path) -> tuple[SceneFile | None, list[str]]:
         return None, [f"{file}: {problem}" for problem in problems]
     if path.capture is not None:
         bounds = path.capture.bounds
-    placement = Placement(content.units, tuple(map(tuple, matrix.tolist())), content.splat_mm)
+    placement = Placement(
+        content.units,
+        tuple(map(tuple, matrix.tolist())),
+        content.splat_mm,
+        vertex_colours=content.vertex_colours,
+    )
     placements = {
         approach: _placed(placed, content, folder, path.capture, problems)
         for approach, placed in content.placements.items()
@@ -289,6 +301,7 @@ def _placed(
     placed: Placed, content: SceneContent, folder: Path, capture: Capture | None, problems: list[str]
 ) -> Placement:
     """Return the placement of an approach that has one of its own."""
+    usual = Placement(content.units, (), content.splat_mm, placed.antialiased, content.vertex_colours)
     if placed.trained_on is None:
         own = content.model_copy(
             update={
@@ -298,8 +311,7 @@ def _placed(
             }
         )
         matrix = _world_from_model(own, problems)
-        return Placement(own.units, tuple(map(tuple, matrix.tolist())), content.splat_mm, placed.antialiased)
-    usual = Placement(content.units, (), content.splat_mm, placed.antialiased)
+        return replace(usual, unit=own.units, world_from_model=tuple(map(tuple, matrix.tolist())))
     if placed.units or placed.up or placed.world_from_model:
         problems.append("placements: trained_on says where a model stands; leave out units, up and world_from_model")
     try:

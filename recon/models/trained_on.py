@@ -50,7 +50,8 @@ def world_from_trained(path: Path, capture: Capture | None) -> NDArray[np.float6
                 return _world_from_moved(content)
             return _world_from_cameras(_nerfstudio_cameras(content), capture)
         model = read_model(path if any(path.glob("cameras.*")) else find_model(path))
-        return _world_from_cameras({image.name: np.linalg.inv(image.pose) for image in model.images.values()}, capture)
+        poses = {image.name: np.asarray(np.linalg.inv(image.pose), np.float64) for image in model.images.values()}
+        return _world_from_cameras(poses, capture)
     except (KeyError, TypeError, np.linalg.LinAlgError) as error:
         raise ValueError(f"{path}: is not the file of a training: {error}") from error
     except ValueError as error:

@@ -140,3 +140,13 @@ def test_a_ply_with_colours_of_its_faces_has_them(tmp_path: Path) -> None:
     text = ply(CORNERS, ["3 0 1 2 1 200 1 10 1 10", "3 0 1 2 1 10 2 1 1 1 9"], face_properties=lists)
     with pytest.raises(ValueError, match="its faces have lists where numbers are expected"):
         read_model(text_file(tmp_path, "b.ply", text), IN_MM)
+
+
+def test_points_without_finite_coordinates_are_left_out_and_counted(tmp_path: Path) -> None:
+    path = text_file(tmp_path, "a.ply", ply([CORNERS[0], "nan nan nan", CORNERS[1], "0 inf 0"], []))
+    read = read_model(path, IN_MM)
+    assert isinstance(read.model, Discs)
+    assert len(read.model.cloud.points) == 2
+    assert "has 2 of 4 points without finite coordinates, left out" in read.warnings
+    with pytest.raises(ValueError, match="none of its 4 points has finite coordinates"):
+        read_model(text_file(tmp_path, "b.ply", ply(["nan 0 0"] * 4, [])), IN_MM)
