@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.validation.films.film import ACTOR, MeasuredFilm
+from recon.validation.films.perceptual import WHOLE_FILM
 from recon.validation.measures import BETTER, LESS, MORE, Measured, Subject, measure_rows
 
 WORST_PERCENT = 5  # this share of the frames is worse than the worst percentile
-DIRECTIONS = {"psnr_y": MORE, "ssim": MORE, "ms_ssim": MORE, "vmaf": MORE, "flicker": LESS}
-UNITS = {"psnr_y": "dB", "flicker": "grey levels"}
+DIRECTIONS = {"psnr_y": MORE, "ssim": MORE, "ms_ssim": MORE, "vmaf": MORE, "flicker": LESS, "flip": LESS, "cvvdp": MORE}
+UNITS = {"psnr_y": "dB", "flicker": "grey levels", "cvvdp": "JOD"}
 SOURCE = "validate films"
 BYTES = "bytes"  # a model's size, which the analysis sets beside its score
 
@@ -38,6 +39,8 @@ def pooled_measures(values: Sequence[float], measure: str) -> dict[str, float]:
     known = np.array([value for value in values if not np.isnan(value)])
     if not len(known):
         return {}
+    if measure in WHOLE_FILM:
+        return {measure: float(known[0])}
     if direction == LESS:
         percent = 100 - WORST_PERCENT
         return {measure: float(known.mean()), f"{measure}_p{percent}": _percentile(known, percent)}
@@ -119,6 +122,8 @@ def _sizes(film: MeasuredFilm) -> Iterator[Measured]:
 
 def _frame_values(film: MeasuredFilm) -> Iterator[Measured]:
     for measure, values in film.values.items():
+        if measure in WHOLE_FILM:
+            continue
         for frame, value in zip(film.frames, values, strict=True):
             if not np.isnan(value):
                 yield _value(film, frame, measure, measure, value)
