@@ -79,6 +79,7 @@ PURE_EXCEPTIONS = {
     "app/analysis/report/charts.py": {"altair"},
     "app/analysis/drawing/charts_in_common.py": {"altair", "vl_convert"},
     "app/analysis/report/objective_charts.py": {"altair"},
+    "app/analysis/report/rate_charts.py": {"altair"},
     "app/analysis/report/rating_charts.py": {"altair"},
     "app/analysis/report/page.py": {"jinja2"},
     "app/analysis/reading/quick_reading.py": {"pyarrow"},

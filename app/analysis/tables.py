@@ -58,6 +58,11 @@ TABLES: Mapping[str, Table] = {
     "triads_pooled": Table("participant", {"n_datasets": "that are combined"}),
     "measures": Table("measure and dataset", {"n": "points", "n_conditions": "that permutations exchange"}),
     "measure_comparisons": Table("two measures", {"n": "points that both have"}),
+    "rates": Table(
+        "condition of a known size",
+        {"is_on_front": "no other is as small and scores as high"},
+    ),
+    "rate_differences": Table("two methods", {"bytes_low": "with `bytes_high`, sizes that both methods have"}),
     "agreement": Table(
         "dataset",
         {

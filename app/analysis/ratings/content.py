@@ -7,8 +7,9 @@ from typing import Any
 
 from app.analysis.findings.ratings import rating_findings
 from app.analysis.model.settings import AnalysisSettings
-from app.analysis.objective.against_scores import measure_tables
+from app.analysis.objective.against_scores import compared_scores, measure_tables
 from app.analysis.objective.points import ScoreSet
+from app.analysis.rates.rows import rate_rows
 from app.analysis.tables import TABLES
 from app.analysis.warnings import measure_warnings
 
@@ -50,9 +51,11 @@ def with_measures(
     settings : its measures and their directions
     """
     measured = measure_tables(scored, settings)
+    known = {**analysis["settings"], "measures": settings.measures, "better": settings.better}
     return {
         **analysis,
         **measured,
-        "settings": {**analysis["settings"], "measures": settings.measures, "better": settings.better},
+        "rates": rate_rows(compared_scores(analysis), known),
+        "settings": known,
         "warnings": [*analysis["warnings"], *measure_warnings(measured["measures"])],
     }
