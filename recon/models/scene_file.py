@@ -303,15 +303,15 @@ def _placed(
     """Return the placement of an approach that has one of its own."""
     usual = Placement(content.units, (), content.splat_mm, placed.antialiased, content.vertex_colours)
     if placed.trained_on is None:
-        own = content.model_copy(
+        stated = content.model_copy(
             update={
                 "units": placed.units or content.units,
                 "up": placed.up or content.up,
                 "world_from_model": placed.world_from_model,
             }
         )
-        matrix = _world_from_model(own, problems)
-        return replace(usual, unit=own.units, world_from_model=tuple(map(tuple, matrix.tolist())))
+        matrix = _world_from_model(stated, problems)
+        return replace(usual, unit=stated.units, world_from_model=tuple(map(tuple, matrix.tolist())))
     if placed.units or placed.up or placed.world_from_model:
         problems.append("placements: trained_on says where a model stands; leave out units, up and world_from_model")
     try:

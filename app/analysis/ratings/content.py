@@ -9,6 +9,7 @@ from app.analysis.findings.ratings import rating_findings
 from app.analysis.model.settings import AnalysisSettings
 from app.analysis.objective.against_scores import compared_scores, measure_tables
 from app.analysis.objective.points import ScoreSet
+<<<<<<< HEAD
 from app.analysis.rates.rows import rate_rows
 from app.analysis.warnings import measure_warnings
 
@@ -28,13 +29,18 @@ VOTE_TABLES = (
     ),
     "pairs",
 )
+=======
+from app.analysis.tables import TABLES
+from app.analysis.warnings import measure_warnings
+
+>>>>>>> main
 NO_VOTES: dict[str, Any] = {  # the keys of an analysis of votes, where there are none
     "schema_version": 1,
     "votes": None,
     "dataset_concordance": None,
     "findings": [],
     "warnings": [],
-    **{name: [] for name in VOTE_TABLES},
+    **{name: [] for name in TABLES},
 }
 
 
