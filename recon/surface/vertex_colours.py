@@ -147,7 +147,8 @@ def _sum_beside(  # type: ignore[no-untyped-def]  # numba
                     agreement = nx * normals[index, 0] + ny * normals[index, 1] + nz * normals[index, 2]
                     if agreement < SAME_SIDE:
                         continue
-                    px, py, pz = points[index, 0] / voxel - x, points[index, 1] / voxel - y, points[index, 2] / voxel - z
+                    px, py = points[index, 0] / voxel - x, points[index, 1] / voxel - y
+                    pz = points[index, 2] / voxel - z
                     away = px * nx + py * ny + pz * nz
                     beside = 1 - (px * px + py * py + pz * pz - away * away) / (radius * radius)
                     if beside <= 0 or abs(away) >= depth:
