@@ -401,11 +401,13 @@ def test_stimuli_are_seen_and_a_damaged_film_is_found(own_server: str, own: Sett
         stills = re.findall(r'src="(/admin/studies/films/stimuli/[^"]+\.jpg)"', page)
         assert len(stills) == 6
         assert eva.get(stills[0]).content.startswith(b"\xff\xd8")
-        assert "films are there and unchanged" in eva.act("/admin/studies/films/stimuli").text
+        begun = eva.act("/admin/studies/films/stimuli")
+        assert "films were decoded to their last picture" in ends(eva, str(begun.url.path)).text
         films = {path: path.read_bytes() for path in own.media_dir.glob("*.mp4")}
         for damaged, content in films.items():
             damaged.write_bytes(content + b"x")
-        assert "not what it was" in eva.act("/admin/studies/films/stimuli").text
+        begun = eva.act("/admin/studies/films/stimuli")
+        assert "not what it was" in ends(eva, str(begun.url.path)).text
         for damaged, content in films.items():
             damaged.write_bytes(content)
 
