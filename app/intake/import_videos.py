@@ -32,6 +32,7 @@ from app.intake.treatment import (
     treatment_of,
     write_treated,
 )
+from ground.file_models import SCHEMA_KEY, schema_name
 
 CONDITIONS = "conditions.csv"
 MASTER = ".master"  # ends the name of a film's lossless master, before the suffix
@@ -360,6 +361,7 @@ def _manifest(
             if level not in factors.setdefault(factor, []):
                 factors[factor].append(level)
     return {
+        SCHEMA_KEY: schema_name("manifest"),
         "schema_version": 1,
         "name": name,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),

@@ -10,24 +10,18 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from recon.commands.setting import PLUGIN_NAMES
-from recon.commands.shared import APPROACHES, CLUSTER, DEVICE, WORKERS
 from recon.methods.approaches import Approach, parse_approach
 from recon.methods.plugins import DEPTH_GROUP, FUSION_GROUP
 from recon.storage.remote import is_there, place
 
 if TYPE_CHECKING:
     from recon.pipeline.methods import Methods
-
-WorkersOption = Annotated[int, typer.Option(min=1, help=WORKERS.description)]
-ClusterOption = Annotated[str | None, typer.Option(help=CLUSTER.description)]
-DeviceOption = Annotated[Literal["cpu", "gpu"], typer.Option(help=DEVICE.description)]
-FurtherOption = Annotated[str, typer.Option(help=APPROACHES.description)]
 
 SCHEME = re.compile(r"[a-z][a-z0-9+.-]+:", re.IGNORECASE)  # of a URL, as a path's first part
 

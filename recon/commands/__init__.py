@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from recon.commands.experiments import Demo, ExperimentPaper
 from recon.commands.measures import (
     ValidateCloud,
     ValidateCuboid,
@@ -53,4 +54,6 @@ COMMANDS: Mapping[str, type[Command]] = {
     "validate mesh": ValidateMesh,
     "validate cloud": ValidateCloud,
     "validate films": ValidateFilms,
+    "experiment paper": ExperimentPaper,
+    "demo": Demo,
 }

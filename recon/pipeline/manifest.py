@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from ground.file_models import SCHEMA_KEY, schema_name
 from recon.storage.artefacts import file_digest
 from recon.storage.files import write_json
 from recon.storage.remote import fetched, stored
@@ -75,6 +76,7 @@ def write_manifest(
     write_json(
         path,
         {
+            SCHEMA_KEY: schema_name("manifest"),
             "schema_version": SCHEMA_VERSION,
             "name": name,
             "created": datetime.now(UTC).isoformat(timespec="seconds"),

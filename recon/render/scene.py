@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from recon.geometry.mesh import Texture
 from recon.geometry.rig import Camera, bounds_corners, checked_bounds, look_at
+from recon.geometry.splats import Splats
 
 KEY_AZIMUTH_DEG = 35.0  # the light stands to the left behind the camera, as in a portrait
 KEY_ELEVATION_DEG = 55.0
@@ -123,7 +124,7 @@ class LitMesh:
 
 
 @dataclass(frozen=True, eq=False)
-class LitSplats:
+class LitDiscs:
     """Points with the colours to show, each as a disc that faces the camera.
 
     Parameters
@@ -138,7 +139,7 @@ class LitSplats:
     radius_mm: float
 
 
-LitModel = LitMesh | LitSplats
+LitModel = LitMesh | LitDiscs | Splats  # splats have the light that they were trained with
 
 
 @dataclass(frozen=True, eq=False)

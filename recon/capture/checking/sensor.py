@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.capture.checking.agreement import FEWEST, LOWEST_SHARE, Agreement, agreeing, agreeing_with_each_other
 from recon.capture.checking.continuity import DARK_LEVELS
 from recon.capture.checking.depth import DepthCheck, bounds_area, check_depth_maps
-from recon.capture.checking.diagnosis import MIN_MATCHES, diagnose
+from recon.capture.checking.diagnosis import MIN_ERROR_PX, MIN_GAIN, MIN_MATCHES, diagnose
 from recon.capture.checking.matches import Matches, epipolar_errors, joined, match_pictures
 from recon.capture.checking.sensor_report import Rows, SensorReport
 from recon.capture.format import CaptureError, SensorStream, frame_pictures, mask_pictures, read_mask, read_picture
@@ -25,6 +26,8 @@ from recon.geometry.rig import Sensor
 
 MAX_VERTICAL_ERROR_PX = 1.0  # above, matching along rows fails; good calibrations reach 0.1 to 0.3
 MEASURED_FRAMES = 3  # first, middle, last
+MOST_SHOTS = 12  # frames of a recording that is one of shots, not a film
+MIRRORED = 0.5  # of the disparities of swapped pictures lie within the bounds with their sign changed
 MIN_INSIDE = 0.05  # of the matched points have a disparity of the bounds, or of the masks lie in them
 MIN_BOUNDS_PX = 256  # of a picture that show the bounds; an object of fewer has no shape
 MAX_EDGE = 0.9  # of the picture's edge that masks cover; an object fills less, its background all
@@ -41,14 +44,16 @@ class _Look:
 
     Parameters
     ----------
-    rows : (N, 2), row difference and disparity of the matches of the rectified pair, pixels
+    frame : its number
+    rectified : matches of the rectified pair, within the masks or bounds
     matches : of the pictures as recorded
     left_to_right : (M,) ratios of brightness at the matches
     textured : share of the area; None if there is none
     inside : share of the left mask that lies within the bounds; None without a mask, or if it is empty
     """
 
-    rows: NDArray[np.float64]
+    frame: int
+    rectified: Matches
     matches: Matches
     left_to_right: NDArray[np.float64]
     textured: float | None
@@ -109,14 +114,18 @@ def _with_pair(
         rectification = rectify(stream.sensor, bounds)
     except ValueError as error:
         return replace(check, problems=(*check.problems, str(error)))
-    by_frame = {}
+    shots = []
     for frame in measured_frames(n_frames):
         with suppress(CaptureError):  # its pictures are listed already
-            by_frame[frame] = _look(folder, stream, frame, rectification, bounds)
-    looks = list(by_frame.values())
-    rows = _rows(looks, rectification)
-    matches = joined([look.matches for look in looks])
-    faults = diagnose(stream.sensor, matches)
+            shots.append(_look(folder, stream, frame, rectification, bounds))
+    swapped = _swapped(stream.sensor, shots, rectification)
+    looks = [look for look in shots if look.frame not in swapped]
+    matched = joined([look.matches for look in looks])
+    matches = matched[agreeing_with_each_other(stream.sensor, matched)]
+    agreement = Agreement(len(matches), len(matched))
+    rows = _rows(joined([look.rectified for look in looks]), rectification)
+    is_checked = agreement.is_enough or Agreement(rows.n_agreeing, rows.n_matches).is_enough
+    faults = diagnose(stream.sensor, matches) if agreement.is_enough else ()
     misfit = _misfit(stream.sensor, matches, rows)
     textured = [look.textured for look in looks if look.textured is not None]
     depth = rectification.left.points_in_camera(bounds.mean(axis=0, keepdims=True))[0, 2]
@@ -126,20 +135,75 @@ def _with_pair(
         rectified_size=rectification.left.size,
         n_disparities=rectification.n_disparities,
         depth_per_disparity_mm=per_pixel,
-        expected_error_mm=None if faults else per_pixel * float(np.hypot(MATCHED_PX, misfit)),
+        expected_error_mm=per_pixel * float(np.hypot(MATCHED_PX, misfit)) if is_checked and not faults else None,
         textured=float(np.mean(textured)) if textured else None,
         rows=rows,
+        is_checked=is_checked,
     )
     return SensorCheck(
         report,
         (
             *check.problems,
+            *_swapped_problems(stream.id, swapped, len(shots)),
             *(faults or _row_problems(rectification, rows, misfit)),
-            *_bounds_problems(stream, bounds, looks),
+            *(list(_bounds_problems(stream, bounds, looks)) or _error_problems(report, bounds)),
         ),
-        (*check.warnings, *_exposure_warnings(stream.id, looks), *_texture_warnings(report)),
-        {frame: look.matches for frame, look in by_frame.items()},
+        (
+            *check.warnings,
+            *(() if is_checked else (_unchecked(stream.id, agreement),)),
+            *_exposure_warnings(stream.id, looks),
+            *_texture_warnings(report),
+        ),
+        {look.frame: look.matches for look in looks},
     )
+
+
+def _unchecked(sensor_id: str, agreement: Agreement) -> str:
+    return (
+        f"sensor {sensor_id}: its calibration could not be checked, because only {agreement}, expected at least "
+        f"{FEWEST} and {LOWEST_SHARE:.0%}; look whether left and right show the same, with texture and light"
+    )
+
+
+def _swapped(sensor: Sensor, shots: Sequence[_Look], rectification: Rectification) -> list[int]:
+    """List the frames whose left and right pictures are swapped; none if all are, as then the sensor is wrong."""
+    swapped = [look.frame for look in shots if _is_swapped(sensor, look, rectification)]
+    return swapped if len(swapped) < len(shots) else []
+
+
+def _is_swapped(sensor: Sensor, look: _Look, rectification: Rectification) -> bool:
+    """Do the matches of one shot fit the calibration clearly better with left and right exchanged?"""
+    matches = look.matches[agreeing_with_each_other(sensor, look.matches)]
+    if not Agreement(len(matches), len(look.matches)).is_enough:
+        return False
+    error = float(np.median(np.abs(epipolar_errors(sensor, matches))))
+    exchanged = float(np.median(np.abs(epipolar_errors(sensor, Matches(matches.right, matches.left)))))
+    if error > MIN_ERROR_PX and exchanged < MIN_GAIN * error:
+        return True
+    disparities = (look.rectified.left - look.rectified.right)[agreeing(look.rectified), 0]
+    if len(disparities) < FEWEST:
+        return False
+    n = rectification.n_disparities
+    inside, mirrored = (((d >= 0) & (d < n)).mean() for d in (disparities, -disparities))
+    return bool(inside < MIN_INSIDE and mirrored > MIRRORED)
+
+
+def _swapped_problems(sensor_id: str, swapped: Sequence[int], n_shots: int) -> Iterator[str]:
+    if swapped:
+        yield (
+            f"sensor {sensor_id}: left and right are swapped in {_listed(swapped)}, but not in the other "
+            f"{n_shots - len(swapped)} that were measured; exchange these pictures"
+        )
+
+
+def _error_problems(report: SensorReport, bounds: NDArray[np.float64]) -> Iterator[str]:
+    """Say that what the geometry promises is worse than knowing nothing but the bounds."""
+    smallest = float((bounds[1] - bounds[0]).min())
+    if report.expected_error_mm is not None and report.expected_error_mm > smallest:
+        yield (
+            f"sensor {report.id}: the depth error to expect, {report.expected_error_mm:.0f} mm, is larger than the "
+            f"bounds ({smallest:.0f} mm); the baseline is too short for this distance, or the calibration is wrong"
+        )
 
 
 def _bounds_problems(stream: SensorStream, bounds: NDArray[np.float64], looks: Sequence[_Look]) -> Iterator[str]:
@@ -192,8 +256,8 @@ def _listed(frames: Sequence[int]) -> str:
 
 
 def measured_frames(n_frames: int) -> list[int]:
-    """Choose the frames that are measured closely."""
-    return evenly_chosen(n_frames, MEASURED_FRAMES)
+    """Choose the frames that are measured closely: of shots all, as each may be wrong for itself."""
+    return evenly_chosen(n_frames, n_frames if n_frames <= MOST_SHOTS else MEASURED_FRAMES)
 
 
 def _look(
@@ -209,7 +273,8 @@ def _look(
     rectified = match_pictures(*pair, areas)
     matches = match_pictures(left, right)
     return _Look(
-        (rectified.left - rectified.right)[:, ::-1],
+        frame,
+        rectified,
         matches,
         brightness_ratios(left, right, matches),
         _textured(pair[0], areas[0]),
@@ -244,12 +309,14 @@ def _textured(image: NDArray[np.uint8], area: NDArray[np.bool_]) -> float | None
     return float((variance[area] - noise_deviation(grey) ** 2 > MIN_TEXTURE**2).mean())
 
 
-def _rows(looks: list[_Look], rectification: Rectification) -> Rows:
-    rows = np.concatenate([look.rows for look in looks]) if looks else np.zeros((0, 2))
-    if len(rows) == 0:
-        return Rows(0, None, None)
-    inside = (rows[:, 1] >= 0) & (rows[:, 1] < rectification.n_disparities)
-    return Rows(len(rows), float(np.median(np.abs(rows[:, 0]))), float(np.median(rows[:, 1])), float(np.mean(inside)))
+def _rows(rectified: Matches, rectification: Rectification) -> Rows:
+    kept = rectified[agreeing(rectified)]
+    if len(kept) == 0:
+        return Rows(len(rectified), None, None)
+    disparities, differences = (kept.left - kept.right).T
+    inside = (disparities >= 0) & (disparities < rectification.n_disparities)
+    vertical_error, disparity = float(np.median(np.abs(differences))), float(np.median(disparities))
+    return Rows(len(rectified), vertical_error, disparity, float(np.mean(inside)), len(kept))
 
 
 def _misfit(sensor: Sensor, matches: Matches, rows: Rows) -> float:
@@ -258,15 +325,16 @@ def _misfit(sensor: Sensor, matches: Matches, rows: Rows) -> float:
     A glossy or plain object gives few and wrong matches; the room behind it then shows that the calibration fits.
     """
     on_object = rows.vertical_error_px or 0.0
-    if len(matches) < max(MIN_MATCHES, rows.n_matches):
+    if len(matches) < max(FEWEST, rows.n_agreeing):
         return on_object
     return min(on_object, float(np.median(np.abs(epipolar_errors(sensor, matches)))))
 
 
 def _row_problems(rectification: Rectification, rows: Rows, misfit: float) -> Iterator[str]:
-    if rows.n_matches < MIN_MATCHES or rows.vertical_error_px is None or rows.inside is None:
+    is_enough = Agreement(rows.n_agreeing, rows.n_matches).is_enough
+    if not is_enough or rows.vertical_error_px is None or rows.inside is None:
         return
-    place = f"sensor {rectification.sensor_id}: {rows.n_matches} matched points"
+    place = f"sensor {rectification.sensor_id}: {rows.n_agreeing} of {rows.n_matches} matched points agree; they"
     if misfit > MAX_VERTICAL_ERROR_PX:
         yield (
             f"{place} differ vertically by {rows.vertical_error_px:.2f} px after rectification (median), expected at "

@@ -14,15 +14,17 @@ class Rows:
     Parameters
     ----------
     n_matches : number of matched points
-    vertical_error_px : median of |row left - row right|, None without matches
-    disparity_px : median disparity, None without matches
-    inside : share of the points whose disparity is one of the bounds, None without matches
+    vertical_error_px : median of |row left - row right| of the points that agree on one geometry, None without any
+    disparity_px : their median disparity
+    inside : share of them whose disparity is one of the bounds
+    n_agreeing : how many they are
     """
 
     n_matches: int
     vertical_error_px: float | None
     disparity_px: float | None
     inside: float | None = None
+    n_agreeing: int = 0
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,7 @@ class SensorReport:
     mask_coverage : share of foreground pixels, mean over all frames, (left, right), or (left,) of one camera
     depth_coverage : share of what the bounds (or masks) show that has a given depth, None without depth maps
     depth_mm : median of the given depths
+    is_checked : whether enough matched points agree to judge the calibration; None where there is no pair to check
     """
 
     id: str
@@ -51,6 +54,7 @@ class SensorReport:
     mask_coverage: tuple[float, ...] | None = None
     depth_coverage: float | None = None
     depth_mm: float | None = None
+    is_checked: bool | None = None
 
     @property
     def texture(self) -> str:
@@ -65,6 +69,8 @@ class SensorReport:
             if self.depth_coverage is None:
                 return f"{self.id}: nothing can be expected before the problems are solved"
             return f"{self.id}: {self.depth_coverage:.0%} of what the bounds or masks show has a given depth"
+        if self.is_checked is False:
+            return f"{self.id}: its calibration could not be checked, so which accuracy to expect is not known"
         if self.expected_error_mm is None or self.textured is None:
             return f"{self.id}: no accuracy can be expected before the problems are solved"
         advice = {"good": "", "fair": "; plain areas will be filled in", "poor": "; add texture, light or sharpness"}
@@ -84,7 +90,8 @@ class SensorReport:
             parts.append(f"{self.depth_per_disparity_mm:.2f} mm of depth per pixel of disparity")
         if self.rows is not None and self.rows.vertical_error_px is not None:
             parts.append(
-                f"median vertical error {self.rows.vertical_error_px:.3f} px on {self.rows.n_matches} matched points"
+                f"median vertical error {self.rows.vertical_error_px:.3f} px on {self.rows.n_agreeing} of "
+                f"{self.rows.n_matches} matched points"
             )
         if self.mask_coverage is not None:
             parts.append("masks cover " + " and ".join(f"{share:.1%}" for share in self.mask_coverage))

@@ -1,0 +1,71 @@
+"""Which matched points agree with one another on some geometry of two cameras, whatever the calibration says.
+
+Every verdict from matches rests on these. Where few agree, nothing can be said: the pictures may show different things.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.capture.checking.matches import Matches
+from recon.capture.rectify import viewing_directions
+from recon.geometry.rig import Sensor
+
+THRESHOLD_PX = 1.0  # from an epipolar line; MAGSAC++ weighs distances up to about thrice that
+ESTIMATORS = (cv2.USAC_MAGSAC, cv2.USAC_ACCURATE, cv2.FM_RANSAC)  # the first that answers
+CONFIDENCE, MOST_ROUNDS = 0.9999, 5000
+DETERMINED = 8  # points, on which nearly any matches agree
+FEWEST = 20  # points that agree; fewer say nothing about a calibration
+LOWEST_SHARE = 0.15  # of all matches; of random ones in small pictures a line catches up to a tenth
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How many matched points agree on one geometry, of how many."""
+
+    n_agreeing: int
+    n_matches: int
+
+    @property
+    def is_enough(self) -> bool:
+        """True if a calibration can be judged by the points that agree."""
+        return self.n_agreeing >= max(FEWEST, LOWEST_SHARE * self.n_matches)
+
+    def __str__(self) -> str:
+        """Say both numbers."""
+        return f"{self.n_agreeing} of {self.n_matches} matched points agree on one geometry of two cameras"
+
+
+def agreeing_with_each_other(sensor: Sensor, matches: Matches) -> NDArray[np.bool_]:
+    """Select the matches (N,) of a sensor's pictures as recorded that agree on one geometry of two cameras.
+
+    The calibration straightens the lenses alone; focal lengths and poses are free.
+    """
+    focal = float(np.mean([np.diag(camera.K)[:2] for camera in (sensor.left, sensor.right)]))
+    left, right = (
+        focal * viewing_directions(camera, points)[:, :2]
+        for camera, points in ((sensor.left, matches.left), (sensor.right, matches.right))
+    )
+    return agreeing(Matches(left, right))
+
+
+def agreeing(matches: Matches) -> NDArray[np.bool_]:
+    """Select the matches (N,) of two pictures of pinhole cameras that agree on one fundamental matrix.
+
+    Source: Barath, Noskova, Ivashechkin, Matas, "MAGSAC++, a fast, reliable and accurate robust estimator", CVPR 2020.
+    """
+    if len(matches) < DETERMINED:
+        return np.zeros(len(matches), np.bool_)
+    for estimator in ESTIMATORS:
+        with suppress(cv2.error):  # on some sets of points of one plane OpenCV's estimators give up
+            _, chosen = cv2.findFundamentalMat(
+                matches.left, matches.right, estimator, THRESHOLD_PX, CONFIDENCE, MOST_ROUNDS
+            )
+            if chosen is not None:
+                return np.asarray(chosen.ravel(), np.bool_)
+    return np.zeros(len(matches), np.bool_)
