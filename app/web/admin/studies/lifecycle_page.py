@@ -22,6 +22,7 @@ from app.store.studies.studies import Standing, all_studies, progress_by_study
 from app.store.trials.admission import begin_preview
 from app.study.options.option_table import COLUMNS
 from app.study.options.options import parse_options
+from app.study.options.platforms import PLATFORMS
 from app.study.options.presets import PRESETS, QUICK, read_preset
 from app.study.options.study_file import LONGEST_FILE, StudyFile, parse_study_file, with_line
 from app.study.options.wording import check_languages
@@ -54,12 +55,13 @@ def new_study_page(
     stimulus_set: Annotated[str, Query(max_length=200)] = "",
     chosen_set: Annotated[str, Query(alias="set", max_length=200)] = "",
     preset: Annotated[str, Query(max_length=20)] = "",
+    platform: Annotated[str, Query(max_length=20)] = "",
 ) -> Response:
     """Ask for stimulus set and preset; with both, show the form, filled with what the preset says.
 
     Parameters
     ----------
-    stimulus_set, preset : as chosen
+    stimulus_set, preset, platform : as chosen
     chosen_set : the set to offer first, where the preset is still to be chosen
     """
     with database.reading() as connection:
@@ -73,9 +75,12 @@ def new_study_page(
             "presets": presets,
             "default_preset": QUICK,
             "longest_file": LONGEST_FILE,
+            "platforms": PLATFORMS,
         }
         return page(request, "new_study", person, context)
-    return _settings_page(request, person, chosen, preset or QUICK)
+    filled = PLATFORMS[platform].outside if platform in PLATFORMS else {}
+    begun = {f"outside.{name}": value for name, value in filled.items()}
+    return _settings_page(request, person, chosen, preset or QUICK, begun)
 
 
 @router.post("/studies/new")
