@@ -15,13 +15,13 @@ from app.intake.bounds import typed_in_bounds
 from app.operations.studies.edit import check_edit, remake_films, save_edit
 from app.operations.studies.manage import study_file_of
 from app.operations.studies.stimulus_sets import set_of_study
+from app.operations.tasks import start_task
 from app.store.access.experimenters import Experimenter
 from app.store.database.engine import Database
 from app.store.studies.audit import Actor
 from app.store.studies.studies import Study, progress_of, study_by_id
 from app.store.trials.designs import conditions_of, datasets_of
 from app.study.options.study_file import LONGEST_FILE, StudyFile, parse_study_file, with_line, write_study_file
-from app.web.admin.background import start_task
 from app.web.admin.layout import attachment, see, study_page, unix
 from app.web.admin.studies.form import (
     WAS,

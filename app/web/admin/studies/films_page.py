@@ -11,11 +11,11 @@ from app.errors import NotFoundError
 from app.ffmpeg import Progress
 from app.films.strips import write_still
 from app.operations.studies.check_films import check_films, films_of, in_words, last_check
+from app.operations.tasks import start_task
 from app.store.access.experimenters import Experimenter
 from app.store.studies.studies import Study
 from app.store.trials.designs import STRIPS, pair_records, stimulus_records
 from app.study.options.options import parse_options
-from app.web.admin.background import start_task
 from app.web.admin.layout import see, study_page
 from app.web.admin.listing import listed
 from app.web.gates import Store, database, settings

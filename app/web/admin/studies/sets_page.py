@@ -27,8 +27,8 @@ from app.operations.studies.stimulus_sets import (
     set_called,
     studies_of,
 )
+from app.operations.tasks import start_task
 from app.store.studies.audit import Entry, record_alone
-from app.web.admin.background import start_task
 from app.web.admin.layout import page, see
 from app.web.admin.uploads import UploadingActor, receive
 from app.web.gates import Store, settings

@@ -28,11 +28,11 @@ from app.intake.treatment import preview_of
 from app.operations.jobs.kinds import kinds_for
 from app.operations.jobs.queueing import refuse_while_used, uses
 from app.operations.studies.attach import attach
+from app.operations.tasks import start_task
 from app.settings import Settings
 from app.store.database.engine import Database
 from app.store.queue import OPEN, QueuedJob, list_jobs
 from app.store.studies.studies import Study, all_studies
-from app.web.admin.background import start_task
 from app.web.admin.layout import page, see
 from app.web.gates import Store, settings
 from app.web.media import SANDBOX
