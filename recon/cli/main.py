@@ -190,6 +190,7 @@ def render(asked: Render, *, as_json: bool) -> None:
         fps=asked.fps,
         seconds=asked.seconds,
         background=asked.background,
+        light=asked.light,
         path=parse_path(asked.path, PATHS),
         loop=every,
         loops=loops,

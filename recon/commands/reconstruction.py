@@ -162,6 +162,14 @@ class Render(Command):
         label="Background",
         choices={"studio": "a bright studio", "dark": "a dark room", "plain": "one colour"},
     )
+    light: str = option(
+        "studio",
+        "Light on meshes and clouds: studio, or flat for the colours that they bring, so that light is no giveaway "
+        "beside Gaussian splats, which always bring theirs.",
+        label="Light",
+        note="",
+        choices={"studio": "from the background, with shadows on the models", "flat": "none: the colours as they come"},
+    )
     path: str = option(
         "auto",
         "The camera's way: along the sensors, once around, to both sides of the first sensor, or as in a JSON file "

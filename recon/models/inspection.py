@@ -34,6 +34,7 @@ class Facts:
     bounds : lowest and highest corner, mm; None where it cannot be read
     is_cloud : whether it is points without faces
     warnings : a clause each that follows the model's name
+    n_bytes : of its files; 0 where that is not known
     problem : why it cannot be filmed, a sentence; None if it can
     """
 
@@ -42,6 +43,7 @@ class Facts:
     is_cloud: bool = False
     warnings: tuple[str, ...] = ()
     problem: str | None = None
+    n_bytes: int = 0
 
     @property
     def size(self) -> float:
@@ -65,7 +67,7 @@ def inspect_model(path: Path, placement: Placement) -> Facts:
     if not (high > low).any():
         return Facts(problem=f"{path}: all its points are in one place")
     bounds = (tuple(low.tolist()), tuple(high.tolist()))
-    return Facts(model.digest, bounds, isinstance(model.model, Discs), model.warnings)
+    return Facts(model.digest, bounds, isinstance(model.model, Discs), model.warnings, n_bytes=model.n_bytes)
 
 
 def union(facts: Sequence[Facts]) -> NDArray[np.float64]:

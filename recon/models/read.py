@@ -61,11 +61,13 @@ class ReadModel:
     model : in the world
     digest : SHA-256 over all files that it was read from
     warnings : what is not shown as the file has it, a clause each that follows the model's name
+    n_bytes : of all files that it was read from
     """
 
     model: Model
     digest: str
     warnings: tuple[str, ...]
+    n_bytes: int = 0
 
 
 def read_model(path: Path, placement: Placement) -> ReadModel:
@@ -95,14 +97,14 @@ def read_model(path: Path, placement: Placement) -> ReadModel:
             model = _discs(clouds, contents, placement.splat_mm)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
-    return ReadModel(model, _digest(contents.files), tuple(contents.warnings))
+    return ReadModel(model, _digest(contents.files), tuple(contents.warnings), _size(contents.files))
 
 
 def _placed_splats(path: Path, placement: Placement) -> ReadModel:
     splats, warnings = read_with_warnings(path)
     moved = splats.moved(np.array(placement.world_from_model))
     moved = replace(moved, antialiased=splats.antialiased or placement.antialiased)
-    return ReadModel(moved, _digest([path]), warnings)
+    return ReadModel(moved, _digest([path]), warnings, _size([path]))
 
 
 def read_contents(path: Path, vertex_colours: VertexColours | None = None) -> Contents:
@@ -209,6 +211,11 @@ def _coloured(part: Part) -> Part:
 def _shades(part: Part) -> NDArray[np.uint8]:
     """Return the vertices' colours, uint8 (N, 3); grey under a texture, which is shown instead."""
     return np.full((len(part.vertices), 3), NEUTRAL, np.uint8) if part.colours is None else part.colours
+
+
+def _size(files: list[Path]) -> int:
+    """Return the bytes of all files."""
+    return sum(file.stat().st_size for file in files)
 
 
 def _digest(files: list[Path]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -185,6 +185,11 @@ def scene_around(bounds: NDArray[np.floating], cameras: Sequence[Camera], backgr
         raise ValueError("a scene needs the cameras that look at it, found none")
     bounds = checked_bounds(bounds)
     return Scene(BACKGROUNDS[background], bounds, _key_direction(bounds.mean(axis=0), cameras))
+
+
+def without_light(scene: Scene) -> Scene:
+    """Return a scene in which every model has the colours that it brings, as splats do; shadows on the floor stay."""
+    return replace(scene, background=replace(scene.background, ambient=1.0, sky=0.0))
 
 
 def transformed(points: NDArray[Real], transform: NDArray[Real]) -> NDArray[Real]:
