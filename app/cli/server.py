@@ -215,23 +215,38 @@ def token_add(
         list[str] | None,
         typer.Option(
             help="What the token may do: read, personal, audit, jobs, studies:write or participants:write; may be "
-            "repeated; default: the three that only read."
+            "repeated; default: read."
         ),
     ] = None,
     study: Annotated[
-        list[str] | None, typer.Option(help="Short name of a study that it opens, once for each; default: all studies.")
+        list[str] | None,
+        typer.Option(help="Short name of a study that it opens, once for each; default: the only study."),
     ] = None,
+    all_studies: Annotated[
+        bool, typer.Option("--all-studies", help="Open all studies, also those that are made later.")
+    ] = False,
+    days: Annotated[int, typer.Option(min=0, max=3650, help="Days until it ends; 0: only when it is revoked.")] = 365,
     as_json: JsonOption = False,
 ) -> None:
     """Make a bearer token for fetching results over REST; it is shown only once."""
-    from app.operations.studies.manage import add_token
+    from app.operations.studies.manage import add_token, only_study
     from app.settings import Settings
-    from app.store.access.tokens import READING, SCOPES
+    from app.store.access.tokens import READ, SCOPES
 
     if unknown := sorted(set(scope or ()) - SCOPES.keys()):
         raise typer.BadParameter(f"--scope is {unknown[0]!r}, expected some of {', '.join(SCOPES)}")
-    added = add_token(Settings(), token_name, tuple(scope or READING), study)
-    print_result(added, f"Token of {added['name']}, shown this once: {added['token']}", as_json=as_json)
+    if study and all_studies:
+        raise typer.BadParameter("--study and --all-studies exclude each other; leave one out")
+    settings = Settings()
+    opened = None if all_studies else study or [only_study(settings)]
+    added = add_token(settings, token_name, tuple(scope or (READ,)), opened, days=days or None)
+    ends = f"until {added['expires_at'][:10]}" if days else "until it is revoked"
+    sentences = (
+        f"Token of {added['name']}, shown this once: {added['token']}",
+        f"It grants {', '.join(added['scopes'])} of {'all studies' if opened is None else ', '.join(opened)} {ends}; "
+        "--scope, --study, --all-studies and --days grant more or less.",
+    )
+    print_result(added, "\n".join(sentences), as_json=as_json)
 
 
 @app.command()

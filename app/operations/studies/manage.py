@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -164,7 +164,12 @@ def set_up_path(settings: Settings) -> str | None:
 
 
 def add_token(
-    settings: Settings, name: str, scopes: Sequence[str] = READING, studies: Sequence[str] | None = None
+    settings: Settings,
+    name: str,
+    scopes: Sequence[str] = READING,
+    studies: Sequence[str] | None = None,
+    *,
+    days: int | None = None,
 ) -> dict[str, Any]:
     """Make a bearer token that may do what its scopes name; it is shown only once.
 
@@ -174,12 +179,27 @@ def add_token(
     name : whom or what it is for
     scopes : of SCOPES
     studies : short names of the studies that it opens; None: all
+    days : until it ends; None: it is valid until it is revoked
     """
-    name = _checked_name(name)
+    name, now = _checked_name(name), utc_now()
+    ends = None if days is None else now + timedelta(days=days)
     with open_store(settings) as database, database.writing() as connection:
-        token = insert_token(connection, name, scopes, COMMAND_LINE, utc_now(), studies=studies)
+        token = insert_token(connection, name, scopes, COMMAND_LINE, now, expires_at=ends, studies=studies)
         _note(connection, "token made", name, scopes=list(scopes), studies=studies)
-    return {"name": name, "token": token, "scopes": list(scopes), "studies": studies}
+    granted = {"scopes": list(scopes), "studies": studies, "expires_at": ends and ends.isoformat()}
+    return {"name": name, "token": token, **granted}
+
+
+def only_study(settings: Settings) -> str:
+    """Return the short name of the only study there is.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or more than one.
+    """
+    with open_store(settings) as database:
+        return _only_study(database).slug
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from datetime import UTC, datetime
 from typing import Any
 
 import pytest
@@ -49,7 +50,7 @@ def test_a_study_is_closed_copied_archived_and_deleted(settings: Settings) -> No
 
 def test_tokens_and_experimenters_are_listed_and_end(settings: Settings) -> None:
     manage.upgrade_database(settings)
-    run("token", "add", "notebook", "--scope", "read")
+    run("token", "add", "notebook", "--scope", "read", "--all-studies")
     with manage.own_token(settings, "simulate"):
         pass
     assert run("token", "revoke", "notebook") == {"name": "notebook", "was_valid": True}
@@ -63,6 +64,25 @@ def test_tokens_and_experimenters_are_listed_and_end(settings: Settings) -> None
     }
     with pytest.raises(ValueError, match="no token called 'nobody'"):
         run("token", "revoke", "nobody")
+
+
+def test_a_token_reads_one_study_for_a_year_unless_asked_for_more(settings: Settings) -> None:
+    manage.upgrade_database(settings)
+    with pytest.raises(ValueError, match="study"):  # there is none yet
+        run("token", "add", "notebook")
+    database = open_database(settings.url)
+    seed_voters(database, 2, 3)
+    database.dispose()
+    made = run("token", "add", "notebook")
+    assert (made["scopes"], made["studies"]) == (["read"], ["test"])
+    assert 364 <= (datetime.fromisoformat(made["expires_at"]) - datetime.now(UTC)).days <= 365
+    more = run("token", "add", "owner", "--scope", "read", "--scope", "audit", "--all-studies", "--days", "0")
+    assert (more["scopes"], more["studies"], more["expires_at"]) == (["read", "audit"], None, None)
+    run("study", "duplicate", "test", "--name", "Second")
+    with pytest.raises(ValueError, match="study"):  # which of the two?
+        run("token", "add", "another")
+    told = CliRunner().invoke(app, ["token", "add", "said", "--study", "second"])
+    assert "It grants read of second until 20" in told.output
 
 
 def test_a_database_or_backup_that_is_not_there_is_named_and_nothing_is_made(settings: Settings) -> None:
