@@ -13,6 +13,7 @@ from typing import Any
 
 from app.ffmpeg import Progress, no_progress
 from app.files import file_digest
+from app.intake.reports import SIZES_FROM, Measure, model_sizes
 from app.intake.stimuli import MANIFEST, StimulusSet, read_manifest
 from app.operations.database import open_store
 from app.operations.studies.check_films import MOST_PLAYED_AT_ONCE, check_films, films_of, in_words
@@ -26,6 +27,7 @@ from app.store.participants.invitations import insert_invitation
 from app.store.studies import studies
 from app.store.studies.audit import COMMAND_LINE, Actor, Entry, record
 from app.store.studies.images import copy_images
+from app.store.studies.measurements import measurement_records, replace_measurements
 from app.store.trials.designs import copy_design, insert_design, insert_practice
 from app.store.trials.orders import most_trials
 from app.study.languages.text import is_one_line
@@ -87,6 +89,7 @@ def create_study(
             study_id = studies.insert_study(connection, row)
             insert_design(connection, study_id, made.shown, made.pairs)
             insert_practice(connection, study_id, made.practice)
+            replace_measurements(connection, study_id, model_sizes(made.shown), now)
             code = insert_invitation(connection, study_id, None, now)
             detail = {"stimulus_set": made.set_name, "seed": chosen_seed, **_noted(notes)}
             record(connection, by, Entry("study created", study_id, slug, detail), now)
@@ -168,6 +171,8 @@ def duplicate_study(database: Database, original: studies.Study, name: str, acto
         study_id = studies.insert_study(connection, {**row, **changes, "created_at": actor.now, "paused_at": actor.now})
         copy_design(connection, original.id, study_id)
         copy_images(connection, original.id, study_id)
+        sizes = [row for row in measurement_records(connection, original.id) if row["source"] == SIZES_FROM]
+        replace_measurements(connection, study_id, [Measure.model_validate(row) for row in sizes], actor.now)
         insert_invitation(connection, study_id, None, actor.now)
         record(
             connection, actor.name, Entry("study created", study_id, slug, {"duplicate_of": original.slug}), actor.now
