@@ -9,31 +9,10 @@ from app.analysis.findings.ratings import rating_findings
 from app.analysis.model.settings import AnalysisSettings
 from app.analysis.objective.against_scores import compared_scores, measure_tables
 from app.analysis.objective.points import ScoreSet
-<<<<<<< HEAD
 from app.analysis.rates.rows import rate_rows
-from app.analysis.warnings import measure_warnings
-
-VOTE_TABLES = (
-    *("scores", "scores_with_excluded", "models", "tie_models", "contrasts", "effects", "tests", "groups", "triads"),
-    *("random_effects", "random_effects_scores", "random_effects_contrasts"),
-    *(
-        "triads_pooled",
-        "measures",
-        "measure_comparisons",
-        "rates",
-        "rate_differences",
-        "agreement",
-        "dataset_agreement",
-        "observers",
-        "checks",
-    ),
-    "pairs",
-)
-=======
 from app.analysis.tables import TABLES
 from app.analysis.warnings import measure_warnings
 
->>>>>>> main
 NO_VOTES: dict[str, Any] = {  # the keys of an analysis of votes, where there are none
     "schema_version": 1,
     "votes": None,
