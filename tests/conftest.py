@@ -32,6 +32,7 @@ settings.register_profile("no deadline", deadline=None)  # how long an example t
 settings.load_profile("no deadline")
 
 ROOT = Path(__file__).parent.parent
+os.environ.setdefault("RECONSTUDY_CHECK_BROWSER", "none")  # each study's films would be played before its test
 NUMBERS = count(1)
 BROWSER_TIMEOUT_MS = 60_000
 # Each window would draw pages of the browser's own besides, which takes more than ours.

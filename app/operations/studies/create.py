@@ -16,7 +16,9 @@ from app.files import file_digest
 from app.intake.reports import SIZES_FROM, Measure, model_sizes
 from app.intake.stimuli import MANIFEST, StimulusSet
 from app.operations.database import open_store
+from app.operations.studies.check_films import MOST_PLAYED_AT_ONCE, check_films, films_of, in_words
 from app.operations.studies.languages import read_languages
+from app.operations.studies.play_films import find_browser
 from app.operations.studies.prepare import prepare_study, prepared_columns
 from app.settings import Settings
 from app.store.database.engine import Database
@@ -93,6 +95,10 @@ def create_study(
             study = studies.study_by_id(connection, study_id)
             assert study is not None, "it was just inserted"
             n_trials = most_trials(connection, study)
+            films = films_of(connection, study)
+        if find_browser(settings.check_browser):  # before anybody is invited
+            check = check_films(settings, study, films, now, most_played=MOST_PLAYED_AT_ONCE, progress=progress)
+            notes.append(in_words(check))
     return {
         "languages": {tag: refusal or "offered" for tag, refusal in refused_languages(wanted, packs).items()},
         "invitation": code,
