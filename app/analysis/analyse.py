@@ -9,7 +9,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from app.analysis.comparisons.comparison import Comparison, compare, dataset_names, in_order, votes_on_dataset
+from app.analysis.comparisons.comparison import (
+    Comparison,
+    compare,
+    dataset_names,
+    in_order,
+    tested_order,
+    votes_on_dataset,
+)
 from app.analysis.comparisons.factors import (
     Effect,
     ModelTest,
@@ -75,8 +82,9 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
     votes = _with_exclusions(in_order(votes), settings)
     used = votes.used()
     check_groups(votes, settings.groups)
+    settings, order = tested_order(used, settings)
     compared = list(compare(used, settings))
-    screened = triads(used)
+    screened, checks = triads(used), check_rows(votes)
     effects, tests = factor_results(used, settings, compared)
     groups = group_comparisons(used, settings)
     tests += [group.test for group in groups if group.test is not None]
@@ -102,8 +110,11 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
         "agreement": agreement_rows(used),
         "dataset_agreement": dataset_agreement_rows(by_dataset),
         "dataset_concordance": concordance(by_dataset, used),
-        "observers": observer_rows(used, screened, ties=settings.ties),
-        "checks": check_rows(votes),
+        "order": order,
+        "observers": observer_rows(
+            used, screened, ties=settings.ties, checks=checks, order_effect=_order_effect(compared)
+        ),
+        "checks": checks,
         "pairs": [
             row
             for comparison in compared
@@ -131,7 +142,9 @@ def scored(votes: VotesTable, settings: AnalysisSettings | None = None) -> list[
     """
     settings = settings or AnalysisSettings()
     _check_names(votes, settings)
-    compared = compare(used_votes(in_order(votes), settings), settings)
+    used = used_votes(in_order(votes), settings)
+    settings, _ = tested_order(used, settings)
+    compared = compare(used, settings)
     return [row for comparison in compared for row in score_rows(comparison, settings.jod_prior)]
 
 
@@ -223,6 +236,11 @@ def group_comparisons(votes: VotesTable, settings: AnalysisSettings) -> list[Gro
     return [
         comparison for dataset, part in parts if len(part) for comparison in compare_groups(part, dataset, settings)
     ]
+
+
+def _order_effect(compared: Sequence[Comparison]) -> float | None:
+    """Return how much being shown first helps over all datasets, log-odds; None without such an effect."""
+    return next((row.fit.order_effect for row in compared if row.comparison == row.dataset == ALL), None)
 
 
 def _scores_by_dataset(compared: Sequence[Comparison]) -> dict[str, dict[str, float]]:

@@ -129,18 +129,25 @@ def _order(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     if model["order_left_out"]:
         text = f"No order effect is estimated, and the scores do not allow for one: {model['order_left_out']}."
         yield finding("order", text)
-    effect = model["order_effect"]
+    effect, tested = model["order_effect"], analysis["order"]
+    if effect is None and tested is not None:
+        yield finding(
+            "order",
+            f"No effect of being shown first is shown ({signed(tested['order_effect'])} log-odds, "
+            f"{p_phrase(tested['p_value'])}), and the scores do not allow for one.",
+        )
     p = _p_value(analysis, _test(analysis, "order effect", ALL))
     if effect is None or p is None:
         return
-    share = percent(preferred_share(effect, model.get("log_theta") or 0.0))
+    log_theta = model.get("log_theta") or 0.0
     if p >= SIGNIFICANT:
         yield finding("order", f"No effect of being shown first is shown ({signed(effect)} log-odds, {p_phrase(p)}).")
     else:
         yield finding(
             "order",
-            f"Being shown first {'helps' if effect > 0 else 'harms'}: of two equal conditions the first is preferred "
-            f"in {share} of decided votes ({signed(effect)} log-odds, {p_phrase(p)}). The scores are free of it.",
+            f"Being shown first {'helps' if effect > 0 else 'harms'}: of two equal conditions, the model predicts, the "
+            f"first is preferred in {percent(preferred_share(effect, log_theta))} of decided votes "
+            f"({signed(effect)} log-odds, {p_phrase(p)}). The scores are free of it.",
         )
 
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from app.analysis.findings.ranking import overall
 from app.analysis.model.contrasts import FEWEST_PARTICIPANTS, SIGNIFICANT, holm
-from app.analysis.reading.phrases import counted, finding, outstanding, p_phrase, unsigned
-from app.analysis.screening.observers import FEWEST_FOR_FENCES
+from app.analysis.reading.phrases import MOST_NAMED, counted, finding, listed, outstanding, p_phrase, unsigned
+from app.analysis.screening.observers import CARELESS, FEWEST_FOR_FENCES
 
 
 def limit_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
@@ -91,7 +91,8 @@ def _outstanding(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     pooled = analysis["triads_pooled"]
     n_circular, n_people = sum(row["circular"] for row in pooled), sum(row["circular"] > 0 for row in pooled)
     circles = (
-        f" {counted(n_circular, 'circular triad')} by {n_people} of {counted(len(pooled), 'participant')}."
+        f" {counted(n_circular, 'circular triad')} by {n_people} of {counted(len(pooled), 'participant')}"
+        f"{_circles_by_chance(pooled)}."
         if n_circular or any(row["complete"] for row in analysis["triads"])
         else ""
     )
@@ -100,4 +101,47 @@ def _outstanding(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
         if len(observers) < FEWEST_FOR_FENCES
         else ""
     )
-    yield finding("participants", f"{outstanding(observers)}{few}{circles}")
+    why = [_evidence(row, len(observers)) for row in observers if CARELESS in row["flags"]][:MOST_NAMED]
+    yield finding("participants", " ".join([f"{outstanding(observers)}{few}", *why]) + circles)
+    if any(row["n_identical"] or row["n_repeated"] for row in analysis["checks"]):
+        yield finding("checks", _checks(analysis["checks"]))
+
+
+def _circles_by_chance(pooled: Sequence[Mapping[str, Any]]) -> str:
+    expected = sum(row["circular_by_chance"] for row in pooled)
+    return f"; votes at random would make {expected:.0f}" if expected else ""
+
+
+def _evidence(row: Mapping[str, Any], n_people: int) -> str:
+    """Say why somebody's answers are called careless, and how often honest people would look so."""
+    careless = row["careless"]
+    times = (
+        "more than a million"
+        if careless["log_likelihood_ratio"] > np.log(1e6)
+        else (f"{np.exp(careless['log_likelihood_ratio']):.0f}")
+    )
+    alarms = careless["false_alarms"]
+    expected = "fewer than 0.001" if alarms < 0.001 else f"{alarms:.3f}"
+    words = f": {'; '.join(careless['words'])}" if careless["words"] else ""
+    return (
+        f"The answers of {row['participant']} are {times} times likelier from somebody who answers carelessly than "
+        f"from somebody who answers as the others do{words}; among {n_people} honest people {expected} would look so."
+    )
+
+
+def _checks(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Count how often the attention checks were failed, and by whom most."""
+    failed = {
+        row["participant"]: row["n_identical"] - row["n_identical_none"] + row["n_repeated"] - row["n_repeated_same"]
+        for row in rows
+    }
+    asked = {row["participant"]: row["n_identical"] + row["n_repeated"] for row in rows}
+    identical, told = (sum(row[name] for row in rows) for name in ("n_identical", "n_identical_none"))
+    repeated, same = (sum(row[name] for row in rows) for name in ("n_repeated", "n_repeated_same"))
+    parts = [
+        f"{identical - told} of {counted(identical, 'identical pair')} told apart" if identical else "",
+        f"{repeated - same} of {counted(repeated, 'repeated pair')} answered otherwise than before" if repeated else "",
+    ]
+    worst = sorted(failed, key=lambda name: -failed[name])[:3]
+    most = listed([f"{name} ({failed[name]} of {asked[name]})" for name in worst if failed[name]])
+    return f"Attention checks: {listed([part for part in parts if part])}{f'; most by {most}' if most else ''}."

@@ -143,4 +143,6 @@ def table_csv(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
 def _cell(value: Any) -> Any:
     if isinstance(value, list | tuple):
         value = "; ".join(map(str, value))
+    if isinstance(value, dict):
+        value = json.dumps(value)
     return without_formula(value) if isinstance(value, str) else value
