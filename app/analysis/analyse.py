@@ -53,6 +53,7 @@ from app.analysis.reading.read_votes import Rows, votes_from_rows
 from app.analysis.reading.votes_table import ALL, MAIN, WITHDRAWN, VotesError, VotesTable, only_compared
 from app.analysis.screening.agreement import agreement_rows, concordance, dataset_agreement_rows
 from app.analysis.screening.attention_checks import check_rows
+from app.analysis.screening.disagreement import disagreement
 from app.analysis.screening.observers import observer_rows
 from app.analysis.screening.triads import triads
 from app.analysis.warnings import MOST_PAIRS, measure_warnings, warnings_of
@@ -108,6 +109,7 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
         **random_effects,
         **measured,
         "agreement": agreement_rows(used),
+        "disagreement": disagreement(used, by_order=settings.order_effect),
         "dataset_agreement": dataset_agreement_rows(by_dataset),
         "dataset_concordance": concordance(by_dataset, used),
         "order": order,

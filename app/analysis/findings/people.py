@@ -9,7 +9,16 @@ import numpy as np
 
 from app.analysis.findings.ranking import overall
 from app.analysis.model.contrasts import FEWEST_PARTICIPANTS, SIGNIFICANT, holm
-from app.analysis.reading.phrases import MOST_NAMED, counted, finding, listed, outstanding, p_phrase, unsigned
+from app.analysis.reading.phrases import (
+    MOST_NAMED,
+    counted,
+    finding,
+    listed,
+    number_with_interval,
+    outstanding,
+    p_phrase,
+    unsigned,
+)
 from app.analysis.screening.observers import CARELESS, FEWEST_FOR_FENCES
 
 
@@ -46,31 +55,55 @@ def people_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
 
 
 def _agreement(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
-    if analysis["votes"]["participants"] in (None, 1):
+    found = analysis["disagreement"]
+    if found is None or not analysis["votes"]["analysed"]:
+        return
+    if found["alpha"] is None:
+        yield finding(
+            "agreement", "How far participants agree cannot be said: no pair has decided votes of two people."
+        )
         return
     rows = [row for row in analysis["agreement"] if row["u"] is not None]
-    if not rows:
-        yield finding(
-            "agreement",
-            "How far participants agree is not summed up in one number: Kendall's u needs every pair judged once by "
-            "the same number of participants, without ties.",
-        )
-        return
     tested = [row for row in rows if row["p_value"] is not None]
     beyond = np.count_nonzero(holm(np.array([row["p_value"] for row in tested])) < SIGNIFICANT)
-    u = sum(row["u"] for row in rows) / len(rows)
-    if len(rows) == 1:
-        tail = f", {p_phrase(tested[0]['p_value'])}" if tested else ""
-        yield finding(
-            "agreement", f"Participants agree with Kendall's u = {unsigned(u)} (1: all alike, 0: chance{tail})."
-        )
-    else:
-        tail = f", more than by chance on {beyond} of them (Holm)" if tested else ""
-        yield finding(
-            "agreement",
-            f"Participants agree with Kendall's u = {unsigned(u)} on average over {len(rows)} datasets (1: all alike, "
-            f"0: chance){tail}.",
-        )
+    alpha = f"Participants agree with Krippendorff's alpha = {number_with_interval(found, 'alpha', 'alpha')}"
+    text = f"{alpha}; 1: all alike, 0: chance."
+    if rows:
+        u = unsigned(sum(row["u"] for row in rows) / len(rows))
+        if len(rows) == 1:
+            tail = f" ({p_phrase(tested[0]['p_value'])})" if tested else ""
+            text += f" Kendall's u = {u}{tail}."
+        else:
+            tail = f", more than by chance on {beyond} of them (Holm)" if tested else ""
+            text += f" Kendall's u = {u} on average over {len(rows)} datasets{tail}."
+    yield finding("agreement", text)
+    if found["heterogeneity"] is not None:
+        yield finding("disagreement", _disagreement(found["heterogeneity"]))
+
+
+def _disagreement(tested: Mapping[str, Any]) -> str:
+    """Say whether people disagree beyond their own noise, and name the camps."""
+    p_text, camps = p_phrase(tested["p_value"]), tested["camps"]
+    if tested["p_value"] >= SIGNIFICANT:
+        return f"It is not shown that people disagree more than their own noise explains ({p_text})."
+    text = (
+        f"People disagree more than their own noise explains: a person's votes go together {tested['ratio']:.1f} times "
+        f"as much as by chance ({p_text})."
+    )
+    if camps is None:
+        return f"{text} Scores are those of the average person; no two camps are shown."
+    first, second = camps["item_first"], camps["item_second"]
+    sizes = [len(names) for names in camps["participants"]]
+    counts = [f"{for_first} of {decided}" for for_first, decided in camps["votes"]]
+    between = (
+        f": {first} is preferred to {second} in {counts[0]} decided votes of the one, and in {counts[1]} of the other"
+        if all(decided for _, decided in camps["votes"])
+        else f", most over {first} and {second}"
+    )
+    return (
+        f"{text} They fall into two camps of {sizes[0]} and {sizes[1]} people ({p_phrase(camps['p_value'])}){between}. "
+        "What holds over all describes neither camp."
+    )
 
 
 def _fit(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:

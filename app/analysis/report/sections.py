@@ -277,9 +277,18 @@ def _agreement(analysis: Analysis) -> dict[str, Any]:
     text = (
         "Kendall's u is 1 if all participants agree and slightly below 0 if they are split evenly; it exists for "
         "complete designs without ties. The next columns count the triples of conditions that violate weak, moderate "
-        "and strong stochastic transitivity; without weak transitivity no scores fit the preferences."
+        "and strong stochastic transitivity; without weak transitivity no scores fit the preferences. Krippendorff's "
+        "alpha (interval metric, every pair in both directions) takes ties and missing votes."
     )
-    columns = ["dataset", "u", "p_value", *violations]
+    found = analysis["disagreement"]
+    alphas = {row["dataset"]: row for row in (found["by_dataset"] if found else ())}
+    rows = [
+        row | {"alpha": with_interval(alphas[row["dataset"]], "alpha", "alpha")}
+        if row["dataset"] in alphas
+        else row | {"alpha": with_interval(found, "alpha", "alpha") if found else None}
+        for row in rows
+    ]
+    columns = ["dataset", "alpha", "u", "p_value", *violations]
     return section("Agreement", text, columns, rows)
 
 

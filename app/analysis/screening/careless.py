@@ -34,14 +34,16 @@ MOST_ITEMS = 60  # above, a person's opinions have more dimensions than draws ca
 TRIMMED = (0.0, 1.0, 2.0, 2.0)  # log likelihood ratios, by round, above which somebody does not tell what honest do
 MEDIAN = 0.87  # of a chi-square with five degrees of freedom, in units of its mean
 NOISE = 0.2  # standard deviation of the logarithm of somebody's own noise
+FEW = 8.0  # people, of whom the estimate of how far opinions differ has half its value again as error
 LEAST_SPREAD = 0.2  # log-odds, of honest opinions, also where the votes show none
 LEAST_APART = 0.15  # log-odds; datasets whose scores differ by less are taken together
 DISSENTERS, DISSENT = 0.05, 2.0  # share of honest people with opinions that lie so many times farther apart
 OUTSIDE = 0.1  # share of honest people of whom the panel's rates and times tell nothing
+UNUSUAL = 0.3  # share of careless people whose tie rate is any
 RANDOM_NONE = (1.0, 2.0)  # beta distribution of "no preference" of a careless person on identical films
 RANDOM_SAME = (8.0, 12.0)  # of the same answer again: with 40, 40 and 20 % of the answers it comes in 36 %
 PASSES, PASSES_VOTES = 0.95, 10.0  # of checks, before anything is known of a panel, and the weight of that
-CHECKS_SPREAD = 20.0  # votes; honest people's rates vary as a beta distribution of this size does
+CHECKS_SPREAD = 30.0  # votes; honest people's rates vary as a beta distribution of this size does
 FASTER, FAST_SPREAD, LEAST_TIME_SPREAD = 1.0, 0.7, 0.25  # of log times: careless ones are e times faster
 
 
@@ -359,7 +361,8 @@ def _honest_scores(panel: _Panel, order_effect: float, kept: NDArray[np.bool_]) 
         scores = np.repeat(scores, n_datasets, axis=1)
         shrunk = np.linalg.inv(of_datasets + np.eye(n) / apart)
         scores = scores + np.einsum("dnm,jdm->jdn", shrunk, together - without[:, :, None] * by_dataset)
-    return scores, max(float(spread), LEAST_SPREAD), covariance
+    spread = max(float(spread), LEAST_SPREAD) * np.sqrt(1 + (FEW / n_kept) ** 2)  # which few people hardly tell
+    return scores, spread, covariance
 
 
 def _excess(gradients: Array, information: Array, inverse: Array, rank: int) -> float:
@@ -448,12 +451,12 @@ def _ties(
 
     def ratio(k: Array, n: Array) -> Array:
         usual, any_rate = _beta_binomial(k, n, a, b), _beta_binomial(k, n, 1, 1)
-        careless = np.logaddexp(usual, any_rate) - np.log(2)
+        careless = np.logaddexp(np.log(1 - UNUSUAL) + usual, np.log(UNUSUAL) + any_rate)
         honest = np.logaddexp(np.log(1 - OUTSIDE) + usual, np.log(OUTSIDE) + any_rate)
         return careless - honest
 
     design = n[rng.integers(0, n_people, SIMULATED)]
-    rate = np.where(rng.random(SIMULATED) < 0.5, rng.random(SIMULATED), rng.beta(a, b, SIMULATED))
+    rate = np.where(rng.random(SIMULATED) < UNUSUAL, rng.random(SIMULATED), rng.beta(a, b, SIMULATED))
     drawn = rng.binomial(design.astype(int), rate).astype(float)
     said = [f"{int(tied)} of {int(cast)} votes without preference" for tied, cast in zip(k, n, strict=True)]
     return ratio(k, n), ratio(drawn, design), said

@@ -11,7 +11,15 @@ from app.web.admin.listing import listed
 
 MINUS = "−"
 NOTHING = "–"
-LEADING = ("ranking", "best", "worst", "difference", "limits", "missing")  # findings that everybody needs
+LEADING = (
+    "ranking",
+    "best",
+    "worst",
+    "difference",
+    "limits",
+    "missing",
+    "disagreement",
+)  # findings that everybody needs
 
 TRIADS_SORTABLE = ("participant", "circular", "p_value", "n_flags")
 
