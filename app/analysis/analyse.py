@@ -17,6 +17,7 @@ from app.analysis.comparisons.comparison import (
     tested_order,
     votes_on_dataset,
 )
+from app.analysis.comparisons.datasets_sample import factor_rows, interaction_rows, pair_p_values
 from app.analysis.comparisons.factors import (
     Effect,
     ModelTest,
@@ -43,7 +44,7 @@ from app.analysis.comparisons.result_rows import (
 )
 from app.analysis.findings.votes import vote_findings
 from app.analysis.model.bradley_terry import fit_scores
-from app.analysis.model.contrasts import holm
+from app.analysis.model.contrasts import holm, scores_of, simultaneous_factor
 from app.analysis.model.settings import AnalysisSettings
 from app.analysis.objective.against_scores import measure_tables
 from app.analysis.objective.points import ScoreSet
@@ -86,7 +87,7 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
     settings, order = tested_order(used, settings)
     compared = list(compare(used, settings))
     screened, checks = triads(used), check_rows(votes)
-    effects, tests = factor_results(used, settings, compared)
+    effects, tests, additive = factor_fits(used, settings, compared)
     groups = group_comparisons(used, settings)
     tests += [group.test for group in groups if group.test is not None]
     by_dataset = _scores_by_dataset(compared)
@@ -100,9 +101,10 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
         "scores_with_excluded": _scores_with_excluded(votes, used, settings),
         "models": [model_row(comparison) for comparison in compared],
         "tie_models": [row for comparison in compared for row in tie_model_rows(comparison)],
-        "contrasts": [row for comparison in compared for row in contrast_rows(comparison, settings.equivalence_margin)],
+        "contrasts": _contrast_rows(compared, settings),
         "effects": effects,
         "tests": _test_rows(tests),
+        "datasets_as_sample": [*factor_rows(additive, settings.factors), *interaction_rows(compared, additive)],
         "groups": [row for group in groups for row in group_rows(group, settings.jod_prior)],
         "triads": [triads_row(row) for row in screened],
         "triads_pooled": pooled_triads(screened),
@@ -168,6 +170,18 @@ def factor_results(
     settings : the factors, and how to fit
     compared : the fits of the items' scores to the same votes
     """
+    return factor_fits(votes, settings, compared)[:2]
+
+
+def factor_fits(
+    votes: VotesTable, settings: AnalysisSettings, compared: Sequence[Comparison]
+) -> tuple[list[dict[str, Any]], list[ModelTest], dict[str, Part]]:
+    """Return what `factor_results` does, and the additive model's fit on each dataset and on all.
+
+    Parameters
+    ----------
+    votes, settings, compared : as in `factor_results`
+    """
     effects: list[Effect] = []
     tests: list[ModelTest | None] = []
     additive: dict[str, Part] = {}
@@ -196,7 +210,15 @@ def factor_results(
         }
         tests.append(_datasets_test(model, parts))
     tests.append(_datasets_test("additive", additive))
-    return [asdict(effect) for effect in effects], [test for test in tests if test is not None]
+    rows = [asdict(effect) | {"scope": _scope(effect.dataset, len(additive) - 1)} for effect in effects]
+    return rows, [test for test in tests if test is not None], additive
+
+
+def _scope(dataset: str, n_datasets: int) -> str:
+    """Say what an effect's interval holds for, besides other people."""
+    if dataset != ALL:
+        return f"dataset {dataset}"
+    return f"these {n_datasets} datasets" if n_datasets > 1 else "these votes' datasets"
 
 
 def _left_out(votes: VotesTable, settings: AnalysisSettings) -> list[str]:
@@ -238,6 +260,38 @@ def group_comparisons(votes: VotesTable, settings: AnalysisSettings) -> list[Gro
     return [
         comparison for dataset, part in parts if len(part) for comparison in compare_groups(part, dataset, settings)
     ]
+
+
+def _contrast_rows(compared: Sequence[Comparison], settings: AnalysisSettings) -> list[dict[str, Any]]:
+    """Return all contrasts; those over all datasets also with the p-values for datasets like these."""
+    sampled = pair_p_values(compared)
+    rows = []
+    for comparison in compared:
+        is_whole = comparison.comparison == comparison.dataset == ALL
+        wider = _simultaneous(comparison) if is_whole else None
+        for row in contrast_rows(comparison, settings.equivalence_margin):
+            known = sampled.get((row["item_a"], row["item_b"])) if is_whole else None
+            p_value, p_holm = known or (None, None)
+            rows.append(row | _wider(row, wider) | {"p_datasets": p_value, "p_datasets_holm": p_holm})
+    return rows
+
+
+def _simultaneous(comparison: Comparison) -> float | None:
+    """Return how much wider simultaneous intervals of all pairs are than single ones; None without finite ones."""
+    fit = comparison.fit
+    has_errors = fit.status == "ok" and fit.covariance is not None and comparison.contrasts
+    return simultaneous_factor(scores_of(fit)) if has_errors else None
+
+
+def _wider(row: Mapping[str, Any], factor: float | None) -> dict[str, float | None]:
+    """Return the limits of a difference's interval that holds together with those of all other pairs."""
+    if factor is None or row["ci_low"] is None or row["ci_high"] is None:
+        return {"ci_simultaneous_low": None, "ci_simultaneous_high": None}
+    half = factor * (row["ci_high"] - row["ci_low"]) / 2
+    return {
+        "ci_simultaneous_low": row["difference"] - half,
+        "ci_simultaneous_high": row["difference"] + half,
+    }
 
 
 def _order_effect(compared: Sequence[Comparison]) -> float | None:

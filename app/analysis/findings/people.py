@@ -55,10 +55,10 @@ def people_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
 
 
 def _agreement(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
-    found = analysis["disagreement"]
-    if found is None or not analysis["votes"]["analysed"]:
+    known = analysis["disagreement"]
+    if known is None or not analysis["votes"]["analysed"]:
         return
-    if found["alpha"] is None:
+    if known["alpha"] is None:
         yield finding(
             "agreement", "How far participants agree cannot be said: no pair has decided votes of two people."
         )
@@ -66,7 +66,7 @@ def _agreement(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     rows = [row for row in analysis["agreement"] if row["u"] is not None]
     tested = [row for row in rows if row["p_value"] is not None]
     beyond = np.count_nonzero(holm(np.array([row["p_value"] for row in tested])) < SIGNIFICANT)
-    alpha = f"Participants agree with Krippendorff's alpha = {number_with_interval(found, 'alpha', 'alpha')}"
+    alpha = f"Participants agree with Krippendorff's alpha = {number_with_interval(known, 'alpha', 'alpha')}"
     text = f"{alpha}; 1: all alike, 0: chance."
     if rows:
         u = unsigned(sum(row["u"] for row in rows) / len(rows))
@@ -77,8 +77,8 @@ def _agreement(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
             tail = f", more than by chance on {beyond} of them (Holm)" if tested else ""
             text += f" Kendall's u = {u} on average over {len(rows)} datasets{tail}."
     yield finding("agreement", text)
-    if found["heterogeneity"] is not None:
-        yield finding("disagreement", _disagreement(found["heterogeneity"]))
+    if known["heterogeneity"] is not None:
+        yield finding("disagreement", _disagreement(known["heterogeneity"]))
 
 
 def _disagreement(tested: Mapping[str, Any]) -> str:

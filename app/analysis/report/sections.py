@@ -280,12 +280,12 @@ def _agreement(analysis: Analysis) -> dict[str, Any]:
         "and strong stochastic transitivity; without weak transitivity no scores fit the preferences. Krippendorff's "
         "alpha (interval metric, every pair in both directions) takes ties and missing votes."
     )
-    found = analysis["disagreement"]
-    alphas = {row["dataset"]: row for row in (found["by_dataset"] if found else ())}
+    known = analysis["disagreement"]
+    alphas = {row["dataset"]: row for row in (known["by_dataset"] if known else ())}
     rows = [
         row | {"alpha": with_interval(alphas[row["dataset"]], "alpha", "alpha")}
         if row["dataset"] in alphas
-        else row | {"alpha": with_interval(found, "alpha", "alpha") if found else None}
+        else row | {"alpha": with_interval(known, "alpha", "alpha") if known else None}
         for row in rows
     ]
     columns = ["dataset", "alpha", "u", "p_value", *violations]
