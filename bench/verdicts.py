@@ -17,9 +17,15 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
+from app.analysis.analyse import factor_fits
+from app.analysis.comparisons.comparison import compare, tested_order
+from app.analysis.comparisons.datasets_sample import factor_rows, interaction_rows, pair_p_values
+from app.analysis.model.contrasts import scores_of, simultaneous_factor
+from app.analysis.model.settings import AnalysisSettings
 from app.analysis.reading.votes_table import IDENTICAL, REPEAT, VotesTable, joined, votes_from_indices
 from app.analysis.screening.attention_checks import check_rows
 from app.analysis.screening.careless import FALSE_ALARMS, careless_answers
+from app.analysis.screening.disagreement import heterogeneity
 
 Array = NDArray[np.float64]
 LOG_ODDS_PER_JOD = float(np.log(3))
@@ -197,7 +203,104 @@ def _oracle(votes: VotesTable, kind: Kind, rng: np.random.Generator, n_draws: in
     return float(np.mean(kind.people * np.minimum(chance, np.exp(-np.maximum(found, 0))) < FALSE_ALARMS))
 
 
-FAMILIES: dict[str, Callable[[int, int], Iterator[str]]] = {"careless": careless_lines}
+def disagreement_lines(n_studies: int, seed: int) -> Iterator[str]:
+    """Print how often people are said to disagree, and to form camps."""
+    for name, kind in {
+        "identical people, 8": Kind(spread=0.0, people=8),
+        "identical people, 22": Kind(spread=0.0),
+        "identical people, 60": Kind(spread=0.0, people=60),
+        "opinions of 0.4, 22": Kind(),
+        "opinions of 1.0, 8": Kind(spread=1.0, people=8),
+        "opinions of 1.0, 22": Kind(spread=1.0),
+        "opinions of 1.0, 60": Kind(spread=1.0, people=60),
+        "four clickers of 22, range 3 JOD": Kind(range_jod=3.0, clickers=4),
+        "two camps, range 1.1 JOD, 22": Kind(camps=True),
+        "two camps, range 2 JOD, 22": Kind(camps=True, range_jod=2.0),
+    }.items():
+        rng = np.random.default_rng(seed)
+        rows = [heterogeneity(study(kind, rng)[0]) for _ in range(n_studies)]
+        yield line(f"people disagree: {name}", [row is not None and row["p_value"] < 0.05 for row in rows])
+        yield line(f"  two camps: {name}", [row is not None and row["camps"] is not None for row in rows])
+
+
+FACTORS = {
+    "depth": dict(zip([f"C{k}" for k in range(6)], "aabbcc", strict=True)),
+    "fusion": dict(zip([f"C{k}" for k in range(6)], "xyxyxy", strict=True)),
+}
+
+
+def dataset_lines(n_studies: int, seed: int) -> Iterator[str]:
+    """Print how often effects are said to hold for datasets like these, where none does."""
+    settings = AnalysisSettings(factors=FACTORS)
+    for name, kind in {
+        "8 people": Kind(range_jod=0.0, scene_spread=0.4, people=8),
+        "22 people": Kind(range_jod=0.0, scene_spread=0.4),
+        "60 people": Kind(range_jod=0.0, scene_spread=0.4, people=60),
+        "22 people who differ by 1.0": Kind(range_jod=0.0, scene_spread=0.4, spread=1.0),
+        "22 people, 3 datasets": Kind(range_jod=0.0, scene_spread=0.4, datasets=3),
+        "22 people, datasets alike": Kind(range_jod=0.0),
+    }.items():
+        rng, hits = np.random.default_rng(seed), dict[str, list[float]]()
+        for _ in range(n_studies):
+            votes, _ = study(kind, rng)
+            compared = list(compare(votes, settings))
+            _, _, additive = factor_fits(votes, settings, compared)
+            for row in (*factor_rows(additive, FACTORS), *interaction_rows(compared, additive)):
+                hits.setdefault(row["name"], []).append(row["p_value"] < 0.05)
+            pairs = pair_p_values(compared).values()
+            hits.setdefault("any of 15 pairs (Holm)", []).append(any(p_holm < 0.05 for _, p_holm in pairs))
+        for what, values in hits.items():
+            yield line(f"for datasets like these, {name}: {what}", values)
+
+
+def extreme_lines(n_studies: int, seed: int) -> Iterator[str]:
+    """Print how often the interval of the best against the worst condition holds the truth, where it is printed."""
+    settings = AnalysisSettings(by_dataset=False)
+    for people in (8, 22, 60):
+        for range_jod in (0.0, 0.5, 1.1):
+            kind = Kind(people=people, range_jod=range_jod, datasets=2)
+            large, _ = study(replace(kind, people=20_000), np.random.default_rng(seed))
+            (fitted,) = compare(large, settings)
+            truth = {(row.item_a, row.item_b): row.difference for row in fitted.contrasts}
+            rng, alone, together, printed = np.random.default_rng(seed), [], [], []
+            for _ in range(n_studies):
+                (comparison,) = compare(study(kind, rng)[0], settings)
+                if comparison.fit.status != "ok":
+                    continue
+                wider = simultaneous_factor(scores_of(comparison.fit))
+                row = max(comparison.contrasts, key=lambda row: abs(row.difference))
+                if row.ci_low is None or row.ci_high is None:
+                    continue
+                half = (row.ci_high - row.ci_low) / 2
+                miss = abs(row.difference - truth[row.item_a, row.item_b])
+                alone.append(miss <= half)
+                together.append(miss <= wider * half)
+                if any(each.p_holm < 0.05 for each in comparison.contrasts):
+                    printed.append(miss <= wider * half)
+            where = f"{people} people, range {range_jod} JOD"
+            yield line(f"best against worst, {where}, interval of one pair", alone)
+            yield line(f"best against worst, {where}, simultaneous", together)
+            yield line(f"best against worst, {where}, simultaneous, where printed", printed)
+
+
+def order_lines(n_studies: int, seed: int) -> Iterator[str]:
+    """Print how often an order effect is said to be there, and put into the models."""
+    settings = AnalysisSettings()
+    for people in (8, 22, 60):
+        for order in (0.0, 0.3):
+            kind, rng = Kind(people=people, order=order), np.random.default_rng(seed)
+            tested = [tested_order(study(kind, rng)[0], settings)[1] for _ in range(n_studies)]
+            hits = [row is not None and row["is_in_model"] for row in tested]
+            yield line(f"order effect in the models: {people} people, effect of {order}", hits)
+
+
+FAMILIES: dict[str, Callable[[int, int], Iterator[str]]] = {
+    "careless": careless_lines,
+    "disagreement": disagreement_lines,
+    "datasets": dataset_lines,
+    "extreme": extreme_lines,
+    "order": order_lines,
+}
 
 
 def main() -> None:
