@@ -35,6 +35,7 @@ from app.analysis.comparisons.random_effect_rows import random_effect_tables
 from app.analysis.comparisons.result_rows import (
     contrast_rows,
     group_rows,
+    island_rows,
     model_row,
     pair_rows,
     pooled_triads,
@@ -102,6 +103,7 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
         "models": [model_row(comparison) for comparison in compared],
         "tie_models": [row for comparison in compared for row in tie_model_rows(comparison)],
         "contrasts": _contrast_rows(compared, settings),
+        **_island_tables(compared, settings),
         "effects": effects,
         "tests": _test_rows(tests),
         "datasets_as_sample": [*factor_rows(additive, settings.factors), *interaction_rows(compared, additive)],
@@ -260,6 +262,15 @@ def group_comparisons(votes: VotesTable, settings: AnalysisSettings) -> list[Gro
     return [
         comparison for dataset, part in parts if len(part) for comparison in compare_groups(part, dataset, settings)
     ]
+
+
+def _island_tables(compared: Sequence[Comparison], settings: AnalysisSettings) -> dict[str, list[dict[str, Any]]]:
+    """Return scores and contrasts within groups of conditions that no vote links."""
+    parts = [island_rows(comparison, settings.jod_prior) for comparison in compared]
+    return {
+        "island_scores": [row for scores, _ in parts for row in scores],
+        "island_contrasts": [row for _, contrasts in parts for row in contrasts],
+    }
 
 
 def _contrast_rows(compared: Sequence[Comparison], settings: AnalysisSettings) -> list[dict[str, Any]]:

@@ -96,6 +96,9 @@ RandomEffectsOption = Annotated[
 ExcludeOption = Annotated[
     list[str] | None, typer.Option(help="Participant to leave out; the report says so. May be repeated.")
 ]
+PlannedOption = Annotated[
+    int | None, typer.Option(min=1, help="Participants that the study was planned for; results of fewer are interim.")
+]
 ColumnsOption = Annotated[
     str | None,
     typer.Option(help="Names of the file's columns where they differ: participant=judge,item_a=type_a+level_a."),
@@ -133,6 +136,7 @@ def analyse(
     jod_prior: JodPriorOption = "none",
     random_effects: RandomEffectsOption = "",
     exclude: ExcludeOption = None,
+    planned: PlannedOption = None,
     columns: ColumnsOption = None,
     choices: ChoicesOption = None,
     ratings: RatingsOption = None,
@@ -164,6 +168,7 @@ def analyse(
             random_effects=random_effects,
             by_dataset=by == "dataset",
             exclude=tuple(exclude or ()),
+            planned_participants=planned,
         )
     if out is None and not dry_run:
         raise typer.BadParameter("--out is missing: the folder for the results (or --dry-run, which writes nothing)")

@@ -56,14 +56,17 @@ def p_of_test(analysis: Mapping[str, Any], name: str, model: str) -> float | Non
     return float(test["p_holm"])
 
 
-def _p_over_datasets(analysis: Mapping[str, Any], name: str) -> float | None:
-    """Return the corrected p-value of a test that takes datasets as a sample; None if there is none."""
+def _p_over_datasets(analysis: Mapping[str, Any], name: str, p: float) -> float | None:
+    """Return the corrected p-value of a test that takes datasets as a sample; None if there is none.
+
+    It is never below `p`, that for these datasets alone: what holds for more of them is no surer.
+    """
     rows = (row for row in analysis["datasets_as_sample"] if row["name"] == name)
-    return next((float(row["p_holm"]) for row in rows), None)
+    return next((max(float(row["p_holm"]), p) for row in rows), None)
 
 
 def _interaction(analysis: Mapping[str, Any], factors: Sequence[str], p: float) -> str:
-    over = _p_over_datasets(analysis, "interaction")
+    over = _p_over_datasets(analysis, "interaction", p)
     text = f"What a level adds depends on the other factors: {listed(factors)} do not simply add up"
     if over is None:
         return f"{text}{here(analysis)} (interaction, {p_phrase(p)}), so no effect of a factor alone is stated."
@@ -117,11 +120,12 @@ def _factor(analysis: Mapping[str, Any], factor: str, rows: Sequence[Row]) -> st
     """Say whether an effect of a factor is shown, for which datasets, and how large it is."""
     ordered = sorted(rows, key=lambda row: -row["effect"])
     levels, where = listed([level_text(row) for row in ordered], len(ordered)), here(analysis)
-    p, over = p_of_test(analysis, f"factor {factor}", "additive"), _p_over_datasets(analysis, f"factor {factor}")
+    p = p_of_test(analysis, f"factor {factor}", "additive")
     if p is None:
         return f"Whether {factor} matters could not be tested; its levels{where}: {levels}."
     if p >= SIGNIFICANT:
         return f"No effect of {factor} is shown{where} ({p_phrase(p)}); its levels: {levels}."
+    over = _p_over_datasets(analysis, f"factor {factor}", p)
     best, worst = ordered[0]["level"], ordered[-1]["level"]
     share = preferred_share(_reach(rows), overall(analysis["models"])[0].get("log_theta") or 0.0)
     votes = counted_votes(analysis, best, worst, factor)

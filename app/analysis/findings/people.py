@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.stats import norm
 
 from app.analysis.findings.ranking import overall
 from app.analysis.model.contrasts import FEWEST_PARTICIPANTS, SIGNIFICANT, holm
@@ -25,6 +26,9 @@ from app.analysis.screening.observers import CARELESS, FEWEST_FOR_FENCES
 def limit_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     """Yield what the number of participants forbids to conclude."""
     n, model = analysis["votes"]["participants"], overall(analysis["models"])[0]
+    planned = analysis["settings"]["planned_participants"]
+    if n is not None and planned is not None and n < planned:
+        yield finding("interim", _interim(n, planned))
     if n is None:
         yield finding(
             "limits",
@@ -45,6 +49,21 @@ def limit_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
             f"{counted(n - 1, 'degree')} of freedom), and are never surer than the number of votes allows. Treat the "
             "results as provisional.",
         )
+
+
+def _interim(n: int, planned: int) -> str:
+    """Say that results before the planned number are no conclusions, and what would be one all the same.
+
+    Source
+    ------
+    Lan and DeMets (1983): the part of the 5 % that O'Brien and Fleming's bounds spend by a share of the participants.
+    """
+    spent = 2 * float(norm.sf(norm.isf(SIGNIFICANT / 2) / np.sqrt(n / planned)))
+    level = "0.0001" if spent < 0.0001 else f"{spent:.4f}" if spent < 0.001 else f"{spent:.3f}"
+    return (
+        f"Interim: {n} of {planned} planned participants. Do not conclude: who looks several times finds differences "
+        f"that are not there (five looks: 14 % of studies). Only p below {level} counts so early (O'Brien and Fleming)."
+    )
 
 
 def people_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:

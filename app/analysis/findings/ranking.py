@@ -49,11 +49,29 @@ def ranking_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     model = overall(analysis["models"])[0]
     if not scored:
         yield finding("ranking", _why_no_scores(model))
+        yield from _within_islands(analysis)
     elif scored[0]["score"] - scored[-1]["score"] < EQUAL:
         yield finding("ranking", f"All {len(scored)} conditions have the same score: the votes prefer none of them.")
     else:
         yield from _best_and_worst(analysis, scored, model)
     yield from _never_judged(analysis)
+
+
+def _within_islands(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
+    """Say what the votes show within each group of conditions that no vote links to the others."""
+    contrasts = overall(analysis["island_contrasts"])
+    for number in dict.fromkeys(row["group"] for row in overall(analysis["island_scores"])):
+        scored = [row for row in overall(analysis["island_scores"]) if row["group"] == number]
+        scored = sorted((row for row in scored if row["score"] is not None), key=lambda row: -row["score"])
+        pairs = [row for row in contrasts if row["group"] == number]
+        if len(scored) > 1:
+            best, worst = (
+                f"{row['item']}, {number_with_interval(row, 'score', show=signed)}" for row in (scored[0], scored[-1])
+            )
+            n_differ = sum(row["p_holm"] < SIGNIFICANT for row in pairs)
+            tested = f"; {n_differ} of {len(pairs)} pairs differ (Holm)" if pairs else ""
+            names = listed([row["item"] for row in scored])
+            yield finding("ranking", f"Within {{{names}}}: highest {best}, lowest {worst}{tested}.")
 
 
 def _why_no_scores(model: Row) -> str:

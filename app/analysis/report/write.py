@@ -26,6 +26,8 @@ COLUMNS = {
     ),
     "observers": ("participant", "flags"),
     "contrasts": ("comparison", "dataset", "item_a", "item_b", "difference", "se", "p_value", "p_holm"),
+    "island_scores": ("comparison", "dataset", "group", "item", "score", "se", "se_participant", "ci_low", "ci_high"),
+    "island_contrasts": ("comparison", "dataset", "group", "item_a", "item_b", "difference", "se", "p_value", "p_holm"),
     "effects": ("factor", "level", "dataset", "effect", "se", "se_participant", "ci_low", "ci_high", "letters"),
     "tests": ("name", "model", "dataset", "g2", "df", "p_value", "p_participant", "p_holm"),
     "random_effects": ("level", "sd", "sd_low", "sd_high"),

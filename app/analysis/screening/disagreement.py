@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from app.analysis.model.contrasts import SIGNIFICANT, critical_value
 from app.analysis.reading.votes_table import NONE, A, B, VotesTable, numbered, only_compared
@@ -157,10 +158,26 @@ def heterogeneity(votes: VotesTable, *, by_order: bool = False) -> dict[str, Any
     p_value = (1 + np.count_nonzero(by_chance >= statistic - 1e-9)) / (n_permuted + 1)
     names = [compared.participants[index] for index in people]
     camps = _camps(observed, names, compared.items, rng) if p_value < SIGNIFICANT else None
+    if camps is not None and not all(_has_taste(compared, part) for part in camps["participants"]):
+        camps = None
     if camps is not None:
         camps["votes"] = [_decided(compared, camps, part) for part in camps["participants"]]
     ratio = statistic / float(by_chance.mean())
     return {"ratio": ratio, "p_value": float(p_value), "n_permuted": n_permuted, "camps": camps}
+
+
+def _has_taste(votes: VotesTable, people: list[str]) -> bool:
+    """Do these people together prefer anything? Those who throw a coin differ from the others, and are no camp."""
+    kept = votes.where(np.isin(np.array(votes.participants, object), people)[votes.participant])
+    decided = kept.where(kept.choice != NONE)
+    n = len(votes.items)
+    signs = np.where(decided.choice == A, 1.0, -1.0) * decided.count
+    balance = np.bincount(decided.item_a, signs, n) - np.bincount(decided.item_b, signs, n)
+    both = np.bincount(decided.item_a.astype(np.int64) * n + decided.item_b, decided.count.astype(float) ** 2, n * n)
+    both = both.reshape(n, n) + both.reshape(n, n).T
+    covariance = np.diag(both.sum(axis=1)) - both
+    statistic = float(balance @ np.linalg.pinv(covariance, hermitian=True) @ balance)
+    return bool(chi2.sf(statistic, np.linalg.matrix_rank(covariance, hermitian=True)) < CAMPS)
 
 
 def _decided(votes: VotesTable, camps: dict[str, Any], people: list[str]) -> list[int]:

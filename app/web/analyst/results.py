@@ -180,6 +180,7 @@ def inputs_of(
         "better": better_by_measure(measured),
         "groups": groups or {},
         "random_effects": options.random_effects,
+        "planned_participants": options.planned_participants or None,
     }
     counted = asdict(state) | ({"excluded": {}} if with_excluded else {})
     known = json.dumps([study_id, counted, settings, options.protocol, options.scale], sort_keys=True, default=str)

@@ -224,3 +224,32 @@ def test_a_share_of_people_is_not_said_where_nothing_differs() -> None:
     analysis = analyse(votes_of(Truth(CLEAR)), AnalysisSettings(random_effects="participants"))
     claim = re.search(r"that (\d+|more than 99) % of people \(95 % interval", said(analysis, "random effects"))
     assert claim
+
+
+def test_results_before_the_planned_number_are_interim() -> None:
+    votes = votes_of(Truth(CLEAR, people=11))
+    early = analyse(votes, AnalysisSettings(planned_participants=22))
+    assert said(early, "interim").startswith("Interim: 11 of 22 planned participants. Do not conclude")
+    assert "p below 0.006 counts" in said(early, "interim")
+    assert not said(analyse(votes, AnalysisSettings(planned_participants=11)), "interim")
+    assert not said(analyse(votes), "interim")
+
+
+def test_groups_that_no_vote_links_have_scores_and_pairs_of_their_own() -> None:
+    votes = votes_of(Truth(CLEAR, datasets=2))
+    inside = (votes.item_a < 3) == (votes.item_b < 3)
+    analysis = analyse(votes.where(inside))
+    whole = [row for row in analysis["island_scores"] if row["comparison"] == row["dataset"] == "all"]
+    assert sorted(row["item"] for row in whole) == sorted(ITEMS)
+    for group in (1, 2):
+        scores = [row["score"] for row in whole if row["group"] == group]
+        assert sum(scores) == pytest.approx(0, abs=1e-9)
+    pairs = [row for row in analysis["island_contrasts"] if row["comparison"] == row["dataset"] == "all"]
+    assert len(pairs) == 6
+    assert said(analysis, "ranking").count("Within {") == 2
+
+
+def test_a_single_participant_is_warned_of_once() -> None:
+    votes = votes_of(Truth(CLEAR))
+    analysis = analyse(votes.where(votes.participant == 0), AnalysisSettings(factors=FACTORS))
+    assert sum("single participant" in warning for warning in analysis["warnings"]) == 1

@@ -12,6 +12,7 @@ from app.web.admin.listing import listed
 MINUS = "−"
 NOTHING = "–"
 LEADING = (
+    "interim",
     "ranking",
     "best",
     "worst",

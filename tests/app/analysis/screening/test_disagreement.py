@@ -100,6 +100,17 @@ def test_opposite_tastes_are_two_camps_with_the_right_people() -> None:
     assert votes[0][0] / votes[0][1] > 0.5 > votes[1][0] / votes[1][1]
 
 
+def test_people_who_throw_a_coin_are_no_camp() -> None:
+    for seed in range(5):
+        votes = simulate_votes(StudyPlan(6, 5, 22), 2 * SCORES, np.random.default_rng(seed))
+        clicks = np.random.default_rng(seed).integers(0, 2, len(votes))
+        found = heterogeneity(
+            replace(votes, choice=np.where(votes.participant < 4, clicks, votes.choice).astype(np.int8))
+        )
+        assert found is not None
+        assert found["camps"] is None
+
+
 def test_missing_votes_change_hands_too() -> None:
     votes = camps(2)
     votes = votes.where(np.random.default_rng(5).random(len(votes)) < 0.8)
