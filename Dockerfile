@@ -10,6 +10,7 @@ COPY migrations migrations
 COPY templates templates
 COPY languages languages
 COPY static static
+COPY ground ground
 COPY recon recon
 COPY app app
 RUN pip wheel --no-deps --no-build-isolation --wheel-dir /wheels .

@@ -10,13 +10,15 @@ from collections.abc import Iterator, Sequence
 from functools import reduce
 from operator import getitem
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import typer
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
 if TYPE_CHECKING:
+    from pydantic import BaseModel
+
     from app.study.option_fields import Setting
 
 ROOT = Path(__file__).parent.parent
@@ -27,12 +29,25 @@ REPOSITORY_PAGES = {
     "changelog.md": "CHANGELOG.md",
     "third_party.md": "THIRD_PARTY.md",
 }
+FILE_TITLES = {
+    "capture": "capture.json",
+    "scene": "scene.json",
+    "manifest": "manifest.json",
+    "methods": "The methods file",
+}
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the generated pages."""
     pages = {name: repository_page(source) for name, source in REPOSITORY_PAGES.items()}
-    for name, content in {**pages, "commands.md": commands(), "settings.md": settings(), "tables.md": tables()}.items():
+    pages |= {
+        "commands.md": commands(),
+        "settings.md": settings(),
+        "files.md": file_keys(),
+        "tables.md": tables(),
+        "jobs.md": jobs(),
+    }
+    for name, content in pages.items():
         files.append(File.generated(config, name, content=content))
     return files
 
@@ -103,11 +118,25 @@ def settings() -> str:
     from app.settings import Settings
     from app.study.option_fields import settings_of
     from app.study.options.options import StudyOptions
+    from app.study.questions.questionnaire import Question
 
     default = StudyOptions().model_dump()
     options = [
-        (f"`{setting.name}`", _described_setting(setting), _default(reduce(getitem, setting.name.split("."), default)))
+        (
+            f"`{setting.name}`",
+            _described_setting(setting),
+            _default(reduce(getitem, setting.name.split("."), default)),
+            setting.change,
+        )
         for setting in settings_of(StudyOptions)
+    ]
+    questions = [
+        (
+            f"`{setting.name}`",
+            _described_setting(setting),
+            "required" if info.is_required() else _default(info.default),
+        )
+        for setting, info in zip(settings_of(Question), Question.model_fields.values(), strict=True)
     ]
     prefix = str(Settings.model_config["env_prefix"])
     server = [
@@ -120,8 +149,12 @@ def settings() -> str:
         "Environment variables. Options of the command line override some of them for one run.",
         _table(("variable", "", "default"), server),
         "## Studies",
-        "Keys of the options file of `reconstudy study create --options` and of a study file.",
-        _table(("key", "", "default"), options),
+        "Keys of the options file of `reconstudy study create --options` and of a study file. When they [may "
+        "change](studies.md#options): any time, until somebody has begun, or until then and with new films.",
+        _table(("key", "", "default", "may change"), options),
+        "### Questions",
+        "Keys of each table `[[options.questions]]`.",
+        _table(("key", "", "default"), questions),
         "## Analyses",
         "Options of `reconstudy analyse`, and the fields of `app.analysis.AnalysisSettings`.",
         _table(("field", "", "default"), _fields(AnalysisSettings)),
@@ -137,12 +170,16 @@ def _described_setting(setting: Setting) -> str:
 
 def _fields(kind: type[Any]) -> list[tuple[str, str, str]]:
     """Return the fields of a dataclass with their descriptions from its docstring."""
-    described = _described(inspect.getdoc(kind) or "")
-    return [(f"`{item.name}`", described[item.name], _default(item.default)) for item in dataclasses.fields(kind)]
+    from ground.dataclass_models import described
+
+    words = described(kind)
+    return [(f"`{item.name}`", words[item.name], _default(item.default)) for item in dataclasses.fields(kind)]
 
 
 def tables() -> str:
-    """Return the columns of every table of results that analysts fetch."""
+    """Return the columns of every table of results that analysts fetch, and the tables of an analysis."""
+    from app.analysis.report.write import COLUMNS
+    from app.analysis.tables import TABLES as ANALYSIS
     from app.web.analyst.columns import FURTHER, TABLES
 
     parts = [
@@ -153,24 +190,96 @@ def tables() -> str:
         every = columns | FURTHER.get(name, {})
         rows = [(f"`{column}`", _sentence(meaning)) for column, meaning in every.items()]
         parts += [f"## {name.replace('_', ' ')}", _table(("column", "is"), rows)]
+    kept = [
+        (
+            f"`{name}`",
+            table.row,
+            "; ".join(f"`{column}`: {meaning}" for column, meaning in table.columns.items()),
+            f"`{name}.csv`" if name in COLUMNS else "",
+        )
+        for name, table in ANALYSIS.items()
+    ]
+    parts += [
+        "## Tables of an analysis",
+        "In `analysis.json` of [an analysis](analysis.md#tables), with the columns that their names do not explain.",
+        _table(("table", "a row for each", "columns", "file"), kept),
+    ]
     return "\n\n".join(parts) + "\n"
 
 
-TYPE = re.compile(r"(str|bool|int|float|mapping|tuple of \w+|sequence of \w+)(, optional)?")
+def jobs() -> str:
+    """Return every kind of job with its fields."""
+    from app.operations.jobs.kinds import GROUPS
+
+    parts = [
+        "# Jobs",
+        "The kinds of [jobs](work.md), with their names over REST and the fields of their forms. An empty field takes "
+        "the default of the command.",
+    ]
+    for group, kinds in GROUPS.items():
+        parts.append(f"## {group}")
+        for kind in kinds:
+            rows = [(f"`{field.name}`", f"{field.label}: {field.help}".rstrip(": ")) for field in kind.fields]
+            does = f"{kind.help.rstrip('.')}. By `reconstudy {kind.command}`."
+            parts += [f"### {kind.title}: `{kind.name}`", does, _table(("field", ""), rows)]
+    return "\n\n".join(parts) + "\n"
 
 
-def _described(docstring: str) -> dict[str, str]:
-    """Return name -> sentence of a docstring's parameters, `name, name : type` with indented lines or `name : text`."""
-    sentences: dict[str, str] = {}
-    names: list[str] = []
-    for line in docstring.splitlines():
-        match = re.match(r"^([a-z_]+(?:, [a-z_]+)*) : (.*)$", line)
-        if match:
-            names = match[1].split(", ")
-            sentences.update(dict.fromkeys(names, "" if TYPE.fullmatch(match[2]) else match[2]))
-        elif names and line.startswith("    "):
-            sentences.update({name: f"{sentences[name]} {line.strip()}" for name in names})
-    return {name: _sentence(text) for name, text in sentences.items()}
+def file_keys() -> str:
+    """Return the keys of every file that users write, but a study's, which stand with the settings."""
+    from app.cli.schema import FILES
+
+    parts = [
+        "# Files",
+        "The keys of the files that you may write or change by hand. What is refused is told with its place, what was "
+        "found and what is expected. `reconstudy schema capture` (or `scene`, `manifest`, `methods`, `study`) prints "
+        "JSON Schema. Written to `capture.schema.json` beside the file, it lets an editor complete and check it: "
+        '`"$schema": "capture.schema.json"` stands in what the program writes, and `#:schema study.schema.json` at '
+        "the top of a TOML file.",
+    ]
+    for name, title in FILE_TITLES.items():
+        parts += [f"## {title}", *_model(FILES[name](), set())]
+    return "\n\n".join(parts) + "\n"
+
+
+def _model(model: type[BaseModel], shown: set[str]) -> Iterator[str]:
+    """Yield a table of a model's keys, and those of the models in it."""
+    from ground.fields import is_model, key_of, taken
+
+    shown.add(model.__name__)
+    yield _sentence((inspect.getdoc(model) or "").partition("\n\n")[0])
+    rows, below = [], []
+    for name, info in model.model_fields.items():
+        inner = list(dict.fromkeys(part for part in _inner_kinds(info.annotation) if is_model(part)))
+        below += inner
+        links = ", ".join(f"[{(title := _title(part))}](#{title.lower().replace(' ', '-')})" for part in inner)
+        default = (
+            "required" if info.is_required() else "" if inner else _written(info.get_default(call_default_factory=True))
+        )
+        rows.append((f"`{key_of(name, info)}`", _sentence(info.description), links or taken(info).words, default))
+    yield _table(("key", "", "takes", "default"), rows)
+    for part in dict.fromkeys(below):
+        if part.__name__ not in shown:
+            yield f"### {_title(part)}"
+            yield from _model(part, shown)
+
+
+def _title(model: type[BaseModel]) -> str:
+    """Return what a model's table is called: its name in words."""
+    words = re.findall("[A-Z][a-z]*", model.__name__.removesuffix("Content").removesuffix("Facts"))
+    return " ".join(words).capitalize()
+
+
+def _written(value: Any) -> str:
+    """Return a default as a file has it; empty: there is none."""
+    return "" if value in (None, "", [], {}) else f"`{json.dumps(value)}`"
+
+
+def _inner_kinds(kind: Any) -> Iterator[Any]:
+    """Yield all types that a type is made of."""
+    yield kind
+    for part in get_args(kind):
+        yield from _inner_kinds(part)
 
 
 def _sentence(text: str | None) -> str:

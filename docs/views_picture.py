@@ -32,7 +32,7 @@ def row(view: str, rectangle: str, models: str) -> NDArray[np.uint8]:
     cut = np.s_[top : top + height, left : left + width]
     panels = [shots[view].pixels[cut]]
     for path in paths:
-        shown, cover = rendered(read_mesh(path.parent / mesh_name(path.name, frame)), shots[view].camera)
+        shown, cover, _ = rendered(read_mesh(path.parent / mesh_name(path.name, frame)), shots[view].camera)
         panels.append(np.where(cover[..., None], shown, BACKGROUND)[cut].astype(np.uint8))
     is_one_run = len({path.parent for path in paths}) == 1
     names = [path.name if is_one_run else f"{path.name}, {path.parent.name}" for path in paths]

@@ -16,9 +16,9 @@ import pytest
 import typer
 
 from app.cli import app
+from app.cli.schema import FILES
 from app.settings import Settings
 from app.web.analyst.columns import DOCUMENTED, JOBS, STUDIES
-from recon.capture.schema import CAMERA_KEYS, CAPTURE_KEYS, SENSOR_KEYS
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
@@ -111,7 +111,7 @@ def test_every_setting_that_is_named_exists(page: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_site_is_built_without_a_broken_link_and_names_every_command_setting_and_column(tmp_path: Path) -> None:
+def test_the_site_is_built_without_a_broken_link_and_names_every_command_setting_key_and_column(tmp_path: Path) -> None:
     built = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(tmp_path)],
         cwd=ROOT,
@@ -132,8 +132,16 @@ def test_the_site_is_built_without_a_broken_link_and_names_every_command_setting
                 assert (parameter.metavar or parameter.name.upper()).replace("|", " or ") in section
     settings = (tmp_path / "settings.html").read_text(encoding="utf-8")
     assert all(f"RECONSTUDY_{name.upper()}" in settings for name in Settings.model_fields)
+    files = (tmp_path / "files.html").read_text(encoding="utf-8")
+    keys = {key for name in FILES.keys() - {"study"} for key in keys_of(FILES[name]().model_json_schema())}
+    assert len(keys) > 80
+    assert sorted(key for key in keys if f"<code>{key}</code>" not in files) == []
     tables = (tmp_path / "tables.html").read_text(encoding="utf-8")
     assert [name for name in DOCUMENTED - STUDIES.keys() - JOBS.keys() if f"<code>{name}</code>" not in tables] == []
+
+
+def keys_of(schema: dict[str, Any]) -> set[str]:
+    return {key for part in (schema, *schema["$defs"].values()) for key in part.get("properties", {})}
 
 
 def test_the_security_page_names_tests_that_are_there() -> None:
@@ -160,12 +168,6 @@ def test_the_security_page_has_every_requirement_once_and_counts_them() -> None:
     told = [len(states), *(counts[state] for state in ("held", "not applicable", "operator", "open"))]
     assert [int(number) for number in said.groups()] == told
     assert told[0] == sum(told[1:]) == 253  # of levels 1 and 2 of ASVS 5.0.0
-
-
-def test_the_page_on_recording_explains_every_key_of_a_capture() -> None:
-    page = (ROOT / "docs" / "capture.md").read_text(encoding="utf-8").partition("### capture.json\n")[2]
-    explained = set(re.findall(r"`(\w+)`", "".join(re.findall(r"^\| (`.*?) \|", page, re.MULTILINE))))
-    assert explained == {*CAPTURE_KEYS, *SENSOR_KEYS, *CAMERA_KEYS, "frame"}
 
 
 def test_every_page_stands_in_the_navigation() -> None:

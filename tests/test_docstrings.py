@@ -10,7 +10,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 RIDDLES = {"of", "one", "own", "found"}
-DOCUMENTED = ("recon", "app/study", "app/analysis")
+DOCUMENTED = ("ground", "recon", "app/study", "app/analysis")
 MANY_PARAMETERS = 3
 SHAPE = re.compile(r"\((?:\.{3}|…|[\w*+ -]+),[^()]*\)|\(\)|scalar")
 
@@ -92,7 +92,7 @@ def test_a_public_function_on_arrays_gives_their_shapes() -> None:
 def test_names_are_nouns() -> None:
     riddles = [
         f"{name_of(path)}:{line} {name}"
-        for path in python_files("app", "recon")
+        for path in python_files("app", "ground", "recon")
         for line, name in bound_names(path)
         if name in RIDDLES
     ]

@@ -10,28 +10,21 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
 from app.cli.analysis import score_sentences
 from app.cli.shared import by_step
 from app.files import free_gb, read_json, write_json
-from recon.cli.console import JsonOption, ProgressLine, duration, print_result
-from recon.cli.options import (
-    ClusterOption,
-    DeviceOption,
-    FurtherOption,
-    WorkersOption,
-    parse_approaches,
-    parse_names,
-    parse_size,
-)
+from recon.cli.console import ProgressLine, duration, print_result
+from recon.cli.flags import with_settings
+from recon.cli.options import parse_approaches, parse_names, parse_size
+from recon.commands.experiments import DEMO_SIZE, Demo, ExperimentPaper
 
 if TYPE_CHECKING:
     from app.settings import Settings
 
-DEMO_SIZE = "1280x720"
 DEMO_SECONDS, DEMO_FPS = 2.4, 20.0  # of a film: each frame stays for three pictures of a display of 60 Hz
 DEMO_EXPOSURE_S = 4.8  # each film plays twice
 DEMO_FRAMES = 4  # played back and forth, twice in a film, which ends as it begins
@@ -56,19 +49,8 @@ class Step(NamedTuple):
 
 
 @app.command()
-def demo(
-    out: Annotated[Path, typer.Option(help="Folder for everything that is made; a second start resumes.")] = Path(
-        "demo"
-    ),
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the server; 0 for any free one.")] = 8000,
-    participants: Annotated[int, typer.Option(min=0, help="How many simulated participants vote.")] = 8,
-    size: Annotated[
-        str | None,
-        typer.Option(help=f"WIDTHxHEIGHT of the films, pixels; smaller ones are made sooner.  [default: {DEMO_SIZE}]"),
-    ] = None,
-    serve: Annotated[bool, typer.Option(help="Serve the study afterwards, until you press Ctrl-C.")] = True,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(Demo)
+def demo(asked: Demo, *, as_json: bool) -> None:
     """Do the main job on a synthetic recording: models, videos, a study, votes and scores; then serve the study."""
     from app.experiment.demo import ability_sentence, demo_front, demo_scores
     from app.main import running_server
@@ -76,15 +58,16 @@ def demo(
     from app.operations.running import noted
     from app.settings import DATA_FOLDER, Settings
 
+    out = asked.out
     settings = Settings(data_dir=out / DATA_FOLDER, database_url=None, allowed_hosts="")
-    front, film_size = out / "front", _demo_size(out, size)
+    front, film_size = out / "front", _demo_size(out, asked.size)
     progress = ProgressLine()
     progress.say(f"From a recording to scores, into {out}. This takes {DEMO_TAKES}, less where it was begun before.")
-    run_steps(_demo_steps(out, settings, film_size, participants, progress), out / "seconds.json", progress.say)
+    run_steps(_demo_steps(out, settings, film_size, asked.participants, progress), out / "seconds.json", progress.say)
     with (
-        running_server(settings, port=_free_port(port), front=front) as url,
+        running_server(settings, port=_free_port(asked.port), front=front) as url,
         noted(settings, url),
-        worker_beside(settings, int(serve)),
+        worker_beside(settings, int(asked.serve)),
     ):
         links = {name: url + path for name, path in demo_front(settings, out, front, DEMO_FRAMES).items()}
         analysis = demo_scores(out)
@@ -99,11 +82,11 @@ def demo(
         }
         ended = {"To see its pages": shlex.join(["reconstudy", "demo", "--out", str(out)])}
         data = {"Data folder": f"{settings.data_dir} (further commands on it: cd {out}, then reconstudy status)"}
-        places = (served if serve else ended) | data
+        places = (served if asked.serve else ended) | data
         sentences = scores + "".join(f"\n{name + ':':<20} {place}" for name, place in places.items())
         result = {"out": str(out), "url": url, **links, **({"scores": analysis["scores"]} if analysis else {})}
         print_result(result, sentences, as_json=as_json)
-        if serve:
+        if asked.serve:
             progress.say("Serving until you press Ctrl-C; started again, it serves within seconds.")
             _wait_for_interrupt()
 
@@ -204,69 +187,39 @@ def _demo_steps(
 
 
 @experiment_app.command("paper")
-def experiment_paper(
-    out: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for everything that is made; a second start resumes.")
-    ],
-    scale: Annotated[
-        str, typer.Option(help="small takes minutes; full makes videos in full HD of 15 s and takes hours.")
-    ] = "small",
-    frames: Annotated[
-        int | None,
-        typer.Option(
-            min=1, help="How many frames show a scene's motion: fewer take less time.  [default: 3; full: 125]"
-        ),
-    ] = None,
-    seconds: Annotated[
-        float | None, typer.Option(min=0.2, help="Length of each video.  [default: 3; full: 15]")
-    ] = None,
-    approach: FurtherOption = "",
-    colour: Annotated[
-        str, typer.Option(help="Sources of the models' colours, a third factor if both: vertices,photographs.")
-    ] = "vertices",
-    models: Annotated[
-        list[Path] | None,
-        typer.Option(help="Folder of models of a scene by another program, with a scene.json; once for each scene."),
-    ] = None,
-    ratings: Annotated[
-        bool, typer.Option("--ratings", help="Let other people, sent by a platform, also rate every video (ACR).")
-    ] = False,
-    workers: WorkersOption = 1,
-    cluster: ClusterOption = None,
-    device: DeviceOption = "cpu",
-    yes: Annotated[bool, typer.Option("--yes", help="Start `full` without asking.")] = False,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(ExperimentPaper)
+def experiment_paper(asked: ExperimentPaper, *, as_json: bool) -> None:
     """Repeat the paper's experiment on synthetic recordings with artificial people, and report it beside the paper."""
     from app.experiment.report import read_results, write_experiment_report
     from app.experiment.study import StudyPart
     from recon.experiment import SCALES, Experiment, steps
 
-    if scale not in SCALES:
-        raise typer.BadParameter(f"--scale is {scale!r}, expected {' or '.join(SCALES)}")
+    if asked.scale not in SCALES:
+        raise typer.BadParameter(f"--scale is {asked.scale!r}, expected {' or '.join(SCALES)}")
+    out = asked.out
     experiment = Experiment(
         out.resolve(),
-        SCALES[scale].resized(frames, seconds),
-        parse_approaches(approach),
-        parse_names(colour),
-        tuple(models or ()),
-        workers,
-        cluster,
-        device,
+        SCALES[asked.scale].resized(asked.frames, asked.seconds),
+        parse_approaches(asked.approach),
+        parse_names(asked.colour),
+        tuple(asked.models or ()),
+        asked.workers,
+        asked.cluster,
+        asked.device,
     )
-    study = StudyPart(out.resolve(), has_ratings=ratings)
+    study = StudyPart(out.resolve(), has_ratings=asked.ratings)
     sentence = (
         f"The experiment takes about {duration(3600 * experiment.scale.hours)} on two idle cores "
         f"and {experiment.scale.gigabytes:.0f} GB of disk ({free_gb(out):.0f} GB are free)"
     )
-    if scale == "full" and not yes:
+    if asked.scale == "full" and not asked.yes:
         _ask_to_go_on(sentence)
     progress = ProgressLine()
     progress.say(f"{sentence}, less where it was begun before. All of it goes into {out}.")
     planned = [Step(name, partial(work, progress)) for name, work in steps(experiment)]
     planned.append(Step("let people take the study", partial(study.take, by_step(progress))))
     taken = run_steps(planned, out / "seconds.json", progress.say)
-    report = write_experiment_report(read_results(study, taken), scale)
+    report = write_experiment_report(read_results(study, taken), asked.scale)
     progress.close()
     _tell_of_experiment(out, report, as_json=as_json)
 

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.errors import StimuliError
-from app.ffmpeg import VideoFacts, decode, reading, run_ffmpeg
+from app.ffmpeg import VideoFacts, decode, look_at, reading, run_ffmpeg
+from app.ffmpeg.colours import browser_colours
 from app.files import whole_file
 from app.intake.stimuli import FPS_TOLERANCE, Stimulus
 
@@ -23,7 +24,7 @@ LEAST_PSNR_DB = 25.0  # of a frame against its source; these encoders give above
 LEAST_LIGHTER_PSNR_DB = 20.0  # with fewer bytes above 30, and 24 even of noise
 BY_NUMBER = "settb=1/1000,setpts=1000*N"  # one second per frame, whatever the file's time stamps
 STILL_WIDTH = 480  # pixels of a thumbnail
-RECIPE = "stacked-2"  # part of every film's key: change it when the encoding changes
+RECIPE = "stacked-3"  # part of every film's key: change it when the encoding changes
 
 H264 = "h264"
 SINGLE = "single"  # H.264 of one strip without B-frames: a decoder returns every frame immediately
@@ -93,10 +94,11 @@ def make_film(strips: Strips, path: Path) -> None:
 
 def _encode(content: Strips, out: Path) -> None:
     n, half = len(content.sources), GUARD_ROWS // 2
-    strips = [_padded(number, half * (number > 0), half * (number < n - 1)) for number in range(n)]
+    colours = [_colours(*strip) for strip in zip(content.stimuli, content.sources, strict=True)]
+    strips = [_padded(number, colours[number], half * (number > 0), half * (number < n - 1)) for number in range(n)]
     names = "".join(f"[strip{number}]" for number in range(n))
     stack = f"vstack=inputs={n}:shortest=1," if n > 1 else ""
-    graph = "".join(strips) + f"{names}{stack}format=yuv420p[film]"
+    graph = "".join(strips) + f"{names}{stack}zscale=f=bicubic,format=yuv420p[film]"
     inputs = [part for source in content.sources for part in reading(source)]
     filtering = ["-filter_complex", graph, "-map", "[film]", "-fps_mode", "passthrough"]
     encoding = [*ENCODERS[content.codec].split(), *CONTAINER.split(), "-f", "mp4"]
@@ -106,11 +108,16 @@ def _encode(content: Strips, out: Path) -> None:
     )
 
 
-def _padded(number: int, above: int, below: int) -> str:
+def _colours(stimulus: Stimulus, source: Path) -> str:
+    """Return the filter that gives a source the colours of all films, whatever its own are."""
+    return browser_colours(look_at(source), stimulus.width, stimulus.height)
+
+
+def _padded(number: int, colours: str, above: int, below: int) -> str:
     """Pad a strip in full colour resolution; `smear` repeats the outermost row over the padding."""
     pad = f"pad=iw:ih+{above + below}:0:{above}"
     smear = f"fillborders=top={above}:bottom={below}:mode=smear"
-    return f"[{number}:v]format=yuv444p,{pad},{smear}[strip{number}];"
+    return f"[{number}:v]{colours},setsar=1,format=yuv444p,{pad},{smear}[strip{number}];"
 
 
 def _check_facts(facts: VideoFacts, expected: VideoFacts, name: str) -> None:
@@ -132,7 +139,7 @@ def check_strip(
     row = number * (strip.height + GUARD_ROWS)
     graph = (
         f"[0:v]crop={strip.width}:{strip.height}:0:{row},{BY_NUMBER},format=yuv420p[strip];"
-        f"[1:v]{BY_NUMBER},format=yuv420p[source];[strip][source]psnr=stats_file=-"
+        f"[1:v]{BY_NUMBER},{_colours(strip, source)},format=yuv420p[source];[strip][source]psnr=stats_file=-"
     )
     command = [*reading(film), *reading(source), "-filter_complex", graph, "-f", "null", "-"]
     text = run_ffmpeg(command, f"{name}: cannot be compared with {source}")

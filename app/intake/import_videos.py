@@ -5,7 +5,9 @@ A folder that `reconstudy render` wrote keeps what it knows: masters, quality, c
 
 from __future__ import annotations
 
+import shlex
 import shutil
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -14,10 +16,23 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import StimuliError
-from app.ffmpeg import VIDEO_SUFFIXES, Progress, decode, in_parallel, no_progress
+from app.ffmpeg import VIDEO_SUFFIXES, Progress, VideoFacts, decode, in_parallel, no_progress
 from app.files import file_digest, read_json, whole_folder, write_json
 from app.intake.merge import NewSet, merge_sets, refuse_used, set_notes
-from app.intake.stimuli import MANIFEST, read_manifest
+from app.intake.stimuli import FPS_TOLERANCE, MANIFEST, read_manifest
+from app.intake.treatment import (
+    LOSSLESS,
+    SUFFIX,
+    Target,
+    Treatment,
+    colours_told,
+    common_target,
+    conformed,
+    look_notes,
+    treatment_of,
+    write_treated,
+)
+from ground.file_models import SCHEMA_KEY, schema_name
 
 CONDITIONS = "conditions.csv"
 MASTER = ".master"  # ends the name of a film's lossless master, before the suffix
@@ -43,8 +58,25 @@ class SourceVideo:
         return f"{self.dataset}/{self.condition}"
 
 
-def import_stimuli(folder: Path, out: Path, *, practice: str | None = None, progress: Progress = no_progress) -> NewSet:
-    """Copy the videos of a folder into a stimulus set, and check it.
+@dataclass(frozen=True)
+class Film:
+    """A video that was looked at, and what is done to it."""
+
+    video: SourceVideo
+    facts: VideoFacts
+    treatment: Treatment
+
+
+def import_stimuli(
+    folder: Path,
+    out: Path,
+    *,
+    practice: str | None = None,
+    is_conformed: bool = False,
+    name: str = "",
+    progress: Progress = no_progress,
+) -> NewSet:
+    """Make a stimulus set of the videos of a folder: look at each, make right what browsers would show wrong, check it.
 
     Parameters
     ----------
@@ -53,14 +85,16 @@ def import_stimuli(folder: Path, out: Path, *, practice: str | None = None, prog
         `NAME.mask.mp4` its mask. With a stimulus set's manifest, the folder is copied with all that the manifest says
     out : the stimulus set's folder, missing or empty
     practice : the dataset whose two videos are for practice, the clearly better one first in the alphabet
+    is_conformed : make videos of a dataset alike that differ in size, frame rate or length, instead of refusing them
+    name : the set's; empty: the folder's
     progress : called after each video
 
     Raises
     ------
     StimuliError
-        If there is nothing to import, datasets have different conditions, a video cannot be decoded or differs from the
-        others of its dataset in size, frame rate or length, or the table of conditions does not fit. No file is left
-        behind.
+        If there is nothing to import, datasets have different conditions, a video cannot be decoded or made right, or
+        differs from the others of its dataset in size, frame rate or length, or the table of conditions does not fit.
+        No file is left behind.
     """
     refuse_used(out)
     if _is_set(folder):
@@ -69,15 +103,17 @@ def import_stimuli(folder: Path, out: Path, *, practice: str | None = None, prog
     compared = [video for video in videos if video.dataset != practice]
     _check_complete(folder, videos, compared, practice)
     levels = _read_levels(folder / CONDITIONS, sorted({video.condition for video in compared}))
+    films = _alike(_looked_at(videos, progress), is_conformed=is_conformed)
     with whole_folder(out) as temporary:
-        entries = _copy(videos, temporary, levels, progress)
+        entries = _copy(films, temporary, levels, progress)
         paths = _copy_paths(folder, temporary, {video.dataset for video in compared})
-        manifest = _manifest(folder.resolve().name, entries, levels, practice, _provenance(folder, paths))
+        manifest = _manifest(name or folder.resolve().name, entries, levels, practice, _provenance(folder, paths))
         write_json(temporary / MANIFEST, manifest)
         made = read_manifest(temporary, folder)
     made = replace(made, folder=out)
     left_out = [f"left out, as neither film nor master: {', '.join(unknown)}"] if unknown else []
-    return NewSet(made, (*left_out, *set_notes(made)))
+    seen = [note for film in films for note in look_notes(film.video.name, film.facts, film.treatment)]
+    return NewSet(made, (*left_out, *seen, *_guessed(films), *set_notes(made)))
 
 
 def _is_set(folder: Path) -> bool:
@@ -209,29 +245,83 @@ def _read_levels(path: Path, conditions: Sequence[str]) -> Levels:
     return levels
 
 
-def _copy(videos: Sequence[SourceVideo], out: Path, levels: Levels, progress: Progress) -> list[dict[str, Any]]:
+def _looked_at(videos: Sequence[SourceVideo], progress: Progress) -> list[Film]:
+    """Decode every video to its end, and say what must be done to it."""
+    films: dict[SourceVideo, Film] = {}
+
+    def look(video: SourceVideo) -> None:
+        facts = decode(video.path)
+        for other in filter(None, (video.master, video.mask)):
+            if (others := decode(other)) != facts:
+                raise StimuliError(f"{other}: has {others}, its film {video.path.name} has {facts}; expected the same")
+        films[video] = Film(video, facts, treatment_of(video.path, facts))
+
+    in_parallel([(f"looking at {video.name}", partial(look, video)) for video in videos], progress)
+    return [films[video] for video in videos]
+
+
+def _alike(films: Sequence[Film], *, is_conformed: bool) -> list[Film]:
+    """Return the films so that those of a dataset are alike; refuse them unless they may be made so."""
+    datasets: dict[str, list[Film]] = {}
+    for film in films:
+        datasets.setdefault(film.video.dataset, []).append(film)
+    targets = {name: common_target([film.treatment.facts for film in same]) for name, same in datasets.items()}
+    return [_like(film, targets[film.video.dataset], is_conformed=is_conformed) for film in films]
+
+
+def _like(film: Film, target: Target, *, is_conformed: bool) -> Film:
+    facts = film.treatment.facts
+    same_rate = abs(facts.fps - target.fps) <= FPS_TOLERANCE * target.fps
+    if same_rate and (facts.width, facts.height, facts.n_frames) == (target.width, target.height, target.n_frames):
+        return film
+    if is_conformed:
+        try:
+            return replace(film, treatment=conformed(film.treatment, target))
+        except ValueError as error:
+            raise StimuliError(f"{film.video.path}: {error}") from error
+    name, dataset = shlex.quote(film.video.path.name), film.video.dataset
+    usual = f"{target.n_frames} frames at {target.fps:.6g}/s of {target.width}x{target.height}"
+    raise StimuliError(
+        f"{film.video.path}: {film.video.name} has {facts}, expected {usual}, as all of {dataset} can. Films of a "
+        f"dataset must be alike: `--conform` makes them so, or `ffmpeg -i {name} -vf "
+        f"fps={target.fps:.6g},scale={target.width}:{target.height} -frames:v {target.n_frames} -crf 10 NEW.mp4`"
+    )
+
+
+def _guessed(films: Sequence[Film]) -> list[str]:
+    """Return a sentence for each way in which the colours of films are read, with the films' number."""
+    ways = Counter(colours_told(film.facts) for film in films)
+    return [f"{n} of {len(films)} films: colours read as {way}" for way, n in ways.items() if "guessed" in way]
+
+
+def _copy(films: Sequence[Film], out: Path, levels: Levels, progress: Progress) -> list[dict[str, Any]]:
     entries: dict[SourceVideo, dict[str, Any]] = {}
 
-    def copy(video: SourceVideo) -> None:
-        entries[video] = _copied(video, out, dict(levels.get(video.condition, {})))
+    def copy(film: Film) -> None:
+        entries[film.video] = _copied(film, out, dict(levels.get(film.video.condition, {})))
 
-    in_parallel([(f"importing {video.name}", partial(copy, video)) for video in videos], progress)
-    return [entries[video] for video in videos]
+    in_parallel([(f"importing {film.video.name}", partial(copy, film)) for film in films], progress)
+    return [entries[film.video] for film in films]
 
 
-def _copied(video: SourceVideo, out: Path, levels: dict[str, str]) -> dict[str, Any]:
-    """Copy a video, its master and its mask; return its entry in the manifest."""
-    facts = decode(video.path)
-    for other in filter(None, (video.master, video.mask)):
-        if (other_facts := decode(other)) != facts:
-            raise StimuliError(f"{other}: has {other_facts}, its film {video.path.name} has {facts}; expected the same")
+def _copied(film: Film, out: Path, levels: dict[str, str]) -> dict[str, Any]:
+    """Copy a video, its master and its mask, or make them right; return its entry in the manifest."""
+    video, treatment = film.video, film.treatment
     (out / video.dataset).mkdir(exist_ok=True)
     candidates = {"video": video.path, "master": video.master, "mask": video.mask}
     sources = {key: path for key, path in candidates.items() if path is not None}
-    files = {key: f"{video.dataset}/{path.stem}{path.suffix.lower()}" for key, path in sources.items()}
+    suffixes = {key: SUFFIX if treatment.filters else path.suffix.lower() for key, path in sources.items()}
+    files = {key: f"{video.dataset}/{path.stem}{suffixes[key]}" for key, path in sources.items()}
+    facts = treatment.facts
     for key, path in sources.items():
-        shutil.copyfile(path, out / files[key])
+        if not treatment.filters:
+            shutil.copyfile(path, out / files[key])
+        elif key == "video":
+            facts = write_treated(path, treatment, out / files[key])
+        else:
+            write_treated(path, treatment, out / files[key], crf=LOSSLESS)
     quality = video.path.with_name(video.path.stem + QUALITY)
+    assert film.facts.look is not None, "decode looks at every film"
     return {
         "dataset": video.dataset,
         "approach": video.condition,
@@ -243,6 +333,8 @@ def _copied(video: SourceVideo, out: Path, levels: dict[str, str]) -> dict[str, 
         "fps": facts.fps,
         "n_frames": facts.n_frames,
         **({"quality": read_json(quality)} if quality.is_file() else {}),
+        "found": film.facts.look.told(film.facts.width, film.facts.height),
+        "done": list(treatment.done),
     }
 
 
@@ -271,6 +363,7 @@ def _manifest(
             if level not in factors.setdefault(factor, []):
                 factors[factor].append(level)
     return {
+        SCHEMA_KEY: schema_name("manifest"),
         "schema_version": 1,
         "name": name,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),

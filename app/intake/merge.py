@@ -16,6 +16,7 @@ from app.errors import StimuliError
 from app.ffmpeg import Progress, in_parallel, no_progress
 from app.files import file_digest, read_json, whole_folder, write_json
 from app.intake.stimuli import MANIFEST, Stimulus, StimulusSet, check_videos, level_notes, read_manifest
+from ground.file_models import SCHEMA_KEY, schema_name
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,7 @@ def merge_sets(folders: Sequence[Path], out: Path, *, progress: Progress = no_pr
     copies = _Copies()
     with whole_folder(out) as temporary:
         manifest = {
+            SCHEMA_KEY: schema_name("manifest"),
             "schema_version": 1,
             "name": out.resolve().name,
             "created": datetime.now(UTC).isoformat(timespec="seconds"),

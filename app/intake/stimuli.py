@@ -11,52 +11,79 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import ConfigDict, Field, ValidationError
 
 from app.errors import StimuliError
 from app.ffmpeg import Progress, VideoFacts, decode, in_parallel, no_progress
 from app.files import file_digest, read_json_bytes
+from app.intake.treatment import refuse_unready
 from app.study.languages.text import check_text
+from ground.fields import Expected
+from ground.file_models import READS, FilePart, WholeFile, faults_of
 
 MANIFEST = "manifest.json"
 TOGETHER = "all"  # name of all datasets, or of all items, in results
 FPS_TOLERANCE = 5e-4  # relative: 29.97 is 30000/1001, but 30 is not
 
-Name = Annotated[str, Field(min_length=1, max_length=200)]
+Name = Annotated[str, Field(min_length=1, max_length=200), Expected("a text of 1 to 200 characters")]
 
 
-class Stimulus(BaseModel):
+class Stimulus(FilePart):
     """A video of an approach (or any other condition) on a dataset; keys that a study does not need are ignored."""
 
-    model_config = ConfigDict(frozen=True, extra="ignore", strict=True)
+    model_config = ConfigDict(extra="ignore")
 
-    dataset: Name
-    approach: Name
-    levels: dict[str, str] = {}
-    video: Name
-    master: Name | None = None
-    mask: Name | None = None
-    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-    width: Annotated[int, Field(ge=2, le=16384)]
-    height: Annotated[int, Field(ge=2, le=16384)]
-    fps: Annotated[float, Field(gt=0, le=1000)]
-    n_frames: Annotated[int, Field(ge=1, le=1_000_000)]
-    codec: str = ""
-    renderer: str = ""
+    dataset: Annotated[Name, Field(description="the scene; its stimuli are compared with one another")]
+    approach: Annotated[Name, Field(description="the condition: an approach, or anything else that made the video")]
+    levels: Annotated[
+        dict[str, str],
+        Field(description="level of each factor, for the comparison by factor; empty: none"),
+        Expected("{FACTOR: LEVEL}"),
+    ] = Field(default_factory=dict)
+    video: Annotated[Name, Field(description="H.264 in MP4, its path from the manifest's folder")]
+    master: Annotated[
+        Name | None, Field(description="the same frames without loss; films of pairs are made of it where it is there")
+    ] = None
+    mask: Annotated[
+        Name | None, Field(description="video of the model's silhouette, white on black, for the measures of films")
+    ] = None
+    sha256: Annotated[
+        str,
+        Field(pattern=r"^[0-9a-f]{64}$", description="of the file `video`"),
+        Expected("64 hexadecimal digits in small letters"),
+    ]
+    width: Annotated[int, Field(ge=2, le=16384, description="pixels, even; alike in all stimuli of a dataset")]
+    height: Annotated[int, Field(ge=2, le=16384, description="pixels, even; alike in all stimuli of a dataset")]
+    fps: Annotated[float, Field(gt=0, le=1000, description="frames a second; alike in all stimuli of a dataset")]
+    n_frames: Annotated[int, Field(ge=1, le=1_000_000, description="of the video; alike in all stimuli of a dataset")]
+    codec: Annotated[str, Field(description="of the video, for the record")] = ""
+    model_bytes: Annotated[
+        int | None, Field(gt=0, description="size of the model's files, for the figure of score against size")
+    ] = None
+    renderer: Annotated[str, Field(description="what drew the frames, for the record")] = ""
 
     @property
     def name(self) -> str:
         return f"{self.dataset}/{self.approach}"
 
 
-class _Manifest(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="ignore", strict=True)
+class Manifest(WholeFile):
+    """The keys of `manifest.json`; others, such as `created`, `provenance` and a stimulus' `quality`, are ignored."""
 
-    schema_version: Literal[1]
-    name: Name
-    stimuli: Annotated[list[Stimulus], Field(min_length=1)]
-    factors: dict[str, list[str]] = {}
-    practice: list[Stimulus] = []
+    model_config = ConfigDict(extra="ignore")
+
+    schema_version: Annotated[Literal[1], Field(description="of this file"), READS]
+    name: Annotated[Name, Field(description="of the stimulus set")]
+    stimuli: Annotated[list[Stimulus], Field(min_length=1, description="the videos, in the order of the results")]
+    factors: Annotated[
+        dict[str, list[str]],
+        Field(description="levels of each factor, in the order of the results"),
+        Expected("{FACTOR: [LEVEL, ...]}"),
+    ] = Field(default_factory=dict)
+    practice: Annotated[
+        list[Stimulus],
+        Field(description="two videos of a scene that is not compared, one clearly better; or none"),
+    ] = Field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -198,20 +225,18 @@ def check_videos(stimulus_set: StimulusSet, progress: Progress = no_progress) ->
     in_parallel([(f"checking {s.name}", partial(_check_files, stimulus_set.folder, s)) for s in every], progress)
 
 
-def _read_manifest(path: Path) -> tuple[_Manifest, str]:
+def _read_manifest(path: Path) -> tuple[Manifest, str]:
     try:
         content = read_json_bytes(path)
         facts = json.loads(content)
         check_text(facts)
-        manifest = _Manifest.model_validate(facts)
+        manifest = Manifest.model_validate(facts)
     except FileNotFoundError as error:
         raise StimuliError(f"{path}: there is no such file; a stimulus set is a folder with a {MANIFEST}") from error
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
         raise StimuliError(f"{path}: is not readable as JSON: {error}") from error
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "the whole file"
-        raise StimuliError(f"{path}: {where}: {first['msg']}, found {first['input']!r:.120}") from error
+        raise StimuliError(f"{path}: {faults_of(error, Manifest)[0]}") from error
     except RecursionError as error:
         raise StimuliError(f"{path}: holds too many lists within one another") from error
     except ValueError as error:
@@ -247,7 +272,8 @@ def _check_alike(stimuli: Sequence[Stimulus], manifest: Path) -> None:
         if (shape := _shape(stimulus)) != usual:
             raise StimuliError(
                 f"{manifest}: {stimulus.name} has {shape}, the others of {stimulus.dataset} have {usual}; the stimuli "
-                f"of a dataset must be alike: render {stimulus.name} with {usual}, or leave it out"
+                f"of a dataset must be alike: make {stimulus.name} with {usual}, as `reconstudy stimuli import "
+                "--conform` does, or leave it out"
             )
     if first.width % 2 or first.height % 2:
         raise StimuliError(f"{manifest}: {first.name} is {first.width}x{first.height}, expected even numbers")
@@ -273,6 +299,8 @@ def _check_files(folder: Path, stimulus: Stimulus) -> None:
 
 
 def _check_facts(path: Path, facts: VideoFacts, stimulus: Stimulus) -> None:
+    if facts.look is not None:
+        refuse_unready(path, stimulus.name, facts)
     for fact in ("width", "height", "n_frames"):
         if getattr(facts, fact) != getattr(stimulus, fact):
             raise StimuliError(f"{path}: {fact} is {getattr(facts, fact)}, the manifest says {getattr(stimulus, fact)}")

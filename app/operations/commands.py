@@ -15,6 +15,11 @@ class StimuliImport(Command):
 
     folder: Path = argument("Folder with DATASET/CONDITION.mp4; conditions.csv in it gives factors; masters are kept.")
     out: Path = option(..., "New folder for the stimulus set.", flags=OUT)
+    conform: bool = option(
+        False,
+        "Make films of a dataset alike that differ in size, frame rate or length.",
+        label="Make unlike films alike",
+    )
     practice: str | None = option(None, "Dataset of two videos for practice; it is not compared.", **PRACTICE)
 
 

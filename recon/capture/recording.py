@@ -9,25 +9,77 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from glob import escape, glob
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import AfterValidator, ConfigDict, Field, ValidationError
 
+from ground.fields import Expected
+from ground.file_models import FilePart, WholeFile, faults_of
 from recon.capture.images import IMAGE_SUFFIXES, VIDEO_SUFFIXES, CaptureError, is_video
 from recon.geometry.rig import Camera, Rig, Sensor, checked_bounds, rigid
 from recon.storage.files import check_safe_name
 
-KINDS = ("scene", "sphere", "cuboid")
 GIVEN = "given"  # the depth method that takes the depth maps of the capture
 SIDES = ("left", "right")
 DEPTH_SUFFIXES = (".png", ".exr", ".npy")
-DEPTH_KINDS = ("z", "distance")
 STAND_IN_MM = 1.0  # from a camera with depth maps to the second one that stands in where only places matter
 FRAME_FIELD = re.compile(r"\{frame(:0\d+d)?\}")
+
+
+Millimetres = Annotated[float, Field(gt=0)]
+Size = Annotated[
+    list[Annotated[int, Field(ge=1)]],
+    Field(min_length=2, max_length=2),
+    Expected("[width, height] in whole pixels", is_whole=True),
+]
+
+
+class ObjectFacts(FilePart):
+    """What is known of an object that a validation measures; other facts are kept as they are."""
+
+    model_config = ConfigDict(extra="allow")
+
+    radius_mm: Annotated[Millimetres | None, Field(description="of a sphere")] = None
+    size_mm: Annotated[
+        list[Millimetres] | None,
+        Field(min_length=3, max_length=3, description="of a cuboid"),
+        Expected("three positive numbers", is_whole=True),
+    ] = None
+
+
+class Facts(WholeFile):
+    """What is said of a recording as a whole."""
+
+    name: Annotated[
+        str, AfterValidator(check_safe_name), Field(description="of the scene: `dataset` in films and studies")
+    ]
+    kind: Annotated[
+        Literal["scene", "sphere", "cuboid"], Field(description="scene, or for validation sphere or cuboid")
+    ]
+    fps: Annotated[float, Field(gt=0, description="frames a second")]
+    n_frames: Annotated[int, Field(ge=1, description="how many frames every camera has recorded")]
+    object: Annotated[ObjectFacts, Field(description="of a sphere or a cuboid")] = ObjectFacts()
+
+
+class DepthFacts(FilePart):
+    """A sensor's depth maps: one for each picture of its left camera."""
+
+    image: Annotated[
+        str, Field(min_length=1, description="pattern of the files: PNG of one channel with 16 bits, EXR, or NPY")
+    ]
+    scale_mm: Annotated[Millimetres, Field(description="length of the value 1, mm")] = 1.0
+    kind: Annotated[
+        Literal["z", "distance"],
+        Field(description="z along the optical axis, or distance along the ray from the optical centre"),
+    ] = "z"
+    size: Annotated[
+        Size | None, Field(description="pixels, of maps in another resolution than the pictures; empty: theirs")
+    ] = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +112,8 @@ class DepthMaps:
 
     def __post_init__(self) -> None:
         _check_path(self.image, DEPTH_SUFFIXES)
-        if not (_is_number(self.scale_mm) and self.scale_mm > 0):
-            raise CaptureError(f"depth: scale_mm is {self.scale_mm!r}, expected the length of the value 1 in mm")
-        if self.kind not in DEPTH_KINDS:
-            raise CaptureError(f"depth: kind is {self.kind!r}, expected one of {', '.join(DEPTH_KINDS)}")
-        if self.size is not None and min(self.size) < 1:
-            raise CaptureError(f"depth: size is {list(self.size)}, expected [width, height] in pixels")
+        facts = asdict(self) | {"size": None if self.size is None else list(self.size)}
+        check_facts(DepthFacts, facts, "depth: ")
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +176,8 @@ class HeldOut:
 
     def __post_init__(self) -> None:
         _check_path(self.image, IMAGE_SUFFIXES)
-        check_count(self.frame, "frame", at_least=0)
+        if self.frame < 0:
+            raise CaptureError(f"frame is {self.frame}, expected a whole number of at least 0")
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,12 +213,8 @@ class Capture:
     held_out: tuple[HeldOut, ...] = ()
 
     def __post_init__(self) -> None:
-        check_name(self.name)
-        check_kind(self.kind)
-        check_fps(self.fps)
-        check_count(self.n_frames, "n_frames", at_least=1)
+        check_facts(Facts, {name: getattr(self, name) for name in Facts.model_fields if name != "schema_file"})
         object.__setattr__(self, "bounds", check_bounds(self.bounds))
-        check_object(self.object)
         _check_ids([stream.id for stream in self.sensors])
         for stream in self.sensors:
             _check_patterns(stream, self.n_frames)
@@ -234,30 +279,6 @@ def frames_after(folder: Path, pattern: str, last: int) -> list[int]:
     return sorted(number for number in numbers if number > last and image_path(folder, pattern, number).is_file())
 
 
-def check_name(name: Any) -> str:
-    """Return the scene's name, or raise a CaptureError that says what is wrong with it."""
-    if not isinstance(name, str) or not name.strip():
-        raise CaptureError(f"name is {name!r}, expected the scene's name")
-    try:
-        return check_safe_name(name)  # films are written into a folder of this name
-    except ValueError as error:
-        raise CaptureError(f"name: {error}") from error
-
-
-def check_kind(kind: Any) -> str:
-    """Return one of KINDS, or raise a CaptureError."""
-    if kind not in KINDS:
-        raise CaptureError(f"kind is {kind!r}, expected one of {', '.join(KINDS)}")
-    return str(kind)
-
-
-def check_fps(fps: Any) -> float:
-    """Return a positive number, or raise a CaptureError."""
-    if not _is_number(fps) or not fps > 0:
-        raise CaptureError(f"fps is {fps!r}, expected a positive number")
-    return float(fps)
-
-
 def chosen_frames(folder: Path, frames: Sequence[int], wanted: range | None) -> list[int]:
     """Return the frames that were asked for.
 
@@ -279,20 +300,6 @@ def chosen_frames(folder: Path, frames: Sequence[int], wanted: range | None) -> 
     return chosen
 
 
-def check_count(count: Any, name: str, *, at_least: int) -> int:
-    """Return a whole number, or raise a CaptureError.
-
-    Parameters
-    ----------
-    count : the value to check
-    name : of the value, for the message
-    at_least : smallest number allowed
-    """
-    if isinstance(count, bool) or not isinstance(count, int) or count < at_least:
-        raise CaptureError(f"{name} is {count!r}, expected a whole number of at least {at_least}")
-    return count
-
-
 def check_bounds(bounds: Any) -> NDArray[np.float64]:
     """Return float64 (2, 3), each lowest value below its highest, or raise a CaptureError."""
     try:
@@ -301,16 +308,19 @@ def check_bounds(bounds: Any) -> NDArray[np.float64]:
         raise CaptureError(str(error)) from error
 
 
-def check_object(facts: Any) -> dict[str, Any]:
-    """Return the facts about a validation object, or raise a CaptureError."""
-    if not isinstance(facts, Mapping):
-        raise CaptureError(f"object is {facts!r}, expected a JSON object")
-    radius, size = facts.get("radius_mm", 1.0), facts.get("size_mm", [1.0, 1.0, 1.0])
-    if not _is_number(radius) or radius <= 0:
-        raise CaptureError(f"object: radius_mm is {radius!r}, expected a positive number")
-    if not isinstance(size, list | tuple) or len(size) != 3 or not all(_is_number(edge) and edge > 0 for edge in size):
-        raise CaptureError(f"object: size_mm is {size!r}, expected three positive numbers")
-    return dict(facts)
+def check_facts(model: type[FilePart], facts: Mapping[str, Any], place: str = "") -> None:
+    """Raise a CaptureError if facts are not as a model says.
+
+    Parameters
+    ----------
+    model : of the facts
+    facts : by its keys
+    place : what stands before the message
+    """
+    try:
+        model.model_validate(facts)
+    except ValidationError as error:
+        raise CaptureError(f"{place}{faults_of(error, model, facts)[0]}") from error
 
 
 def _check_ids(ids: list[str]) -> None:
@@ -338,7 +348,3 @@ def _check_path(path: str, suffixes: tuple[str, ...]) -> None:
         raise CaptureError(f"path {path!r}: the only placeholder is {{frame}}, with leading zeros {{frame:04d}}")
     if pure.suffix.lower() not in suffixes:
         raise CaptureError(f"path {path!r} ends in {pure.suffix!r}, expected one of {', '.join(suffixes)}")
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))

@@ -2,39 +2,189 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 
+from ground.fields import Expected
+from ground.file_models import READS, SCHEMA_KEY, Fault, FilePart, Place, faults_of, schema_name, without
 from recon.capture.images import CaptureError
 from recon.capture.recording import (
     SIDES,
     CameraStream,
     Capture,
+    DepthFacts,
     DepthMaps,
+    Facts,
     HeldOut,
     SensorStream,
+    Size,
     check_bounds,
-    check_count,
-    check_fps,
-    check_kind,
-    check_name,
-    check_object,
 )
 from recon.geometry.rig import Camera
 
 SCHEMA_VERSION = 1
-CAPTURE_KEYS = ("schema_version", "name", "kind", "fps", "n_frames", "bounds", "object", "sensors", "held_out")
-SENSOR_KEYS: tuple[str, ...] = ("id", *SIDES, "depth", "plate", "mask")
-CAMERA_KEYS: tuple[str, ...] = ("image", "K", "dist", "size", "cam_from_world")
-DEPTH_KEYS = ("image", "scale_mm", "kind", "size")
+LABELS = {"sensors": ("sensor", "id"), "held_out": ("held_out", "image")}  # what an entry is called by
 
-T = TypeVar("T")
+Part = TypeVar("Part", bound=FilePart)
+
+
+def _flat(value: Any) -> Any:
+    """Return one list of numbers, also of a matrix with one row or column, as OpenCV writes them."""
+    is_matrix = isinstance(value, list) and all(isinstance(row, list) for row in value)
+    return [number for row in value for number in row] if is_matrix else value
+
+
+def _corners(value: list[list[float]]) -> list[list[float]]:
+    try:
+        check_bounds(value)
+    except CaptureError as error:
+        raise ValueError(str(error).removeprefix("bounds: ")) from error
+    return value
+
+
+Image = Annotated[str, Field(min_length=1), Expected("a text")]
+Row3 = Annotated[list[float], Field(min_length=3, max_length=3)]
+Row4 = Annotated[list[float], Field(min_length=4, max_length=4)]
+
+
+class Calibration(FilePart):
+    """A calibrated camera."""
+
+    K: Annotated[
+        list[Row3],
+        Field(min_length=3, max_length=3, description="OpenCV's matrix of the camera, pixels"),
+        Expected("three rows of three numbers", is_whole=True),
+    ]
+    dist: Annotated[
+        list[float],
+        BeforeValidator(_flat),
+        Field(description="its distortion: OpenCV's k1, k2, p1, p2, k3, ...; empty for none"),
+        Expected("a list of numbers", is_whole=True),
+    ] = Field(default_factory=list)
+    size: Annotated[Size, Field(description="of the picture")]
+    cam_from_world: Annotated[
+        list[Row4],
+        Field(min_length=4, max_length=4, description="from the capture's world to the camera, mm"),
+        Expected("four rows of four numbers", is_whole=True),
+    ]
+
+    @cached_property
+    def camera(self) -> Camera:
+        """The camera, which knows what a calibration cannot be."""
+        return Camera(
+            np.array(self.K), (self.size[0], self.size[1]), np.array(self.cam_from_world), np.array(self.dist)
+        )
+
+
+class CameraContent(Calibration):
+    """A camera of a sensor."""
+
+    image: Annotated[
+        Image, Field(description="of its pictures: a pattern with `{frame:04d}` counted from 0, or a video")
+    ]
+
+    @cached_property
+    def stream(self) -> CameraStream:
+        """The camera and its pictures."""
+        return CameraStream(self.camera, self.image)
+
+    @model_validator(mode="after")
+    def _is_sound(self) -> Self:
+        _ = self.stream
+        return self
+
+
+class HeldOutContent(Calibration):
+    """A photograph that no sensor uses, for `validate views`."""
+
+    image: Annotated[Image, Field(description="the file, or a pattern with `{frame:04d}`")]
+    frame: Annotated[int, Field(ge=0, description="its moment's number, from 0")]
+
+    @cached_property
+    def photograph(self) -> HeldOut:
+        """The photograph and its camera."""
+        return HeldOut(self.camera, self.image, self.frame)
+
+    @model_validator(mode="after")
+    def _is_sound(self) -> Self:
+        _ = self.photograph
+        return self
+
+
+class ImagePair(FilePart):
+    """An image, or the pattern of several, for each camera of a sensor."""
+
+    left: Annotated[Image, Field(description="such as `S1/left/plate.png`, or `S1/mask/left/{frame:04d}.png`")]
+    right: Annotated[Image | None, Field(description="if the sensor has a right camera")] = None
+
+
+class SensorContent(FilePart):
+    """A stereo pair, a camera with depth maps, or a pair whose left camera has them."""
+
+    id: Annotated[str, Field(min_length=1, description="such as `S1`"), Expected("a text")]
+    left: Annotated[CameraContent, Field(description="its left camera")]
+    right: Annotated[CameraContent | None, Field(description="its right camera; without one, it has depth maps")] = None
+    depth: Annotated[DepthFacts | None, Field(description="depth maps of its left camera")] = None
+    plate: Annotated[ImagePair | None, Field(description="pictures of the empty studio: its clean plates")] = None
+    mask: Annotated[
+        ImagePair | None, Field(description="patterns of masks, white on the object; `capture segment` writes them")
+    ] = None
+
+    @cached_property
+    def stream(self) -> SensorStream:
+        """The sensor and where its images lie."""
+        right = None if self.right is None else self.right.stream
+        sides = SIDES if right is not None else SIDES[:1]
+        plate, mask = (self._images(name, sides) for name in ("plate", "mask"))
+        return SensorStream(self.id, self.left.stream, right, plate, mask, self._depth_maps)
+
+    @property
+    def _depth_maps(self) -> DepthMaps | None:
+        if self.depth is None:
+            return None
+        size = self.depth.size
+        return DepthMaps(**self.depth.model_dump() | {"size": None if size is None else (size[0], size[1])})
+
+    def _images(self, name: Literal["plate", "mask"], sides: tuple[str, ...]) -> tuple[str, ...] | None:
+        images = getattr(self, name)
+        if images is None:
+            return None
+        if missing := [side for side in sides if getattr(images, side) is None]:
+            raise CaptureError(f"{name}: {missing[0]} is missing")
+        return tuple(getattr(images, side) for side in sides)
+
+    @model_validator(mode="after")
+    def _is_sound(self) -> Self:
+        _ = self.stream
+        return self
+
+
+class CaptureContent(Facts):
+    """The keys of `capture.json`; all paths are relative to its folder."""
+
+    schema_version: Annotated[Literal[1], Field(description="of this file"), READS]
+    bounds: Annotated[
+        list[Row3],
+        AfterValidator(_corners),
+        Field(min_length=2, max_length=2, description="lowest and highest corner of what to reconstruct, mm"),
+        Expected("[[x, y, z] lowest, [x, y, z] highest] in mm", is_whole=True),
+    ]
+    sensors: Annotated[
+        list[SensorContent],
+        Field(min_length=1, description="in the order in which the fly-through passes them"),
+        Expected("a list of at least one sensor"),
+    ]
+    held_out: Annotated[
+        list[HeldOutContent], Field(description="photographs that no sensor uses, for `validate views`")
+    ] = Field(default_factory=list)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,12 +212,86 @@ class Draft:
 
 def parse_capture(path: Path, content: Mapping[str, Any]) -> Draft:
     """Understand the content of the `capture.json` at `path`, and collect everything that is wrong with it."""
-    return _Parser(path).draft(content)
+    unknown: list[Fault] = []
+    try:
+        known = CaptureContent.model_validate(content)
+    except ValidationError as error:
+        faults = faults_of(error, CaptureContent, content)
+        unknown = sorted((fault for fault in faults if fault.is_unknown), key=lambda fault: len(fault.place))
+        if wrong := [fault for fault in faults if not fault.is_unknown]:
+            return _sound_parts(path, content, wrong, unknown)
+        known = CaptureContent.model_validate(without(content, [fault.place for fault in unknown]))
+    sensors = tuple(sensor.stream for sensor in known.sensors)
+    held_out = tuple(entry.photograph for entry in known.held_out)
+    cameras = tuple(camera for sensor in sensors for camera in sensor.cameras)
+    bounds, facts = check_bounds(known.bounds), dict(content.get("object", {}))
+    capture, problems = None, tuple[str, ...]()
+    try:
+        capture = Capture(
+            path.parent, known.name, known.kind, known.fps, known.n_frames, bounds, facts, sensors, held_out
+        )
+    except CaptureError as error:
+        problems = (f"{path}: {error}",)
+    return Draft(
+        capture, known.n_frames, bounds, cameras, sensors, held_out, problems, _ignored(path, content, unknown)
+    )
+
+
+def _sound_parts(path: Path, content: Mapping[str, Any], wrong: Sequence[Fault], unknown: Sequence[Fault]) -> Draft:
+    """Return what can be used of a capture in which something is wrong, to look for more."""
+    known = without(content, [fault.place for fault in unknown])
+    wrong_keys = {fault.place[0] for fault in wrong if fault.place}
+    entries = {key: entry if isinstance(entry := known.get(key), list) else [] for key in ("sensors", "held_out")}
+    cameras = (entry.get(side) for entry in entries["sensors"] if isinstance(entry, Mapping) for side in SIDES)
+    return Draft(
+        n_frames=None if "n_frames" in wrong_keys else content["n_frames"],
+        bounds=None if "bounds" in wrong_keys else check_bounds(content["bounds"]),
+        cameras=tuple(camera.stream for camera in _sound(CameraContent, cameras)),
+        sensors=tuple(sensor.stream for sensor in _sound(SensorContent, entries["sensors"])),
+        held_out=tuple(entry.photograph for entry in _sound(HeldOutContent, entries["held_out"])),
+        problems=tuple(f"{path}: {_sentence(content, fault)}" for fault in wrong),
+        ignored=_ignored(path, content, unknown),
+    )
+
+
+def _sound(model: type[Part], entries: Iterable[Any]) -> Iterator[Part]:
+    for entry in entries:
+        with suppress(ValidationError):
+            yield model.model_validate(entry)
+
+
+def _ignored(path: Path, content: Mapping[str, Any], unknown: Sequence[Fault]) -> tuple[str, ...]:
+    """Return a sentence for every key that a capture does not have."""
+    return tuple(
+        f"{path}: {', '.join(_names(content, fault.place))} is no key of a capture, and is ignored; "
+        f"{fault.words.partition(', ')[2]}"
+        for fault in unknown
+    )
+
+
+def _sentence(content: Mapping[str, Any], fault: Fault) -> str:
+    """Say what is wrong, and where: with a sensor called by its id."""
+    *parts, key = _names(content, fault.place)
+    if not fault.is_told:
+        return f"{', '.join(parts)}{': ' if parts else ''}{key} {fault.words}"
+    where = ", ".join((*parts, key))
+    return fault.words if fault.words.startswith(where) else f"{where}: {fault.words}"
+
+
+def _names(content: Mapping[str, Any], place: Place) -> list[str]:
+    """Return the names of the parts of a capture that lead to a place."""
+    list_name, *rest = place
+    if not rest or list_name not in LABELS:
+        return list(map(str, place))
+    entry, (kind, label) = content[list_name][rest[0]], LABELS[str(list_name)]
+    called = entry[label] if isinstance(entry, Mapping) and label in entry else f"number {int(rest[0]) + 1}"
+    return [f"{kind} {called}", *map(str, rest[1:])]
 
 
 def capture_json(capture: Capture) -> dict[str, Any]:
     """Return the content of a capture's `capture.json`."""
     return {
+        SCHEMA_KEY: schema_name("capture"),
         "schema_version": SCHEMA_VERSION,
         "name": capture.name,
         "kind": capture.kind,
@@ -101,180 +325,3 @@ def _camera_json(camera: Camera) -> dict[str, Any]:
         "size": list(camera.size),
         "cam_from_world": camera.cam_from_world.tolist(),
     }
-
-
-class _Parser:
-    """Reads the JSON part by part, so that one wrong part does not hide the next."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._problems: list[str] = []
-
-    def draft(self, content: Mapping[str, Any]) -> Draft:
-        self._field(content, "schema_version", _check_schema)
-        name = self._field(content, "name", check_name)
-        kind = self._field(content, "kind", check_kind)
-        fps = self._field(content, "fps", check_fps)
-        n_frames = self._field(content, "n_frames", lambda value: check_count(value, "n_frames", at_least=1))
-        bounds = self._field(content, "bounds", check_bounds)
-        object_ = self._field({"object": {}, **content}, "object", check_object)
-        cameras, sensors = self._sensors(content)
-        held_out = self._held_out(content)
-        capture = None
-        if not self._problems:
-            with self._at(""):
-                capture = Capture(self._path.parent, name, kind, fps, n_frames, bounds, object_, sensors, held_out)
-        ignored = tuple(f"{self._path}: {sentence}" for sentence in _ignored_keys(content))
-        return Draft(capture, n_frames, bounds, cameras, sensors, held_out, tuple(self._problems), ignored)
-
-    @contextmanager
-    def _at(self, place: str) -> Iterator[None]:
-        try:
-            yield
-        except (ValueError, TypeError) as error:
-            self._problems.append(f"{self._path}: {place}{': ' if place else ''}{error}")
-
-    def _field(self, content: Mapping[str, Any], key: str, check: Callable[[Any], T]) -> Any:
-        with self._at(""):
-            return check(_member(content, key))
-        return None
-
-    def _sensors(self, content: Mapping[str, Any]) -> tuple[tuple[CameraStream, ...], tuple[SensorStream, ...]]:
-        entries: list[Any] = []
-        with self._at(""):
-            entries = _list(content, "sensors")
-            if not entries:
-                raise CaptureError("sensors is empty, expected at least one sensor")
-        cameras: list[CameraStream] = []
-        sensors: list[SensorStream] = []
-        for number, entry in enumerate(entries):
-            place = f"sensor {_label(entry, 'id', number)}"
-            sides = sides_of(entry)
-            streams: list[CameraStream] = []
-            for side in sides:
-                with self._at(f"{place}, {side}"):
-                    streams.append(_stream(_member(_mapping(entry), side)))
-            cameras += streams
-            if len(streams) == len(sides):
-                with self._at(place):
-                    sensors.append(_sensor_stream(entry, streams))
-        return tuple(cameras), tuple(sensors)
-
-    def _held_out(self, content: Mapping[str, Any]) -> tuple[HeldOut, ...]:
-        entries: list[Any] = []
-        with self._at(""):
-            entries = _list({"held_out": [], **content}, "held_out")
-        photographs: list[HeldOut] = []
-        for number, entry in enumerate(entries):
-            with self._at(f"held_out {_label(entry, 'image', number)}"):
-                frame = check_count(_member(_mapping(entry), "frame"), "frame", at_least=0)
-                photographs.append(HeldOut(_camera(entry), _text(entry, "image"), frame))
-        return tuple(photographs)
-
-
-def _ignored_keys(content: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a sentence for every key that a capture does not have."""
-    parts: list[tuple[str, Any, tuple[str, ...]]] = [("", content, CAPTURE_KEYS)]
-    for key, known in (("sensors", SENSOR_KEYS), ("held_out", (*CAMERA_KEYS, "frame"))):
-        entries = content.get(key)
-        for number, entry in enumerate(entries if isinstance(entries, list) else ()):
-            place = f"sensor {_label(entry, 'id', number)}, " if key == "sensors" else f"{key} number {number + 1}, "
-            parts.append((place, entry, known))
-            if key == "sensors" and isinstance(entry, Mapping):
-                parts += [(f"{place}{side}, ", entry.get(side), CAMERA_KEYS) for side in SIDES]
-                parts.append((f"{place}depth, ", entry.get("depth"), DEPTH_KEYS))
-    for place, entry, known in parts:
-        for name in entry if isinstance(entry, Mapping) else ():
-            if name not in known:
-                yield f"{place}{name} is no key of a capture, and is ignored; expected {', '.join(known)}"
-
-
-def sides_of(entry: Any) -> tuple[str, ...]:
-    """Return the cameras that a sensor's entry has to have: without a right one, it has depth maps."""
-    has_one = isinstance(entry, Mapping) and "depth" in entry and "right" not in entry
-    return SIDES[:1] if has_one else SIDES
-
-
-def _sensor_stream(entry: Mapping[str, Any], cameras: Sequence[CameraStream]) -> SensorStream:
-    sides = SIDES[: len(cameras)]
-    plate = _names(entry, "plate", sides) if "plate" in entry else None
-    mask = _names(entry, "mask", sides) if "mask" in entry else None
-    right = cameras[1] if len(cameras) > 1 else None
-    return SensorStream(_text(entry, "id"), cameras[0], right, plate, mask, _depth_maps(entry))
-
-
-def _depth_maps(entry: Mapping[str, Any]) -> DepthMaps | None:
-    if "depth" not in entry:
-        return None
-    content = _mapping(entry["depth"])
-    size = size_of(content) if "size" in content else None
-    return DepthMaps(_text(content, "image"), content.get("scale_mm", 1.0), content.get("kind", "z"), size)
-
-
-def _stream(entry: Any) -> CameraStream:
-    return CameraStream(_camera(_mapping(entry)), _text(entry, "image"))
-
-
-def _camera(entry: Mapping[str, Any]) -> Camera:
-    return Camera(
-        K=_numbers(entry, "K"),
-        size=size_of(entry),
-        cam_from_world=_numbers(entry, "cam_from_world"),
-        dist=_numbers({"dist": [], **entry}, "dist"),
-    )
-
-
-def size_of(content: Mapping[str, Any]) -> tuple[int, int]:
-    """Return the (width, height) that an entry tells in pixels, or raise a CaptureError."""
-    size = _list(content, "size")
-    if len(size) != 2 or any(isinstance(value, bool) or not isinstance(value, int) for value in size):
-        raise CaptureError(f"size is {size}, expected [width, height] in whole pixels")
-    return size[0], size[1]
-
-
-def _member(content: Mapping[str, Any], key: str) -> Any:
-    if key not in content:
-        raise CaptureError(f"{key} is missing")
-    return content[key]
-
-
-def _mapping(value: Any) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise CaptureError(f"expected a JSON object, found {value!r}")
-    return value
-
-
-def _list(content: Mapping[str, Any], key: str) -> list[Any]:
-    value = _member(content, key)
-    if not isinstance(value, list):
-        raise CaptureError(f"{key} is {value!r}, expected a list")
-    return value
-
-
-def _text(content: Mapping[str, Any], key: str) -> str:
-    value = _member(content, key)
-    if not isinstance(value, str) or not value:
-        raise CaptureError(f"{key} is {value!r}, expected a text")
-    return value
-
-
-def _names(content: Mapping[str, Any], key: str, sides: Sequence[str]) -> tuple[str, ...]:
-    value = _mapping(_member(content, key))
-    return tuple(_text(value, side) for side in sides)
-
-
-def _numbers(content: Mapping[str, Any], key: str) -> NDArray[np.float64]:
-    value = _list(content, key)
-    try:
-        return np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise CaptureError(f"{key} is {value}, expected numbers in a regular grid") from error
-
-
-def _label(entry: Any, key: str, number: int) -> str:
-    return str(entry[key]) if isinstance(entry, Mapping) and key in entry else f"number {number + 1}"
-
-
-def _check_schema(version: Any) -> None:
-    if version != SCHEMA_VERSION:
-        raise CaptureError(f"schema_version is {version!r}, this program reads {SCHEMA_VERSION}")

@@ -6,28 +6,22 @@ import math
 import re
 import sys
 import warnings
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from recon.commands.setting import PLUGIN_NAMES
-from recon.commands.shared import APPROACHES, CLUSTER, DEVICE, WORKERS
 from recon.methods.approaches import Approach, parse_approach
 from recon.methods.plugins import DEPTH_GROUP, FUSION_GROUP
 from recon.storage.remote import is_there, place
 
 if TYPE_CHECKING:
     from recon.pipeline.methods import Methods
-
-WorkersOption = Annotated[int, typer.Option(min=1, help=WORKERS.description)]
-ClusterOption = Annotated[str | None, typer.Option(help=CLUSTER.description)]
-DeviceOption = Annotated[Literal["cpu", "gpu"], typer.Option(help=DEVICE.description)]
-FurtherOption = Annotated[str, typer.Option(help=APPROACHES.description)]
 
 SCHEME = re.compile(r"[a-z][a-z0-9+.-]+:", re.IGNORECASE)  # of a URL, as a path's first part
 
@@ -175,6 +169,18 @@ def parse_loops(texts: list[str], static: str) -> tuple[str, dict[str, str]]:
         if (before := loops.setdefault(name, loop)) != loop:
             raise typer.BadParameter(f"{name or 'all'} would be both {before} and {loop}; leave one of them out")
     return loops.pop("", "bounce"), loops
+
+
+def parse_late(texts: Sequence[str]) -> tuple[tuple[str, float], ...]:
+    """Parse SENSOR=FRAMES of `--late`, each once."""
+    late: dict[str, float] = {}
+    for text in texts:
+        name, _, frames = text.partition("=")
+        try:
+            late[name] = float(frames)
+        except ValueError as error:
+            raise typer.BadParameter(f"--late {text!r}: expected SENSOR=FRAMES, such as S3=0.5") from error
+    return tuple(late.items())
 
 
 def parse_position(text: str) -> tuple[float, float, float]:

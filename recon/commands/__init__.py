@@ -1,12 +1,14 @@
 """The settings of each command, said once: its flags, the form of its job and its JSON Schema are made from them.
 
-This room imports nothing but pydantic: it is the one of `recon` that more of `app` than the command line may read.
+This room imports nothing but pydantic and the ground: it is the one of `recon` that more of `app` than the command line
+may read.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
+from recon.commands.experiments import Demo, ExperimentPaper
 from recon.commands.measures import (
     ValidateCloud,
     ValidateCuboid,
@@ -53,4 +55,6 @@ COMMANDS: Mapping[str, type[Command]] = {
     "validate mesh": ValidateMesh,
     "validate cloud": ValidateCloud,
     "validate films": ValidateFilms,
+    "experiment paper": ExperimentPaper,
+    "demo": Demo,
 }

@@ -99,7 +99,12 @@ def match_id(
 
 @dataclass(frozen=True)
 class DrParameters(IdParameters):
-    """Parameters of DR: those of ID, and the pixels by which a filled disparity may differ from the other view's."""
+    """Parameters of DR: those of ID, and one of filling.
+
+    Parameters
+    ----------
+    fill_threshold : pixels by which a filled disparity may differ from the other view's
+    """
 
     fill_threshold: float = 1.0
 

@@ -7,13 +7,13 @@ that kind of method is run: ``read_tables(path, "measure", taken)`` gives those 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, fields, is_dataclass, replace
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from sys import float_info
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeVar
 
+from ground.dataclass_models import built
 from recon.execution.programs import Program
 from recon.methods.approaches import check_method_name
 
@@ -21,13 +21,6 @@ Built = TypeVar("Built")
 AProgram = TypeVar("AProgram", bound=Program)
 
 METHOD_KINDS = ("depth", "fusion", "measure")
-KINDS: dict[object, tuple[tuple[type, ...], str]] = {
-    bool: ((bool,), "true or false"),
-    int: ((int,), "a whole number"),
-    float: ((int, float), "a number"),
-    float | None: ((int, float), "a number"),
-    str: ((str,), "a text"),
-}
 
 
 @dataclass(frozen=True)
@@ -64,7 +57,7 @@ class Table:
 
         Its fields in `given` are not the table's to say.
         """
-        return _built(kind, self.settings, self.place, given)
+        return built(kind, self.settings, self.place, given)
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -76,7 +69,7 @@ class Table:
         if name not in self.content:
             return None
         place = f"{self.place} {name}"
-        return _built(kind, _table(self.content[name], place), place, {})
+        return built(kind, _table(self.content[name], place), place, {})
 
     def without(self, name: str) -> Table:
         """Return the table without an entry."""
@@ -84,7 +77,7 @@ class Table:
 
     def changed(self, default: Built) -> Built:
         """Return parameters, an object of a dataclass, with the table's entries instead of what they were."""
-        return _built(type(default), self.settings, self.place, {}, partial(replace, default))  # type: ignore[type-var]
+        return built(type(default), self.settings, self.place, {}, partial(replace, default))  # type: ignore[type-var]
 
     def program(self, kind: type[AProgram]) -> AProgram:
         """Return the program that the table says how to call."""
@@ -140,36 +133,3 @@ def _table(content: Any, place: str) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise ValueError(f"{place} is {content!r}, expected a table")
     return dict(content)
-
-
-def _built(
-    kind: type[Built],
-    table: Mapping[str, Any],
-    place: str,
-    given: Mapping[str, object],
-    make: Callable[..., Built] | None = None,
-) -> Built:
-    hints = get_type_hints(kind)
-    assert is_dataclass(kind)
-    kinds = {entry.name: hints[entry.name] for entry in fields(kind) if entry.name not in given}
-    values = {}
-    for name, value in table.items():
-        if name not in kinds:
-            raise ValueError(f"{place} {name} is unknown, expected {', '.join(kinds)}")
-        values[name] = _value(value, kinds[name], f"{place} {name}")
-    try:
-        return (make or kind)(**values, **given)
-    except ValueError as error:
-        raise ValueError(f"{place} {', '.join(table)}: {error}") from error
-
-
-def _value(value: Any, kind: Any, place: str) -> Any:
-    if is_dataclass(kind) and isinstance(kind, type):
-        return _built(kind, _table(value, place), place, {})
-    if kind not in KINDS:
-        raise ValueError(f"{place} cannot be set in a methods file: it is no number, text, truth or table of these")
-    accepted, description = KINDS[kind]
-    is_real = float in accepted
-    if type(value) not in accepted or (is_real and not abs(value) <= float_info.max):  # a bool is an int, too
-        raise ValueError(f"{place} is {value!r}, expected {description}")
-    return float(value) if is_real else value

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from ground.file_models import SCHEMA_KEY, schema_name
 from recon.storage.artefacts import file_digest
 from recon.storage.files import write_json
 from recon.storage.remote import fetched, stored
@@ -27,6 +28,7 @@ class Stimulus:
     width, height, fps, n_frames, codec, renderer : of the video
     model_frames, loop : how many models it shows, and how they fill its length
     quality : how near the encoded frames are to the rendered ones
+    model_bytes : size of a model's files, the mean where it shows several; None where it is not known
     mask : path from the manifest of a video of the model's silhouette, white on black
     """
 
@@ -45,6 +47,7 @@ class Stimulus:
     loop: str
     quality: dict[str, Any]
     mask: str | None = None
+    model_bytes: int | None = None
 
 
 def write_manifest(
@@ -75,6 +78,7 @@ def write_manifest(
     write_json(
         path,
         {
+            SCHEMA_KEY: schema_name("manifest"),
             "schema_version": SCHEMA_VERSION,
             "name": name,
             "created": datetime.now(UTC).isoformat(timespec="seconds"),

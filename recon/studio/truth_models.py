@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ground.file_models import SCHEMA_KEY, schema_name
 from recon.capture.format import Capture, CaptureError
 from recon.capture.recording import chosen_frames
 from recon.geometry.mesh import Mesh, Texture
@@ -84,6 +85,7 @@ def _parameters(capture: Capture) -> SynthParameters:
 def _scene(capture: Capture, out: Path) -> dict[str, object]:
     """Describe a folder of models that are in the world of a capture."""
     return {
+        SCHEMA_KEY: schema_name("scene"),
         "schema_version": 1,
         "dataset": capture.name,
         "fps": capture.fps,

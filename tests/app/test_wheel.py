@@ -133,7 +133,7 @@ def recon(wheels: Path, tmp_path_factory: pytest.TempPathFactory) -> Installed:
 
 
 def test_the_program_runs_from_the_wheel_and_has_no_packages_but_its_own(server: Installed) -> None:
-    for package in ("app", "recon"):
+    for package in ("app", "ground", "recon"):
         file = server.run("python", "-c", f"import {package}; print({package}.__file__)")
         assert file.strip() == str(server.packages / package / "__init__.py")
     others = "import importlib.util as u; print([m for m in ('cv2', 'numba', 'open3d', 'pytest') if u.find_spec(m)])"

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from app.analysis.comparisons.claims import CLAIMS, People, claim_power
 from app.analysis.model.scales import LOG_ODDS_PER_JOD
 from app.analysis.reading.votes_table import VotesTable, votes_from_indices
+from ground.progress import Progress, no_progress
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]  # what is being done, how many are done, how many there are
 Tell = Callable[[], None]
 
 WANTED_POWER = 0.8
@@ -25,10 +25,6 @@ LARGEST_EFFECT_JOD = 4.0
 HALVINGS = 9  # of the largest effect: to 0.01 JOD
 DEFAULT_SPREAD = 0.4  # log-odds; makes clustered errors about 1.4 times the naive ones, as on real panels
 DEFAULT_TIE_RATE = 0.2
-
-
-def _tell_nobody(*_told: str | int) -> None:
-    """Ignore progress."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +90,7 @@ def plan_study(
     *,
     effect_jod: float = 0.5,
     replicates: int = 400,
-    progress: Progress = _tell_nobody,
+    progress: Progress = no_progress,
     claim: str = REPORTED,
 ) -> dict[str, Any]:
     """Return the power for a claim, the difference claimed with 80 % power, the power of every claim, and the number of
@@ -215,7 +211,7 @@ def power(
     effect_jod: float,
     seed: int,
     replicates: int,
-    tell: Tell = _tell_nobody,
+    tell: Tell = no_progress,
     *,
     claim: str = REPORTED,
 ) -> float:
@@ -259,7 +255,7 @@ def simulate_votes(plan: StudyPlan, abilities: Array, rng: np.random.Generator) 
 
 
 def detectable_jod(
-    plan: StudyPlan, seed: int, replicates: int, tell: Tell = _tell_nobody, *, claim: str = REPORTED
+    plan: StudyPlan, seed: int, replicates: int, tell: Tell = no_progress, *, claim: str = REPORTED
 ) -> float | None:
     """Return the difference detected with 80 % power; None if it is larger than any considered.
 

@@ -13,6 +13,7 @@ from pydantic import BeforeValidator, Field
 from app.study.languages.text import check_text
 from app.study.option_fields import ANY_TIME, Options, Setting
 from app.study.options.options import StudyOptions, parse_options
+from ground.file_models import schema_name
 
 EXPOSURE_BOUNDS_S = (0.1, 3600.0)
 LONGEST_FILE = 80_000  # characters in a form, which takes 1 MiB and escapes a letter to up to twelve bytes
@@ -78,7 +79,8 @@ def write_study_file(study: StudyFile) -> str:
     default = StudyOptions().as_json()
     options = {name: value for name, value in study.options.as_json().items() if value != default[name]}
     questions, texts = options.pop("questions", []), options.pop("texts", {})
-    lines = [_line(key, value) for key, value in study if key != "options" and value is not None]
+    lines = [f"#:schema {schema_name('study')}"]
+    lines += [_line(key, value) for key, value in study if key != "options" and value is not None]
     tables = {name: options.pop(name) for name in list(options) if isinstance(options[name], Mapping)}
     if options:
         lines += ["", "[options]", *(_line(name, value) for name, value in options.items())]

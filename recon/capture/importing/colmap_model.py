@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from recon.capture.images import CaptureError
+from recon.capture.importing.lenses import FisheyeCamera
 from recon.capture.importing.sources import faults_at
 from recon.capture.importing.views import HALF_PIXEL
 from recon.geometry.rig import Camera, rigid
@@ -30,6 +31,12 @@ MODELS: dict[str, tuple[int, tuple[int, ...]]] = {
     "OPENCV": (2, (0, 1, 2, 3)),
     "FULL_OPENCV": (2, (0, 1, 2, 3, 4, 5, 6, 7)),
 }  # how many focal lengths come first, and where the numbers after the principal point stand in OpenCV's distortion
+FISHEYES: dict[str, tuple[int, tuple[int, ...]]] = {
+    "OPENCV_FISHEYE": (2, (0, 1, 2, 3)),
+    "SIMPLE_RADIAL_FISHEYE": (1, (0,)),
+    "RADIAL_FISHEYE": (1, (0, 1)),
+}  # likewise, in OpenCV's fisheye
+LENSES = MODELS | FISHEYES
 MODEL_NAMES = (
     "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV",
     "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE",
@@ -223,18 +230,20 @@ def _pose(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _n_numbers(model: str) -> int:
-    if model not in MODELS:
-        raise ValueError(f"camera model {model}, expected one of {', '.join(MODELS)}; undistort the images with COLMAP")
-    n_focal, places = MODELS[model]
+    if model not in LENSES:
+        raise ValueError(f"camera model {model}, expected one of {', '.join(LENSES)}; undistort the images with COLMAP")
+    n_focal, places = LENSES[model]
     return n_focal + 2 + len(places)
 
 
 def _camera(model: str, size: tuple[int, int], numbers: NDArray[np.float64]) -> Camera:
     if len(numbers) != _n_numbers(model):
         raise ValueError(f"{len(numbers)} numbers for {model}, expected {_n_numbers(model)}")
-    n_focal, places = MODELS[model]
+    n_focal, places = LENSES[model]
     focal, centre = numbers[:n_focal], numbers[n_focal : n_focal + 2] - HALF_PIXEL
     dist = np.zeros(max(4, len(places)) if places else 0)
     dist[list(places)] = numbers[n_focal + 2 :]
     K = np.array([[focal[0], 0, centre[0]], [0, focal[-1], centre[1]], [0, 0, 1]])
+    if model in FISHEYES:
+        return FisheyeCamera(K, size, np.eye(4), lens=dist)
     return Camera(K, size, np.eye(4), dist)

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from recon.capture.format import Capture, image_path
 from recon.capture.images import CaptureError, is_video
+from recon.capture.importing.lenses import NAME_KEYS, model_name, with_lens
 from recon.capture.importing.opencv import CAMERA_FROM_WORLD
 from recon.capture.importing.sources import (
     DepthSource,
@@ -36,8 +37,7 @@ from recon.capture.importing.sources import (
     write_recording,
 )
 from recon.capture.pictures import Pictures, find_pictures
-from recon.capture.recording import FRAME_FIELD, frames_after
-from recon.capture.schema import sides_of, size_of
+from recon.capture.recording import FRAME_FIELD, SIDES, DepthFacts, check_facts, frames_after
 from recon.geometry.rig import UNITS_MM, Camera, rigid
 from recon.storage.files import read_json
 
@@ -124,7 +124,11 @@ def _short_form(described: _Description, shots: Sequence[str] | None) -> SensorS
     pose = rigid(_numbers(content, f"R_{key}"), translation)
     right_from_left = np.linalg.inv(pose) if key == "left_from_right" else pose
     left_camera, right_camera = (
-        Camera(_numbers(content, f"K_{side}"), pictures.size, cam_from_world, _dist(content, f"dist_{side}"))
+        with_lens(
+            Camera(_numbers(content, f"K_{side}"), pictures.size, cam_from_world),
+            model_name(content),
+            _dist(content, f"dist_{side}"),
+        )
         for side, pictures, cam_from_world in (
             ("left", left, CAMERA_FROM_WORLD),
             ("right", right, right_from_left @ CAMERA_FROM_WORLD),
@@ -140,12 +144,16 @@ def _sensors(described: _Description) -> tuple[SensorSource, ...]:
 def _sensor(described: _Description, entry: Mapping[str, Any], number: int) -> SensorSource:
     name = str(entry.get("id", f"S{number + 1}"))
     with faults_at(f"sensor {name}"):
-        sides = sides_of(entry)
+        sides = SIDES[:1] if "depth" in entry and "right" not in entry else SIDES
         pictures = tuple(_pictures(described.path.parent, entry[side]) for side in sides)
         left_pose = _pose(described, entry["left"], None if number else CAMERA_FROM_WORLD)
         poses = [left_pose, *(_pose(described, entry[side], left_pose) for side in sides[1:])]
         left, *right = (
-            Camera(_numbers(entry[side], "K"), picture.size, pose, _dist(entry[side], "dist"))
+            with_lens(
+                Camera(_numbers(entry[side], "K"), picture.size, pose),
+                model_name(entry[side], entry, described.content),
+                _dist(entry[side], "dist"),
+            )
             for side, picture, pose in zip(sides, pictures, poses, strict=True)
         )
         depth = _depth(described.path.parent, entry["depth"]) if "depth" in entry else None
@@ -157,8 +165,9 @@ def _depth(folder: Path, entry: Mapping[str, Any]) -> DepthSource:
     files = _matching(folder, image) if isinstance(image, str) else tuple(folder / name for name in image)
     if not files:
         raise CaptureError("depth: image is an empty list, expected depth maps")
-    size = size_of(entry) if "size" in entry else None
-    return DepthSource(files, entry.get("scale_mm", 1.0), entry.get("kind", "z"), size)
+    size = entry.get("size")
+    check_facts(DepthFacts, {"image": str(files[0]), "size": size}, "depth: ")
+    return DepthSource(files, entry.get("scale_mm", 1.0), entry.get("kind", "z"), size and (size[0], size[1]))
 
 
 def _pose(described: _Description, entry: Mapping[str, Any], other: NDArray[np.float64] | None) -> NDArray[np.float64]:
@@ -236,7 +245,13 @@ def _numbers(content: Mapping[str, Any], key: str) -> NDArray[np.float64]:
 
 def _dist(content: Mapping[str, Any], key: str) -> NDArray[np.float64]:
     for name, value in content.items():  # a slip would leave the distortion out without a word
-        if name.lower().startswith("dist") and name not in DIST_KEYS and isinstance(value, list) and any(value):
+        if (
+            name.lower().startswith("dist")
+            and name not in NAME_KEYS
+            and name not in DIST_KEYS
+            and isinstance(value, list)
+            and any(value)
+        ):
             raise CaptureError(f"{name} is not read, expected {key}")
     return _numbers({key: [], **content}, key)
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from recon.capture.depth_maps import read_depth_values
 from recon.capture.format import Capture
 from recon.capture.images import IMAGE_SUFFIXES, CaptureError
+from recon.capture.importing.lenses import FisheyeCamera
 from recon.capture.importing.sources import DepthSource, ImportOptions, faults_at, parse_unit, write_recording
 from recon.capture.importing.views import HALF_PIXEL, View, bounds_of_points, choose_sensors, pictures_of
 from recon.geometry.mesh_files import read_points
@@ -129,10 +130,11 @@ def _pose(dataset: _Dataset, frame: Mapping[str, Any]) -> NDArray[np.float64]:
 
 def _camera(entry: Mapping[str, Any], image: Path, cam_from_world: NDArray[np.float64]) -> Camera:
     """Make a camera of a frame's entry, whose own numbers come before those of all frames."""
-    model = str(entry.get("camera_model", "OPENCV"))
-    if model not in PERSPECTIVE or entry.get("is_fisheye"):
-        raise CaptureError(f"camera_model is {model}, expected one of {', '.join(PERSPECTIVE)}; undistort the images")
-    if float(entry.get("k4", 0.0)):
+    model = "OPENCV_FISHEYE" if entry.get("is_fisheye") else str(entry.get("camera_model", "OPENCV"))
+    if model not in (*PERSPECTIVE, "OPENCV_FISHEYE"):
+        known = ", ".join((*PERSPECTIVE, "OPENCV_FISHEYE"))
+        raise CaptureError(f"camera_model is {model}, expected one of {known}; undistort the images")
+    if model != "OPENCV_FISHEYE" and float(entry.get("k4", 0.0)):
         raise CaptureError(
             "k4 is not 0, which a perspective camera of OpenCV's model does not know; undistort the images"
         )
@@ -146,6 +148,9 @@ def _camera(entry: Mapping[str, Any], image: Path, cam_from_world: NDArray[np.fl
             [0, 0, 1],
         ]
     )
+    if model == "OPENCV_FISHEYE":
+        lens = np.array([float(entry.get(f"k{number}", 0.0)) for number in range(1, 5)])
+        return FisheyeCamera(K, (width, height), cam_from_world, lens=lens)
     dist = np.array([float(entry.get(key, 0.0)) for key in DISTORTION])
     return Camera(K, (width, height), cam_from_world, dist if dist.any() else np.zeros(0))
 

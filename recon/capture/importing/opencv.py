@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from recon.capture.format import Capture
 from recon.capture.images import CaptureError
+from recon.capture.importing.lenses import model_name, with_lens
 from recon.capture.importing.sources import ImportOptions, Recording, SensorSource, faults_at, write_recording
 from recon.capture.pictures import find_pictures
 from recon.geometry.rig import Y_FROM, Camera, Rig, Sensor, rigid
@@ -162,8 +163,10 @@ def _sensor(name: str, entry: Mapping[str, Any], size: tuple[int, int], unit_mm:
         right_from_left = rigid(rotation, matrices["T"].ravel() * unit_mm)
         pose = np.asarray(entry.get("cam_from_world", CAMERA_FROM_WORLD), dtype=np.float64).copy()
         pose[:3, 3] *= unit_mm
-        left = Camera(matrices["K1"], told, pose, matrices["D1"])
-        return Sensor(name, left, Camera(matrices["K2"], told, right_from_left @ pose, matrices["D2"]))
+        model = model_name(entry)
+        left = with_lens(Camera(matrices["K1"], told, pose), model, matrices["D1"])
+        right = with_lens(Camera(matrices["K2"], told, right_from_left @ pose), model, matrices["D2"])
+        return Sensor(name, left, right)
 
 
 def _matrix(entry: Mapping[str, Any], key: str) -> NDArray[np.float64]:

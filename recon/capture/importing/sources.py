@@ -29,7 +29,8 @@ from recon.capture.format import (
     image_path,
     write_capture,
 )
-from recon.capture.images import video_times
+from recon.capture.images import is_video, video_times
+from recon.capture.importing.lenses import FisheyeCamera, copied_suffix, copy_picture, stored
 from recon.capture.pictures import DEFAULT_FPS, Pictures, common_rate, copy_file
 from recon.capture.recording import SIDES, check_bounds
 from recon.geometry.rig import UNITS_MM, Y_FROM, Camera, rigid
@@ -167,7 +168,7 @@ def write_recording(out: Path, recording: Recording, options: ImportOptions) -> 
     told = (options.fps, recording.fps, _video_fps(recording), DEFAULT_FPS)  # videos are checked whatever is said
     fps = next(rate for rate in told if rate is not None)
     sensors = tuple(_stream(source, turn) for source in recording.sensors)
-    names = _held_out_names([path for _, path in recording.held_out])
+    names = _held_out_names(recording.held_out)
     held_out = tuple(
         HeldOut(_turned(camera, turn), f"held_out/{name}", frame=0)
         for (camera, _), name in zip(recording.held_out, names, strict=True)
@@ -186,8 +187,8 @@ def write_recording(out: Path, recording: Recording, options: ImportOptions) -> 
         )
         for source, stream in zip(recording.sensors, sensors, strict=True):
             _copy_sensor(capture, source, stream)
-        for (_, path), photograph in zip(recording.held_out, held_out, strict=True):
-            copy_file(path, folder / photograph.image)
+        for (camera, path), photograph in zip(recording.held_out, held_out, strict=True):
+            copy_picture(camera, path, folder / photograph.image)
         write_capture(capture)
     return replace(capture, folder=out)
 
@@ -200,21 +201,30 @@ def _check_up(up: str) -> None:
 def _stream(source: SensorSource, turn: NDArray[np.float64]) -> SensorStream:
     sides = SIDES[: len(source.cameras)]
     left, *right = (
-        CameraStream(_turned(camera, turn), _pattern(source.id, side, pictures))
+        CameraStream(_turned(camera, turn), _pattern(source.id, side, camera, pictures))
         for side, camera, pictures in zip(sides, source.cameras, source.pictures, strict=True)
     )
+    if source.depth is not None and isinstance(source.left, FisheyeCamera):
+        raise CaptureError(f"sensor {source.id}: depth maps of a fisheye are not read; undistort them and its pictures")
     plates = [pictures.plate for pictures in source.pictures]
     if any(plates) and not all(plates):
         raise CaptureError(f"sensor {source.id}: only one of its cameras has a clean plate")
-    names = [f"{source.id}/{side}/plate{plate.suffix}" for side, plate in zip(sides, plates, strict=True) if plate]
+    names = [
+        f"{source.id}/{side}/plate{copied_suffix(camera, plate)}"
+        for side, camera, plate in zip(sides, source.cameras, plates, strict=True)
+        if plate
+    ]
     return SensorStream(
         source.id, left, right[0] if right else None, tuple(names) or None, depth=_depth_maps(source.id, source.depth)
     )
 
 
-def _held_out_names(files: Sequence[Path]) -> list[str]:
+def _held_out_names(held_out: Sequence[tuple[Camera, Path]]) -> list[str]:
     """Return names of the copies, numbered where two files have the same: each camera's folder may hold a 0001.png."""
-    names = [path.name for path in files]
+    names = [
+        path.stem + copied_suffix(camera, path) if isinstance(camera, FisheyeCamera) else path.name
+        for camera, path in held_out
+    ]
     is_unique = len({name.lower() for name in names}) == len(names)
     return names if is_unique else [f"{number:04d}_{name}" for number, name in enumerate(names, start=1)]
 
@@ -226,13 +236,15 @@ def _depth_maps(sensor_id: str, source: DepthSource | None) -> DepthMaps | None:
     return DepthMaps(pattern, source.scale_mm, source.kind, source.size)
 
 
-def _pattern(sensor_id: str, side: str, pictures: Pictures) -> str:
-    suffix = pictures.files[0].suffix.lower()
-    return f"{sensor_id}/{side}{suffix}" if pictures.is_video else f"{sensor_id}/{side}/{{frame:04d}}{suffix}"
+def _pattern(sensor_id: str, side: str, camera: Camera, pictures: Pictures) -> str:
+    suffix = copied_suffix(camera, pictures.files[0])
+    return f"{sensor_id}/{side}{suffix}" if is_video(f"{side}{suffix}") else f"{sensor_id}/{side}/{{frame:04d}}{suffix}"
 
 
 def _turned(camera: Camera, turn: NDArray[np.float64]) -> Camera:
-    return replace(camera, cam_from_world=camera.cam_from_world @ turn.T)  # a rotation: its inverse is its transpose
+    return replace(
+        stored(camera), cam_from_world=camera.cam_from_world @ turn.T
+    )  # a rotation: its inverse is its transpose
 
 
 def _all_pictures(recording: Recording) -> list[tuple[str, Pictures]]:
@@ -335,9 +347,11 @@ def _copy_sensor(capture: Capture, source: SensorSource, stream: SensorStream) -
     if source.depth is not None and stream.depth is not None:
         for frame, path in enumerate(source.depth.files[: capture.n_frames]):
             copy_file(path, depth_path(capture.folder, stream.depth, frame))
-    for side, pictures in zip(stream.cameras, source.pictures, strict=True):
-        for frame, path in enumerate(pictures.files[: capture.n_frames]):
-            copy_file(path, image_path(capture.folder, side.image, frame))
-    for name, pictures in zip(stream.plate or (), source.pictures, strict=bool(stream.plate)):
+    for side, camera, pictures in zip(stream.cameras, source.cameras, source.pictures, strict=True):
+        is_decoded = pictures.is_video and not is_video(side.image)
+        files = pictures.files * capture.n_frames if is_decoded else pictures.files[: capture.n_frames]
+        for frame, path in enumerate(files):
+            copy_picture(camera, path, image_path(capture.folder, side.image, frame), frame)
+    for name, camera, pictures in zip(stream.plate or (), source.cameras, source.pictures, strict=bool(stream.plate)):
         assert pictures.plate is not None, "both cameras have a plate, or none"
-        copy_file(pictures.plate, capture.folder / name)
+        copy_picture(camera, pictures.plate, capture.folder / name)

@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from recon.capture.format import Capture, read_capture
 from recon.capture.recording import chosen_frames
 from recon.cloud import CloudParameters
 from recon.execution.workers import Progress, no_progress
-from recon.geometry.mesh import Mesh
+from recon.geometry.mesh import Discs, Mesh
 from recon.geometry.mesh_files import read_mesh
+from recon.geometry.splats import Splats
 from recon.methods.approaches import FUSION_METHODS, parse_approach
 from recon.models.read import read_model
 from recon.pipeline.run import RUN_FILE, Run, mesh_name, read_run, recorded_in
@@ -29,6 +29,7 @@ from recon.validation.views.between_sensors import cross_sensor_rows, depth_step
 from recon.validation.views.novel_view import (
     HELD_OUT,
     Photograph,
+    Rendering,
     has_truth,
     photographs,
     rendered,
@@ -39,6 +40,7 @@ from recon.validation.views.novel_view import (
 FLOOR = "true depth"
 MEASURES = {  # column: name, direction, unit
     "psnr_db": ("novel view PSNR", MORE, "dB"),
+    "psnr_object_db": ("novel view PSNR of the object", MORE, "dB"),
     "ssim": ("novel view SSIM", MORE, "share"),
     "gradient": ("novel view gradient similarity", MORE, "share"),
     "coverage": ("novel view coverage", MORE, "share"),
@@ -71,10 +73,10 @@ class ViewSettings:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A photograph, and for each approach its rendering from the same place with the pixels that it covers."""
+    """A photograph, and for each approach its rendering from the same place."""
 
     photograph: Photograph
-    pictures: Mapping[str, tuple[NDArray[np.uint8], NDArray[np.bool_]]]
+    pictures: Mapping[str, Rendering]
 
 
 def measure_views(
@@ -104,9 +106,9 @@ def measure_views(
     for done, photograph in enumerate(wanted):
         progress("views", done, len(wanted))
         pictures = dict(_renderings(run, others, capture, photograph))
-        for approach, (picture, covered) in pictures.items():
+        for approach, rendering in pictures.items():
             place = {"approach": approach, "view": photograph.name, "kind": photograph.kind, "frame": photograph.frame}
-            rows += [place | row for row in view_rows(picture, covered, photograph)]
+            rows += [place | row for row in view_rows(rendering, photograph)]
         if photograph.frame == frames[0]:
             shown.append(Comparison(photograph, pictures))
     progress("views", len(wanted), len(wanted))
@@ -137,7 +139,7 @@ def mean_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         groups.setdefault((row["kind"], row["region"], row["approach"]), []).append(row)
     return [
         {"kind": kind, "region": region, "approach": approach, "n_views": len(group)}
-        | {column: _mean([row[column] for row in group]) for column in MEASURES}
+        | {column: _mean([row[column] for row in group]) for column in (*MEASURES, "back_faces")}
         for (kind, region, approach), group in sorted(groups.items(), key=lambda item: item[0][:2])
     ]
 
@@ -156,14 +158,26 @@ def _capture(run: Run, settings: ViewSettings) -> Capture:
 
 def _renderings(
     run: Run, others: Mapping[str, ModelSequence], capture: Capture, photograph: Photograph
-) -> Iterator[tuple[str, tuple[NDArray[np.uint8], NDArray[np.bool_]]]]:
+) -> Iterator[tuple[str, Rendering]]:
     for approach in run.approaches:
+        if photograph.frame not in run.frames_of(approach):
+            continue
         yield approach, rendered(_mesh(run.folder / mesh_name(approach, photograph.frame)), photograph.camera)
     for approach, sequence in others.items():
         number = 0 if sequence.is_still else run.frames.index(photograph.frame)
-        yield approach, rendered(_other_mesh(sequence, number), photograph.camera)
+        mesh = _other_model(sequence, number)
+        rendering = rendered(mesh, photograph.camera)
+        inside_out = isinstance(mesh, Mesh) and _is_inside_out(mesh, capture)
+        yield approach, rendering.turned() if inside_out else rendering
     if has_truth(capture, photograph.frame):
         yield FLOOR, rendered(_floor(run.folder, capture, photograph.frame), photograph.camera)
+
+
+@lru_cache(maxsize=4)
+def _is_inside_out(mesh: Mesh, capture: Capture) -> bool:
+    """Whether a model of another program shows its sensors mostly what glTF, PLY and OBJ call the backs of faces."""
+    seen = [rendered(mesh, stream.left.camera) for stream in capture.sensors]
+    return sum(int(each.back.sum()) for each in seen) > sum(int(each.covered.sum()) for each in seen)
 
 
 @lru_cache(maxsize=16)
@@ -186,12 +200,12 @@ def _other_models(run: Run, folders: Sequence[Path]) -> dict[str, ModelSequence]
 
 
 @lru_cache(maxsize=4)
-def _other_mesh(sequence: ModelSequence, number: int) -> Mesh:
+def _other_model(sequence: ModelSequence, number: int) -> Mesh | Splats:
     assert sequence.placement is not None, "models of other programs have one"
     model = read_model(sequence.files[number], sequence.placement).model
-    if not isinstance(model, Mesh):
+    if isinstance(model, Discs):
         raise ValueError(
-            f"{sequence.files[number]}: has points and no faces; expected a mesh, to compare with photographs"
+            f"{sequence.files[number]}: has points and no faces; expected a mesh or splats, to compare with photographs"
         )
     return model
 

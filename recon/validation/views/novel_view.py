@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -23,7 +23,9 @@ from recon.cloud import CloudParameters, cloud_from_disparity, crop_cloud
 from recon.fusion import FUSIONS
 from recon.geometry.mesh import Mesh
 from recon.geometry.rig import Camera
+from recon.geometry.splats import Splats
 from recon.render.cut import are_all_drawn, cut_before
+from recon.render.gaussians.draw import splat_layer
 from recon.render.rasterise import draw_model
 from recon.render.texture import NO_MIPMAPS, mipmaps
 from recon.studio.truth import MASK, read_depth
@@ -76,8 +78,29 @@ def photographs(capture: Capture, frames: Sequence[int]) -> Iterator[Photograph]
                 yield _undistorted(Photograph(name, SENSOR, frame, camera.camera, pictures[index], mask))
 
 
-def rendered(mesh: Mesh, camera: Camera) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Render a mesh without light: its picture, uint8 (H, W, 3), and the pixels that it covers, bool (H, W)."""
+class Rendering(NamedTuple):
+    """A model as a camera would see it.
+
+    Parameters
+    ----------
+    picture : uint8 (H, W, 3), sRGB
+    covered : bool (H, W), where a mesh shows its front, or splats cover half of the pixel
+    back : bool (H, W), where it shows its back: nothing there was seen from this side
+    """
+
+    picture: NDArray[np.uint8]
+    covered: NDArray[np.bool_]
+    back: NDArray[np.bool_]
+
+    def turned(self) -> Rendering:
+        """Take the other side of the faces for their front."""
+        return self._replace(covered=self.back, back=self.covered)
+
+
+def rendered(mesh: Mesh | Splats, camera: Camera) -> Rendering:
+    """Render a mesh without light, or splats; faces are counter-clockwise seen from their front."""
+    if isinstance(mesh, Splats):
+        return _rendered_splats(mesh, camera)
     white = np.full_like(mesh.colours, 255)
     colours, texture = (mesh.colours, NO_MIPMAPS) if mesh.texture is None else (white, mipmaps(mesh.texture))
     faces, projected = mesh.faces, _projected(mesh.vertices, camera)
@@ -86,12 +109,22 @@ def rendered(mesh: Mesh, camera: Camera) -> tuple[NDArray[np.uint8], NDArray[np.
         projected, texture = _projected(vertices, camera), replace(texture, uv=uv)
         white = np.full_like(colours, 255)
     shape = (camera.size[1], camera.size[0], 3)
-    picture, cover = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
+    picture, cover, front = (np.zeros(shape, np.uint8) for _ in range(3))
     draw_model(picture, projected, faces, colours, colours, texture=texture)
     draw_model(cover, projected, faces, white, white)
+    draw_model(front, projected, faces, white, np.zeros_like(white))
     share = cover.astype(np.float32) / 255
     full = np.clip(np.rint(picture / np.maximum(share, 1e-3)), 0, 255).astype(np.uint8)
-    return full, share[..., 0] >= COVERED
+    drawn, is_front = share[..., 0] >= COVERED, front[..., 0] * 2.0 >= cover[..., 0]
+    return Rendering(full, drawn & is_front, drawn & ~is_front)
+
+
+def _rendered_splats(splats: Splats, camera: Camera) -> Rendering:
+    layer = splat_layer(splats, camera, camera.size)
+    share = 1 - layer[..., 3:]
+    full = np.rint(np.clip(layer[..., :3] / np.maximum(share, np.float32(1e-3)), 0, 1) * 255).astype(np.uint8)
+    drawn = share[..., 0] >= COVERED
+    return Rendering(full, drawn, np.zeros_like(drawn))
 
 
 def _projected(vertices: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
@@ -102,19 +135,21 @@ def _projected(vertices: NDArray[np.float32], camera: Camera) -> NDArray[np.floa
         return np.column_stack([pixels, in_camera[:, 2]]).astype(np.float32)
 
 
-def view_rows(picture: NDArray[np.uint8], covered: NDArray[np.bool_], photograph: Photograph) -> list[dict[str, Any]]:
+def view_rows(rendering: Rendering, photograph: Photograph) -> list[dict[str, Any]]:
     """Measure a rendering per region: all, the rim along the outline, and inside it.
 
-    Colours are compared where the rendering covers the object; coverage is its share of the object, spill the share of
-    what was drawn that lies beside it, roughness as in `roughness`. Without a mask there are no regions, and these
-    three are None.
+    Colours are compared where the rendering covers the object with fronts of faces; beside that stands the PSNR over
+    the whole object, in which what is not covered is black. Coverage is the covered share of the object, spill the
+    share of what was drawn that lies beside it, roughness as in `roughness`; back faces are a share of all that was
+    drawn, and count as nothing. Without a mask there are no regions, and what needs the object is None.
 
     Parameters
     ----------
-    picture : uint8 (H, W, 3), sRGB, the rendering
-    covered : bool (H, W), where the rendering shows the mesh
+    rendering : of the model
     photograph : from the same camera
     """
+    picture, covered = rendering.picture, rendering.covered
+    blackened = np.where(covered[..., None], picture, 0).astype(np.uint8)
     mask = photograph.mask
     both = covered if mask is None else covered & mask
     filled = np.where(both[..., None], picture, photograph.pixels)  # what lies outside neither gains nor loses
@@ -127,11 +162,13 @@ def view_rows(picture: NDArray[np.uint8], covered: NDArray[np.bool_], photograph
                 "region": region,
                 "n_pixels": int(np.count_nonzero(where)),
                 "psnr_db": psnr(picture, photograph.pixels, where),
+                "psnr_object_db": None if mask is None else psnr(blackened, photograph.pixels, mask & inside),
                 "ssim": _mean(likeness, where),
                 "gradient": _mean(edges, where),
                 "coverage": None if mask is None else _share(covered, mask & inside),
                 "spill": None if mask is None or region != "all" else _share(~mask, covered),
                 "roughness": None if mask is None or region != "all" else roughness(covered, mask),
+                "back_faces": _share(rendering.back, rendering.back | covered) if region == "all" else None,
             }
         )
     return rows

@@ -27,13 +27,15 @@ COLUMNS = {
     "approach": "model",
     "n_views": "views",
     "psnr_db": "PSNR dB",
+    "psnr_object_db": "PSNR of the object dB",
     "ssim": "SSIM",
     "gradient": "gradients",
     "coverage": "coverage %",
     "spill": "spill %",
     "roughness": "rim roughness",
+    "back_faces": "back faces %",
 }
-SHARES = ("coverage", "spill", "agree", "in_front")
+SHARES = ("coverage", "spill", "back_faces", "agree", "in_front")
 
 
 def write_views_report(report: Mapping[str, Any], shown: Sequence[Comparison], out: Path) -> Path:
@@ -59,12 +61,14 @@ def _sections(report: Mapping[str, Any], shown: Sequence[Comparison], out: Path)
 
 def _views_text(report: Mapping[str, Any]) -> str:
     text = (
-        "Every model is rendered without light from where a photograph was taken, and compared with that photograph. "
-        "“Held out” photographs are used by no sensor; the models were made from those called “sensor”. PSNR, SSIM and "
-        "the similarity of gradients are taken over the pixels where the model covers the object; coverage is the "
-        "share of the object that the model covers, spill the share of what was drawn beside the object. The rim is a "
-        "band along the outline; its roughness is the length of the rendered outline, holes included, against that of "
-        "the object: 1 is as smooth as the object, more is ragged or full of holes."
+        "Every model is rendered without light from where a photograph was taken, and compared with that "
+        "photograph. “Held out” photographs are used by no sensor; the models were made from those called “sensor”."
+        " PSNR, SSIM and the similarity of gradients are taken over the pixels where the model covers the object "
+        "with fronts of faces; in the PSNR of the object all of its pixels count, and what is not covered is black."
+        " Backs of faces, which a view from behind shows, count as nothing. Coverage is the share of the object "
+        "that the model covers, spill the share of what was drawn beside the object. The rim is a band along the "
+        "outline; its roughness is the length of the rendered outline, holes included, against that of the object: "
+        "1 is as smooth as the object, more is ragged or full of holes."
     )
     if report["settings"]["has_floor"]:
         text += (
@@ -149,9 +153,9 @@ def comparison_picture(comparison: Comparison) -> NDArray[np.uint8]:
     window = _window(comparison)
     empty = tile(np.full_like(photograph.pixels[window], 255), "")
     columns = [np.concatenate([tile(photograph.pixels[window], "photograph"), empty])]
-    for approach, (picture, covered) in comparison.pictures.items():
-        drawn = np.where(covered[..., None], picture, BACKGROUND).astype(np.uint8)
-        difference = difference_picture(picture, covered, photograph)
+    for approach, rendering in comparison.pictures.items():
+        drawn = np.where(rendering.covered[..., None], rendering.picture, BACKGROUND).astype(np.uint8)
+        difference = difference_picture(rendering.picture, rendering.covered, photograph)
         columns.append(np.concatenate([tile(drawn[window], approach), tile(difference[window], "difference")]))
     columns += [np.full_like(columns[0], 255)] * (-len(columns) % ACROSS)
     rows = [np.concatenate(columns[first : first + ACROSS], axis=1) for first in range(0, len(columns), ACROSS)]
@@ -182,5 +186,5 @@ def _window(comparison: Comparison) -> tuple[slice, slice]:
     """Choose the part of the picture around the object, or around what the models cover without a mask."""
     mask = comparison.photograph.mask
     if mask is None:
-        mask = np.any([covered for _, covered in comparison.pictures.values()], axis=0)
+        mask = np.any([rendering.covered for rendering in comparison.pictures.values()], axis=0)
     return window_around(mask)

@@ -16,6 +16,9 @@ from app.intake.import_videos import import_stimuli
 from app.intake.stimuli import read_stimulus_set
 from tests.app import tiny_stimuli
 
+GUESSED = (
+    "{0} of {0} films: colours read as 8 bits, smpte170m, range tv (matrix and range guessed from size and format)"
+)
 LEVELS = "condition,codec,bitrate\nlow,av1,1\nhigh,av1,4\n"
 
 
@@ -58,7 +61,10 @@ def test_a_condition_may_have_no_level_of_a_factor(videos: Path, tmp_path: Path)
     made = import_stimuli(videos, tmp_path / "set")
     assert made.stimulus_set.factors == {"codec": ["av1"], "bitrate": ["1", "4"]}
     assert made.stimulus_set.stimuli[0].levels == {"bitrate": "4"}
-    assert made.notes == ("no level of codec: high; compared with all others, and left out where factors are compared",)
+    assert made.notes == (
+        GUESSED.format(6),
+        "no level of codec: high; compared with all others, and left out where factors are compared",
+    )
 
 
 def test_a_table_of_conditions_may_come_from_a_spreadsheet_with_semicolons(videos: Path, tmp_path: Path) -> None:
@@ -86,6 +92,7 @@ def test_a_film_keeps_its_master_its_mask_its_quality_and_its_camera_path(videos
     assert file_digest(tmp_path / "set" / path["file"]) == path["sha256"]
     assert made.notes == (
         "left out, as neither film nor master: street/thumbs.db",
+        GUESSED.format(6),
         "street: no master of high, which the others have; a study encodes these once more",
     )
 
@@ -115,7 +122,7 @@ def test_a_rendered_folder_keeps_all_that_its_manifest_says(tmp_path: Path) -> N
 def test_a_manifest_of_another_program_is_named_and_left_out(videos: Path, tmp_path: Path) -> None:
     (videos / "manifest.json").write_text('{"name": "an app"}', encoding="utf-8")
     made = import_stimuli(videos, tmp_path / "set")
-    assert made.notes == ("left out, as neither film nor master: manifest.json",)
+    assert made.notes == ("left out, as neither film nor master: manifest.json", GUESSED.format(6))
 
 
 def spoil(videos: Path, fault: str) -> None:
@@ -153,7 +160,7 @@ def spoil(videos: Path, fault: str) -> None:
         ("missing", "street: has no video of low, which other datasets have; .* to practise with .--practice DATASET"),
         (
             "long",
-            "street/low has 12 frames at 25/s .*, the others of street have 10 frames .*must be alike: render",
+            "street/low has 12 frames at 25/s .*, expected 10 frames .* `--conform` makes them so, or `ffmpeg -i low",
         ),
         ("uneven", r"low.mp4: its frames are \d+ to \d+ ms apart, .* encode it again, .* `ffmpeg -i low.mp4 -r 25 "),
         ("bytes", r"conditions\.csv: row 1: .* is not UTF-8"),

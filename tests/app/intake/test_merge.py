@@ -208,7 +208,7 @@ def test_a_film_that_came_back_too_short_is_told_what_to_be(sets: Path, tmp_path
     import_stimuli(sets / "short", sets / "nerfs")
     fault = (
         "ball/nerf has 9 frames at 25/s of 64x48, the others of ball have 10 frames at 25/s of 64x48; the stimuli of a "
-        "dataset must be alike: render ball/nerf with 10 frames"
+        "dataset must be alike: make ball/nerf with 10 frames"
     )
     with pytest.raises(StimuliError, match=fault):
         merge_sets([sets / "ours", sets / "nerfs"], tmp_path / "all")

@@ -81,7 +81,7 @@ def test_the_json_has_the_keys_that_other_programs_rely_on(tmp_path: Path) -> No
     board = record_board(tmp_path / "board", plates=True)
     content = json.loads((board.folder / "capture.json").read_text())
     assert list(content) == [
-        "schema_version", "name", "kind", "fps", "n_frames", "bounds", "object", "sensors", "held_out",
+        "$schema", "schema_version", "name", "kind", "fps", "n_frames", "bounds", "object", "sensors", "held_out",
     ]  # fmt: skip
     assert list(content["sensors"][0]) == ["id", "left", "right", "plate"]
     assert list(content["sensors"][0]["left"]) == ["image", "K", "dist", "size", "cam_from_world"]
@@ -141,9 +141,9 @@ def no_baseline(content: Content) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda c: c.update(schema_version=2), "schema_version is 2, this program reads 1"),
+        (lambda c: c.update(schema_version=2), "schema_version is 2, expected 1, the version that this program reads"),
         (lambda c: c.pop("schema_version"), "schema_version is missing"),
-        (lambda c: c.update(name=""), "name is ''"),
+        (lambda c: c.update(name=""), "name: '' is no name for files"),
         (lambda c: c.update(name="../ball"), "name: '../ball' is no name for files"),  # films lie in DATASET/
         (lambda c: c.update(name="/ball"), "name: '/ball' is no name for files"),
         (lambda c: c.update(name="two\nlines"), "is no name for files"),
@@ -158,13 +158,13 @@ def no_baseline(content: Content) -> None:
         (lambda c: c.update(bounds=None), "bounds is"),
         (lambda c: c.update(object={"radius_mm": -5}), "radius_mm is -5"),
         (lambda c: c.update(object={"size_mm": [1, 2]}), "size_mm is [1, 2], expected three positive numbers"),
-        (lambda c: c.update(sensors=[]), "sensors is empty, expected at least one sensor"),
+        (lambda c: c.update(sensors=[]), "sensors is [], expected a list of at least one sensor"),
         (lambda c: c.update(sensors="S1"), "sensors is 'S1', expected a list"),
         (lambda c: c["sensors"][1].update(id="S1"), "sensor ids must differ, found S1, S1"),
         (lambda c: c["sensors"][1].update(id="../S1"), "sensor id '../S1' is no file name"),
-        (lambda c: c["sensors"][1].pop("left"), "sensor S2, left: left is missing"),
+        (lambda c: c["sensors"][1].pop("left"), "sensor S2: left is missing"),
         (lambda c: c["sensors"][1]["left"].pop("K"), "sensor S2, left: K is missing"),
-        (lambda c: c["sensors"][1]["left"].update(K=[[1, 2], [3]]), "left: K is [[1, 2], [3]], expected numbers"),
+        (lambda c: c["sensors"][1]["left"].update(K=[[1, 2], [3]]), "K is [[1, 2], [3]], expected three rows of three"),
         (lambda c: c["sensors"][1]["left"].update(size=[160.5, 120]), "size is [160.5, 120], expected [width, height]"),
         (lambda c: c["sensors"][1]["left"].update(size=[320, 240]), "sensor S2: left is (320, 240), right (160, 120)"),
         (swap_rotation, "sensor S2, right: cam_from_world is not a rigid transform"),
@@ -177,8 +177,8 @@ def no_baseline(content: Content) -> None:
         (lambda c: c["sensors"][0]["left"].update(image="{frame:04d}.txt"), "ends in '.txt', expected one of .png"),
         (lambda c: c["sensors"][0]["left"].update(image="left.png"), "left.png names one image for 2 frames"),
         (lambda c: c["sensors"][0]["left"].update(image=7), "image is 7, expected a text"),
-        (lambda c: c["sensors"][0].update(plate={"left": "a.png"}), "sensor S1: right is missing"),
-        (lambda c: c.update(held_out=[{"image": "a.png"}]), "held_out a.png: frame is missing"),
+        (lambda c: c["sensors"][0].update(plate={"left": "a.png"}), "sensor S1: plate: right is missing"),
+        (lambda c: c.update(held_out=[{"image": "a.png", "frame": 0}]), "held_out a.png: K is missing"),
         (lambda c: c.update(held_out=[{**c["sensors"][0]["left"], "frame": 2}]), "frame 2 of a capture of 2 frames"),
     ],
 )  # fmt: skip

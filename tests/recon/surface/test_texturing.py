@@ -81,7 +81,7 @@ def photographs(paint: Paint) -> list[Photograph]:
 
 
 def likeness(mesh: Mesh, truth: Photograph) -> float:
-    picture, covered = rendered(mesh, truth.camera)
+    picture, covered, _ = rendered(mesh, truth.camera)
     assert truth.mask is not None
     value = psnr(picture, truth.pixels, covered & truth.mask)
     assert value is not None
@@ -113,9 +113,9 @@ def test_a_camera_counts_by_the_square_of_its_pixels_on_the_surface() -> None:
 
 
 def test_what_no_camera_sees_keeps_the_colours_of_the_vertices() -> None:
-    picture, _ = rendered(textured(ball(), photographs(fine), TOLERANCE), camera_at(180))
+    picture, _, _ = rendered(textured(ball(), photographs(fine), TOLERANCE), camera_at(180))
     assert (np.abs(picture[90:150, 100:140].astype(int) - GREY) <= 1).all()
-    picture, covered = rendered(textured(ball(), [photograph(looking_away(), fine)], TOLERANCE), camera_at(0))
+    picture, covered, _ = rendered(textured(ball(), [photograph(looking_away(), fine)], TOLERANCE), camera_at(0))
     assert (np.abs(picture[covered].astype(int) - GREY) <= 1).all()
 
 
@@ -135,7 +135,7 @@ def test_a_camera_of_another_exposure_leaves_no_seam() -> None:
     middle = photograph(camera_at(20), broad)
 
     def unevenness(seen: list[Photograph]) -> float:
-        picture, covered = rendered(textured(mesh, seen, TOLERANCE), middle.camera)
+        picture, covered, _ = rendered(textured(mesh, seen, TOLERANCE), middle.camera)
         low, high = np.percentile(picture[covered] / np.maximum(middle.pixels[covered], 1.0), (5, 95))
         return float(high / low)
 
@@ -180,7 +180,7 @@ def test_what_stands_in_front_does_not_colour_what_is_behind() -> None:
         both.append(Photograph(back.camera, pixels, back.mask | front.mask))
     mesh = textured(merge_meshes([ball(), ball(small, place)]), both, TOLERANCE)
     aside = photograph(camera_at(15), broad)
-    picture, _ = rendered(mesh, aside.camera)
+    picture, _, _ = rendered(mesh, aside.camera)
     front = photograph(aside.camera, red, small, place).mask
     assert aside.mask is not None
     assert front is not None
@@ -210,7 +210,7 @@ def test_what_the_mesh_lacks_is_not_painted_on_what_is_behind() -> None:
         seen[number] = replace(seen[number], pixels=pixels)
     mesh = ball()
     camera = camera_at(3)
-    picture, covered = rendered(textured(mesh, seen, TOLERANCE), camera)
+    picture, covered, _ = rendered(textured(mesh, seen, TOLERANCE), camera)
     truth = photograph(camera, broad)
     worst = np.abs(picture.astype(int) - truth.pixels)[80:160, 80:160].max()
     assert covered[80:160, 80:160].all()

@@ -139,8 +139,8 @@ def test_the_real_sphere_comes_in_by_its_own_calibration(real_data: Path, tmp_pa
         (("sensors", 0, "left", "image"), [], r"sensor S1: image is \[\]"),
         (("sensors", 0, "left", "distortion"), [0.1, 0, 0, 0], "sensor S1: distortion is not read, expected dist"),
         (("sensors", 0, "depth"), {"image": []}, "sensor S1: depth: image is an empty list"),
-        (("sensors", 0, "depth"), {"image": ["d.png"], "size": ["a", "b"]}, "sensor S1: size is .*whole pixels"),
-        (("sensors", 0, "depth"), {"image": ["d.png"], "size": [3]}, "sensor S1: size is .*whole pixels"),
+        (("sensors", 0, "depth"), {"image": ["d.png"], "size": ["a", "b"]}, "sensor S1: depth: size is .*whole pixels"),
+        (("sensors", 0, "depth"), {"image": ["d.png"], "size": [3]}, "sensor S1: depth: size is .*whole pixels"),
     ],
 )
 def test_parts_of_a_json_that_hold_nothing_are_named(

@@ -122,7 +122,7 @@ def test_what_is_wrong_in_a_binary_model_is_named(tmp_path: Path) -> None:
         import_colmap(source, tmp_path / "out", PAIRS, IN_METRES)
     cameras = (source / "cameras.bin").read_bytes()
     for model, sentence in (
-        (5, "camera model OPENCV_FISHEYE, expected one of SIMPLE_PINHOLE"),
+        (10, "camera model THIN_PRISM_FISHEYE, expected one of SIMPLE_PINHOLE"),
         (77, "unknown model 77"),
     ):
         (source / "cameras.bin").write_bytes(cameras[:12] + struct.pack("<i", model) + cameras[16:])
@@ -216,8 +216,8 @@ def test_a_field_of_view_and_names_without_suffix_are_understood(tmp_path: Path)
     ("change", "message"),
     [
         (
-            lambda content: content.update(camera_model="OPENCV_FISHEYE"),
-            "frame 1 images/1.png: camera_model is OPENCV_FISH",
+            lambda content: content.update(camera_model="EQUIRECTANGULAR"),
+            "frame 1 images/1.png: camera_model is EQUIRECT",
         ),
         (lambda content: content.update(k4=0.1), "k4 is not 0"),
         (

@@ -9,6 +9,7 @@ from shutil import copyfile, move
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from recon.capture.format import Capture
@@ -31,6 +32,7 @@ from recon.validation.views.image_quality import BEST_PSNR_DB, gradient_map, psn
 from recon.validation.views.novel_view import (
     HELD_OUT,
     Photograph,
+    Rendering,
     photographs,
     rendered,
     roughness,
@@ -62,6 +64,10 @@ def photograph(size: int = 64, **changes: object) -> Photograph:
     return replace(shot, **changes)  # type: ignore[arg-type]  # of its fields
 
 
+def front(picture: NDArray[np.uint8], covered: NDArray[np.bool_]) -> Rendering:
+    return Rendering(picture, covered, np.zeros_like(covered))
+
+
 def test_psnr_is_that_of_the_mean_square_error_in_the_region() -> None:
     grey, lighter = np.full((8, 8, 3), 100, np.uint8), np.full((8, 8, 3), 110, np.uint8)
     lighter[0] = 255
@@ -84,19 +90,46 @@ def test_coverage_and_spill_are_shares_of_object_and_drawing() -> None:
     shot = photograph()
     covered = np.zeros((64, 64), bool)
     covered[16:48, 32:64] = True  # half of the object, and as much beside it
-    whole, rim, inside = view_rows(shot.pixels, covered, shot)
+    whole, rim, inside = view_rows(front(shot.pixels, covered), shot)
     assert (whole["coverage"], whole["spill"]) == (0.5, 0.5)
     assert whole["psnr_db"] == BEST_PSNR_DB
     assert whole["n_pixels"] == rim["n_pixels"] + inside["n_pixels"] == 32 * 16
-    (unmasked,) = view_rows(shot.pixels, covered, photograph(mask=None))
+    (unmasked,) = view_rows(front(shot.pixels, covered), photograph(mask=None))
     assert (unmasked["coverage"], unmasked["spill"], unmasked["n_pixels"]) == (None, None, 32 * 32)
     assert unmasked["roughness"] is None
+
+
+def test_back_faces_cover_nothing_and_are_said(capture: Capture) -> None:
+    mesh = read_mesh(capture.folder / MESH.format(frame=0))
+    shot = next(one for one in photographs(capture, [0]) if one.kind == HELD_OUT)
+    inside_out = replace(mesh, faces=mesh.faces[:, ::-1].copy())
+    for model, rendering, back in (
+        (mesh, rendered(mesh, shot.camera), 0.0),
+        (inside_out, rendered(inside_out, shot.camera), 1.0),
+        (inside_out, rendered(inside_out, shot.camera).turned(), 0.0),
+    ):
+        row = view_rows(rendering, shot)[0]
+        assert row["back_faces"] == pytest.approx(back, abs=0.01)
+        assert row["coverage"] == pytest.approx(1.0 - back, abs=0.02)
+        assert len(model.faces)
+
+
+def test_what_is_not_covered_is_black_in_the_psnr_of_the_object() -> None:
+    shot = photograph()
+    half = np.zeros((64, 64), bool)
+    half[16:48, 16:32] = True
+    row = view_rows(front(shot.pixels, half), shot)[0]
+    assert shot.mask is not None
+    missing = np.where(half[..., None], shot.pixels, 0).astype(np.uint8)
+    assert row["psnr_db"] == BEST_PSNR_DB
+    assert row["psnr_object_db"] == psnr(missing, shot.pixels, shot.mask)
+    assert row["psnr_object_db"] < 15
 
 
 def test_an_object_that_leaves_the_picture_has_no_rim_along_its_border_or_in_its_corner() -> None:
     mask = np.zeros((64, 64), bool)
     mask[32:, 32:] = True
-    _, rim, inside = view_rows(photograph().pixels, mask, photograph(mask=mask))
+    _, rim, inside = view_rows(front(photograph().pixels, mask), photograph(mask=mask))
     assert inside["n_pixels"] == 30 * 30  # two pixels along the upper and the left side are the rim
     assert rim["n_pixels"] == 32 * 32 - 30 * 30
 
@@ -117,7 +150,7 @@ def test_a_rendering_of_a_textured_mesh_shows_its_texture(capture: Capture) -> N
     camera = capture.sensors[0].left.camera
     orange = np.array([250, 120, 10], np.uint8)
     texture = Texture(np.full((4, 4, 3), orange), mesh.vertices[:, :2])
-    picture, covered = rendered(replace(mesh, texture=texture), camera)
+    picture, covered, _ = rendered(replace(mesh, texture=texture), camera)
     assert covered.any()
     assert np.array_equal(covered, rendered(mesh, camera)[1])
     assert np.abs(picture[covered].astype(int) - orange).max() <= 1
@@ -127,8 +160,8 @@ def test_a_rendering_covers_what_the_camera_sees_of_a_floor_that_it_stands_over(
     camera = capture.sensors[0].left.camera
     corners = np.array([[-4000, 300, -1000], [4000, 300, -1000], [4000, 300, 9000], [-4000, 300, 9000]])  # before it
     vertices = (camera.centre + corners @ camera.rotation).astype(np.float32)
-    faces, upwards = np.array([[0, 2, 1], [0, 3, 2]], np.int32), np.tile(-camera.rotation[1].astype(np.float32), (4, 1))
-    _, covered = rendered(Mesh(vertices, faces, upwards, np.full((4, 3), 90, np.uint8)), camera)
+    faces, upwards = np.array([[0, 1, 2], [0, 2, 3]], np.int32), np.tile(-camera.rotation[1].astype(np.float32), (4, 1))
+    _, covered, _ = rendered(Mesh(vertices, faces, upwards, np.full((4, 3), 90, np.uint8)), camera)
     assert covered[-1].all()
     assert not covered[0].any()
 
@@ -137,7 +170,7 @@ def test_a_rendering_covers_what_the_studio_saw(capture: Capture) -> None:
     mesh = read_mesh(capture.folder / MESH.format(frame=0))
     shot = next(one for one in photographs(capture, [0]) if one.kind == HELD_OUT)
     assert shot.mask is not None
-    _, covered = rendered(mesh, shot.camera)
+    _, covered, _ = rendered(mesh, shot.camera)
     assert np.count_nonzero(covered & shot.mask) / np.count_nonzero(covered | shot.mask) > 0.98
 
 

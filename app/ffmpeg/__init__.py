@@ -10,7 +10,9 @@ import subprocess
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 from statistics import mode
@@ -18,8 +20,10 @@ from statistics import mode
 import imageio_ffmpeg
 
 from app.errors import StimuliError
+from app.ffmpeg.look import Look, parse_look
+from ground.progress import Progress as Progress
+from ground.progress import no_progress as no_progress
 
-Progress = Callable[[str, int, int], None]  # what is being done, how many are done, how many there are
 WORKERS = 2  # processes at once, each on one thread, so that files are reproducible
 LONGEST_S = 3 * 3600  # of an ffmpeg; a minute of 4K takes half an hour to encode as AV1
 MOST_MEMORY = 4 * 1024**3  # bytes; three films of 4K, one above the other, take 1.5 GB to encode
@@ -36,23 +40,37 @@ FORMATS: Mapping[str, str] = {  # ffmpeg's name of a file's format, by suffix; l
     ".ppm": "ppm_pipe",
     ".pgm": "pgm_pipe",
 }
-
-
-def no_progress(*_told: str | int) -> None:
-    """Ignore progress."""
+MEANINGS = {  # what ffmpeg says of frequent faults, and what they are
+    "moov atom not found": "the file ends early, or its recording or download was cut off: copy it again whole",
+    "Invalid data found when processing input": "it is damaged, or no film of the kind that its name says",
+    "EBML header parsing failed": "it is no Matroska or WebM file, or its beginning is damaged",
+}
+_LOOKING = ("-map", "0:v:0", "-vf", "showinfo=checksum=0", "-fps_mode", "passthrough")
+_FAULT = re.compile(r"^(?:\[[^\]\n]* @ [^\]\n]*\] )*\[(?:error|fatal|panic)\] (.*)$", re.MULTILINE)
 
 
 @dataclass(frozen=True)
 class VideoFacts:
-    """Facts about a video, measured by decoding it."""
+    """Facts about a video, measured by decoding it.
+
+    Parameters
+    ----------
+    width, height : of the decoded pictures after rotation, pixels
+    fps, n_frames : of the first track of pictures
+    pixel_shape : width of a pixel by its height; 1: browsers show the film in its own size
+    look : how its pictures are meant; None: not asked for
+    """
 
     width: int
     height: int
     fps: float
     n_frames: int
+    pixel_shape: Fraction = Fraction(1)
+    look: Look | None = field(default=None, compare=False, repr=False)
 
     def __str__(self) -> str:
-        return f"{self.n_frames} frames at {self.fps:.6g}/s of {self.width}x{self.height}"
+        shape = "" if self.pixel_shape == 1 else f", pixels {self.pixel_shape.numerator}:{self.pixel_shape.denominator}"
+        return f"{self.n_frames} frames at {self.fps:.6g}/s of {self.width}x{self.height}{shape}"
 
 
 def decode(path: Path) -> VideoFacts:
@@ -65,8 +83,8 @@ def decode(path: Path) -> VideoFacts:
     """
     if not path.is_file():
         raise StimuliError(f"{path}: there is no such file")
-    command = ["-xerror", *reading(path), "-map", "0:v:0", "-fps_mode", "passthrough", "-f", "framecrc", "-"]
-    text = run_ffmpeg(command, f"{path}: cannot be decoded as a video")
+    command = ["-xerror", *reading(path), *_LOOKING, "-f", "framecrc", "-"]
+    text, log = _run(command, f"{path}: cannot be decoded as a video", is_told=True)
     size = re.search(r"^#dimensions 0: (\d+)x(\d+)$", text, re.MULTILINE)
     base = re.search(r"^#tb 0: (\d+)/(\d+)$", text, re.MULTILINE)
     times = [int(line.split(",")[2]) for line in text.splitlines() if line and not line.startswith("#")]
@@ -81,7 +99,36 @@ def decode(path: Path) -> VideoFacts:
             f"{path}: its frames are {shortest:.4g} to {longest:.4g} ms apart, expected one constant frame rate; "
             f"encode it again, for example by `ffmpeg -i {shlex.quote(path.name)} -r {fps:.4g} -crf 10 NEW.mp4`"
         )
-    return VideoFacts(int(size[1]), int(size[2]), fps, len(times))
+    look = _look(path, log)
+    return VideoFacts(int(size[1]), int(size[2]), fps, len(times), look.pixel_shape, look)
+
+
+def look_at(path: Path) -> Look:
+    """Return how a film looks by its first picture; `decode` looks at all.
+
+    Raises
+    ------
+    StimuliError
+        If there is no such file, or its first picture cannot be decoded.
+    """
+    if not path.is_file():
+        raise StimuliError(f"{path}: there is no such file")
+    status = path.stat()
+    return _first_look(path, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(maxsize=1024)
+def _first_look(path: Path, _changed_ns: int, _size: int) -> Look:
+    command = ["-xerror", *reading(path), *_LOOKING, "-frames:v", "1", "-f", "null", "-"]
+    _, log = _run(command, f"{path}: cannot be decoded as a video", is_told=True)
+    return _look(path, log)
+
+
+def _look(path: Path, log: str) -> Look:
+    try:
+        return parse_look(log)
+    except ValueError as error:
+        raise StimuliError(f"{path}: {error}") from error
 
 
 def reading(path: Path) -> list[str]:
@@ -100,7 +147,13 @@ def reading(path: Path) -> list[str]:
 
 def run_ffmpeg(arguments: Iterable[str], complaint: str) -> str:
     """Run ffmpeg and return its output; `complaint` begins the message of a failure."""
-    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-nostdin", *arguments]
+    return _run(arguments, complaint)[0]
+
+
+def _run(arguments: Iterable[str], complaint: str, *, is_told: bool = False) -> tuple[str, str]:
+    """Run ffmpeg and return its output and its log, which has more than errors where it is to tell."""
+    level = "level+info" if is_told else "level+error"
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", level, "-nostdin", "-nostats", "-hide_banner", *arguments]
     quiet = {**os.environ, "SVT_LOG": "1"}  # the AV1 encoder prints errors only
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, errors="replace", env=quiet) as process:
@@ -113,10 +166,16 @@ def run_ffmpeg(arguments: Iterable[str], complaint: str) -> str:
             if isinstance(error, subprocess.TimeoutExpired):
                 raise StimuliError(f"{complaint}: it takes longer than {LONGEST_S // 3600} hours") from error
             raise
-    if process.returncode != 0 or errors.strip():
-        reason = (errors.strip().splitlines() or [f"exit {process.returncode}"])[0]
-        raise StimuliError(f"{complaint}: {reason}")
-    return output
+    if process.returncode != 0 or _FAULT.search(errors):
+        fault = _FAULT.search(errors)
+        raise StimuliError(f"{complaint}: {_in_plain_words(fault[1] if fault else f'exit {process.returncode}')}")
+    return output, errors
+
+
+def _in_plain_words(reason: str) -> str:
+    """Return what ffmpeg complains of, and what it means where it is known."""
+    meaning = next((plain for words, plain in MEANINGS.items() if words in reason), "")
+    return f"{meaning} ({reason})" if meaning else reason
 
 
 def in_parallel(jobs: Sequence[tuple[str, Callable[[], None]]], progress: Progress) -> None:

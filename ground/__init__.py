@@ -1,0 +1,1 @@
+"""What both halves, `app` and `recon`, stand on; it imports neither, and nothing heavy."""

@@ -1,0 +1,148 @@
+"""Lenses by the names that calibrations give them: OpenCV's perspective models are kept, fisheyes are undistorted.
+
+A model that is not known is refused by its name; four numbers without a name are a question, as they are a fisheye's or
+a perspective camera's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.capture.images import CaptureError, is_video, read_image, read_video_frame, write_picture
+from recon.capture.pictures import copy_file
+from recon.geometry.rig import Camera
+from recon.storage.files import allowed
+
+NAME_KEYS = ("distortion_model", "distortionModel", "camera_model", "projection_model", "model")
+PERSPECTIVE = (
+    "plumb_bob",
+    "radtan",
+    "brown_conrady",
+    "rational_polynomial",
+    "thin_prism",
+    "pinhole",
+    "perspective",
+    "opencv",
+    "full_opencv",
+    "none",
+)
+FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "kb4", "kannalabrandt8", "opencv_fisheye")
+N_FISHEYE = 4
+
+
+@dataclass(frozen=True, eq=False)
+class FisheyeCamera(Camera):
+    """The pinhole camera that the undistorted pictures of a fisheye have: same K, same size, no distortion.
+
+    What a pinhole picture of that size cannot hold, at the edges, is cut off.
+
+    Parameters
+    ----------
+    lens : float64 (4,), k1 to k4 of the angle: r = theta (1 + k1 theta^2 + ... + k4 theta^8)
+
+    Source: Kannala, Brandt, "A generic camera model and calibration method for conventional, wide-angle, and fish-eye
+    lenses", 2006, as OpenCV's module fisheye has it.
+    """
+
+    lens: NDArray[np.float64] = field(default_factory=lambda: np.zeros(N_FISHEYE))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "lens", np.asarray(self.lens, np.float64).ravel())
+        if self.lens.shape != (N_FISHEYE,) or not np.isfinite(self.lens).all():
+            raise ValueError(f"a fisheye has {self.lens.size} distortion numbers, expected {N_FISHEYE} finite ones")
+        if self.dist.any() or self.K[0, 1]:
+            raise ValueError("a fisheye has perspective distortion or skew besides, which is not read")
+
+    @property
+    def pinhole(self) -> Camera:
+        """The camera of the undistorted pictures."""
+        return Camera(self.K, self.size, self.cam_from_world)
+
+    @cached_property
+    def _maps(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        columns, rows = cv2.fisheye.initUndistortRectifyMap(
+            self.K, self.lens, np.eye(3), self.K, self.size, cv2.CV_32FC1
+        )
+        return columns, rows
+
+    def undistorted(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Resample a picture (H, W) or (H, W, 3) as the pinhole camera would have taken it."""
+        if picture.shape[1::-1] != self.size:
+            width, height = picture.shape[1::-1]
+            raise CaptureError(f"a picture is {width}x{height}, its camera {self.size[0]}x{self.size[1]}")
+        return np.asarray(cv2.remap(picture, *self._maps, cv2.INTER_LANCZOS4), np.uint8)
+
+
+def model_name(*entries: Mapping[str, Any]) -> str | None:
+    """Return the first name of a camera's model in parts of a calibration; None where nothing names it."""
+    return next((str(entry[key]) for entry in entries for key in NAME_KEYS if isinstance(entry.get(key), str)), None)
+
+
+def with_lens(camera: Camera, model: str | None, dist: NDArray[np.float64]) -> Camera:
+    """Give a camera its lens: a `FisheyeCamera` if the model is one.
+
+    Parameters
+    ----------
+    camera : without distortion
+    model : as the calibration names it, in any case; None where it does not
+    dist : float64, its numbers in the shape of the file: a column (4, 1) without a name is OpenCV's fisheye, or k1, k2,
+        p1, p2
+
+    Raises
+    ------
+    CaptureError
+        If the model is not known, or four numbers have no name.
+    """
+    name = None if model is None else model.lower().replace("-", "_").replace(" ", "_")
+    if name in FISHEYE:
+        lens = dist.ravel()
+        if lens.size == N_FISHEYE + 1 and not lens[-1]:  # programs that write five numbers whatever the model
+            lens = lens[:N_FISHEYE]
+        return FisheyeCamera(camera.K, camera.size, camera.cam_from_world, lens=lens)
+    if name is not None and name not in PERSPECTIVE:
+        raise CaptureError(
+            f"the camera model is {model}, expected one of {', '.join(PERSPECTIVE)} or {', '.join(FISHEYE)}; undistort "
+            "the pictures with the program that calibrated them"
+        )
+    if name is None and dist.shape == (N_FISHEYE, 1) and dist.any():
+        raise CaptureError(
+            "four distortion numbers in a column, without a name: a fisheye's, as cv2.fisheye.calibrate gives them, or "
+            "k1, k2, p1, p2 of a perspective camera? Add the line `distortion_model: equidistant` or "
+            "`distortion_model: plumb_bob` to the calibration"
+        )
+    return replace(camera, dist=dist)
+
+
+def stored(camera: Camera) -> Camera:
+    """Return the camera of the pictures that `copy_picture` writes."""
+    return camera.pinhole if isinstance(camera, FisheyeCamera) else camera
+
+
+def copied_suffix(camera: Camera, path: Path) -> str:
+    """Return the suffix of the file that `copy_picture` writes."""
+    return ".png" if isinstance(camera, FisheyeCamera) else path.suffix.lower()
+
+
+def copy_picture(camera: Camera, source: Path, target: Path, frame: int | None = None) -> None:
+    """Copy a picture as it is; of a fisheye, write it undistorted.
+
+    Parameters
+    ----------
+    frame : of a video, which one to write; None for a picture, or to copy a whole video of no fisheye
+    """
+    if not isinstance(camera, FisheyeCamera):
+        copy_file(source, target)
+        return
+    allowed(source)
+    picture = read_image(source) if frame is None or not is_video(source) else read_video_frame(source, frame)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_picture(target, camera.undistorted(picture))
