@@ -15,8 +15,12 @@ TSC := frontend/node_modules/typescript/bin/tsc
 export NO_MKDOCS_2_WARNING := 1  # about the documentation builder's own future
 unexport PYTHONDONTWRITEBYTECODE  # tests start hundreds of processes, which read compiled modules
 
+# What numba and pytest compile is compiled once, beside the types: processes that begin together would each do it anew.
+KERNELS := $(VENV)/.kernels
+BESIDE := $(MAKE) --no-print-directory --jobs 2 --output-sync=target
+
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check browser-code bench serve audit lock
+.PHONY: help setup demo test check types browser-code collected bench serve audit lock
 
 help:
 	@echo "make setup   install everything that demo and test need (seconds when it is there)"
@@ -40,17 +44,25 @@ test: export TEST_PACKAGES = ?r-base-core
 test: setup
 	ruff format --check $(SOURCES)
 	ruff check $(SOURCES)
-	mypy
+	@$(BESIDE) types $(KERNELS) collected browser-code
 	pytest $(PARALLEL) $(shell expr $(CORES) + 2) --durations=30 -m "not alone" || $(ONCE_MORE)
 	pytest -m alone tests/browser || $(ONCE_MORE)
-	@$(MAKE) --no-print-directory browser-code
 
 check: setup
 	ruff format $(SOURCES)
 	ruff check $(SOURCES)
-	mypy
+	@$(BESIDE) types $(KERNELS) browser-code
 	pytest $(PARALLEL) $(CORES) -m "not slow and not browser"
-	@$(MAKE) --no-print-directory browser-code
+
+types:
+	mypy
+
+$(KERNELS): $(shell grep --recursive --files-with-matches --include=*.py njit recon)
+	python -m tests.compiled_kernels
+	@touch $@
+
+collected:
+	@pytest --collect-only --quiet >/dev/null || true  # the run says what is wrong
 
 # The pages' scripts: their pure parts by node's own test runner, all types by TypeScript.
 browser-code:

@@ -40,7 +40,13 @@ FILE_TITLES = {
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the generated pages."""
     pages = {name: repository_page(source) for name, source in REPOSITORY_PAGES.items()}
-    pages |= {"commands.md": commands(), "settings.md": settings(), "files.md": file_keys(), "tables.md": tables()}
+    pages |= {
+        "commands.md": commands(),
+        "settings.md": settings(),
+        "files.md": file_keys(),
+        "tables.md": tables(),
+        "jobs.md": jobs(),
+    }
     for name, content in pages.items():
         files.append(File.generated(config, name, content=content))
     return files
@@ -120,11 +126,25 @@ def settings() -> str:
     from app.settings import Settings
     from app.study.option_fields import settings_of
     from app.study.options.options import StudyOptions
+    from app.study.questions.questionnaire import Question
 
     default = StudyOptions().model_dump()
     options = [
-        (f"`{setting.name}`", _described_setting(setting), _default(reduce(getitem, setting.name.split("."), default)))
+        (
+            f"`{setting.name}`",
+            _described_setting(setting),
+            _default(reduce(getitem, setting.name.split("."), default)),
+            setting.change,
+        )
         for setting in settings_of(StudyOptions)
+    ]
+    questions = [
+        (
+            f"`{setting.name}`",
+            _described_setting(setting),
+            "required" if info.is_required() else _default(info.default),
+        )
+        for setting, info in zip(settings_of(Question), Question.model_fields.values(), strict=True)
     ]
     prefix = str(Settings.model_config["env_prefix"])
     server = [
@@ -137,8 +157,12 @@ def settings() -> str:
         "Environment variables. Options of the command line override some of them for one run.",
         _table(("variable", "", "default"), server),
         "## Studies",
-        "Keys of the options file of `reconstudy study create --options` and of a study file.",
-        _table(("key", "", "default"), options),
+        "Keys of the options file of `reconstudy study create --options` and of a study file. When they [may "
+        "change](studies.md#options): any time, until somebody has begun, or until then and with new films.",
+        _table(("key", "", "default", "may change"), options),
+        "### Questions",
+        "Keys of each table `[[options.questions]]`.",
+        _table(("key", "", "default"), questions),
         "## Analyses",
         "Options of `reconstudy analyse`, and the fields of `app.analysis.AnalysisSettings`.",
         _table(("field", "", "default"), _fields(AnalysisSettings)),
@@ -161,7 +185,9 @@ def _fields(kind: type[Any]) -> list[tuple[str, str, str]]:
 
 
 def tables() -> str:
-    """Return the columns of every table of results that analysts fetch."""
+    """Return the columns of every table of results that analysts fetch, and the tables of an analysis."""
+    from app.analysis.report.write import COLUMNS
+    from app.analysis.tables import TABLES as ANALYSIS
     from app.web.analyst.columns import FURTHER, TABLES
 
     parts = [
@@ -172,6 +198,38 @@ def tables() -> str:
         every = columns | FURTHER.get(name, {})
         rows = [(f"`{column}`", _sentence(meaning)) for column, meaning in every.items()]
         parts += [f"## {name.replace('_', ' ')}", _table(("column", "is"), rows)]
+    kept = [
+        (
+            f"`{name}`",
+            table.row,
+            "; ".join(f"`{column}`: {meaning}" for column, meaning in table.columns.items()),
+            f"`{name}.csv`" if name in COLUMNS else "",
+        )
+        for name, table in ANALYSIS.items()
+    ]
+    parts += [
+        "## Tables of an analysis",
+        "In `analysis.json` of [an analysis](analysis.md#tables), with the columns that their names do not explain.",
+        _table(("table", "a row for each", "columns", "file"), kept),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def jobs() -> str:
+    """Return every kind of job with its fields."""
+    from app.operations.jobs.kinds import GROUPS
+
+    parts = [
+        "# Jobs",
+        "The kinds of [jobs](work.md), with their names over REST and the fields of their forms. An empty field takes "
+        "the default of the command.",
+    ]
+    for group, kinds in GROUPS.items():
+        parts.append(f"## {group}")
+        for kind in kinds:
+            rows = [(f"`{field.name}`", f"{field.label}: {field.help}".rstrip(": ")) for field in kind.fields]
+            does = f"{kind.help.rstrip('.')}. By `reconstudy {kind.command}`."
+            parts += [f"### {kind.title}: `{kind.name}`", does, _table(("field", ""), rows)]
     return "\n\n".join(parts) + "\n"
 
 

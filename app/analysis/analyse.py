@@ -38,9 +38,10 @@ from app.analysis.findings.votes import vote_findings
 from app.analysis.model.bradley_terry import fit_scores
 from app.analysis.model.contrasts import holm
 from app.analysis.model.settings import AnalysisSettings
-from app.analysis.objective.against_scores import measure_tables
+from app.analysis.objective.against_scores import compared_scores, measure_tables
 from app.analysis.objective.points import ScoreSet
 from app.analysis.objective.scores import score_sets
+from app.analysis.rates.rows import rate_differences, rate_rows
 from app.analysis.reading.phrases import listed
 from app.analysis.reading.read_votes import Rows, votes_from_rows
 from app.analysis.reading.votes_table import ALL, MAIN, WITHDRAWN, VotesError, VotesTable, only_compared
@@ -99,6 +100,8 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
         "triads_pooled": pooled_triads(screened),
         **random_effects,
         **measured,
+        "rates": [],
+        "rate_differences": rate_differences(compared, settings.as_dict()),
         "agreement": agreement_rows(used),
         "dataset_agreement": dataset_agreement_rows(by_dataset),
         "dataset_concordance": concordance(by_dataset, used),
@@ -118,6 +121,7 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
             *why_no_random_effects,
         ],
     }
+    analysis["rates"] = rate_rows(compared_scores(analysis), analysis["settings"])
     return analysis | {"findings": vote_findings(analysis)}
 
 

@@ -38,6 +38,8 @@ NOTED_IDS = ("slug", "label", "trial", "stage", "media")
 NO_ROUTE = "unknown"  # where an address matches none
 PARTICIPANT_COOKIE = "session"
 SESSION_HEADER = "Session-Id"  # the session that a page shows; the browser's cookie may name a newer one
+BROWSERS = (("Edg", "Edge"), ("OPR", "Opera"), ("Firefox", "Firefox"), ("Chrome", "Chrome"), ("Safari", "Safari"))
+SYSTEMS = ("Windows", "Android", "iPhone", "iPad", "Mac", "Linux")
 
 Headers = Mapping[str, str] | None
 
@@ -215,3 +217,11 @@ Store = Annotated[Database, Depends(_database)]
 Now = Annotated[datetime, Depends(_now)]
 ParticipantToken = Annotated[str, Depends(participant_token)]
 Participant = Annotated[SignedIn, Depends(participant)]
+
+
+def browser_of(request: Request) -> str | None:
+    """Name the browser and system of a request roughly, such as "Firefox on Linux"; None where it does not say."""
+    agent = request.headers.get("user-agent", "")
+    browser = next((name for mark, name in BROWSERS if f"{mark}/" in agent), None)
+    system = next((name for name in SYSTEMS if name in agent), None)
+    return " on ".join(filter(None, (browser, system))) or None

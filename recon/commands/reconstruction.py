@@ -76,6 +76,11 @@ class Reconstruct(Command):
     voxel: float | None = option(
         None, "Voxel size, mm; default: chosen from the depth resolution.", label="Voxel", low=0.01, high=10000
     )
+    pm: Literal["moving", "static"] = option(
+        "moving",
+        "What PM makes: moving, models of all frames; static, of the first alone, as the paper showed it.",
+        label="PM's models",
+    )
     temporal: bool = option(True, "Filter the depth maps in time to reduce flicker.", label="Filter depth in time")
     balance: bool = option(
         False, "Make the sensors' colours agree.", label="Balance colours", flags=("--balance-colours",)
@@ -161,6 +166,14 @@ class Render(Command):
         "Artificial background: studio, dark or plain.",
         label="Background",
         choices={"studio": "a bright studio", "dark": "a dark room", "plain": "one colour"},
+    )
+    light: str = option(
+        "studio",
+        "Light on meshes and clouds: studio, or flat for the colours that they bring, so that light is no giveaway "
+        "beside Gaussian splats, which always bring theirs.",
+        label="Light",
+        note="",
+        choices={"studio": "from the background, with shadows on the models", "flat": "none: the colours as they come"},
     )
     path: str = option(
         "auto",

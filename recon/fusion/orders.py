@@ -5,10 +5,9 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 
-from recon.cloud import merge_clouds
 from recon.fusion.views import check_clouds
 from recon.geometry.mesh import Cloud, Mesh, merge_meshes
-from recon.surface import NoSurfaceError, SurfaceParameters, surface_from_cloud, with_voxel
+from recon.surface import NoSurfaceError, SurfaceParameters, surface_from_cloud, surface_from_clouds, with_voxel
 
 
 class LeftOutWarning(UserWarning):
@@ -48,7 +47,7 @@ def fuse_before(clouds: Sequence[Cloud], parameters: SurfaceParameters = Surface
     A NoSurfaceError says that the points of all clouds together support no surface.
     """
     parameters = _checked(clouds, parameters)
-    return surface_from_cloud(merge_clouds(clouds), parameters)
+    return surface_from_clouds(clouds, parameters)
 
 
 def _checked(clouds: Sequence[Cloud], parameters: SurfaceParameters) -> SurfaceParameters:

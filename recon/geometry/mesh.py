@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from recon.geometry.splats import Splats
+
 RED, BLUE, GREY = np.array([178, 24, 43]), np.array([33, 102, 172]), 128  # ends of ColorBrewer's RdBu
 LIMIT_SHARE = 95  # percentile of the errors that gets the full colour
 LEAST_LIMIT_MM = 1e-3  # the rounding errors of an exact surface stay white
@@ -145,7 +147,7 @@ class Shape:
 
 
 @dataclass(frozen=True, eq=False)
-class Splats:
+class Discs:
     """A cloud to be drawn as it is: every point a round disc.
 
     Parameters
@@ -167,7 +169,7 @@ class Splats:
             raise ValueError(f"radius_mm is {self.radius_mm}, expected a length above 0")
 
 
-Model = Mesh | Splats  # what can be filmed
+Model = Mesh | Discs | Splats  # what can be filmed
 
 
 def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:

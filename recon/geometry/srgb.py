@@ -15,5 +15,10 @@ def srgb_bytes(linear: NDArray[np.floating]) -> NDArray[np.uint8]:
 
 def light_of_bytes() -> NDArray[np.float64]:
     """Tabulate the linear light of each sRGB byte, float64 (256,), from 0 to 1."""
-    encoded = np.arange(256) / 255
+    return light_of(np.arange(256) / 255)
+
+
+def light_of(encoded: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Decode sRGB (..., 3), from 0 to 1, to linear light, float64 (..., 3)."""
+    encoded = np.clip(np.asarray(encoded, np.float64), 0, 1)
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)

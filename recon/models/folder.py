@@ -9,12 +9,12 @@ from typing import Annotated
 
 from pydantic import AfterValidator
 
-from recon.models.read import READERS
+from recon.models.read import MODEL_SUFFIXES
 from recon.storage.files import check_safe_name
 
 NUMBERED = re.compile(r"(.*?)(\d+)")  # of a frame: any letters, then its number
 BESIDE = {".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".bin", ".txt", ".md", ".json"}
-FORMATS = ", ".join(READERS)
+FORMATS = ", ".join(MODEL_SUFFIXES)
 MOST_NAMED = 5  # of missing frames
 
 
@@ -30,7 +30,7 @@ def find_models(folder: Path) -> tuple[dict[str, tuple[Path, ...]], list[str]]:
             continue
         if path.is_dir():
             name, files = path.name, _frames(path, problems)
-        elif path.suffix.lower() in READERS:
+        elif path.suffix.lower() in MODEL_SUFFIXES:
             name, files = path.stem, (path,)
         else:
             if path.suffix.lower() not in BESIDE:
@@ -53,7 +53,7 @@ def find_models(folder: Path) -> tuple[dict[str, tuple[Path, ...]], list[str]]:
 def _frames(folder: Path, problems: list[str]) -> tuple[Path, ...]:
     """Return the models of an approach in order, and add to `problems` what is wrong with their names."""
     files = [path for path in sorted(folder.iterdir()) if not path.is_dir() and not path.name.startswith(".")]
-    frames = [path for path in files if path.suffix.lower() in READERS]
+    frames = [path for path in files if path.suffix.lower() in MODEL_SUFFIXES]
     if not frames:
         if not files or any(path.suffix.lower() not in BESIDE for path in files):
             problems.append(f"{folder}: holds no model that can be read; expected numbered files with {FORMATS}")

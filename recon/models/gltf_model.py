@@ -12,7 +12,7 @@ import struct
 from collections import deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 from urllib.parse import unquote
 
 import numpy as np
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from recon.geometry.glb import GLB_BINARY, GLB_JSON, GLB_MAGIC, WIDTHS
-from recon.geometry.srgb import light_of_bytes, srgb_bytes
+from recon.geometry.srgb import light_of, light_of_bytes, srgb_bytes
 from recon.models.atlas import SLACK
 from recon.models.part import Contents, Part, check_finite, decode_picture
 from recon.storage.files import why_no_file
@@ -28,7 +28,15 @@ from recon.storage.files import why_no_file
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 POINTS, TRIANGLES, STRIP, FAN = 0, 4, 5, 6
 REPEAT = 10497  # of a sampler
-READ_EXTENSIONS = {"KHR_materials_unlit", "KHR_mesh_quantization", "KHR_texture_transform", "EXT_texture_webp"}
+INSTANCES, VISIBILITY = "EXT_mesh_gpu_instancing", "KHR_node_visibility"
+READ_EXTENSIONS = {
+    "KHR_materials_unlit",
+    "KHR_mesh_quantization",
+    "KHR_texture_transform",
+    "EXT_texture_webp",
+    INSTANCES,
+    VISIBILITY,
+}
 BROKEN = (  # what reading raises where the document says something else than the standard
     KeyError,
     IndexError,
@@ -39,11 +47,18 @@ BROKEN = (  # what reading raises where the document says something else than th
     UnicodeDecodeError,
     json.JSONDecodeError,
 )
+WRITE_SRGB = ("trimesh", "Open3D")  # programs, as `asset.generator` names them
+VertexColours = Literal["linear", "srgb"]
 WHITE = 0.998  # vertex colours above that leave a texture as it is
 
 
-def read_gltf_model(path: Path) -> Contents:
+def read_gltf_model(path: Path, vertex_colours: VertexColours | None = None) -> Contents:
     """Read the model of a .glb or .gltf file.
+
+    Parameters
+    ----------
+    path : of the file
+    vertex_colours : what they are, where the standard's "linear" is not true; None where nobody says
 
     Raises
     ------
@@ -57,7 +72,7 @@ def read_gltf_model(path: Path) -> Contents:
     text, binary = _chunks(content) if is_binary else (content, None)
     contents = Contents([path])
     try:
-        reader = _Reader(json.loads(text), binary, contents)
+        reader = _Reader(json.loads(text), binary, contents, vertex_colours)
         reader.check()
         for node, world in reader.placed():
             for primitive in reader.mesh(node)["primitives"]:
@@ -92,7 +107,14 @@ def _chunks(content: bytes) -> tuple[bytes, bytes | None]:
 class _Reader:
     """Reads the parts of a glTF document, each buffer and picture once."""
 
-    def __init__(self, document: Mapping[str, Any], binary: bytes | None, contents: Contents) -> None:
+    def __init__(
+        self,
+        document: Mapping[str, Any],
+        binary: bytes | None,
+        contents: Contents,
+        vertex_colours: VertexColours | None,
+    ) -> None:
+        self._vertex_colours = vertex_colours
         self._document = document
         self._binary = binary
         self._contents = contents
@@ -127,14 +149,30 @@ class _Reader:
                     f"its node {index} has two parents, or goes in a circle; glTF has trees of nodes alone"
                 )
             node = nodes[index]
+            extensions = node.get("extensions", {})
+            if not extensions.get(VISIBILITY, {}).get("visible", True):
+                self._contents.warn("has nodes that are hidden, and stay so")
+                continue
             with np.errstate(invalid="ignore", over="ignore"):  # of numbers that are no transform
                 world = parent @ _transform(node)
             check_finite(world, "a row of a node's transform")
             self._worlds[index] = world
-            if "mesh" in node:
+            if "mesh" in node and INSTANCES in extensions:
+                placed += [(node, world @ place) for place in self._instances(extensions[INSTANCES]["attributes"])]
+            elif "mesh" in node:
                 placed.append((node, world))
             waiting += [(child, world) for child in node.get("children", ())]
         return placed
+
+    def _instances(self, attributes: Mapping[str, int]) -> list[NDArray[np.float64]]:
+        """Return the transform (4, 4) of each instance of a mesh, in its node."""
+        parts = {
+            entry: self._accessor(attributes[name]).astype(np.float64)
+            for name, entry in (("TRANSLATION", "translation"), ("ROTATION", "rotation"), ("SCALE", "scale"))
+            if name in attributes
+        }
+        n_instances = len(next(iter(parts.values()), ()))
+        return [_transform({entry: rows[number] for entry, rows in parts.items()}) for number in range(n_instances)]
 
     def mesh(self, node: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the mesh of a node."""
@@ -203,7 +241,7 @@ class _Reader:
         if material.get("alphaMode", "OPAQUE") != "OPAQUE":
             self._contents.warn("has transparent materials, which are shown opaque")
         factor = np.array(metallic.get("baseColorFactor", [1.0] * 4), dtype=np.float64)[:3]
-        linear = self._accessor(attributes["COLOR_0"])[:, :3] if "COLOR_0" in attributes else None
+        linear = self._linear_colours(attributes["COLOR_0"]) if "COLOR_0" in attributes else None
         texture = metallic.get("baseColorTexture")
         if not factor.any():  # black in any light: what it emits is all that shows
             factor = np.array(material.get("emissiveFactor", factor), dtype=np.float64)
@@ -226,6 +264,21 @@ class _Reader:
             self._contents.warn("has a texture that shall not repeat beyond its edges, but is repeated instead")
         uv[:, 1] = 1 - uv[:, 1]  # glTF counts from the upper edge
         return None, uv, self._picture(texture["index"], factor)
+
+    def _linear_colours(self, accessor: int) -> NDArray[Any]:
+        """Return the vertices' colours (N, 3) in linear light; some programs write sRGB instead."""
+        colours = self._accessor(accessor)[:, :3]
+        if self._vertex_colours == "srgb":
+            check_finite(colours, "colour")
+            return light_of(colours)
+        writer = str(self._document.get("asset", {}).get("generator", ""))
+        program = next((name for name in WRITE_SRGB if name.lower() in writer.lower()), None)
+        if program is not None and self._vertex_colours is None:
+            self._contents.warn(
+                f"was written by {program}, which stores the colours of vertices as sRGB where glTF has linear light: "
+                'it is shown too bright, unless scene.json says "vertex_colours": "srgb"; "linear" ends this warning'
+            )
+        return colours
 
     def _leaves(self, uv: NDArray[np.float64], texture: Mapping[str, Any]) -> bool:
         """Tell whether places (N, 2) lie beyond an edge of a texture at which it is mirrored or stops."""

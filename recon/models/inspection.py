@@ -10,14 +10,17 @@ from statistics import median_low
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.geometry.mesh import Model, Splats
+from recon.geometry.mesh import Discs, Model
 from recon.geometry.rig import Camera
+from recon.geometry.splats import Splats
 from recon.models.read import MM, Placement, read_model
 
 OTHER_UNIT = 30.0  # times as large as expected: no scene is so, but for its unit
 LIKE_A_UNIT = 4.0  # a ratio so far from that of two units points to them
 ODD_SIZE = 5.0  # times as large as expected: worth a warning
 GRID = 5  # points to a side of a model's box that a camera may see
+SEEN_OPACITY = 0.1
+STRAYS = (2, 98)  # percentiles of the coordinates of splats; strays lie beyond
 WATCHED = 20  # cameras of a path that are asked
 
 
@@ -31,6 +34,7 @@ class Facts:
     bounds : lowest and highest corner, mm; None where it cannot be read
     is_cloud : whether it is points without faces
     warnings : a clause each that follows the model's name
+    n_bytes : of its files; 0 where that is not known
     problem : why it cannot be filmed, a sentence; None if it can
     """
 
@@ -39,6 +43,7 @@ class Facts:
     is_cloud: bool = False
     warnings: tuple[str, ...] = ()
     problem: str | None = None
+    n_bytes: int = 0
 
     @property
     def size(self) -> float:
@@ -62,7 +67,7 @@ def inspect_model(path: Path, placement: Placement) -> Facts:
     if not (high > low).any():
         return Facts(problem=f"{path}: all its points are in one place")
     bounds = (tuple(low.tolist()), tuple(high.tolist()))
-    return Facts(model.digest, bounds, isinstance(model.model, Splats), model.warnings)
+    return Facts(model.digest, bounds, isinstance(model.model, Discs), model.warnings, n_bytes=model.n_bytes)
 
 
 def union(facts: Sequence[Facts]) -> NDArray[np.float64]:
@@ -133,7 +138,12 @@ def is_seen(facts: Facts, cameras: Sequence[Camera]) -> bool:
 
 
 def _box(model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    points = model.cloud.points if isinstance(model, Splats) else model.vertices
+    """Return the lowest and the highest corner; of splats, those of most that are seen, as some always fly far off."""
+    if isinstance(model, Splats):
+        seen = model.centres[model.opacities >= min(SEEN_OPACITY, float(model.opacities.max()))]
+        low, high = np.percentile(seen, STRAYS, axis=0)
+        return low, high
+    points = model.cloud.points if isinstance(model, Discs) else model.vertices
     return points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
 
 

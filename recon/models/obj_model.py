@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.polygons import cut_polygons
-from recon.models.part import Contents, Part, colours_from, decode_picture
+from recon.models.part import NEUTRAL, Contents, Part, cloud_part, colours_from, decode_picture
 from recon.storage.files import why_no_file
 
 OPTIONS = re.compile(r"-(\w+)((?:\s+(?:on|off|-?[\d.]+(?:e-?\d+)?))*)\s+")  # before the file's name in `map_Kd`
+WORD_OPTIONS = re.compile(r"-(?:type|imfchan|colorspace)\s+\S+\s+")  # likewise, with a word each
 FORMS = {  # of the corners of faces, all alike, with how many numbers a corner has; `++` never looks back
     re.compile(rf"(?:\s*+{corner})++\s*+"): n_numbers
     for corner, n_numbers in (
@@ -29,6 +30,7 @@ FORMS = {  # of the corners of faces, all alike, with how many numbers a corner 
         (r"-?\d++/-?\d++/-?\d++", 3),
     )
 }
+POSITION, POSITION_AND_COLOUR = 3, 6  # numbers of a vertex
 BLOCK = 100_000  # lines of faces that are taken apart at once
 OPAQUE = "has transparent materials, which are shown opaque"
 
@@ -73,17 +75,17 @@ def read_obj_model(path: Path) -> Contents:
         raise ValueError(why_no_file(path))
     lines = _lines(path)
     contents = Contents([path])
-    materials = _materials(contents, lines.libraries, {faces.material for faces in lines.faces})
-    vertices = _numbers(lines.vertices, "v", (3, 4, 6, 7, 8))
+    libraries = [name for names in lines.libraries for name in _library_names(path.parent, names)]
+    materials = _materials(contents, libraries, {faces.material for faces in lines.faces})
+    vertices, colours = _vertices(lines.vertices, contents)
     places, normals = _numbers(lines.places, "vt", (1, 2, 3)), _numbers(lines.normals, "vn", (3,))
-    colours = colours_from(vertices[:, 3:6]) if vertices.shape[1] >= 6 else None
     positions = vertices[:, :3]
     if not lines.faces:
-        contents.parts.append(Part(positions, np.zeros((0, 3), np.int64), None, colours))
+        contents.parts.append(cloud_part(contents, positions, None, colours))
         return contents
     for name in dict.fromkeys(faces.material for faces in lines.faces):
-        if name and lines.libraries and name not in materials:
-            raise ValueError(f"it uses the material {name!r}, which {', '.join(lines.libraries)} does not define")
+        if name and libraries and name not in materials:
+            contents.warn(f"uses the material {name!r}, which {', '.join(libraries)} does not define")
         material = materials.get(name, _Material())
         corners, counts = _corners(
             [faces for faces in lines.faces if faces.material == name], (len(vertices), len(places), len(normals))
@@ -101,6 +103,28 @@ def read_obj_model(path: Path) -> Contents:
         else:
             contents.parts.append(replace(part, uv=places[used[:, 1], :2], picture=material.picture))
     return contents
+
+
+def _library_names(folder: Path, names: str) -> list[str]:
+    """Return the files that a line `mtllib` names: several between spaces, or one whose name holds some."""
+    is_there = {name: (folder / name.replace("\\", "/")).is_file() for name in (names, *names.split())}
+    return names.split() if any(is_there.values()) and not is_there[names] else [names]
+
+
+def _vertices(lines: Sequence[str], contents: Contents) -> tuple[NDArray[np.float64], NDArray[np.uint8] | None]:
+    """Return vertices (N, 3 or more) and their colours; those of a file that has some are grey where they lack one."""
+    has_colour = np.array([len(line.split()) == POSITION_AND_COLOUR for line in lines], bool)
+    is_short = np.array([len(line.split()) == POSITION for line in lines], bool)
+    if not (has_colour.any() and is_short.any() and (has_colour | is_short).all()):
+        vertices = _numbers(lines, "v", (3, 4, 6, 7, 8))
+        return vertices, colours_from(vertices[:, 3:6]) if vertices.shape[1] >= POSITION_AND_COLOUR else None
+    contents.warn(f"has no colour at {np.count_nonzero(is_short)} of {len(lines)} vertices, which are shown grey")
+    coloured = _numbers([line for line, kept in zip(lines, has_colour, strict=True) if kept], "v", (6,))
+    plain = _numbers([line for line, kept in zip(lines, is_short, strict=True) if kept], "v", (3,))
+    vertices, colours = np.zeros((len(lines), POSITION)), np.full((len(lines), 3), NEUTRAL, np.uint8)
+    vertices[has_colour], vertices[is_short] = coloured[:, :POSITION], plain
+    colours[has_colour] = colours_from(coloured[:, POSITION:])
+    return vertices, colours
 
 
 def _shades(
@@ -282,8 +306,8 @@ def _colour(text: str, library: str) -> tuple[float, ...]:
 def _picture_name(text: str) -> str:
     """Return the file's name behind the options of `map_Kd`."""
     name = text
-    while option := OPTIONS.match(name):
-        if option[1] in ("s", "o", "t"):
+    while option := WORD_OPTIONS.match(name) or OPTIONS.match(name):
+        if option.re is OPTIONS and option[1] in ("s", "o", "t"):
             raise ValueError(f"its texture is moved or scaled by {option[0].strip()!r}, which is not read; bake it")
         name = name[option.end() :]
     return name.replace("\\", "/")

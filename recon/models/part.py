@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from recon.capture.images import is_cut_jpeg
 
 JPEG_START = b"\xff\xd8"
+NEUTRAL = 170  # sRGB grey of what has no colour
 FARTHEST = 1e12  # of a coordinate; beyond it is no scene, and areas would overflow
 PNG_START, PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
 
@@ -100,6 +101,35 @@ class Contents:
         if path not in self.files:
             self.files.append(path)
         return path.read_bytes()
+
+
+def cloud_part(
+    contents: Contents,
+    points: NDArray[np.float64],
+    normals: NDArray[np.floating] | None,
+    colours: NDArray[np.uint8] | None,
+) -> Part:
+    """Make a part of points, without those that are no finite numbers, as scanners write for what they did not see.
+
+    Parameters
+    ----------
+    contents : gets a warning that counts what is left out
+    points : float64 (N, 3)
+    normals : floating (N, 3); None where the file has none
+    colours : uint8 (N, 3); likewise
+    """
+    is_finite = np.isfinite(points).all(axis=1)
+    if is_finite.all():
+        return Part(points, np.zeros((0, 3), np.int64), normals, colours)
+    if not is_finite.any():
+        raise ValueError(f"none of its {len(points)} points has finite coordinates")
+    contents.warn(f"has {np.count_nonzero(~is_finite)} of {len(points)} points without finite coordinates, left out")
+    return Part(
+        points[is_finite],
+        np.zeros((0, 3), np.int64),
+        None if normals is None else normals[is_finite],
+        None if colours is None else colours[is_finite],
+    )
 
 
 def decode_picture(content: bytes, name: str) -> NDArray[np.uint8]:

@@ -19,7 +19,7 @@ from recon.geometry.ply import (
 )
 from recon.geometry.ply_elements import Elements, Lists
 from recon.geometry.polygons import cut_polygons
-from recon.models.part import Contents, Part, colours_from, decode_picture
+from recon.models.part import Contents, Part, cloud_part, colours_from, decode_picture
 
 COLOURS = (UINT8_COLOUR, ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
 PLACES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
@@ -40,8 +40,8 @@ def read_ply_model(path: Path) -> Contents:
     contents = Contents([path])
     if any(name in ply.columns("vertex") for name in GAUSSIANS):
         raise ValueError(
-            "it holds Gaussians, which only their own program draws; let that film them along SET/paths/DATASET.json, "
-            "and bring the video in by `reconstudy stimuli import`"
+            "it holds Gaussian splats, which have no surface to be measured; `render` films them, and `validate views` "
+            "compares them with photographs"
         )
     vertices = np.asarray(point_columns(path, ply, "xyz"), dtype=np.float64)
     normals = optional_columns(path, ply, FLOAT_NORMAL)
@@ -56,6 +56,9 @@ def read_ply_model(path: Path) -> Contents:
     ]
     if len(pictures) > 1:
         raise ValueError(f"it names {len(pictures)} textures, expected one; save it as OBJ or GLB, or bake one texture")
+    if not len(faces):
+        contents.parts.append(cloud_part(contents, vertices, normals, shades))
+        return contents
     if not pictures or (uv is None and corner_uv is None):
         part, of_faces = Part(vertices, faces, normals, shades), _face_colours(ply)
         if shades is None and of_faces is not None:

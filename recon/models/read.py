@@ -1,4 +1,4 @@
-"""A model of any format as what the renderer draws: one mesh, or splats, in the world in millimetres."""
+"""A model of any format as what the renderer draws: one mesh, discs or splats, in the world in millimetres."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.geometry.mesh import Cloud, Mesh, Model, Splats, check_resolved, stacked_faces
+from recon.geometry.mesh import Cloud, Discs, Mesh, Model, check_resolved, stacked_faces
 from recon.geometry.normals import UPWARDS, surface_normals, unit_normals
 from recon.geometry.rig import transformed
 from recon.models.atlas import one_texture
-from recon.models.gltf_model import read_gltf_model
+from recon.models.gltf_model import VertexColours, read_gltf_model
 from recon.models.obj_model import read_obj_model
-from recon.models.part import Contents, Part
+from recon.models.part import NEUTRAL, Contents, Part
 from recon.models.ply_model import read_ply_model
+from recon.models.splats.read import SPLAT_READERS, holds_splats, read_with_warnings
 from recon.storage.artefacts import file_digest
 from recon.storage.files import refused
 
 READERS: dict[str, Callable[[Path], Contents]] = {
     ".ply": read_ply_model,
     ".obj": read_obj_model,
-    ".glb": read_gltf_model,
-    ".gltf": read_gltf_model,
 }
+GLTF_SUFFIXES = (".glb", ".gltf")
+MODEL_SUFFIXES = tuple(dict.fromkeys([*READERS, *GLTF_SUFFIXES, *SPLAT_READERS]))
 MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
-NEUTRAL = 170  # sRGB grey of a model without colours
 Matrix = tuple[tuple[float, ...], ...]
 
 
@@ -41,11 +41,15 @@ class Placement:
     unit : of the file, a name in `MM`, as it is said to be
     world_from_model : 4x4, to mm, y up: a rotation with one scale, and a translation
     splat_mm : radius of the discs that a point cloud is drawn by, mm; None where none is stated
+    antialiased : whether splats were trained so, which few files say
+    vertex_colours : what those of glTF files are, where it is not linear light; None where nobody says
     """
 
     unit: str
     world_from_model: Matrix
     splat_mm: float | None = None
+    antialiased: bool = False
+    vertex_colours: VertexColours | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,15 +61,17 @@ class ReadModel:
     model : in the world
     digest : SHA-256 over all files that it was read from
     warnings : what is not shown as the file has it, a clause each that follows the model's name
+    n_bytes : of all files that it was read from
     """
 
     model: Model
     digest: str
     warnings: tuple[str, ...]
+    n_bytes: int = 0
 
 
 def read_model(path: Path, placement: Placement) -> ReadModel:
-    """Read a model in one of the formats of `READERS`.
+    """Read a model in one of the formats of `MODEL_SUFFIXES`.
 
     Parameters
     ----------
@@ -77,7 +83,9 @@ def read_model(path: Path, placement: Placement) -> ReadModel:
     ValueError
         If a file is missing or damaged, or there is nothing that can be drawn; the message begins with the path.
     """
-    contents = read_contents(path)
+    if holds_splats(path):
+        return _placed_splats(path, placement)
+    contents = read_contents(path, placement.vertex_colours)
     try:
         parts = [part for part in contents.parts if len(part.faces)]
         if parts:
@@ -86,14 +94,26 @@ def read_model(path: Path, placement: Placement) -> ReadModel:
             model: Model = _mesh([_placed(part, placement) for part in parts], contents)
         else:
             clouds = [_placed(part, placement) for part in contents.parts if len(part.vertices)]
-            model = _splats(clouds, contents, placement.splat_mm)
+            model = _discs(clouds, contents, placement.splat_mm)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
-    return ReadModel(model, _digest(contents.files), tuple(contents.warnings))
+    return ReadModel(model, _digest(contents.files), tuple(contents.warnings), _size(contents.files))
 
 
-def read_contents(path: Path) -> Contents:
+def _placed_splats(path: Path, placement: Placement) -> ReadModel:
+    splats, warnings = read_with_warnings(path)
+    moved = splats.moved(np.array(placement.world_from_model))
+    moved = replace(moved, antialiased=splats.antialiased or placement.antialiased)
+    return ReadModel(moved, _digest([path]), warnings, _size([path]))
+
+
+def read_contents(path: Path, vertex_colours: VertexColours | None = None) -> Contents:
     """Read what a model's file holds, in its own unit and axes.
+
+    Parameters
+    ----------
+    path : of the file
+    vertex_colours : of glTF, see `read_gltf_model`
 
     Raises
     ------
@@ -101,6 +121,8 @@ def read_contents(path: Path) -> Contents:
         If a file is missing or damaged; the message begins with the path.
     """
     try:
+        if path.suffix.lower() in GLTF_SUFFIXES:
+            return read_gltf_model(path, vertex_colours)
         return READERS[path.suffix.lower()](path)
     except OSError as error:
         raise refused(path, error) from error
@@ -122,7 +144,7 @@ def _mesh(parts: list[Part], contents: Contents) -> Mesh:
     return Mesh(vertices.astype(np.float32), faces, normals, colours, texture)
 
 
-def _splats(parts: list[Part], contents: Contents, radius_mm: float | None) -> Splats:
+def _discs(parts: list[Part], contents: Contents, radius_mm: float | None) -> Discs:
     if not parts:
         raise ValueError("holds neither faces nor points")
     if radius_mm is None:
@@ -137,7 +159,7 @@ def _splats(parts: list[Part], contents: Contents, radius_mm: float | None) -> S
     normals = np.tile(np.array(UPWARDS, np.float32), (len(vertices), 1))  # all are lit alike
     if all(part.normals is not None for part in parts):
         normals = unit_normals(np.concatenate([part.normals for part in parts if part.normals is not None]), normals)
-    return Splats(Cloud(vertices.astype(np.float32), normals, np.concatenate([_shades(p) for p in parts])), radius_mm)
+    return Discs(Cloud(vertices.astype(np.float32), normals, np.concatenate([_shades(p) for p in parts])), radius_mm)
 
 
 def _vertices(parts: list[Part]) -> NDArray[np.float64]:
@@ -189,6 +211,11 @@ def _coloured(part: Part) -> Part:
 def _shades(part: Part) -> NDArray[np.uint8]:
     """Return the vertices' colours, uint8 (N, 3); grey under a texture, which is shown instead."""
     return np.full((len(part.vertices), 3), NEUTRAL, np.uint8) if part.colours is None else part.colours
+
+
+def _size(files: list[Path]) -> int:
+    """Return the bytes of all files."""
+    return sum(file.stat().st_size for file in files)
 
 
 def _digest(files: list[Path]) -> str:

@@ -3,7 +3,8 @@ filmed."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -17,6 +18,8 @@ from recon.capture.format import CAPTURE_FILE, Capture, read_draft
 from recon.geometry.rig import Y_FROM, Camera, Rig, Sensor, look_at
 from recon.models.folder import SafeName
 from recon.models.read import MM, Placement
+from recon.models.splats.read import holds_splats
+from recon.models.trained_on import beside, world_from_trained
 from recon.storage.artefacts import file_digest
 from recon.storage.files import allowed, read_json
 from recon.storage.remote import is_there, place
@@ -51,6 +54,28 @@ class ScenePath(FilePart):
     file: Annotated[
         str | None, Field(description="a path file, in the world of the models after `world_from_model`")
     ] = None
+
+
+class Placed(FilePart):
+    """How the models of an approach stand that stand in another way than the others of the folder."""
+
+    units: Annotated[Literal["mm", "cm", "m"] | None, Field(description="of its files")] = None
+    up: Annotated[Literal["x", "y", "z", "-x", "-y", "-z"] | None, Field(description="its axis that points up")] = None
+    world_from_model: Annotated[
+        list[Row] | None,
+        Field(min_length=4, max_length=4, description="as that of the folder, which does not count for it"),
+        Expected("four rows of four numbers"),
+    ] = None
+    trained_on: Annotated[
+        str | None,
+        Field(
+            description="`dataparser_transforms.json` of nerfstudio, `transforms.json` or the folder of a COLMAP model "
+            "that it was trained on, made from `capture export`; says unit, axes and place, so that nothing else may"
+        ),
+    ] = None
+    antialiased: Annotated[
+        bool, Field(description="whether its splats were trained with antialiasing (Mip-Splatting)")
+    ] = False
 
 
 class SceneContent(WholeFile):
@@ -92,9 +117,21 @@ class SceneContent(WholeFile):
     static: Annotated[
         list[str], Field(description="approaches of which only the first model is shown"), Expected("a list of names")
     ] = Field(default_factory=list)
+    placements: Annotated[
+        dict[str, Placed],
+        Field(description="approaches that stand in another way than the others, such as splats"),
+        Expected("{APPROACH: {KEY: VALUE}}"),
+    ] = Field(default_factory=dict)
     splat_mm: Annotated[
         float | None,
         Field(gt=0, description="radius of the discs that point clouds are drawn by, mm; needed for clouds"),
+    ] = None
+    vertex_colours: Annotated[
+        Literal["linear", "srgb"] | None,
+        Field(
+            description="what the colours of vertices in GLB and glTF files are: linear light by the standard; trimesh "
+            "and Open3D write sRGB; empty: linear, with a warning where one of these wrote the file"
+        ),
     ] = None
 
 
@@ -115,7 +152,8 @@ class SceneFile:
     file : its path
     content : as it stands there
     dataset, fps : name of the scene, and frames a second of the models
-    placement : how every model comes into the world
+    placement : how a model comes into the world whose approach has none of its own
+    placements : those of approaches that have
     path : where the cameras come from
     bounds : float64 (2, 3), mm, of what is filmed; None where they follow from the models
     levels : factor -> level of approaches that have some
@@ -131,6 +169,24 @@ class SceneFile:
     bounds: NDArray[np.float64] | None
     levels: dict[str, dict[str, str]]
     static: tuple[str, ...]
+    placements: Mapping[str, Placement] = field(default_factory=dict)
+
+    def placement_of(self, approach: str, model: Path, problems: list[str]) -> Placement:
+        """Return how the models of an approach come into the world, and add to `problems` why it cannot be told.
+
+        Splats that lie beside the file of their training stand where it says.
+
+        Parameters
+        ----------
+        approach : its name
+        model : its first file
+        problems : sentences
+        """
+        if approach in self.placements:
+            return self.placements[approach]
+        if (file := beside(model)) is not None and holds_splats(model):
+            return _trained(self.placement, file, self.path.capture, problems)
+        return self.placement
 
     @property
     def digest(self) -> str:
@@ -161,7 +217,18 @@ def read_scene_file(folder: Path) -> tuple[SceneFile | None, list[str]]:
         return None, [f"{file}: {problem}" for problem in problems]
     if path.capture is not None:
         bounds = path.capture.bounds
-    placement = Placement(content.units, tuple(map(tuple, matrix.tolist())), content.splat_mm)
+    placement = Placement(
+        content.units,
+        tuple(map(tuple, matrix.tolist())),
+        content.splat_mm,
+        vertex_colours=content.vertex_colours,
+    )
+    placements = {
+        approach: _placed(placed, content, folder, path.capture, problems)
+        for approach, placed in content.placements.items()
+    }
+    if problems:
+        return None, [f"{file}: {problem}" for problem in problems]
     return (
         SceneFile(
             file,
@@ -173,6 +240,7 @@ def read_scene_file(folder: Path) -> tuple[SceneFile | None, list[str]]:
             bounds,
             content.levels,
             tuple(content.static),
+            placements,
         ),
         [],
     )
@@ -227,6 +295,39 @@ def _path_source(folder: Path, path: ScenePath, problems: list[str]) -> PathSour
         problems.append(f"path.sensors_of: {draft.problems[0]}")
         return None
     return PathSource(capture=draft.capture)
+
+
+def _placed(
+    placed: Placed, content: SceneContent, folder: Path, capture: Capture | None, problems: list[str]
+) -> Placement:
+    """Return the placement of an approach that has one of its own."""
+    usual = Placement(content.units, (), content.splat_mm, placed.antialiased, content.vertex_colours)
+    if placed.trained_on is None:
+        stated = content.model_copy(
+            update={
+                "units": placed.units or content.units,
+                "up": placed.up or content.up,
+                "world_from_model": placed.world_from_model,
+            }
+        )
+        matrix = _world_from_model(stated, problems)
+        return replace(usual, unit=stated.units, world_from_model=tuple(map(tuple, matrix.tolist())))
+    if placed.units or placed.up or placed.world_from_model:
+        problems.append("placements: trained_on says where a model stands; leave out units, up and world_from_model")
+    try:
+        return _trained(usual, _beside(folder, placed.trained_on), capture, problems)
+    except ValueError as error:
+        problems.append(f"placements.trained_on: {error}")
+        return usual
+
+
+def _trained(usual: Placement, file: Path, capture: Capture | None, problems: list[str]) -> Placement:
+    try:
+        matrix = world_from_trained(file, capture)
+    except (ValueError, OSError) as error:
+        problems.append(str(error))
+        return usual
+    return replace(usual, unit="m", world_from_model=tuple(map(tuple, matrix.tolist())))
 
 
 def _beside(folder: Path, address: str) -> Path:

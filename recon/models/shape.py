@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from recon.geometry.mesh import Shape, Texture, stacked_faces
 from recon.models.part import Part
-from recon.models.read import read_contents
+from recon.models.read import GLTF_SUFFIXES, read_contents
 
-GLTF_SUFFIXES = (".glb", ".gltf")
 SHAPE_SUFFIXES = (".obj", *GLTF_SUFFIXES)
 GLTF_MM = 1000.0  # glTF's unit is the metre (glTF 2.0, section 3.4)
 

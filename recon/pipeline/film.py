@@ -23,7 +23,7 @@ from recon.render.encoding.quality import VideoCheck
 from recon.render.encoding.video import SILHOUETTE, VideoError, join_videos, probe_video, write_video
 from recon.render.frames import describe_renderer, render_masked_frames
 from recon.render.path_file import write_path
-from recon.render.scene import check_background, scene_around
+from recon.render.scene import check_background, scene_around, without_light
 from recon.storage.artefacts import Artefacts, code_version
 from recon.storage.files import read_json, write_json
 
@@ -31,6 +31,7 @@ PART_FRAMES = 50  # two groups of pictures; nothing is predicted across them, so
 PARTS = ".parts"
 LARGEST_SIDE = 16384  # pixels, which x264 takes
 WHERE = ("workers", "cluster", "device")  # options that say where work runs, not what is made
+LIGHTS = ("studio", "flat")
 LOOPS = ("repeat", "bounce", "static")
 
 
@@ -43,6 +44,7 @@ class RenderOptions:
     size : (width, height), pixels, both even
     fps, seconds : of the videos
     background : the name of an artificial background
+    light : "studio", or "flat": meshes and clouds have the colours that they bring, as splats always do
     path : a kind of `camera_path`, or the file of one (see `recon.render.path_file`)
     loop : "repeat" starts a recording again where it ends, "bounce" plays it back and forth, "static" shows its
         first model
@@ -57,6 +59,7 @@ class RenderOptions:
     fps: float = 25.0
     seconds: float = 15.0
     background: str = "studio"
+    light: str = "studio"
     path: str | Path = "auto"
     loop: str = "bounce"
     loops: Mapping[str, str] = field(default_factory=dict)
@@ -74,6 +77,8 @@ class RenderOptions:
             if not 0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} is {getattr(self, name):g}, expected a number above 0")
         check_background(self.background)
+        if self.light not in LIGHTS:
+            raise ValueError(f"light is {self.light!r}, expected one of {', '.join(LIGHTS)}")
         for loop in (self.loop, *self.loops.values()):
             if loop not in LOOPS:
                 raise ValueError(f"loop is {loop!r}, expected one of {', '.join(LOOPS)}")
@@ -144,6 +149,12 @@ class Film:
     def n_models(self) -> int:
         """The number of models that the loop goes through."""
         return 1 if self.loop == "static" else len(self.sequence.files)
+
+    @property
+    def model_bytes(self) -> int | None:
+        """Size of a model with its textures, the mean where the film shows several; None where it is not known."""
+        sizes = self.sequence.sizes[: self.n_models]
+        return round(fmean(sizes)) if sizes and all(sizes) else None
 
     @property
     def parts(self) -> list[range]:
@@ -223,6 +234,8 @@ def make_part(film: Film, out: Path, part: range, *, threads: int) -> tuple[int,
     def write(paths: list[Path]) -> None:
         cameras = film.cameras()
         scene = scene_around(film.bounds, cameras, film.options.background)
+        if film.options.light == "flat":
+            scene = without_light(scene)
         shown = film.shown
         models = (film.sequence.read(shown[frame]) for frame in part)
         frames = render_masked_frames(
@@ -261,6 +274,7 @@ def make_film(film: Film, out: Path) -> Stimulus:
         renderer=describe_renderer(film.options.renderer),
         model_frames=film.n_models,
         loop=film.loop,
+        model_bytes=film.model_bytes,
         quality=read_json(artefacts.path(quality)),
         mask=mask,
     )

@@ -131,7 +131,8 @@ def _foreign(sequences: Sequence[ModelSequence], facts: Mapping[Path, Facts]) ->
 
 
 def _with_digests(sequence: ModelSequence, facts: Mapping[Path, Facts]) -> ModelSequence:
-    return replace(sequence, digests=tuple(facts[file].digest for file in sequence.files))
+    known = [facts[file] for file in sequence.files]
+    return replace(sequence, digests=tuple(fact.digest for fact in known), sizes=tuple(fact.n_bytes for fact in known))
 
 
 def _without_faces(sequences: Sequence[ModelSequence], facts: Mapping[Path, Facts]) -> Iterator[str]:

@@ -28,6 +28,7 @@ class Stimulus:
     width, height, fps, n_frames, codec, renderer : of the video
     model_frames, loop : how many models it shows, and how they fill its length
     quality : how near the encoded frames are to the rendered ones
+    model_bytes : size of a model's files, the mean where it shows several; None where it is not known
     mask : path from the manifest of a video of the model's silhouette, white on black
     """
 
@@ -46,6 +47,7 @@ class Stimulus:
     loop: str
     quality: dict[str, Any]
     mask: str | None = None
+    model_bytes: int | None = None
 
 
 def write_manifest(

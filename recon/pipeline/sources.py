@@ -44,6 +44,7 @@ class ModelSequence:
     files, digests : of each model; of a models folder's, the digest is known once it was inspected
     placement : how models from outside come into the world; None for a run's meshes, which stand there
     is_still : whether it shows one model throughout, as nothing else is known of it
+    sizes : bytes of each model with what belongs to it, once it was inspected; 0 where that is not known
     """
 
     dataset: str
@@ -54,6 +55,7 @@ class ModelSequence:
     digests: tuple[str, ...]
     placement: Placement | None = None
     is_still: bool = False
+    sizes: tuple[int, ...] = ()
 
     def first(self) -> ModelSequence:
         """Return the sequence of its first model alone."""
@@ -203,7 +205,7 @@ def run_source(run: Run) -> Source:
     sequences = []
     levels = levels_of(run.approaches)
     for approach in run.approaches:
-        names = [mesh_name(approach, frame) for frame in run.frames]
+        names = [mesh_name(approach, frame) for frame in run.frames_of(approach)]
         sequences.append(
             ModelSequence(
                 run.dataset,
@@ -212,6 +214,7 @@ def run_source(run: Run) -> Source:
                 run.capture.fps,
                 tuple(run.folder / name for name in names),
                 tuple(run.artefacts.digests(names)),
+                is_still=approach in run.static,
             )
         )
     setting = Setting(address_of(run.folder), run.capture.bounds, run.capture.rig)
@@ -232,7 +235,7 @@ def inspect_file(file: Path, digest: str, placement: Placement | None) -> tuple[
             _check_unchanged(file, digest)
     except ValueError as error:
         return file, Facts(problem=str(error))
-    return file, Facts(digest)
+    return file, Facts(digest, n_bytes=0 if is_copy(file) else file.stat().st_size)
 
 
 def raise_problems(problems: Sequence[str]) -> None:
@@ -251,7 +254,7 @@ def _read_models_folder(folder: Path) -> tuple[Source | None, list[str]]:
     problems += faults
     if scene is None:
         return None, problems
-    for key, names in (("levels", scene.levels), ("static", scene.static)):
+    for key, names in (("levels", scene.levels), ("static", scene.static), ("placements", scene.placements)):
         problems += [
             f"{scene.file}: {key} names {name!r}, which has no model here; there are {', '.join(models) or 'none'}"
             for name in names
@@ -262,7 +265,8 @@ def _read_models_folder(folder: Path) -> tuple[Source | None, list[str]]:
         is_still = approach in scene.static or files[0].parent == folder
         levels = scene.levels.get(approach, {})
         empty = ("",) * len(files)
-        item = ModelSequence(scene.dataset, approach, levels, scene.fps, files, empty, scene.placement, is_still)
+        placement = scene.placement_of(approach, files[0], problems)
+        item = ModelSequence(scene.dataset, approach, levels, scene.fps, files, empty, placement, is_still)
         sequences.append(item)
     capture = scene.path.capture
     setting = Setting(

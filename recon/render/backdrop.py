@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from recon.geometry.mesh import Model
 from recon.geometry.rig import Camera
+from recon.geometry.splats import Splats
 from recon.render.heights import height_map
 from recon.render.rasterise import in_threads
 from recon.render.scene import Scene, floor_grid, floor_reach
@@ -29,6 +30,9 @@ def floor_shade(model: Model, scene: Scene) -> NDArray[np.float32]:
     background = scene.background
     if not background.has_floor:
         return np.zeros((2, 2), dtype=np.float32)
+    if isinstance(model, Splats):  # those of a sky or a room would darken the whole floor
+        low, high = scene.bounds
+        model = model.select(((model.centres >= low) & (model.centres <= high)).all(axis=1))
     straight, oblique = (
         height_map(model, grid)
         for grid in (floor_grid(scene, np.array([0.0, 1.0, 0.0])), floor_grid(scene, scene.to_light))

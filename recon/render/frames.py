@@ -13,13 +13,15 @@ from numpy.typing import NDArray
 
 from recon.geometry.mesh import Model
 from recon.geometry.rig import Camera
+from recon.geometry.splats import Splats
 from recon.render.backdrop import backdrop, floor_shade
 from recon.render.cut import are_all_drawn, cut_before
+from recon.render.discs import draw_discs
+from recon.render.gaussians.draw import draw_splats
 from recon.render.light import lit
 from recon.render.offscreen import NoRendererError, is_hardware, pyrender_frames, working_platform
 from recon.render.rasterise import draw_model
-from recon.render.scene import LitMesh, LitSplats, Scene, Shot, transformed
-from recon.render.splats import draw_discs
+from recon.render.scene import LitDiscs, LitMesh, Scene, Shot, transformed
 from recon.render.texture import NO_MIPMAPS, mipmaps
 
 GPU_DEVICES = ("/dev/dri", "/dev/nvidia0", "/dev/dxg")  # one of them exists wherever OpenGL has a GPU on Linux
@@ -32,8 +34,13 @@ def software_frames(shots: Iterable[Shot]) -> Iterator[NDArray[np.uint8]]:
     drawn: LitMesh | None = None
     texture = NO_MIPMAPS
     for shot in shots:
-        model, projected = shot.model, _projected(shot.model.vertices, shot.camera)
-        if isinstance(model, LitSplats):
+        model = shot.model
+        if isinstance(model, Splats):
+            draw_splats(shot.picture, model, shot.camera, threads=shot.threads)
+            yield shot.picture
+            continue
+        projected = _projected(model.vertices, shot.camera)
+        if isinstance(model, LitDiscs):
             reach = model.radius_mm * shot.camera.K[0, 0], model.radius_mm * shot.camera.K[1, 1]
             draw_discs(shot.picture, projected, model.colours, reach, threads=shot.threads)
         else:
@@ -59,14 +66,14 @@ def render_frames(
     renderer: str = "auto",
     threads: int = 1,
 ) -> Iterator[NDArray[np.uint8]]:
-    """Draw a mesh or splats in the scene for each camera.
+    """Draw a mesh, discs or splats in the scene for each camera.
 
     Parameters
     ----------
     meshes : the model of each frame in turn, or a function of the frame's number; the same object again is not lit anew
     cameras : one a frame, without distortion
     scene : as `scene_around` made it for the whole path, also where `cameras` are a part of it
-    renderer : a name in `RENDERERS`, or "auto" (see `choose_renderer`)
+    renderer : a name in `RENDERERS`, or "auto" (see `choose_renderer`); splats are drawn alike by all
     threads : how many threads the software renderer uses; its pictures do not depend on it
 
     Yields

@@ -6,20 +6,27 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.geometry.mesh import Model, Splats
+from recon.geometry.mesh import Discs, Model
+from recon.geometry.splats import Splats
 from recon.render.scene import TexelGrid
 
+CASTING_OPACITY = 0.5  # of splats that cast a shadow
+SPLAT_REACH = 1.5  # standard deviations to which they do
 LEAST_RADIUS = float(np.sqrt(0.5))  # texels; a smaller disc could lie between all centres of texels
 
 
 def height_map(model: Model, grid: TexelGrid) -> NDArray[np.float32]:
-    """Find the smallest depth at which a model meets each texel; discs of splats face along the grid's depth.
+    """Find the smallest depth at which a model meets each texel; discs and splats face along the grid's depth.
 
     Returns
     -------
     float32 (rows, columns), mm, infinite where the model does not reach
     """
     if isinstance(model, Splats):
+        casting = model.select(model.opacities >= CASTING_OPACITY)
+        radii = SPLAT_REACH * np.sqrt(np.sort(casting.scales, axis=1)[:, 1:].prod(axis=1))
+        return disc_heights(grid.project(casting.centres), radii / grid.texel, grid.shape)
+    if isinstance(model, Discs):
         return disc_heights(grid.project(model.cloud.points), model.radius_mm / grid.texel, grid.shape)
     return triangle_heights(grid.project(model.vertices), model.faces, grid.shape)
 
@@ -44,13 +51,15 @@ def triangle_heights(
     return heights
 
 
-def disc_heights(points: NDArray[np.float32], radius: float, shape: tuple[int, int]) -> NDArray[np.float32]:
+def disc_heights(
+    points: NDArray[np.float32], radius: float | NDArray[np.floating], shape: tuple[int, int]
+) -> NDArray[np.float32]:
     """Find the smallest third coordinate of the discs over each texel; every disc inside meets a texel at least.
 
     Parameters
     ----------
     points : float32 (N, 3): column, row, depth of each disc's middle
-    radius : of all discs, texels
+    radius : of all discs, or of each (N,), texels
     shape : (rows, columns)
 
     Returns
@@ -58,7 +67,8 @@ def disc_heights(points: NDArray[np.float32], radius: float, shape: tuple[int, i
     float32 (rows, columns), infinite where there is no disc
     """
     heights = np.full(shape, np.inf, dtype=np.float32)
-    _draw_discs(points, np.float32(max(radius, LEAST_RADIUS)), heights)
+    radii = np.broadcast_to(np.maximum(radius, LEAST_RADIUS), len(points)).astype(np.float32)
+    _draw_discs(points, radii, heights)
     return heights
 
 
@@ -89,11 +99,12 @@ def _draw_triangles(points, faces, heights):  # type: ignore[no-untyped-def]  # 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _draw_discs(points, radius, heights):  # type: ignore[no-untyped-def]  # numba
+def _draw_discs(points, radii, heights):  # type: ignore[no-untyped-def]  # numba
     """Lower each texel of `heights` to the smallest depth of the discs over its centre."""
-    farthest = np.float32(2 * (heights.shape[0] + heights.shape[1])) + radius
+    beyond = np.float32(2 * (heights.shape[0] + heights.shape[1]))
     for i in range(points.shape[0]):
-        x, y, depth = points[i, 0], points[i, 1], points[i, 2]
+        x, y, depth, radius = points[i, 0], points[i, 1], points[i, 2], radii[i]
+        farthest = beyond + radius
         if not (abs(x) < farthest and abs(y) < farthest):
             continue
         left, right = max(0, int(np.ceil(x - radius))), min(heights.shape[1] - 1, int(np.floor(x + radius)))

@@ -12,9 +12,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.geometry.mesh import Mesh, Model, Splats
+from recon.geometry.mesh import Discs, Mesh, Model
+from recon.geometry.splats import Splats
 from recon.render.heights import height_map
-from recon.render.scene import LitMesh, LitModel, LitSplats, Scene, light_grid
+from recon.render.scene import LitDiscs, LitMesh, LitModel, Scene, light_grid
 from recon.render.texture import drawable
 
 GAMMA = 2.2  # light multiplies linear values; for a power law that is gain ** (1 / GAMMA) on encoded ones
@@ -23,14 +24,16 @@ SHADOW_TAPS = 2  # texels to either side over which the shadow's edge is softene
 
 
 def lit(model: Model, scene: Scene) -> LitModel:
-    """Light a model by the scene's light.
+    """Light a model by the scene's light; splats keep the colours that they were trained with.
 
     Raises
     ------
     ValueError
         If a mesh has no faces, or a cloud no points.
     """
-    return lit_splats(model, scene) if isinstance(model, Splats) else lit_mesh(model, scene)
+    if isinstance(model, Splats):
+        return model
+    return lit_discs(model, scene) if isinstance(model, Discs) else lit_mesh(model, scene)
 
 
 def lit_mesh(mesh: Mesh, scene: Scene) -> LitMesh:
@@ -48,23 +51,23 @@ def lit_mesh(mesh: Mesh, scene: Scene) -> LitMesh:
     return LitMesh(mesh.vertices, mesh.faces, front, back, mesh.texture and drawable(mesh.texture))
 
 
-def lit_splats(splats: Splats, scene: Scene) -> LitSplats:
-    """Light the front of splats by the scene's light.
+def lit_discs(discs: Discs, scene: Scene) -> LitDiscs:
+    """Light the front of discs by the scene's light.
 
     Raises
     ------
     ValueError
         If there is no point.
     """
-    cloud = splats.cloud
+    cloud = discs.cloud
     if len(cloud) == 0:
         raise ValueError("the cloud has no points: there is nothing to render")
-    front, _ = _sides(splats, cloud.points, cloud.normals, cloud.colours, scene)
-    return LitSplats(cloud.points, front, splats.radius_mm)
+    front, _ = _sides(discs, cloud.points, cloud.normals, cloud.colours, scene)
+    return LitDiscs(cloud.points, front, discs.radius_mm)
 
 
 def _sides(
-    model: Model,
+    model: Mesh | Discs,
     points: NDArray[np.float32],
     normals: NDArray[np.float32],
     colours: NDArray[np.uint8],
@@ -76,7 +79,7 @@ def _sides(
     grid = light_grid(scene)
     shadow = height_map(model, grid)
     # A disc that faces the light stands out of an oblique surface by as much as its radius.
-    margin = np.float32(scene.radius * SHADOW_BIAS + (model.radius_mm if isinstance(model, Splats) else 0))
+    margin = np.float32(scene.radius * SHADOW_BIAS + (model.radius_mm if isinstance(model, Discs) else 0))
     # A point is tested where it lies a little off the surface, so that a surface does not shade itself.
     lifted = grid.project(points + normals * margin), grid.project(points - normals * margin)
     visible = _visibility(shadow, *lifted, _towards_light(normals, scene), margin)

@@ -2,7 +2,7 @@
 
 pyrender draws the lit model flat, so that the colours of its vertices and texture are shown as they are (its own lights
 would take them as linear), and the picture is laid over the same backdrop that the software renderer draws on. Its
-points are squares of one size in pixels, so splats are drawn as polygons, made anew for every frame.
+points are squares of one size in pixels, so discs are drawn as polygons, made anew for every frame.
 """
 
 from __future__ import annotations
@@ -20,15 +20,18 @@ from numpy.typing import NDArray
 
 from recon.geometry.mesh import Texture
 from recon.geometry.rig import OPENGL, Camera
-from recon.render.scene import LitMesh, LitModel, LitSplats, Shot
-from recon.render.splats import LEAST_RADIUS
+from recon.geometry.splats import Splats
+from recon.render.discs import LEAST_RADIUS
+from recon.render.gaussians.draw import draw_splats
+from recon.render.scene import LitDiscs, LitMesh, LitModel, Shot
 
 # In the order in which they are tried, with the Debian packages that hold them.
 PLATFORMS = {"egl": "libegl1 libegl-mesa0 libgl1-mesa-dri", "osmesa": "libosmesa6"}
 SOFTWARE_DRIVERS = ("llvmpipe", "softpipe", "swrast", "software")
 STRIPS = 8  # that a picture is drawn in: samples and read-back of a whole one of full HD take 120 MB, measured
 DISC_CORNERS = 8  # an octagon as large as the disc differs from it by 0.05 of the radius
-SPLATS_AT_ONCE = 2**16  # that pyrender copies several times on the way to OpenGL, about 1 kB each
+DISCS_AT_ONCE = 2**16  # that pyrender copies several times on the way to OpenGL, about 1 kB each
+Lens = tuple[Camera, float, float]  # with the smallest and the largest depth that it sees, mm
 PROBE_TIMEOUT_S = 60
 # In a process of its own: PyOpenGL cannot change its platform once loaded, and a broken driver may crash.
 PROBE = """
@@ -91,17 +94,24 @@ def pyrender_frames(shots: Iterable[Shot]) -> Iterator[NDArray[np.uint8]]:
     try:
         shown: LitModel | None = None
         for shot in shots:
+            model = shot.model
+            if isinstance(model, Splats):
+                draw_splats(shot.picture, model, shot.camera, threads=shot.threads)
+                yield shot.picture
+                continue
             width, height = shot.camera.size
             strip = -(-height // STRIPS)
             renderer = renderer or pyrender.OffscreenRenderer(width * scale, strip * scale)
             renderer.viewport_width, renderer.viewport_height = width * scale, strip * scale
-            if shot.model is not shown or isinstance(shot.model, LitSplats):
+            if model is not shown or isinstance(model, LitDiscs):
                 _empty(pyrender, renderer, scene)
-                scene.add(_placed(pyrender, shot))
-                shown = shot.model
+                scene.add(_placed(pyrender, model, shot.camera))
+                shown = model
+            depth = shot.camera.points_in_camera(model.vertices)[:, 2]
+            lens = (shot.camera, float(depth.min()), float(depth.max()))
             for top in range(0, height, strip):
                 part = shot.picture[top : top + strip]
-                _lay_over(part, _drawn(pyrender, renderer, scene, shot, top, scale)[: len(part)])
+                _lay_over(part, _drawn(pyrender, renderer, scene, lens, top, scale)[: len(part)])
             yield shot.picture
     finally:
         if renderer is not None:
@@ -133,11 +143,9 @@ def _empty(pyrender: Any, renderer: Any, scene: Any) -> None:
     scene.remove_node(lens)
 
 
-def _placed(pyrender: Any, shot: Shot) -> Any:
-    """Make a pyrender mesh of what a shot shows."""
-    if isinstance(shot.model, LitSplats):
-        return _discs(pyrender, shot.model, shot.camera)
-    return _two_sided(pyrender, shot.model)
+def _placed(pyrender: Any, model: LitMesh | LitDiscs, camera: Camera) -> Any:
+    """Make a pyrender mesh of a model."""
+    return _discs(pyrender, model, camera) if isinstance(model, LitDiscs) else _two_sided(pyrender, model)
 
 
 def _two_sided(pyrender: Any, mesh: LitMesh) -> Any:
@@ -166,7 +174,7 @@ def _texture(pyrender: Any, texture: Texture) -> Any:
     return pyrender.Texture(source=opaque, source_channels="RGBA")
 
 
-def _discs(pyrender: Any, splats: LitSplats, camera: Camera) -> Any:
+def _discs(pyrender: Any, discs: LitDiscs, camera: Camera) -> Any:
     """Make a pyrender mesh of polygons parallel to the picture, each as large as its disc."""
     angles = 2 * np.pi * np.arange(DISC_CORNERS) / DISC_CORNERS
     stretch = np.sqrt(np.pi / (DISC_CORNERS / 2 * np.sin(2 * np.pi / DISC_CORNERS)))  # of the corners, for equal areas
@@ -175,17 +183,17 @@ def _discs(pyrender: Any, splats: LitSplats, camera: Camera) -> Any:
     first = np.arange(1, DISC_CORNERS - 1)
     fan = np.stack([np.zeros_like(first), first, first + 1], axis=1)
     primitives = []
-    for start in range(0, len(splats.vertices), SPLATS_AT_ONCE):
-        middles = splats.vertices[start : start + SPLATS_AT_ONCE]
+    for start in range(0, len(discs.vertices), DISCS_AT_ONCE):
+        middles = discs.vertices[start : start + DISCS_AT_ONCE]
         depth = camera.points_in_camera(middles)[:, 2:]
-        across, along = (np.maximum(splats.radius_mm, LEAST_RADIUS * depth / camera.K[axis, axis]) for axis in (0, 1))
+        across, along = (np.maximum(discs.radius_mm, LEAST_RADIUS * depth / camera.K[axis, axis]) for axis in (0, 1))
         offsets = (across * corners[:, 0])[..., None] * right + (along * corners[:, 1])[..., None] * down  # (N, 8, 3)
         faces = fan + DISC_CORNERS * np.arange(len(middles))[:, None, None]
         primitives.append(
             pyrender.Primitive(
                 positions=(middles[:, None] + offsets).reshape(-1, 3).astype(np.float32),
                 indices=faces.reshape(-1, 3).astype(np.uint32),
-                color_0=_rgba(np.repeat(splats.colours[start : start + SPLATS_AT_ONCE], DISC_CORNERS, axis=0)),
+                color_0=_rgba(np.repeat(discs.colours[start : start + DISCS_AT_ONCE], DISC_CORNERS, axis=0)),
                 material=pyrender.MetallicRoughnessMaterial(doubleSided=True),
                 mode=pyrender.constants.GLTF.TRIANGLES,
             )
@@ -198,20 +206,20 @@ def _rgba(colours: NDArray[np.uint8]) -> NDArray[np.float32]:
     return np.pad(colours.astype(np.float32) / 255, ((0, 0), (0, 1)), constant_values=1)
 
 
-def _drawn(pyrender: Any, renderer: Any, scene: Any, shot: Shot, top: int, scale: int) -> NDArray[np.uint8]:
+def _drawn(pyrender: Any, renderer: Any, scene: Any, lens: Lens, top: int, scale: int) -> NDArray[np.uint8]:
     """Draw the model alone from row `top` on, uint8 (rows, W, 4): colours multiplied by coverage, and coverage."""
-    depth = shot.camera.points_in_camera(shot.model.vertices)[:, 2]
-    near = max(float(depth.min()) * 0.9, 1.0)
-    K = shot.camera.K
-    lens = pyrender.IntrinsicsCamera(
+    camera, nearest, farthest = lens
+    near = max(nearest * 0.9, 1.0)
+    K = camera.K
+    glass = pyrender.IntrinsicsCamera(
         fx=K[0, 0] * scale,
         fy=K[1, 1] * scale,
         cx=(K[0, 2] + 0.5) * scale,  # OpenGL counts from the picture's edge, not from a pixel's centre
         cy=(K[1, 2] - top + 0.5) * scale,
         znear=near,
-        zfar=max(float(depth.max()) * 1.1, near * 2),
+        zfar=max(farthest * 1.1, near * 2),
     )
-    node = scene.add(lens, pose=_world_from_gl_camera(shot.camera))
+    node = scene.add(glass, pose=_world_from_gl_camera(camera))
     flags = pyrender.RenderFlags.FLAT | pyrender.RenderFlags.RGBA
     drawn, distance = renderer.render(scene, flags=flags)
     scene.remove_node(node)

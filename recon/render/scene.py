@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from recon.geometry.mesh import Texture
 from recon.geometry.rig import Camera, bounds_corners, checked_bounds, look_at
+from recon.geometry.splats import Splats
 
 KEY_AZIMUTH_DEG = 35.0  # the light stands to the left behind the camera, as in a portrait
 KEY_ELEVATION_DEG = 55.0
@@ -123,7 +124,7 @@ class LitMesh:
 
 
 @dataclass(frozen=True, eq=False)
-class LitSplats:
+class LitDiscs:
     """Points with the colours to show, each as a disc that faces the camera.
 
     Parameters
@@ -138,7 +139,7 @@ class LitSplats:
     radius_mm: float
 
 
-LitModel = LitMesh | LitSplats
+LitModel = LitMesh | LitDiscs | Splats  # splats have the light that they were trained with
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +185,11 @@ def scene_around(bounds: NDArray[np.floating], cameras: Sequence[Camera], backgr
         raise ValueError("a scene needs the cameras that look at it, found none")
     bounds = checked_bounds(bounds)
     return Scene(BACKGROUNDS[background], bounds, _key_direction(bounds.mean(axis=0), cameras))
+
+
+def without_light(scene: Scene) -> Scene:
+    """Return a scene in which every model has the colours that it brings, as splats do; shadows on the floor stay."""
+    return replace(scene, background=replace(scene.background, ambient=1.0, sky=0.0))
 
 
 def transformed(points: NDArray[Real], transform: NDArray[Real]) -> NDArray[Real]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from recon.cloud import merge_clouds
 from recon.geometry.mesh import Cloud, Mesh
 from recon.surface.apss import signed_field
 from recon.surface.band import Band, band_around
@@ -15,11 +16,13 @@ from recon.surface.cells import Cells, Reach, extent_in_blocks, gather
 from recon.surface.components import drop_small_components
 from recon.surface.holes import close_holes
 from recon.surface.marching_cubes import march
+from recon.surface.vertex_colours import colour_vertices
 
 __all__ = [
     "NoSurfaceError",
     "SurfaceParameters",
     "surface_from_cloud",
+    "surface_from_clouds",
 ]
 
 BYTES_PER_BLOCK = SAMPLES * (4 + 12 + 12 + 6) + 27 * 4 * 2  # field, gradient, colour, vertex numbers; neighbours
@@ -82,9 +85,15 @@ class SurfaceParameters:
 
 
 def surface_from_cloud(cloud: Cloud, parameters: SurfaceParameters = SurfaceParameters()) -> Mesh:
-    """Fit the algebraic point set surface to a cloud and triangulate it.
+    """Fit the algebraic point set surface to a cloud and triangulate it, as `surface_from_clouds` does for several."""
+    return surface_from_clouds([cloud], parameters)
 
-    Holes stay open where no points support a surface, unless they are asked to be closed.
+
+def surface_from_clouds(clouds: Sequence[Cloud], parameters: SurfaceParameters = SurfaceParameters()) -> Mesh:
+    """Fit one algebraic point set surface to the points of all clouds and triangulate it.
+
+    Holes stay open where no points support a surface, unless they are asked to be closed. Where the clouds of several
+    sensors colour a vertex, the one with the most points there decides.
 
     Raises
     ------
@@ -93,9 +102,10 @@ def surface_from_cloud(cloud: Cloud, parameters: SurfaceParameters = SurfacePara
     ValueError
         If the samples would not fit into memory.
     """
+    cloud = merge_clouds(clouds)
     if len(cloud) < MIN_POINTS:
         raise NoSurfaceError(f"the cloud has {len(cloud)} points: a surface needs at least {MIN_POINTS}")
-    parameters = with_voxel([cloud], parameters)
+    parameters = with_voxel(clouds, parameters)
     voxel = parameters.voxel_mm
     assert voxel is not None
     cells, band = _sampled(cloud, voxel, parameters)
@@ -110,6 +120,7 @@ def surface_from_cloud(cloud: Cloud, parameters: SurfaceParameters = SurfacePara
         )
     mesh = Mesh((vertices * voxel).astype(np.float32), faces, normals, colours)
     mesh = drop_small_components(mesh, parameters.min_component)
+    mesh = colour_vertices(mesh, [cloud for cloud in clouds if len(cloud)], voxel)
     return close_holes(mesh, parameters.longest_rim_mm) if parameters.longest_rim_mm else mesh
 
 

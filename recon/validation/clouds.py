@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from recon.geometry.mesh import Shape, check_resolved
 from recon.geometry.mesh_files import read_ply_shape, read_points
 from recon.geometry.rig import UNITS_MM
-from recon.models.shape import GLTF_SUFFIXES, SHAPE_SUFFIXES, read_model_shape
+from recon.models.read import GLTF_SUFFIXES
+from recon.models.shape import SHAPE_SUFFIXES, read_model_shape
 from recon.storage.files import why_no_file
 from recon.validation.measures import COMBINED
 

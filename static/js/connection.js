@@ -26,6 +26,9 @@ export class Refusal extends Error {
   }
 }
 
+/** A film could not be shown in this browser; the server has been told. */
+export class FilmTrouble extends Error {}
+
 /**
  * @param {string} url
  * @param {RequestInit} [options]

@@ -2,7 +2,7 @@
 
 import { startBreak } from "./break-clock.js";
 import { checkBrowser } from "./browser-check.js";
-import { Refusal, onTrouble, patiently } from "./connection.js";
+import { FilmTrouble, Refusal, onTrouble, patiently } from "./connection.js";
 import { display } from "./display.js";
 import { keepsCookies, obstacleOf } from "./door.js";
 import { byId, required } from "./elements.js";
@@ -67,7 +67,7 @@ const STAGES = {
   trial: runTrials,
   interview: () => show("interview"),
   finished: () => end("thanks"),
-  withdrawn: () => show("withdrawn"),
+  withdrawn: () => end("withdrawn"),
   screened_out: () => end("screened-out"),
   timed_out: () => end("timed-out"),
 };
@@ -103,6 +103,7 @@ if ("trial" in announced) tellMinutes(announced);
 const obstacle = obstacleOf(page.dataset);
 if (obstacle) turnAway(obstacle);
 else if (page.dataset.state === "mine") guarded(resume);
+else if (page.dataset.ended === "true") beginNow(); // who has finished sees the code at once, in any browser
 else welcome();
 
 /** @param {import("./door.js").Obstacle} why */
@@ -171,6 +172,10 @@ async function goOn(before) {
   }
   const session = await patiently(readSession); // counts the votes that were still in this browser
   tellSession(session);
+  if (session.stopped) {
+    endByFilm();
+    return;
+  }
   trials.lastBreak = restOfBreak(session.progress.done) ? 0 : session.progress.done;
   if (session.stage !== "trial") await goTo(session);
   else if (session.was_away_long) showInstructions(1);
@@ -403,7 +408,9 @@ function leaveForGood() {
   trials.abandon();
   leaveFullScreen();
   showAtTheEnd("leaving");
-  (isErasing ? eraseForGood() : patiently(withdraw))
+  patiently(withdraw)
+    .then((session) => (ending = session.ending)) // before what was given is deleted, which knows the way back
+    .then(() => (isErasing ? eraseForGood() : null))
     .then(() => outbox.clear())
     .then(() => {
       byId("erased").hidden = !isErasing;
@@ -412,6 +419,7 @@ function leaveForGood() {
       forgetDraft();
       openLook.forget();
       showAtTheEnd("withdrawn");
+      showEnding(viewOf("withdrawn"), ending);
     })
     .catch((error) => explain(error, showAtTheEnd));
 }
@@ -442,7 +450,7 @@ async function guarded(part) {
   try {
     await part();
   } catch (error) {
-    if (!(await isTimeOver(error))) explain(error, show);
+    if (!(await isTimeOver(error)) && !(await hasStopped(error))) explain(error, show);
   } finally {
     isUnderWay = false;
   }
@@ -455,6 +463,27 @@ async function isTimeOver(error) {
   if (session?.stage !== "timed_out") return false;
   await goTo(session);
   return true;
+}
+
+/** Ends here where a film failed again: trying it once more would lead in a circle. @param {unknown} error */
+async function hasStopped(error) {
+  if (!outbox || !(error instanceof FilmTrouble)) return false;
+  console.error(error);
+  const session = await readSession().catch(() => null);
+  if (!session?.stopped) return false;
+  tellSession(session);
+  endByFilm();
+  return true;
+}
+
+/** Says that the study cannot go on, and leads back to the platform. */
+function endByFilm() {
+  const { heading, refused } = JSON.parse(page.dataset.problem ?? "{}");
+  const view = viewOf("problem");
+  view.children[0].textContent = heading;
+  view.children[1].textContent = refused;
+  required(HTMLElement, "[data-reload]", view).hidden = true;
+  end("problem");
 }
 
 /** @param {unknown} error @param {(view: string) => void} showView */

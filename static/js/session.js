@@ -15,6 +15,7 @@ import { Unreachable, request } from "./connection.js";
  * @property {Partial<Record<Stage, number>>} minutes about how long each stage takes
  * @property {boolean} was_away_long since the last answer
  * @property {string} resume_code
+ * @property {boolean} stopped whether a film has failed as often as it may be tried
  * @property {Ending | null} ending null before the end, or where the study says nothing of it
  * @property {string | null} language of all its texts; null: it was begun by another client than the page
  * @property {string | null} debriefing_html made by the server from the study's Markdown; null before the end
@@ -213,7 +214,7 @@ export function sendVoid(trial, record) {
   return call("PUT", `/session/trials/${encodeURIComponent(trial)}/void`, record);
 }
 
-/** Reports a film that could not be shown, for the server's log. @param {string} trial @param {string} why */
+/** Reports a film that could not be shown. @param {string} trial @param {string} why */
 export function tellTrouble(trial, why) {
   return call("PUT", `/session/trials/${encodeURIComponent(trial)}/trouble`, { why: why.slice(0, LONGEST_REASON) });
 }

@@ -1,6 +1,6 @@
 /** Runs a session's trials, fetches the next film meanwhile, and goes on for a trial while the server cannot be reached. */
 
-import { patiently } from "./connection.js";
+import { FilmTrouble, Refusal, patiently } from "./connection.js";
 import { Films } from "./films.js";
 import { watchPage } from "./happenings.js";
 import { readFilmsAhead, readNextTrial, sendVoid, tellTrouble } from "./session.js";
@@ -18,6 +18,7 @@ import { tell } from "./views.js";
 
 const SYNC_PATIENCE_MS = 1500; // before the study goes on without the server, with what is already here
 const FEWEST_AFTER_BREAK = 5;
+const NOT_FOUND = 404; // status of an answer: the film is missing
 const MOST_BETWEEN = 100; // happenings between two trials; a record has room for 500
 const NOTED_EVERY_MS = 500; // what a browser that crashes loses of a look
 /** @type {Promise<never>} for what was under way when the study was abandoned */
@@ -73,8 +74,9 @@ export class Trials {
     try {
       return await this.current.run(askedAt);
     } catch (error) {
-      tellTrouble(description.trial, String(error)).catch(() => {}); // it is for the log only
-      throw error;
+      if (error instanceof Refusal && error.status !== NOT_FOUND) throw error;
+      await tellTrouble(description.trial, String(error)).catch(() => {}); // the page says so in any case
+      throw new FilmTrouble(String(error), { cause: error });
     } finally {
       this.current = null;
       this.#watchUntilNext();

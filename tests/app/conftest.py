@@ -27,11 +27,9 @@ HERE = Path(__file__).parent
 ON_SQLITE = {"simulation", "web"}
 ON_BOTH = {
     "web/admin/participants/test_participants.py",
-    "web/admin/studies/test_study_pages.py",
     "web/admin/test_admin.py",
     "web/analyst/test_archive.py",
     "web/analyst/test_results.py",
-    "web/analyst/test_validation.py",
     "web/test_connections.py",
     "web/test_durability.py",
     "web/test_vote_path.py",

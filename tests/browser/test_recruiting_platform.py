@@ -77,9 +77,8 @@ def test_a_person_refuses_comes_back_agrees_in_two_tabs_and_is_paid(
         receives(elsewhere, platform)
         tab = elsewhere.new_page()
         tab.goto(link)
-        Visitor(tab).sees("welcome")
-        tab.keyboard.press("Enter")
         Visitor(tab).sees("thanks")
+        expect(tab.locator("[data-view=thanks] .completion code")).to_have_text(platform.codes["p-1"])
 
 
 def test_who_comes_back_in_another_browser_and_does_not_agree_is_not_told_that_nothing_was_recorded(
@@ -97,3 +96,26 @@ def test_who_comes_back_in_another_browser_and_does_not_agree_is_not_told_that_n
     page.get_by_role("button", name="Yes, withdraw").click()
     visitor.sees("withdrawn")
     assert [person["stage"] for person in study.read("participants")] == ["withdrawn"]
+
+
+def test_whose_film_fails_again_reads_one_calm_sentence_and_goes_home(
+    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
+) -> None:
+    platform = Platform()
+    receives(page.context, platform)
+    options = parse_options({"outside": OPTIONS, "pause_on_failures": 1})
+    study = new_study(short_films, 0.4, options)
+    page.route("**/media/*", lambda route: route.fulfill(body=b"no film", content_type="video/mp4"))
+    page.goto(platform.link(study.address, "p-1"))
+    visitor.reads_introduction()
+    visitor.sees("problem")
+    page.get_by_role("button", name="Try again").click()  # once: it may have been this moment alone
+    visitor.sees("resume")
+    page.keyboard.press("Enter")
+    visitor.sees("problem")
+    expect(page.locator("[data-view=problem]")).to_contain_text("The study cannot go on from here.")
+    expect(page.get_by_role("button", name="Try again")).to_be_hidden()
+    page.wait_for_url(f"{HOST}/no-consent?person=p-1")  # which gives the place back
+    assert [row["trial"] for row in study.read("failures")] == 2 * [study.read("trials")[0]["trial"]]
+    page.goto(study.address)
+    visitor.sees("problem")  # nobody is sent to the same film again

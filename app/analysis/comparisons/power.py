@@ -15,9 +15,9 @@ from app.analysis.model.bradley_terry import fit_scores
 from app.analysis.model.contrasts import SIGNIFICANT, differences, scores_of
 from app.analysis.model.scales import LOG_ODDS_PER_JOD
 from app.analysis.reading.votes_table import VotesTable, votes_from_indices
+from ground.progress import Progress, no_progress
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]  # what is being done, how many are done, how many there are
 Tell = Callable[[], None]
 
 WANTED_POWER = 0.8
@@ -25,10 +25,6 @@ LARGEST_EFFECT_JOD = 4.0
 HALVINGS = 9  # of the largest effect: to 0.01 JOD
 DEFAULT_SPREAD = 0.4  # log-odds; makes clustered errors about 1.4 times the naive ones, as on real panels
 DEFAULT_TIE_RATE = 0.2
-
-
-def _tell_nobody(*_told: str | int) -> None:
-    """Ignore progress."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +73,7 @@ def plan_study(
     *,
     effect_jod: float = 0.5,
     replicates: int = 400,
-    progress: Progress = _tell_nobody,
+    progress: Progress = no_progress,
 ) -> dict[str, Any]:
     """Return the power for a difference of two conditions, and the difference detected with 80 % power.
 
@@ -126,7 +122,7 @@ def _teller(progress: Progress, what: str, total: int) -> Tell:
     return lambda: progress(what, next(done), total)
 
 
-def power(plan: StudyPlan, effect_jod: float, seed: int, replicates: int, tell: Tell = _tell_nobody) -> float:
+def power(plan: StudyPlan, effect_jod: float, seed: int, replicates: int, tell: Tell = no_progress) -> float:
     """Return the share of simulated studies in which the two conditions differ significantly (5 %, t on
     participants).
 
@@ -191,7 +187,7 @@ def simulate_votes(plan: StudyPlan, abilities: Array, rng: np.random.Generator) 
     return votes_from_indices(who, dataset, low[pair], high[pair], choice, names=names)
 
 
-def detectable_jod(plan: StudyPlan, seed: int, replicates: int, tell: Tell = _tell_nobody) -> float | None:
+def detectable_jod(plan: StudyPlan, seed: int, replicates: int, tell: Tell = no_progress) -> float | None:
     """Return the difference detected with 80 % power; None if it is larger than any considered.
 
     Every difference uses the same random numbers, so the power rises almost steadily with it.

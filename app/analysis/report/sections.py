@@ -12,6 +12,7 @@ from app.analysis.objective.against_scores import score_unit
 from app.analysis.objective.prediction import measures_by_rank
 from app.analysis.reading.phrases import p_phrase, with_interval
 from app.analysis.reading.votes_table import ALL
+from app.analysis.report.rate_sections import rate_section
 from app.analysis.report.rating_sections import rating_sections
 from app.analysis.report.tables import ROWS, Analysis, Figures, Row, section, table
 
@@ -38,6 +39,8 @@ def sections(analysis: Analysis, figures: Figures) -> Iterator[dict[str, Any]]:
         yield _random_effects(analysis)
     if analysis["measures"]:
         yield _measures(analysis, figures)
+    if analysis["rates"]:
+        yield rate_section(analysis, figures)
     if analysis["scores_with_excluded"]:
         yield _excluded(analysis)
     if analysis["groups"]:

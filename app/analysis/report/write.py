@@ -36,6 +36,8 @@ COLUMNS = {
     "pairs": ("comparison", "dataset", "item_a", "item_b", "a", "b", "none"),
     "measures": ("measure", "dataset"),
     "measure_comparisons": ("measure_a", "measure_b"),
+    "rates": ("dataset", "item", "method", "level", "bytes", "score", "ci_low", "ci_high", "is_on_front"),
+    "rate_differences": ("dataset", "method_a", "method_b", "difference", "ci_low", "ci_high"),
     "rating_items": ("dataset", "condition", "is_reference", "n_ratings", "n", "mos"),
     "rating_conditions": ("condition", "n_datasets", "n_ratings", "n", "mos"),
     "rating_contrasts": ("item_a", "item_b", "difference", "se", "p_value", "p_holm"),

@@ -13,9 +13,12 @@ from typing import Any
 
 from app.ffmpeg import Progress, no_progress
 from app.files import file_digest
+from app.intake.reports import SIZES_FROM, Measure, model_sizes
 from app.intake.stimuli import MANIFEST, StimulusSet
 from app.operations.database import open_store
+from app.operations.studies.check_films import MOST_PLAYED_AT_ONCE, check_films, films_of, in_words
 from app.operations.studies.languages import read_languages
+from app.operations.studies.play_films import find_browser
 from app.operations.studies.prepare import prepare_study, prepared_columns
 from app.settings import Settings
 from app.store.database.engine import Database
@@ -24,6 +27,7 @@ from app.store.participants.invitations import insert_invitation
 from app.store.studies import studies
 from app.store.studies.audit import COMMAND_LINE, Actor, Entry, record
 from app.store.studies.images import copy_images
+from app.store.studies.measurements import measurement_records, replace_measurements
 from app.store.trials.designs import copy_design, insert_design, insert_practice
 from app.store.trials.orders import most_trials
 from app.study.languages.text import is_one_line
@@ -82,6 +86,7 @@ def create_study(
             study_id = studies.insert_study(connection, row)
             insert_design(connection, study_id, made.shown, made.pairs)
             insert_practice(connection, study_id, made.practice)
+            replace_measurements(connection, study_id, model_sizes(made.shown), now)
             code = insert_invitation(connection, study_id, None, now)
             detail = {"stimulus_set": made.set_name, "seed": chosen_seed, **_noted(notes)}
             record(connection, by, Entry("study created", study_id, slug, detail), now)
@@ -90,6 +95,10 @@ def create_study(
             study = studies.study_by_id(connection, study_id)
             assert study is not None, "it was just inserted"
             n_trials = most_trials(connection, study)
+            films = films_of(connection, study)
+        if find_browser(settings.check_browser):  # before anybody is invited
+            check = check_films(settings, study, films, now, most_played=MOST_PLAYED_AT_ONCE, progress=progress)
+            notes.append(in_words(check))
     return {
         "languages": {tag: refusal or "offered" for tag, refusal in refused_languages(wanted, packs).items()},
         "invitation": code,
@@ -159,6 +168,8 @@ def duplicate_study(database: Database, original: studies.Study, name: str, acto
         study_id = studies.insert_study(connection, {**row, **changes, "created_at": actor.now, "paused_at": actor.now})
         copy_design(connection, original.id, study_id)
         copy_images(connection, original.id, study_id)
+        sizes = [row for row in measurement_records(connection, original.id) if row["source"] == SIZES_FROM]
+        replace_measurements(connection, study_id, [Measure.model_validate(row) for row in sizes], actor.now)
         insert_invitation(connection, study_id, None, actor.now)
         record(
             connection, actor.name, Entry("study created", study_id, slug, {"duplicate_of": original.slug}), actor.now

@@ -5,6 +5,7 @@ from __future__ import annotations
 from app.errors import ConflictError
 from app.store.database.engine import Database
 from app.store.studies.audit import Actor
+from app.store.studies.film_failures import settle_failures
 from app.store.studies.studies import Standing, Study, lock_study, progress_of, set_standing
 from app.store.trials import deletion
 
@@ -15,6 +16,8 @@ def change_standing(database: Database, study: Study, standing: Standing, actor:
         return
     with database.writing() as connection:
         set_standing(connection, study.id, standing, actor.now)
+        if standing == "open":
+            settle_failures(connection, study.id, actor.now)  # else the rule would pause it again at once
         actor.note(connection, f"study {standing}", study, study.slug, before=study.standing)
 
 

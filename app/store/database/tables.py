@@ -460,6 +460,19 @@ vote = Table(
     CheckConstraint("first_shown in ('a', 'b')", name="first_shown"),
 )
 
+film_failure = Table(  # a film that a participant's browser could not show
+    "film_failure",
+    metadata,
+    key(),
+    reference("session"),
+    required("media", String(32)),  # of the pair, to compare or to practise with
+    required("trial", String(40)),
+    required("reason", String(300)),  # as the browser says it
+    required("browser", String(80)),
+    required("happened_at", UtcDateTime, index=True),
+    Column("settled_at", UtcDateTime),  # when somebody took note; NULL: nobody has, and it is an alarm
+)
+
 exclusion = Table(
     "exclusion",
     metadata,
@@ -561,6 +574,8 @@ job = Table(  # a task that the server does in a thread of its own
     Column("result", String(200)),  # where to go when it is done
     required("started_at", UtcDateTime),
     required("beat_at", UtcDateTime),  # its last sign of life
+    Column("work", JSON(none_as_null=True)),  # by which it is taken up after a restart; NULL: it is not
+    Column("cancelled_at", UtcDateTime),  # NULL: it is not to stop
     CheckConstraint("state in ('running', 'done', 'failed')", name="state"),
 )
 

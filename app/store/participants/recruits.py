@@ -40,6 +40,12 @@ def insert_recruit(
     connection.execute(insert(recruit).values(study_id=study_id, participant_id=participant_id, **values))
 
 
+def renew_visit(connection: Connection, session_id: int, arrival: Arrival) -> None:
+    """Keep the parameters of somebody's last visit: MTurk's assignment is another one each time."""
+    participants = select(session.c.participant_id).where(session.c.id == session_id).scalar_subquery()
+    connection.execute(update(recruit).where(recruit.c.participant_id == participants).values(kept=dict(arrival.kept)))
+
+
 def renew_codes(connection: Connection, study_id: int, options: OutsideOptions) -> None:
     """Give everybody under way a random completion code where their study makes some now, and take it where not."""
     rows = connection.execute(

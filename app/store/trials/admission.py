@@ -14,7 +14,7 @@ from app.store.database.engine import Database, insert_or_ignore
 from app.store.database.keys import digest, new_opaque_id, new_secret, token_of_key
 from app.store.database.tables import assignment, participant, session, shown_texts, trial
 from app.store.participants.invitations import Invitation, invitation_by_code, preview_invitation
-from app.store.participants.recruits import insert_recruit, session_of_outside_id
+from app.store.participants.recruits import insert_recruit, renew_visit, session_of_outside_id
 from app.store.studies.studies import Study, lock_study
 from app.store.trials.deletion import forget_preview_votes
 from app.store.trials.orders import n_taken_in, planned_trials, take_order_slot
@@ -88,7 +88,9 @@ def admit(database: Database, invitation: Invitation, admission: Admission, now:
                 raise ConflictError(WENT_ON_ELSEWHERE)
             return Admitted(token, is_new=False)
         if returning is not None:
+            assert arrival is not None, "it led to the session"
             _check_same_browser(connection, study_now, returning, admission.token)
+            renew_visit(connection, returning, arrival)
             secrets = {**token_digests(token), "begin_hash": digest(key) if key else None}
             connection.execute(update(session).where(session.c.id == returning).values(**secrets))
             return Admitted(token, is_new=False)

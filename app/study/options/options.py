@@ -362,6 +362,15 @@ class StudyOptions(Options):
             expected="hours, more than 0 and at most 1000000",
         ),
     ] = Field(default=24.0, gt=0, le=1_000_000)
+    pause_on_failures: Annotated[
+        int,
+        Setting(
+            "Pause after failing films",
+            "for so many people since the study was opened; 0: never",
+            section="limits",
+            change=ANY_TIME,
+        ),
+    ] = Field(default=3, ge=0, le=10_000)
     groups: Annotated[
         Groups,
         Setting(

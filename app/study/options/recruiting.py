@@ -6,20 +6,21 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 
 from app.study.option_fields import ANY_TIME, ListOf, Options, Setting
 
 Resume = Literal["anywhere", "same browser"]
-Ending = Literal["complete", "screened_out", "no_consent", "full"]
+Ending = Literal["complete", "screened_out", "no_consent", "full", "timed_out", "withdrawn", "failed"]
 
-ENDINGS: tuple[Ending, ...] = ("complete", "screened_out", "no_consent", "full")
+ENDINGS: tuple[Ending, ...] = get_args(Ending)
 PARAMETER = "[A-Za-z][A-Za-z0-9_.-]{0,39}"  # the name of a URL's parameter
 TAKEN_NAMES = ("another", "language", "code")  # parameters of our pages, and placeholders
 VALUE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._~@:+=-]{0,99}")  # no placeholder left unfilled, and no formula in a table
 PLACEHOLDER = re.compile(r"\{([^{}]*)\}")
+LEFT_TO_FILL = re.compile(r"YOUR-[A-Z-]+[A-Z]")  # of an address that a platform's preset begins
 MOST_KEPT = 10
 Address = Annotated[
     str, StringConstraints(pattern=r"^(https://[A-Za-z0-9.-]+(:\d{1,5})?(/[!-~]*|\?[!-~]*)?)?$", max_length=1000)
@@ -101,6 +102,21 @@ class OutsideOptions(Options):
     full_url: Annotated[
         Address, Setting("Address when nobody more is taken in", "empty: none", ANY_TIME, expected=AN_ADDRESS)
     ] = ""
+    timed_out_url: Annotated[
+        Address, Setting("Address when the time has run out", "empty: none", ANY_TIME, expected=AN_ADDRESS)
+    ] = ""
+    withdrawn_url: Annotated[
+        Address, Setting("Address after withdrawing", "empty: none", ANY_TIME, expected=AN_ADDRESS)
+    ] = ""
+    failed_url: Annotated[
+        Address,
+        Setting(
+            "Address when a film cannot be shown",
+            "empty: that without consent, which gives the place back",
+            ANY_TIME,
+            expected=AN_ADDRESS,
+        ),
+    ] = ""
     redirect_after_s: Annotated[
         int, Setting("Seconds until the browser goes there", "0: only by the button", ANY_TIME)
     ] = Field(default=10, ge=0, le=600)  # long enough to read that the code is on the page and where the browser goes
@@ -118,10 +134,12 @@ class OutsideOptions(Options):
     @property
     def without_codes(self) -> OutsideOptions:
         """The same without what a platform pays for: the completion code, and the addresses that lead back."""
-        return self.but(code="", complete_url="", screened_out_url="", no_consent_url="", full_url="")
+        return self.but(code="", **{f"{ending}_url": "" for ending in ENDINGS})
 
     def url(self, ending: Ending) -> str:
         """Return the address of an ending, with its placeholders; empty: none."""
+        if ending == "failed":
+            return self.failed_url or self.no_consent_url
         return str(getattr(self, f"{ending}_url"))
 
     def address(self, ending: Ending, arrival: Arrival | None, code: str = "") -> str:
@@ -227,6 +245,11 @@ def _check_together(options: OutsideOptions) -> None:
     if options.code and options.random_codes:
         raise ValueError(f"outside: code is {options.code!r} and random_codes true, expected one of them")
     for ending in ENDINGS:
+        if left := LEFT_TO_FILL.search(options.url(ending)):
+            raise ValueError(
+                f"outside: {ending}_url holds {left[0]}, which stands for what the platform shows you: put that in its "
+                "place, or empty the address"
+            )
         _check_placeholders(options, ending)
 
 

@@ -10,6 +10,7 @@ from fastapi.responses import RedirectResponse, Response
 
 from app.store.access.experimenters import Experimenter, Role
 from app.store.studies.studies import Study, progress_of
+from app.web.admin.alarms import alarm_in
 from app.web.gates import database, now, render
 
 TABS: tuple[tuple[str, str, Role], ...] = (
@@ -52,7 +53,8 @@ def study_page(
     context: dict[str, Any] | None = None,
     status_code: int = 200,
 ) -> Response:
-    """Render a page of a study, under its name and tabs."""
+    """Render a page of a study, under its name and tabs, and the alarm of films that fail."""
+    alarm = alarm_in(database(request), study)
     with database(request).reading() as connection:
         progress = progress_of(connection, study.id)
     base = f"/admin/studies/{study.slug}"
@@ -62,6 +64,7 @@ def study_page(
         "base": base,
         "tabs": _tabs(request.url.path, person, base),
         "sub_tabs": _sub_tabs(request.url.path, person, base),
+        "alarm": alarm,
     }
     return page(request, template, person, {**frame, **(context or {})}, status_code)
 

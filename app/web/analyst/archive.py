@@ -21,7 +21,7 @@ from app.store.studies.images import image_content, image_digests
 from app.store.studies.measurements import measurement_records
 from app.store.studies.studies import Study, study_by_id
 from app.store.trials.demographics import demographic_records
-from app.store.trials.designs import conditions_of
+from app.store.trials.designs import conditions_of, failing_films
 from app.store.trials.sessions import shown_wordings
 from app.store.trials.trial_records import trial_records
 from app.store.trials.vote_records import vote_records
@@ -137,6 +137,7 @@ def _tables(connection: Transaction, study_id: int) -> Iterator[tuple[str, Itera
     yield "demographics", demographic_records(connection, study_id)
     yield "validation", measurement_records(connection, study_id)
     yield "audit", audit_records(connection, study_id=study_id)
+    yield "failures", failing_films(connection, study_id)
 
 
 def _write_items(files: _Files, conditions: Mapping[str, Mapping[str, str]]) -> None:

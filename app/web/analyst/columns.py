@@ -319,6 +319,15 @@ SCREENING: Columns = {
     **COUNTING,
     "details": "more, as JSON",
 }
+FAILURES: Columns = {
+    "participant": PARTICIPANT,
+    "film": "what the film shows: dataset and conditions, or the practice",
+    "trial": "id of the trial",
+    "why": "what the browser says",
+    "browser": "browser and system",
+    "happened_at": "when it was told",
+    "noted_at": "when an experimenter took note, or the study was opened again; empty: not yet",
+}
 KINDS = {  # of columns that are no text: a Parquet file needs them for long tables, and where there are no values
     **dict.fromkeys((*OBSERVERS_OF_PAIRS, *OBSERVERS_OF_RATINGS), "float"),  # but those below
     **dict.fromkeys(("practice", "excluded", "frame_locked", "both_seen", "reference", "lighter_film"), "bool"),
@@ -340,7 +349,7 @@ KINDS = {  # of columns that are no text: a Parquet file needs them for long tab
     **dict.fromkeys(("pixel_mm", "distance_mm", "win_probability", "exposure_s", "left_s"), "float"),
     **dict.fromkeys(("served_at", "voided_at", "voted_at", "started_at", "finished_at"), "time"),
     **dict.fromkeys(("last_vote_at", "withdrawn_at", "erased_at", "at", "answered_at"), "time"),
-    **dict.fromkeys(("written_at", "attached_at", "created_at", "ended_at"), "time"),
+    **dict.fromkeys(("written_at", "attached_at", "created_at", "ended_at", "happened_at", "noted_at"), "time"),
 }
 TABLES: dict[str, Columns] = {
     "votes": VOTES,
@@ -358,6 +367,7 @@ TABLES: dict[str, Columns] = {
     "observers": OBSERVERS,
     "validation": MEASUREMENTS,
     "audit": AUDIT,
+    "failures": FAILURES,
 }
 FURTHER: dict[str, Columns] = {  # columns that the study's protocol decides about
     "observers": OBSERVERS_OF_PAIRS | OBSERVERS_OF_RATINGS

@@ -26,7 +26,7 @@ from app.store.studies.measurements import measurement_records
 from app.store.studies.studies import Study, all_studies, progress_by_study, progress_of
 from app.store.trials.counted_votes import vote_state
 from app.store.trials.demographics import demographic_records
-from app.store.trials.designs import conditions_of, datasets_of, stimulus_names
+from app.store.trials.designs import conditions_of, datasets_of, failing_films, stimulus_names
 from app.store.trials.trial_records import SoughtRows, rows_by_session, trial_page, trial_state
 from app.store.trials.vote_records import vote_row
 from app.study.options.options import parse_options
@@ -217,6 +217,12 @@ def observers(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
 def validation(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
     """List the objective measures attached to the study, which the analysis compares with the scores."""
     return _records(measurement_records, database, study, chosen, "validation", (tables.measurement,))
+
+
+@router.get("/studies/{slug}/failures", responses=table_answers(columns.FAILURES), dependencies=READING)
+def failures(study: AStudy, database: Store, chosen: ChosenFormat) -> Response:
+    """List the films that browsers could not show: to whom, on what browser, and why; an alarm until it is noted."""
+    return _records(failing_films, database, study, chosen, "failures", (tables.film_failure, *COUNTING))
 
 
 @router.get("/studies/{slug}/analysis", responses=object_answers(ANALYSIS, tables_too=True), dependencies=READING)

@@ -32,6 +32,9 @@ class Metrics:
             buckets=LATENCY_BUCKETS_S,
             registry=self._registry,
         )
+        self.film_failures = Counter(
+            "reconstudy_film_failures", "Films that a participant's browser could not show.", registry=self._registry
+        )
         self._count_of = cache(lambda method, route, status: self.requests.labels(method, route, str(status)))
         self._times_of = cache(self.seconds.labels)  # cached, because finding a label takes longer than counting
         self._n_waiting = n_waiting

@@ -11,6 +11,7 @@ from app.errors import NoSessionError
 from app.store.database.engine import Database, Transaction
 from app.store.database.keys import resume_code
 from app.store.participants.recruits import recruit_of_session
+from app.store.studies.film_failures import is_stuck
 from app.store.studies.images import image_digests
 from app.store.trials.sessions import Session, done_of, last_answer_at, session_by_token
 from app.study.options.duration import stage_minutes
@@ -18,11 +19,16 @@ from app.study.options.own_texts import DEBRIEFING, NAME
 from app.study.options.recruiting import MOST_KEPT, Ending
 from app.study.options.wording import first_language, own_texts
 from app.study.protocols import Protocol
-from app.study.stages import FINISHED, SCREENED_OUT, TRIAL
+from app.study.stages import ENDS, FINISHED, SCREENED_OUT, TIMED_OUT, TRIAL, WITHDRAWN
 from app.web.markdown import render_markdown
 
 LONG_ABSENCE = timedelta(minutes=30)  # then the page shows the instructions again
-ENDING_OF: dict[str, Ending] = {FINISHED: "complete", SCREENED_OUT: "screened_out"}
+ENDING_OF: dict[str, Ending] = {
+    FINISHED: "complete",
+    SCREENED_OUT: "screened_out",
+    TIMED_OUT: "timed_out",
+    WITHDRAWN: "withdrawn",
+}
 
 UUID = r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"
 LinkName = Annotated[str, Field(max_length=40)]
@@ -129,6 +135,9 @@ class SessionView(BaseModel):
     language: str | None = Field(description="of all its texts; null: it was begun by another client than the page")
     was_away_long: bool = Field(description="the trials have begun, and the last answer is long ago")
     resume_code: str = Field(description="lets its participant go on in another browser")
+    stopped: bool = Field(
+        description="a film has failed in this session as often as it may be tried: `ending` says where to go"
+    )
     debriefing: str | None = Field(description="Markdown for the end; null before it, as it may tell what is compared")
     debriefing_html: str | None = Field(description="the same as HTML; raw HTML in it is escaped")
     ending: EndingView | None = Field(description="null before the end, and where the study says nothing of it")
@@ -170,7 +179,8 @@ def session_view(database: Database, session: Session, token: str, now: datetime
     with database.reading() as connection:
         done = done_of(connection, session.id)
         answered_at = last_answer_at(connection, session.id)
-        ending = _ending(connection, session)
+        has_stopped = session.stage not in ENDS and is_stuck(connection, session.id)
+        ending = _ending(connection, session, "failed" if has_stopped else ENDING_OF.get(session.stage))
         images = image_digests(connection, session.study_id) if session.stage == FINISHED else {}
     said = own_texts(session.options, session.language or first_language(session.options))
     debriefing = str(said.get(DEBRIEFING, "")) if session.stage == FINISHED else None
@@ -185,19 +195,19 @@ def session_view(database: Database, session: Session, token: str, now: datetime
         language=session.language,
         was_away_long=session.stage == TRIAL and answered_at is not None and now - answered_at > LONG_ABSENCE,
         resume_code=resume_code(token),
+        stopped=has_stopped,
         debriefing=debriefing,
         debriefing_html=None if debriefing is None else str(render_markdown(debriefing, images)),
         ending=ending,
     )
 
 
-def _ending(connection: Transaction, session: Session) -> EndingView | None:
+def _ending(connection: Transaction, session: Session, ending: Ending | None) -> EndingView | None:
     """Return where a session's participant goes, with the completion code of who has finished."""
-    if session.stage not in ENDING_OF or session.is_preview:
+    if ending is None or session.is_preview:
         return None
     options = session.options.outside
     recruit = recruit_of_session(connection, session.id)  # None, too, where the study took no ids when they began
-    ending = ENDING_OF[session.stage]
     code = (recruit.completion_code if recruit else "") or options.code if ending == "complete" else ""
     url = options.address(ending, recruit.arrival if recruit else None, code)
     if not code and not url:

@@ -8,11 +8,12 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Request, Response
 
 from app.errors import ConflictError, GoneError
+from app.store.studies.film_failures import Failure, note_failure
 from app.store.trials.designs import practice_pairs
 from app.store.trials.sessions import done_of
 from app.store.trials.trials import mark_served, next_trials, void_trial
 from app.study.stages import SCREENED_OUT, TIMED_OUT, TRIAL, is_past
-from app.web.gates import Now, Participant, Store, throttle
+from app.web.gates import Now, Participant, Store, browser_of, throttle
 from app.web.limits.throttle import REMARKS
 from app.web.participant.trial_bodies import (
     MediaView,
@@ -86,8 +87,23 @@ def void(
 
 @router.put("/trials/{trial}/trouble", status_code=204)
 def note_trouble(
-    trial: Annotated[str, Path(max_length=32)], body: TroubleBody, request: Request, signed_in: Participant
+    trial: Annotated[str, Path(max_length=32)],
+    body: TroubleBody,
+    request: Request,
+    signed_in: Participant,
+    database: Store,
+    now: Now,
 ) -> None:
-    """Say that a trial's film could not be shown, for the log; nothing changes, and the trial comes again."""
-    throttle(request).count(REMARKS, "remark", signed_in.session.public_id)
+    """Say that a trial's film could not be shown: an alarm for the experimenters, and many pause the study.
+
+    The trial comes again; `stopped` of the session says when that leads nowhere.
+    """
+    session = signed_in.session
+    throttle(request).count(REMARKS, "remark", session.public_id)
+    failure = Failure(trial, body.why, browser_of(request) or "")
+    with database.writing() as connection:
+        is_paused = note_failure(connection, session.study_id, session.id, failure, now)
+    request.app.state.metrics.film_failures.inc()
+    if is_paused:
+        log.error("study %s: paused, as films fail for many people", session.slug)
     log.warning("session %s: the film of trial %r was not shown: %r", signed_in.session.public_id, trial, body.why)

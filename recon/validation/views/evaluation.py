@@ -15,8 +15,9 @@ from recon.capture.format import Capture, read_capture
 from recon.capture.recording import chosen_frames
 from recon.cloud import CloudParameters
 from recon.execution.workers import Progress, no_progress
-from recon.geometry.mesh import Mesh
+from recon.geometry.mesh import Discs, Mesh
 from recon.geometry.mesh_files import read_mesh
+from recon.geometry.splats import Splats
 from recon.methods.approaches import FUSION_METHODS, parse_approach
 from recon.models.read import read_model
 from recon.pipeline.run import RUN_FILE, Run, mesh_name, read_run, recorded_in
@@ -159,12 +160,15 @@ def _renderings(
     run: Run, others: Mapping[str, ModelSequence], capture: Capture, photograph: Photograph
 ) -> Iterator[tuple[str, Rendering]]:
     for approach in run.approaches:
+        if photograph.frame not in run.frames_of(approach):
+            continue
         yield approach, rendered(_mesh(run.folder / mesh_name(approach, photograph.frame)), photograph.camera)
     for approach, sequence in others.items():
         number = 0 if sequence.is_still else run.frames.index(photograph.frame)
-        mesh = _other_mesh(sequence, number)
+        mesh = _other_model(sequence, number)
         rendering = rendered(mesh, photograph.camera)
-        yield approach, rendering.turned() if _is_inside_out(mesh, capture) else rendering
+        inside_out = isinstance(mesh, Mesh) and _is_inside_out(mesh, capture)
+        yield approach, rendering.turned() if inside_out else rendering
     if has_truth(capture, photograph.frame):
         yield FLOOR, rendered(_floor(run.folder, capture, photograph.frame), photograph.camera)
 
@@ -196,12 +200,12 @@ def _other_models(run: Run, folders: Sequence[Path]) -> dict[str, ModelSequence]
 
 
 @lru_cache(maxsize=4)
-def _other_mesh(sequence: ModelSequence, number: int) -> Mesh:
+def _other_model(sequence: ModelSequence, number: int) -> Mesh | Splats:
     assert sequence.placement is not None, "models of other programs have one"
     model = read_model(sequence.files[number], sequence.placement).model
-    if not isinstance(model, Mesh):
+    if isinstance(model, Discs):
         raise ValueError(
-            f"{sequence.files[number]}: has points and no faces; expected a mesh, to compare with photographs"
+            f"{sequence.files[number]}: has points and no faces; expected a mesh or splats, to compare with photographs"
         )
     return model
 

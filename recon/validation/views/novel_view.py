@@ -23,7 +23,9 @@ from recon.cloud import CloudParameters, cloud_from_disparity, crop_cloud
 from recon.fusion import FUSIONS
 from recon.geometry.mesh import Mesh
 from recon.geometry.rig import Camera
+from recon.geometry.splats import Splats
 from recon.render.cut import are_all_drawn, cut_before
+from recon.render.gaussians.draw import splat_layer
 from recon.render.rasterise import draw_model
 from recon.render.texture import NO_MIPMAPS, mipmaps
 from recon.studio.truth import MASK, read_depth
@@ -77,12 +79,12 @@ def photographs(capture: Capture, frames: Sequence[int]) -> Iterator[Photograph]
 
 
 class Rendering(NamedTuple):
-    """A mesh as a camera would see it.
+    """A model as a camera would see it.
 
     Parameters
     ----------
     picture : uint8 (H, W, 3), sRGB
-    covered : bool (H, W), where the mesh shows its front
+    covered : bool (H, W), where a mesh shows its front, or splats cover half of the pixel
     back : bool (H, W), where it shows its back: nothing there was seen from this side
     """
 
@@ -95,8 +97,10 @@ class Rendering(NamedTuple):
         return self._replace(covered=self.back, back=self.covered)
 
 
-def rendered(mesh: Mesh, camera: Camera) -> Rendering:
-    """Render a mesh without light; faces are counter-clockwise seen from their front."""
+def rendered(mesh: Mesh | Splats, camera: Camera) -> Rendering:
+    """Render a mesh without light, or splats; faces are counter-clockwise seen from their front."""
+    if isinstance(mesh, Splats):
+        return _rendered_splats(mesh, camera)
     white = np.full_like(mesh.colours, 255)
     colours, texture = (mesh.colours, NO_MIPMAPS) if mesh.texture is None else (white, mipmaps(mesh.texture))
     faces, projected = mesh.faces, _projected(mesh.vertices, camera)
@@ -113,6 +117,14 @@ def rendered(mesh: Mesh, camera: Camera) -> Rendering:
     full = np.clip(np.rint(picture / np.maximum(share, 1e-3)), 0, 255).astype(np.uint8)
     drawn, is_front = share[..., 0] >= COVERED, front[..., 0] * 2.0 >= cover[..., 0]
     return Rendering(full, drawn & is_front, drawn & ~is_front)
+
+
+def _rendered_splats(splats: Splats, camera: Camera) -> Rendering:
+    layer = splat_layer(splats, camera, camera.size)
+    share = 1 - layer[..., 3:]
+    full = np.rint(np.clip(layer[..., :3] / np.maximum(share, np.float32(1e-3)), 0, 1) * 255).astype(np.uint8)
+    drawn = share[..., 0] >= COVERED
+    return Rendering(full, drawn, np.zeros_like(drawn))
 
 
 def _projected(vertices: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:

@@ -16,6 +16,7 @@ import pytest
 
 import app.experiment.study
 import recon.experiment.plan
+import recon.validation.cloud_quality.evaluation
 import recon.validation.truth.evaluation
 from app.cli.experiments import Step, run_steps
 from app.experiment.measured import models_section
@@ -310,10 +311,11 @@ def test_reports_on_approaches_of_an_earlier_start_do_not_count(
 
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The scale `small`, but so that it takes half a minute: two scenes, two balls, three people."""
-    scale = recon.experiment.Scale((108, 192), (180, 180), 2, 10.0, 2, 1, (96, 54), 25.0, 0.2, ("ball", "face"))
+    """The scale `small`, but so that it takes twenty seconds: one scene, one ball, three people."""
+    scale = recon.experiment.Scale((108, 192), (140, 140), 2, 10.0, 1, 1, (96, 54), 25.0, 0.2, ("ball",))
     monkeypatch.setitem(recon.experiment.SCALES, "small", scale)
     monkeypatch.setattr(recon.validation.truth.evaluation, "N_SAMPLES", 2000)
+    monkeypatch.setattr(recon.validation.cloud_quality.evaluation, "USUAL_POINTS", 2000)
     for name, value in {"N_PEOPLE": 3, "N_MEN": 1, "N_TRAINED": 2, "LACKING": 1}.items():
         monkeypatch.setattr(app.experiment.study, name, value)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -298,3 +299,50 @@ def test_nodes_in_a_circle_are_refused_even_where_they_hold_no_mesh(tmp_path: Pa
     (tmp_path / "a.gltf").write_text(json.dumps(document))
     with pytest.raises(ValueError, match="circle"):
         read_contents(tmp_path / "a.gltf")
+
+
+def test_instances_of_a_mesh_stand_where_their_extension_says(tmp_path: Path) -> None:
+    moves = np.array([[0, 0, 0], [5, 0, 0], [0, 7, 0]], np.dtype("<f4"))
+    scales = np.array([[1, 1, 1], [2, 2, 2], [1, 1, 1]], np.dtype("<f4"))
+    instances = {"attributes": {"TRANSLATION": 1, "SCALE": 2}}
+    document, binary = gltf(
+        [(TRIANGLE, "VEC3"), (moves, "VEC3"), (scales, "VEC3")],
+        {
+            "nodes": [{"mesh": 0, "translation": [0, 0, 1], "extensions": {"EXT_mesh_gpu_instancing": instances}}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+            "extensionsRequired": ["EXT_mesh_gpu_instancing"],
+        },
+    )
+    vertices = mesh_from(glb(tmp_path / "a.glb", document, binary)).vertices.reshape(3, 3, 3)
+    for number in range(3):
+        np.testing.assert_allclose(vertices[number], TRIANGLE * scales[number] + moves[number] + (0, 0, 1))
+
+
+def test_nodes_that_a_file_hides_are_not_shown(tmp_path: Path) -> None:
+    document, binary = two_nodes()
+    n_shown = len(mesh_from(glb(tmp_path / "a.glb", document, binary)).faces)
+    document["nodes"][1]["extensions"] = {"KHR_node_visibility": {"visible": False}}
+    path = glb(tmp_path / "b.glb", document, binary)
+    assert len(mesh_from(path).faces) == n_shown - 1
+    assert any("nodes that are hidden" in warning for warning in read_model(path, IN_MM).warnings)
+
+
+@pytest.mark.parametrize("writer", ["https://github.com/mikedh/trimesh", "Open3D"])
+def test_colours_that_a_program_writes_as_srgb_are_warned_of_and_right_where_scene_json_says_so(
+    tmp_path: Path, writer: str
+) -> None:
+    bytes_written = np.array([[128, 200, 254, 255], [0, 1, 2, 255], [255, 64, 37, 255]], np.uint8)
+    document, binary = gltf(
+        [(TRIANGLE, "VEC3"), (bytes_written, "VEC4")],
+        {
+            "nodes": [{"mesh": 0}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 1}}]}],
+        },
+    )
+    document["asset"]["generator"] = writer
+    document["accessors"][1]["normalized"] = True
+    path = glb(tmp_path / "a.glb", document, binary)
+    assert any("stores the colours of vertices as sRGB" in warning for warning in read_model(path, IN_MM).warnings)
+    told = replace(IN_MM, vertex_colours="srgb")
+    assert mesh_from(path, told).colours.tolist() == bytes_written[:, :3].tolist()
+    assert read_model(path, told).warnings == read_model(path, replace(IN_MM, vertex_colours="linear")).warnings == ()

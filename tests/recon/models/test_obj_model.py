@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from recon.models.part import NEUTRAL
 from recon.models.read import read_contents, read_model
 from tests.recon.models.model_files import (
     BLUE,
@@ -94,10 +95,6 @@ WRONG_OBJ = {
     "word": (SQUARE + "f 1 2 x\n", "its faces are not readable"),
     "number": (SQUARE + "v 1 x 2\nf 1 2 3\n", "its v number 5 is '1 x 2', expected 3 numbers"),
     "nan": (SQUARE + "v 1 nan 2\nf 1 2 5\n", "its v number 5 is '1 nan 2', expected finite numbers"),
-    "material": (
-        "mtllib a.mtl\n" + SQUARE + "usemtl gold\nf 1 2 3\n",
-        "it uses the material 'gold', which a",
-    ),
     "places": (
         "mtllib a.mtl\n" + SQUARE + "usemtl skin\nf 1 2 3\n",
         "faces of its textured material 'skin' have no texture coordinates",
@@ -176,3 +173,32 @@ def test_transparency_is_pointed_out_by_either_name(tmp_path: Path, line: str, i
     path = text_file(tmp_path, "a.obj", f"mtllib a.mtl\n{SQUARE}usemtl red\nf 1 2 3\n")
     warnings = read_model(path, IN_MM).warnings
     assert any("transparent" in warning for warning in warnings) == is_warned_of
+
+
+def test_what_a_material_file_does_not_define_is_grey_with_a_warning(tmp_path: Path) -> None:
+    text_file(tmp_path, "a.mtl", "newmtl red\nKd 1 0 0\n")
+    path = text_file(tmp_path, "a.obj", f"mtllib a.mtl\n{SQUARE}usemtl gold\nf 1 2 3\n")
+    assert any(
+        "uses the material 'gold', which a.mtl does not define" in told for told in read_model(path, IN_MM).warnings
+    )
+    assert (mesh_from(path).colours == NEUTRAL).all()
+
+
+def test_one_line_names_several_material_files(tmp_path: Path) -> None:
+    text_file(tmp_path, "a.mtl", "newmtl red\nKd 1 0 0\n")
+    text_file(tmp_path, "b.mtl", "newmtl blue\nKd 0 0 1\n")
+    path = text_file(tmp_path, "a.obj", f"mtllib a.mtl b.mtl\n{SQUARE}usemtl red\nf 1 2 3\nusemtl blue\nf 1 3 4\n")
+    assert {tuple(colour) for colour in mesh_from(path).colours.tolist()} == {(255, 0, 0), (0, 0, 255)}
+
+
+def test_options_of_a_texture_that_are_words_are_no_part_of_its_name(tmp_path: Path) -> None:
+    picture(tmp_path / "skin.png", BLUE)
+    text_file(tmp_path, "a.mtl", "newmtl blue\nmap_Kd -colorspace sRGB -clamp on -imfchan l skin.png\n")
+    path = text_file(tmp_path, "a.obj", f"mtllib a.mtl\n{SQUARE}{PLACES}usemtl blue\nf 1/1 2/2 3/3\n")
+    assert texels(mesh_from(path)).tolist() == [list(BLUE)]
+
+
+def test_vertices_without_a_colour_among_coloured_ones_are_grey_and_counted(tmp_path: Path) -> None:
+    path = text_file(tmp_path, "a.obj", "v 0 0 0 1 0 0\nv 1 0 0\nv 1 1 0 1 0 0\nf 1 2 3\n")
+    assert mesh_from(path).colours.tolist() == [[255, 0, 0], [NEUTRAL] * 3, [255, 0, 0]]
+    assert "has no colour at 1 of 3 vertices, which are shown grey" in read_model(path, IN_MM).warnings

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from recon.geometry.mesh import Mesh, Splats
+from recon.geometry.mesh import Discs, Mesh
 from recon.models.read import NEUTRAL, Placement, read_model
 from tests.recon.models.model_files import BLUE, CORNERS, EYE, GREEN, IN_MM, RED, mesh_from, picture, texels, text_file
 
@@ -73,10 +73,10 @@ def test_a_model_without_colours_is_neutral_grey_and_says_so(tmp_path: Path) -> 
     assert read.warnings == ("has no colours and is shown in neutral grey",)
 
 
-def test_points_become_splats_of_the_stated_size(tmp_path: Path) -> None:
+def test_points_become_discs_of_the_stated_size(tmp_path: Path) -> None:
     path = text_file(tmp_path, "a.ply", ply(CORNERS, []))
     model = read_model(path, IN_MM).model
-    assert isinstance(model, Splats)
+    assert isinstance(model, Discs)
     assert (len(model.cloud), model.radius_mm) == (4, 2.0)
     with pytest.raises(ValueError, match=r'a\.ply: has points and no faces; state .* "splat_mm": 3, or add'):
         read_model(path, Placement("mm", EYE))
@@ -112,12 +112,12 @@ WRONG_PLY = {
     "empty": (ply(CORNERS, []).replace("element vertex 4", "element vertex 0"), "is not a whole PLY|holds no points"),
     "splat": (
         ply([f"{corner} 0" for corner in CORNERS], [], properties="property float f_dc_0\n"),
-        "it holds Gaussians, .* stimuli import",
+        "its splats have no property scale_0",
     ),
     "compressed splat": (
         "ply\nformat ascii 1.0\nelement vertex 1\nproperty uint packed_position\nproperty uint packed_color\n"
         "end_header\n7 8\n",
-        "it holds Gaussians, .* stimuli import",
+        "it has bounds of 0 chunks, expected 1 for 1 splats",
     ),
     "no ply": ("hello", "is not a whole PLY file"),
 }
@@ -140,3 +140,13 @@ def test_a_ply_with_colours_of_its_faces_has_them(tmp_path: Path) -> None:
     text = ply(CORNERS, ["3 0 1 2 1 200 1 10 1 10", "3 0 1 2 1 10 2 1 1 1 9"], face_properties=lists)
     with pytest.raises(ValueError, match="its faces have lists where numbers are expected"):
         read_model(text_file(tmp_path, "b.ply", text), IN_MM)
+
+
+def test_points_without_finite_coordinates_are_left_out_and_counted(tmp_path: Path) -> None:
+    path = text_file(tmp_path, "a.ply", ply([CORNERS[0], "nan nan nan", CORNERS[1], "0 inf 0"], []))
+    read = read_model(path, IN_MM)
+    assert isinstance(read.model, Discs)
+    assert len(read.model.cloud.points) == 2
+    assert "has 2 of 4 points without finite coordinates, left out" in read.warnings
+    with pytest.raises(ValueError, match="none of its 4 points has finite coordinates"):
+        read_model(text_file(tmp_path, "b.ply", ply(["nan 0 0"] * 4, [])), IN_MM)

@@ -24,7 +24,7 @@ RADIUS = 150.0
 
 
 def sphere(scale: float = 1.0) -> Mesh:
-    vertices, faces = ball(RADIUS * scale, 12 * scale)
+    vertices, faces = ball(RADIUS * scale, 25 * scale)
     normals = (vertices / np.linalg.norm(vertices, axis=1, keepdims=True)).astype(np.float32)
     return Mesh(vertices.astype(np.float32), faces, normals, np.full((len(normals), 3), 90, np.uint8))
 
@@ -77,7 +77,7 @@ OF_COLOURS = ("y_mse", "cb_mse", "cr_mse", "pointssim_colour")
 COMMANDS = {  # and where the report holds its numbers
     "table": ("sphere", "MODEL", "--radius", RADIUS, "--thresholds", "1:5:1"),
     "accuracy": ("mesh", "MODEL", "--truth", "TRUTH", "--thresholds", "1:5:1"),
-    "measures": ("cloud", "MODEL", "--reference", "TRUTH"),
+    "measures": ("cloud", "MODEL", "--reference", "TRUTH", "--density", 0.02),
 }
 
 

@@ -30,12 +30,9 @@ from app.store.studies.audit import Actor
 from app.web.admin.access.passwords import is_password, new_password_hash
 from app.web.admin.access.second_factor import is_code, new_totp_secret, totp_picture
 from app.web.admin.layout import page, see
-from app.web.gates import Now, Store, address, database, delete_cookie, now, throttle
+from app.web.gates import Now, Store, address, browser_of, database, delete_cookie, now, throttle
 from app.web.limits.throttle import SIGN_INS_AS
 from app.web.roles import EXPERIMENTER_COOKIE, Myself, Person, lacks_second_factor, set_experimenter_cookie
-
-BROWSERS = (("Edg", "Edge"), ("OPR", "Opera"), ("Firefox", "Firefox"), ("Chrome", "Chrome"), ("Safari", "Safari"))
-SYSTEMS = ("Windows", "Android", "iPhone", "iPad", "Mac", "Linux")
 
 Password = Annotated[str, Form(max_length=1000)]
 Code = Annotated[str, Form(max_length=40)]
@@ -155,14 +152,6 @@ def signed_out(request: Request) -> Response:
     answer = see("/admin/sign-in")
     delete_cookie(request, answer, EXPERIMENTER_COOKIE)
     return answer
-
-
-def browser_of(request: Request) -> str | None:
-    """Name the browser and system of a request roughly, such as "Firefox on Linux"; None where it does not say."""
-    agent = request.headers.get("user-agent", "")
-    browser = next((name for mark, name in BROWSERS if f"{mark}/" in agent), None)
-    system = next((name for name in SYSTEMS if name in agent), None)
-    return " on ".join(filter(None, (browser, system))) or None
 
 
 def _check_current(request: Request, database: Database, actor: Actor, password: str) -> None:

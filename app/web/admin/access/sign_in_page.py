@@ -21,12 +21,12 @@ from app.store.access.experimenters import (
 )
 from app.store.database.engine import Database
 from app.store.studies.audit import STRANGER, Entry, record, record_alone
-from app.web.admin.access.account_page import Password, browser_of, signed_in, signed_out
+from app.web.admin.access.account_page import Password, signed_in, signed_out
 from app.web.admin.access.passwords import is_password, new_password_hash
 from app.web.admin.access.second_factor import is_let_in
 from app.web.admin.layout import see
 from app.web.form_token import own_form, page_with_form
-from app.web.gates import Now, Store, address, cookie, throttle
+from app.web.gates import Now, Store, address, browser_of, cookie, throttle
 from app.web.limits.throttle import SECOND_FACTORS, SIGN_INS, SIGN_INS_AS
 from app.web.roles import EXPERIMENTER_COOKIE, Myself, signed_in_person
 

@@ -34,6 +34,7 @@ from app.store.participants.participants import (
 from app.store.participants.recruits import outside_ids_of, recruit_of, recruit_records
 from app.store.participants.screening import enter_result, screening_records, screening_verdicts
 from app.store.studies.audit import Entry, record
+from app.store.studies.film_failures import failures_by_person
 from app.store.studies.studies import Study
 from app.store.trials.counted_votes import vote_state
 from app.store.trials.sessions import new_resume_code
@@ -79,10 +80,12 @@ def participants_page(
         labels = [row["participant"] for row in people]
         outside_ids = outside_ids_of(connection, study.id, labels)
         verdicts = screening_verdicts(connection, study.id, labels)
+        failed = failures_by_person(connection, study.id)
     context = {
         "people": people,
         "list": shown,
         "outside_ids": outside_ids,
+        "failed": failed,
         "screened": {label: worded_verdicts(by_test) for label, by_test in verdicts.items()},
         "chosen": {"search": search, "standing": standing},
         "has_recruits": options.outside.is_on,

@@ -21,20 +21,23 @@ from app.store.participants.participants import (
     participant_records,
     session_state,
 )
-from app.store.studies.studies import Study, progress_of
+from app.store.studies.film_failures import settle_failures
+from app.store.studies.studies import Study, progress_of, study_by_id
 from app.store.trials.admission import why_closed
 from app.store.trials.counted_votes import vote_state
 from app.store.trials.designs import datasets_of
 from app.store.trials.monitor import votes_by_minute
 from app.store.trials.orders import n_taken_in
 from app.study.options.options import parse_options
+from app.study.options.platforms import link_query
 from app.study.options.privacy import forgets_at
 from app.study.stages import ENDS, FINISHED
+from app.web.admin.alarms import alarm_in
 from app.web.admin.flags import PATIENCE_S, Flags
-from app.web.admin.layout import study_page
+from app.web.admin.layout import see, study_page
 from app.web.admin.live import REFRESH_S, live_part, render_part
-from app.web.gates import database, now
-from app.web.roles import AStudy, Person
+from app.web.gates import Store, database, now
+from app.web.roles import Acting, AStudy, Person
 
 HERE = timedelta(minutes=2)  # since the last sign of activity; a trial takes a fraction of it
 AWAY = timedelta(minutes=30)
@@ -74,10 +77,16 @@ def overview_page(request: Request, person: Person, study: AStudy) -> Response:
             for invitation in invitations_of(connection, study.id)
             if invitation.places != 1 and not invitation.is_used  # one person's link is nobody else's
         ]
-    link = f"{request.base_url}s/{invitations[0].code}" if invitations else None
     options = parse_options(study.options)
+    query = link_query(options.outside)
+    link = f"{request.base_url}s/{invitations[0].code}{query}" if invitations else None
     practised = [films for films in options.practice_pairs if films.dataset in compared]
-    context = {**monitor_of(request, study, PATIENCE_S), "link": link, "practised": practised}
+    context = {
+        **monitor_of(request, study, PATIENCE_S),
+        "link": link,
+        "is_of_platform": bool(query),
+        "practised": practised,
+    }
     context |= {"forgets_at": forgets_at(options, study.closed_at)}
     context |= {"may_see_people": person.may(SEES_PEOPLE)}
     return study_page(request, "overview", person, study, context)
@@ -92,10 +101,20 @@ async def live(request: Request, person: Person, study: AStudy) -> Response:
     return live_part(request, "monitor", lambda: monitor.at(anyio.current_time(), render))
 
 
+@router.post("/failures")
+def take_note(actor: Acting, study: AStudy, store: Store) -> Response:
+    """Take note of all films that failed: they are no alarm any more."""
+    with store.writing() as connection:
+        n = settle_failures(connection, study.id, actor.now)
+        actor.note(connection, "failing films noted", study, study.slug, failures=n)
+    return see(f"/admin/studies/{study.slug}")
+
+
 def _rendered(request: Request, study: Study, *, may_see_people: bool) -> str:
     with database(request).reading() as connection:
         progress = progress_of(connection, study.id)
-    context = {"study": study, "progress": progress, "may_see_people": may_see_people}
+        now_study = study_by_id(connection, study.id) or study  # a rule may have paused it since the page was opened
+    context = {"study": now_study, "progress": progress, "may_see_people": may_see_people}
     return render_part(request, "_monitor", {**context, **monitor_of(request, study)})
 
 
@@ -130,6 +149,7 @@ def monitor_of(request: Request, study: Study, patience_s: float = 0.0) -> dict[
         "taken_in": {"n_finished": n_finished, "n_under_way": n_under_way, "why_closed": why},
         "peak": max([*pace, 1]),
         "n_voided": n_voided,
+        "alarm": alarm_in(database(request), study),
     }
 
 

@@ -36,12 +36,12 @@ def test_a_study_of_the_papers_size_detects_what_is_known() -> None:
     """0.91 JOD in one dataset and 0.41 pooled over five, for people whose errors are about 1.4 times the naive ones."""
     told: list[tuple[str, int, int]] = []
     plan = plan_study(
-        StudyPlan(6, 5, 22), np.random.default_rng(2), replicates=150, progress=lambda *each: told.append(each)
+        StudyPlan(6, 5, 22), np.random.default_rng(2), replicates=80, progress=lambda *each: told.append(each)
     )
     assert plan["votes"] == 1650
     assert plan["detectable_jod_one_dataset"] == pytest.approx(0.91, abs=0.15)
     assert plan["detectable_jod_pooled"] == pytest.approx(0.43, abs=0.08)
-    n_studies = 150 * 11  # of the power asked for, of the largest difference, and of each halving
+    n_studies = 80 * 11  # of the power asked for, of the largest difference, and of each halving
     assert told == [
         (f"studies of {where} simulated", done, n_studies)
         for where in ("one dataset", "all datasets")
@@ -60,7 +60,7 @@ def test_an_impossible_plan_is_refused(wrong: dict[str, float]) -> None:
 @pytest.mark.slow
 def test_few_people_who_agree_by_chance_are_no_finding() -> None:
     for participants in (2, 5):
-        assert power(StudyPlan(2, 1, participants), 1e-9, 1, 200) <= 0.08
+        assert power(StudyPlan(2, 1, participants), 1e-9, 1, 100) <= 0.08
     assert power(StudyPlan(2, 1, 3), 1.5, 1, 100) == 0  # three of three are p = 0.25
     assert power(StudyPlan(2, 1, 30), 4.0, 1, 50) > 0.9  # thirty of thirty are a finding
 

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from datetime import UTC, datetime
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -105,7 +106,11 @@ def test_a_database_of_a_newer_program_is_left_as_it_is_with_a_word_on_what_to_d
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("revision", REVISIONS[:-1])
+@pytest.mark.parametrize(
+    ("new_database_url", "revision"),
+    [*product(["sqlite"], REVISIONS[:-1]), *product(["postgresql"], REVISIONS[:-1:6])],  # the first goes all the way
+    indirect=["new_database_url"],
+)
 def test_rows_of_every_older_version_live_on(new_database_url: Callable[[], str], revision: str) -> None:
     database = open_database(new_database_url())
     with database.writing() as connection:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
+import importlib.util
 import re
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from app.study.option_fields import WITH_FILMS, Setting, is_table
+from app.study.option_fields import WITH_FILMS, Setting, is_table, settings_of
 from app.study.options.option_table import (
     CHANGES,
     COLUMNS,
@@ -83,23 +82,19 @@ def test_a_setting_that_cannot_change_says_why() -> None:
         assert bool(why_fixed(setting.change, has_begun=True, has_stimuli=True)) == (setting.change != "any time")
 
 
-def in_docs(value: Any) -> str:
-    """A default as the table of the documentation writes it; tables of options are explained elsewhere."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, int | float):
-        return f"{value:g}"
-    return f"`{value if isinstance(value, str) else json.dumps(value)}`" if value else "none"
-
-
 def test_the_documentation_lists_every_option_with_its_default_and_when_it_may_change() -> None:
-    page = (Path(__file__).parents[4] / "docs" / "studies.md").read_text(encoding="utf-8")
-    table = page.partition("| option | default | may change |")[2].partition("\n\n")[0]
-    default = {**StudyOptions().as_json(), "spoken_questions": "three"}
-    listed = {}
-    for names, said, change in re.findall(r"^\| (`.*?`) \| (.*?) \| (.*?) \|", table, re.MULTILINE):
-        for name in re.findall(r"`(\w+)`", names):
-            listed[name] = change
-            if not isinstance(default[name], Mapping) or name == "texts":
-                assert said.strip("`") == in_docs(default[name]).strip("`"), name
-    assert listed == {name: change for name, change in CHANGES.items() if name not in COLUMNS}
+    path = Path(__file__).parents[4] / "docs" / "reference.py"
+    spec = importlib.util.spec_from_file_location("reference", path)
+    assert spec is not None
+    assert spec.loader is not None
+    reference = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(reference)
+    table = reference.settings().partition("## Studies")[2].partition("## Analyses")[0]
+    listed = {
+        name: (default, change)
+        for name, default, change in re.findall(r"^\| `([\w.]+)` \| .* \| ([^|]*) \| ([^|]*) \|$", table, re.MULTILINE)
+    }
+    assert {name: change for name, (_, change) in listed.items()} == {
+        setting.name: setting.change for setting in settings_of(StudyOptions)
+    }
+    assert [listed[name][0] for name in ("protocol", "break_every", "see_both")] == ["`PC`", "`25`", "`yes`"]

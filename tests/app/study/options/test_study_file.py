@@ -53,7 +53,9 @@ def test_a_file_that_was_written_is_read_as_it_was(of: StudyFile) -> None:
 
 
 def test_options_that_are_as_by_default_are_not_written() -> None:
-    assert write_study_file(StudyFile(name="Temple", seed=3)) == '#:schema study.schema.json\nname = "Temple"\nseed = 3\n'
+    assert (
+        write_study_file(StudyFile(name="Temple", seed=3)) == '#:schema study.schema.json\nname = "Temple"\nseed = 3\n'
+    )
 
 
 @pytest.mark.parametrize(

@@ -83,7 +83,7 @@ def test_approaches_whose_names_differ_in_a_space_have_folders_of_their_own(comm
         ("command = 'p {reference}'\nbetter = 'lower'", "lacks {distorted}"),
         ("command = 'p {reference} {distorted}'\nbetter = 'lower'\npattern = 'a'", "with 0 groups, expected one"),
         ("command = 'p {reference} {distorted}'\nbetter = 'lower'\npattern = '('", "no regular expression"),
-        ("command = 'p {reference} {distorted}'\nbetter = 'lower'\nbest = 0", "best is unknown, expected one of command"),
+        ("command = 'p {reference} {distorted}'\nbetter = 'lower'\nbest = 0", "best is unknown, expected one of comm"),
     ],
 )
 def test_a_table_that_cannot_be_used_is_named(tmp_path: Path, content: str, message: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -107,17 +108,17 @@ def test_places_where_a_model_looks_the_same_are_refined_once(monkeypatch: pytes
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("points", "message"),
+    ("points_of", "message"),
     [
-        (np.random.default_rng(1).uniform(-300, 300, (4000, 3)), "only .* of the cloud lies within"),
-        (half_cloud(lump(), 1)[0] / 1000, "suit the model in m: say so with --unit m"),
-        (np.zeros((10, 3)), "has 10 points, expected at least 50"),
-        (np.full((100, 3), np.inf), "not a finite number"),
+        (lambda: np.random.default_rng(1).uniform(-200, 200, (500, 3)), "only .* of the cloud lies within"),
+        (lambda: half_cloud(lump(), 1)[0] / 1000, "suit the model in m: say so with --unit m"),
+        (lambda: np.zeros((10, 3)), "has 10 points, expected at least 50"),
+        (lambda: np.full((100, 3), np.inf), "not a finite number"),
     ],
 )
-def test_a_cloud_without_the_model_is_refused(points: NDArray[np.float64], message: str) -> None:
+def test_a_cloud_without_the_model_is_refused(points_of: Callable[[], NDArray[np.float64]], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        place_model(*lump(), points)
+        place_model(*lump(), points_of())
 
 
 @pytest.mark.slow
@@ -161,5 +162,3 @@ def test_the_command_measures_signed_distances(tmp_path: Path) -> None:
     assert report["measures"][0]["measure"] == "object inliers within 12.5 mm"
     for name in ("report.json", "curve.csv", "curve.svg", "errors.pdf", "errors.ply", "cloud.png", "report.html"):
         assert (out / name).stat().st_size > 0
-    with pytest.raises(FitError):
-        place_model(*lump(), np.random.default_rng(2).uniform(-200, 200, (500, 3)))

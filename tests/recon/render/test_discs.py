@@ -8,15 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from recon.geometry.mesh import Cloud, Mesh, Splats
+from recon.geometry.mesh import Cloud, Discs, Mesh
 from recon.geometry.rig import Camera, look_at
 from recon.render.backdrop import floor_shade
+from recon.render.discs import LEAST_RADIUS, draw_discs
 from recon.render.frames import RENDERERS, render_frames
 from recon.render.heights import disc_heights
-from recon.render.light import lit_mesh, lit_splats
+from recon.render.light import lit_discs, lit_mesh
 from recon.render.rasterise import SAMPLE_X, SAMPLE_Y, SUBPIXELS
 from recon.render.scene import BACKGROUNDS, scene_around
-from recon.render.splats import LEAST_RADIUS, draw_discs
 from tests.recon.render.test_frames import BOUNDS, CENTRE, ball, cameras, need_opengl
 
 SAMPLES = np.stack([SAMPLE_X, SAMPLE_Y], axis=1) / SUBPIXELS
@@ -38,12 +38,12 @@ def drawn(
     return picture
 
 
-def splats_of(mesh: Mesh, radius_mm: float) -> Splats:
-    return Splats(Cloud(mesh.vertices, mesh.normals, mesh.colours), radius_mm)
+def discs_of(mesh: Mesh, radius_mm: float) -> Discs:
+    return Discs(Cloud(mesh.vertices, mesh.normals, mesh.colours), radius_mm)
 
 
-def single(colour: tuple[int, int, int], place: NDArray[np.floating], radius_mm: float) -> Splats:
-    return Splats(Cloud(place[None], np.array([[0.0, 0.0, 1.0]]), np.array([colour], np.uint8)), radius_mm)
+def single(colour: tuple[int, int, int], place: NDArray[np.floating], radius_mm: float) -> Discs:
+    return Discs(Cloud(place[None], np.array([[0.0, 0.0, 1.0]]), np.array([colour], np.uint8)), radius_mm)
 
 
 @pytest.mark.slow
@@ -112,13 +112,13 @@ def test_a_disc_has_its_size_in_mm_at_any_distance_and_is_round(renderer: str) -
 
 
 @pytest.mark.slow
-def test_the_two_renderers_show_the_same_splats() -> None:
+def test_the_two_renderers_show_the_same_discs() -> None:
     need_opengl()
     path, mesh = cameras(), ball(subdivisions=5)
     for background in BACKGROUNDS:
         scene = scene_around(BOUNDS, path, background)
         ours, theirs = (
-            next(render_frames([splats_of(mesh, 12.0)], path[1:2], scene, renderer=name)).astype(int)
+            next(render_frames([discs_of(mesh, 12.0)], path[1:2], scene, renderer=name)).astype(int)
             for name in ("software", "pyrender")
         )
         difference = np.abs(ours - theirs).max(axis=2)
@@ -126,22 +126,22 @@ def test_the_two_renderers_show_the_same_splats() -> None:
         assert (difference > 4).mean() < 0.02  # at edges of discs, which pyrender draws with corners
 
 
-def test_splats_are_lit_and_shaded_as_the_mesh_whose_vertices_they_are() -> None:
+def test_discs_are_lit_and_shaded_as_the_mesh_whose_vertices_they_are() -> None:
     mesh, scene = ball(subdivisions=5), scene_around(BOUNDS, cameras())
     for radius in (6.0, 12.0):
-        difference = lit_mesh(mesh, scene).front.astype(int) - lit_splats(splats_of(mesh, radius), scene).colours
+        difference = lit_mesh(mesh, scene).front.astype(int) - lit_discs(discs_of(mesh, radius), scene).colours
         assert np.abs(difference).max() <= 1
-    shade, splats_shade = floor_shade(mesh, scene), floor_shade(splats_of(mesh, 6.0), scene)
-    assert np.abs(shade - splats_shade).max() < 0.1 * shade.max()  # discs reach beyond the outline by their radius
-    assert np.abs(shade - splats_shade).mean() < 0.05 * shade.mean()
+    shade, discs_shade = floor_shade(mesh, scene), floor_shade(discs_of(mesh, 6.0), scene)
+    assert np.abs(shade - discs_shade).max() < 0.1 * shade.max()  # discs reach beyond the outline by their radius
+    assert np.abs(shade - discs_shade).mean() < 0.05 * shade.mean()
 
 
 def test_a_disc_shades_what_lies_behind_it() -> None:
     scene = scene_around(BOUNDS, cameras())
     behind = CENTRE - scene.to_light * 150
     place = np.array([behind, CENTRE, behind + np.cross(scene.to_light, [0, 1, 0]) * 80])
-    model = Splats(Cloud(place, np.tile(scene.to_light, (3, 1)), np.full((3, 3), 200, np.uint8)), 20.0)
-    shaded, shading, beside = lit_splats(model, scene).colours[:, 0].astype(int)
+    model = Discs(Cloud(place, np.tile(scene.to_light, (3, 1)), np.full((3, 3), 200, np.uint8)), 20.0)
+    shaded, shading, beside = lit_discs(model, scene).colours[:, 0].astype(int)
     assert shaded < 0.85 * shading
     assert beside == shading
 
@@ -161,17 +161,17 @@ def test_heights_of_discs_are_those_of_a_slow_search(seed: int, radius: float) -
 
 
 def test_a_cloud_without_points_is_named_by_its_frame() -> None:
-    path, model = cameras(2), splats_of(ball(subdivisions=1), 5.0)
-    empty = Splats(model.cloud.select(np.zeros(len(model.cloud), bool)), 5.0)
+    path, model = cameras(2), discs_of(ball(subdivisions=1), 5.0)
+    empty = Discs(model.cloud.select(np.zeros(len(model.cloud), bool)), 5.0)
     with pytest.raises(ValueError, match="frame 1: the cloud has no points"):
         list(render_frames([model, empty], path, scene_around(BOUNDS, path), renderer="software"))
 
 
 @pytest.mark.slow
-def test_a_film_may_show_meshes_and_splats_in_turn(renderer: str) -> None:
+def test_a_film_may_show_meshes_and_discs_in_turn(renderer: str) -> None:
     path, mesh = cameras(3), ball()
     scene = scene_around(BOUNDS, path)
-    models = [mesh, splats_of(mesh, 12.0), mesh]
+    models = [mesh, discs_of(mesh, 12.0), mesh]
     mixed = [frame.copy() for frame in render_frames(models, path, scene, renderer=renderer)]
     for number, model in enumerate(models):
         alone = next(render_frames([model], path[number : number + 1], scene, renderer=renderer))
