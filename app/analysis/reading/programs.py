@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from app.analysis.reading.cells import Column, Table, column_of, shown
+from app.analysis.reading.cells import Column, Table, column_of, is_numeric, shown
 from app.analysis.reading.votes_table import VotesError
 from app.analysis.reading.words import TIGHT_VERSUS, VERSUS, ends_of, is_suspicious, pair_in, plain
 
@@ -199,7 +199,16 @@ def _revisit(table: Table) -> Table:
             f"has answers to several questions (responseId {', '.join(map(shown, response.filled[:4]))}), which are "
             "not the same thing; leave the rows of one"
         )
-    return replace(kept, notes=(*table.notes, *notes))
+    return replace(_rated_trials(kept), notes=(*table.notes, *notes))
+
+
+def _rated_trials(table: Table) -> Table:
+    """Take a trial for a condition where the answers of reVISit are numbers and no pair is shown."""
+    cells = {plain(name): column for name, column in table.columns.items()}
+    names_pairs = any(TIGHT_VERSUS.match(word) or VERSUS.match(word) for word in cells["trialid"].filled)
+    if names_pairs or any(ends_of(name) for name in table.names) or not is_numeric(cells["answer"]):
+        return table
+    return _renamed(table, {"answer": "rating", "trialid": "condition"})
 
 
 MUSHRA = {"sessionuuid": "participant", "trialid": "dataset"}  # of webMUSHRA

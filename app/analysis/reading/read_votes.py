@@ -10,7 +10,7 @@ import unicodedata
 import zlib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,7 @@ from app.analysis.reading.tabular import read_table
 from app.analysis.reading.votes_table import (
     CHOICES,
     IDENTICAL,
+    NAMES,
     ROLE_CODES,
     ROLES,
     VotesError,
@@ -234,7 +235,7 @@ def in_lists(source: Source, parts: Sequence[str], names: Sequence[tuple[Sequenc
     names : names, and what they are: participants, conditions, datasets
     rest : what is said last
     """
-    unused = source.description.not_used
+    unused = [name or "a column without a name" for name in source.description.not_used]
     not_used = f"not used: {named(unused)}" if unused else "every column is used"
     used = "; ".join(source.description.used)
     lists = [f"{len(list_)} {what}{'' if len(list_) == 1 else 's'}: {_few(list_)}" for list_, what in names if list_]
@@ -248,19 +249,8 @@ def _few(names: Sequence[str]) -> str:
 
 def _fingerprint(votes: VotesTable) -> str:
     """Return a number that changes with any vote, name or exclusion."""
-    columns = (
-        "participant",
-        "dataset",
-        "item_a",
-        "item_b",
-        "choice",
-        "first_shown",
-        "count",
-        "practice",
-        "excluded",
-        "role",
-    )
-    return fingerprint([votes.participants, votes.datasets, votes.items], [getattr(votes, name) for name in columns])
+    columns = [getattr(votes, field.name) for field in fields(VotesTable) if field.name not in (*NAMES, "reason")]
+    return fingerprint([votes.participants, votes.datasets, votes.items], columns)
 
 
 def fingerprint(names: Sequence[object], columns: Sequence[NDArray[Any]]) -> str:

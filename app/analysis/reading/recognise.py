@@ -39,13 +39,17 @@ from app.analysis.reading.words import (
     BINARY_CHOICES,
     COMMENTS,
     ENDS,
+    GRADES,
     MORE_ENDS,
+    MULTIPLE,
     NEVER,
     OPTIONAL,
     OWN_VOTES,
     RATING_OPTIONAL,
     ROLES,
+    SEVERAL,
     SUMMARIES,
+    SWAPPED,
     WEAK_RATINGS,
     ends_of,
     is_never,
@@ -366,6 +370,7 @@ def _ask_about_sides(seen: _Seen, description: Description, asked: Asked, meanin
     sides = [word for word in meaning.expected.split(" or ") if word in {end for ends in ENDS[1:] for end in ends}]
     items = {*asked.item_a.filled, *asked.item_b.filled}
     known = {*description.columns["item_a"], *description.columns["item_b"], *description.columns["choice"]}
+    _ask_about_swaps(seen, description, asked, sides)
     for name in seen.table.names:
         if name in known or not any(side in plain(name) for side in sides if not side.isdigit()):
             continue
@@ -382,6 +387,34 @@ def _ask_about_sides(seen: _Seen, description: Description, asked: Asked, meanin
                 f"{asked.names[place]!r} (if it is right, give the items of the sides as item_a and item_b)",
                 [reading],
             )
+
+
+def _ask_about_swaps(seen: _Seen, description: Description, asked: Asked, sides: Sequence[str]) -> None:
+    """Ask where choices are sides, and a column says that these were exchanged in some rows."""
+    used = {name for names in description.columns.values() for name in names}
+    for name in seen.table.names:
+        if name not in used and SWAPPED.search(name) and len(seen.column(name).filled) > 1 and len(sides) > 1:
+            told = Told(choices={"a": sides[0], "b": sides[1]})
+            reading = Reading(f"{sides[0]} is {asked.names[0]} in all rows", told)
+            raise QuestionError(
+                f"choices are {sides[0]} and {sides[1]}, and the column {name!r} may say that sides were exchanged in "
+                "some rows (if so, give the items as they stood)",
+                [reading],
+            )
+
+
+def _ask_about_counts(seen: _Seen, description: Description) -> None:
+    """Ask where a column that is not used may say how often a row counts."""
+    if "count" in description.columns or "count" in seen.told.columns:
+        return
+    for name in seen.free:
+        column = seen.column(name)
+        if plain(name) in MULTIPLE and is_numeric(column) and any(value != 1 for value in values_of(column)):
+            readings = [
+                Reading(f"each row counts as often as {name!r} says", Told(columns={"count": name})),
+                Reading("each row is one vote", Told(columns={"count": NOT_USED})),
+            ]
+            raise QuestionError(f"the column {name!r} may say how often a row counts", readings)
 
 
 def _by_names(seen: _Seen) -> Description | None:
@@ -406,6 +439,8 @@ def _by_names(seen: _Seen) -> Description | None:
     if len(matches) > 1:
         raise _several(matches)
     (description,) = matches.values()
+    if description.holds == VOTES and description.layout in ("rows", "won"):
+        _ask_about_counts(seen, description)
     if description.holds == VOTES and description.layout == "rows":
         return _with_meaning(seen, description)
     return description
@@ -551,7 +586,9 @@ def _ratings(seen: _Seen) -> Description | None:
     taken = [name for names in columns.values() for name in names]
     optional = seen.optional(RATING_OPTIONAL, taken)
     optional.pop("first_shown", None)
-    return Description(RATINGS, columns | optional)
+    is_worded = {word.lower() for word in seen.column(rating[0]).filled} <= set(GRADES)
+    note = "words are grades: excellent is 5, bad is 1" if is_worded and not seen.is_empty(rating[0]) else ""
+    return Description(RATINGS, columns | optional, words=GRADES if note else {}, notes=(note,) if note else ())
 
 
 def _condition_of(seen: _Seen) -> tuple[str, ...]:
@@ -571,7 +608,8 @@ def _condition_of(seen: _Seen) -> tuple[str, ...]:
 
 def _won(seen: _Seen) -> Description | None:
     """Find a winner and a loser in each row."""
-    names = {role: seen.given.get(role) or tuple(seen.candidates(role)[:1]) for role in ("winner", "loser")}
+    more = {"winner": ("chosen",), "loser": ()}  # chosen beside rejected
+    names = {role: seen.given.get(role) or tuple(seen.candidates(role, more[role])[:1]) for role in more}
     if not all(names.values()) or _says(seen, "item_a", "choice", "rating"):
         return None
     columns = seen.who_and_what() | {"item_a": names["winner"], "item_b": names["loser"]}
@@ -613,11 +651,18 @@ RANKED = re.compile(
 )
 
 
+def _place_in(name: str) -> int | None:
+    """Return the place that a column such as rank_1, 2nd or "third choice" is named by; None for others."""
+    letters = plain(name)
+    for place, word in enumerate(("first", "second", "third", "fourth", "fifth", "sixth"), start=1):
+        letters = re.sub(rf"^{word}|{word}$", str(place), letters)
+    match = RANKED.match(letters)
+    return int(match[1]) if match and not plain(name).isdigit() else None
+
+
 def _ranked_columns(seen: _Seen) -> Description | None:
     """Find a ranking in each row: rank_1, rank_2, …, whose cells name the items."""
-    places = {
-        name: int(match[1]) for name in seen.free if (match := RANKED.match(plain(name))) and not plain(name).isdigit()
-    }
+    places = {name: place for name in seen.free if (place := _place_in(name)) is not None}
     if len(places) < FEWEST_RANKED or sorted(places.values()) != list(range(1, len(places) + 1)):
         return None
     if all(is_numeric(seen.column(name)) for name in places):
@@ -665,7 +710,7 @@ def _wide_ratings(seen: _Seen) -> Description | None:
     if len(who) != 1 or len(rated) < FEWEST_RATED:
         return None
     if len(told) < 2:
-        _ask_if_something_else(seen, rated, told_format=seen.told.format)
+        _ask_if_something_else(seen, rated, who)
     (role,) = who
     stands = "condition" if role == "participant" else "participant"
     dataset = {"dataset": names} if (names := seen.one("dataset")) else {}
@@ -692,11 +737,18 @@ def _rated(seen: _Seen, taken: Sequence[str]) -> list[str]:
     return [name for name in seen.free if name not in others and not is_never(name) and is_numeric(seen.column(name))]
 
 
-def _ask_if_something_else(seen: _Seen, rated: Sequence[str], *, told_format: str) -> None:
+def _ask_if_something_else(seen: _Seen, rated: Sequence[str], who: Mapping[str, tuple[str, ...]]) -> None:
     """Ask where columns of numbers may be something else than ratings, in all or in some of them."""
-    if told_format == "ratings":
+    if seen.told.format == "ratings":
         return
     whole = Reading(f"ratings of or by {named(rated)}", Told(columns={"rating": JOIN.join(rated)}))
+    rows = joined_column(seen.table, [name for names in (*who.values(), seen.one("dataset")) for name in names])
+    if len(rows.seen) < len(rows):
+        as_votes = Told(columns={"item_a": rated[0], "item_b": rated[1], "choice": rated[-1]})
+        readings = [Reading(f"{whole.text}, more than once", whole.told)]
+        if len(rated) > FEWEST_RATED:
+            readings.append(Reading("votes, if columns name two items and the choice, such as", as_votes))
+        raise QuestionError(f"{', '.join(who)} {shown(_repeated(rows))} has several rows of numbers", readings)
     roles = [name for name in rated if means("choice", name) or means("rank", name) or means("rating", name)]
     if roles or (seen.pairs and len(rated) > len(seen.pairs[0]) and set(seen.pairs[0]) <= set(rated)):
         readings = [whole]
@@ -736,6 +788,11 @@ def _ask_if_something_else(seen: _Seen, rated: Sequence[str], *, told_format: st
             Reading("ranks, 1 is best", Told(format="ranking")),
         ]
         raise QuestionError(f"each row of {named(rated)} holds the numbers from 1 to {len(rated)}", readings)
+
+
+def _repeated(column: Column) -> str:
+    """Return a text that several cells have."""
+    return column.words[int(np.argmax(np.bincount(column.codes, minlength=len(column.words))))]
 
 
 def _odd_names(rated: Sequence[str]) -> list[str]:
@@ -842,7 +899,12 @@ def _with_lists(seen: _Seen, description: Description) -> Description:
     for name in rest:
         column = seen.column(name)
         words = column.filled if len(column.words) <= 50 else ()
-        if is_suspicious(name, words) and (column.filled or not len(seen.table)):
+        if SEVERAL.search(name) and len(column.filled) > 1:
+            warnings.append(
+                f"the column {name!r} is not used: what it tells apart ({named([repr(word) for word in words[:4]])}) "
+                f"counts as the same; {Told(columns={'dataset': name})} keeps it apart"
+            )
+        elif is_suspicious(name, words) and (column.filled or not len(seen.table)):
             role = next((r for r in ("practice", "excluded", "dataset") if r not in description.columns), "excluded")
             holds = named([repr(word) for word in column.filled[:4]]) or "nothing"
             warnings.append(
@@ -860,12 +922,14 @@ def _with_lists(seen: _Seen, description: Description) -> Description:
 def _odd_cells(seen: _Seen, description: Description) -> list[str]:
     """Warn of names that a spreadsheet made of others: shortened numbers and dates."""
     warnings = []
-    for role in ("participant", "dataset", "condition", "item_a", "item_b"):
-        for name in description.columns.get(role, ()):
-            words = seen.column(name).filled
+    roles = ("participant", "dataset", "condition", "item_a", "item_b")
+    named_in = {name: seen.column(name).filled for role in roles for name in description.columns.get(role, ())}
+    named_in["a column"] = tuple(label for labels in description.spread.values() for label in labels)
+    for name, words in named_in.items():
+        if words:
             for pattern, what in ((SHORTENED, "a long id that a spreadsheet shortened: different ones may look alike"),
                                   (DATE, "a date, which a spreadsheet may have made of another name")):  # fmt: skip
                 odd = [word for word in words if pattern.fullmatch(word)]
                 if odd:
-                    warnings.append(f"{name} is {shown(odd[0])} in some rows, {what}")
+                    warnings.append(f"{name} is {shown(odd[0])}, {what}")
     return warnings

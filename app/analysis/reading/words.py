@@ -28,13 +28,25 @@ SYNONYMS: dict[str, tuple[str, ...]] = {
     ),
     "dataset": ("scene", "content", "sequence", "src", "datasetid", "sceneid", "contentid"),
     "choice": (
-        *("choices", "preferred", "preference", "winner", "selected", "vote", "response", "resp", "answer", "choose"),
+        *(
+            "choices",
+            "pref",
+            "preferred",
+            "preference",
+            "winner",
+            "selected",
+            "vote",
+            "response",
+            "resp",
+            "answer",
+            "choose",
+        ),
         *("chosen", "picked", "pick", "decision", "verdict", "judgement", "judgment", "keyresp", "keyrespkeys"),
     ),
     "condition": (
         *("conditionid", "item", "itemid", "stimulus", "stimulusid", "stim", "pvs", "hrc", "method", "model", "system"),
         *("algorithm", "film", "video", "videoname", "videoid", "file", "filename", "ratingstimulus", "technique"),
-        *("clip", "image"),
+        *("clip", "clipname", "image", "imagename", "fileurl", "videourl", "stimulusname"),
     ),
     "rating": ("ratings", "score", "opinion", "opinionscore", "grade", "mark", "ratingscore", "ratingvalue"),
     "practice": ("ispractice",),
@@ -45,11 +57,37 @@ SYNONYMS: dict[str, tuple[str, ...]] = {
     "wins_b": ("win2", "wins2", "winsb", "bwins", "awaywins", "rightwins", "winsright", "votesb", "votes2", "countb"),
     "ties": ("tie", "draws", "draw", "ntie", "nties"),
     "rank": ("ranking", "place", "position"),
+    "winner": ("winnerid", "winnername", "winneritem", "won", "chosenmodel", "chosenitem", "preferreditem"),
+    "loser": ("loserid", "losername", "loseritem", "lost", "rejected", "rejectedmodel", "rejecteditem"),
+    "best": ("most", "mostpreferred", "bestitem"),
+    "worst": ("least", "leastpreferred", "worstitem"),
 }
 WEAK_RATINGS = ("vote", "response", "resp", "answer", "value", "judgement", "judgment")  # where no pair is named
 BINARY_CHOICES = {  # the cell is true where item_a, or item_b, is preferred
-    A: ("isaselected", "isapreferred", "aselected", "apreferred", "choseA".lower(), "aischosen"),
-    B: ("isbselected", "isbpreferred", "bselected", "bpreferred", "choseb", "bischosen"),
+    A: (
+        "isaselected",
+        "isapreferred",
+        "aselected",
+        "apreferred",
+        "chosea",
+        "aischosen",
+        "prefersa",
+        "prefera",
+        "isabetter",
+        "abetter",
+    ),
+    B: (
+        "isbselected",
+        "isbpreferred",
+        "bselected",
+        "bpreferred",
+        "choseb",
+        "bischosen",
+        "prefersb",
+        "preferb",
+        "isbbetter",
+        "bbetter",
+    ),
 }
 TRUE_FALSE = {"1": True, "true": True, "yes": True, "0": False, "false": False, "no": False}
 
@@ -65,7 +103,20 @@ TAILS = ("id", "name", "path", "url", "file")
 TIES = dict.fromkeys(
     (
         *("none", "tie", "ties", "tied", "draw", "equal", "same", "both", "neither", "no preference", "nopreference"),
-        *("no difference", "about the same", "the same", "equally good", "cannot decide", "can't decide", "undecided"),
+        *(
+            "no difference",
+            "about the same",
+            "the same",
+            "equally good",
+            "tie (bothbad)",
+            "tie (both bad)",
+            "bothbad",
+            "both bad",
+            "both good",
+            "cannot decide",
+            "can't decide",
+            "undecided",
+        ),
     ),
     NONE,
 )
@@ -181,7 +232,24 @@ NEVER = frozenset(
             "longitude",
             "scene",
         ),
-        *("phase", "city", "zip", "zipcode", "email", "income", "height_cm", "cohort", "site", "lab", "room", "price"),
+        *(
+            "locationlatitude",
+            "locationlongitude",
+            "qrecaptchascore",
+            "externalreference",
+            "phase",
+            "city",
+            "zip",
+            "zipcode",
+            "email",
+            "income",
+            "height_cm",
+            "cohort",
+            "site",
+            "lab",
+            "room",
+            "price",
+        ),
         *(
             "reward",
             "payment",
@@ -210,11 +278,15 @@ SUSPICIOUS = re.compile(
     r"spam|cheat|duplicate|trial.?type|is.?real|consent|withdr",
     re.IGNORECASE,
 )
+SWAPPED = re.compile(r"swap|flip|mirror|revers", re.IGNORECASE)  # sides that stand the other way round in some rows
+SEVERAL = re.compile(r"criteri|question|attribute|dimension|aspect|rating.?type|^scale|^task", re.IGNORECASE)
+MULTIPLE = ("n", "freq", "frequency", "weight", "weights", "times", "votes", "total", "num", "number", "multiplicity")
+GRADES = {"excellent": 5.0, "good": 4.0, "fair": 3.0, "poor": 2.0, "bad": 1.0}  # ITU-T P.910, absolute categories
 MOST_WORDS = 12  # different texts of a column whose cells are looked at; more are names or numbers
 COMMENTS = re.compile(
-    r"[\s_:,;()\[\]-]+(comments?|why|reasons?|remarks?|notes?|explanation|explain|confidence|certainty|certain|strength|"
-    r"time|rt|ms|duration|timing|seconds|clicks?|order|first|text|other|other text|page submit|first click|last click)"
-    r"[\s)\]?:.]*$",
+    r"[\s_:,;()\[\]-]+(comments?|why|reasons?|remarks?|notes?|explanation|explain|conf|confidence|certainty|certain|"
+    r"strength|time|rt|ms|duration|timing|seconds|clicks?|order|first|text|other|other text|page submit|first click|"
+    r"last click)[\s)\]?:.]*$",
     re.IGNORECASE,
 )
 NUMBERING = re.compile(

@@ -245,6 +245,13 @@ OTHER_SHAPES: dict[str, tuple[str, dict[str, Any], dict[tuple[str, str], int]]] 
         {"format": "votes"},
         {("y", "x"): 1, ("x", "y"): 1},
     ),
+    "chosen and rejected": ("user,chosen,rejected\np,x,y\n", {}, {("x", "y"): 1}),
+    "places as words": ("participant,first,second,third\np,a,b,c\n", {}, {("a", "b"): 1, ("a", "c"): 1, ("b", "c"): 1}),
+    "an arena": (
+        "model_a,model_b,winner,judge\nx,y,model_a,j\nx,y,tie (bothbad),j\n",
+        {},
+        {("x", "y"): 1, ("x=y", ""): 1},
+    ),
     "pair in a cell": ("participant,pair,choice\np,x vs y,left\np,y vs z,right\n", {}, {("x", "y"): 1, ("z", "y"): 1}),
     "sep line": ("sep=;\nparticipant;item_a;item_b;choice\np;x;y;a\n", {}, {("x", "y"): 1}),
     "row numbers of R": (
@@ -312,6 +319,11 @@ RATED = {
         "HITId,WorkerId,input.tp,answer.q0_url,answer.q0,answer.q1_url,answer.q1,answer.q2_url,answer.q2\n"
         "h,W1,http://s/trap.mp4,http://s/a/x.mp4,4,http://s/y.mp4,2,http://s/trap.mp4,5\n",
         (1, 5), [("W1", "", "x.mp4", 4), ("W1", "", "y.mp4", 2)],
+    ),
+    "revisit": (
+        "participantId,trialId,trialOrder,responseId,answer,startTime\np,intro,0,,,1\np,x,1,q,4,2\np,y,2,q,2,3\n",
+        (1, 5),
+        [("p", "", "x", 4), ("p", "", "y", 2)],
     ),
     "webmushra": (
         "session_test_id,email,age,session_uuid,trial_id,rating_stimulus,rating_score,rating_time,rating_comment\n"
@@ -429,8 +441,8 @@ def test_names_that_a_spreadsheet_changed_are_warned_of_and_long_ids_are_ids(tmp
     text = f"participant,item_a,item_b,choice\n5.6E+23,3-Jan,y,a\n{long},3-Jan,y,b\n"
     votes, said = votes_in(write(tmp_path, text))
     assert votes.participants == ("5.6E+23", long)
-    assert any("'5.6E+23' in some rows, a long id that a spreadsheet shortened" in line for line in said)
-    assert any("'3-Jan' in some rows, a date" in line for line in said)
+    assert any("'5.6E+23', a long id that a spreadsheet shortened" in line for line in said)
+    assert any("'3-Jan', a date" in line for line in said)
 
 
 def test_a_column_is_taken_for_nothing_where_that_is_told(tmp_path: Path) -> None:
@@ -440,3 +452,28 @@ def test_a_column_is_taken_for_nothing_where_that_is_told(tmp_path: Path) -> Non
     ):
         ratings_in(path)
     assert len(ratings_in(path, columns={"reference": "-"})[0]) == 2
+
+
+def test_sides_that_were_exchanged_and_rows_that_may_count_often_are_asked_about(tmp_path: Path) -> None:
+    path = write(tmp_path, "participant,item_a,item_b,choice,swapped\nA,x,y,left,1\nB,x,y,right,0\n")
+    with pytest.raises(QuestionError, match="'swapped' may say that sides were exchanged in some rows"):
+        recognise_file(path)
+    path = write(tmp_path, "item_a,item_b,choice,freq\nx,y,a,4\nx,y,b,5\n")
+    with pytest.raises(QuestionError, match="'freq' may say how often a row counts") as asked:
+        recognise_file(path)
+    counts = [understand_votes([recognise_file(path, reading.told)])[0].n_votes for reading in asked.value.readings]
+    assert counts == [9, 2]
+
+
+def test_many_rows_of_numbers_of_the_same_person_are_asked_about(tmp_path: Path) -> None:
+    with pytest.raises(QuestionError, match="participant '1' has several rows of numbers"):
+        recognise_file(write(tmp_path, "subject,foo,bar,baz\n1,1,2,1\n1,2,3,2\n2,1,3,1\n"))
+
+
+def test_words_of_absolute_categories_are_grades_and_several_questions_are_a_warning(tmp_path: Path) -> None:
+    text = "participant,condition,rating,attribute\nA,x,Excellent,sharp\nA,y,poor,sharp\nA,x,Good,colour\n"
+    table, said = ratings_in(write(tmp_path, text))
+    assert table.rating.tolist() == [5, 2, 4]
+    assert any(
+        "'attribute' is not used: what it tells apart ('sharp', 'colour') counts as the same" in line for line in said
+    )

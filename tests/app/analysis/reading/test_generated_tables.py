@@ -20,6 +20,7 @@ from app.analysis.reading.recognise import recognise
 from app.analysis.reading.votes_table import VotesError
 
 N_TABLES = 2400
+N_MUTATED = 800
 Row = dict[str, Any]
 
 PAIRS = (
@@ -201,6 +202,39 @@ def understood(rows: list[Row], told: Told = Told()) -> tuple[Counter[Any], list
     return Counter(
         (p, *ratings.items[i], r) for p, i, r in zip(people, ratings.item, ratings.rating.tolist(), strict=True)
     ), said
+
+
+def mutated(rows: list[Row], rng: random.Random) -> list[Row]:
+    """Change one header or one cell, to another of the same table or to nonsense."""
+    names = list(rows[0])
+    name = rng.choice(names)
+    if rng.random() < 0.5:
+        other = rng.choice(
+            (f"{name}x", name[:-1] or "q", "age", "practice", "count", "dataset", "rating", name.swapcase())
+        )
+        if other in names:
+            return rows
+        return [{other if key == name else key: cell for key, cell in row.items()} for row in rows]
+    place = rng.randrange(len(rows))
+    cell = rng.choice((rows[rng.randrange(len(rows))][name], "", "1", "a", rng.choice(list(rows[place].values()))))
+    return [{**row, name: cell} if n == place else row for n, row in enumerate(rows)]
+
+
+@pytest.mark.slow
+def test_no_change_of_a_header_or_a_cell_changes_what_is_read_without_changing_a_line() -> None:
+    n_changed = 0
+    for seed in range(N_MUTATED):
+        rng = random.Random(seed)
+        rows, _ = KINDS[seed % len(KINDS)](rng)
+        try:
+            before, said = understood(rows)
+            after, then_said = understood(mutated(rows, rng))
+        except VotesError:
+            continue  # a refusal is a line that changed
+        if before != after:
+            n_changed += 1
+            assert said != then_said, seed
+    assert n_changed > N_MUTATED / 20
 
 
 @pytest.mark.slow
