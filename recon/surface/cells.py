@@ -71,21 +71,35 @@ def gather(cloud: Cloud, voxel: float, reach: Reach) -> Cells:
     """
     if extent_in_blocks(cloud, voxel) > LARGEST_AXIS:
         raise ValueError(f"the cloud is more than {LARGEST_AXIS * BLOCK} voxels of {voxel:g} mm wide")
-    lowest = np.floor(_bounding_box(cloud.points)[0] / voxel).astype(np.int64) // BLOCK - 1
-    numbers, keys = _number_blocks(cloud.points, voxel, lowest)
-    rank = np.empty(len(keys), np.int64)
-    rank[np.argsort(keys)] = np.arange(len(keys))
-    order, point_starts = _sort_by_block(rank[numbers], len(keys))
+    blocks, order, point_starts = numbered_by_block(cloud.points, voxel)
     sigma = np.zeros(len(cloud), np.float32) if cloud.sigma is None else cloud.sigma
     n_cells = np.zeros(len(point_starts), np.int64)
-    in_bands(len(keys), partial(_count_cells, cloud.points, order, point_starts, voxel, n_cells))
+    in_bands(len(blocks), partial(_count_cells, cloud.points, order, point_starts, voxel, n_cells))
     starts = np.cumsum(n_cells)
     moments = np.empty((starts[-1], 14), np.float32)
     sums = partial(_sum_cells, cloud.points, cloud.normals, cloud.colours, _weights(cloud), sigma, order, point_starts)
-    in_bands(len(keys), partial(sums, voxel, starts, moments))
-    cells = Cells(block_coordinates(np.sort(keys)) + lowest, starts, moments)
+    in_bands(len(blocks), partial(sums, voxel, starts, moments))
+    cells = Cells(blocks, starts, moments)
     _set_radius(cells, np.diff(point_starts), reach)
     return cells
+
+
+def numbered_by_block(
+    points: NDArray[np.float32], voxel: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Sort points (N, 3), mm, into blocks of cells one voxel wide.
+
+    Returns
+    -------
+    blocks : int64 (B, 3), coordinates of those that hold points, in the order of their keys
+    order, starts : int64 (N,) and (B + 1,), block b holds the points `order[starts[b] : starts[b + 1]]`
+    """
+    lowest = np.floor(_bounding_box(points)[0] / voxel).astype(np.int64) // BLOCK - 1
+    numbers, keys = _number_blocks(points, voxel, lowest)
+    rank = np.empty(len(keys), np.int64)
+    rank[np.argsort(keys)] = np.arange(len(keys))
+    order, starts = _sort_by_block(rank[numbers], len(keys))
+    return block_coordinates(np.sort(keys)) + lowest, order, starts
 
 
 def _set_radius(cells: Cells, n_points: NDArray[np.int64], reach: Reach) -> None:
