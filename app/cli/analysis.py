@@ -100,6 +100,9 @@ RandomEffectsOption = Annotated[
 ExcludeOption = Annotated[
     list[str] | None, typer.Option(help="Participant to leave out; the report says so. May be repeated.")
 ]
+PlannedOption = Annotated[
+    int | None, typer.Option(min=1, help="Participants that the study was planned for; results of fewer are interim.")
+]
 ColumnsOption = Annotated[
     str | None,
     typer.Option(help="Names of the file's columns where they differ: participant=judge,item_a=type_a+level_a."),
@@ -147,6 +150,7 @@ def analyse(
     jod_prior: JodPriorOption = "none",
     random_effects: RandomEffectsOption = "",
     exclude: ExcludeOption = None,
+    planned: PlannedOption = None,
     columns: ColumnsOption = None,
     choices: ChoicesOption = None,
     layout: FormatOption = "",
@@ -183,6 +187,7 @@ def analyse(
             random_effects=random_effects,
             by_dataset=by == "dataset",
             exclude=tuple(exclude or ()),
+            planned_participants=planned,
         )
     if out is None and not dry_run:
         raise typer.BadParameter("--out is missing: the folder for the results (or --dry-run, which writes nothing)")
@@ -233,6 +238,24 @@ def plan(
         float, typer.Option(help="True difference of two conditions: JOD (log-odds / ln 3), or grades where rated.")
     ] = 0.5,
     tie_rate: Annotated[float, typer.Option(min=0, max=0.99, help="Chance of no preference between equals.")] = 0.2,
+    claim: Annotated[
+        str,
+        typer.Option(
+            help="What is to be claimed: told apart (all pairs, Holm), pair, best, factor, measure, datasets."
+        ),
+    ] = "told apart",
+    spread: Annotated[
+        float,
+        typer.Option(min=0, help="How far people's opinions of a condition differ: standard deviation, log-odds."),
+    ] = 0.4,
+    by_dataset: Annotated[
+        float, typer.Option(min=0, help="The same of opinions that somebody has on one dataset only.")
+    ] = 0.0,
+    dataset_spread: Annotated[
+        float, typer.Option(min=0, help="How far datasets shift the scores: standard deviation, log-odds.")
+    ] = 0.0,
+    drop_out: Annotated[float, typer.Option(min=0, max=0.99, help="Share of people who leave half-way.")] = 0.0,
+    careless: Annotated[float, typer.Option(min=0, max=0.99, help="Share of people who throw a coin.")] = 0.0,
     inconsistency: Annotated[
         float, typer.Option(help="Standard deviation of somebody's ratings around the qualities, in grades.")
     ] = TYPICAL_INCONSISTENCY,
@@ -264,11 +287,19 @@ def plan(
     if is_rated:
         result = plan_ratings(RatingPlan(conditions, datasets, participants, inconsistency), effect)
     else:
-        design = StudyPlan(conditions, datasets, participants, tie_rate=tie_rate)
-        progress = ProgressLine()
-        result = plan_study(
-            design, np.random.default_rng(seed), effect_jod=effect, replicates=replicates, progress=progress
+        design = StudyPlan(
+            conditions, datasets, participants, tie_rate, spread, by_dataset, dataset_spread, drop_out, careless
         )
+        progress = ProgressLine()
+        with wrong_use():
+            result = plan_study(
+                design,
+                np.random.default_rng(seed),
+                effect_jod=effect,
+                replicates=replicates,
+                progress=progress,
+                claim=claim,
+            )
         progress.close()
     n_trials = result["votes_per_participant"]
     result |= {"protocol": protocol, "trials": n_trials, "minutes": max(1, round(trials_s(n_trials, exposure) / 60))}
@@ -277,10 +308,29 @@ def plan(
     sentences = (
         f"{n_trials} trials for each of {participants} participants: about {result['minutes']} minutes.\n"
         f"A difference of {effect:g} {unit} is found with a power of {result['power_one_dataset']:.2f} in one dataset, "
-        f"{result['power_pooled']:.2f} over all.\n"
+        f"{result['power_pooled']:.2f} over all{_of_claim(result)}.\n"
         f"Found with a power of 0.8: {_detectable(single, unit)} in one dataset, {_detectable(pooled, unit)} over all."
     )
+    if not is_rated:
+        sentences = f"{sentences}\n{_claims(result)}"
     print_result(result, sentences, as_json=as_json)
+
+
+def _of_claim(plan: dict[str, Any]) -> str:
+    return f" (claim: {plan['claim']})" if "claim" in plan else ""
+
+
+def _claims(plan: dict[str, Any]) -> str:
+    """Say how often each claim would be made, and how many participants the one asked for needs."""
+    lines = [f"Claims over all datasets, {plan['effect_jod']:g} JOD (± error of the simulation):"]
+    lines += [f"  {row['power']:.2f} ± {row['power_error']:.2f}  {row['what']}" for row in plan["claims"]]
+    wanted = plan["participants_wanted"]
+    number = (
+        f"{wanted['participants']} participants ({wanted['low']} to {wanted['high']} within the simulation's error)"
+        if wanted
+        else "more than 512 participants"
+    )
+    return "\n".join([*lines, f"For a power of 0.8 of the claim \u201c{plan['claim']}\u201d: {number}."])
 
 
 MOST_SCORES = 40  # lines of scores in the terminal
