@@ -156,10 +156,11 @@ def _ask_if_something_else(seen: Seen, rated: Sequence[str], who: Mapping[str, t
             choice = next((name for name in rated if name not in (a, b)), "…")
             columns = {"item_a": a, "item_b": b, "choice": choice}
             readings.insert(0, Reading(f"votes on the items in {a!r} and {b!r}", Told(columns=columns)))
-        for name in roles:
-            rest = [other for other in rated if other != name]
+        odd = list(dict.fromkeys((*roles, *_odd_names([name for name in rated if name not in roles]))))
+        for names in [[name] for name in odd] + ([odd] if len(odd) > 1 else []):
+            rest = [other for other in rated if other not in names]
             if len(rest) >= FEWEST_RATED:
-                readings.append(Reading(f"ratings without {name!r}", Told(columns={"rating": JOIN.join(rest)})))
+                readings.append(Reading(f"ratings without {named(names)}", Told(columns={"rating": JOIN.join(rest)})))
         raise QuestionError(f"the numbers in {named(rated)} can be read in {len(readings)} ways", readings)
     dashed = [pair[:2] for name in rated if (pair := pair_in(name)) is not None]
     if len(dashed) == len(rated) and max(Counter(item for pair in dashed for item in pair).values()) > 1:
