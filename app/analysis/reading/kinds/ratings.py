@@ -96,8 +96,9 @@ def find_ratings(seen: Seen) -> Description | None:
     taken = [name for names in columns.values() for name in names]
     optional = seen.optional(RATING_OPTIONAL, taken)
     optional.pop("first_shown", None)
-    is_worded = {word.lower() for word in seen.column(rating[0]).filled} <= set(GRADES)
-    note = "words are grades: excellent is 5, bad is 1" if is_worded and not seen.is_empty(rating[0]) else ""
+    worded = {word.lower() for word in seen.column(rating[0]).filled}
+    is_worded = len(worded) > 1 and worded <= set(GRADES)  # a single word is rather a mistake
+    note = "words are grades: excellent is 5, bad is 1" if is_worded else ""
     return Description(RATINGS, columns | optional, words=GRADES if note else {}, notes=(note,) if note else ())
 
 
