@@ -74,10 +74,20 @@ TABLES: Mapping[str, Table] = {
     "measures": Table("measure and dataset", {"n": "points", "n_conditions": "that permutations exchange"}),
     "measure_comparisons": Table("two measures", {"n": "points that both have"}),
     "rates": Table(
-        "condition of a known size",
-        {"is_on_front": "no other is as small and scores as high"},
+        "condition whose model's size is known",
+        {
+            "method": "its levels of all factors but the one of numbers, which `level` holds",
+            "bytes": "of its files; over all datasets the geometric mean",
+            "is_on_front": "no other is as small and scores as high",
+        },
     ),
-    "rate_differences": Table("two methods", {"bytes_low": "with `bytes_high`, sizes that both methods have"}),
+    "rate_differences": Table(
+        "two methods with sizes in common",
+        {
+            "difference": "mean score of `method_a` less that of `method_b` at equal size, over the logarithm of sizes",
+            "bytes_low": "smallest size that both have, as `bytes_high` the largest",
+        },
+    ),
     "agreement": Table(
         "dataset",
         {
