@@ -194,13 +194,13 @@ def _oracle(votes: VotesTable, kind: Kind, rng: np.random.Generator, n_draws: in
 
     def ratio(wins: Array, votes: Array) -> Array:
         loglik = wins @ d.T - votes @ np.log1p(np.exp(d)).T
-        return np.asarray(-votes.sum(axis=1) * np.log(2) - (logsumexp(loglik, axis=1) - np.log(n_draws)))
+        return np.asarray(-np.log(2) * votes.sum(axis=1) - (logsumexp(loglik, axis=1) - np.log(n_draws)))
 
-    n_votes = wins + losses
+    n_votes = np.asarray(wins + losses, np.float64)
     design = n_votes[rng.integers(0, kind.people, 1000)]
     random = np.sort(ratio(rng.binomial(design.astype(int), 0.5).astype(float), design))
     beyond = np.cumsum(np.exp(-random[::-1]))[::-1] / len(random)
-    found = ratio(wins, n_votes)[kind.people - kind.clickers :]
+    found = ratio(np.asarray(wins, np.float64), n_votes)[kind.people - kind.clickers :]
     chance = np.append(beyond, beyond[-1] if len(beyond) else 1.0)[np.searchsorted(random, found)]
     return float(np.mean(kind.people * np.minimum(chance, np.exp(-np.maximum(found, 0))) < FALSE_ALARMS))
 
