@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from app.analysis.screening.careless import FALSE_ALARMS, careless_answers
 from app.analysis.screening.disagreement import heterogeneity
 
 Array = NDArray[np.float64]
+Index = NDArray[np.integer[Any]]
 LOG_ODDS_PER_JOD = float(np.log(3))
 
 
@@ -82,7 +84,7 @@ def study(kind: Kind, rng: np.random.Generator) -> tuple[VotesTable, Array]:
 
 
 def _voted(
-    kind: Kind, scores: Array, who: Array, dataset: Array, a: Array, b: Array, rng: np.random.Generator
+    kind: Kind, scores: Array, who: Index, dataset: Index, a: Index, b: Index, rng: np.random.Generator
 ) -> VotesTable:
     first = rng.integers(0, 2, len(who))
     d = scores[who, dataset, a] - scores[who, dataset, b] + kind.order * np.where(first == 0, 1, -1)
@@ -97,7 +99,7 @@ def _voted(
 
 def _drawn(weights: Array, rng: np.random.Generator) -> NDArray[np.int8]:
     drawn = rng.random(weights.shape[1]) * weights.sum(axis=0)
-    return (drawn > weights[0]).astype(np.int8) + (drawn > weights[0] + weights[1])
+    return np.asarray((drawn > weights[0]).astype(np.int8) + (drawn > weights[0] + weights[1]), np.int8)
 
 
 def _checks(kind: Kind, scores: Array, votes: VotesTable, rng: np.random.Generator) -> Iterator[VotesTable]:
@@ -117,7 +119,7 @@ def _checks(kind: Kind, scores: Array, votes: VotesTable, rng: np.random.Generat
     yield replace(again, role=np.full(len(rows), REPEAT, np.int8))
 
 
-def line(name: str, values: list[float] | Array) -> str:
+def line(name: str, values: Sequence[float] | Array) -> str:
     """Return the mean of a value of each study in percent, with its Monte Carlo error."""
     known = np.asarray([value for value in values if np.isfinite(value)], float)
     error = known.std(ddof=1) / np.sqrt(len(known)) if len(known) > 1 else np.nan
@@ -144,8 +146,8 @@ def careless_lines(n_studies: int, seed: int) -> Iterator[str]:
     """Print how many honest people are named, and which share of random clickers, beside an oracle's."""
     for name, kind in HONEST_KINDS.items():
         rng = np.random.default_rng(seed)
-        named = [_named(study(kind, rng)[0], kind) for _ in range(n_studies)]
-        yield line(f"honest studies that name somebody: {name}", [bool(each) for each in named])
+        some = [bool(_named(study(kind, rng)[0], kind)) for _ in range(n_studies)]
+        yield line(f"honest studies that name somebody: {name}", some)
     for name, kind in {
         "range 1.1 JOD": Kind(clickers=4),
         "range 3 JOD": Kind(range_jod=3.0, clickers=4),
@@ -185,20 +187,20 @@ def _oracle(votes: VotesTable, kind: Kind, rng: np.random.Generator, n_draws: in
     cell = place[np.minimum(used.item_a, used.item_b), np.maximum(used.item_a, used.item_b)]
     size = kind.people * len(low)
     wins, losses = (
-        np.bincount(used.participant * len(low) + cell, used.prefers_lower == side, size).reshape(kind.people, -1)
+        np.bincount(used.participant * len(low) + cell, used.prefers_lower == side, size).reshape(kind.people, -1) * 1.0
         for side in (True, False)
     )
     d = own[:, low] - own[:, high]
 
     def ratio(wins: Array, votes: Array) -> Array:
         loglik = wins @ d.T - votes @ np.log1p(np.exp(d)).T
-        return -votes.sum(axis=1) * np.log(2) - (logsumexp(loglik, axis=1) - np.log(n_draws))
+        return np.asarray(-np.log(2) * votes.sum(axis=1) - (logsumexp(loglik, axis=1) - np.log(n_draws)))
 
-    n_votes = wins + losses
+    n_votes = np.asarray(wins + losses, np.float64)
     design = n_votes[rng.integers(0, kind.people, 1000)]
-    random = np.sort(ratio(rng.binomial(design.astype(int), 0.5), design))
+    random = np.sort(ratio(rng.binomial(design.astype(int), 0.5).astype(float), design))
     beyond = np.cumsum(np.exp(-random[::-1]))[::-1] / len(random)
-    found = ratio(wins, n_votes)[kind.people - kind.clickers :]
+    found = ratio(np.asarray(wins, np.float64), n_votes)[kind.people - kind.clickers :]
     chance = np.append(beyond, beyond[-1] if len(beyond) else 1.0)[np.searchsorted(random, found)]
     return float(np.mean(kind.people * np.minimum(chance, np.exp(-np.maximum(found, 0))) < FALSE_ALARMS))
 

@@ -107,8 +107,8 @@ def simulated_votes(people: People, abilities: Array, n_studies: int, rng: np.ra
     votes = (choice[..., None, :] == np.arange(3)[:, None]).astype(np.float64)
     if people.drop_out:
         leaves = rng.random((*shape[:2], 1, 1, 1)) < people.drop_out
-        votes *= ~(leaves & (rng.random((*shape, 1, len(low))) < 0.5))
-    return votes
+        votes = votes * ~(leaves & (rng.random((*shape, 1, len(low))) < 0.5))
+    return np.asarray(votes, np.float64)
 
 
 def fitted_together(votes: Array) -> Fitted:
@@ -127,7 +127,7 @@ def fitted_together(votes: Array) -> Fitted:
     maximum = maximise(design, *(table[:, kind] for kind in range(3)), search=Search(runaway=RUNAWAY))
     d, t = design.predictors(np.where(maximum.converged[:, None], maximum.theta, 0.0))
     information = design.information(DAVIDSON.derivatives(d, t, *(table[:, kind] for kind in range(3))))
-    inverse = np.linalg.pinv(information, hermitian=True)
+    inverse = np.asarray(np.linalg.pinv(information, hermitian=True), np.float64)
     by_person = DAVIDSON.derivatives(d[:, None], t[:, None], *(votes[:, :, kind] for kind in range(3)))
     slopes = np.broadcast_to(by_person.d, (n_studies, n_people, n_pairs))
     gradients = [slopes @ design.incidence.toarray()]
@@ -198,11 +198,11 @@ def pair_directions(n: int) -> Array:
 
 def _two_apart(n: int, effect: float) -> Array:
     """Return scores of which the first two differ, and the others lie halfway."""
-    return np.r_[effect / 2, -effect / 2, np.zeros(n - 2)]
+    return np.asarray(np.r_[effect / 2, -effect / 2, np.zeros(n - 2)])
 
 
 def _one_above(n: int, effect: float) -> Array:
-    return np.r_[effect, np.zeros(n - 1)]
+    return np.asarray(np.r_[effect, np.zeros(n - 1)])
 
 
 def _two_halves(n: int, effect: float) -> Array:

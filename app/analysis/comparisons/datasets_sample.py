@@ -90,7 +90,7 @@ def factor_rows(additive: Mapping[str, Part], factors: Factors) -> Iterator[dict
         return
     pooled = additive[ALL].fit
     singles = [part.fit for name, part in additive.items() if name != ALL and part.fit.items == pooled.items]
-    rows, column = [], 0
+    rows, column = list[dict[str, Any]](), 0
     for factor, names in coding(factors, pooled.items)[1]:
         size = len(names) - 1
         to_levels = np.r_[np.eye(size), -np.ones((1, size))]
@@ -173,9 +173,10 @@ def pair_p_values(compared: Sequence[Comparison]) -> dict[tuple[str, str], tuple
     shared = np.zeros(len(first)) if people is None else np.maximum(np.diag(people - votes), 0.0)
     variance, n_people = common + shared, pooled.n_participants or 2
     df = variance**2 / (common**2 / df_common + shared**2 / max(n_people - 1, 1))
-    p_values = 2 * student.sf(np.abs(contrasts[:, :n] @ values.mean(axis=0)) / np.sqrt(variance), df)
+    ratios = np.abs(contrasts[:, :n] @ values.mean(axis=0)) / np.sqrt(variance)
+    sampled = np.asarray(2 * student.sf(ratios, df), np.float64)
     alone = [row.p_value for row in contrasts_of(scores_of(pooled))]  # nothing is surer for more datasets than these
-    p_values = np.maximum(p_values, alone) if alone else p_values
-    corrected = holm(np.array(p_values))
+    p_values: Array = np.maximum(sampled, alone) if alone else sampled
+    corrected = holm(p_values)
     names = [(pooled.items[a], pooled.items[b]) for a, b in zip(first, second, strict=True)]
     return {pair: (float(p), float(p_holm)) for pair, p, p_holm in zip(names, p_values, corrected, strict=True)}

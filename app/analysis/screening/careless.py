@@ -126,7 +126,8 @@ def careless_answers(
             break
         kept = trimmed
     evidence = _weighed(votes, who, names, by_name, panel, order_effect or 0.0, kept, rng, DRAWS)
-    alarms = np.minimum(len(people) * evidence.chance, len(people))
+    of_few = 1 + (FEW / len(people)) ** 2  # what honest people do is itself uncertain; eight err twice as often
+    alarms = np.minimum(of_few * len(people) * evidence.chance, len(people))
     return {
         name: Careless(
             float(evidence.total[row]),
@@ -235,7 +236,7 @@ def _panel(votes: VotesTable, who: NDArray[np.intp], n_people: int, order_effect
     size = n_people * len(codes)
     unit = who[decided] * len(codes) + cell
     wins, losses = (
-        np.bincount(unit, (compared.prefers_lower == side) * rows.count, size).reshape(n_people, -1)
+        np.bincount(unit, (compared.prefers_lower == side) * rows.count, size).reshape(n_people, -1).astype(np.float64)
         for side in (True, False)
     )
     pair, dataset = codes // 3 % (n * n), codes // 3 // (n * n)
@@ -312,7 +313,7 @@ def _loglik(logits: NDArray[np.float32], wins: Array, votes: Array) -> Array:
         result = wins.astype(np.float32) @ near.T - votes.astype(np.float32) @ lost.T
     else:
         result = (near @ wins.astype(np.float32)[..., None] - lost @ votes.astype(np.float32)[..., None])[..., 0]
-    return result.astype(np.float64)
+    return np.asarray(result, np.float64)
 
 
 def _root(covariance: Array) -> Array:
@@ -385,7 +386,7 @@ def _scores(panel: _Panel, kept: NDArray[np.bool_]) -> Array | None:
     n = panel.incidence.shape[1]
     first, second = panel.incidence.argmax(axis=1), panel.incidence.argmin(axis=1)
     wins, losses = (
-        np.bincount(first * n + second, part[kept].sum(axis=0), n * n).reshape(n, n)
+        np.bincount(first * n + second, part[kept].sum(axis=0), n * n).reshape(n, n).astype(np.float64)
         for part in (panel.wins, panel.losses)
     )
     low, high = np.nonzero(wins + losses)
@@ -439,8 +440,8 @@ def _ties(
     votes: VotesTable, who: NDArray[np.intp], n_people: int, kept: NDArray[np.bool_], rng: np.random.Generator
 ) -> Found:
     """Weigh how often somebody has no preference against the rates of the panel, which vary."""
-    n = np.bincount(who, votes.count, n_people)
-    k = np.bincount(who, votes.count * (votes.choice == NONE), n_people)
+    n = np.bincount(who, votes.count, n_people).astype(np.float64)
+    k = np.bincount(who, votes.count * (votes.choice == NONE), n_people).astype(np.float64)
     if not k.any() or n_people < 5:
         return None
     rates, size = (k / n)[kept], n[kept].mean()
@@ -453,7 +454,7 @@ def _ties(
         usual, any_rate = _beta_binomial(k, n, a, b), _beta_binomial(k, n, 1, 1)
         careless = np.logaddexp(np.log(1 - UNUSUAL) + usual, np.log(UNUSUAL) + any_rate)
         honest = np.logaddexp(np.log(1 - OUTSIDE) + usual, np.log(OUTSIDE) + any_rate)
-        return careless - honest
+        return np.asarray(careless - honest)
 
     design = n[rng.integers(0, n_people, SIMULATED)]
     rate = np.where(rng.random(SIMULATED) < UNUSUAL, rng.random(SIMULATED), rng.beta(a, b, SIMULATED))
@@ -522,8 +523,8 @@ def _sides(
         return None
     best, said = np.full(n_people, -np.inf), [""] * n_people
     for name, known, chosen in kinds:
-        n = np.bincount(who[known], votes.count[known], n_people)
-        k = np.bincount(who[known], (votes.count * chosen)[known], n_people)
+        n = np.bincount(who[known], votes.count[known], n_people).astype(np.float64)
+        k = np.bincount(who[known], (votes.count * chosen)[known], n_people).astype(np.float64)
         ratio = _beta_binomial(k, n, 1, 1) + n * np.log(2)
         for row in np.flatnonzero(ratio > best):
             best[row], said[row] = ratio[row], f"{int(k[row])} of {int(n[row])} decided votes for {name}"

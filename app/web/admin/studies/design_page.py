@@ -102,8 +102,8 @@ def _power(
         single, pooled = (rating_power(plan, effect) for plan in plans)
         return single, pooled
 
-    plans = (StudyPlan(conditions, n, participants, spread=spread) for n in (1, datasets))
-    single, pooled = (power(plan, effect, 1, REPLICATES) for plan in plans)
+    sizes = (StudyPlan(conditions, n, participants, spread=spread) for n in (1, datasets))
+    single, pooled = (power(size, effect, 1, REPLICATES) for size in sizes)
     return single, pooled
 
 
