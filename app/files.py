@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-import errno
 import fcntl
-import hashlib
-import json
 import os
 import secrets
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
+
+import ground.files
+from ground.files import file_digest as file_digest
+from ground.files import whole_file as whole_file
+from ground.files import write_bytes as write_bytes
+from ground.files import write_json as write_json
+from ground.files import write_text as write_text
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -77,26 +81,6 @@ def private_folder(path: Path) -> None:
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path` that becomes `path` if the block ends without an error.
-
-    The temporary name keeps the suffix, because encoders choose the format by it. Threads and processes that write the
-    same file at once use different names; the last to end wins. The error of a full disk names `path`.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}-{secrets.token_hex(4)}.part{path.suffix}")
-    try:
-        yield temporary
-        temporary.replace(path)
-    except OSError as error:
-        if error.errno == errno.ENOSPC and error.filename is None:  # as of every write
-            error.filename = str(path)
-        raise
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-@contextmanager
 def whole_folder(path: Path) -> Iterator[Path]:
     """Yield a temporary folder that becomes `path`, which is missing or empty, if the block ends without an error."""
     path = path.resolve()
@@ -154,62 +138,11 @@ def without_formula(text: str) -> str:
     return f"'{text}" if text.startswith(FORMULA) else text
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a text file in UTF-8, whole or not at all."""
-    with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-
-
-def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file, whole or not at all."""
-    with whole_file(path) as temporary:
-        temporary.write_bytes(content)
-
-
-def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a JSON object, indented, whole or not at all."""
-    write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
-
-
 def read_json(path: Path, largest: int = LARGEST_JSON) -> dict[str, Any]:
-    """Read a JSON object of so many bytes at most.
-
-    Raises
-    ------
-    ValueError
-        If the file is missing, is not JSON, or holds something other than an object.
-    """
-    try:
-        content = json.loads(read_json_bytes(path, largest))
-    except FileNotFoundError as error:
-        raise ValueError(f"{path}: there is no such file") from error
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {(error.strerror or str(error)).lower()}") from error
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise ValueError(f"{path}: is not readable as JSON: {error}") from error
-    except RecursionError as error:
-        raise ValueError(f"{path}: holds too many lists within one another") from error
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-    if not isinstance(content, dict):
-        raise ValueError(f"{path}: holds a {type(content).__name__}, expected a JSON object")
-    return content
+    """Read a JSON object of so many bytes at most, or raise a ValueError that says what is wrong."""
+    return ground.files.read_json(path, largest)
 
 
 def read_json_bytes(path: Path, largest: int = LARGEST_JSON) -> bytes:
-    """Read the bytes of a JSON file, unless it is larger than its kind ever is.
-
-    Raises
-    ------
-    ValueError
-        If it has more than the largest number of bytes.
-    """
-    if (size := path.stat().st_size) > largest:
-        raise ValueError(f"has {size / 2**20:.1f} MB, expected {largest // 2**20} MB at most for a JSON file")
-    return path.read_bytes()
-
-
-def file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file's bytes, hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    """Read the bytes of a JSON file, or raise a ValueError if they are more than its kind ever has."""
+    return ground.files.read_json_bytes(path, largest)

@@ -8,7 +8,8 @@ import socket
 import tempfile
 import threading
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 from weakref import WeakValueDictionary
@@ -24,16 +25,20 @@ from sse_starlette.sse import AppStatus
 from starlette.concurrency import run_in_threadpool
 from uvicorn.supervisors import Multiprocess
 
+from app.errors import StudyError
 from app.files import packaged, page_templates, private_folder
 from app.films.object_store import MediaStore
 from app.intake.bounds import end_with_parent
 from app.operations.database import open_store
 from app.operations.jobs.beside_server import worker_beside
+from app.operations.studies.creation import CREATION, go_on_creating
 from app.operations.studies.languages import read_languages
+from app.operations.tasks import resume_tasks
 from app.operations.upkeep.housekeeping import EVERY_S, Housekeeper
 from app.settings import Settings
 from app.store.database.engine import Database, open_database
 from app.store.database.keys import utc_now
+from app.store.database.server_tasks import BEATS_WITHIN
 from app.store.trials.vote_writer import VoteWriter
 from app.web import media
 from app.web.admin import background
@@ -141,9 +146,11 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         keeper = Housekeeper(settings, database)
         await run_in_threadpool(keeper.keep_house, app.state.clock())
+        await run_in_threadpool(_take_up, app, is_alone=settings.is_sqlite)
         with app.state.votes, app.state.flags:
             async with anyio.create_task_group() as tasks:
                 tasks.start_soon(_keep_house, app, keeper)
+                tasks.start_soon(_look_for_lost_tasks, app)
                 yield
                 tasks.cancel_scope.cancel()
         votes_database.dispose()
@@ -211,6 +218,20 @@ def _set_state(app: FastAPI, settings: Settings, database: Database, writer: Vot
     app.state.clock = utc_now
     app.state.throttle = Throttle()
     app.state.is_stopping = False  # live pages end when it is set
+
+
+def _take_up(app: FastAPI, *, is_alone: bool) -> None:
+    """Take up what a stopped server was making."""
+    server, database = app.state.settings, app.state.database
+    works = {CREATION: partial(go_on_creating, server, database)}
+    resume_tasks(database, works, app.state.clock(), is_alone=is_alone)
+
+
+async def _look_for_lost_tasks(app: FastAPI) -> None:
+    while True:
+        await anyio.sleep(BEATS_WITHIN.total_seconds())
+        with suppress(StudyError):  # logged where it happened; the next look may get through
+            await run_in_threadpool(_take_up, app, is_alone=False)
 
 
 async def _keep_house(app: FastAPI, keeper: Housekeeper) -> None:

@@ -71,6 +71,11 @@ class Settings(BaseSettings):
         default=None,
         description="where browsers fetch the pair videos: s3://bucket/folder, …, or https:// of a public host",
     )
+    check_browser: str = Field(
+        default="auto",
+        description="browser that plays a study's films before people see them: auto finds Chromium or Chrome, none "
+        "leaves it out, else its path",
+    )
     backup_encrypt_to: str | None = Field(
         default=None,
         description="public key (age1…, ssh-ed25519 …) to which `reconstudy backup` encrypts, or a file of such keys",

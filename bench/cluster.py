@@ -33,7 +33,7 @@ from recon.pipeline.job import ReconstructOptions, planned_job
 from recon.pipeline.reconstruct import reconstruct
 from recon.pipeline.run import read_run
 from recon.pipeline.sources import run_source
-from recon.pipeline.stages import match_frame
+from recon.pipeline.stages import match_stretch
 from recon.storage.artefacts import file_digest
 from recon.studio import SynthParameters, synthesise
 
@@ -62,7 +62,7 @@ POOLS = {"local processes": local, "Dask": dask}
 
 def matching(capture: Capture, folder: Path) -> list[partial[Any]]:
     job = planned_job(capture, folder, ReconstructOptions(depths=("id",)))
-    return [partial(match_frame, job, view) for sequence in job.sequences for view in sequence]
+    return [partial(match_stretch, job, stretch) for stretch in job.stretches]
 
 
 def rendering(run: Path, options: RenderOptions, folder: Path) -> list[partial[Any]]:

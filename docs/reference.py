@@ -60,6 +60,14 @@ def repository_page(name: str) -> str:
     return re.sub(r"\]\(docs/", "](", text).replace("](LICENSE)", "](https://opensource.org/license/mit)")
 
 
+def formats() -> str:
+    """Return the table of layouts and programs that `analyse --format` names."""
+    from app.analysis.reading.programs import KNOWN
+
+    rows = [f"| `{name}` | {says.replace('|', chr(92) + '|')} |" for name, says in KNOWN.items()]
+    return "\n".join(["| `--format` | what is in the file |", "|---|---|", *rows])
+
+
 def commands() -> str:
     """Return every command with its arguments and options, as `--help` prints them."""
     from app.cli import app
@@ -177,7 +185,9 @@ def _fields(kind: type[Any]) -> list[tuple[str, str, str]]:
 
 
 def tables() -> str:
-    """Return the columns of every table of results that analysts fetch."""
+    """Return the columns of every table of results that analysts fetch, and the tables of an analysis."""
+    from app.analysis.report.write import COLUMNS
+    from app.analysis.tables import TABLES as ANALYSIS
     from app.web.analyst.columns import FURTHER, TABLES
 
     parts = [
@@ -188,6 +198,20 @@ def tables() -> str:
         every = columns | FURTHER.get(name, {})
         rows = [(f"`{column}`", _sentence(meaning)) for column, meaning in every.items()]
         parts += [f"## {name.replace('_', ' ')}", _table(("column", "is"), rows)]
+    kept = [
+        (
+            f"`{name}`",
+            table.row,
+            "; ".join(f"`{column}`: {meaning}" for column, meaning in table.columns.items()),
+            f"`{name}.csv`" if name in COLUMNS else "",
+        )
+        for name, table in ANALYSIS.items()
+    ]
+    parts += [
+        "## Tables of an analysis",
+        "In `analysis.json` of [an analysis](analysis.md#tables), with the columns that their names do not explain.",
+        _table(("table", "a row for each", "columns", "file"), kept),
+    ]
     return "\n\n".join(parts) + "\n"
 
 

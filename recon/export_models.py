@@ -49,6 +49,7 @@ def write_models(runs: Sequence[Path], out: Path, frame: int | None, progress: P
 
 
 def _write_approach(run: Run, approach: str, frame: int, out: Path) -> list[Path]:
+    frame = run.shown_in(approach, frame)
     truth = _truth(run, frame)
     depth = parse_approach(approach).depth
     names = [View(depth, stream.id, frame).cloud for stream in run.capture.sensors_for(depth)]

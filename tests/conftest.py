@@ -32,6 +32,7 @@ settings.register_profile("no deadline", deadline=None)  # how long an example t
 settings.load_profile("no deadline")
 
 ROOT = Path(__file__).parent.parent
+os.environ.setdefault("RECONSTUDY_CHECK_BROWSER", "none")  # each study's films would be played before its test
 NUMBERS = count(1)
 BROWSER_TIMEOUT_MS = 60_000
 # Each window would draw pages of the browser's own besides, which takes more than ours.
@@ -143,11 +144,10 @@ def emptied(new_migrated_url: Callable[[], str]) -> list[str]:  # noqa: ARG001  
 def database(new_migrated_url: Callable[[], str], emptied: list[str]) -> Iterator[Database]:
     """A database with all tables and no rows."""
     url = emptied.pop() if emptied else new_migrated_url()
-    database = open_database(url)
-    yield database
-    if database.engine.dialect.name == "postgresql" and empty(database):
+    with open_database(url) as database:
+        yield database
+    if url.startswith("postgresql") and empty(url):
         emptied.append(url)
-    database.dispose()
 
 
 def pytest_collection_finish() -> None:

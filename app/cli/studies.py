@@ -214,6 +214,21 @@ def study_invite(
     print_result(made, f"For {people}: {made['link']}", as_json=as_json)
 
 
+@study_app.command("check")
+def study_check(study: StudyArgument, as_json: JsonOption = False) -> None:
+    """Check a study's films: decode each to its end, and play it in a headless browser where one is installed."""
+    from app.operations.studies.check_films import FilmCheck, check_study, in_words
+    from app.settings import Settings
+
+    progress = ProgressLine()
+    checked = check_study(Settings(), study, progress=by_step(progress))
+    progress.close()
+    faults = [f"{media}: {fault}" for media, fault in checked["faults"].items()]
+    print_result(checked, "\n".join([in_words(FilmCheck(**checked)), *faults]), as_json=as_json)
+    if faults:
+        raise typer.Exit(1)
+
+
 @study_app.command("balance")
 def study_balance(
     study: StudyArgument,

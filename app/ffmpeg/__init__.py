@@ -21,8 +21,9 @@ import imageio_ffmpeg
 
 from app.errors import StimuliError
 from app.ffmpeg.look import Look, parse_look
+from ground.progress import Progress as Progress
+from ground.progress import no_progress as no_progress
 
-Progress = Callable[[str, int, int], None]  # what is being done, how many are done, how many there are
 WORKERS = 2  # processes at once, each on one thread, so that files are reproducible
 LONGEST_S = 3 * 3600  # of an ffmpeg; a minute of 4K takes half an hour to encode as AV1
 MOST_MEMORY = 4 * 1024**3  # bytes; three films of 4K, one above the other, take 1.5 GB to encode
@@ -46,10 +47,6 @@ MEANINGS = {  # what ffmpeg says of frequent faults, and what they are
 }
 _LOOKING = ("-map", "0:v:0", "-vf", "showinfo=checksum=0", "-fps_mode", "passthrough")
 _FAULT = re.compile(r"^(?:\[[^\]\n]* @ [^\]\n]*\] )*\[(?:error|fatal|panic)\] (.*)$", re.MULTILINE)
-
-
-def no_progress(*_told: str | int) -> None:
-    """Ignore progress."""
 
 
 @dataclass(frozen=True)

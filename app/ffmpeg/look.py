@@ -48,6 +48,7 @@ class Look:
     Parameters
     ----------
     codec : ffmpeg's name of it
+    width, height : of the pictures after rotation, pixels
     pixel_format : ffmpeg's name of it
     pixel_shape : width of a pixel by its height, as displayed, after the rotation
     rotation : degrees by which the container wants the pictures turned, counterclockwise
@@ -60,6 +61,8 @@ class Look:
     """
 
     codec: str
+    width: int
+    height: int
     pixel_format: str
     pixel_shape: Fraction = Fraction(1)
     rotation: float = 0.0
@@ -148,11 +151,13 @@ def parse_look(log: str) -> Look:
     if not films or not pictures:
         raise ValueError("holds no picture")
     _check_steady(pictures, colours)
-    _, pixel_format, wide, high, _, _, _ = pictures[0]
+    _, pixel_format, wide, high, width, height, _ = pictures[0]
     color_range, matrix, primaries, transfer = colours[0] if colours else (UNTAGGED,) * 4
     rotation, dolby = _ROTATION.search(header), _DOLBY.search(header)
     return Look(
         codec=films[0][0],
+        width=int(width),
+        height=int(height),
         pixel_format=pixel_format,
         pixel_shape=Fraction(int(wide), int(high)) if int(wide) and int(high) else Fraction(1),
         rotation=float(rotation[1]) if rotation else 0.0,

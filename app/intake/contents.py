@@ -7,11 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from app.ffmpeg import VIDEO_SUFFIXES
 from app.intake.import_videos import MASK, MASTER
 from app.intake.models import LARGEST_BYTES, LONGEST_HEADER
 from app.intake.summaries import files_of, is_readable
 
-PLAYABLE = (".mp4", ".webm")  # by browsers
+PLAYABLE = (".mp4", ".webm")  # by browsers, mostly; of other films a preview is made
 SHOWN_PICTURES = (".png", ".jpg", ".jpeg", ".svg", ".webp")
 MODEL_FOLDERS = ("meshes", "clouds")
 MOST_SHOWN = 120  # films, pictures and reports on a page
@@ -61,7 +62,7 @@ def read_contents(entry: Path) -> Contents:
     files = [(file.relative_to(base).as_posix(), file) for file in files_of(entry) if is_readable(file)]
     places = [place for place, _ in files]
     films: dict[str, list[str]] = {}
-    for place in _ending(places, PLAYABLE)[:MOST_SHOWN]:
+    for place in _ending(places, VIDEO_SUFFIXES)[:MOST_SHOWN]:
         if not Path(place).stem.endswith((MASTER, MASK)):
             films.setdefault(Path(place).parent.as_posix(), []).append(place)
     models = (_model(place, file) for place, file in files if place.lower().endswith(".ply"))

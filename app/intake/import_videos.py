@@ -73,6 +73,7 @@ def import_stimuli(
     *,
     practice: str | None = None,
     is_conformed: bool = False,
+    name: str = "",
     progress: Progress = no_progress,
 ) -> NewSet:
     """Make a stimulus set of the videos of a folder: look at each, make right what browsers would show wrong, check it.
@@ -85,6 +86,7 @@ def import_stimuli(
     out : the stimulus set's folder, missing or empty
     practice : the dataset whose two videos are for practice, the clearly better one first in the alphabet
     is_conformed : make videos of a dataset alike that differ in size, frame rate or length, instead of refusing them
+    name : the set's; empty: the folder's
     progress : called after each video
 
     Raises
@@ -105,7 +107,7 @@ def import_stimuli(
     with whole_folder(out) as temporary:
         entries = _copy(films, temporary, levels, progress)
         paths = _copy_paths(folder, temporary, {video.dataset for video in compared})
-        manifest = _manifest(folder.resolve().name, entries, levels, practice, _provenance(folder, paths))
+        manifest = _manifest(name or folder.resolve().name, entries, levels, practice, _provenance(folder, paths))
         write_json(temporary / MANIFEST, manifest)
         made = read_manifest(temporary, folder)
     made = replace(made, folder=out)

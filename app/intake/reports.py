@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from app.files import is_plain_name, read_json_bytes
+from app.intake.stimuli import StimulusSet
 
 REPORT = "report.json"
 TABLE = "measures.csv"  # of a report; a table of somebody else's measures may have any name that ends in .csv
@@ -25,6 +26,9 @@ DIRECTIONS: Mapping[str, Literal["less is better", "more is better"]] = {
     "higher": "more is better",
 }
 BETTER: Mapping[str, str] = {direction: better for better, direction in DIRECTIONS.items()}
+
+BETTER_LOWER: Literal["less is better"] = "less is better"
+SIZES_FROM = "files of the models"  # source of the measure `bytes`
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 
@@ -46,6 +50,23 @@ class Measure(BaseModel):
     def place(self) -> tuple[str, str, str]:
         """Dataset, approach and name of the measure: the key of its value."""
         return self.dataset, self.approach, self.measure
+
+
+def model_sizes(stimulus_set: StimulusSet) -> list[Measure]:
+    """Return the size of each stimulus' model as a measure, where the set says it."""
+    return [
+        Measure(
+            dataset=stimulus.dataset,
+            approach=stimulus.approach,
+            measure="bytes",
+            value=float(stimulus.model_bytes),
+            direction=BETTER_LOWER,
+            unit="bytes",
+            source=SIZES_FROM,
+        )
+        for stimulus in stimulus_set.stimuli
+        if stimulus.model_bytes is not None
+    ]
 
 
 class _ReportFile(BaseModel):

@@ -57,6 +57,9 @@ class Stimulus(FilePart):
     fps: Annotated[float, Field(gt=0, le=1000, description="frames a second; alike in all stimuli of a dataset")]
     n_frames: Annotated[int, Field(ge=1, le=1_000_000, description="of the video; alike in all stimuli of a dataset")]
     codec: Annotated[str, Field(description="of the video, for the record")] = ""
+    model_bytes: Annotated[
+        int | None, Field(gt=0, description="size of the model's files, for the figure of score against size")
+    ] = None
     renderer: Annotated[str, Field(description="what drew the frames, for the record")] = ""
 
     @property

@@ -5,6 +5,7 @@ What stays as it is, is copied. What no filter can make right is refused, with t
 
 from __future__ import annotations
 
+import hashlib
 import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -12,11 +13,13 @@ from fractions import Fraction
 from pathlib import Path
 
 from app.errors import StimuliError
-from app.ffmpeg import VideoFacts, decode, reading, run_ffmpeg
+from app.ffmpeg import VideoFacts, decode, look_at, reading, run_ffmpeg
 from app.ffmpeg.colours import TONE_MAPPING, browser_colours, unknown_colours
 from app.ffmpeg.look import UNTAGGED, Look
+from app.files import whole_file
 
 SUFFIX = ".mp4"  # of films that were encoded again
+PREVIEW_WIDTH, PREVIEW_S = 960, 20  # pixels and seconds at most
 FILM_CRF, LOSSLESS = "10", "0"  # x264's: 45 dB and more, and no loss at all
 _ENCODING = ("-c:v", "libx264", "-preset", "medium", "-g", "25", "-threads", "1")
 _CLEAN = ("-an", "-map_metadata", "-1", "-map_chapters", "-1", "-fflags", "+bitexact", "-movflags", "+faststart")
@@ -141,6 +144,38 @@ def write_treated(source: Path, treatment: Treatment, out: Path, *, crf: str = F
     if replace(made, fps=treatment.facts.fps) != treatment.facts or abs(made.fps / treatment.facts.fps - 1) > 1e-3:
         raise StimuliError(f"{source}: was made a film of {made}, expected {treatment.facts}")
     return made
+
+
+def preview_of(source: Path, folder: Path) -> Path:
+    """Return the preview of a film, which is made in a folder unless it is there; otherwise as `write_preview`."""
+    fact = source.stat()
+    told = hashlib.sha256(f"{source} {fact.st_mtime_ns} {fact.st_size}".encode()).hexdigest()[:32]
+    path = folder / f"preview-{told}.mp4"
+    if not path.is_file():
+        folder.mkdir(parents=True, exist_ok=True)
+        write_preview(source, path)
+    return path
+
+
+def write_preview(source: Path, out: Path) -> None:
+    """Write the beginning of any film as one that every browser plays, small, with the film's shape and colours.
+
+    Raises
+    ------
+    StimuliError
+        If it cannot be decoded, or its colours cannot be read.
+    """
+    look = look_at(source)
+    if unknown := unknown_colours(look, look.width, look.height):
+        raise StimuliError(f"{source}: its colours have {unknown}")
+    whole = ["bwdif=mode=send_frame"] if look.is_interlaced else []
+    even = f"crop={look.width - look.width % 2}:{look.height - look.height % 2}:0:0:exact=1"
+    size = f"scale=w=trunc(min({PREVIEW_WIDTH}\\,iw*max(sar\\,1))/2)*2:h=trunc(ow/dar/2)*2"
+    chain = ",".join([*whole, even, browser_colours(look, look.width, look.height), size, "setsar=1", "format=yuv420p"])
+    arguments = [*reading(source), "-map", "0:v:0", "-t", str(PREVIEW_S), "-vf", chain]
+    encoding = ["-c:v", "libx264", "-preset", "veryfast", "-crf", "23", "-threads", "1", *_CLEAN, "-f", "mp4"]
+    with whole_file(out) as temporary:
+        run_ffmpeg([*arguments, *encoding, "-y", str(temporary)], f"{source.name}: cannot be shown")
 
 
 def look_notes(name: str, facts: VideoFacts, treatment: Treatment) -> Iterable[str]:

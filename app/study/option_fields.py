@@ -23,6 +23,9 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, PydanticCustomError
 
+from ground.fields import taken
+from ground.file_models import shown
+
 Change = Literal["any time", "until begun", "with films"]
 ANY_TIME: Change = "any time"
 UNTIL_BEGUN: Change = "until begun"  # all participants see the same study
@@ -47,7 +50,6 @@ Kind = Literal[
     "films",
 ]
 KINDS: Mapping[Any, Kind] = {bool: "flag", int: "whole", float: "number", str: "text", Literal: "choice"}
-LONGEST_SHOWN = 120  # characters of a value in a refusal
 
 T = TypeVar("T")
 
@@ -157,32 +159,22 @@ def is_table(info: FieldInfo) -> bool:
 
 
 def _completed(info: FieldInfo, name: str, table: str) -> Setting:
-    setting, kind = _setting(info), _kind(info)
+    setting, kind, value = _setting(info), _kind(info), taken(info)
     return replace(
         setting,
         name=name,
         section=setting.section or table,
         kind=kind,
         step=setting.step or ("any" if kind == "number" else "1"),
-        low=_said(info, "ge") if setting.low is None else setting.low,
-        high=_said(info, "le"),
-        longest=_said(info, "max_length") if _type(info) is str else None,
+        low=value.bound("ge") if setting.low is None else setting.low,
+        high=value.bound("le"),
+        longest=value.bound("max_length") if value.kind is str else None,
         may_be_empty=NoneType in get_args(info.annotation),
     )
 
 
 def _setting(info: FieldInfo) -> Setting:
     return next(each for each in info.metadata if isinstance(each, Setting))
-
-
-def _said(info: FieldInfo, name: str) -> Any:
-    """Return what a field's metadata say of a bound; None: nothing."""
-    return next((getattr(each, name) for each in info.metadata if getattr(each, name, None) is not None), None)
-
-
-def _type(info: FieldInfo) -> Any:
-    parts = get_args(info.annotation)
-    return parts[0] if NoneType in parts else info.annotation
 
 
 def _kind(info: FieldInfo) -> Kind:
@@ -194,20 +186,18 @@ def _kind(info: FieldInfo) -> Kind:
 
 def _expected(info: FieldInfo) -> str:
     """Say in words what a field takes."""
-    kind, low, high = _type(info), _said(info, "ge"), _said(info, "le")
+    kind = _type(info)
     if _setting(info).expected:
         return _setting(info).expected
-    if kind is int:
-        return f"a whole number from {low} to {high}"
-    if kind is float:
-        return f"a number from {low:g} to {high:g}"
-    if kind is str:
-        return f"a text of at most {_said(info, 'max_length')} characters"
     if get_origin(kind) is Literal:
         return f"one of {_listed(kind)}{', or nothing' if '' in get_args(kind) else ''}"
     if get_origin(kind) is tuple:
         return "a list of names" if get_args(kind)[0] is str else f"some of {_listed(get_args(kind)[0])}"
-    return "true or false"
+    return taken(info).words
+
+
+def _type(info: FieldInfo) -> Any:
+    return taken(info).kind
 
 
 def _listed(literal: Any) -> str:
@@ -236,8 +226,8 @@ def _refusal(error: ValidationError, model: type[Options], content: Any) -> str:
     if is_table(info):
         return f"{key} is {fault['input']!r:.120}, expected a table of its own"
     if place and _kind(info) == "several":
-        return f"{before}{key} holds {_shown(fault['input'])}, expected some of {_listed(get_args(_type(info))[0])}"
-    return f"{before}{key} is {_shown(content_of.get(key))}, expected {_expected(info)}"
+        return f"{before}{key} holds {shown(fault['input'])}, expected some of {_listed(get_args(_type(info))[0])}"
+    return f"{before}{key} is {shown(content_of.get(key))}, expected {_expected(info)}"
 
 
 def _inner(model: type[Options], key: str) -> type[Options] | None:
@@ -245,8 +235,3 @@ def _inner(model: type[Options], key: str) -> type[Options] | None:
     kind = _type(model.model_fields[key]) if key in model.model_fields else None
     kind = get_args(kind)[0] if get_origin(kind) is tuple else kind
     return kind if isinstance(kind, type) and issubclass(kind, Options) else None
-
-
-def _shown(value: Any) -> str:
-    value = repr(value)
-    return value if len(value) <= LONGEST_SHOWN else f"{value[:LONGEST_SHOWN]}…"

@@ -9,7 +9,7 @@ import typer
 
 from recon.cli.console import ProgressLine, counted, print_result
 from recon.cli.flags import with_settings
-from recon.cli.options import parse_bounds, parse_frames, parse_pairs, parse_position, parse_size, telling
+from recon.cli.options import parse_bounds, parse_frames, parse_late, parse_pairs, parse_position, parse_size, telling
 from recon.commands.recordings import (
     TEMPLE_PAIRS,
     CaptureBoard,
@@ -54,6 +54,7 @@ def capture_synth(asked: CaptureSynth, *, as_json: bool) -> None:
         seed=asked.seed,
         fps=asked.fps,
         position=parse_position(asked.position),
+        late=parse_late(asked.late or ()),
         exposure_spread=asked.exposure_spread,
         calibration_error_px=asked.calibration_error,
         distortion=asked.distortion,

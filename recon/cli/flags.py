@@ -11,6 +11,7 @@ import typer
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
+from ground.file_models import faults_of
 from recon.cli.console import JsonOption
 from recon.cli.options import parse_place
 from recon.commands.setting import Command, Setting, bounds, settings_of
@@ -47,8 +48,7 @@ def _checked(settings: type[C], given: Mapping[str, Any]) -> C:
     try:
         return settings(**given)
     except ValidationError as error:
-        fault = error.errors()[0]
-        raise typer.BadParameter(f"{fault['loc'][0]}: {fault['input']!r} was given; {fault['msg']}") from error
+        raise typer.BadParameter(str(faults_of(error, settings)[0])) from error
 
 
 def _parameter(name: str, info: FieldInfo, setting: Setting, more: dict[str, Any]) -> Parameter:

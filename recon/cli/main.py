@@ -74,6 +74,7 @@ def reconstruct(asked: Reconstruct, *, as_json: bool) -> None:
         further=parse_approaches(asked.approach),
         methods=find_methods(asked.methods),
         frames=parse_frames(asked.frames),
+        pm=asked.pm,
         temporal=TemporalParameters() if asked.temporal else None,
         surface=SurfaceParameters(voxel_mm=asked.voxel, longest_rim_mm=asked.close_holes),
         cloud=CloudParameters(erode_px=asked.erode),

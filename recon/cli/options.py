@@ -6,7 +6,7 @@ import math
 import re
 import sys
 import warnings
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -169,6 +169,18 @@ def parse_loops(texts: list[str], static: str) -> tuple[str, dict[str, str]]:
         if (before := loops.setdefault(name, loop)) != loop:
             raise typer.BadParameter(f"{name or 'all'} would be both {before} and {loop}; leave one of them out")
     return loops.pop("", "bounce"), loops
+
+
+def parse_late(texts: Sequence[str]) -> tuple[tuple[str, float], ...]:
+    """Parse SENSOR=FRAMES of `--late`, each once."""
+    late: dict[str, float] = {}
+    for text in texts:
+        name, _, frames = text.partition("=")
+        try:
+            late[name] = float(frames)
+        except ValueError as error:
+            raise typer.BadParameter(f"--late {text!r}: expected SENSOR=FRAMES, such as S3=0.5") from error
+    return tuple(late.items())
 
 
 def parse_position(text: str) -> tuple[float, float, float]:

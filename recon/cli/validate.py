@@ -194,12 +194,16 @@ def validate_cloud(asked: ValidateCloud, *, as_json: bool) -> None:
 @app.command("films")
 @with_settings(ValidateFilms, out=REPORT)
 def validate_films(asked: ValidateFilms, *, as_json: bool) -> None:
-    """Compare films with the reference's on the same path: PSNR-Y, SSIM, MS-SSIM, VMAF and flicker."""
+    """Compare films with the reference's on the same path: PSNR-Y, SSIM, MS-SSIM, VMAF, flicker, or more by request."""
     from recon.validation.films.evaluation import FilmSettings, measure_films
+    from recon.validation.films.perceptual import parse_display
     from recon.validation.films.report import write_films_report
 
     progress = ProgressLine()
-    settings = FilmSettings(asked.reference, asked.masters, asked.every, asked.workers)
+    names = tuple(name for name in asked.measure.replace(" ", "").split(",") if name)
+    settings = FilmSettings(
+        asked.reference, asked.masters, asked.every, asked.workers, names, parse_display(asked.display)
+    )
     report, films = measure_films(asked.stimulus_set, settings, progress)
     progress.close()
     page = write_films_report(report, films, asked.out)

@@ -1,6 +1,7 @@
 """The settings of each command, said once: its flags, the form of its job and its JSON Schema are made from them.
 
-This room imports nothing but pydantic: it is the one of `recon` that more of `app` than the command line may read.
+This room imports nothing but pydantic and the ground: it is the one of `recon` that more of `app` than the command line
+may read.
 """
 
 from __future__ import annotations

@@ -197,6 +197,20 @@ class ValidateFilms(Command):
     masters: bool = option(
         False, "Measure the near-lossless masters, not the videos participants see.", flags=("--masters",)
     )
+    measure: str = option(
+        "",
+        "More measures, by packages that are installed beside (the extra perceptual): flip, cvvdp; with commas.",
+        label="More measures",
+        form=NAMES,
+        example="flip,cvvdp",
+        is_blank=True,
+    )
+    display: str = option(
+        "1920x1080,24,60,200",
+        "What the films are shown on, for these: pixels, diagonal in inches, viewing distance in cm, peak luminance in "
+        "cd/m2, as in a study's lab sheet.",
+        metavar="WIDTHxHEIGHT,INCHES,CM,CD/M2",
+    )
     every: int = option(
         1, "Measure each such frame only, from the first on.", ge=1, label="Every so many frames", high=1000
     )

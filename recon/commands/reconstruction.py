@@ -81,6 +81,11 @@ class Reconstruct(Command):
         low=0.01,
         high=10000,
     )
+    pm: Literal["moving", "static"] = option(
+        "moving",
+        "What PM makes: moving, models of all frames; static, of the first alone, as the paper showed it.",
+        label="PM's models",
+    )
     temporal: bool = option(True, "Filter the depth maps in time to reduce flicker.", label="Filter depth in time")
     balance: bool = option(
         False, "Make the sensors' colours agree.", label="Balance colours", flags=("--balance-colours",)

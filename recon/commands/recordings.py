@@ -127,6 +127,9 @@ class CaptureSynth(Command):
     depth_maps: bool = option(
         False, "Record by single cameras with depth maps instead of by stereo pairs.", flags=("--depth-maps",)
     )
+    late: list[str] | None = option(
+        None, "SENSOR=FRAMES, such as S3=0.5: its pictures show what was so many frames earlier; may be repeated."
+    )
     seed: int = option(1, "Seed; the same seed gives the same bytes.", ge=0)
 
 

@@ -9,6 +9,8 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic.fields import FieldInfo
 
+from ground.fields import taken
+
 FRAME_RANGE = r"\d*:\d*"
 NAME = r"[^\W_][\w .+-]*"  # of datasets and approaches
 NAMES = rf"{NAME}(?:, *{NAME})*"
@@ -102,5 +104,5 @@ def settings_of(command: type[Command]) -> Iterator[tuple[str, FieldInfo, Settin
 
 def bounds(info: FieldInfo) -> tuple[float | None, float | None]:
     """Return the lowest and the highest value that a field takes; None: any."""
-    ends = {end: getattr(each, end) for each in info.metadata for end in ("ge", "le") if hasattr(each, end)}
-    return ends.get("ge"), ends.get("le")
+    value = taken(info)
+    return value.bound("ge"), value.bound("le")

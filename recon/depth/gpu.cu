@@ -240,7 +240,6 @@ struct Plane {
 struct Seen {
     const uint32* colours;  // see `Texture`
     const int *words, *target;
-    const float* affinity;  // by distance in colour
     int half;               // places of even or odd columns
     const uint8 *across, *down;
     const float* passage;
@@ -248,7 +247,7 @@ struct Seen {
 };
 
 struct Settings {
-    float lowest, highest, first_step, gradient_share, grey_limit, gradient_limit, smoothness, distance_limit;
+    float lowest, highest, first_step, fall, gradient_share, grey_limit, gradient_limit, smoothness, distance_limit;
 };
 
 struct Best {
@@ -285,7 +284,12 @@ __device__ float truncated_difference(float first, float second, float limit) {
     return difference < limit ? difference : limit;
 }
 
-__device__ void take_window(const Seen& seen, Window& window) {
+// 2 to the power of minus number * fall / 2 ** 23, as `lanes.falling`.
+__device__ float falling(float number, float fall) {
+    return __int_as_float(ONE_BITS - int(fminf(number * fall, float(ONE_BITS))));
+}
+
+__device__ void take_window(const Seen& seen, const Settings& settings, Window& window) {
     const int x = window.x;
     const uint32 centre = seen.colours[(window.y * 2 + ((x + PAD) & 1)) * seen.half + ((x + PAD) >> 1)];
     float sum = 0;
@@ -293,7 +297,7 @@ __device__ void take_window(const Seen& seen, Window& window) {
         const int line = window.y + 2 * row - WINDOW_REACH, column = x + PAD - WINDOW_REACH + (row & 1);
         if (line < 0 || line >= seen.height) continue;
         const int place = (line * 2 + (column & 1)) * seen.half + (column >> 1) + lane();
-        const float weight = seen.affinity[byte_distance(centre, seen.colours[place])];
+        const float weight = falling(float(byte_distance(centre, seen.colours[place])), settings.fall);
         window.weights[row * blockDim.x] = weight;
         window.words[row * blockDim.x] = seen.words[place];
         sum += weight;
@@ -357,7 +361,7 @@ __device__ void try_plane(const Seen& seen, const Settings& settings, const floa
     trial.across = clamped(trial.across, -MAX_SLOPE, MAX_SLOPE);
     trial.down = clamped(trial.down, -MAX_SLOPE, MAX_SLOPE);
     const float slopes = fabsf(trial.across - best.plane.across) + fabsf(trial.down - best.plane.down);
-    if (fabsf(trial.disparity - best.plane.disparity) + float(FAR_NEIGHBOUR) * slopes < SAME_PLANE) return;
+    if (fabsf(trial.disparity - best.plane.disparity) + float(SAME_WITHIN) * slopes < SAME_PLANE) return;
     const float rough = roughness(seen, settings, planes, window, trial);
     if (rough >= best.energy) return;
     const float cost = window_cost(seen, settings, window, trial, best.energy - rough);
@@ -373,49 +377,80 @@ __device__ uint32 next_random(uint32 state) {
 
 __device__ float signed_unit(uint32 state) { return float(state >> 8) / 8388608.0f - 1.0f; }
 
+// How far a trial changes the plane at most.
+__device__ float step_of(const Settings& settings, int number, int turn) {
+    return settings.first_step / float(1 << (turn / 2 % ROUND + ROUND * (number - N_NEIGHBOURS - 1)));
+}
+
+__device__ void neighbour(int number, int x, int y, int& column, int& row) {
+    const int distances[] = NEIGHBOURS, distance = number & 1 ? -distances[number >> 2] : distances[number >> 2];
+    column = x + (number & 2 ? 0 : distance);
+    row = y + (number & 2 ? distance : 0);
+}
+
+// The trials that are worth it, a bit each.
+__device__ int news_of(const Seen& seen, const Settings& settings, const short* others_moved, const short* moved,
+                       int turn, int y, int x, float disparity) {
+    const int width = seen.width;
+    int news = 0, row, column;
+    for (int number = 0; number < N_NEIGHBOURS; ++number) {
+        neighbour(number, x, y, column, row);
+        const bool is_inside = 0 <= row && row < seen.height && 0 <= column && column < width;
+        const int since = number < 4 ? turn - 1 : max(turn - 1, 1);
+        if (is_inside && moved[row * width + column] >= since) news |= 1 << number;
+    }
+    const bool is_moving = moved[y * width + x] >= turn - 3;
+    const int there = width - 1 - x + int(rintf(disparity));
+    if (0 <= there && there < width && (is_moving || others_moved[y * width + there] >= (turn | 1) - 3))
+        news |= 1 << N_NEIGHBOURS;
+    for (int number = N_NEIGHBOURS + 1; is_moving && number < N_TRIALS; ++number)
+        if (step_of(settings, number, turn) > LAST_STEP) news |= 1 << number;
+    return news;
+}
+
 // One group for each pixel of one colour of the chessboard, as `plane_search.sweep`.
-extern "C" __global__ void sweep(Seen seen, Settings settings, const float* others, int turn, uint32 seed,
-                                 float* planes, float* costs, short* moved) {
+extern "C" __global__ void sweep(Seen seen, Settings settings, const float* others, const short* others_moved,
+                                 int turn, uint32 seed, float* planes, float* costs, short* moved) {
     __shared__ float weights[GROUPS * N_LANES * N_ROWS];
     __shared__ int words[GROUPS * N_LANES * N_ROWS];
     const int width = seen.width, in_row = (width + 1) / 2, y = group() / in_row;
     const int x = group() % in_row * 2 + (y + turn) % 2, place = y * width + x;
     if (y >= seen.height || x >= width || costs[place] == infinity()) return;
-    Window window{y, x, 0.0f, weights + threadIdx.x, words + threadIdx.x};
-    take_window(seen, window);
     Best best{plane_at(planes, place), costs[place], 0.0f};
-    const bool is_unknown = best.cost < 0;
-    if (is_unknown) best.cost = window_cost(seen, settings, window, best.plane, infinity());
-    const float cost_before = best.cost;
+    const int news = news_of(seen, settings, others_moved, moved, turn, y, x, best.plane.disparity);
+    if (news == 0) return;
+    Window window{y, x, 0.0f, weights + threadIdx.x, words + threadIdx.x};
+    take_window(seen, settings, window);
+    if (best.cost < 0) best.cost = window_cost(seen, settings, window, best.plane, infinity());
     best.energy = best.cost + roughness(seen, settings, planes, window, best.plane);
-    for (int k = 0; k < 8; ++k) {
-        const int distance = k < 4 ? 1 : FAR_NEIGHBOUR, side = k & 1 ? distance : -distance;
-        const int column = x + (k & 2 ? 0 : side), row = y + (k & 2 ? side : 0);
-        if (column < 0 || column >= width || row < 0 || row >= seen.height) continue;
-        if (moved[row * width + column] < turn - 1) continue;
-        Plane trial = plane_at(planes, row * width + column);
-        trial.disparity = trial.at(float(x - column), float(y - row));
-        try_plane(seen, settings, planes, window, trial, best);
-    }
-    const int there = width - 1 - x + int(rintf(best.plane.disparity));
-    if (0 <= there && there < width) {
-        const Plane other = plane_at(others, y * width + there);
-        const float squeeze = 1.0f / (1.0f - other.across);
-        const float disparity = (other.disparity + other.across * float(width - 1 - x - there)) * squeeze;
-        try_plane(seen, settings, planes, window, Plane{disparity, -other.across * squeeze, other.down * squeeze}, best);
-    }
+    const float before = best.energy;
     uint32 state = seed * 0x9E3779B1u + uint32(y) * 0x85EBCA6Bu + uint32(x) * 0xC2B2AE35u;
-    for (float step = settings.first_step; step > LAST_STEP; step *= 0.5f) {
-        const uint32 first = next_random(state), second = next_random(first);
-        state = next_random(second);
-        const float slope_step = step * SLOPE_SHARE;
-        const Plane trial{best.plane.disparity + step * signed_unit(first),
+    for (int number = 0; number < N_TRIALS; ++number) {
+        if (!(news >> number & 1)) continue;
+        Plane trial;
+        if (number < N_NEIGHBOURS) {
+            int column, row;
+            neighbour(number, x, y, column, row);
+            trial = plane_at(planes, row * width + column);
+            trial.disparity = trial.at(float(x - column), float(y - row));
+        } else if (number == N_NEIGHBOURS) {
+            const int there = clamped(width - 1 - x + int(rintf(best.plane.disparity)), 0, width - 1);
+            const Plane other = plane_at(others, y * width + there);
+            const float squeeze = 1.0f / (1.0f - other.across);
+            const float disparity = (other.disparity + other.across * float(width - 1 - x - there)) * squeeze;
+            trial = Plane{disparity, -other.across * squeeze, other.down * squeeze};
+        } else {
+            const uint32 first = next_random(state), second = next_random(first);
+            state = next_random(second);
+            const float step = step_of(settings, number, turn), slope_step = step * SLOPE_SHARE;
+            trial = Plane{best.plane.disparity + step * signed_unit(first),
                           best.plane.across + slope_step * signed_unit(second),
                           best.plane.down + slope_step * signed_unit(state)};
+        }
         try_plane(seen, settings, planes, window, trial, best);
     }
     if (lane() == 0) {
-        if (best.cost != cost_before) moved[place] = short(turn);
+        if (before - best.energy > NEWS * before) moved[place] = short(turn);
         costs[place] = best.cost;
         planes[3 * place] = best.plane.disparity;
         planes[3 * place + 1] = best.plane.across;

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.depth.matching import plane_search, slanted, subpixel, texture
+from recon.depth.matching import lanes, plane_search, slanted, subpixel, texture
 from recon.depth.matching.census import BEHIND, blurred
 from recon.depth.matching.lanes import N_LANES
 from recon.depth.matching.permeability import WORST
@@ -39,7 +39,11 @@ CONSTANTS = {
     subpixel: ("MAX_OFFSET",),
     slanted: ("SURFACE_STEP", "CENTRE", "MOST_MOVED"),
     texture: ("WINDOW_REACH", "PAD", "FINE"),
-    plane_search: ("MAX_SLOPE", "SLOPE_SHARE", "LAST_STEP", "SAME_PLANE", "FAR_NEIGHBOUR"),
+    lanes: ("ONE_BITS",),
+    plane_search: (
+        *("MAX_SLOPE", "SLOPE_SHARE", "LAST_STEP", "SAME_PLANE", "SAME_WITHIN", "NEIGHBOURS", "N_NEIGHBOURS"),
+        *("N_TRIALS", "ROUND", "NEWS"),
+    ),
 }
 INSTALL = "pip install 'cupy-cuda13x[ctk]'"  # as the extra gpu
 ON_CPU = "--device cpu"
@@ -59,7 +63,7 @@ VIEW = np.dtype(
 TILES = np.dtype([("start", "u8"), ("rise", "u8"), ("fall", "u8"), ("bits", "i4"), ("n_columns", "i4")], align=True)
 SEEN = np.dtype(
     [
-        *((name, "u8") for name in ("colours", "words", "target", "affinity")),
+        *((name, "u8") for name in ("colours", "words", "target")),
         ("half", "i4"),
         *((name, "u8") for name in ("across", "down", "passage")),
         *((name, "i4") for name in ("height", "width")),
@@ -188,36 +192,37 @@ class Gpu:
         self,
         views: tuple[GpuView, GpuView],
         textures: tuple[Texture, Texture],
-        affinity: NDArray[np.float32],
         settings: Settings,
         turns: list[tuple[int, int, int]],
         planes: tuple[NDArray[np.float32], NDArray[np.float32]],
         costs: list[NDArray[np.float32]],
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Let both views' pixels look for better planes; return all planes, float32 (H, W, 3).
+        moved: tuple[NDArray[np.int16], NDArray[np.int16]],
+    ) -> None:
+        """Let both views' pixels look for better planes.
 
         Parameters
         ----------
         views, textures : left and right
-        affinity, settings : as in `plane_search.sweep`
+        settings : as in `plane_search.sweep`
         turns : for each turn the side, left (0) or right, its number and its seed
-        planes, costs : of both, as in `plane_search.sweep`
+        planes, costs, moved : of both, float32 (H, W, 3), float32 (H, W) and int16 (H, W), as in `plane_search.sweep`;
+            planes and moved are updated
         """
         on_gpu, (height, width) = self._cupy.asarray, views[0].shape
         with self._working():
             held = [(*map(on_gpu, (texture.colours, texture.words, texture.fine)),) for texture in textures]
-            weights, moving, known = on_gpu(affinity), [*map(on_gpu, planes)], [*map(on_gpu, costs)]
-            moved = [self._cupy.zeros(view.shape, np.int16) for view in views]
+            states = [[*map(on_gpu, of_view)] for of_view in zip(planes, costs, moved, strict=True)]
             numbers = np.array([settings], [(name, "f4") for name in settings._fields])
             for side, turn, seed in turns:
                 colours, words, _ = held[side]
-                pictures = map(_pointer, (colours, words, held[1 - side][2], weights))
+                pictures = map(_pointer, (colours, words, held[1 - side][2]))
                 passages = map(_pointer, views[side].held.passages)
                 seen = np.array([(*pictures, colours.shape[2], *passages, *views[side].shape)], SEEN)
-                changing = (moving[side], known[side], moved[side])
-                arguments = (seen, numbers, moving[1 - side], np.int32(turn), np.uint32(seed), *changing)
+                facing, _, facing_moved = states[1 - side]
+                arguments = (seen, numbers, facing, facing_moved, np.int32(turn), np.uint32(seed), *states[side])
                 self._run_groups("sweep", height * ((width + 1) // 2), arguments, THREADS)
-            return self._fetched(moving[0]), self._fetched(moving[1])
+            for side, (changed, _, when) in enumerate(states):
+                planes[side][:], moved[side][:] = self._cupy.asnumpy(changed), self._cupy.asnumpy(when)
 
     def _facing(self, view: GpuView, other: GpuView) -> Any:
         """Describe what a search of a view in the other reads: a `VIEW`."""
@@ -272,6 +277,8 @@ def open_gpu() -> Gpu:
 
 def _declared(module: ModuleType, name: str) -> str:
     value = getattr(module, name)
+    if isinstance(value, tuple):  # what a variable is set to, as a constant array is not within a kernel's reach
+        return f"#define {name} {{{', '.join(map(str, value))}}}\n"
     return f"constexpr {f'float {name} = {value}f' if isinstance(value, float) else f'int {name} = {value}'};\n"
 
 

@@ -66,6 +66,13 @@ class StereoPair:
         """Columns, pixels."""
         return int(self.left.shape[1])
 
+    def is_same(self, other: StereoPair) -> bool:
+        """Tell whether two pairs have the same pictures, masks and disparities to search."""
+        return all(
+            np.array_equal(getattr(self, name), getattr(other, name))  # of None and an array as well
+            for name in ("n_disparities", "min_disparity", "left", "right", "left_mask", "right_mask")
+        )
+
     def foreground(self) -> tuple[slice, slice]:
         """Bound the left foreground, all that it can match, and a census window around: rows and columns."""
         if self.left_mask is None:

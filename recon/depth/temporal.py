@@ -10,23 +10,19 @@ Source: Cigla and Alatan, Information permeability for stereo matching, Signal P
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.capture.noise import largest_channel
 from recon.depth.channels import grey_image
-from recon.depth.matching.guide import guide_image, noise_level
+from recon.depth.matching.guide import change_beyond_noise, guide_image, noise_level
 from recon.depth.pair import StereoPair
 
-NOISE_SHARE = 0.7  # mean change of a still scene's guide, in units of the images' noise; measured at 4 grey levels
 STILL = 0.75  # permeability above which a picture counts as still, so that a memory is worth more than what is seen
 ONE_FRAME = np.float32(1)  # what a frame adds to a memory's strength
-NEIGHBOURHOOD = 5  # pixels: the picture counts as changed where the mean over the census window has
 
 
 @dataclass(frozen=True)
@@ -84,19 +80,19 @@ class Memory:
     strength: NDArray[np.float32]
 
 
-def match_sequence(
+def filtered(
     pairs: Iterable[StereoPair],
-    matcher: Callable[[StereoPair], NDArray[np.float32]],
+    disparities: Iterable[NDArray[np.float32]],
     parameters: TemporalParameters = TemporalParameters(),
 ) -> Iterator[NDArray[np.float32]]:
-    """Match one sensor's frames and filter their disparities in time.
+    """Filter the disparities of one sensor's frames in time.
 
-    A matcher whose disparities are whole keeps them whole.
+    Disparities that are whole stay whole.
 
     Parameters
     ----------
     pairs : the frames in their order
-    matcher : see `recon.depth.MATCHERS`
+    disparities : of each, float32 (H, W), pixels, NaN where unmatched
     parameters : of the filter
 
     Yields
@@ -110,8 +106,7 @@ def match_sequence(
     """
     memory: Memory | None = None
     is_whole = True
-    for pair in pairs:
-        disparity = matcher(pair)
+    for pair, disparity in zip(pairs, disparities, strict=True):
         is_whole = is_whole and np.array_equal(disparity, np.rint(disparity), equal_nan=True)
         noise = noise_level(grey_image(pair.left))
         frame = Frame(guide_image(pair.left, noise), noise, pair.left_mask)
@@ -158,17 +153,14 @@ def remembered(
 def temporal_permeability(before: Frame, frame: Frame, sigma: float) -> NDArray[np.float32]:
     """Compute how freely a memory passes between two frames, float32 (H, W), 0 to 1; not at all outside the foreground.
 
-    exp(-change / sigma), where the change is that of the channel that changed most, averaged over a census window,
-    because an edge that moves past changes what is seen around it; less what noise alone explains.
+    exp(-change / sigma), see `change_beyond_noise`.
 
     Parameters
     ----------
     before, frame : two frames in a row
     sigma : grey levels
     """
-    change = cv2.absdiff(before.guide, frame.guide)
-    mean = cv2.blur(largest_channel(change).astype(np.float32), (NEIGHBOURHOOD, NEIGHBOURHOOD))
-    passage = np.exp(np.maximum(mean - NOISE_SHARE * frame.noise, 0) / -sigma).astype(np.float32)
+    passage = np.exp(change_beyond_noise(before.guide, frame.guide, frame.noise) / -sigma).astype(np.float32)
     return passage if frame.mask is None else np.where(frame.mask, passage, np.float32(0))
 
 

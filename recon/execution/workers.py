@@ -23,11 +23,13 @@ from functools import partial
 from threading import Lock, Thread
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
+from ground.progress import Progress as Progress
+from ground.progress import no_progress as no_progress
+
 if TYPE_CHECKING:
     from distributed import Client
 
 Result = TypeVar("Result")
-Progress = Callable[[str, int, int], None]  # what is being done, how many are done, how many there are
 
 N_CORES = os.cpu_count() or 1
 LOSSES = 3  # so often worker processes may die before the tasks are taken to be the cause
@@ -41,10 +43,6 @@ KEPT_MEMORY = 32 * 2**20  # bytes; the most that glibc takes for M_MMAP_THRESHOL
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # as malloc.h numbers them
 
 _one_at_a_time = Lock()
-
-
-def no_progress(*_told: str | int) -> None:
-    """Tell nobody how far the work is."""
 
 
 class Pool(Protocol):

@@ -300,7 +300,7 @@ def _path_source(folder: Path, path: ScenePath, problems: list[str]) -> PathSour
 def _placed(
     placed: Placed, content: SceneContent, folder: Path, capture: Capture | None, problems: list[str]
 ) -> Placement:
-    """Return the placement of an approach that has one of its stated."""
+    """Return the placement of an approach that has one of its own."""
     usual = Placement(content.units, (), content.splat_mm, placed.antialiased, content.vertex_colours)
     if placed.trained_on is None:
         stated = content.model_copy(

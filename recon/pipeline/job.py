@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +16,14 @@ from recon.cloud import CloudParameters
 from recon.depth import CPU, check_device
 from recon.depth.temporal import TemporalParameters
 from recon.methods.approaches import DEPTH_METHODS, FUSION_METHODS, VERTICES, Approach, approaches, check_colours
-from recon.pipeline.methods import Methods
+from recon.pipeline.methods import Methods, is_pm
 from recon.pipeline.run import View, read_clouds
 from recon.storage.artefacts import Artefacts
 from recon.surface import SurfaceParameters, default_voxel
 from recon.surface.outlines import widened
+
+MOVING, STATIC = "moving", "static"  # what PM makes: models of all frames, or of the first alone
+STRETCH = 12  # frames of PM in which each starts from the one before; more would keep fewer workers busy
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,7 @@ class ReconstructOptions:
     colours : where models take their colours from, of `recon.methods.approaches.COLOURS`
     methods : what these names stand for
     frames : which frames; None for all
+    pm : `MOVING`, or `STATIC`, as the paper showed PM: its models are of the first frame alone
     temporal : of the filter over a sensor's frames; None for none
     cloud, surface : parameters of these stages; without a voxel size, each depth method gets one
         that suits its error and the density of its points
@@ -50,6 +55,7 @@ class ReconstructOptions:
     colours: tuple[str, ...] = (VERTICES,)
     methods: Methods = field(default_factory=Methods)
     frames: range | None = None
+    pm: str = MOVING
     temporal: TemporalParameters | None = field(default_factory=TemporalParameters)
     cloud: CloudParameters = field(default_factory=CloudParameters)
     surface: SurfaceParameters = field(default_factory=SurfaceParameters)
@@ -105,10 +111,24 @@ class Job:
     def sequences(self) -> list[list[View]]:
         """The views of each sensor by each depth method, frame by frame."""
         return [
-            [View(method, stream.id, frame) for frame in self.frames]
+            [View(method, stream.id, frame) for frame in self.frames_of(method)]
             for method in self.options.depth_methods
             for stream in self.capture.sensors_for(method)
         ]
+
+    def frames_of(self, method: str) -> Sequence[int]:
+        """Return the frames that a depth method is to match: all, or the first where PM is to stand still."""
+        is_still = self.options.pm == STATIC and is_pm(self.options.methods.depth[method])
+        return self.frames[:1] if is_still else self.frames
+
+    @property
+    def stretches(self) -> list[list[View]]:
+        """Group the views that are matched in one go, by frame: `STRETCH` of a sensor by PM, each alone by others."""
+        stretches: list[list[View]] = []
+        for sequence in self.sequences:
+            length = STRETCH if is_pm(self.options.methods.depth[sequence[0].method]) else 1
+            stretches += [list(group) for _, group in groupby(sequence, key=lambda view: view.frame // length)]
+        return sorted(stretches, key=lambda stretch: stretch[0].frame)
 
     def surface(self, method: str) -> SurfaceParameters:
         """Return the parameters of the surfaces of a depth method, with a voxel."""
@@ -122,12 +142,20 @@ class Job:
     @property
     def models(self) -> list[tuple[Approach, int]]:
         """The approach and the frame of every model, frame by frame."""
-        return [(approach, frame) for frame in self.frames for approach in self.options.models]
+        return self._frame_by_frame(self.options.models)
 
     @property
     def surfaces(self) -> list[tuple[Approach, int]]:
         """The approach and the frame of every mesh with coloured vertices, frame by frame."""
-        return [(approach, frame) for frame in self.frames for approach in self.options.surfaces]
+        return self._frame_by_frame(self.options.surfaces)
+
+    def _frame_by_frame(self, approaches: Sequence[Approach]) -> list[tuple[Approach, int]]:
+        return [
+            (approach, frame)
+            for frame in self.frames
+            for approach in approaches
+            if frame in self.frames_of(approach.depth)
+        ]
 
     def temporal(self, method: str) -> TemporalParameters | None:
         """Return how the disparity maps of a depth method are filtered in time; None for not at all."""

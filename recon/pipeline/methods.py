@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.recording import GIVEN
-from recon.depth import CPU, DEFAULTS, MATCHERS, Parameters, StereoPair, matched
+from recon.depth import CPU, DEFAULTS, MATCHERS, Parameters, Past, StereoPair, matched
 from recon.depth.pair import check_range, within_pair
 from recon.depth.patchmatch import PmParameters
 from recon.depth.program import DepthProgram, match_by_program
@@ -120,7 +120,7 @@ class Methods:
 
 
 def match(
-    method: DepthMethod, pair: StereoPair, folder: Path, device: str = CPU
+    method: DepthMethod, pair: StereoPair, folder: Path, device: str = CPU, past: Past | None = None
 ) -> tuple[NDArray[np.float32], list[str]]:
     """Match a pair; returns the disparities of its left image and a sentence for each warning.
 
@@ -130,6 +130,7 @@ def match(
     pair : to match
     folder : where a program works; what is in it is removed
     device : where ours match, of `recon.depth.DEVICES`
+    past : of the frames before, for PM
 
     Returns
     -------
@@ -147,7 +148,12 @@ def match(
         return match_by_program(pair, method, folder), []
     if isinstance(method, Installed):
         return _match_by_plugin(method, pair), []
-    return matched(method.method, pair, method.parameters, device)
+    return matched(method.method, pair, method.parameters, device, past)
+
+
+def is_pm(method: DepthMethod) -> bool:
+    """Tell whether a method is PM or a variant of it, which starts from what it found in the frames before."""
+    return isinstance(method, OurDepth) and isinstance(method.parameters, PmParameters)
 
 
 def fuse(

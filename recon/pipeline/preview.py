@@ -62,10 +62,10 @@ def write_stage_pictures(run: Run, frame: int, folder: Path) -> None:
     ValueError
         If the run's recording is not where it was.
     """
-    methods = dict.fromkeys(parse_approach(approach).depth for approach in run.approaches)
+    methods = {parse_approach(approach).depth: run.shown_in(approach, frame) for approach in run.approaches}
     pictures: dict[str, Callable[[], NDArray[np.uint8]]] = {
         **{f"recording_{stream.id}": partial(_recorded, run, stream.id, frame) for stream in run.capture.sensors},
-        **{f"depth_{method}": partial(_depth, run, method, frame) for method in methods},
+        **{f"depth_{method}": partial(_depth, run, method, shown) for method, shown in methods.items()},
         **{f"model_{approach}": partial(_model, run, approach, frame, "studio") for approach in run.approaches},
     }
 
@@ -96,7 +96,7 @@ def draw_cloud(cloud: Cloud, camera: Camera) -> NDArray[np.uint8]:
 
 def _key(run: Run, frame: int) -> dict[str, object]:
     """List what the pictures of a frame are made from."""
-    meshes = [mesh_name(approach, frame) for approach in run.approaches]
+    meshes = [mesh_name(approach, run.shown_in(approach, frame)) for approach in run.approaches]
     return {"meshes": run.artefacts.digests(meshes), "code": code_version("pipeline/preview.py", "render")}
 
 
@@ -129,7 +129,7 @@ def _depth(run: Run, method: str, frame: int) -> NDArray[np.uint8]:
 def _model(run: Run, approach: str, frame: int, background: str) -> NDArray[np.uint8]:
     cameras = _cameras(run)
     scene = scene_around(run.capture.bounds, cameras, background)
-    mesh = read_mesh(run.artefacts.path(mesh_name(approach, frame)))
+    mesh = read_mesh(run.artefacts.path(mesh_name(approach, run.shown_in(approach, frame))))
     return next(render_frames([mesh], [cameras[VIEW]], scene, renderer="software"))
 
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import partial
-from itertools import chain
+from itertools import chain, zip_longest
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
@@ -47,7 +47,7 @@ from recon.pipeline.stages import (
     frames_without_points,
     make_cloud,
     make_mesh,
-    match_frame,
+    match_stretch,
 )
 from recon.pipeline.textures import compare_photographs, make_textured
 from recon.render.camera_path import NoPathError
@@ -176,7 +176,8 @@ def _made(job: Job, progress: Progress) -> dict[str, Any]:
     """Make what is not finished of a run, and return the content of ``run.json``."""
     run = job.artefacts.folder
     options, models = job.options, job.models
-    views = list(chain.from_iterable(zip(*job.sequences, strict=True)))  # by frame, so that the time left can be told
+    by_frame = chain.from_iterable(zip_longest(*job.sequences))  # so that the time left can be told
+    views = [view for view in by_frame if view is not None]
 
     timings: dict[str, float] = {}
     with open_pool(options.workers, options.cluster) as pool:
@@ -187,7 +188,7 @@ def _made(job: Job, progress: Progress) -> dict[str, Any]:
         def make(stage: str, tasks: Sequence[partial[list[str]]]) -> None:
             timings[stage] = _run_stage(stage, tasks, job.artefacts, pool, progress)
 
-        make("matching", [partial(match_frame, job, view) for view in views])
+        make("matching", [partial(match_stretch, job, stretch) for stretch in job.stretches])
         make("depth maps", [partial(filter_sequence, job, sequence) for sequence in job.sequences])
         make("clouds", [partial(make_cloud, job, view) for view in views])
         _check_points(job)
@@ -200,7 +201,9 @@ def _made(job: Job, progress: Progress) -> dict[str, Any]:
             make("textures", [partial(make_textured, job, *model) for model in pictured])
         remove_leftovers(run)  # of workers that were lost
     names = tuple(dict.fromkeys(str(approach) for approach, _ in models))
-    finished = Run(run, job.capture, names, tuple(job.frames), versions(), address_from(run, job.capture.folder))
+    recording = address_from(run, job.capture.folder)
+    still = tuple(str(approach) for approach in options.models if len(job.frames_of(approach.depth)) < len(job.frames))
+    finished = Run(run, job.capture, names, tuple(job.frames), versions(), recording, still)
     files = [view.cloud for view in views] + [mesh_name(str(approach), frame) for approach, frame in job.surfaces]
     warnings = job.artefacts.warnings(files)
     try:

@@ -99,6 +99,7 @@ class Run:
     frames : numbers of the recording's frames that were reconstructed
     versions : of what made it
     recording : where the recording was, a URL or a path from the run; None if the run does not say
+    static : approaches that have a model of the first frame alone
     """
 
     folder: Path
@@ -107,6 +108,15 @@ class Run:
     frames: tuple[int, ...]
     versions: dict[str, str]
     recording: str | None
+    static: tuple[str, ...] = ()
+
+    def frames_of(self, approach: str) -> tuple[int, ...]:
+        """Return the frames that an approach has models of."""
+        return self.frames[:1] if approach in self.static else self.frames
+
+    def shown_in(self, approach: str, frame: int) -> int:
+        """Return the frame whose model an approach shows in a frame."""
+        return frame if frame in self.frames_of(approach) else self.frames[0]
 
     @property
     def dataset(self) -> str:
@@ -143,6 +153,7 @@ def read_run(folder: Path) -> Run:
             tuple(map(int, content["frames"])),
             dict(content["versions"]),
             recording if isinstance(recording, str) else None,
+            tuple(map(str, content.get("static", ()))),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error!r} is missing or wrong; reconstruct again to write it anew") from error
@@ -173,13 +184,14 @@ def write_run(
     warnings : what the stages warned of, a sentence each
     """
     write_capture(replace(run.capture, folder=run.folder))
-    names = [mesh_name(approach, frame) for approach in run.approaches for frame in run.frames]
+    names = [mesh_name(approach, frame) for approach in run.approaches for frame in run.frames_of(approach)]
     content = {
         "schema_version": SCHEMA_VERSION,
         "dataset": run.dataset,
         "recording": run.recording,
         "approaches": list(run.approaches),
         "frames": list(run.frames),
+        "static": list(run.static),
         "options": dict(options),
         "versions": run.versions,
         "warnings": list(warnings),

@@ -205,7 +205,7 @@ def run_source(run: Run) -> Source:
     sequences = []
     levels = levels_of(run.approaches)
     for approach in run.approaches:
-        names = [mesh_name(approach, frame) for frame in run.frames]
+        names = [mesh_name(approach, frame) for frame in run.frames_of(approach)]
         sequences.append(
             ModelSequence(
                 run.dataset,
@@ -214,6 +214,7 @@ def run_source(run: Run) -> Source:
                 run.capture.fps,
                 tuple(run.folder / name for name in names),
                 tuple(run.artefacts.digests(names)),
+                is_still=approach in run.static,
             )
         )
     setting = Setting(address_of(run.folder), run.capture.bounds, run.capture.rig)

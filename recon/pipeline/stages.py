@@ -20,9 +20,9 @@ from recon.capture.format import Capture, mask_pictures, read_frame, read_masks
 from recon.capture.recording import GIVEN
 from recon.capture.rectify import Rectification, rectify, rectify_left, rectify_left_mask
 from recon.cloud import NothingSeenError, cloud_from_disparity, crop_cloud
-from recon.depth import StereoPair, rectified_pair
+from recon.depth import Past, rectified_pair
 from recon.depth.disparity_io import read_disparity, write_disparity
-from recon.depth.temporal import TemporalParameters, match_sequence
+from recon.depth.temporal import TemporalParameters, filtered
 from recon.execution.programs import LOG, ProgramError
 from recon.fusion import DepthView, view_of_cloud
 from recon.geometry.mesh import Cloud, Mesh
@@ -31,7 +31,7 @@ from recon.methods.approaches import Approach
 from recon.methods.plugins import PluginError
 from recon.pipeline.job import Job
 from recon.pipeline.keys import camera_key, digest_once, picture_key
-from recon.pipeline.methods import depth_key, fuse, fusion_key, match, needs_views
+from recon.pipeline.methods import DepthMethod, depth_key, fuse, fusion_key, is_pm, match, needs_views
 from recon.pipeline.run import COLOURS_NAME, View, fusion_folder, mesh_name, read_clouds
 from recon.storage.artefacts import code_version, key_of
 from recon.storage.files import read_json, write_json
@@ -62,34 +62,65 @@ def take_frame(job: Job, view: View) -> list[str]:
     return job.artefacts.make(view.matched, key, write)
 
 
-def match_frame(job: Job, view: View) -> list[str]:
-    """Match the two pictures of a view by themselves."""
-    if view.method == GIVEN:
-        return take_frame(job, view)
-    method = job.options.methods.depth[view.method]
-    key = {
-        "pictures": picture_key(job.capture, view),
-        "method": depth_key(method),
-        "code": code_version("depth", "capture/noise.py", "capture/rectify.py"),
-    }
+def match_stretch(job: Job, views: Sequence[View]) -> list[str]:
+    """Match the pictures of some frames of a sensor in a row; PM starts each from the one before.
 
-    def write(path: Path) -> list[str]:
-        rectification = _rectification(job.capture, view)
-        pair = rectified_pair(job.capture, rectification, view.frame)
-        if pair is None:
-            width, height = rectification.left.size
-            write_disparity(path, np.full((height, width), np.nan, np.float32))
-            return []
-        where = f"{view.method}: sensor {view.sensor_id}, frame {view.frame}"
-        try:
-            disparity, warnings = match(method, pair, job.artefacts.folder / view.program, job.options.device)
-        except (ProgramError, PluginError) as error:
-            _store_log(job, view.program)
-            raise type(error)(f"{where}: {error}") from error
-        write_disparity(path, disparity)
-        return [f"{where}: {warning}" for warning in warnings]
+    So its keys depend on the frames before, and all are matched if one is missing.
+    """
+    if views[0].method == GIVEN:
+        return [name for view in views for name in take_frame(job, view)]
+    method = job.options.methods.depth[views[0].method]
+    past = Past() if is_pm(method) else None
+    keys: dict[View, dict[str, Any]] = {}
+    before: str | None = None
+    for view in views:
+        keys[view] = {
+            "pictures": picture_key(job.capture, view),
+            "method": depth_key(method),
+            "code": code_version("depth", "capture/noise.py", "capture/rectify.py"),
+        } | ({} if past is None else {"before": before})
+        before = key_of(keys[view])
+    missing = {view for view in views if not job.artefacts.has(view.matched, keys[view])}
+    made: list[str] = []
+    for view in views if past and missing else missing:
+        again = None if past else _matched_before(job, view, keys[view])
+        disparity, warnings = _matched(job, method, view, past) if again is None else (again, [])
+        if view in missing:
+            write = partial(_write_matched, disparity, warnings)
+            made += job.artefacts.make(view.matched, keys[view], write)
+    return made
 
-    return job.artefacts.make(view.matched, key, write)
+
+def _matched_before(job: Job, view: View, key: dict[str, Any]) -> NDArray[np.float32] | None:
+    """Return the disparities of the frame before if its pictures are the same, and it is matched without a warning."""
+    before = view._replace(frame=view.frame - 1)
+    key = key | {"pictures": key["pictures"] | {"frame": before.frame}}
+    if job.artefacts.has(before.matched, key) and not job.artefacts.warnings([before.matched]):
+        return read_disparity(job.artefacts.path(before.matched))
+    return None
+
+
+def _matched(job: Job, method: DepthMethod, view: View, past: Past | None) -> tuple[NDArray[np.float32], list[str]]:
+    """Match the pictures of a view; returns the disparities, and a sentence for each warning."""
+    rectification = _rectification(job.capture, view)
+    pair = rectified_pair(job.capture, rectification, view.frame)
+    if pair is None:
+        if past:
+            past.traces = None
+        width, height = rectification.left.size
+        return np.full((height, width), np.nan, np.float32), []
+    where = f"{view.method}: sensor {view.sensor_id}, frame {view.frame}"
+    try:
+        disparity, warnings = match(method, pair, job.artefacts.folder / view.program, job.options.device, past)
+    except (ProgramError, PluginError) as error:
+        _store_log(job, view.program)
+        raise type(error)(f"{where}: {error}") from error
+    return disparity, [f"{where}: {warning}" for warning in warnings]
+
+
+def _write_matched(disparity: NDArray[np.float32], warnings: list[str], path: Path) -> list[str]:
+    write_disparity(path, disparity)
+    return warnings
 
 
 def filter_sequence(job: Job, views: Sequence[View]) -> list[str]:
@@ -149,7 +180,9 @@ def make_cloud(job: Job, view: View) -> list[str]:
 def frames_without_points(job: Job, method: str) -> list[int]:
     """List the frames of which no sensor has a cloud by a depth method."""
     return [
-        frame for frame in job.frames if set(job.artefacts.digests(job.clouds(method, frame))) == {no_cloud_digest()}
+        frame
+        for frame in job.frames_of(method)
+        if set(job.artefacts.digests(job.clouds(method, frame))) == {no_cloud_digest()}
     ]
 
 
@@ -266,13 +299,7 @@ def _filtered(job: Job, views: Sequence[View]) -> Iterator[tuple[View, NDArray[n
             continue
         maybe = (rectified_pair(job.capture, rectification, view.frame) for view in stretch)
         pairs = (pair for pair in maybe if pair is not None)  # there is one where something was matched
-        known = partial(_next_of, disparities)
-        yield from zip(stretch, match_sequence(pairs, known, parameters), strict=True)
-
-
-def _next_of(disparities: Iterator[NDArray[np.float32]], _pair: StereoPair) -> NDArray[np.float32]:
-    """Return the disparities of a pair as they were matched before."""
-    return next(disparities)
+        yield from zip(stretch, filtered(pairs, disparities, parameters), strict=True)
 
 
 def _compared_method(job: Job) -> str:

@@ -15,6 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from ground.files import file_digest as file_digest
 from recon.storage.files import read_json, write_json
 from recon.storage.remote import fetched, is_copy, is_there, remove, stored
 
@@ -22,12 +23,6 @@ PACKAGE = Path(__file__).parents[1]
 NOTES = ".finished"
 
 Warnings = Sequence[str] | None  # what users of a file should know about it, a sentence each
-
-
-def file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file's bytes, hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def key_of(content: Mapping[str, Any]) -> str:

@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
-import errno
 import fcntl
 import glob
-import json
 import os
 import re
 import shutil
-import socket
 import time
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
-FULL = 2**16  # bytes; with less left on the disk, that is why writing failed
+from ground.files import DiskFullError as DiskFullError
+from ground.files import host
+from ground.files import read_json as read_json
+from ground.files import refused as refused
+from ground.files import whole_file as whole_file
+from ground.files import write_bytes as write_bytes
+from ground.files import write_json as write_json
+
 LONGEST_NAME = 100  # letters
 RESERVED = (".mask", ".master", ".quality")  # endings of files that stand beside a video
 STALE_S = 3600.0  # after so long without a write, a temporary file of another host has no writer any more
 FILES_BELOW = "RECONSTUDY_FILES_BELOW"  # folders with : between, as a job of the server has it; unset: any folder
-
-
-class DiskFullError(OSError):
-    """No room is left for a file; what was whole before is still there."""
 
 
 def allowed(path: Path) -> Path:
@@ -97,27 +96,6 @@ def why_no_file(path: Path) -> str:
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path` that becomes `path` if the block ends without an error.
-
-    The temporary name keeps the suffix, because encoders choose the format by it, and holds the host and the process
-    that write it.
-
-    A DiskFullError says that the block failed and no room is left where it wrote.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.stem}.{_host()}-{os.getpid()}.part{path.suffix}")
-    try:
-        yield temporary
-        temporary.replace(path)
-    except Exception as error:
-        _check_space(path, error)
-        raise
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-@contextmanager
 def new_folder(out: Path, *, replaces: bool = False) -> Iterator[Path]:
     """Yield a temporary folder beside `out` that becomes `out` if the block ends without an error.
 
@@ -130,7 +108,7 @@ def new_folder(out: Path, *, replaces: bool = False) -> Iterator[Path]:
         raise ValueError(f"{out}: is the current folder, which cannot be replaced; name one to make in it")
     if not replaces and out.exists() and not (out.is_dir() and not any(out.iterdir())):
         raise ValueError(f"{out}: exists already; choose another folder or remove it first")
-    begun = f".{place.name}.{_host()}-"
+    begun = f".{place.name}.{host()}-"
     for path in place.parent.glob(f"{glob.escape(begun)}*.part"):
         process = path.stem.removeprefix(begun)
         if process.isdecimal() and not _is_running(int(process)):
@@ -174,60 +152,14 @@ def alone_in(folder: Path) -> Iterator[None]:
 def remove_leftovers(folder: Path) -> None:
     """Remove the temporary files below `folder` whose process was killed before it could rename them."""
     for path in folder.rglob(".*.part*"):
-        name = re.fullmatch(r"\..+\.(\w+)-(\d+)\.part(\..+)?", path.name)
-        if name and path.is_file() and _is_abandoned(path, host=name[1], process=int(name[2])):
+        name = re.fullmatch(r"\..+\.(\w+)-(\d+)(?:-\w+)?\.part(\..+)?", path.name)
+        if name and path.is_file() and _is_abandoned(path, machine=name[1], process=int(name[2])):
             path.unlink(missing_ok=True)
 
 
-def write_bytes(path: Path, content: bytes) -> Path:
-    """Write a file, whole or not at all, and return its path."""
-    with whole_file(path) as temporary:
-        temporary.write_bytes(content)
-    return path
-
-
-def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a JSON object, indented, whole or not at all."""
-    write_bytes(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode())
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON object, or raise a ValueError if the file is missing, is not JSON, or holds something else."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError as error:
-        raise ValueError(f"{path}: there is no such file") from error
-    except OSError as error:
-        raise refused(path, error) from error
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path}: is not readable as JSON: {error}") from error
-    if not isinstance(content, dict):
-        raise ValueError(f"{path}: holds a {type(content).__name__}, expected a JSON object")
-    return content
-
-
-def refused(path: Path, error: OSError) -> ValueError:
-    """Return the ValueError for a file that the system refuses to read."""
-    return ValueError(f"{path}: cannot be read: {(error.strerror or str(error)).lower()}")
-
-
-def _check_space(path: Path, error: Exception) -> None:
-    """Raise DiskFullError if a full disk is why writing failed: programs and libraries say it in many ways."""
-    free = shutil.disk_usage(path.parent).free
-    if free < FULL or (isinstance(error, OSError) and error.errno == errno.ENOSPC):
-        raise DiskFullError(
-            f"{path}: the disk is full, {free} bytes are left in {path.parent}; make room and start again: "
-            "what is finished is kept, and nothing is half written"
-        ) from error
-
-
-def _host() -> str:
-    return re.sub(r"\W", "_", socket.gethostname())
-
-
-def _is_abandoned(path: Path, *, host: str, process: int) -> bool:
+def _is_abandoned(path: Path, *, machine: str, process: int) -> bool:
     """Tell whether the process that wrote a temporary file is gone."""
-    if host == _host():
+    if machine == host():
         return not _is_running(process)
     try:
         return time.time() - path.stat().st_mtime > STALE_S

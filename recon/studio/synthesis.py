@@ -61,6 +61,7 @@ class SynthParameters:
     calibration_error_px : standard deviation of the written calibration from the true one, pixels
     distortion : k1 of the sensors' lenses (OpenCV's), about; below zero are barrels, 0 is none
     depth_maps : record by cameras with depth maps instead of by pairs: the left ones, with their true depth
+    late : sensors whose pictures show what was some frames earlier, and how many, which need not be whole
 
     Raises
     ------
@@ -80,6 +81,7 @@ class SynthParameters:
     calibration_error_px: float = 0.0
     distortion: float = 0.0
     depth_maps: bool = False
+    late: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
         if self.scene not in SCENES:
@@ -100,6 +102,12 @@ class SynthParameters:
             )
         if self.seed < 0:
             raise ValueError(f"seed is {self.seed}, expected zero or more")
+        sensors = [f"S{number + 1}" for number in range(self.n_sensors)]
+        for name, frames in self.late:
+            if name not in sensors or not abs(frames) < self.n_frames:
+                raise ValueError(
+                    f"late is {name}={frames:g}, expected one of {', '.join(sensors)} and fewer frames than all"
+                )
         self._check_position()
 
     def _check_position(self) -> None:
@@ -188,11 +196,16 @@ class _Recording:
 
     def _record_frame(self, frame: int) -> NDArray[np.float64]:
         """Write all that belongs to a frame; return the actors' extent (2, 3), mm."""
-        staged = self._stage.at(frame / self._parameters.n_frames)
-        floor = floor_shade(staged.vertices, FLOOR_Y_MM, self._towards_key)
+        moments: dict[float, tuple[Staged, NDArray[np.float32]]] = {}
+        late = dict(self._parameters.late)
         for index, view in enumerate(self._views):
             if view.name.startswith("held_out") and frame != HELD_OUT_FRAME:
                 continue
+            instant = frame - late.get(view.name.partition("/")[0], 0.0)
+            if instant not in moments:
+                at_instant = self._stage.at(instant / self._parameters.n_frames % 1.0)
+                moments[instant] = at_instant, floor_shade(at_instant.vertices, FLOOR_Y_MM, self._towards_key)
+            staged, floor = moments[instant]
             seen = see(view.camera, staged.vertices, self._stage.faces)
             actors = self._shade(view, seen, staged)
             self._expose(view, actors, (seen.column, seen.row), floor, self._key(index, frame + 1), f"{frame:04d}")
@@ -200,6 +213,7 @@ class _Recording:
             if self._parameters.depth_maps and not view.name.startswith("held_out"):
                 path = image_path(self._folder, DEPTH_MAPS.format(sensor=PurePosixPath(view.name).parent), frame)
                 truth.write_depth_map(path, view.camera.size, seen)
+        staged = self._stage.at(frame / self._parameters.n_frames)
         write_mesh(self._folder / truth.MESH.format(frame=frame), self._stage.mesh(staged))
         return np.stack([staged.vertices.min(axis=0), staged.vertices.max(axis=0)])
 

@@ -36,3 +36,11 @@ const inView = new IntersectionObserver((entries) => {
   }
 });
 for (const video of document.querySelectorAll("video[data-lazy]")) inView.observe(video);
+
+// A film that this browser does not play, such as HEVC, is shown by a preview that the server makes.
+for (const video of document.querySelectorAll("video[data-preview]")) {
+  const preview = /** @type {HTMLVideoElement} */ (video).dataset.preview ?? "";
+  const show = () => video.getAttribute("src") !== preview && video.setAttribute("src", preview);
+  video.addEventListener("error", show, { once: true });
+  if (/** @type {HTMLVideoElement} */ (video).error) show();
+}

@@ -24,10 +24,19 @@ function sendFile(form) {
     else fail(reasonIn(request.responseText, request.status));
   });
   request.addEventListener("error", () => fail("The connection was lost. Please try again."));
-  request.open("PUT", form.dataset.to ?? "");
+  request.open("PUT", `${form.dataset.to ?? ""}${queryOf(form)}`);
   request.setRequestHeader("X-CSRF-Token", form.dataset.formToken ?? "");
   request.setRequestHeader("Content-Type", "application/octet-stream");
   request.send(new FormData(form).get("file"));
+}
+
+/** What fields of a form say beside the file. @param {HTMLFormElement} form */
+function queryOf(form) {
+  const query = new URLSearchParams();
+  for (const field of /** @type {NodeListOf<HTMLInputElement>} */ (form.querySelectorAll("[data-query]"))) {
+    if (field.type === "checkbox" ? field.checked : field.value.trim()) query.set(field.name, field.value.trim());
+  }
+  return query.size ? `?${query}` : "";
 }
 
 const form = document.getElementById("upload-form"); // absent for those who may not upload

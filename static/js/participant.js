@@ -103,6 +103,7 @@ if ("trial" in announced) tellMinutes(announced);
 const obstacle = obstacleOf(page.dataset);
 if (obstacle) turnAway(obstacle);
 else if (page.dataset.state === "mine") guarded(resume);
+else if (page.dataset.ended === "true") beginNow(); // who has finished sees the code at once, in any browser
 else welcome();
 
 /** @param {import("./door.js").Obstacle} why */

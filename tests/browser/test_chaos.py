@@ -22,7 +22,7 @@ def test_what_a_page_kept_is_stored_once_whatever_dies(tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path / 'study.sqlite'}"
     database = open_database(url)
     upgrade(database)
-    voters = seed_voters(database, 3, 20)
+    voters = seed_voters(database, 3, 14)
     database.dispose()
 
     def run() -> Seen:
@@ -31,5 +31,5 @@ def test_what_a_page_kept_is_stored_once_whatever_dies(tmp_path: Path) -> None:
 
     with ThreadPoolExecutor(1) as pool:  # the other browser tests keep an event loop in this thread
         seen = pool.submit(run).result()
-    assert compare(url, seen) == {"kept": 570, "stored": 570, "lost": 0, "doubled": 0, "wrong": 0}
+    assert compare(url, seen) == {"kept": 273, "stored": 273, "lost": 0, "doubled": 0, "wrong": 0}
     assert seen.happened["server killed"] > 0

@@ -75,6 +75,7 @@ FIGURES = {
     "preferences": Drawn("pairs", {"comparison": ALL, "dataset": ALL}, "item_a", "a", panels="item_b"),
     "residuals": Drawn("pairs", {"comparison": ALL, "dataset": ALL}),
     "measures": Drawn("measures", {}),
+    "rates": Drawn("rates", {}, "item", "score", ("ci_low", "ci_high"), "dataset"),
     "triads": Drawn("triads_pooled", {}, "participant", "circular"),
     "response_times": Drawn("observers", {}, "participant", "median_response_ms"),
     "opinion_scores": Drawn("rating_items", {}, "condition", "mos", ("ci_low", "ci_high"), "dataset"),

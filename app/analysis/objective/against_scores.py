@@ -11,13 +11,14 @@ from app.analysis.model.settings import AnalysisSettings
 from app.analysis.objective.comparison import comparison_rows
 from app.analysis.objective.points import ScoreSet, matched
 from app.analysis.objective.prediction import prediction_rows
+from app.analysis.rates.curves import BYTES
 from app.analysis.reading.votes_table import ALL
 
 Row = Mapping[str, Any]
 
 
 def measure_tables(scored: Mapping[str, ScoreSet], settings: AnalysisSettings) -> dict[str, list[dict[str, Any]]]:
-    """Return the tables `measures` and `measure_comparisons` of an analysis.
+    """Return the tables `measures` and `measure_comparisons` of an analysis; a model's size predicts no score.
 
     Parameters
     ----------
@@ -25,8 +26,9 @@ def measure_tables(scored: Mapping[str, ScoreSet], settings: AnalysisSettings) -
     settings : its measures, their directions, and the seed
     """
     rng = np.random.default_rng([settings.seed, 1])
-    predictions = prediction_rows(scored, settings.measures, settings.better, rng)
-    points = {measure: matched(scored, values) for measure, values in settings.measures.items()}
+    measures = {measure: values for measure, values in settings.measures.items() if measure != BYTES}
+    predictions = prediction_rows(scored, measures, settings.better, rng)
+    points = {measure: matched(scored, values) for measure, values in measures.items()}
     return {"measures": predictions, "measure_comparisons": comparison_rows(points, settings.better, rng)}
 
 

@@ -7,23 +7,19 @@ from typing import Any
 
 from app.analysis.findings.ratings import rating_findings
 from app.analysis.model.settings import AnalysisSettings
-from app.analysis.objective.against_scores import measure_tables
+from app.analysis.objective.against_scores import compared_scores, measure_tables
 from app.analysis.objective.points import ScoreSet
+from app.analysis.rates.rows import rate_rows
+from app.analysis.tables import TABLES
 from app.analysis.warnings import measure_warnings
 
-VOTE_TABLES = (
-    *("scores", "scores_with_excluded", "models", "tie_models", "contrasts", "effects", "tests", "groups", "triads"),
-    *("random_effects", "random_effects_scores", "random_effects_contrasts"),
-    *("triads_pooled", "measures", "measure_comparisons", "agreement", "dataset_agreement", "observers", "checks"),
-    "pairs",
-)
 NO_VOTES: dict[str, Any] = {  # the keys of an analysis of votes, where there are none
     "schema_version": 1,
     "votes": None,
     "dataset_concordance": None,
     "findings": [],
     "warnings": [],
-    **{name: [] for name in VOTE_TABLES},
+    **{name: [] for name in TABLES},
 }
 
 
@@ -55,9 +51,11 @@ def with_measures(
     settings : its measures and their directions
     """
     measured = measure_tables(scored, settings)
+    known = {**analysis["settings"], "measures": settings.measures, "better": settings.better}
     return {
         **analysis,
         **measured,
-        "settings": {**analysis["settings"], "measures": settings.measures, "better": settings.better},
+        "rates": rate_rows(compared_scores(analysis), known),
+        "settings": known,
         "warnings": [*analysis["warnings"], *measure_warnings(measured["measures"])],
     }

@@ -20,6 +20,7 @@ from app.analysis.report.charts import (
     triads_chart,
 )
 from app.analysis.report.objective_charts import measure_chart, ranking_chart
+from app.analysis.report.rate_charts import rates_chart
 from app.analysis.report.rating_charts import rating_charts
 
 Row = Mapping[str, Any]
@@ -74,6 +75,7 @@ def named_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tup
     files = {measure: name for name, measure in names_by_file(analysis["measures"], "measure").items()}
     for measure in measures_by_rank(analysis["measures"]):
         yield f"measure_{files[measure]}", f"Score against {measure}.", measure_chart(analysis, measure, width)
+    yield "rates", "Score against the size of the models, with 95 % intervals.", rates_chart(analysis, width)
     for name, grouping in names_by_file(analysis["groups"], "grouping").items():
         rows = [row for row in analysis["groups"] if row["grouping"] == grouping]
         caption = f"Scores by {grouping}, all datasets, {_intervals(rows)}."

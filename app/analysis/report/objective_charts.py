@@ -22,6 +22,7 @@ from app.analysis.drawing.charts_in_common import (
     text_width,
     wrapped,
 )
+from app.analysis.model.scales import LOG_ODDS_PER_JOD
 from app.analysis.objective.against_scores import compared_scores, score_unit
 from app.analysis.objective.labels import LABEL_SIZE, Frame, place_names
 from app.analysis.objective.logistic import Logistic
@@ -37,6 +38,7 @@ AROUND = 0.08  # of the range, around the points
 CURVE_STEPS = 80
 INDENT = 16  # pixels, of a name's further lines
 ROW_HEIGHT = 17  # pixels of a measure in the ranking
+PREDICTS_JOD = "cvvdp"  # a measure in the unit that scores have, too: its figure compares both in JOD
 RANKED = (  # column, title, what a measure without information gets
     ("pearson_logistic", "PLCC, logistic fit", 0.0),
     ("spearman", "SROCC", 0.0),
@@ -69,7 +71,9 @@ def measure_chart(analysis: Mapping[str, Any], measure: str, width: int = FULL) 
     x = alt.X(
         "x:Q", title=f"{measure}{relative}", scale=alt.Scale(domain=x_domain, nice=False), axis=alt.Axis(tickCount=6)
     )
-    y_title, y_scale = f"score ({score_unit(analysis)}){relative}", alt.Scale(domain=y_domain, nice=False)
+    in_jod = _per_unit(analysis, measure) != 1
+    y_title = f"score ({'JOD' if in_jod else score_unit(analysis)}){relative}"
+    y_scale = alt.Scale(domain=y_domain, nice=False)
     y_axis = alt.Axis(titlePadding=10)
     color, shape = colour_by("dataset", "dataset", names, width), shape_by("dataset", "dataset", names, width)
     base = alt.Chart(alt.Data(values=rows)).encode(x=x)
@@ -81,7 +85,8 @@ def measure_chart(analysis: Mapping[str, Any], measure: str, width: int = FULL) 
     )
     across = width - AXIS - MARGIN
     labels, numbered = place_names(rows, Frame(x_domain, y_domain, across, HEIGHT))
-    layers = [*_curve(overall, rows, x_domain), bars, points, *_label_layers(labels)]
+    curve = _curve(overall, rows, x_domain, _per_unit(analysis, measure))
+    layers = [*([_one_to_one(rows, x_domain)] if in_jod else []), *curve, bars, points, *_label_layers(labels)]
     title = alt.TitleParams(f"Score against {measure}", subtitle=_subtitle(overall))
     drawn = alt.layer(*layers).properties(width=across, height=HEIGHT, title=title)
     if not numbered:
@@ -94,7 +99,7 @@ def _points(analysis: Mapping[str, Any], measure: str) -> list[dict[str, Any]]:
     values = analysis["settings"]["measures"].get(measure, {})
     compared = [row["dataset"] for row in analysis["measures"] if row["measure"] == measure]
     single = [name for name in compared if name != ALL] or compared
-    points = []
+    points, per_unit = [], _per_unit(analysis, measure)
     for name in single:
         rows = [
             row
@@ -109,10 +114,23 @@ def _points(analysis: Mapping[str, Any], measure: str) -> list[dict[str, Any]]:
             ]
         for row in rows:
             low, high = (row["score"] if row[end] is None else row[end] for end in ("ci_low", "ci_high"))
-            x, y = values[name][row["item"]] - means[0], row["score"] - means[1]
-            place = {"dataset": name, "item": row["item"], "x": x, "y": y}
-            points.append(place | {"low": low - means[1], "high": high - means[1]})
+            place = {"dataset": name, "item": row["item"], "x": values[name][row["item"]] - means[0]}
+            ends = {"y": row["score"], "low": low, "high": high}
+            points.append(place | {key: (value - means[1]) / per_unit for key, value in ends.items()})
     return points
+
+
+def _per_unit(analysis: Mapping[str, Any], measure: str) -> float:
+    """Return how many of the scores' units the figure's has: log-odds in a JOD where the measure predicts JOD."""
+    return LOG_ODDS_PER_JOD if measure == PREDICTS_JOD and analysis["scores"] else 1.0
+
+
+def _one_to_one(points: Sequence[Row], domain: Sequence[float]) -> Any:
+    """Draw the line on which scores differ by as much as the measure predicts."""
+    means = [float(np.mean([point[side] for point in points])) for side in ("x", "y")]
+    values = [{"x": x, "y": x - means[0] + means[1]} for x in domain]
+    line = alt.Chart(alt.Data(values=values)).mark_line(color="#777777", strokeDash=[4, 3], strokeWidth=1, clip=True)
+    return line.encode(x="x:Q", y="y:Q")
 
 
 def _domain(values: Sequence[float]) -> list[float]:
@@ -121,8 +139,8 @@ def _domain(values: Sequence[float]) -> list[float]:
     return [low - margin, high + margin]
 
 
-def _curve(row: Row, points: Sequence[Row], domain: Sequence[float]) -> list[Any]:
-    """Return the layer of the logistic curve, none where there is no fit."""
+def _curve(row: Row, points: Sequence[Row], domain: Sequence[float], per_unit: float) -> list[Any]:
+    """Return the layer of the logistic curve, none where there is no fit; the fit is in the scores' unit."""
     if row["logistic_bottom"] is None:
         return []
     bottom, top, middle, width = (row[f"logistic_{name}"] for name in ("bottom", "top", "middle", "width"))
@@ -130,7 +148,7 @@ def _curve(row: Row, points: Sequence[Row], domain: Sequence[float]) -> list[Any
     x = np.linspace(domain[0], domain[1], CURVE_STEPS)
     # The fit is to values and scores less their means, also where a single dataset is drawn as it is.
     means = [float(np.mean([point[side] for point in points])) for side in ("x", "y")]
-    y = fit(x - means[0]) + means[1]
+    y = fit(x - means[0]) / per_unit + means[1]
     values = [{"x": float(a), "y": float(b)} for a, b in zip(x, y, strict=True)]
     return [
         alt.Chart(alt.Data(values=values))

@@ -13,9 +13,12 @@ from typing import Any
 
 from app.ffmpeg import Progress, no_progress
 from app.files import file_digest
-from app.intake.stimuli import MANIFEST, StimulusSet
+from app.intake.reports import SIZES_FROM, Measure, model_sizes
+from app.intake.stimuli import MANIFEST, StimulusSet, read_manifest
 from app.operations.database import open_store
+from app.operations.studies.check_films import MOST_PLAYED_AT_ONCE, check_films, films_of, in_words
 from app.operations.studies.languages import read_languages
+from app.operations.studies.play_films import find_browser
 from app.operations.studies.prepare import prepare_study, prepared_columns
 from app.settings import Settings
 from app.store.database.engine import Database
@@ -24,9 +27,11 @@ from app.store.participants.invitations import insert_invitation
 from app.store.studies import studies
 from app.store.studies.audit import COMMAND_LINE, Actor, Entry, record
 from app.store.studies.images import copy_images
+from app.store.studies.measurements import measurement_records, replace_measurements
 from app.store.trials.designs import copy_design, insert_design, insert_practice
 from app.store.trials.orders import most_trials
 from app.study.languages.text import is_one_line
+from app.study.options.neutral_words import neutral_words
 from app.study.options.options import StudyOptions, parse_options
 from app.study.options.own_texts import LONGEST_NAME
 from app.study.options.presets import QUICK, read_preset
@@ -72,6 +77,8 @@ def create_study(
     with open_store(settings) as database:
         slug = new_slug(database, name)
         packs = read_languages(settings)
+        if not any(stimulus.renderer for stimulus in read_manifest(manifest_path).stimuli):
+            wanted = neutral_words(wanted)  # films of anything: nobody knows whether they show models
         check_languages(wanted, packs)
         made = prepare_study(settings, manifest_path, wanted, exposure_s, progress)
         notes = [*made.notes, *_telling_names(name, made.shown)]
@@ -82,6 +89,7 @@ def create_study(
             study_id = studies.insert_study(connection, row)
             insert_design(connection, study_id, made.shown, made.pairs)
             insert_practice(connection, study_id, made.practice)
+            replace_measurements(connection, study_id, model_sizes(made.shown), now)
             code = insert_invitation(connection, study_id, None, now)
             detail = {"stimulus_set": made.set_name, "seed": chosen_seed, **_noted(notes)}
             record(connection, by, Entry("study created", study_id, slug, detail), now)
@@ -90,6 +98,10 @@ def create_study(
             study = studies.study_by_id(connection, study_id)
             assert study is not None, "it was just inserted"
             n_trials = most_trials(connection, study)
+            films = films_of(connection, study)
+        if find_browser(settings.check_browser):  # before anybody is invited
+            check = check_films(settings, study, films, now, most_played=MOST_PLAYED_AT_ONCE, progress=progress)
+            notes.append(in_words(check))
     return {
         "languages": {tag: refusal or "offered" for tag, refusal in refused_languages(wanted, packs).items()},
         "invitation": code,
@@ -159,6 +171,8 @@ def duplicate_study(database: Database, original: studies.Study, name: str, acto
         study_id = studies.insert_study(connection, {**row, **changes, "created_at": actor.now, "paused_at": actor.now})
         copy_design(connection, original.id, study_id)
         copy_images(connection, original.id, study_id)
+        sizes = [row for row in measurement_records(connection, original.id) if row["source"] == SIZES_FROM]
+        replace_measurements(connection, study_id, [Measure.model_validate(row) for row in sizes], actor.now)
         insert_invitation(connection, study_id, None, actor.now)
         record(
             connection, actor.name, Entry("study created", study_id, slug, {"duplicate_of": original.slug}), actor.now

@@ -5,8 +5,10 @@ Commands on recordings and films are jobs instead, which worker processes run: `
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from typing import Any
 
 from sqlalchemy import Connection, select, update
 
@@ -33,6 +35,8 @@ class ServerTask:
     result: str | None
     started_at: datetime
     beat_at: datetime
+    work: Mapping[str, Any] | None
+    cancelled_at: datetime | None
 
     def is_lost(self, now: datetime) -> bool:
         """Whether the process that ran the task has died."""
@@ -47,12 +51,20 @@ class Begun:
     is_new: bool
 
 
-def begin_task(database: Database, actor: str, title: str, now: datetime, subject: str | None = None) -> Begun:
+def begin_task(
+    database: Database,
+    actor: str,
+    title: str,
+    now: datetime,
+    subject: str | None = None,
+    work: Mapping[str, Any] | None = None,
+) -> Begun:
     """Begin a task, or return the actor's running task of the same subject.
 
     Parameters
     ----------
     subject : what it makes; two tasks never make the same at once. None: nothing that another task could make
+    work : its kind and values, by which it is taken up after a restart; None: it is not
 
     Raises
     ------
@@ -60,7 +72,8 @@ def begin_task(database: Database, actor: str, title: str, now: datetime, subjec
         If somebody else's task makes it now.
     """
     public_id = new_opaque_id()
-    values = {"public_id": public_id, "actor": actor, "title": title, "subject": subject, "state": "running"}
+    values: dict[str, Any] = {"public_id": public_id, "actor": actor, "title": title, "subject": subject}
+    values |= {"state": "running", "work": work}
     counts = {"done": 0, "total": 0, "detail": "", "started_at": now, "beat_at": now}
     with database.writing() as connection:
         makes_it = (job.c.subject == subject) & (job.c.state == "running")
@@ -73,6 +86,40 @@ def begin_task(database: Database, actor: str, title: str, now: datetime, subjec
         by = "Somebody" if runs is None else runs.actor
         raise ConflictError(f"{by} does this at the moment ({title}). Wait until it is done, or choose another name.")
     return Begun(runs.public_id, is_new=False)
+
+
+def claim_lost_task(database: Database, kinds: Sequence[str], now: datetime, *, is_alone: bool) -> ServerTask | None:
+    """Take over a task of some kinds whose process has died; None: there is none.
+
+    Parameters
+    ----------
+    is_alone : is there no other process that could run one?
+    """
+    columns = [job.c[name] for name in ServerTask.__dataclass_fields__]
+    with database.writing() as connection:
+        rows = connection.execute(
+            select(*columns).where(job.c.state == "running", job.c.work.is_not(None)).order_by(job.c.id)
+        )
+        for row in rows.all():
+            lost = ServerTask(**row._mapping)
+            is_of_kind = lost.work is not None and lost.work.get("kind") in kinds
+            if not is_of_kind or not (lost.is_lost(now) or (is_alone and lost.beat_at < now)):
+                continue
+            taken = update(job).where(job.c.public_id == lost.public_id, job.c.beat_at == lost.beat_at)
+            if connection.execute(taken.values(beat_at=now)).rowcount:
+                return lost
+    return None
+
+
+def cancel_task(connection: Connection, public_id: str, now: datetime) -> bool:
+    """Ask a running task to stop; return whether it runs, and was not asked before."""
+    runs = (job.c.public_id == public_id, job.c.state == "running", job.c.cancelled_at.is_(None))
+    return bool(connection.execute(update(job).where(*runs).values(cancelled_at=now)).rowcount)
+
+
+def is_cancelled(database: Database, public_id: str) -> bool:
+    with database.reading() as connection:
+        return connection.scalar(select(job.c.cancelled_at).where(job.c.public_id == public_id)) is not None
 
 
 def beat(database: Database, public_id: str, now: datetime) -> None:

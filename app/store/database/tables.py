@@ -574,6 +574,8 @@ job = Table(  # a task that the server does in a thread of its own
     Column("result", String(200)),  # where to go when it is done
     required("started_at", UtcDateTime),
     required("beat_at", UtcDateTime),  # its last sign of life
+    Column("work", JSON(none_as_null=True)),  # by which it is taken up after a restart; NULL: it is not
+    Column("cancelled_at", UtcDateTime),  # NULL: it is not to stop
     CheckConstraint("state in ('running', 'done', 'failed')", name="state"),
 )
 

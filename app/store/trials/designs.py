@@ -16,6 +16,7 @@ from sqlalchemy import (
     exists,
     func,
     insert,
+    literal,
     select,
     union_all,
     update,
@@ -324,6 +325,65 @@ def pair_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:
     """Return every pair's video: what it holds, and its file."""
     rows = _named_pairs(study_id, *(pair.c[name] for name in ("media", *FILM_FACTS)))
     return [dict(row._mapping) for row in connection.execute(rows.order_by(dataset.c.position, pair.c.id))]
+
+
+@dataclass(frozen=True)
+class ShownFilm:
+    """A film's file, and what its player expects of it.
+
+    Parameters
+    ----------
+    media : opaque name of the pair whose film it is
+    width, height : of a strip, pixels
+    guard_rows : between two strips
+    n_strips : one above the other
+    codec : key of ENCODERS
+    is_single : is it shown by a decoder, picture by picture?
+    """
+
+    media: str
+    file: str
+    sha256: str
+    width: int
+    height: int
+    guard_rows: int
+    fps: float
+    n_frames: int
+    n_strips: int
+    codec: str = H264
+    is_single: bool = False
+
+
+def shown_films(connection: Connection, study_id: int, *, n_strips: int, n_of_practice: int) -> list[ShownFilm]:
+    """Return every film of a study that a participant may be shown, each file once.
+
+    Parameters
+    ----------
+    n_strips : of the films of trials
+    n_of_practice : of those of the practice
+    """
+    datasets = select(dataset.c.id).where(dataset.c.study_id == study_id)
+    by_file: dict[str, ShownFilm] = {}
+    for table, belongs, strips in (
+        (pair, pair.c.dataset_id.in_(datasets), n_strips),
+        (practice_pair, practice_pair.c.study_id == study_id, n_of_practice),
+    ):
+        facts = [table.c[name] for name in ("media", "width", "height", "guard_rows", "fps", "n_frames")]
+        rows = connection.execute(select(*facts, table.c.file, table.c.sha256).where(belongs).order_by(table.c.id))
+        for row in rows.all():
+            whole = ShownFilm(**row._mapping, n_strips=strips)
+            by_file.setdefault(whole.file, whole)
+        for other, codec in ((second_film, ""), (lighter_film, LIGHTER), (single_film, SINGLE)):
+            kept = other.c.codec if other is second_film else literal(codec).label("codec")
+            of_pairs = table.join(other, other.c.of_media == table.c.media)
+            rows = connection.execute(
+                select(*facts, other.c.file, other.c.sha256, kept).select_from(of_pairs).where(belongs)
+            )
+            for row in rows.all():
+                n = 1 if codec == SINGLE else strips
+                film = ShownFilm(**row._mapping, n_strips=n, is_single=codec == SINGLE)
+                by_file.setdefault(film.file, film)
+    return list(by_file.values())
 
 
 def film_names(connection: Connection, study_id: int) -> dict[str, str]:

@@ -113,6 +113,11 @@ def new_resume_code(connection: Connection, participant_id: int) -> str:
     return resume_code(token)
 
 
+def stage_of(connection: Connection, session_id: int) -> str:
+    """Return the stage of a session."""
+    return str(connection.execute(select(session.c.stage).where(session.c.id == session_id)).scalar_one())
+
+
 def done_of(connection: Connection, session_id: int) -> Done:
     counting = (trial.c.session_id == session_id, trial.c.voided_at.is_(None))
     total = select(func.count()).where(*counting).scalar_subquery()

@@ -20,6 +20,7 @@ PARAMETER = "[A-Za-z][A-Za-z0-9_.-]{0,39}"  # the name of a URL's parameter
 TAKEN_NAMES = ("another", "language", "code")  # parameters of our pages, and placeholders
 VALUE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._~@:+=-]{0,99}")  # no placeholder left unfilled, and no formula in a table
 PLACEHOLDER = re.compile(r"\{([^{}]*)\}")
+LEFT_TO_FILL = re.compile(r"YOUR-[A-Z-]+[A-Z]")  # of an address that a platform's preset begins
 MOST_KEPT = 10
 Address = Annotated[
     str, StringConstraints(pattern=r"^(https://[A-Za-z0-9.-]+(:\d{1,5})?(/[!-~]*|\?[!-~]*)?)?$", max_length=1000)
@@ -244,6 +245,11 @@ def _check_together(options: OutsideOptions) -> None:
     if options.code and options.random_codes:
         raise ValueError(f"outside: code is {options.code!r} and random_codes true, expected one of them")
     for ending in ENDINGS:
+        if left := LEFT_TO_FILL.search(options.url(ending)):
+            raise ValueError(
+                f"outside: {ending}_url holds {left[0]}, which stands for what the platform shows you: put that in its "
+                "place, or empty the address"
+            )
         _check_placeholders(options, ending)
 
 

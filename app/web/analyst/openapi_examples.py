@@ -19,6 +19,7 @@ SESSION: dict[str, Any] = {
     "language": "en",
     "was_away_long": False,
     "resume_code": "maple-otter-93",
+    "stopped": False,
     "debriefing": None,
     "ending": None,
     "debriefing_html": None,
@@ -186,6 +187,15 @@ STUDY_VIEW: dict[str, Any] = {
     "options": {"break_every": 25},
 }
 EXAMPLES |= {
+    "TaskView": {
+        "task": "3n8v5k2d9x7q",
+        "state": "running",
+        "done": 12,
+        "total": 45,
+        "detail": "encoding ball/approach_1 above ball/approach_2",
+        "is_cancelled": False,
+        "study": None,
+    },
     "NewStudyBody": {
         "name": "Temple",
         "stimulus_set": "temple",
@@ -328,6 +338,11 @@ ROW: dict[str, Any] = {  # of any table, by column
     "entry": 41,
     "at": "2026-03-02T09:00:00+00:00",
     "actor": "Ada Example",
+    "film": "ball: approach_1 and approach_2",
+    "why": "Error: the film stands still",
+    "browser": "Firefox on Linux",
+    "happened_at": "2027-03-02T10:15:00+00:00",
+    "noted_at": None,
     "action": "study paused",
     "study": "temple",
     "subject": "temple",
@@ -382,7 +397,7 @@ ANALYSIS = {
     "findings": [
         {"about": "best", "text": "approach_2 is best: it has the highest score, +1.08 (95 % interval +0.83 to …"}
     ],
-    "warnings": ["all conditions, dataset ball: a single participant voted, so nothing can be said about other people"],
+    "warnings": ["a single participant voted, so nothing can be said about other people"],
 }
 
 

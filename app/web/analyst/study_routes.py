@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Path, Request
+from fastapi import APIRouter, Depends, Path, Query, Request
 from fastapi.responses import JSONResponse, Response
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from app.errors import InvalidError, NotFoundError
 from app.ffmpeg import no_progress
-from app.operations.studies.create import create_study, duplicate_study, read_options
+from app.operations.studies.create import duplicate_study, read_options
+from app.operations.studies.creation import begin_creation
 from app.operations.studies.edit import check_edit, remake_films, save_edit
 from app.operations.studies.invitations import MOST_AT_ONCE, MOST_PLACES, make_invitations, stop_invitation
 from app.operations.studies.manage import study_file_of, study_summary
 from app.operations.studies.standing import change_standing, delete_study
 from app.operations.studies.stimulus_sets import set_called
+from app.operations.tasks import wait_for_task
 from app.store.access.tokens import PEOPLE, STUDIES
 from app.store.database.engine import Database, Transaction
+from app.store.database.server_tasks import cancel_task, task_by_id
 from app.store.participants.invitations import Invitation, invitations_of
 from app.store.participants.participants import exclude, exclusion_records, participant_labelled, undo_exclusion
 from app.store.studies.audit import Actor
@@ -26,7 +29,8 @@ from app.study.options.option_table import COLUMNS
 from app.study.options.options import overridden, parse_options
 from app.study.options.own_texts import LONGEST_NAME
 from app.study.options.presets import QUICK
-from app.study.options.study_file import EXPOSURE_BOUNDS_S
+from app.study.options.study_file import EXPOSURE_BOUNDS_S, StudyFile
+from app.study.options.wording import check_languages
 from app.web.analyst.compression import CompressedRoute
 from app.web.gates import Store, languages, settings
 from app.web.roles import AStudy, may_change
@@ -44,6 +48,8 @@ Seed = Annotated[int, Field(ge=0, le=2**63 - 1, description="of all participants
 Options = Annotated[dict[str, Any], Field(description="as in the table [options] of a study file")]
 Label = Annotated[str, Path(max_length=40)]
 Code = Annotated[str, Path(max_length=40)]
+TaskId = Annotated[str, Path(max_length=32, description="id of the task")]
+WAIT_S = 15.0
 
 
 class Body(BaseModel):
@@ -103,6 +109,18 @@ class ManagedStudyView(BaseModel):
     options: dict[str, Any]
 
 
+class TaskView(BaseModel):
+    """The making of a study."""
+
+    task: str
+    state: str = Field(description="running, done or failed")
+    done: int = Field(description="how much of the step is done")
+    total: int = Field(description="how much the step is")
+    detail: str = Field(description="what is being done, or why it failed")
+    is_cancelled: bool
+    study: str | None = Field(description="the study's name in addresses, once it is made")
+
+
 class InvitationView(BaseModel):
     code: str
     places: int | None
@@ -117,31 +135,67 @@ class ExclusionView(BaseModel):
     excluded_at: str
 
 
-@router.post("/studies", status_code=201, response_model=ManagedStudyView)
-def create(body: NewStudyBody, request: Request, actor: StudyEditor, database: Store) -> Response:
+@router.post(
+    "/studies",
+    status_code=201,
+    response_model=ManagedStudyView,
+    responses={202: {"model": TaskView, "description": "Its films are being made; ask for the task"}},
+)
+def create(
+    body: NewStudyBody,
+    request: Request,
+    actor: StudyEditor,
+    database: Store,
+    wait_s: Annotated[float, Query(ge=0, le=600, description="longest wait for the films")] = WAIT_S,
+) -> Response:
     """Create a study of a stimulus set on the server; it stays paused until opened.
 
-    The answer comes when all films are made, which takes about a second for each pair; films that are there are not
-    made again, and those of one study are made at a time.
+    201 with the study where its films are there or soon made; else 202 with the task that makes them, which goes on
+    after a restart of the server and can be cancelled. Films that are there are not made again.
     """
     server = settings(request)
     with database.reading() as connection:
         folder = set_called(server, connection, body.stimulus_set).folder
     try:
         options = read_options(None, body.options, body.preset)
-        made = create_study(
-            server,
-            folder,
-            body.name,
-            exposure_s=body.exposure_s,
-            seed=body.seed,
-            options=options,
-            by=actor.name,
-            is_paused=True,
-        )
+        check_languages(options, languages(request))
+        wanted = StudyFile(name=body.name, exposure_s=body.exposure_s, seed=body.seed, options=options)
+        name = begin_creation(server, database, folder, wanted, actor)
     except (ValueError, TypeError) as error:
         raise InvalidError(f"The study was not created: {error}.") from error
-    return _created(database, made["slug"])
+    wait_for_task(name, wait_s)
+    begun = _task(database, name)
+    if begun.state == "failed":
+        raise InvalidError(f"The study was not created: {begun.detail}.")
+    if begun.study is not None:
+        return _created(database, begun.study)
+    address = f"{router.prefix}/tasks/{name}"
+    return JSONResponse(begun.model_dump(), 202, headers={"Location": address})
+
+
+@router.get("/tasks/{task}", response_model=TaskView)
+def task(task: TaskId, _actor: StudyEditor, database: Store) -> TaskView:
+    """Say how far the making of a study is."""
+    return _task(database, task)
+
+
+@router.delete("/tasks/{task}", response_model=TaskView)
+def cancel(task: TaskId, actor: StudyEditor, database: Store) -> TaskView:
+    """Stop the making of a study, as soon as the step is done that runs now."""
+    with database.writing() as connection:
+        if cancel_task(connection, task, actor.now):
+            actor.note(connection, "work cancelled", subject=task)
+    return _task(database, task)
+
+
+def _task(database: Database, name: str) -> TaskView:
+    with database.reading() as connection:
+        known = task_by_id(connection, name)
+    if known is None or known.work is None:
+        raise NotFoundError("There is no such task.")
+    study = known.result.rpartition("/")[2] if known.state == "done" and known.result else None
+    facts = {key: getattr(known, key) for key in ("state", "done", "total", "detail")}
+    return TaskView(task=name, study=study, is_cancelled=known.cancelled_at is not None, **facts)
 
 
 @router.patch("/studies/{slug}", response_model=ManagedStudyView)

@@ -21,10 +21,11 @@ from app.store.studies.studies import Study, study_by_id
 from app.store.trials.admission import WhyClosed, why_closed
 from app.store.trials.designs import has_single_films, largest_film
 from app.store.trials.orders import most_trials
-from app.store.trials.sessions import Session, session_by_token
+from app.store.trials.sessions import Session, session_by_token, stage_of
 from app.study.options.duration import stage_minutes
 from app.study.options.options import StudyOptions, parse_options
 from app.study.options.recruiting import Arrival
+from app.study.stages import ENDS
 from app.web.gates import PARTICIPANT_COOKIE, cookie, database, now
 from app.web.once import Shared
 
@@ -54,6 +55,7 @@ class Entrance:
     is_named: bool  # does the invitation bear a label for one participant?
     minutes: Mapping[str, float]  # that each stage takes, for the consent; empty where there is none to give
     is_preview: bool  # does this browser hold an experimenter's walk through the study?
+    has_ended: bool  # has the session ended to which the link leads?
 
 
 def see_invitation(code: str) -> RedirectResponse:
@@ -87,6 +89,7 @@ def entrance(request: Request, code: str, *, is_for_another: bool = False) -> En
             state = "mine" if is_mine and not (is_for_another and state == "open") else state
         film_size = largest_film(connection, study.id) if options.pixels == "1:1" else ()
         minutes = _minutes(request, connection, study, options) if options.consent else {}
+        has_ended = state == "known" and arrival is not None and _has_ended(connection, study, arrival)
     places = invitation.has_places(1 if state == "mine" else 2)
     return Entrance(
         slug=study.slug,
@@ -104,7 +107,13 @@ def entrance(request: Request, code: str, *, is_for_another: bool = False) -> En
         is_named=invitation.is_named,
         minutes=minutes,
         is_preview=session is not None and state == "mine" and session.is_preview,
+        has_ended=has_ended,
     )
+
+
+def _has_ended(connection: Transaction, study: Study, arrival: Arrival) -> bool:
+    known = session_of_outside_id(connection, study.id, arrival.outside_id)
+    return known is not None and stage_of(connection, known) in ENDS
 
 
 def _minutes(request: Request, connection: Transaction, study: Study, options: StudyOptions) -> Mapping[str, float]:
@@ -137,11 +146,12 @@ def _state_of_link(
         log.warning("study %s: a recruiting platform's link is refused: %s", study.slug, error)
         return "bad_link", None
     assert arrival is not None, "the study has an id"
-    if held is not None and held.outside_id == arrival.outside_id:
+    if held is not None and held.outside_id == arrival.outside_id and held.kept == arrival.kept:
         return "mine", held
     if session_of_outside_id(connection, study.id, arrival.outside_id) is None:
         return for_anybody, arrival
-    return ("known" if options.resume == "anywhere" else "begun_elsewhere"), arrival
+    is_here = held is not None and held.outside_id == arrival.outside_id  # with other parameters, which are kept anew
+    return ("known" if options.resume == "anywhere" or is_here else "begun_elsewhere"), arrival
 
 
 def _check_said_once(parameters: QueryParams, names: Iterable[str]) -> None:

@@ -31,7 +31,7 @@ from recon.capture.checking.continuity import (
 from recon.capture.checking.matches import Matches, match_pictures
 from recon.capture.checking.sensor import SensorCheck, brightness_ratios, check_sensor, measured_frames
 from recon.capture.checking.sensor_report import SensorReport
-from recon.capture.checking.synchrony import synchrony_problems
+from recon.capture.checking.synchrony import SilhouetteFindings, silhouette_findings, synchrony_problems
 from recon.capture.format import CaptureError, expected_pictures, frame_pictures, read_draft, read_picture
 from recon.capture.recording import SensorStream
 from recon.capture.schema import Draft
@@ -86,7 +86,8 @@ def check_capture(capture_folder: Path) -> CheckReport:
     n_frames = draft.n_frames or 0
     glances, unreadable = _look_through(capture_folder, draft)
     checks = [check_sensor(capture_folder, stream, n_frames, draft.bounds) for stream in draft.sensors]
-    problems = [*draft.problems, *unreadable, *frozen_cameras(glances), *synchrony_problems(draft.sensors, glances)]
+    silhouettes = silhouette_findings(capture_folder, draft)
+    problems = [*draft.problems, *unreadable, *frozen_cameras(glances), *_other_instants(draft, glances, silhouettes)]
     doubled = [stream.id for stream in draft.sensors if is_one_camera_twice(stream, glances)]
     problems += [
         f"sensor {name}: its left and right pictures are the same, one camera's; give each camera its own"
@@ -100,12 +101,18 @@ def check_capture(capture_folder: Path) -> CheckReport:
         *_without_masks(draft.sensors),
         *(() if problems else _bounds_beside_pictures(draft)),
         *unlike_exposures(comparisons),
+        *silhouettes.warnings,
         *count_warnings(capture_folder, draft.cameras, n_frames),
         *continuity_warnings(glances),
     ]
     warnings += [warning for check in checks for warning in check.warnings]
     reports = tuple(check.report for check in checks)
     return CheckReport(str(capture_folder), draft.n_frames, reports, tuple(problems), tuple(warnings), glances)
+
+
+def _other_instants(draft: Draft, glances: Glances, silhouettes: SilhouetteFindings) -> Iterator[str]:
+    yield from synchrony_problems(draft.sensors, glances, silhouettes.decided)
+    yield from silhouettes.problems
 
 
 def _without_masks(sensors: Sequence[SensorStream]) -> Iterator[str]:

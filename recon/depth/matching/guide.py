@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.capture.noise import noise_deviation
+from recon.capture.noise import largest_channel, noise_deviation
 
 CLOSED = 255  # a change of the guide that nothing passes
 GUIDE_WINDOW = 5  # pixels, of the bilateral filter
@@ -21,6 +21,8 @@ STRONG_NOISE = 2.0  # grey levels, from which the filter is applied twice
 ONE_PASS, TWO_PASSES = (2.5,), (1.5, 1.5)  # its deviations in grey levels, in units of the image's noise
 MIN_NOISE = 0.1  # grey levels; a rendered image has none, the filter needs some
 MAX_NOISE = 8.0  # grey levels; what varies more is texture
+NOISE_SHARE = 0.7  # mean change of a still scene's guide, in units of the images' noise; measured at 4 grey levels
+NEIGHBOURHOOD = 5  # pixels: the picture counts as changed where the mean over the census window has
 
 
 def noise_level(grey: NDArray[np.uint8], mask: NDArray[np.bool_] | None = None) -> float:
@@ -43,6 +45,22 @@ def guide_image(image: NDArray[np.uint8], noise: float) -> NDArray[np.uint8]:
     for tolerance in ONE_PASS if noise < STRONG_NOISE else TWO_PASSES:
         smooth = cv2.bilateralFilter(smooth, GUIDE_WINDOW, tolerance * noise, GUIDE_REACH)
     return np.asarray(smooth, dtype=np.uint8)
+
+
+def change_beyond_noise(before: NDArray[np.uint8], after: NDArray[np.uint8], noise: float) -> NDArray[np.float32]:
+    """Measure how much a guide changed in time, float32 (H, W), grey levels, less what noise alone explains.
+
+    Of the channel that changed most, the mean over a census window, because an edge that moves past changes what is
+    seen around it.
+
+    Parameters
+    ----------
+    before, after : guides, uint8 (H, W, 3) or (H, W)
+    noise : of the images, standard deviation, grey levels
+    """
+    change = largest_channel(cv2.absdiff(before, after)).astype(np.float32)
+    mean = np.asarray(cv2.blur(change, (NEIGHBOURHOOD, NEIGHBOURHOOD)), np.float32)
+    return np.asarray(np.maximum(mean - np.float32(NOISE_SHARE * noise), np.float32(0)))
 
 
 class Passages(NamedTuple):

@@ -17,11 +17,13 @@ from numba.core import cgutils
 from numba.extending import intrinsic, models, register_model
 
 N_LANES = 16
+ONE_BITS = 0x3F800000  # of a float32 that is 1
 
 _FLOATS = ir.VectorType(ir.FloatType(), N_LANES)
 _EIGHT = ir.VectorType(ir.FloatType(), 8)
 _WORD = ir.IntType(32)
 _WORDS = ir.VectorType(_WORD, N_LANES)
+_BYTES = ir.VectorType(ir.IntType(8), 4 * N_LANES)
 _EVERY_LANE = list(range(N_LANES))
 
 
@@ -197,15 +199,20 @@ def gather(_typing: Any, words: Any, _first: Any, _step: Any, _last: Any, _start
 
 
 @intrinsic
-def look_up(_typing: Any, table: Any, _lanes: Any) -> Any:
-    """Return `table[lanes]`, the lanes cut to whole numbers, which are not checked."""
+def falling(_typing: Any, _lanes: Any, _fall: Any) -> Any:
+    """Return 2 ** -n, in a straight line between whole n, for n = lanes * fall / 2 ** 23; the lanes are not negative.
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Sequence[Any]) -> Any:
-        index = builder.fptosi(arguments[1], _WORDS)
-        zero = ir.Constant(ir.IntType(64), 0)
-        return _gathered(context, builder, signature.args[0], arguments[0], index, zero)
+    The bits of a float32 are those of its exponent before those of its fraction: counted down, they fall like this.
+    """
 
-    return _LANES(table, _LANES), generate
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Sequence[Any]) -> Any:
+        most = ir.Constant(_FLOATS, [float(ONE_BITS)] * N_LANES)
+        down = builder.fmul(arguments[0], _spread(builder, arguments[1], _FLOATS))
+        down = builder.select(builder.fcmp_ordered("<", down, most), down, most)
+        bits = builder.sub(ir.Constant(_WORDS, [ONE_BITS] * N_LANES), builder.fptosi(down, _WORDS))
+        return builder.bitcast(bits, _FLOATS)
+
+    return _LANES(_LANES, types.float32), generate
 
 
 @intrinsic
@@ -235,14 +242,18 @@ def byte_distance(_typing: Any, _word: Any, _lanes: Any) -> Any:
     """Return the sum over the four bytes of |byte of a uint32 - byte of the lane's bits|."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Sequence[Any]) -> Any:
-        word, words = _spread(builder, arguments[0], _WORDS), builder.bitcast(arguments[1], _WORDS)
-        absolute = _llvm(builder, "llvm.abs.v16i32", _WORDS, _WORDS, ir.IntType(1))
-        total = ir.Constant(_WORDS, [0] * N_LANES)
-        for shift in (0, 8, 16, 24):
-            bytes_ = [_byte(builder, operand, shift) for operand in (word, words)]
-            difference = builder.call(absolute, [builder.sub(*bytes_), ir.Constant(ir.IntType(1), 0)])
-            total = builder.add(total, difference)
-        return builder.sitofp(total, _FLOATS)
+        sides = [_spread(builder, arguments[0], _WORDS), arguments[1]]
+        sides = [builder.bitcast(words, _BYTES) for words in sides]
+        larger, smaller = (
+            builder.call(_llvm(builder, f"llvm.u{extreme}.v64i8", _BYTES, _BYTES, _BYTES), sides)
+            for extreme in ("max", "min")
+        )
+        sums = builder.bitcast(builder.sub(larger, smaller), _WORDS)
+        for shift, mask in ((8, 0x00FF00FF), (16, 0x0000FFFF)):  # of bytes in pairs, then of the pairs
+            shifted = builder.lshr(sums, ir.Constant(_WORDS, [shift] * N_LANES))
+            kept = [builder.and_(part, ir.Constant(_WORDS, [mask] * N_LANES)) for part in (sums, shifted)]
+            sums = builder.add(*kept)
+        return builder.sitofp(sums, _FLOATS)
 
     return _LANES(types.uint32, _LANES), generate
 
@@ -282,11 +293,6 @@ def total(_typing: Any, _lanes: Any) -> Any:
         return builder.extract_element(lanes, ir.Constant(_WORD, 0))
 
     return types.float32(_LANES), generate
-
-
-def _byte(builder: Any, words: Any, shift: int) -> Any:
-    shifted = builder.lshr(words, ir.Constant(_WORDS, [shift] * N_LANES))
-    return builder.and_(shifted, ir.Constant(_WORDS, [0xFF] * N_LANES))
 
 
 def _clipped(builder: Any, words: Any, last: Any) -> Any:

@@ -15,12 +15,11 @@ from recon.depth.matching.lanes import N_LANES
 from recon.depth.matching.views import View
 
 WINDOW_REACH = (
-    16  # pixels: a window spans 33 rows and columns (Bleyer et al.: 35), of which every other one is looked at
+    16  # pixels: a window spans 33 rows and columns (Bleyer et al.: 35), of which every other column is looked at
 )
 PAD = WINDOW_REACH  # columns repeated left and right, flagged in the colours' fourth byte
 FINE = 4  # places a pixel at which the other view is sampled
 GREY_SCALE = 256  # grey levels are held in 256ths
-MAX_DISTANCE = 4 * 255  # of two packed colours
 
 
 @dataclass(frozen=True, eq=False)

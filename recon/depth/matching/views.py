@@ -108,10 +108,15 @@ class View:
         return self.level.before + self.level.min_disparity
 
     @cached_property
+    def guide(self) -> NDArray[np.uint8]:
+        """The picture without its noise, uint8 (H, W, 3) or (H, W), mirrored in the right view."""
+        return guide_image(self.mirrored(self.image), self.noise)
+
+    @cached_property
     def passages(self) -> Passages:
         """How freely costs pass between neighbours, mirrored in the right view."""
         mask = None if self.mask is None else self.mirrored(self.mask)
-        return permeabilities(guide_image(self.mirrored(self.image), self.noise), sigma=self.sigma, mask=mask)
+        return permeabilities(self.guide, sigma=self.sigma, mask=mask)
 
 
 def views_of(pair: StereoPair, sigma: float, window: int = WINDOW) -> tuple[View, View]:

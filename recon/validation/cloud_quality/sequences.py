@@ -122,7 +122,7 @@ def _approaches(clouds: Sequence[Path], names: Sequence[str]) -> tuple[dict[str,
         if cloud in runs:
             run = read_run(cloud)
             datasets.append(run.dataset)
-            files = {name: _run_frames(run.folder, name, run.frames) for name in run.approaches}
+            files = {name: _run_frames(run.folder, name, run.frames_of(name)) for name in run.approaches}
         else:
             files = {next(remaining, cloud.stem if cloud.is_file() else cloud.resolve().name): _frames_of(cloud)}
         if twice := next((name for name in files if name in approaches), None):

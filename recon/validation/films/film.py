@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from recon.render.encoding.video import read_luma
 from recon.validation.films.flicker import excess_change
 from recon.validation.films.likeness import Likeness, likenesses
+from recon.validation.films.perceptual import PACKAGES, Display, perceptual_values
 from recon.validation.films.pictures import comparison_picture
 from recon.validation.films.stimuli import Pair
 from recon.validation.films.vmaf import has_vmaf, vmaf_scores
 
-MEASURES = ("psnr_y", "ssim", "ms_ssim", "vmaf", "flicker")
+MEASURES = ("psnr_y", "ssim", "ms_ssim", "vmaf", "flicker", *PACKAGES)
 ACTOR = "_actor"  # ends the names of measures inside the silhouettes
 WHITE = 126  # luma from which a mask's pixel is of the model: half way from 16 to 235
 
@@ -62,7 +63,15 @@ class MeasuredFilm:
         return measure.endswith(ACTOR) or (measure == "flicker" and self.pair.has_masks)
 
 
-def measure_film(pair: Pair, *, every: int, threads: int, tell: Tell | None = None) -> MeasuredFilm:
+def measure_film(
+    pair: Pair,
+    *,
+    every: int,
+    threads: int,
+    perceptual: Sequence[str] = (),
+    display: Display | None = None,
+    tell: Tell | None = None,
+) -> MeasuredFilm:
     """Measure a film; ffmpeg computes VMAF beside the other measures.
 
     Parameters
@@ -70,6 +79,8 @@ def measure_film(pair: Pair, *, every: int, threads: int, tell: Tell | None = No
     pair : the film and its reference
     every : measure only each such frame, from the first on
     threads : of libvmaf
+    perceptual : names of measures by other packages, of `PACKAGES`
+    display : that they take the films to be shown on
     tell : told after each measured frame
 
     Raises
@@ -91,6 +102,8 @@ def measure_film(pair: Pair, *, every: int, threads: int, tell: Tell | None = No
                 tell(1)
         if waiting:
             values["vmaf"] = waiting.result()
+    for name in perceptual:
+        values[name] = perceptual_values(pair, name, display or Display(), every=every)
     in_order = {name: values[name] for name in sorted(values, key=_rank)}
     return MeasuredFilm(pair, frames, in_order, watch.shown())
 

@@ -19,6 +19,8 @@ TITLES = {
     "ms_ssim": "MS-SSIM",
     "vmaf": "VMAF",
     "flicker": "flicker, grey levels",
+    "flip": "FLIP",
+    "cvvdp": "ColorVideoVDP, JOD",
 }
 WIDTH_PX, HEIGHT_PX = 560, 90
 

@@ -23,12 +23,14 @@ class Film:
     dataset, approach : the scene, and what is shown of it
     video : the file that is measured
     mask : video of the model's silhouette, white on black; None where there is none
+    model_bytes : size of the model's files; None where the set does not say it
     """
 
     dataset: str
     approach: str
     video: Path
     mask: Path | None
+    model_bytes: int | None = None
 
     @property
     def name(self) -> str:
@@ -163,7 +165,14 @@ def _film(manifest: Path, number: int, entry: Any, *, masters: bool) -> Film:
     chosen = _text(entry, "master", where) if masters else video
     mask = manifest.parent / _text(entry, "mask", where) if entry.get("mask") else None
     # A set whose masks were not copied along is measured without them.
-    return Film(dataset, approach, manifest.parent / chosen, mask if mask and mask.is_file() else None)
+    size = entry.get("model_bytes")
+    return Film(
+        dataset,
+        approach,
+        manifest.parent / chosen,
+        mask if mask and mask.is_file() else None,
+        size if isinstance(size, int) and size > 0 else None,
+    )
 
 
 def _text(entry: Mapping[str, Any], key: str, where: str) -> str:

@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.validation.films.film import ACTOR, MeasuredFilm
+from recon.validation.films.perceptual import WHOLE_FILM
 from recon.validation.measures import BETTER, LESS, MORE, Measured, Subject, measure_rows
 
 WORST_PERCENT = 5  # this share of the frames is worse than the worst percentile
-DIRECTIONS = {"psnr_y": MORE, "ssim": MORE, "ms_ssim": MORE, "vmaf": MORE, "flicker": LESS}
-UNITS = {"psnr_y": "dB", "flicker": "grey levels"}
+DIRECTIONS = {"psnr_y": MORE, "ssim": MORE, "ms_ssim": MORE, "vmaf": MORE, "flicker": LESS, "flip": LESS, "cvvdp": MORE}
+UNITS = {"psnr_y": "dB", "flicker": "grey levels", "cvvdp": "JOD"}
 SOURCE = "validate films"
+BYTES = "bytes"  # a model's size, which the analysis sets beside its score
 
 
 def pooled_measures(values: Sequence[float], measure: str) -> dict[str, float]:
@@ -37,6 +39,8 @@ def pooled_measures(values: Sequence[float], measure: str) -> dict[str, float]:
     known = np.array([value for value in values if not np.isnan(value)])
     if not len(known):
         return {}
+    if measure in WHOLE_FILM:
+        return {measure: float(known[0])}
     if direction == LESS:
         percent = 100 - WORST_PERCENT
         return {measure: float(known.mean()), f"{measure}_p{percent}": _percentile(known, percent)}
@@ -51,7 +55,7 @@ def pooled_measures(values: Sequence[float], measure: str) -> dict[str, float]:
 
 def measured_values(films: Sequence[MeasuredFilm]) -> list[Measured]:
     """List every measure of every film for the table of measures: pooled first, then frame by frame."""
-    return [value for film in films for value in (*_pooled_values(film), *_frame_values(film))]
+    return [value for film in films for value in (*_pooled_values(film), *_sizes(film), *_frame_values(film))]
 
 
 def pooled_rows(film: MeasuredFilm) -> Iterator[dict[str, Any]]:
@@ -84,6 +88,7 @@ def study_measures(films: Sequence[MeasuredFilm]) -> list[dict[str, Any]]:
             direction, unit = _kind(measure)
             mean = pooled_measures(values, measure).get(measure)
             rows += measure_rows(subject, measure, mean, direction=direction, unit=unit)
+        rows += measure_rows(subject, BYTES, film.pair.film.model_bytes, direction=LESS, unit=BYTES)
     return rows
 
 
@@ -98,8 +103,27 @@ def _pooled_values(film: MeasuredFilm) -> Iterator[Measured]:
             yield _value(film, None, measure, name, value)
 
 
+def _sizes(film: MeasuredFilm) -> Iterator[Measured]:
+    """Yield the size of the model's files, where it is known."""
+    size = film.pair.film.model_bytes
+    if size is not None:
+        yield Measured(
+            dataset=film.pair.film.dataset,
+            approach=film.pair.film.approach,
+            frame=None,
+            measure=BYTES,
+            direction="",
+            value=float(size),
+            unit=BYTES,
+            better=BETTER[LESS],
+            source="files of the models",
+        )
+
+
 def _frame_values(film: MeasuredFilm) -> Iterator[Measured]:
     for measure, values in film.values.items():
+        if measure in WHOLE_FILM:
+            continue
         for frame, value in zip(film.frames, values, strict=True):
             if not np.isnan(value):
                 yield _value(film, frame, measure, measure, value)

@@ -48,10 +48,11 @@ def cross_sensor_rows(run: Run, frames: Sequence[int], threshold: float) -> list
     threshold : mm, within which two depths agree
     """
     rows = []
-    for method in dict.fromkeys(parse_approach(approach).depth for approach in run.approaches):
+    known = {parse_approach(approach).depth: run.frames_of(approach) for approach in run.approaches}
+    for method, frames_known in known.items():
         view_of = depth_view if method == GIVEN else sensor_view
         views = {s.id: view_of(s, run.capture.bounds) for s in run.capture.sensors_for(method)}
-        for frame in frames:
+        for frame in (frame for frame in frames if frame in frames_known):
             maps = {name: read_disparity(run.folder / View(method, name, frame).depth) for name in views}
             points = {name: depth_points(maps[name], views[name], run.capture.bounds) for name in views}
             for measured, seen_by in permutations(views, 2):

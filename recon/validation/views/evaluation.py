@@ -160,6 +160,8 @@ def _renderings(
     run: Run, others: Mapping[str, ModelSequence], capture: Capture, photograph: Photograph
 ) -> Iterator[tuple[str, Rendering]]:
     for approach in run.approaches:
+        if photograph.frame not in run.frames_of(approach):
+            continue
         yield approach, rendered(_mesh(run.folder / mesh_name(approach, photograph.frame)), photograph.camera)
     for approach, sequence in others.items():
         number = 0 if sequence.is_still else run.frames.index(photograph.frame)

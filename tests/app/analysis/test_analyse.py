@@ -20,6 +20,7 @@ from app.analysis.model.likelihood.ties import TIE_MODELS
 from app.analysis.reading.read_votes import read_votes
 from app.analysis.reading.votes_table import VotesTable, votes_from_indices
 from app.analysis.report.page import report_page
+from app.analysis.tables import TABLES
 
 KEYS = {
     "scores": "comparison dataset item score se se_participant ci_low ci_high n_votes wins losses ties status",
@@ -53,6 +54,16 @@ def study(seed: int = 0, *, n_participants: int = 8, datasets: tuple[str, ...] =
 
 def only(rows: list[dict[str, Any]], **wanted: str) -> list[dict[str, Any]]:
     return [row for row in rows if all(row[key] == value for key, value in wanted.items())]
+
+
+def test_every_table_is_described_and_has_the_columns_that_are_explained() -> None:
+    votes = study(datasets=("ball", "box", "cup"))
+    analysis = analyse(votes, AnalysisSettings(factors=FACTORS, order_effect=True, random_effects="participants"))
+    tables = {name for name, rows in analysis.items() if isinstance(rows, list)} - {"warnings", "findings"}
+    assert tables == TABLES.keys()
+    for name, table in TABLES.items():
+        for row in analysis[name][:1]:
+            assert table.columns.keys() <= row.keys(), name
 
 
 def test_analysis_json_has_the_agreed_keys_and_is_json() -> None:

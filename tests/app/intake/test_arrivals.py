@@ -7,6 +7,7 @@ from zipfile import ZipFile
 
 import pytest
 
+from app.errors import InvalidError
 from app.intake.arrivals import Limits, shelve
 
 MP4 = b"\0\0\0\x18ftypmp42"
@@ -31,3 +32,33 @@ def test_models_bring_textures_of_every_format_that_render_reads(tmp_path: Path)
             archive.writestr(place, written)
     shelved = shelve(tmp_path, "models", "neus", packed, tmp_path / "work", Limits(1, 10))
     assert {path.relative_to(shelved).as_posix() for path in shelved.rglob("*.*")} == set(content)
+
+
+def shelved(folder: Path, kind: str, places: dict[str, bytes]) -> list[str]:
+    """Where the files of an upload lie on its shelf."""
+    packed = folder / "packed.zip"
+    with ZipFile(packed, "w") as archive:
+        for place, written in places.items():
+            archive.writestr(place, written)
+    entry = shelve(folder, kind, "sent", packed, folder / "work", Limits(1, 10))
+    return sorted(path.relative_to(entry).as_posix() for path in entry.rglob("*") if path.is_file())
+
+
+@pytest.mark.parametrize(
+    ("kind", "places", "kept"),
+    [
+        ("films", ["ball/a.mp4", "ball/b.mp4"], ["ball/a.mp4", "ball/b.mp4"]),  # the only dataset
+        ("films", ["mine/ball/a.mp4"], ["ball/a.mp4"]),
+        ("captures", ["mine/left.mp4", "mine/right.mp4"], ["left.mp4", "right.mp4"]),
+        ("clouds", ["mine/ball/0.ply"], ["0.ply"]),
+    ],
+)
+def test_a_folder_around_what_is_sent_is_taken_off(
+    tmp_path: Path, kind: str, places: list[str], kept: list[str]
+) -> None:
+    assert shelved(tmp_path, kind, dict.fromkeys(places, MP4 if places[0].endswith("mp4") else b"ply\n")) == kept
+
+
+def test_clouds_without_a_cloud_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidError):
+        shelved(tmp_path, "clouds", {"notes.csv": b"a,b\n"})

@@ -22,6 +22,7 @@ from app.films.pairs import FilmMaker, PairVideo, prepare_alone, prepare_pairs
 from app.films.strips import GUARD_ROWS
 from app.intake.import_videos import import_stimuli
 from app.intake.stimuli import read_manifest, read_stimulus_set
+from app.intake.treatment import preview_of
 from tests.app import tiny_stimuli
 
 COLOURS = (
@@ -289,3 +290,20 @@ def test_unlike_films_are_made_alike_where_it_is_asked_for(tmp_path: Path) -> No
     (note,) = (note for note in made.notes if note.startswith("scene/large"))
     for done in ("rate changed from 50 to 25", "scaled from 128x96 to 64x48", "cut after 10 of 12"):
         assert done in note
+
+
+def test_a_preview_has_the_shape_of_the_film_and_is_made_once(tmp_path: Path) -> None:
+    film = tmp_path / "wide.mkv"
+    tiny_stimuli.encode(
+        film, tiny_stimuli.flat("gray"), "-c:v", "libx265", "-x265-params", "log-level=none", "-vf", "setsar=2"
+    )
+    preview = preview_of(film, tmp_path / "stills")
+    facts = decode(preview)
+    assert (facts.width, facts.height, facts.pixel_shape) == (128, 48, 1)
+    assert facts.look is not None
+    assert facts.look.codec == "h264"
+    made_at = preview.stat().st_mtime_ns
+    assert preview_of(film, tmp_path / "stills").stat().st_mtime_ns == made_at
+    film.write_bytes(b"no film")
+    with pytest.raises(StimuliError, match=r"wide\.mkv: cannot be decoded"):
+        preview_of(film, tmp_path / "stills")

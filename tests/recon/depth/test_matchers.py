@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from recon.depth import MATCHERS, Matcher, StereoPair
+from recon.depth import MATCHERS, Matcher, StereoPair, match_frames
 from recon.methods.approaches import DEPTH_METHODS
 
 every_matcher = pytest.mark.parametrize("matcher", MATCHERS.values(), ids=MATCHERS.keys())
@@ -75,3 +77,19 @@ def test_what_lies_behind_the_mask_is_unmatched_and_changes_nothing(matcher: Mat
     np.testing.assert_array_equal(found[0], found[1])
     assert np.isnan(found[0][~masks[0]]).all()
     assert np.mean(np.abs(found[0][masks[0]] - 4) <= 0.25) > 0.95
+
+
+@every_matcher
+def test_a_frame_with_the_pictures_of_the_one_before_is_not_matched_again(matcher: Matcher) -> None:
+    matched: list[StereoPair] = []
+
+    def counting(pair: StereoPair) -> NDArray[np.float32]:
+        matched.append(pair)
+        return matcher(pair)
+
+    first, other = shifted_pair(4), shifted_pair(6)
+    again = StereoPair(first.left.copy(), first.right.copy(), first.n_disparities)
+    frames = list(match_frames([first, again, other, replace(other, n_disparities=10)], counting))
+    assert [pair.n_disparities for pair in matched] == [12, 12, 10]
+    np.testing.assert_array_equal(frames[0], frames[1])
+    np.testing.assert_array_equal(frames[2], matcher(other))

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from recon.depth import StereoPair, match_pm, patchmatch
+from recon.depth import StereoPair, match_frames, match_pm, patchmatch
 from recon.depth.matching import plane_search
-from recon.depth.matching.texture import MAX_DISTANCE, texture_of
+from recon.depth.matching.texture import texture_of
 from recon.depth.matching.views import View, views_of
-from recon.depth.patchmatch import PmParameters
+from recon.depth.patchmatch import Past, PmParameters
 
 HEIGHT, WIDTH = 30, 44
+FEW = PmParameters(sweeps=1)
 
 
 def some_views() -> tuple[View, View]:
@@ -60,12 +63,11 @@ def test_a_windows_cost_is_that_of_the_plain_reference(side: int, y: int, x: int
     views, parameters = some_views(), PmParameters()
     own, facing = views[side], views[1 - side]
     texture, target = texture_of(own), texture_of(facing).fine
-    affinity = np.exp(-np.arange(MAX_DISTANCE + 1) / parameters.gamma).astype(np.float32)
     taps, plane = np.empty(3 * plane_search.TAPS, np.float32), np.array([6.3, 0.11, -0.07], np.float32)
-    weight = plane_search._take_window((texture.colours, texture.words, target, affinity), y, x, taps)
     settings = patchmatch._settings(own.level, parameters)
+    weight = plane_search._take_window((texture.colours, texture.words, target), settings, y, x, taps)
     place = (y, x, HEIGHT, WIDTH, weight)
-    cost = plane_search._window_cost(taps, target.reshape(-1), tuple(plane), place, settings, np.float32(np.inf))
+    cost = plane_search._window_cost(taps, target, tuple(plane), place, settings, np.float32(np.inf))
     assert cost / 256 == pytest.approx(plain_window_cost((own, facing), plane, y, x, parameters), rel=0.01)
 
 
@@ -107,10 +109,73 @@ def test_more_sweeps_come_nearer_to_the_truth() -> None:
     assert errors[2] <= errors[1] <= errors[0]
 
 
+SIDE = 16  # pixels, of the square
+
+
+def frames_of_a_square(columns: list[int], *, noise: float = 0.0) -> list[StereoPair]:
+    """A bright square of 7 pixels of disparity before a wall of 2, its left edge at a column in each frame."""
+    rng = np.random.default_rng(5)
+    wall, square = (cv2.GaussianBlur(rng.uniform(*range_, (44, 120)), (0, 0), 1) for range_ in ((0, 120), (130, 250)))
+    pairs = []
+    for column in columns:
+        left, right = wall[:, 10:106].copy(), wall[:, 12:108].copy()
+        left[12:28, column : column + SIDE] = right[12:28, column - 7 : column - 7 + SIDE] = square[:SIDE, :SIDE]
+        views = [view + rng.normal(0, noise, view.shape) if noise else view for view in (left, right)]
+        views = [np.clip(view, 0, 255).round().astype(np.uint8) for view in views]
+        pairs.append(StereoPair(views[0], views[1], 12))
+    return pairs
+
+
+@pytest.mark.slow
+def test_a_still_noisy_sequence_keeps_its_planes_and_is_no_worse() -> None:
+    pairs, truth = frames_of_a_square([50] * 4, noise=2), 2.0
+    frames = list(match_frames(pairs, match_pm))
+    assert np.mean(np.isclose(frames[1], frames[3], atol=0.05, equal_nan=True)) > 0.9
+    alone = match_pm(pairs[3])
+    wrong = [np.nanmean(np.abs(found[:, 14:46] - truth) > 0.5) for found in (frames[3], alone)]
+    assert wrong[0] <= wrong[1] + 0.02
+
+
+@pytest.mark.slow
+def test_where_a_sequence_moves_its_planes_are_looked_for_again() -> None:
+    pairs = frames_of_a_square([40, 40, 62])
+    last = list(match_frames(pairs, match_pm))[-1]
+    inside, left_behind = last[15:25, 65:75], last[15:25, 42:52]
+    assert np.nanmean(np.abs(inside - 7) <= 0.5) > 0.9
+    assert np.nanmean(np.abs(left_behind - 2) <= 0.5) > 0.9
+    untouched = (slice(34, 44), slice(14, 96))
+    np.testing.assert_array_equal(last[untouched], list(match_frames(pairs[:2], match_pm))[-1][untouched])
+
+
+@pytest.mark.slow
+def test_a_masked_person_who_walks_is_matched_as_if_alone() -> None:
+    pairs = frames_of_a_square([40, 44, 48])
+    masked = []
+    for pair, column in zip(pairs, (40, 44, 48), strict=True):
+        masks = np.zeros((2, 44, 96), np.bool_)
+        masks[0, 12:28, column : column + SIDE] = masks[1, 12:28, column - 7 : column - 7 + SIDE] = True
+        masked.append(replace(pair, left_mask=masks[0], right_mask=masks[1]))
+    for pair, found in zip(masked, match_frames(masked, match_pm), strict=True):
+        np.testing.assert_array_equal(np.isfinite(found), np.isfinite(match_pm(pair)))
+        assert np.nanmean(np.abs(found[pair.left_mask] - 7) <= 0.5) > 0.9
+
+
+def test_a_past_of_a_frame_without_texture_is_forgotten() -> None:
+    past, plain = Past(), np.full((44, 96), 90, np.uint8)
+    pair = frames_of_a_square([40])[0]
+    match_pm(pair, FEW, past=past)
+    assert past.traces is not None
+    with pytest.warns(UserWarning, match="no texture"):
+        match_pm(StereoPair(plain, plain, 12), FEW, past=past)
+    assert past.traces is None
+    np.testing.assert_array_equal(match_pm(pair, FEW, past=past), match_pm(pair, FEW))
+
+
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
         ({"sweeps": -1}, "sweeps is -1"),
+        ({"sweeps_again": -2}, "sweeps_again is -2"),
         ({"gamma": 0.0}, "gamma is 0"),
         ({"gradient_share": 1.5}, "share is 1.5"),
         ({"smoothness": -1.0}, "smoothness is -1"),

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from recon.depth import StereoPair, match_id
-from recon.depth.temporal import Frame, Memory, TemporalParameters, match_sequence, remembered, temporal_permeability
+from recon.depth import StereoPair, match_id, match_sequence
+from recon.depth.temporal import Frame, Memory, TemporalParameters, filtered, remembered, temporal_permeability
 
 SHAPE = (6, 7)
 STILL = Frame(np.full((*SHAPE, 3), 90, np.uint8), 1.0, None)
@@ -79,8 +79,8 @@ def test_nothing_is_remembered_outside_the_mask() -> None:
 
 def test_a_frame_without_a_match_keeps_fractions_of_a_pixel() -> None:
     pair = StereoPair(*np.random.default_rng(0).integers(0, 256, (2, 20, 24, 3)).astype(np.uint8), 8)
-    matched = iter([np.full((20, 24), 5.25, np.float32)] * 3 + [np.full((20, 24), np.nan, np.float32)])
-    *_, last = match_sequence([pair] * 4, lambda _: next(matched))
+    matched = [np.full((20, 24), 5.25, np.float32)] * 3 + [np.full((20, 24), np.nan, np.float32)]
+    *_, last = filtered([pair] * 4, matched)
     assert (last == 5.25).all()
 
 

@@ -25,7 +25,7 @@ from recon.methods.approaches import parse_approach
 from recon.pipeline.job import ReconstructOptions, planned_job
 from recon.pipeline.methods import Methods, OurDepth, OurFusion, depth_key, read_methods
 from recon.pipeline.reconstruct import match_files, reconstruct
-from recon.pipeline.stages import filter_sequence, match_frame
+from recon.pipeline.stages import filter_sequence, match_stretch
 from recon.storage.files import read_json
 from recon.studio import SynthParameters, synthesise
 from tests.command_line import Command
@@ -231,7 +231,7 @@ def test_pictures_that_change_are_filtered_in_time_again_though_they_match_as_be
         job = planned_job(recording, tmp_path / run, ReconstructOptions(("mine",), ("fb",), methods=methods))
         sequence = job.sequences[0]
         for view in sequence:
-            match_frame(job, view)
+            match_stretch(job, [view])
         filter_sequence(job, sequence)
         return read_disparity(job.artefacts.path(sequence[1].depth))
 

@@ -19,15 +19,18 @@ from hypothesis import strategies as st
 from typer import BadParameter
 
 from app.intake.models import read_models
-from recon.capture.format import Capture
+from recon.capture.format import Capture, read_capture
 from recon.capture.images import read_image
 from recon.cli.options import parse_frames, parse_loops
+from recon.depth.disparity_io import read_disparity
 from recon.execution.workers import ThisProcess
 from recon.export_models import write_models
 from recon.geometry.mesh_files import read_mesh
+from recon.pipeline import stages
 from recon.pipeline.film import Film, RenderOptions, make_part, make_path, shown_frames
-from recon.pipeline.film_plan import planned_films
-from recon.pipeline.job import ReconstructOptions
+from recon.pipeline.film_plan import check_loops, planned_films
+from recon.pipeline.job import ReconstructOptions, planned_job
+from recon.pipeline.methods import match
 from recon.pipeline.reconstruct import reconstruct
 from recon.pipeline.render import render
 from recon.pipeline.run import mesh_name, read_run, recorded_in
@@ -273,7 +276,7 @@ def test_runs_killed_at_random_moments_end_with_the_same_files(
     """`kill -9` of the whole way before it opens or renames some file, again and again; then it is left alone."""
     again, stimuli = tmp_path / "run", tmp_path / "set"
     command = [sys.executable, "-c", WHOLE_WAY, str(capture.folder), str(again), str(stimuli)]
-    for n_files in np.random.default_rng(7).integers(20, 130, 4):  # of some 400
+    for n_files in np.random.default_rng(7).integers(20, 130, 3):  # of some 400
         assert subprocess.run([*command, str(n_files)]).returncode == -signal.SIGKILL
     assert subprocess.run([*command, "0"]).returncode == 0
     assert digests(again, "*.ply") == digests(run, "*.ply")
@@ -509,3 +512,58 @@ def test_a_recording_is_played_again_or_back_and_forth_or_not_at_all() -> None:
     assert shown_frames(3, 8, 1.0, "bounce") == [0, 1, 2, 1, 0, 1, 2, 1]
     assert shown_frames(3, 4, 0.5, "bounce") == [0, 0, 1, 1]
     assert shown_frames(3, 3, 1.0, "static") == [0, 0, 0]
+
+
+@pytest.mark.slow
+def test_patchmatch_stands_still_where_it_is_asked_to_and_its_film_shows_a_still(
+    capture: Capture, tmp_path: Path
+) -> None:
+    options = ReconstructOptions(depths=("id", "pm"), fusions=("fb",), pm="static")
+    content = reconstruct(capture.folder, tmp_path / "run", options)
+    assert content["static"] == ["pm_fb"]
+    assert set(content["meshes"]) == {f"meshes/{name}.ply" for name in ("id_fb/0000", "id_fb/0001", "pm_fb/0000")}
+    assert sorted(path.stem for path in (tmp_path / "run/matched/pm/S1").iterdir()) == ["0000"]
+    run = read_run(tmp_path / "run")
+    sequences = {sequence.approach: sequence for sequence in run_source(run).sequences}
+    assert RenderOptions().loop_of(sequences["pm_fb"]) == "static"
+    assert RenderOptions().loop_of(sequences["id_fb"]) == "bounce"
+    check_loops([run_source(run)], RenderOptions())  # raises where lengths differ
+    write_models([tmp_path / "run"], tmp_path / "models", 1, lambda *_: None)
+    moving = ReconstructOptions(depths=("id", "pm"), fusions=("fb",))
+    again = reconstruct(capture.folder, tmp_path / "run", moving)
+    assert again["static"] == []
+    assert again["meshes"]["meshes/pm_fb/0000.ply"] == content["meshes"]["meshes/pm_fb/0000.ply"]
+    assert "meshes/pm_fb/0001.ply" in again["meshes"]
+
+
+@pytest.mark.slow
+def test_a_lost_depth_map_of_patchmatch_is_made_again_from_the_frames_before(capture: Capture, tmp_path: Path) -> None:
+    options = ReconstructOptions(depths=("pm",), fusions=("fb",))
+    reconstruct(capture.folder, tmp_path / "run", options)
+    before = digests(tmp_path / "run/matched", "*.tiff")
+    (tmp_path / "run/matched/pm/S1/0001.tiff").unlink()
+    reconstruct(capture.folder, tmp_path / "run", options)
+    assert digests(tmp_path / "run/matched", "*.tiff") == before
+
+
+@pytest.mark.slow
+def test_a_frame_with_the_pictures_of_the_one_before_is_taken_as_it_was_matched(
+    capture: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    still = Path(copytree(capture.folder, tmp_path / "still"))
+    for second in still.rglob("0001.png"):
+        second.write_bytes(second.with_name("0000.png").read_bytes())
+    matched: list[Path] = []
+
+    def counting(method: Any, pair: Any, folder: Path, *rest: Any) -> Any:
+        matched.append(folder)
+        return match(method, pair, folder, *rest)
+
+    monkeypatch.setattr(stages, "match", counting)
+    job = planned_job(read_capture(still), tmp_path / "run", ReconstructOptions(depths=("id", "dr")))
+    for stretch in job.stretches:
+        stages.match_stretch(job, stretch)
+    assert [folder.name for folder in matched] == ["0000"] * 4
+    for sequence in job.sequences:
+        first, second = (read_disparity(job.artefacts.path(view.matched)) for view in sequence)
+        np.testing.assert_array_equal(first, second)

@@ -104,6 +104,7 @@ def test_a_hand_points_where_it_is_asked_to_as_far_as_a_wrist_bends(
     assert off == pytest.approx(0.0, abs=1e-6) if is_reached else bent == pytest.approx(MAX_WRIST_BEND)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "phases"), [("ball", np.arange(0.0, 0.56, 0.05)), ("box", np.arange(0.0, 1.0, 0.1))])
 def test_hands_hold_what_they_carry_and_do_not_enter_it(name: str, phases: NDArray[np.float64]) -> None:
     scene = SCENES[name](np.zeros(3))

@@ -80,6 +80,7 @@ def test_bad_parameters_are_named(changes: dict[str, object], named: str) -> Non
         SynthParameters(**changes)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_a_wide_spread_of_exposures_leaves_every_camera_some_light(tmp_path: Path) -> None:
     parameters = SynthParameters(scene="standing", n_frames=1, size=(64, 48), exposure_spread=2.0)
     capture = synthesise(tmp_path / "studio", parameters)

@@ -17,12 +17,13 @@ from app.operations.studies.manage import study_file_of
 from app.store.participants.invitations import Invitation, invitations_of, label_invitation
 from app.store.participants.participants import group_counts
 from app.store.studies.audit import Entry, record
-from app.store.studies.studies import progress_of
+from app.store.studies.studies import Study, progress_of
 from app.store.trials.designs import datasets_of
 from app.store.trials.orders import n_taken_in
 from app.study.design.groups import Group, check_groups
 from app.study.options.options import StudyOptions, parse_options
 from app.study.options.own_texts import NAME
+from app.study.options.platforms import link_query
 from app.study.options.wording import first_language, own_texts
 from app.web.admin.layout import attachment, page, see, study_page, unix
 from app.web.admin.studies.edit_page import Revision, save_study
@@ -55,6 +56,7 @@ def invitations_page(request: Request, person: Looking, study: AStudy, database:
     context = {
         "invitations": list(reversed(invitations)),
         "site": str(request.base_url),
+        "query": link_query(options.outside),
         "n_finished": n_finished,
         "n_under_way": n_under_way,
         "limits": options.limits,
@@ -125,7 +127,7 @@ def export_invitations(request: Request, person: Looking, study: AStudy, databas
         rows = [
             {
                 "label": invitation.label,
-                "link": _link(request, invitation),
+                "link": _link(request, study, invitation),
                 "code": invitation.code,
                 "places": invitation.places,
                 "used": invitation.n_used,
@@ -148,7 +150,7 @@ def export_mail_merge(request: Request, person: Looking, study: AStudy, database
         for invitation in invitations_of(connection, study.id):
             if invitation.label and not invitation.is_used:
                 name, email = split_label(invitation.label)
-                rows.append({"name": name, "email": email, "link": _link(request, invitation)})
+                rows.append({"name": name, "email": email, "link": _link(request, study, invitation)})
         record(connection, person.name, Entry("invitations exported", study.id, study.slug), now)
     return _table(rows, MAIL_MERGE_COLUMNS, f"{study.slug}-mail-merge.csv", BOM_UTF8)
 
@@ -158,7 +160,7 @@ def print_sheet(request: Request, person: Looking, study: AStudy, database: Stor
     """Show a sheet to print: a card with QR code, link and label for each invitation with places left."""
     with database.reading() as connection:
         invitations = [invitation for invitation in invitations_of(connection, study.id) if not invitation.is_used]
-    links = [_link(request, invitation) for invitation in invitations]
+    links = [_link(request, study, invitation) for invitation in invitations]
     cards = [
         (invitation, link, _qr(link).svg_inline(scale=4, border=2))
         for invitation, link in zip(invitations, links, strict=True)
@@ -189,7 +191,8 @@ def qr_code(request: Request, _person: Looking, study: AStudy, code: Code, datab
         if code not in {invitation.code for invitation in invitations_of(connection, study.id)}:
             raise NotFoundError("This study has no such invitation.")
     picture = io.BytesIO()
-    _qr(f"{request.base_url}s/{code}").save(picture, kind="svg", scale=5, border=2)
+    query = link_query(parse_options(study.options).outside)
+    _qr(f"{request.base_url}s/{code}{query}").save(picture, kind="svg", scale=5, border=2)
     return Response(picture.getvalue(), media_type="image/svg+xml")
 
 
@@ -209,8 +212,9 @@ def _qr(link: str) -> segno.QRCode:
     return segno.make(link, error="m")
 
 
-def _link(request: Request, invitation: Invitation) -> str:
-    return f"{request.base_url}s/{invitation.code}"
+def _link(request: Request, study: Study, invitation: Invitation) -> str:
+    """Return the whole link: with the parameters that a recruiting platform fills in, where the study needs them."""
+    return f"{request.base_url}s/{invitation.code}{link_query(parse_options(study.options).outside)}"
 
 
 def _table(rows: list[dict[str, Any]], columns: tuple[str, ...], name: str, beginning: bytes = b"") -> Response:

@@ -15,7 +15,7 @@ from app.intake.models import FOLDERS
 from app.intake.reports import REPORT, TABLE
 from app.intake.zips import MB, check_zip, is_zip, unpack
 from app.operations.studies.attach import attach
-from app.web.admin.background import start_task
+from app.operations.tasks import start_task
 from app.web.admin.uploads import UploadingActor, receive
 from app.web.gates import Store, settings
 from app.web.roles import AStudy

@@ -56,7 +56,9 @@ def against_scores_page(request: Request, person: Person, study: AStudy, databas
         measures = measurement_records(connection, study.id)
     results = results_of(database, study.id)
     analysis = results.analysis
-    figures = [(name, caption) for name, caption in figures_of(results) if name.startswith("measure")]
+    figures = [
+        (name, caption) for name, caption in figures_of(results) if name == "rates" or name.startswith("measure")
+    ]
     context = {
         "digest": results.digest,
         "has_votes": analysis is not None,

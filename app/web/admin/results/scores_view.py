@@ -11,7 +11,8 @@ from app.web.admin.listing import listed
 
 MINUS = "−"
 NOTHING = "–"
-LEADING = ("ranking", "best", "worst", "difference", "limits", "missing")  # findings that everybody needs
+# Findings that everybody needs. What is told apart is among them: without a difference, it is the result.
+LEADING = ("interim", "ranking", "best", "worst", "difference", "told apart", "limits", "missing", "disagreement")
 
 TRIADS_SORTABLE = ("participant", "circular", "p_value", "n_flags")
 

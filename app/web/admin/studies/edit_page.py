@@ -15,15 +15,25 @@ from app.intake.bounds import typed_in_bounds
 from app.operations.studies.edit import check_edit, remake_films, save_edit
 from app.operations.studies.manage import study_file_of
 from app.operations.studies.stimulus_sets import set_of_study
+from app.operations.tasks import start_task
 from app.store.access.experimenters import Experimenter
 from app.store.database.engine import Database
 from app.store.studies.audit import Actor
-from app.store.studies.studies import Study, progress_of
+from app.store.studies.studies import Study, progress_of, study_by_id
 from app.store.trials.designs import conditions_of, datasets_of
 from app.study.options.study_file import LONGEST_FILE, StudyFile, parse_study_file, with_line, write_study_file
-from app.web.admin.background import start_task
 from app.web.admin.layout import attachment, see, study_page, unix
-from app.web.admin.studies.form import Fields, StudyForm, fixed_settings, read_values, study_of, values_of
+from app.web.admin.studies.form import (
+    WAS,
+    Fields,
+    StudyForm,
+    digests_of,
+    fixed_settings,
+    merged,
+    read_values,
+    study_of,
+    values_of,
+)
 from app.web.gates import Store, database, languages, settings
 from app.web.roles import Acting, AStudy, Looking, looking
 
@@ -58,6 +68,15 @@ def edit(
         form = _form(request, database, study, values)
         reason = error.detail.removeprefix("Nothing was changed: ") if isinstance(error, InvalidError) else str(error)
         return _page(request, person, study, replace(form, error=reason), status_code=422)
+    except ConflictError as error:
+        with database.reading() as connection:
+            now_study = study_by_id(connection, study.id)
+        if now_study is None or now_study.revision == revision:
+            raise
+        now_values = values_of(study_file_of(now_study))
+        mine = merged(str(fields.get(WAS, "")), given, now_values)
+        form = replace(_form(request, database, now_study, mine.values), clashes=mine.clashes, others=mine.others)
+        return _page(request, person, now_study, replace(form, was=mine.was, error=error.detail), status_code=409)
 
 
 @router.get("/edit/file", dependencies=[Depends(looking("experimenter"))])
@@ -129,7 +148,7 @@ def _form(request: Request, database: Database, study: Study, values: Mapping[st
         datasets = known.datasets if known else tuple(datasets_of(connection, study.id))
         conditions = known.conditions if known else tuple(conditions_of(connection, study.id))
     fixed = fixed_settings(has_begun=has_begun, has_stimuli=known is not None)
-    return StudyForm(values, fixed, datasets, conditions)
+    return StudyForm(values, fixed, datasets, conditions, was=digests_of(values_of(study_file_of(study))))
 
 
 def _page(request: Request, person: Experimenter, study: Study, form: StudyForm, status_code: int = 200) -> Response:

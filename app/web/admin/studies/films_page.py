@@ -1,21 +1,22 @@
-"""Show a study's films, and check that every pair's file is there and unchanged."""
+"""Show a study's films, and check that every one can be shown."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import FileResponse, Response
 
 from app.errors import NotFoundError
-from app.files import file_digest
+from app.ffmpeg import Progress
 from app.films.strips import write_still
+from app.operations.studies.check_films import check_films, films_of, in_words, last_check
+from app.operations.tasks import start_task
 from app.store.access.experimenters import Experimenter
 from app.store.studies.studies import Study
 from app.store.trials.designs import STRIPS, pair_records, stimulus_records
 from app.study.options.options import parse_options
-from app.web.admin.layout import study_page
+from app.web.admin.layout import see, study_page
 from app.web.admin.listing import listed
 from app.web.gates import Store, database, settings
 from app.web.roles import Acting, AStudy, Person
@@ -31,15 +32,21 @@ def stimuli_page(request: Request, person: Person, study: AStudy) -> Response:
 
 
 @router.post("")
-def check_stimuli(request: Request, person: Person, actor: Acting, study: AStudy, database: Store) -> Response:
-    """Check that every pair's file exists and is unchanged."""
-    with database.reading() as connection:
-        pairs = pair_records(connection, study.id)
-    checked = {pair["media"]: _fault(request, pair) for pair in pairs}
-    with database.writing() as connection:
-        faults = sum(fault is not None for fault in checked.values())
-        actor.note(connection, "films checked", study, study.slug, files=len(checked), faults=faults)
-    return _stimuli_page(request, person, study, checked)
+def check_stimuli(request: Request, actor: Acting, study: AStudy, store: Store) -> Response:
+    """Decode every film to its end, and play it in a browser where one is installed, in the background."""
+    server = settings(request)
+
+    def work(progress: Progress) -> str:
+        with store.reading() as connection:
+            films = films_of(connection, study)
+        check = check_films(server, study, films, actor.now, progress=progress)
+        with store.writing() as connection:
+            facts = {"files": check.n_films, "faults": len(check.faults), "played": check.n_played}
+            actor.note(connection, "films checked", study, study.slug, **facts)
+        return f"/admin/studies/{study.slug}/stimuli"
+
+    task = start_task(store, actor, f"Checking the films of {study.name}", work, subject=f"films of {study.slug}")
+    return see(f"/admin/jobs/{task}")
 
 
 @router.get("/{media}/{half}.jpg")
@@ -65,26 +72,19 @@ def still(
     return FileResponse(path, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=86400"})
 
 
-def _stimuli_page(
-    request: Request, person: Experimenter, study: Study, checked: Mapping[str, str | None] | None = None
-) -> Response:
-    """Show a study's films; `checked` says by film what is wrong with it, and then those come first."""
+def _stimuli_page(request: Request, person: Experimenter, study: Study) -> Response:
+    """Show a study's films; those of which the last check found a fault come first."""
     with database(request).reading() as connection:
         stimuli, pairs = stimulus_records(connection, study.id), pair_records(connection, study.id)
+        check = last_check(settings(request), study, films_of(connection, study))
     names = dict.fromkeys(row["dataset"] for row in stimuli)
-    if checked is not None:
-        pairs = sorted(pairs, key=lambda pair: checked[pair["media"]] is None)
+    if check is not None:
+        pairs = sorted(pairs, key=lambda pair: pair["media"] not in check.faults)
     context = {
         "datasets": {name: [row for row in stimuli if row["dataset"] == name] for name in names},
         "pairs": listed(request, pairs, PAIR_FILM_COLUMNS, prefix="pairs_"),
         "has_reference": bool(parse_options(study.options).reference_beside),
-        "checked": checked,
+        "check": check,
+        "said": in_words(check) if check else "",
     }
     return study_page(request, "stimuli", person, study, context)
-
-
-def _fault(request: Request, pair: dict[str, Any]) -> str | None:
-    path = settings(request).media_dir / pair["file"]
-    if not path.is_file():
-        return "the file is missing"
-    return None if file_digest(path) == pair["sha256"] else "the file is not what it was when the study was made"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any
@@ -25,7 +27,8 @@ MARK = "field"  # names a field that a browser leaves out where nothing is chose
 QUESTION_PARTS = ("name", "kind", "text", "options", "labels", "minimum", "maximum", "required")
 FILMS_PARTS = ("dataset", "a", "b")
 PARTS = {"questions": QUESTION_PARTS, "practice_pairs": FILMS_PARTS}
-IN_EVERY_FORM = ("form_token", "revision", "stimulus_set", "preset", MARK)
+WAS = "was"  # names the field that says what the settings were when the page was opened
+IN_EVERY_FORM = ("form_token", "revision", "stimulus_set", "preset", MARK, WAS)
 LONGEST = {"name": 200, "consent_version": 200, "outside.keep": 500}  # characters in a field; of others as declared
 LONGEST_TYPED = 1000  # where nothing is declared
 
@@ -40,6 +43,9 @@ class StudyForm:
     fixed : why a setting cannot change now, by name
     datasets, conditions : names to choose from; empty: not known, to be typed
     error : what is wrong with what was entered; empty: nothing
+    clashes : label, typed value and present value of settings that somebody else has changed meanwhile, too
+    others : labels of those that somebody else alone has changed, which are shown as they are now
+    was : what the settings were when the page was opened, as `digests_of` returns it
     """
 
     values: Mapping[str, Any]
@@ -47,6 +53,9 @@ class StudyForm:
     datasets: Sequence[str] = ()
     conditions: Sequence[str] = ()
     error: str = ""
+    clashes: Sequence[tuple[str, str, str]] = ()
+    others: Sequence[str] = ()
+    was: str = ""
 
     kinds = KINDS
     longest_text = LONGEST_TEXT
@@ -68,6 +77,18 @@ class StudyForm:
             if self.error.startswith(starts):
                 return setting.name
         return "questions" if self.error.startswith("question ") else ""
+
+    @property
+    def said(self) -> str:
+        """The error in the form's words: the label in place of the setting's name."""
+        setting = next((each for each in SETTINGS if each.name == self.wrong), None)
+        if setting is None:
+            return self.error
+        table, _, key = setting.name.rpartition(".")
+        for start in (f"{table}: {key}", f"{table}: '{key}'", key):
+            if self.error.startswith(start):
+                return f"{setting.label}{self.error.removeprefix(start)}"
+        return self.error
 
     def reasons(self, settings: Sequence[Setting]) -> dict[str, list[str]]:
         """Labels of the settings that cannot change, by the reason."""
@@ -104,6 +125,54 @@ def values_of(study: StudyFile) -> dict[str, Any]:
         if setting.name not in COLUMNS:
             values[setting.name] = options[table].get(key) if table else options[key]
     return values
+
+
+def digests_of(values: Mapping[str, Any]) -> str:
+    """Return a short digest of each setting's value, as JSON: enough to tell later which were changed."""
+    return json.dumps({setting.name: _digest(values.get(setting.name)) for setting in SETTINGS}, separators=(",", ":"))
+
+
+def merged(was: str, given: Mapping[str, Any], now: Mapping[str, Any]) -> StudyForm:
+    """Return a form that keeps what somebody typed although somebody else has changed the study meanwhile.
+
+    Parameters
+    ----------
+    was : the digests of the page that was typed into; empty: not known, so that every difference is a clash
+    given : as it was typed
+    now : values of all settings as they are now
+    """
+    try:
+        before = dict(json.loads(was)) if was else {}
+    except (ValueError, TypeError):
+        before = {}
+    values, clashes, others = dict(now), [], []
+    for setting in SETTINGS:
+        if setting.name not in given or _digest(given[setting.name]) == _digest(now.get(setting.name)):
+            continue
+        typed, present, first = given[setting.name], now.get(setting.name), before.get(setting.name)
+        if first is not None and _digest(typed) == first:
+            others.append(setting.label)
+            continue
+        values[setting.name] = typed
+        if first is None or _digest(present) != first:
+            clashes.append((setting.label, _in_words(typed), _in_words(present)))
+    return StudyForm(values, clashes=clashes, others=others, was=digests_of(now))
+
+
+def _digest(value: Any) -> str:
+    """Return a digest of a value; 1 and 1.0 are the same, and so are no text, no number and no list."""
+    plain = float(value) if isinstance(value, int) and not isinstance(value, bool) else value or None
+    return hashlib.sha256(json.dumps(plain, default=list, sort_keys=True).encode()).hexdigest()[:8]
+
+
+def _in_words(value: Any) -> str:
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_in_words, value)) or "none"
+    if isinstance(value, Mapping):
+        return "; ".join(f"{key} {_in_words(part)}" for key, part in value.items() if part not in (None, ""))
+    return "none" if value in (None, "") else str(value)
 
 
 def fixed_settings(*, has_begun: bool, has_stimuli: bool) -> dict[str, str]:

@@ -9,24 +9,22 @@ from fastapi import APIRouter, BackgroundTasks, Form, Query, Request
 from fastapi.responses import Response
 
 from app.errors import InvalidError
-from app.ffmpeg import Progress
 from app.intake.bounds import typed_in_bounds
-from app.operations.studies.create import create_study, duplicate_study, new_slug, read_options
+from app.operations.studies.create import duplicate_study, new_slug, read_options
+from app.operations.studies.creation import begin_creation
 from app.operations.studies.standing import change_standing as change_study
 from app.operations.studies.stimulus_sets import KnownSet, known_sets, set_called
 from app.store.access.experimenters import Experimenter
-from app.store.database.engine import Database
 from app.store.participants.invitations import preview_code
-from app.store.studies.audit import Actor
 from app.store.studies.studies import Standing, all_studies, progress_by_study
 from app.store.trials.admission import begin_preview
 from app.study.options.option_table import COLUMNS
 from app.study.options.options import parse_options
+from app.study.options.platforms import PLATFORMS
 from app.study.options.presets import PRESETS, QUICK, read_preset
 from app.study.options.study_file import LONGEST_FILE, StudyFile, parse_study_file, with_line
 from app.study.options.wording import check_languages
 from app.study.stages import PRACTICE
-from app.web.admin.background import start_task
 from app.web.admin.layout import page, see, unix
 from app.web.admin.studies.form import Fields, StudyForm, options_of, read_values, values_of
 from app.web.analyst.results import load_analysis
@@ -54,12 +52,13 @@ def new_study_page(
     stimulus_set: Annotated[str, Query(max_length=200)] = "",
     chosen_set: Annotated[str, Query(alias="set", max_length=200)] = "",
     preset: Annotated[str, Query(max_length=20)] = "",
+    platform: Annotated[str, Query(max_length=20)] = "",
 ) -> Response:
     """Ask for stimulus set and preset; with both, show the form, filled with what the preset says.
 
     Parameters
     ----------
-    stimulus_set, preset : as chosen
+    stimulus_set, preset, platform : as chosen
     chosen_set : the set to offer first, where the preset is still to be chosen
     """
     with database.reading() as connection:
@@ -73,9 +72,12 @@ def new_study_page(
             "presets": presets,
             "default_preset": QUICK,
             "longest_file": LONGEST_FILE,
+            "platforms": PLATFORMS,
         }
         return page(request, "new_study", person, context)
-    return _settings_page(request, person, chosen, preset or QUICK)
+    filled = PLATFORMS[platform].outside if platform in PLATFORMS else {}
+    begun = {f"outside.{name}": value for name, value in filled.items()}
+    return _settings_page(request, person, chosen, preset or QUICK, begun)
 
 
 @router.post("/studies/new")
@@ -94,11 +96,12 @@ def create(
         known = set_called(settings(request), connection, stimulus_set)
     try:
         wanted = _chosen(preset, given)
-        slug = new_slug(database, wanted.name)
+        new_slug(database, wanted.name)
         check_languages(wanted.options, languages(request))
     except ValueError as error:
         return _settings_page(request, person, known, preset if preset in PRESETS else QUICK, given, str(error))
-    return _begin(request, actor, database, known, wanted, slug)
+    task = begin_creation(settings(request), database, known.folder, wanted, actor)
+    return see(f"/admin/jobs/{task}")
 
 
 @router.post("/studies/new/file")
@@ -114,7 +117,7 @@ def create_from_file(
         known = set_called(settings(request), connection, stimulus_set)
     try:
         wanted = typed_in_bounds(parse_study_file, unix(text))
-        slug = new_slug(database, wanted.name)
+        new_slug(database, wanted.name)
         check_languages(wanted.options, languages(request))
         if wanted.manifest_sha256 not in (None, known.content.sha256):
             raise ValueError(
@@ -123,30 +126,7 @@ def create_from_file(
             )
     except ValueError as error:
         raise InvalidError(f"No study was created: {with_line(unix(text), str(error))}.") from error
-    return _begin(request, actor, database, known, wanted, slug)
-
-
-def _begin(
-    request: Request, actor: Actor, database: Database, known: KnownSet, wanted: StudyFile, slug: str
-) -> Response:
-    """Begin to create a study, and lead to the page of this work."""
-    server = settings(request)
-
-    def work(progress: Progress) -> str:
-        made = create_study(
-            server,
-            known.folder,
-            wanted.name,
-            exposure_s=wanted.exposure_s,
-            seed=wanted.seed,
-            options=wanted.options,
-            progress=progress,
-            by=actor.name,
-            is_paused=True,
-        )
-        return f"/admin/studies/{made['slug']}"
-
-    task = start_task(database, actor, f"Creating the study {wanted.name}", work, subject=f"study {slug}")
+    task = begin_creation(settings(request), database, known.folder, wanted, actor)
     return see(f"/admin/jobs/{task}")
 
 

@@ -29,6 +29,7 @@ from app.store.trials.designs import datasets_of
 from app.store.trials.monitor import votes_by_minute
 from app.store.trials.orders import n_taken_in
 from app.study.options.options import parse_options
+from app.study.options.platforms import link_query
 from app.study.options.privacy import forgets_at
 from app.study.stages import ENDS, FINISHED
 from app.web.admin.alarms import alarm_in
@@ -76,10 +77,16 @@ def overview_page(request: Request, person: Person, study: AStudy) -> Response:
             for invitation in invitations_of(connection, study.id)
             if invitation.places != 1 and not invitation.is_used  # one person's link is nobody else's
         ]
-    link = f"{request.base_url}s/{invitations[0].code}" if invitations else None
     options = parse_options(study.options)
+    query = link_query(options.outside)
+    link = f"{request.base_url}s/{invitations[0].code}{query}" if invitations else None
     practised = [films for films in options.practice_pairs if films.dataset in compared]
-    context = {**monitor_of(request, study, PATIENCE_S), "link": link, "practised": practised}
+    context = {
+        **monitor_of(request, study, PATIENCE_S),
+        "link": link,
+        "is_of_platform": bool(query),
+        "practised": practised,
+    }
     context |= {"forgets_at": forgets_at(options, study.closed_at)}
     context |= {"may_see_people": person.may(SEES_PEOPLE)}
     return study_page(request, "overview", person, study, context)

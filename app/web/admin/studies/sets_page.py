@@ -9,16 +9,16 @@ from pathlib import Path as FilePath
 from typing import Annotated
 from urllib.parse import quote
 
-from fastapi import APIRouter, Depends, Form, Path, Request
+from fastapi import APIRouter, Depends, Form, Path, Query, Request
 from fastapi.responses import FileResponse, JSONResponse, Response
 from starlette.concurrency import run_in_threadpool
 
 from app.errors import InvalidError, NotFoundError, StimuliError
 from app.ffmpeg import Progress
-from app.intake.bounds import in_bounds
-from app.intake.stimuli import StimulusSet, check_videos, read_manifest
-from app.intake.zips import MB, check_zip, unpack
-from app.operations.studies.create import slugify
+from app.intake.contents import PLAYABLE
+from app.intake.treatment import preview_of
+from app.intake.zips import check_zip
+from app.operations.studies.receive_films import found_and_done, install_set
 from app.operations.studies.stimulus_sets import (
     delete_set,
     known_sets,
@@ -27,15 +27,14 @@ from app.operations.studies.stimulus_sets import (
     set_called,
     studies_of,
 )
-from app.settings import Settings
+from app.operations.tasks import start_task
 from app.store.studies.audit import Entry, record_alone
-from app.web.admin.background import start_task
 from app.web.admin.layout import page, see
 from app.web.admin.uploads import UploadingActor, receive
 from app.web.gates import Store, settings
 from app.web.roles import Acting, Person, experimenter
 
-BELONGING = (".mp4", ".mov", ".mkv", ".webm", ".json", ".csv", ".txt", ".md")  # suffixes of files of a stimulus set
+PREVIEW = "preview"
 
 router = APIRouter(prefix="/admin", include_in_schema=False)
 
@@ -60,19 +59,29 @@ def set_page(request: Request, person: Person, database: Store, name: Name) -> R
         known = set_called(settings(request), connection, name)
         users = studies_of(connection, known)
     numbers = {stimulus.name: number for number, stimulus in enumerate(known.content.stimuli)}
-    return page(request, "set", person, {"set": known, "users": users, "numbers": numbers})
+    looks = found_and_done(known.content)
+    return page(request, "set", person, {"set": known, "users": users, "numbers": numbers, "looks": looks})
 
 
 @router.get("/sets/{name}/films/{number}", dependencies=[Depends(experimenter)])
-def set_film(request: Request, database: Store, name: Name, number: Annotated[str, Path(max_length=9)]) -> Response:
-    """Serve a film of a set by its place in the manifest: first the stimuli, then those for practice."""
+def set_film(request: Request, database: Store, name: Name, number: Annotated[str, Path(max_length=17)]) -> Response:
+    """Serve a film of a set by its place in the manifest: first the stimuli, then those for practice.
+
+    `NUMBER.preview` is the beginning of the film, encoded for browsers that do not play the film itself.
+    """
     with database.reading() as connection:
         known = set_called(settings(request), connection, name)
     films = (*known.content.stimuli, *known.content.practice)
-    is_there = number.isdecimal() and int(number) < len(films)
-    path = known.folder / films[int(number)].video if is_there else known.folder
+    place, _, kind = number.partition(".")
+    is_there = place.isdecimal() and int(place) < len(films)
+    path = known.folder / films[int(place)].video if is_there else known.folder
     if not path.resolve().is_relative_to(known.folder.resolve()) or not path.is_file():
         raise NotFoundError(f"{known.title} has no such film.")
+    if kind == PREVIEW or path.suffix.lower() not in PLAYABLE:
+        try:
+            path = preview_of(path, settings(request).data_dir / "stills")
+        except StimuliError as error:
+            raise InvalidError(f"{films[int(place)].name} cannot be shown: it is damaged, or no film.") from error
     return FileResponse(path, media_type="video/mp4", headers={"Cache-Control": "private, max-age=3600"})
 
 
@@ -121,40 +130,23 @@ def delete(request: Request, actor: Acting, database: Store, name: Name, again: 
 
 
 @router.put("/stimuli/upload")
-async def upload(request: Request, actor: UploadingActor, database: Store) -> Response:
-    """Take a zipped stimulus set; it is unpacked and checked in the background."""
+async def upload(
+    request: Request,
+    actor: UploadingActor,
+    database: Store,
+    name: Annotated[str, Query(max_length=200)] = "",
+    conform: bool = False,
+) -> Response:
+    """Take a zip file of films, or of a stimulus set; it is unpacked, looked at and checked in the background."""
     server = settings(request)
     folder, packed = await receive(request, actor, database, server.sets_dir, server.largest_upload_mb, check_zip)
 
     def work(progress: Progress) -> str:
         with folder:
-            name = install_set(server, packed, FilePath(folder.name) / "unpacked", progress)
-        record_alone(database, actor.name, Entry("stimulus set uploaded", subject=name), actor.now)
-        return "/admin/sets"
+            unpacked = FilePath(folder.name) / "unpacked"
+            made = install_set(server, packed, unpacked, progress, name=name, is_conformed=conform)
+        record_alone(database, actor.name, Entry("stimulus set uploaded", subject=made), actor.now)
+        return f"/admin/sets/{quote(made)}"
 
-    task = await run_in_threadpool(start_task, database, actor, "Checking the uploaded stimulus set", work)
+    task = await run_in_threadpool(start_task, database, actor, "Looking at the uploaded films", work)
     return JSONResponse({"job": f"/admin/jobs/{task}"}, 202)
-
-
-def install_set(server: Settings, packed: FilePath, unpacked: FilePath, progress: Progress) -> str:
-    """Unpack an upload, check it like any stimulus set, move it to its place, and return its name.
-
-    Raises
-    ------
-    ValueError, TooLargeError
-        If it is not a complete stimulus set, or its name is taken.
-    """
-    stimulus_set = in_bounds(_unpacked_set, packed, unpacked, server.largest_upload_mb * MB)
-    check_videos(stimulus_set, progress)
-    name = slugify(stimulus_set.name)
-    if (server.sets_dir / name).exists():
-        raise StimuliError(f"there is a stimulus set {name!r} already; give this one another name in its manifest")
-    stimulus_set.folder.rename(server.sets_dir / name)
-    return name
-
-
-def _unpacked_set(packed: FilePath, unpacked: FilePath, limit: int) -> StimulusSet:
-    unpack(packed, unpacked, limit, BELONGING, "a stimulus set")
-    inside = list(unpacked.iterdir())
-    folder = inside[0] if len(inside) == 1 and inside[0].is_dir() else unpacked  # a zip file may hold one folder
-    return read_manifest(folder, are_compared=True)

@@ -38,10 +38,11 @@ from app.intake.part_uploads import (
 )
 from app.intake.shelves import free_path
 from app.intake.zips import MB
+from app.operations.tasks import start_task
 from app.settings import Settings
 from app.store.database.engine import Database
 from app.store.studies.audit import Actor, Entry, record_alone
-from app.web.admin.background import UPLOAD, start_task
+from app.web.admin.background import UPLOAD
 from app.web.admin.layout import see
 from app.web.admin.uploads import UploadingActor
 from app.web.gates import Store, settings

@@ -19,19 +19,20 @@ from app.files import read_json
 from app.films.strips import write_picture
 from app.intake.arrivals import EXPECTED
 from app.intake.captures import CaptureOutline, picture_path, read_outline
-from app.intake.contents import read_contents
+from app.intake.contents import PLAYABLE, read_contents
 from app.intake.part_uploads import unfinished
 from app.intake.reports import REPORT, TABLE
 from app.intake.shelves import KINDS, ShelfEntry, entries, entry_path, file_in, remove_entry
 from app.intake.summaries import SUMMARIES
+from app.intake.treatment import preview_of
 from app.operations.jobs.kinds import kinds_for
 from app.operations.jobs.queueing import refuse_while_used, uses
 from app.operations.studies.attach import attach
+from app.operations.tasks import start_task
 from app.settings import Settings
 from app.store.database.engine import Database
 from app.store.queue import OPEN, QueuedJob, list_jobs
 from app.store.studies.studies import Study, all_studies
-from app.web.admin.background import start_task
 from app.web.admin.layout import page, see
 from app.web.gates import Store, settings
 from app.web.media import SANDBOX
@@ -112,6 +113,8 @@ def entry_page(request: Request, person: Person, kind: Kind, name: Name, store: 
         "starts": [] if (path / REPORT).is_file() else kinds_for(settings(request), kind, name),
         "listed": list(contents.sizes.items())[:LISTED_FILES],
         "address": lambda place: _file_address(base, place),
+        "film_address": lambda place: _film_address(base, place),
+        "preview_address": lambda place: f"{base}/preview/{quote(place)}",
     }
     return page(request, "file_entry", person, context)
 
@@ -134,6 +137,28 @@ def entry_file(
     if media_type is None:
         return FileResponse(path, filename=path.name, media_type="application/octet-stream", headers=headers)
     return FileResponse(path, media_type=media_type, headers=headers)
+
+
+@router.get("/{kind}/{name}/preview/{place:path}")
+async def preview(
+    request: Request, _person: Person, kind: Kind, name: Name, place: Annotated[str, Path(max_length=1000)]
+) -> Response:
+    """Show the beginning of a film that browsers do not play, encoded for them."""
+    path = await to_thread.run_sync(partial(_preview, settings(request), kind, name, place), limiter=PICTURES)
+    headers = {"Cache-Control": "private, max-age=3600", "Content-Security-Policy": SANDBOX}
+    return FileResponse(path, media_type="video/mp4", headers=headers)
+
+
+def _preview(server: Settings, kind: str, name: str, place: str) -> FilePath:
+    try:
+        source = file_in(server.intake_dir, kind, name, place)
+    except InvalidError as error:
+        raise NotFoundError(error.detail) from error
+    try:
+        return preview_of(source, server.data_dir / "stills")
+    except StimuliError as error:
+        reason = str(error).replace(f"{source}", source.name)
+        raise InvalidError(f"{place} cannot be shown: {reason}") from error
 
 
 @router.get("/captures/{name}/pictures/{sensor}/{side}/{frame}.jpg")
@@ -268,6 +293,12 @@ def _open_jobs(store: Database, kind: str, name: str) -> list[QueuedJob]:
 
 def _file_address(base: str, place: str) -> str:
     return f"{base}/file/{quote(place)}"
+
+
+def _film_address(base: str, place: str) -> str:
+    """Return where a browser finds a film that it plays: the file, or a preview."""
+    is_playable = place.lower().endswith(PLAYABLE)
+    return _file_address(base, place) if is_playable else f"{base}/preview/{quote(place)}"
 
 
 def _outline(folder: FilePath) -> tuple[CaptureOutline | None, str]:

@@ -172,12 +172,12 @@ def test_dataset_without_a_maximum_has_no_contrasts() -> None:
 
 
 @pytest.mark.slow
-def test_intervals_cover_the_truth_and_scores_are_unbiased_in_200_studies() -> None:
+def test_intervals_cover_the_truth_and_scores_are_unbiased_in_80_studies() -> None:
     """22 participants who differ, 75 votes each: five datasets of 15 pairs."""
     rng = np.random.default_rng(20)
     truth = np.array([-0.9, -0.5, -0.1, 0.2, 0.5, 0.8])
     covered, errors = [], []
-    for _ in range(200):
+    for _ in range(80):
         studies = [simulated(truth, n_participants=22, nu=0.6, rng=rng) for _ in range(5)]
         columns: dict[str, Any] = {
             key: np.concatenate([getattr(study, key) for study in studies])
@@ -189,7 +189,7 @@ def test_intervals_cover_the_truth_and_scores_are_unbiased_in_200_studies() -> N
         covered.append([row["ci_low"] <= truth[ITEMS.index(row["item"])] <= row["ci_high"] for row in rows])
     bias, spread = np.mean(errors, axis=0), np.std(errors, axis=0)
     assert 0.93 <= np.mean(covered) <= 0.97
-    assert (np.abs(bias) < 3.5 * spread / np.sqrt(200)).all()
+    assert (np.abs(bias) < 3.5 * spread / np.sqrt(80)).all()
 
 
 def test_a_position_bias_is_found_and_does_not_leak_into_the_scores() -> None:

@@ -217,6 +217,7 @@ def test_files_may_be_named_by_text(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "analysis.json").is_file()
 
 
+@pytest.mark.slow
 def test_a_second_analysis_leaves_nothing_of_the_first_in_its_folder(tmp_path: Path) -> None:
     factors = write(tmp_path, "items.csv", "item,depth\nx,id\ny,pm\nz,dr\n")
     votes, out = write(tmp_path, "votes.csv", COMMAS), tmp_path / "out"

@@ -65,6 +65,23 @@ def test_a_measures_figure_has_all_its_points_the_curve_and_the_numbers(analysis
     assert "PLCC −0.9" in svg or "PLCC −1.0" in svg
 
 
+def test_predicted_and_voted_jod_stand_in_one_unit(analysis: dict[str, Any]) -> None:
+    name = analysis["measures"][0]["measure"]
+    renamed = {
+        **analysis,
+        "settings": {**analysis["settings"], "measures": {"cvvdp": analysis["settings"]["measures"][name]}},
+        "measures": [{**row, "measure": "cvvdp"} for row in analysis["measures"] if row["measure"] == name],
+    }
+    plain, in_jod = (measure_chart(each, key).to_dict() for each, key in ((analysis, name), (renamed, "cvvdp")))
+    points = [
+        [row["y"] for layer in chart["layer"] for row in layer["data"]["values"] if "item" in row]
+        for chart in (plain, in_jod)
+    ]
+    assert np.allclose(np.array(points[0]) / np.log(3), points[1])
+    assert "score (JOD)" in str(in_jod)
+    assert len(in_jod["layer"]) == len(plain["layer"]) + 1  # the line of equal differences
+
+
 def test_a_figure_of_an_unknown_measure_is_none(analysis: dict[str, Any]) -> None:
     assert measure_chart(analysis, "absent") is None
     assert ranking_chart(analysis | {"measures": []}) is None

@@ -7,7 +7,7 @@ from datetime import timedelta
 import pytest
 
 from app.errors import ConflictError
-from app.operations.jobs.queueing import cancel, must_wait, queue_job, retry, uses, waits_for
+from app.operations.jobs.queueing import cancel, must_wait, queue_job, refuse_while_used, retry, uses, waits_for
 from app.store.database.engine import Database
 from app.store.queue import NewJob, end_job, list_jobs, take_job
 from app.store.studies.audit import Actor
@@ -64,3 +64,15 @@ def test_a_job_uses_the_entries_of_all_its_fields_and_what_it_makes(database: Da
     assert uses(job) == {"runs/ball", "models/ball", "sets/films"}
     unknown = queue_job(database, NewJob("of an older version", {"capture": "ball"}, "runs/old"), EVA)
     assert uses(unknown) == {"runs/old"}
+
+
+def test_what_an_open_job_uses_is_kept_as_it_is(database: Database) -> None:
+    queued = queue_job(database, NewJob("reconstruct", {"capture": "ball", "name": "ball"}, "runs/ball"), EVA)
+    with database.writing() as connection:
+        for used in ("captures/ball", "runs/ball"):
+            with pytest.raises(ConflictError, match="A job works on ball now"):
+                refuse_while_used(connection, used)
+        refuse_while_used(connection, "captures/box")
+    cancel(database, queued.public_id, EVA)
+    with database.writing() as connection:
+        refuse_while_used(connection, "captures/ball")

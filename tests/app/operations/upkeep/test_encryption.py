@@ -89,6 +89,7 @@ def test_a_damaged_encrypted_backup_is_refused(settings: Settings, tmp_path: Pat
         restored(backup, tmp_path / "mine.key", tmp_path)
 
 
+@pytest.mark.slow
 def test_the_settings_encrypt_every_backup(settings: Settings, tmp_path: Path) -> None:
     always = settings.model_copy(update={"backup_encrypt_to": str(tmp_path / "mine.pub")})
     back_up(always, tmp_path / "nightly.age", encrypt_to=[str(tmp_path / "strange.pub")])

@@ -108,6 +108,7 @@ def n_answers(settings: Settings) -> int:
         return connection.scalar(select(func.count()).select_from(stage_record)) or 0
 
 
+@pytest.mark.slow
 def test_a_restore_deletes_no_answers_that_were_given_after_the_study_had_forgotten_its_people(
     settings: Settings, tmp_path: Path
 ) -> None:

@@ -12,7 +12,7 @@ from app.errors import GoneError
 from app.store.database.engine import Database
 from app.store.database.tables import screening_display, screening_test
 from app.store.participants.participants import participant_labelled
-from app.store.participants.screening import answer_item, end_test, item_to_show, keep_display
+from app.store.participants.screening import answer_item, end_test, item_to_show, keep_display, states_of
 from app.store.trials.deletion import erase
 from app.store.trials.sessions import session_by_token
 from app.store.trials.trials import void_trial
@@ -62,3 +62,22 @@ def test_nothing_is_kept_of_who_was_erased_while_a_request_was_under_way(databas
     with database.reading() as connection:
         kept = [connection.scalar(select(func.count()).select_from(of)) for of in (screening_display, screening_test)]
     assert kept == [0, 0]
+
+
+def test_a_state_tells_of_each_test_whether_it_began_and_how_much_was_answered(database: Database) -> None:
+    (voter,) = seed_voters(database, 1, 2)
+    with database.reading() as connection:
+        begun = session_by_token(connection, voter.token)
+    assert begun is not None
+
+    def states() -> dict[str, tuple[bool, bool, int]]:
+        with database.reading() as connection:
+            found = states_of(connection, begun.id, ScreeningOptions())
+        return {state.test: (state.has_begun, state.is_over, state.n_answered) for state in found}
+
+    item_to_show(database, begun.id, "colour", ScreeningOptions(), NOW)
+    assert states() == {"acuity": (False, False, 0), "colour": (True, False, 0)}
+    answer_item(database, begun.id, "colour", 1, 0, 900.0, NOW)
+    assert states()["colour"] == (True, False, 1)
+    end_test(database, begun.id, "colour", "skipped", NOW)
+    assert states()["colour"] == (True, True, 1)

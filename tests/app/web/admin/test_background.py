@@ -5,18 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
+from pathlib import Path
 from threading import Barrier, Event
 from threading import enumerate as threads
 from typing import Any
 
+import httpx
 import pytest
 
 from app.errors import ConflictError
+from app.main import running_server
+from app.operations import tasks
+from app.operations.studies import creation, manage
+from app.operations.studies.creation import CREATION
 from app.settings import Settings
 from app.store.database.engine import Database, open_database
+from app.store.database.keys import utc_now
 from app.store.database.server_tasks import BEATS_WITHIN, ServerTask, beat, begin_task, end_task, task_by_id
-from app.web.admin import background
-from app.web.admin.studies import lifecycle_page
 from tests.app.web.admin.dashboard_client import ends, signed_in
 from tests.seeded_studies import NOW
 
@@ -33,7 +38,7 @@ def slow_creation(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Event, list
         may_end.wait(6 * TIMEOUT_S)
         return {"slug": "none"}
 
-    monkeypatch.setattr(lifecycle_page, "create_study", create)
+    monkeypatch.setattr(creation, "create_study", create)
     yield may_end, names
     may_end.set()
 
@@ -54,8 +59,8 @@ def test_work_of_which_one_step_takes_long_is_not_taken_for_lost(
         beat(*arguments)
         has_beaten.set()
 
-    monkeypatch.setattr(background, "BEATS_EVERY_S", 0.02)
-    monkeypatch.setattr(background, "beat", beat_and_say_so)
+    monkeypatch.setattr(tasks, "BEATS_EVERY_S", 0.02)
+    monkeypatch.setattr(tasks, "beat", beat_and_say_so)
     may_end, _ = slow_creation
     database = open_database(own.url)
     with signed_in(own_server, own, "Eva") as eva:
@@ -123,3 +128,68 @@ def test_work_that_was_lost_or_has_ended_can_be_begun_again(database: Database) 
     assert begin_task(database, "Eva", "Creating", later, "study x").is_new
     assert begin_task(database, "Eva", "Checking", later).is_new
     assert begin_task(database, "Eva", "Checking", later).is_new
+
+
+def test_a_study_goes_on_being_made_after_the_server_was_killed(stimulus_set: Path, tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    manage.upgrade_database(settings)
+    kept = {"kind": CREATION, "folder": str(stimulus_set.parent), "study": 'name = "Killed"\n', "by": "Eva"}
+    database = open_database(settings.url)
+    begun = begin_task(database, "Eva", "Creating the study Killed", utc_now(), "study killed", kept)  # and no more
+    with running_server(settings):
+        tasks.wait_for_task(begun.public_id, TIMEOUT_S)
+        made = running_task(database, begun.public_id)
+        assert (made.state, made.result) == ("done", "/admin/studies/killed")
+    again = begin_task(database, "Eva", "Creating the study Killed", made.started_at, "study killed", kept)
+    with running_server(settings):  # it was killed between the last step and the end of the task
+        tasks.wait_for_task(again.public_id, TIMEOUT_S)
+    assert running_task(database, again.public_id).result == "/admin/studies/killed"
+    database.dispose()
+
+
+def test_a_study_that_is_being_made_can_be_cancelled_and_made_again(
+    own_server: str, own: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    has_begun, may_go_on = Event(), Event()
+
+    def create(*_: object, progress: Any, **__: object) -> dict[str, str]:
+        progress("encoding", 1, 9)
+        has_begun.set()
+        may_go_on.wait(TIMEOUT_S)
+        progress("encoding", 2, 9)
+        return {"slug": "none"}
+
+    monkeypatch.setattr(creation, "create_study", create)
+    monkeypatch.setattr(tasks, "TELLS_EVERY_S", 0.0)
+    with signed_in(own_server, own, "Eva") as eva:
+        address = eva.act("/admin/studies/new", name="Stopped", stimulus_set="tiny").url.path
+        assert has_begun.wait(TIMEOUT_S)
+        assert "It stops after the step" in eva.act(f"{address}/cancel").text
+        may_go_on.set()
+        assert "It was cancelled" in ends(eva, address).text
+        again = eva.act("/admin/studies/new", name="Stopped", stimulus_set="tiny").url.path
+        assert again != address
+        ends(eva, again)
+
+
+def test_over_rest_long_work_is_answered_with_its_task(
+    own_server: str, own: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    may_end = Event()
+
+    def create(*_: object, **__: object) -> dict[str, str]:
+        may_end.wait(TIMEOUT_S)
+        return {"slug": "made-slowly"}
+
+    monkeypatch.setattr(creation, "create_study", create)
+    token = manage.add_token(own, "maker", ["studies:write"])["token"]
+    with httpx.Client(base_url=own_server, headers={"Authorization": f"Bearer {token}"}, timeout=60) as program:
+        answer = program.post("/api/v1/studies?wait_s=0", json={"name": "Made slowly", "stimulus_set": "tiny"})
+        assert answer.status_code == 202
+        assert answer.json()["state"] == "running"
+        address = answer.headers["Location"]
+        assert program.delete(address).json()["is_cancelled"] is True
+        may_end.set()
+        tasks.wait_for_task(answer.json()["task"], TIMEOUT_S)
+        assert program.get(address).json()["study"] == "made-slowly"  # it was over before it could stop
+        assert program.get("/api/v1/tasks/nothing").status_code == 404

@@ -19,6 +19,7 @@ from app.settings import Settings
 from app.store.access.experimenters import OLD_TOKEN_LASTS, TOKEN_LASTS
 from app.store.database.keys import utc_now
 from app.store.database.tables import experimenter_session
+from tests.app import tiny_stimuli
 from tests.app.web.admin import small_models
 from tests.app.web.admin.dashboard_client import Dashboard, ends, files_of, signed_in, zipped
 
@@ -36,9 +37,28 @@ def test_an_uploaded_set_is_checked_and_can_be_used(own_server: str, own: Settin
     with signed_in(own_server, own, "Eva") as eva:
         sent = upload(eva, zipped({f"folder/{name}": data for name, data in files.items()}))
         assert sent.status_code == 202
-        assert ends(eva, sent.json()["job"]).url.path == "/admin/sets"
+        assert ends(eva, sent.json()["job"]).url.path == "/admin/sets/sent-by-post"
         assert "Sent by post" in eva.get("/admin/studies/new").text
         assert (own.sets_dir / "sent-by-post" / "manifest.json").is_file()
+
+
+def test_a_zip_of_plain_films_becomes_a_set_that_says_what_was_found(
+    own_server: str, own: Settings, tmp_path: Path
+) -> None:
+    for name in ("a", "b"):
+        tiny_stimuli.encode(tmp_path / "street" / f"{name}.mkv", tiny_stimuli.flat("gray"), "-vf", "setsar=2/1")
+    with signed_in(own_server, own, "Eva") as eva:
+        token = {"X-CSRF-Token": eva.form_token}
+        content = zipped(files_of(tmp_path))
+        sent = eva.put("/admin/stimuli/upload?name=My+films", content=content, headers=token)
+        page = ends(eva, sent.json()["job"])
+        assert page.url.path == "/admin/sets/my-films"
+        assert "scaled from 64x48 with pixels 2:1 to 128x48" in page.text
+        assert "(guessed)" in page.text
+        flat = upload(eva, zipped({"a.mp4": (own.sets_dir / "my-films" / "street" / "a.mp4").read_bytes()}))
+        refused = ends(eva, flat.json()["job"]).text
+        assert "a.mp4 lies in no folder" in refused
+        assert str(own.sets_dir) not in refused
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ import pytest
 from fastapi.responses import Response, StreamingResponse
 
 from app.web.analyst.columns import JOBS, STUDIES, TABLES, Columns
-from app.web.analyst.formats import IN_MEMORY, ROWS_AT_ONCE, Format, TableRequest, table
+from app.web.analyst.formats import IN_MEMORY, ROWS_AT_ONCE, Format, TableRequest, json_bytes, table
 from app.web.analyst.openapi_examples import example_row
 
 COLUMNS = ("participant", "choice", "response_ms")
@@ -99,3 +99,8 @@ def test_a_column_of_several_kinds_is_text_in_parquet() -> None:
     moments = [{"response_ms": datetime(2026, 1, 1, tzinfo=UTC)}]
     read = pyarrow.parquet.read_table(io.BytesIO(content_of(ask(moments, "parquet"))))
     assert read["response_ms"].to_pylist() == [datetime(2026, 1, 1, tzinfo=UTC)]
+
+
+def test_a_number_that_json_does_not_know_is_not_written_as_if_it_did() -> None:
+    with pytest.raises(ValueError, match="JSON compliant"):
+        json_bytes({"score": float("nan")})

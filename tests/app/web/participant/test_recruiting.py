@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import io
 import re
 from collections.abc import Callable, Iterator
@@ -24,6 +25,7 @@ from app.store.database.tables import session
 from app.store.studies.studies import edit_study, set_standing, study_by_slug
 from app.store.trials.admission import begin_preview
 from app.study.options.options import parse_options
+from app.study.options.platforms import PLATFORMS, link_query
 from app.study.stages import FINISHED
 from tests.app.web.admin.dashboard_client import Dashboard
 from tests.app.web.http_checks import is_problem
@@ -360,3 +362,44 @@ def test_simulated_participants_of_such_a_study_have_ids_too(
     made = simulate(server, study["slug"], study["invitation"], token, 1, abilities, 0.0, outside_id="PERSON")
     assert made["votes"] == 6
     assert next_trial(client, begin(client, study["slug"], study["invitation"], outside_id="PERSON")["token"])
+
+
+def test_the_link_for_the_platform_is_whole_on_every_page(server: str, create: Create, experimenter: Dashboard) -> None:
+    prolific = {"id": "PROLIFIC_PID", "keep": ["STUDY_ID"], "code": "C1", "complete_url": "https://a.test/?cc={code}"}
+    study = create(
+        {**dict.fromkeys(("screened_out_url", "no_consent_url", "full_url"), ""), "random_codes": False} | prolific
+    )
+    link = f"{server}/s/{study['invitation']}?PROLIFIC_PID={{{{%PROLIFIC_PID%}}}}&STUDY_ID={{{{%STUDY_ID%}}}}"
+    base = f"/admin/studies/{study['slug']}"
+    for page in (base, f"{base}/invitations", f"{base}/invitations/print"):
+        assert link in html.unescape(experimenter.get(page).text)
+    assert link in experimenter.get(f"{base}/invitations/invitations.csv").text
+
+
+def test_who_comes_again_by_a_new_link_goes_back_with_its_parameters(server: str, create: Create) -> None:
+    study = create(
+        {"complete_url": "https://platform.test/?task={TASK}", "withdrawn_url": "https://a.test/?task={TASK}"}
+    )
+    with a_browser(server) as browser:
+        enters(browser, study, "p-1", outside={"PERSON": "p-1", "TASK": "first"})
+        page = browser.get(f"/s/{study['invitation']}", params={"PERSON": "p-1", "TASK": "second"}).text
+        assert 'data-state="known"' in page
+        enters(browser, study, "p-1", outside={"PERSON": "p-1", "TASK": "second"})
+        left = browser.put("/api/v1/session/withdrawal").json()
+        assert left["ending"]["url"] == "https://a.test/?task=second"
+
+
+def test_what_a_preset_leaves_to_fill_in_is_refused(create: Create) -> None:
+    with pytest.raises(ValueError, match="screened_out_url holds YOUR-SCREENED-OUT-CODE, which stands for what"):
+        create({"screened_out_url": "https://app.prolific.com/submissions/complete?cc=YOUR-SCREENED-OUT-CODE"})
+
+
+@pytest.mark.parametrize("name", PLATFORMS)
+def test_a_platforms_preset_fills_in_what_a_study_takes(name: str) -> None:
+    filled = {
+        key: re.sub("YOUR-[A-Z-]+[A-Z]", "filled", value) if isinstance(value, str) else value
+        for key, value in PLATFORMS[name].outside.items()
+    }
+    code = {"code": "C1"} if "{code}" in filled.get("complete_url", "") else {}
+    options = parse_options({"outside": {**filled, **code}})
+    assert link_query(options.outside).startswith("?" if options.outside.id else "")

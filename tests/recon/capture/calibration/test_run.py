@@ -180,7 +180,7 @@ def test_a_board_is_drawn_in_its_true_size(text: str, tmp_path: Path, command: C
 def test_corners_of_a_tilted_chessboard_lie_where_its_edges_meet() -> None:
     board, camera, rng = parse_board("chessboard:14x9:50"), studio_camera(0.0, seed=1), np.random.default_rng(2)
     errors = []
-    while len(errors) < 8:
+    while len(errors) < 4:
         pose = board_pose(board, rng)
         expected = project(camera, board.points @ pose[:3, :3].T + pose[:3, 3])
         if (expected > 20).all() and (expected < np.array(camera.size) - 20).all():

@@ -46,7 +46,7 @@ def test_cameras_without_likeness_or_motion_say_nothing() -> None:
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Capture:
     from recon.studio import SynthParameters, synthesise
 
-    parameters = SynthParameters("ball", n_sensors=2, n_frames=16, size=(320, 240))
+    parameters = SynthParameters("ball", n_sensors=2, n_frames=16, size=(200, 150))
     return synthesise(tmp_path_factory.mktemp("recorded") / "ball", parameters)
 
 

@@ -128,6 +128,7 @@ def test_masks_that_were_deleted_are_made_again(tmp_path: Path) -> None:
     assert_masks_are_true(read_capture(board.folder), at_least=0.95)
 
 
+@pytest.mark.slow
 def test_masks_do_not_depend_on_how_many_frames_are_segmented_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -260,7 +261,7 @@ def test_the_temple_is_whole_and_the_cloth_is_gone(real_data: Path, tmp_path: Pa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scene", ["ball", "box", "people", "standing", "face"])
+@pytest.mark.parametrize("scene", ["people", "face"])
 def test_people_of_the_studio_are_found_by_their_clean_plate(scene: str, tmp_path: Path) -> None:
     capture = synthesise(tmp_path / scene, SynthParameters(scene, n_sensors=1, n_frames=2, size=(960, 540), seed=2))
     assert np.mean(intersection_over_union(segment_capture(capture.folder))) > 0.965  # of 20 frames 0.97: bench
@@ -269,6 +270,6 @@ def test_people_of_the_studio_are_found_by_their_clean_plate(scene: str, tmp_pat
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", ["box", "standing"])
 def test_people_of_the_studio_are_found_by_strokes_on_another_frame(scene: str, tmp_path: Path) -> None:
-    capture = synthesise(tmp_path / scene, SynthParameters(scene, n_sensors=1, n_frames=12, size=(640, 360), seed=2))
-    strokes = write_strokes(tmp_path / "strokes", capture, frame=6)
+    capture = synthesise(tmp_path / scene, SynthParameters(scene, n_sensors=1, n_frames=7, size=(480, 270), seed=2))
+    strokes = write_strokes(tmp_path / "strokes", capture, frame=3)
     assert np.mean(intersection_over_union(segment_capture(capture.folder, scribbles=strokes))) > 0.94

@@ -66,15 +66,16 @@ def test_words_are_gathered_clipped_taken_apart_and_compared(first: float, step:
 
 
 @njit
-def _looked_up(table, places, out):  # type: ignore[no-untyped-def]  # lanes have no Python type
-    lanes.store(out, 0, lanes.look_up(table, lanes.load(places, 0)))
+def _fallen(places, fall, out):  # type: ignore[no-untyped-def]  # lanes have no Python type
+    lanes.store(out, 0, lanes.falling(lanes.load(places, 0), fall))
 
 
-def test_a_table_is_read_at_the_lanes_whole_part() -> None:
-    table = np.arange(40, dtype=np.float32) ** 2
-    places, out = np.linspace(0.1, 38.9, 16).astype(np.float32), np.empty(16, np.float32)
-    _looked_up(table, places, out)
-    np.testing.assert_array_equal(out, table[places.astype(int)])
+def test_a_weight_falls_in_straight_lines_between_powers_of_two_and_ends_at_zero() -> None:
+    steps, out = np.linspace(0, 7, 16).astype(np.float32), np.empty(16, np.float32)
+    _fallen(steps, np.float32(2**23), out)
+    np.testing.assert_allclose(out, np.interp(steps, np.arange(9), 0.5 ** np.arange(9)), rtol=1e-6)
+    _fallen(steps, np.float32(2**23 * 1000), out)
+    np.testing.assert_array_equal(out, [1, *[0] * 15])
 
 
 @njit

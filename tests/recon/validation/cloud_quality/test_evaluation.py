@@ -303,6 +303,7 @@ def test_a_run_brings_its_approaches_and_its_dataset(command: Command, tmp_path:
     assert {value["value"] for value in report["values"] if value["measure"] == "d1_mse"} == {0}
 
 
+@pytest.mark.slow
 def test_two_runs_of_the_same_approaches_are_told_apart_as_the_refusal_says(command: Command, tmp_path: Path) -> None:
     capture, run = true_run(tmp_path)
     meshes = copytree(run, tmp_path / "again") / "meshes" / "id_fa"

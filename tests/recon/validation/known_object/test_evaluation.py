@@ -110,7 +110,7 @@ def test_places_where_a_model_looks_the_same_are_refined_once(monkeypatch: pytes
 @pytest.mark.parametrize(
     ("points_of", "message"),
     [
-        (lambda: np.random.default_rng(1).uniform(-300, 300, (4000, 3)), "only .* of the cloud lies within"),
+        (lambda: np.random.default_rng(1).uniform(-200, 200, (500, 3)), "only .* of the cloud lies within"),
         (lambda: half_cloud(lump(), 1)[0] / 1000, "suit the model in m: say so with --unit m"),
         (lambda: np.zeros((10, 3)), "has 10 points, expected at least 50"),
         (lambda: np.full((100, 3), np.inf), "not a finite number"),
@@ -162,5 +162,3 @@ def test_the_command_measures_signed_distances(tmp_path: Path) -> None:
     assert report["measures"][0]["measure"] == "object inliers within 12.5 mm"
     for name in ("report.json", "curve.csv", "curve.svg", "errors.pdf", "errors.ply", "cloud.png", "report.html"):
         assert (out / name).stat().st_size > 0
-    with pytest.raises(FitError):
-        place_model(*lump(), np.random.default_rng(2).uniform(-200, 200, (500, 3)))

@@ -10,8 +10,10 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from fastapi import Request
 
-from app.web.admin.results.scores_view import decimal, p_value
+from app.analysis import AnalysisSettings, analyse, votes_from_rows
+from app.web.admin.results.scores_view import decimal, p_value, results_view
 from tests.app.web.admin.dashboard_client import Dashboard
 
 
@@ -49,6 +51,23 @@ def test_every_figure_is_there_as_picture_print_and_numbers(
     assert rows
     if name in ("scores_depth", "levels_depth"):
         assert {row["item"] for row in rows} == {"id", "pm"}
+
+
+@pytest.mark.parametrize("choices", ["ab", "aabab", "aaab", "a"])  # none, chance's, a difference, and no vote against
+@pytest.mark.parametrize("participants", [1, 24])
+def test_every_result_begins_with_its_sentence_also_where_nothing_differs(choices: str, participants: int) -> None:
+    votes = [
+        {"participant": f"p{person}", "dataset": "ball", "item_a": a, "item_b": b}
+        | {"choice": choices[(person + turn) % len(choices)], "first_shown": a}
+        for person in range(participants)
+        for turn, (a, b) in enumerate([("x", "y"), ("y", "z"), ("x", "z")])
+    ]
+    analysis = analyse(votes_from_rows(votes), AnalysisSettings(by_dataset=False))
+    view = results_view(Request({"type": "http", "query_string": b"", "path": "/", "headers": []}), analysis)
+    assert view["leading"][:1] == [analysis["findings"][0]["text"]]
+    assert {row["text"] for row in analysis["findings"] if row["about"] == "told apart"} <= set(view["leading"])
+    shown = view["leading"] + view["findings"] + view["settings"]
+    assert sorted(shown) == sorted(row["text"] for row in analysis["findings"])
 
 
 def test_there_is_no_plot_of_nothing(experimenter: Dashboard, taken: dict[str, Any]) -> None:

@@ -92,7 +92,7 @@ def test_an_option_of_the_films_takes_effect_after_creation(eva: tuple[Dashboard
     options = options_of(settings, base)
     assert (options.reference, options.identical_pairs, options.second_codec) == ("pm_fb", 1, "vp9")
     assert options.practice_pairs
-    assert "films are there and unchanged" in dashboard.act(f"{base}/stimuli").text
+    assert "films were decoded" in ends(dashboard, dashboard.act(f"{base}/stimuli").url.path).text
     trials = trials_of(dashboard, settings, base)
     assert len(trials) == 4  # in each of two datasets, a pair and an identical one
     assert {trial["role"] for trial in trials} == {"main", "identical"}

@@ -1,0 +1,178 @@
+"""Check a study's films: each is there, unchanged, decodes to its end in the size its player expects, and plays."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from datetime import datetime
+from functools import partial
+from typing import Any
+
+from app.errors import StudyError
+from app.ffmpeg import Progress, decode, in_parallel, no_progress
+from app.files import file_digest, read_json, write_json
+from app.operations.database import open_store
+from app.operations.studies.play_films import PlayedFilm, browser_version, find_browser, play_films
+from app.settings import Settings
+from app.store.database.engine import Transaction
+from app.store.database.keys import utc_now
+from app.store.studies.studies import Study, study_by_slug
+from app.store.trials.designs import ShownFilm, shown_films
+from app.study.options.options import parse_options
+
+TYPES = {"vp9": 'video/mp4; codecs="vp09.00.51.08"', "av1": 'video/mp4; codecs="av01.0.12M.08"'}
+H264_TYPE = 'video/mp4; codecs="avc1.640032"'
+MOST_PLAYED_AT_ONCE = 60  # before the first invitation; `study check` plays all
+
+
+@dataclass(frozen=True)
+class FilmCheck:
+    """What is known of a study's films.
+
+    Parameters
+    ----------
+    checked_at : ISO 8601
+    films : digest of what was checked
+    n_films : files that were decoded
+    n_played : those that a browser played to the end
+    browser : that played them; empty: none is installed here
+    faults : sentence by the film's opaque name
+    """
+
+    checked_at: str
+    films: str
+    n_films: int
+    n_played: int = 0
+    browser: str = ""
+    faults: Mapping[str, str] = field(default_factory=dict)
+
+
+def check_study(settings: Settings, slug: str, *, progress: Progress = no_progress) -> dict[str, Any]:
+    """Check all films of a study, and play them where a browser is installed.
+
+    Raises
+    ------
+    ValueError
+        If there is no such study.
+    """
+    with open_store(settings) as database, database.reading() as connection:
+        study = study_by_slug(connection, slug)
+        if study is None:
+            raise ValueError(f"there is no study {slug!r}; `reconstudy study list` shows all")
+        films = films_of(connection, study)
+    return asdict(check_films(settings, study, films, utc_now(), progress=progress))
+
+
+def films_of(connection: Transaction, study: Study) -> list[ShownFilm]:
+    """Return every film that a study's participants may be shown, each file once."""
+    options = parse_options(study.options)
+    n_strips = 1 if options.is_shown_alone else 3 if options.reference_beside else 2
+    return shown_films(connection, study.id, n_strips=n_strips, n_of_practice=min(n_strips, 2))
+
+
+def check_films(
+    settings: Settings,
+    study: Study,
+    films: Sequence[ShownFilm],
+    now: datetime,
+    *,
+    most_played: int | None = None,
+    progress: Progress = no_progress,
+) -> FilmCheck:
+    """Decode every film to its end, play some or all in a browser, and keep the result for the study's pages.
+
+    Parameters
+    ----------
+    most_played : films that a browser plays, evenly among all; None: all
+    """
+    faults: dict[str, str] = {}
+
+    def check(film: ShownFilm) -> None:
+        if fault := _fault(settings, film):
+            faults[film.media] = fault
+
+    in_parallel([(f"decoding {film.file}", partial(check, film)) for film in films], progress)
+    whole = [film for film in films if film.media not in faults]
+    played = FilmCheck(now.isoformat(timespec="seconds"), films_digest(films), len(films), faults=faults)
+    step = 1 if most_played is None else max(1, -(-len(whole) // most_played))
+    played = _played(settings, whole[::step], played, progress)
+    path = settings.data_dir / "checks" / f"{study.slug}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_json(path, asdict(played))
+    return played
+
+
+def last_check(settings: Settings, study: Study, films: Sequence[ShownFilm]) -> FilmCheck | None:
+    """Return the last check of these films; None: they were never checked, or are others now."""
+    try:
+        known = FilmCheck(**read_json(settings.data_dir / "checks" / f"{study.slug}.json"))
+    except (ValueError, TypeError):
+        return None
+    return known if known.films == films_digest(films) else None
+
+
+def films_digest(films: Sequence[ShownFilm]) -> str:
+    """Return a digest of what films there are."""
+    return hashlib.sha256(json.dumps(sorted(film.sha256 for film in films)).encode()).hexdigest()
+
+
+def in_words(check: FilmCheck) -> str:
+    """Say in a sentence how far a check went."""
+    if check.faults:
+        return f"{len(check.faults)} of {check.n_films} films cannot be shown."
+    whole = f"All {check.n_films} films were decoded to their last picture, in the size that their player expects"
+    if not check.browser:
+        return f"{whole}. They could not be played in a browser: none is installed here."
+    n = "all" if check.n_played == check.n_films else f"{check.n_played} of them"
+    return f"{whole}, and {n} were played to the end in {check.browser}."
+
+
+def _fault(settings: Settings, film: ShownFilm) -> str:
+    """Return what is wrong with a film's file; empty: nothing."""
+    path = settings.media_dir / film.file
+    if not path.is_file():
+        return "the file is missing"
+    if file_digest(path) != film.sha256:
+        return "the file is not what it was when the study was made"
+    try:
+        facts = decode(path)
+    except StudyError as error:
+        return str(error).replace(f"{path}: ", "")
+    expected = replace(facts, width=film.width, height=_height(film), n_frames=film.n_frames)
+    return "" if facts == expected and facts.pixel_shape == 1 else f"it has {facts}, its player expects {expected}"
+
+
+def _height(film: ShownFilm) -> int:
+    """Return the height of all strips of a film, with what keeps them apart, pixels."""
+    return film.n_strips * film.height + (film.n_strips - 1) * film.guard_rows
+
+
+def _played(settings: Settings, films: Sequence[ShownFilm], known: FilmCheck, progress: Progress) -> FilmCheck:
+    browser = find_browser(settings.check_browser)
+    if browser is None or not films:
+        return known
+    shown = [
+        PlayedFilm(
+            settings.media_dir / film.file,
+            "decoder" if film.is_single else "video",
+            TYPES.get(film.codec, H264_TYPE),
+            film.width,
+            _height(film),
+            film.n_frames,
+            film.fps,
+        )
+        for film in films
+    ]
+    try:
+        faults = play_films(browser, shown, progress)
+    except StudyError:
+        return known
+    bad = {film.media: fault for film, fault in zip(films, faults, strict=True) if fault}
+    return replace(
+        known,
+        n_played=sum(not fault for fault in faults),
+        browser=browser_version(browser),
+        faults={**known.faults, **bad},
+    )

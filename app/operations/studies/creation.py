@@ -1,0 +1,68 @@
+"""Create a study as a task of the server, which goes on after a restart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from app.ffmpeg import Progress
+from app.operations.studies.create import create_study, new_slug, slugify
+from app.operations.tasks import KIND, start_task
+from app.settings import Settings
+from app.store.database.engine import Database
+from app.store.database.server_tasks import ServerTask
+from app.store.studies.audit import Actor
+from app.store.studies.studies import study_by_slug
+from app.study.options.study_file import StudyFile, parse_study_file, write_study_file
+
+CREATION = "create study"
+
+
+def begin_creation(settings: Settings, database: Database, folder: Path, wanted: StudyFile, actor: Actor) -> str:
+    """Begin to create a study of a stimulus set, paused until it is opened; return the task's id.
+
+    Raises
+    ------
+    ValueError
+        If a study has this name.
+    ConflictError
+        If somebody else creates one of this name now.
+    """
+    slug = new_slug(database, wanted.name)
+    kept = {KIND: CREATION, "folder": str(folder), "study": write_study_file(wanted), "by": actor.name}
+    title = f"Creating the study {wanted.name}"
+    return start_task(
+        database,
+        actor,
+        title,
+        lambda tell: _create(settings, kept, tell),
+        subject=f"study {slug}",
+        kept=kept,
+    )
+
+
+def go_on_creating(settings: Settings, database: Database, task: ServerTask, progress: Progress) -> str:
+    """Create a study whose task was interrupted; return its page. Films that are there are not made again."""
+    assert task.work is not None, "the task of a creation keeps it"
+    slug = slugify(parse_study_file(str(task.work["study"])).name)
+    with database.reading() as connection:
+        made = study_by_slug(connection, slug)
+    if made is not None and made.created_at >= task.started_at:  # the server stopped after the last step
+        return f"/admin/studies/{slug}"
+    return _create(settings, task.work, progress)
+
+
+def _create(settings: Settings, kept: Any, progress: Progress) -> str:
+    wanted = parse_study_file(str(kept["study"]))
+    made = create_study(
+        settings,
+        Path(kept["folder"]),
+        wanted.name,
+        exposure_s=wanted.exposure_s,
+        seed=wanted.seed,
+        options=wanted.options,
+        progress=progress,
+        by=str(kept["by"]),
+        is_paused=True,
+    )
+    return f"/admin/studies/{made['slug']}"

@@ -1,0 +1,162 @@
+"""By how many frames, and parts of one, a sensor is late: from what silhouettes of two cameras must have in common.
+
+A plane through both centres that touches the object touches both silhouettes. Its angle about the baseline, followed
+over time, is one signal that both cameras measure; where one is late, its signal is.
+
+Source: Sinha, Pollefeys, "Synchronization and calibration of camera networks from silhouettes", ICPR 2004.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from recon.capture.rectify import viewing_directions
+from recon.geometry.rig import Camera
+
+LARGEST_FRAMES = 3.5  # that are searched
+STEP = 0.025  # frames
+FEWEST_FRAMES = 10
+NEAREST_TO_BASELINE = 0.4  # sine of the angle between the baseline and the way to the object; below, planes graze it
+MOST_UNSURE = 1.0  # frames, of the interval's width
+LEAST_EVIDENCE = 2.0  # as of the interval: twice that is chi-square with one degree of freedom
+LEAST_FRAMES = 0.2  # that matter
+CORRELATED = 6.0  # residuals of neighbouring frames, and of both cameras of a sensor, are alike: as many count as one
+NOISE_PX = 0.25  # of a tangent; what fits better is chance
+SMALL_MOTION_PX = 0.5  # standard deviation of a signal; below, it tells nothing
+
+
+@dataclass(frozen=True)
+class Lag:
+    """By how many frames the second of two sensors is behind the first.
+
+    Parameters
+    ----------
+    low, high : between which it lies with 95 %, as far as the search goes
+    evidence : how much more likely it is than none, natural logarithm
+    """
+
+    frames: float
+    low: float
+    high: float
+    evidence: float
+
+    @property
+    def is_known(self) -> bool:
+        """True if it is known to half a frame."""
+        return self.high - self.low <= MOST_UNSURE and self.low > -LARGEST_FRAMES and self.high < LARGEST_FRAMES
+
+    @property
+    def is_late(self) -> bool:
+        """True if the sensors did not record the same instants."""
+        return self.evidence >= LEAST_EVIDENCE and abs(self.frames) >= LEAST_FRAMES
+
+
+@dataclass(frozen=True, eq=False)
+class Tangents:
+    """Where the planes through two cameras touch the silhouettes of one, over time.
+
+    Parameters
+    ----------
+    angles : float64 (N, 2), radians, the lowest and the highest of each frame; NaN where the picture's edge cuts them
+    pixel : radians that a pixel spans
+    """
+
+    angles: NDArray[np.float64]
+    pixel: float
+
+
+class TangentPlanes:
+    """The planes through the centres of two cameras, by their angle about the way from one to the other.
+
+    Parameters
+    ----------
+    first, second : cameras of two sensors
+    towards : float64 (3,), mm, a point in the middle of the object, which has the angle zero
+    """
+
+    def __init__(self, first: Camera, second: Camera, towards: NDArray[np.float64]) -> None:
+        between = second.centre - first.centre
+        baseline = between / max(float(np.linalg.norm(between)), 1e-9)
+        ways = [towards - camera.centre for camera in (first, second)]
+        across = ways[0] - baseline * (ways[0] @ baseline)
+        self.is_usable = all(
+            float(np.linalg.norm(np.cross(baseline, way))) > NEAREST_TO_BASELINE * float(np.linalg.norm(way))
+            for way in ways
+        )
+        self._across = across / max(float(np.linalg.norm(across)), 1e-9)
+        self._up = np.cross(baseline, self._across)
+
+    def tangents(self, camera: Camera, masks: Sequence[NDArray[np.bool_] | None]) -> Tangents:
+        """Find the planes that touch a camera's silhouettes, bool (H, W) each; None for what is not known."""
+        angles = [(np.nan, np.nan) if mask is None else self._angles(camera, mask) for mask in masks]
+        return Tangents(np.array(angles), 1.0 / float(camera.K[0, 0]))
+
+    def _angles(self, camera: Camera, mask: NDArray[np.bool_]) -> tuple[float, float]:
+        """Return the lowest and the highest angle of a silhouette, bool (H, W); NaN where the edge cuts it."""
+        outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        if not outlines:
+            return np.nan, np.nan
+        pixels = np.concatenate(outlines)[:, 0].astype(np.float64)
+        rays = viewing_directions(camera, pixels) @ camera.rotation
+        angle = np.arctan2(rays @ self._up, rays @ self._across)
+        height, width = mask.shape
+        ends = (int(angle.argmin()), int(angle.argmax()))
+        is_cut = [not (0 < pixels[end][0] < width - 1 and 0 < pixels[end][1] < height - 1) for end in ends]
+        low, high = (float(np.nan if cut else angle[end]) for end, cut in zip(ends, is_cut, strict=True))
+        return low, high
+
+
+def lag_between(pairs: Sequence[tuple[Tangents, Tangents]]) -> Lag | None:
+    """Estimate the lag of one sensor behind another from the tangents of their cameras; None if nothing moves enough.
+
+    The signals' noise is estimated with it: the profile likelihood of all of them together is maximised.
+
+    Parameters
+    ----------
+    pairs : of a camera of the first and one of the second sensor, of planes through both
+    """
+    lags = np.arange(-LARGEST_FRAMES, LARGEST_FRAMES + STEP / 2, STEP)
+    total = np.zeros(len(lags))
+    for first, second in pairs:
+        for end in (0, 1):
+            signals = first.angles[:, end], second.angles[:, end]
+            total += _log_likelihood(*signals, max(first.pixel, second.pixel), lags)
+    if not total.any():
+        return None
+    best = int(total.argmax())
+    likely = lags[total >= total[best] - LEAST_EVIDENCE]
+    evidence = float(total[best] - total[len(lags) // 2])
+    return Lag(float(lags[best]), float(likely.min()), float(likely.max()), evidence)
+
+
+def _log_likelihood(
+    first: NDArray[np.float64], second: NDArray[np.float64], pixel: float, lags: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the log-likelihood of each lag (L,) by two signals (N,), less a constant; zeros if they tell nothing."""
+    nothing = np.zeros(len(lags))
+    frames = np.arange(len(first), dtype=np.float64)
+    places = frames[None] + lags[:, None]  # (L, N)
+    filled = np.interp(frames, frames[np.isfinite(second)], second[np.isfinite(second)]) if _known(second) else second
+    if not (_known(first) and _known(second)) or np.nanstd(first) < SMALL_MOTION_PX * pixel:
+        return nothing
+    shifted = map_coordinates(filled, places[None], order=3, mode="nearest")
+    near = map_coordinates(np.isfinite(second).astype(np.float64), places[None], order=1, cval=0.0)
+    is_both = np.isfinite(first)[None] & (near > 1 - 1e-6) & (places >= 0) & (places <= len(first) - 1)
+    counts = is_both.sum(axis=1)
+    if counts.min() < FEWEST_FRAMES:
+        return nothing
+    apart = np.where(is_both, first[None] - shifted, np.nan)
+    apart -= np.nanmedian(apart, axis=1, keepdims=True)  # an error of the calibration
+    spread = np.nanmean(np.minimum(np.abs(apart), 3 * np.nanmedian(np.abs(apart), axis=1, keepdims=True)) ** 2, axis=1)
+    floor = (NOISE_PX * pixel) ** 2
+    return np.asarray(-counts.min() / CORRELATED / 2 * np.log(spread + floor))
+
+
+def _known(signal: NDArray[np.float64]) -> bool:
+    return int(np.isfinite(signal).sum()) >= FEWEST_FRAMES

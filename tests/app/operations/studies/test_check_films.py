@@ -1,0 +1,86 @@
+"""Films are right only when each was decoded to its end and, where a browser is installed, played in it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from app.errors import UnavailableError
+from app.films.pairs import FilmMaker, prepare_pairs
+from app.intake.stimuli import read_stimulus_set
+from app.operations.studies.check_films import H264_TYPE, check_study
+from app.operations.studies.create import create_study
+from app.operations.studies.play_films import PlayedFilm, find_browser, play_films
+from app.settings import Settings
+from app.study.options.options import parse_options
+from tests.app import tiny_stimuli
+from tests.command_line import Command
+from tests.conftest import browser_path
+
+HEIGHT = 2 * tiny_stimuli.HEIGHT + 16
+
+
+def film(path: Path, **changes: Any) -> PlayedFilm:
+    facts = {"width": tiny_stimuli.WIDTH, "height": HEIGHT, "n_frames": tiny_stimuli.N_FRAMES, "fps": 25.0}
+    return PlayedFilm(path, "video", H264_TYPE, **(facts | changes))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return tiny_stimuli.write_set(tmp_path / "set", ("ball",), ("id_fa", "pm_fb")).parent
+
+
+@pytest.mark.slow
+def test_a_browser_tells_films_that_play_from_those_that_it_cannot_show(folder: Path, tmp_path: Path) -> None:
+    (pair,) = prepare_pairs(read_stimulus_set(folder), FilmMaker(tmp_path))
+    good, broken, wide = tmp_path / pair.file, tmp_path / "broken.mp4", tmp_path / "wide.mp4"
+    content = good.read_bytes()
+    broken.write_bytes(content[: len(content) // 2])
+    tiny_stimuli.encode(wide, f"color=gray:size=64x{HEIGHT}:rate=25", "-vf", "setsar=2/1")
+    films = [film(good), film(broken), film(wide), film(good, n_frames=500), film(tmp_path / "none.mp4")]
+    played, damaged, other_size, short, missing = play_films(browser_path(), films)
+    assert played == ""
+    assert damaged != ""
+    assert other_size == f"the film is 128x{HEIGHT}, expected 64x{HEIGHT}"
+    assert "early" in short
+    assert "cannot be read (404)" in missing
+
+
+def test_what_is_no_browser_is_told_and_none_may_be_wanted(tmp_path: Path) -> None:
+    assert find_browser("none") is None
+    assert find_browser(str(tmp_path / "nothing")) is None
+    with pytest.raises(UnavailableError, match="could not be used to play"):
+        play_films("false", [film(tmp_path / "x.mp4")])
+
+
+@pytest.mark.slow
+def test_a_studys_films_are_played_before_the_first_invitation(folder: Path, tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path / "server", check_browser=browser_path())
+    options = parse_options({"optional_stages": ["practice"], "lighter_films": True})
+    made = create_study(settings, folder, "Played", options=options)
+    (note,) = (note for note in made["notes"] if "played to the end" in note)
+    assert note.startswith("All 6 films were decoded to their last picture")
+    assert "and all were played" in note
+    assert json.loads((settings.data_dir / "checks" / "played.json").read_text())["n_played"] == 6
+
+
+def test_the_check_decodes_every_film_and_says_what_it_could_not_do(
+    folder: Path, tmp_path: Path, command: Command
+) -> None:
+    settings = Settings(data_dir=tmp_path / "study")
+    made = create_study(settings, folder, "Checked")
+    checked = json.loads(command("study", "check", made["slug"], "--json").out)
+    assert (checked["faults"], checked["browser"]) == ({}, "")
+    assert "could not be played in a browser" in command("study", "check", made["slug"]).out
+    first = next(settings.media_dir.glob("*.mp4"))
+    first.write_bytes(first.read_bytes() + b"x")
+    assert list(check_study(settings, made["slug"])["faults"].values()) == [
+        "the file is not what it was when the study was made"
+    ]
+    first.unlink()
+    assert list(check_study(settings, made["slug"])["faults"].values()) == ["the file is missing"]
+    with pytest.raises(ValueError, match="there is no study 'nobodys'"):
+        check_study(settings, "nobodys")

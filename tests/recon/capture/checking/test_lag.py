@@ -1,0 +1,97 @@
+"""Parts of a frame by which a sensor is late show in what silhouettes of two cameras have in common."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from recon.capture.checking.check import check_capture
+from recon.capture.checking.lag import TangentPlanes, Tangents, lag_between
+from recon.capture.format import write_capture
+from recon.geometry.rig import Camera, look_at
+from recon.studio import SynthParameters, synthesise
+from recon.studio.truth import MASK
+
+N, PIXEL = 40, 1e-3
+K = np.array([[1000.0, 0, 320.0], [0, 1000.0, 240.0], [0, 0, 1]])
+
+
+def seen(late: float, seed: int, noise_px: float = 0.2) -> Tangents:
+    """Tangents of one motion, smooth over some frames, as a camera that is late measures them."""
+    rng = np.random.default_rng(7)
+    waves = [(rng.uniform(0.1, 0.9), rng.uniform(0, 6), rng.uniform(2, 5)) for _ in range(10)]
+    frames = np.arange(N) - late
+    motion = [sum(size * np.sin(w * frames + phase) for w, phase, size in waves[end::2]) for end in (0, 1)]
+    noise = np.random.default_rng(seed).normal(0, noise_px, (N, 2))
+    return Tangents((np.stack(motion, axis=1) + noise) * PIXEL, PIXEL)
+
+
+@given(st.floats(-3, 3), st.integers(0, 10**6))
+@settings(deadline=None, max_examples=60)
+def test_a_lag_is_found_to_parts_of_a_frame_and_lies_in_its_interval(late: float, seed: int) -> None:
+    found = lag_between([(seen(0, seed), seen(late, seed + 1)), (seen(0, seed + 2), seen(late, seed + 3))])
+    assert found is not None
+    assert found.frames == pytest.approx(late, abs=0.15)
+    assert found.low <= late <= found.high
+    assert found.is_late or abs(late) < 0.5
+
+
+def test_noise_makes_no_sensor_late_and_what_hardly_moves_says_nothing() -> None:
+    n_late = 0
+    for seed in range(50):
+        found = lag_between([(seen(0, 2 * seed, 1.0), seen(0, 2 * seed + 1, 1.0))])
+        assert found is not None
+        n_late += found.is_late
+    assert n_late <= 1
+    still = Tangents(np.random.default_rng(0).normal(0, 0.2 * PIXEL, (N, 2)), PIXEL)
+    assert lag_between([(still, still)]) is None
+    assert lag_between([]) is None
+
+
+def test_frames_that_the_pictures_edge_cuts_are_left_out() -> None:
+    first, second = seen(0, 1), seen(1.5, 2)
+    first.angles[5:9] = second.angles[20:25] = np.nan
+    found = lag_between([(first, second)])
+    assert found is not None
+    assert found.frames == pytest.approx(1.5, abs=0.15)
+
+
+def test_both_cameras_see_a_ball_between_the_same_planes() -> None:
+    first, second = (Camera(K, (640, 480), look_at((x, 300.0, 2000.0), (0, 0, 0))) for x in (-700.0, 900.0))
+    planes = TangentPlanes(first, second, np.zeros(3))
+    assert planes.is_usable
+    rng = np.random.default_rng(0)
+    on_ball = rng.normal(size=(20_000, 3))
+    on_ball = 150.0 * on_ball / np.linalg.norm(on_ball, axis=1, keepdims=True) + (40.0, -60.0, 30.0)
+    angles = []
+    for camera in (first, second):
+        mask = np.zeros((480, 640), bool)
+        columns, rows = np.rint(camera.project(on_ball)).astype(int).T
+        mask[rows, columns] = True
+        angles.append(planes.tangents(camera, [mask]).angles[0])
+    np.testing.assert_allclose(angles[0], angles[1], atol=1.5e-3)  # a pixel and a half
+    assert not TangentPlanes(first, second, first.centre + 10 * (first.centre - second.centre)).is_usable
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("late", "told"), [(0.0, None), (1.25, "S2 is 1."), (-0.75, "ahead of S1")])
+def test_a_sensor_of_the_studio_that_is_late_is_named(tmp_path: Path, late: float, told: str | None) -> None:
+    parameters = SynthParameters("ball", n_sensors=2, n_frames=16, size=(480, 270), late=(("S2", late),))
+    capture = synthesise(tmp_path / "ball", parameters)
+    masks = {
+        stream.id: tuple(MASK.replace("{view}", f"{stream.id}/{side}") for side in stream.sides)
+        for stream in capture.sensors
+    }
+    write_capture(replace(capture, sensors=tuple(replace(each, mask=masks[each.id]) for each in capture.sensors)))
+    report = check_capture(capture.folder)
+    sentences = [*report.problems, *report.warnings]
+    assert not any("could not be checked" in sentence for sentence in sentences)
+    assert [sentence for sentence in sentences if "not synchronised" in sentence and (told or "") in sentence] == (
+        sentences if told else []
+    )
+    assert len(sentences) == (told is not None)
