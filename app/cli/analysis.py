@@ -431,13 +431,14 @@ def _understood_votes(
     beside: Mapping[str, Any],
 ) -> list[str]:
     """Return how votes, and the files beside them that `read_beside` takes, are understood."""
+    from app.analysis.analyse import used_votes
     from app.analysis.analyse_files import read_beside
     from app.analysis.reading.phrases import counted
     from app.analysis.reading.read_votes import understand_votes
 
     votes, sentences = understand_votes(sources)
     settings, notes = read_beside(votes, settings, **beside)
-    used = votes.used()
+    used = used_votes(votes, settings)
     people = counted(len(votes.participants), "participant") if votes.has_participants else "unknown participants"
     datasets = counted(len(votes.datasets), "dataset") if votes.has_datasets else "no named dataset"
     return [

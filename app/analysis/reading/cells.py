@@ -79,6 +79,19 @@ def column_of(cells: Iterable[Any]) -> Column:
     return Column(codes, tuple(known), missing if missing.any() else None)
 
 
+def _column_of_series(series: pd.Series) -> Column:
+    """Make a column of one of pandas; where its cells are all of a kind, each different one is looked at once."""
+    if pd.api.types.infer_dtype(series, skipna=True) not in ("string", "integer", "floating", "boolean"):
+        return column_of(series.tolist())
+    codes, different = pd.factorize(series)
+    known: dict[str, int] = {}
+    index = [known.setdefault(_text(value), len(known)) for value in different.tolist()]
+    missing = codes < 0
+    if missing.any():
+        index.append(known.setdefault("", len(known)))  # where the code is -1
+    return Column(np.array(index, np.int32)[codes], tuple(known), missing if missing.any() else None)
+
+
 def same(word: str, n_rows: int) -> Column:
     """Make a column with the same text in all cells, which takes the memory of one."""
     return Column(np.broadcast_to(np.array(0, np.int32), n_rows), (word,))
@@ -126,7 +139,7 @@ class Table:
 
 def table_of_frame(frame: pd.DataFrame) -> Table:
     """Make a table of a pandas one, whose `attrs["understood"]` say how it was read."""
-    columns = {str(name): column_of(frame.iloc[:, place].tolist()) for place, name in enumerate(frame.columns)}
+    columns = {str(name): _column_of_series(frame.iloc[:, place]) for place, name in enumerate(frame.columns)}
     if len(columns) < frame.shape[1]:
         names = [str(name) for name in frame.columns]
         twice = next(name for name in names if names.count(name) > 1)

@@ -65,28 +65,12 @@ SYNONYMS: dict[str, tuple[str, ...]] = {
 WEAK_RATINGS = ("vote", "response", "resp", "answer", "value", "judgement", "judgment")  # where no pair is named
 BINARY_CHOICES = {  # the cell is true where item_a, or item_b, is preferred
     A: (
-        "isaselected",
-        "isapreferred",
-        "aselected",
-        "apreferred",
-        "chosea",
-        "aischosen",
-        "prefersa",
-        "prefera",
-        "isabetter",
-        "abetter",
+        *("isaselected", "isapreferred", "aselected", "apreferred", "chosea", "aischosen", "prefersa", "prefera"),
+        *("isabetter", "abetter"),
     ),
     B: (
-        "isbselected",
-        "isbpreferred",
-        "bselected",
-        "bpreferred",
-        "choseb",
-        "bischosen",
-        "prefersb",
-        "preferb",
-        "isbbetter",
-        "bbetter",
+        *("isbselected", "isbpreferred", "bselected", "bpreferred", "choseb", "bischosen", "prefersb", "preferb"),
+        *("isbbetter", "bbetter"),
     ),
 }
 TRUE_FALSE = {"1": True, "true": True, "yes": True, "0": False, "false": False, "no": False}
@@ -102,37 +86,15 @@ TAILS = ("id", "name", "path", "url", "file")
 
 TIES = dict.fromkeys(
     (
-        *("none", "tie", "ties", "tied", "draw", "equal", "same", "both", "neither", "no preference", "nopreference"),
-        *(
-            "no difference",
-            "about the same",
-            "the same",
-            "equally good",
-            "tie (bothbad)",
-            "tie (both bad)",
-            "bothbad",
-            "both bad",
-            "both good",
-            "cannot decide",
-            "can't decide",
-            "undecided",
-        ),
+        *("none", "tie", "ties", "tied", "draw", "equal", "same", "both", "neither", "no preference"),
+        *("nopreference", "no difference", "about the same", "the same", "equally good", "tie (bothbad)"),
+        *("tie (both bad)", "bothbad", "both bad", "both good", "cannot decide", "can't decide", "undecided"),
     ),
     NONE,
 )
 SIDES = (("a", "b"), ("left", "right"), ("first", "second"), ("1", "2"))
-NUMBERED_SIDES = ("1", "2")
-STRENGTHS = {
-    "much": 3,
-    "far": 3,
-    "a lot": 3,
-    "": 2,
-    "clearly": 2,
-    "somewhat": 1,
-    "slightly": 1,
-    "a little": 1,
-    "a bit": 1,
-}
+STRENGTHS = {"": 2, "clearly": 2} | dict.fromkeys(("much", "far", "a lot"), 3)
+STRENGTHS |= dict.fromkeys(("somewhat", "slightly", "a little", "a bit"), 1)
 # "slightly better", "A is much better", "left slightly worse": ITU-T P.910's comparison categories.
 STRENGTH = re.compile(
     rf"(?:(?P<who>.+?)\s+)??(?:is\s+)?(?P<much>{'|'.join(filter(None, STRENGTHS))})?\s*(?P<way>better|worse)",
@@ -141,136 +103,37 @@ STRENGTH = re.compile(
 
 # What is never a person or a condition, though it stands in a column beside them.
 NEVER = frozenset(
-    {
-        *(
-            "mos",
-            "dmos",
-            "cmos",
-            "smos",
-            "mosstd",
-            "sd",
-            "std",
-            "stdev",
-            "stddev",
-            "standarddeviation",
-            "se",
-            "sem",
-            "sos",
-        ),
-        *(
-            "ci",
-            "ci95",
-            "95ci",
-            "95%ci",
-            "cilow",
-            "cihigh",
-            "cilower",
-            "ciupper",
-            "lower",
-            "upper",
-            "confidenceinterval",
-        ),
-        *(
-            "ci90",
-            "ci99",
-            "95%",
-            "n",
-            "mean",
-            "average",
-            "avg",
-            "median",
-            "var",
-            "variance",
-            "rank",
-            "ranking",
-            "min",
-            "max",
-            "sum",
-            "total",
-        ),
-        *("age", "ages", "ageyears", "sex", "gender", "group", "country", "nationality", "language", "education"),
-        *(
-            "occupation",
-            "experience",
-            "expertise",
-            "vision",
-            "acuity",
-            "glasses",
-            "handedness",
-            "yearofbirth",
-            "birthyear",
-        ),
-        *("index", "", "nr", "number", "row", "line", "rowid", "time", "times", "timestamp", "date", "day"),
-        *("datetime", "start", "end", "startdate", "enddate", "duration", "durations", "durationinseconds", "rt"),
-        *("reactiontime", "responsetime", "responsems", "latency", "elapsed", "timeelapsed", "seconds", "ms", "hour"),
-        *("trial", "trialno", "trialnumber", "trialindex", "trialid", "order", "position", "block", "blockno", "run"),
-        *("session", "sessionid", "batch", "list", "version", "seed", "wave", "visit", "week", "month", "year"),
-        *("device", "browser", "width", "height", "screenwidth", "screenheight", "resolution", "distance", "dpi"),
-        *("confidence", "certainty", "difficulty", "fatigue", "mood", "effort", "progress", "status", "finished"),
-        *(
-            "attention",
-            "attentioncheck",
-            "check",
-            "practice",
-            "training",
-            "excluded",
-            "exclude",
-            "valid",
-            "gold",
-            "trap",
-        ),
-        *("comment", "comments", "note", "notes", "remark", "remarks", "reason", "count", "weight", "consent", "role"),
-        *(
-            "protocol",
-            "reference",
-            "replicates",
-            "repetition",
-            "rep",
-            "ip",
-            "ipaddress",
-            "latitude",
-            "longitude",
-            "scene",
-        ),
-        *(
-            "locationlatitude",
-            "locationlongitude",
-            "qrecaptchascore",
-            "externalreference",
-            "phase",
-            "city",
-            "zip",
-            "zipcode",
-            "email",
-            "income",
-            "height_cm",
-            "cohort",
-            "site",
-            "lab",
-            "room",
-            "price",
-        ),
-        *(
-            "reward",
-            "payment",
-            "bonus",
-            "kurtosis",
-            "skew",
-            "skewness",
-            "outlier",
-            "outliers",
-            "ratio",
-            "percent",
-            "iqr",
-        ),
-    }
+    (
+        "",
+        *("mos", "dmos", "cmos", "smos", "mosstd", "sd", "std", "stdev", "stddev", "standarddeviation", "se"),
+        *("sem", "sos", "ci", "ci95", "95ci", "95%ci", "cilow", "cihigh", "cilower", "ciupper", "lower", "upper"),
+        *("confidenceinterval", "ci90", "ci99", "95%", "n", "mean", "average", "avg", "median", "var", "variance"),
+        *("rank", "ranking", "min", "max", "sum", "total", "age", "ages", "ageyears", "sex", "gender", "group"),
+        *("country", "nationality", "language", "education", "occupation", "experience", "expertise", "vision"),
+        *("acuity", "glasses", "handedness", "yearofbirth", "birthyear", "index", "nr", "number", "row", "line"),
+        *("rowid", "time", "times", "timestamp", "date", "day", "datetime", "start", "end", "startdate", "enddate"),
+        *("duration", "durations", "durationinseconds", "rt", "reactiontime", "responsetime", "responsems"),
+        *("latency", "elapsed", "timeelapsed", "seconds", "ms", "hour", "trial", "trialno", "trialnumber"),
+        *("trialindex", "trialid", "order", "position", "block", "blockno", "run", "session", "sessionid", "batch"),
+        *("list", "version", "seed", "wave", "visit", "week", "month", "year", "device", "browser", "width"),
+        *("height", "screenwidth", "screenheight", "resolution", "distance", "dpi", "confidence", "certainty"),
+        *("difficulty", "fatigue", "mood", "effort", "progress", "status", "finished", "attention"),
+        *("attentioncheck", "check", "practice", "training", "excluded", "exclude", "valid", "gold", "trap"),
+        *("comment", "comments", "note", "notes", "remark", "remarks", "reason", "count", "weight", "consent"),
+        *("role", "protocol", "reference", "replicates", "repetition", "rep", "ip", "ipaddress", "latitude"),
+        *("longitude", "scene", "locationlatitude", "locationlongitude", "qrecaptchascore", "externalreference"),
+        *("phase", "city", "zip", "zipcode", "email", "income", "height_cm", "cohort", "site", "lab", "room"),
+        *("price", "reward", "payment", "bonus", "kurtosis", "skew", "skewness", "outlier", "outliers", "ratio"),
+        *("percent", "iqr"),
+    )
 )
+# Rows of a wide table that are nobody.
 SUMMARIES = frozenset(
-    {
-        *("mos", "dmos", "cmos", "sd", "std", "stdev", "stddev", "se", "sem", "ci", "ci95", "95ci", "mean", "average"),
-        *("avg", "median", "var", "variance", "total", "sum"),
-    }
-)  # rows of a wide table that are nobody
+    (
+        *("mos", "dmos", "cmos", "sd", "std", "stdev", "stddev", "se", "sem", "ci", "ci95", "95ci", "mean"),
+        *("average", "avg", "median", "var", "variance", "total", "sum"),
+    )
+)
 # What a column is likely to say if its name or its cells hold this: that some rows should not count, or are apart.
 SUSPICIOUS = re.compile(
     r"practi[cs]|train|warm.?up|exclu|reject|discard|remove|outlier|attention|catch|trap|gold|sanity|honeypot|session|"
