@@ -29,7 +29,7 @@ BYTES_PER_BLOCK = SAMPLES * (4 + 12 + 12 + 6) + 27 * 4 * 2  # field, gradient, c
 BYTES_PER_POINT = 200  # while points are gathered into cells, measured
 MIN_POINTS = 3
 VOXELS_PER_DECADE = 20  # default voxels are rounded, so that the frames of a recording mostly share one grid
-SPACINGS_PER_VOXEL = 1.25  # the picture between points is lost above; finer shows no more, measured on temple and face
+SPACINGS_PER_VOXEL = 1.5  # 1.25 gains 0.06 dB on the temple and 0.4 dB on the face, and makes 1.4 times the triangles
 SIGMAS_PER_VOXEL = 0.4  # so that 5 standard deviations, over which a shape is smoothed, are 12 samples across at most
 PINHOLE_VOXELS = 8  # the rim of a hole narrower than the radius of a point's influence: noise, not the end of a surface
 COARSE_CELLS = (128, 64, 32, 16, 8)  # along the longest side, to count how much surface a cloud covers
@@ -47,7 +47,7 @@ class SurfaceParameters:
 
     Parameters
     ----------
-    voxel_mm : distance of the samples; None takes 1.25 times the spacing of a sensor's points, or 0.4 of their depth
+    voxel_mm : distance of the samples; None takes 1.5 times the spacing of a sensor's points, or 0.4 of their depth
         error where that is more
     radius, radius_spacings, radius_sigmas : where a point's weight ends: the largest of these, in voxels, in distances
         of neighbouring points where they are sparse, and in standard deviations of the points' depth; at most 8 voxels

@@ -178,7 +178,7 @@ def test_the_default_voxel_follows_the_spacing_or_the_depth_error() -> None:
     rotation = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
     cloud = cloud_of(grid @ rotation, rotation[2])
     assert spacing(cloud) == pytest.approx(0.5, rel=0.25)
-    assert default_voxel([cloud]) == pytest.approx(0.625, rel=0.25)
+    assert default_voxel([cloud]) == pytest.approx(0.75, rel=0.25)
     rough = Cloud(cloud.points, cloud.normals, cloud.colours, np.full(len(grid), 3.0))
     assert default_voxel([rough]) == pytest.approx(1.2, rel=0.06)
     rougher = Cloud(cloud.points, cloud.normals, cloud.colours, np.full(len(grid), 3.03))
