@@ -33,15 +33,20 @@ def simulate(
     participants: Annotated[int, typer.Option(min=1, help="How many simulated participants take the study.")] = 22,
     abilities: Annotated[
         Path | None,
-        typer.Option(help="JSON file: {condition or dataset/condition: ability in natural log-odds}; default: random."),
+        typer.Option(
+            help="JSON file: {condition or dataset/condition: ability in natural log-odds}; default: in the order of "
+            "the films' measured likeness to the truth, or else the paper's."
+        ),
     ] = None,
     tie_rate: Annotated[float, typer.Option(min=0, max=0.99, help="Chance of no preference between equals.")] = 0.2,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the abilities and choices.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the choices.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
     """Let artificial participants of known preference take the whole study over HTTP."""
+    from app.experiment.study import fetched
     from app.main import running_server
     from app.settings import Settings
+    from app.simulation.known_order import came_back, came_out, came_out_sentence, put_in_sentence
     from app.simulation.participants import simulate_study
 
     settings = Settings()
@@ -51,8 +56,17 @@ def simulate(
         result = simulate_study(
             settings, base_url, study, participants, known, tie_rate, seed, progress=by_step(progress)
         )
+        progress.say("Analysing the votes.")
+        scores = came_out(fetched(settings, base_url, study, ("analysis",))["analysis"])
     progress.close()
-    print_result(result, f"{participants} simulated participants voted {result['votes']} times.", as_json=as_json)
+    put_in = result["put_in"]
+    result |= {"came_out": scores, "came_back": came_back(put_in, scores)}
+    sentences = (
+        f"{participants} simulated participants voted {result['votes']} times.",
+        put_in_sentence(put_in, result["order"] if known is None else f"as {abilities} says"),
+        came_out_sentence(put_in, scores),
+    )
+    print_result(result, "\n".join(sentences), as_json=as_json)
 
 
 # Options of `analyse`, in the order of its parameters.

@@ -52,7 +52,7 @@ class Step(NamedTuple):
 @with_settings(Demo)
 def demo(asked: Demo, *, as_json: bool) -> None:
     """Do the main job on a synthetic recording: models, videos, a study, votes and scores; then serve the study."""
-    from app.experiment.demo import ability_sentence, demo_front, demo_scores
+    from app.experiment.demo import demo_front, demo_put_in, demo_scores
     from app.main import running_server
     from app.operations.jobs.beside_server import worker_beside
     from app.operations.running import noted
@@ -72,8 +72,9 @@ def demo(asked: Demo, *, as_json: bool) -> None:
         links = {name: url + path for name, path in demo_front(settings, out, front, DEMO_FRAMES).items()}
         analysis = demo_scores(out)
         scores = "" if analysis is None else (
-            f"\nScores in natural log-odds, best first (simulated participants prefer {ability_sentence()}):\n"
-            f"{score_sentences(analysis)}\nReport: {out / 'analysis/report.html'}\n"
+            f"\nScores in natural log-odds, best first:\n{score_sentences(analysis)}\n"
+            + "".join(f"{sentence}\n" for sentence in demo_put_in(out))
+            + f"Report: {out / 'analysis/report.html'}\n"
         )  # fmt: skip
         served = {
             "Begin here": url,
@@ -169,7 +170,7 @@ def _demo_steps(
     def take_votes() -> None:
         with running_server(settings) as url:
             if demo_scores(out) is None:
-                demo_votes(settings, url, participants, by_step(progress))
+                demo_votes(settings, url, participants, out, by_step(progress))
             demo_analysis(settings, url, out / "analysis")
 
     return [

@@ -13,18 +13,18 @@ from app.files import read_json, write_bytes, write_json
 from app.operations.studies.create import create_study, read_options
 from app.operations.studies.manage import add_experimenter, attach_results, list_studies
 from app.settings import Settings
+from app.simulation.known_order import came_out, came_out_sentence, put_in_sentence
 from app.simulation.participants import simulate_study
 from app.study.options.presets import QUICK
 from app.study.stages import PRACTICE
 from app.web.front import FRONT_FILE
 
 NAME, SLUG = "Demo", "demo"
-# What the simulated participants prefer, in natural log-odds: the paper's order (figures 7 and 8).
-DEPTH_ABILITIES = {"id": -0.8, "dr": 0.1, "pm": 0.7}
-FUSION_ABILITIES = {"fa": -0.4, "fb": 0.4}
-ABILITIES = {f"{d}_{f}": round(x + y, 3) for d, x in DEPTH_ABILITIES.items() for f, y in FUSION_ABILITIES.items()}
+DEPTHS, FUSIONS = ("id", "dr", "pm"), ("fa", "fb")
+APPROACHES = [f"{depth}_{fusion}" for depth in DEPTHS for fusion in FUSIONS]
 TIE_RATE = 0.2
 SEED = 1
+PUT_IN_FILE = "put_in.json"  # what the simulated participants prefer
 MEASURES = ("ssim_actor", "vmaf", "flicker")  # of the films, those that are compared with the scores
 
 
@@ -36,12 +36,16 @@ def demo_study(settings: Settings, manifest: Path, report: Path, exposure_s: flo
         attach_results(settings, [report], SLUG, only=MEASURES)
 
 
-def demo_votes(settings: Settings, url: str, participants: int, progress: Progress) -> None:
-    """Let simulated participants vote; where some have, as a start was stopped, those who are left."""
+def demo_votes(settings: Settings, url: str, participants: int, out: Path, progress: Progress) -> None:
+    """Let simulated participants vote; where some have, as a start was stopped, those who are left.
+
+    They prefer what was measured to be more like the truth; what that is is noted in the demo's folder.
+    """
     n_before = _study(settings)["n_finished"]
     if (n_left := participants - n_before) > 0:
         seed = SEED + n_before
-        simulate_study(settings, url, SLUG, n_left, ABILITIES, TIE_RATE, seed, progress=progress)
+        voted = simulate_study(settings, url, SLUG, n_left, None, TIE_RATE, seed, progress=progress)
+        write_json(out / PUT_IN_FILE, {name: voted[name] for name in ("put_in", "order")})
 
 
 def demo_analysis(settings: Settings, url: str, out: Path) -> None:
@@ -71,8 +75,8 @@ def demo_front(settings: Settings, out: Path, folder: Path, n_frames: int) -> di
     made = sorted(path.stem for path in folder.glob("*.webp"))
     pictures = {
         "recording": [name for name in made if name.startswith("recording_")],
-        "depth": [f"depth_{method}" for method in DEPTH_ABILITIES],
-        "model": [f"model_{approach}" for approach in ABILITIES],
+        "depth": [f"depth_{method}" for method in DEPTHS],
+        "model": [f"model_{approach}" for approach in APPROACHES],
     }
     content = {
         **paths,
@@ -81,7 +85,7 @@ def demo_front(settings: Settings, out: Path, folder: Path, n_frames: int) -> di
         "n_votes": study["n_votes"],
         "n_participants": study["n_finished"],
         "n_frames": n_frames,
-        "truth": ability_sentence(),
+        "put_in": demo_put_in(out),
         "folder": out.name,
         "pictures": pictures,
     }
@@ -95,10 +99,14 @@ def demo_scores(out: Path) -> Mapping[str, Any] | None:
     return read_json(path) if path.is_file() else None
 
 
-def ability_sentence() -> str:
-    """Say what the simulated participants prefer, to compare the scores with."""
-    best_first = sorted(ABILITIES.items(), key=lambda pair: -pair[1])
-    return ", ".join(f"{item} {ability:+.1f}" for item, ability in best_first)
+def demo_put_in(out: Path) -> list[str]:
+    """Say what the simulated participants prefer, and what came out; nothing where it was not noted."""
+    path, analysis = out / PUT_IN_FILE, demo_scores(out)
+    if not path.is_file() or analysis is None:
+        return []
+    noted = read_json(path)
+    put_in = noted["put_in"]
+    return [put_in_sentence(put_in, noted["order"]), came_out_sentence(put_in, came_out(analysis))]
 
 
 def _study(settings: Settings) -> dict[str, Any]:

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from importlib.metadata import requires
 from importlib.util import find_spec
-
-from packaging.requirements import Requirement
 
 MODULES = {
     "recon": ("cv2", "mapbox_earcut", "numba", "open3d", "OpenEXR", "pyrender", "skimage"),
@@ -18,10 +15,7 @@ MODULES = {
 
 
 def missing_extra(error: BaseException) -> str | None:
-    """Name the extra whose absence led to an error, and the command that installs it; None if it had other causes.
-
-    The command lists the extra's requirements, so it works wherever this program was installed from.
-    """
+    """Name the extra whose absence led to an error, and the command that installs it; None if it had other causes."""
     cause: BaseException | None = error
     while cause is not None and not isinstance(cause, ModuleNotFoundError):
         cause = cause.__cause__
@@ -32,21 +26,11 @@ def missing_extra(error: BaseException) -> str | None:
 
 
 def install_command(extra: str) -> str:
-    """Write the shell command that adds an extra's requirements to the Python that runs."""
-    return shlex.join([sys.executable, "-m", "pip", "install", *map(str, requirements_of(extra))])
+    """Write the shell command that adds an extra to the Python that runs.
 
-
-def requirements_of(extra: str) -> list[Requirement]:
-    """List what an extra asks for on this machine, markers resolved."""
-    lines = [line for line in requires("reconstudy") or () if "extra ==" in line]
-    requirements = [
-        requirement
-        for requirement in map(Requirement, lines)
-        if requirement.marker and requirement.marker.evaluate({"extra": extra})
-    ]
-    for requirement in requirements:
-        requirement.marker = None
-    return requirements
+    It works wherever this program was installed from: pip finds the program there, and installs what the extra asks for.
+    """
+    return shlex.join([sys.executable, "-m", "pip", "install", f"reconstudy[{extra}]"])
 
 
 def has_extra(extra: str) -> bool:

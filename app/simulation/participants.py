@@ -18,6 +18,7 @@ import numpy as np
 from app.ffmpeg import Progress, no_progress
 from app.operations.studies.manage import export_study, invitation_for, own_token
 from app.settings import Settings
+from app.simulation.known_order import KnownOrder, known_order
 from app.simulation.observer import Observer
 from app.simulation.preference import choose, tie_weight
 from app.simulation.rating import LOG_ODDS_OF_SCALE, Rater, draw_rater
@@ -30,7 +31,7 @@ from app.study.stages import ENDS, INTERVIEW, INTRODUCTION, PRACTICE, SCREENING,
 TIMEOUT_S = 30.0
 MOST_SWITCHES = 8
 TYPICAL_RESPONSE_MS = 1500.0
-ABOVE_ALL = 0.5  # log-odds of a reference over the best of what was drawn
+GIVEN = "as was asked for"
 NO_ANSWERS: Mapping[str, Any] = {}
 
 
@@ -100,7 +101,7 @@ def simulate(
     slug, invitation : of the study
     token : an analyst's bearer token
     participants : how many alike, or each person
-    abilities : natural log-odds by item or "dataset/item", for all that the study compares; None: drawn by the seed
+    abilities : natural log-odds by item or "dataset/item", for all that the study compares; None: by `known_order`
     tie_rate : probability of no preference between equals, where pairs are compared
     seed : of all choices; the same seed and slots give the same choices
     outside_id : name of the parameter by which the study knows people of a recruiting platform; each gets a random id
@@ -116,12 +117,8 @@ def simulate(
     people = [Person()] * participants if isinstance(participants, int) else participants
     with httpx.Client(base_url=base_url, timeout=TIMEOUT_S) as client:
         study = _ask(client, token, "GET", f"/api/v1/studies/{slug}").json()
-        items = sorted({row["item"] for row in study["conditions"]})
-        if abilities is None:
-            drawn = np.random.default_rng(seed).normal(size=len(items)).round(3).tolist()
-            abilities = dict(zip(items, drawn, strict=True))
-            if study["reference"] in abilities:
-                abilities[study["reference"]] = max(drawn) + ABOVE_ALL
+        order = KnownOrder(abilities, GIVEN) if abilities is not None else _order(client, token, study)
+        abilities = order.abilities
         preferences = [
             Preference(abilities if person.abilities is None else person.abilities, tie_rate) for person in people
         ]
@@ -147,7 +144,24 @@ def simulate(
         "tie_rate": tie_rate,
         "seed": seed,
         "abilities": dict(abilities),
+        "order": order.reason,
+        "put_in": _by_item(Preference(abilities, tie_rate), study["stimuli"]),
     }
+
+
+def _by_item(preference: Preference, stimuli: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Return each item's mean ability over the datasets where it is; nothing if some are only of each person."""
+    if preference.missing({(row["dataset"], row["item"]) for row in stimuli}):
+        return {}
+    found: dict[str, list[float]] = {}
+    for row in stimuli:
+        found.setdefault(row["item"], []).append(preference.ability(row["dataset"], row["item"]))
+    return {item: round(float(np.mean(values)), 3) for item, values in found.items()}
+
+
+def _order(client: httpx.Client, token: str, study: Mapping[str, Any]) -> KnownOrder:
+    """Find the order that people prefer unless told, from what is attached to a study."""
+    return known_order(study, _ask(client, token, "GET", f"/api/v1/studies/{study['slug']}/validation").json())
 
 
 def _votes(

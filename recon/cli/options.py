@@ -36,6 +36,7 @@ class LocalPathsGroup(TyperGroup):
         for command in _commands_of(self):
             for parameter in command.params:
                 parameter.callback = parameter.callback or refuse_url
+        _hide_type_of_flags()
 
 
 class MethodsCommand(TyperCommand):
@@ -49,6 +50,18 @@ class MethodsCommand(TyperCommand):
                 names = "".join(f"{name}, " for name in installed_names(group))
                 parameter.help = parameter.help.replace(f"{PLUGIN_NAMES}, ", names)
         super().format_help(ctx, formatter)
+
+
+def _hide_type_of_flags() -> None:
+    """Let helps say nothing after a flag, where some versions of typer write `<bool>` as if a value had to follow."""
+    shown = getattr(TyperOption, "display_type_rich", None)
+    if shown is None or shown.__name__ == "_type_unless_flag":
+        return
+
+    def _type_unless_flag(option: Any, ctx: Any) -> Any:
+        return None if option.is_flag else shown(option, ctx)
+
+    TyperOption.display_type_rich = _type_unless_flag  # type: ignore[method-assign, assignment]  # typer has no setting
 
 
 def _commands_of(group: TyperGroup) -> Iterator[Any]:

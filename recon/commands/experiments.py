@@ -16,7 +16,7 @@ class Demo(Command):
 
     out: Path = option(Path("demo"), "Folder for everything that is made; a second start resumes.")
     port: int = option(8000, "Port of the server; 0 for any free one.", ge=0, le=65535)
-    participants: int = option(8, "How many simulated participants vote.", ge=0)
+    participants: int = option(12, "How many simulated participants vote.", ge=0)
     size: str | None = option(
         None, f"WIDTHxHEIGHT of the films, pixels; smaller ones are made sooner.  [default: {DEMO_SIZE}]"
     )

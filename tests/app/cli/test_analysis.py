@@ -20,8 +20,15 @@ def test_simulated_participants_fill_a_study(command: Command, stimuli: Path, tm
         "simulate", "--study", "tiny", "--participants", 3, "--abilities", tmp_path / "abilities.json", "--json"
     )
     assert told.code == 0, told.err
-    assert json.loads(told.out)["votes"] == 3
-    assert "3 of 3 participants finished, 3 votes" in command("study", "list").out
+    result = json.loads(told.out)
+    assert result["votes"] == 3
+    assert result["put_in"] == {"id_fa": -3, "id_fb": 3}
+    assert result["came_out"].keys() == {"id_fa", "id_fb"}
+    told = command("simulate", "--study", "tiny", "--participants", 1)
+    assert "Put in: artificial people prefer id_fb +0.75, id_fa -0.75 (log-odds), in the paper's order" in told.out
+    assert "\nCame out: id_fb +" in told.out
+    assert "the order that was put in." in told.out
+    assert "4 of 4 participants finished, 4 votes" in command("study", "list").out
 
 
 VOTES = "participant,dataset,item_a,item_b,choice\np1,ball,x,y,a\np2,ball,x,y,b\np3,ball,x,y,a\np4,ball,x,y,none\n"

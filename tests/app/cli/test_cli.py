@@ -75,5 +75,13 @@ def test_wrong_use_ends_with_2(command: Command, tmp_path: Path) -> None:
     assert "'1,nan,3' is not a position" in told.err
 
 
+@pytest.mark.parametrize("name", ["demo", "study create", "token add"])
+def test_a_flag_is_not_shown_as_if_a_value_followed(command: Command, name: str) -> None:
+    told = command(*name.split(), "--help")
+    assert "--json" in told.out
+    assert "bool" not in told.out
+    assert "<" in told.out or "NAME" in told.out  # other options have their type
+
+
 def test_no_help_loses_words_in_brackets(command: Command) -> None:
     assert "seed and options; `study export` writes one" in " ".join(command("study", "import", "--help").out.split())

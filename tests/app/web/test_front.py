@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
 import pytest
 
-from app.experiment.demo import ABILITIES, MEASURES, demo_analysis, demo_front, demo_study, demo_votes
+from app.experiment.demo import (
+    APPROACHES,
+    MEASURES,
+    demo_analysis,
+    demo_front,
+    demo_put_in,
+    demo_study,
+    demo_votes,
+)
 from app.ffmpeg import no_progress
 from app.main import running_server
 from app.operations.studies.create import create_study
@@ -17,15 +26,16 @@ from app.operations.studies.manage import list_studies
 from app.settings import Settings
 from tests.app import tiny_stimuli
 
-APPROACHES = [approach for approach in ABILITIES if approach != "pm_fb"]
+SHOWN = APPROACHES[:-1]
+VALUES = {approach: place % 4 + place / 9 for place, approach in enumerate(APPROACHES)}  # not in the paper's order
 
 
 @pytest.fixture
 def with_truth(tmp_path: Path) -> Path:
     """Films of five approaches and of the truth: a stimulus set's manifest."""
     folder = tmp_path / "stimuli"
-    tiny_stimuli.write_set(folder, ["ball"], APPROACHES)
-    films = [tiny_stimuli.stimulus(folder, "ball", approach) for approach in APPROACHES]
+    tiny_stimuli.write_set(folder, ["ball"], SHOWN)
+    films = [tiny_stimuli.stimulus(folder, "ball", approach) for approach in SHOWN]
     truth = films[0] | {"approach": "truth", "levels": {}}
     factors = {"depth": ["id", "dr", "pm"], "fusion": ["fa", "fb"]}
     return tiny_stimuli.write_manifest(folder, [*films, truth], factors=factors)
@@ -38,9 +48,9 @@ def report(tmp_path: Path) -> Path:
     folder.mkdir()
     facts = {"dataset": "ball", "direction": "more is better", "unit": ""}
     measures = [
-        {"approach": approach, "measure": measure, "value": ability, **facts}
+        {"approach": approach, "measure": measure, "value": value, **facts}
         for measure in (*MEASURES, "ms_ssim")
-        for approach, ability in ABILITIES.items()
+        for approach, value in VALUES.items()
     ]
     (folder / "report.json").write_text(json.dumps({"kind": "films", "measures": measures}), encoding="utf-8")
     return folder
@@ -53,15 +63,19 @@ def test_the_demo_holds_a_few_measures_against_votes_on_all_but_the_truth(
     settings = Settings(data_dir=tmp_path / "study", database_url=None)
     for _ in range(2):  # a second start finds everything
         demo_study(settings, with_truth, report, 0.4, no_progress)
-    assert list_studies(settings)[0]["n_conditions"] == len(APPROACHES)
+    assert list_studies(settings)[0]["n_conditions"] == len(SHOWN)
     with running_server(settings) as url:
-        demo_votes(settings, url, 2, no_progress)  # as a start that was stopped
-        demo_votes(settings, url, 3, no_progress)
+        demo_votes(settings, url, 2, tmp_path, no_progress)  # as a start that was stopped
+        demo_votes(settings, url, 3, tmp_path, no_progress)
         demo_analysis(settings, url, tmp_path / "analysis")
     assert list_studies(settings)[0]["n_finished"] == 3
     analysis = json.loads((tmp_path / "analysis" / "analysis.json").read_text(encoding="utf-8"))
-    assert {score["item"] for score in analysis["scores"] if score["comparison"] == "all"} == set(APPROACHES)
+    assert {score["item"] for score in analysis["scores"] if score["comparison"] == "all"} == set(SHOWN)
     assert {row["measure"] for row in analysis["measures"]} == set(MEASURES)
+    put_in, came_out = demo_put_in(tmp_path)
+    assert re.findall(r"[a-z]{2}_f[ab]", put_in) == sorted(SHOWN, key=lambda approach: -VALUES[approach])
+    assert "in the order of ssim_actor" in put_in
+    assert set(re.findall(r"[a-z]{2}_f[ab]", came_out)) == set(SHOWN)
 
 
 @pytest.mark.slow
@@ -76,7 +90,7 @@ def test_the_demo_is_found_beside_studies_of_ones_own(tmp_path: Path, with_truth
     folder.mkdir()
     assert demo_front(settings, tmp_path, folder, n_frames=6)["participant"] == f"/s/{invitations['demo'][0]}"
     with running_server(settings) as url:
-        demo_votes(settings, url, 1, no_progress)
+        demo_votes(settings, url, 1, tmp_path, no_progress)
         demo_analysis(settings, url, tmp_path / "analysis")
     finished = {study["slug"]: study["n_finished"] for study in list_studies(settings)}
     assert finished == {"mine": 0, "demo": 1}
@@ -102,7 +116,7 @@ def test_the_front_page_leads_to_participants_and_experimenters(front: tuple[htt
     page = client.get("/")
     assert page.status_code == 200
     assert "Nobody has voted yet" in page.text
-    assert all(f"/front/model_{approach}.webp" in page.text for approach in ABILITIES)
+    assert all(f"/front/model_{approach}.webp" in page.text for approach in APPROACHES)
     for path in paths.values():
         assert f'href="{path}"' in page.text
         assert client.get(path, follow_redirects=True).status_code == 200
