@@ -4,6 +4,7 @@
     python bench/depth.py --synthetic        the same on a made-up pair
     python bench/depth.py --rooms FOLDER...  errors as ratios to SGM's in made-up rooms of slanted walls; their
                                              textures are noise and, if folders are given, parts of their pictures
+    python bench/depth.py --sequence FOLDER  PM's processor time as ratios to SGM's, and errors, in sequences of a pair
     python bench/depth.py --full-hd          time and peak memory at 1920x1080, 128 and 256 disparities
     python bench/depth.py --gpu FOLDER...    time on a GPU beside the processor's, and how many disparities are the
                                              same; on pairs, and made-up ones at 1920x1080
@@ -22,7 +23,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -33,7 +34,7 @@ from memory import memory_mb
 from numpy.typing import NDArray
 from rooms import KINDS, noise_texture, room
 
-from recon.depth import MATCHERS, StereoPair, match_sgm
+from recon.depth import MATCHERS, StereoPair, match_frames, match_sgm
 from recon.depth.cvf import IdParameters, match_id
 from recon.depth.disparity_io import colour_preview
 from recon.depth.gpu import open_gpu
@@ -221,6 +222,62 @@ def _bad_percent(method: str, scene: Scene) -> float:
     return accuracy(METHODS[method](scene.pair), scene)["bad-1 nonocc"]
 
 
+def print_sequence(scene: Scene, *, rounds: int) -> None:
+    """One table: PM's ratio of processor time to SGM's, and its errors, in the first frames of made-up sequences."""
+    other = synthetic_scene(scene.pair.width, scene.pair.height, scene.pair.n_disparities)
+    upper = np.arange(scene.pair.height)[:, None] < scene.pair.height // 3
+    mixed = [np.where(upper[..., None], *views) for views in zip(_images(other), _images(scene), strict=True)]
+    sequences = {
+        "the same": [scene.pair] * 3,
+        "new noise of 1": [_noisy(scene.pair, 1, seed) for seed in range(3)],
+        "new noise of 3": [_noisy(scene.pair, 3, seed) for seed in range(3)],
+        "a third changes": [replace(scene.pair, left=mixed[0], right=mixed[1]), scene.pair, scene.pair],
+        "all changes": [other.pair, scene.pair, scene.pair],
+    }
+    print(f"\n{scene.name}: ratio to SGM's time, of three frames, and bad-1 of the last, in the sequence and alone")
+    for name, pairs in sequences.items():
+        ratios: list[list[float]] = []
+        for _ in range(rounds):
+            ours: list[float] = []
+            theirs: list[float] = []
+            for disparity in _timed_frames(pairs, ours):
+                last = disparity
+                theirs.append(_processor_seconds(partial(match_sgm, scene.pair)))
+            ratios.append([mine / np.median(theirs) for mine in ours])
+        cells = " ".join(f"{ratio:7.1f}" for ratio in np.median(ratios, axis=0))
+        errors = [accuracy(found, scene)["bad-1 nonocc"] for found in (last, MATCHERS["pm"](pairs[-1]))]
+        print(f"{name:20s} {cells} {errors[0]:8.2f} {errors[1]:8.2f}")
+
+
+def _images(scene: Scene) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    return scene.pair.left, scene.pair.right
+
+
+def _noisy(pair: StereoPair, deviation: float, seed: int) -> StereoPair:
+    rng = np.random.default_rng(seed)
+    views = [view + rng.normal(0, deviation, view.shape) for view in (pair.left, pair.right)]
+    left, right = (np.clip(view, 0, 255).round().astype(np.uint8) for view in views)
+    return replace(pair, left=left, right=right)
+
+
+def _timed_frames(pairs: Iterable[StereoPair], seconds_taken: list[float]) -> Iterator[Disparity]:
+    """PM's disparities, frame by frame; the processor time of each is appended."""
+    frames = match_frames(pairs, MATCHERS["pm"])
+    while True:
+        begin = time.process_time()
+        disparity = next(frames, None)
+        if disparity is None:
+            return
+        seconds_taken.append(time.process_time() - begin)
+        yield disparity
+
+
+def _processor_seconds(match: Callable[[], Disparity]) -> float:
+    begin = time.process_time()
+    match()
+    return time.process_time() - begin
+
+
 def print_full_hd(*, rounds: int) -> None:
     """Time in turns, and peak memory each in its own process."""
     for n_disparities in (128, 256):
@@ -326,6 +383,7 @@ def main() -> None:
     parser.add_argument("folders", nargs="*", type=Path)
     parser.add_argument("--synthetic", action="store_true")
     parser.add_argument("--rooms", nargs="*", type=Path)
+    parser.add_argument("--sequence", nargs="*", type=Path, default=[])
     parser.add_argument("--full-hd", action="store_true")
     parser.add_argument("--gpu", action="store_true")
     parser.add_argument("--picture", type=Path)
@@ -341,6 +399,8 @@ def main() -> None:
         return
     for folder in options.folders:
         print_scene(read_scene(folder), rounds=options.rounds)
+    for folder in options.sequence:
+        print_sequence(read_scene(folder), rounds=min(options.rounds, 3))
     if options.synthetic:
         print_scene(synthetic_scene(), rounds=options.rounds)
     if options.rooms is not None:

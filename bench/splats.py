@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -34,13 +35,15 @@ def ball(n: int) -> Splats:
     directions, turns = rng.normal(size=(n, 3)), rng.normal(size=(n, 4))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     size = 2.0 * RADIUS_MM / np.sqrt(n)
-    return Splats(
+    arrays = (
         directions * RADIUS_MM * (1 + 0.03 * rng.normal(size=(n, 1))),
         size * np.exp(0.6 * rng.normal(size=(n, 3))),
         turns / np.linalg.norm(turns, axis=1, keepdims=True),
         1 / (1 + np.exp(-rng.normal(1, 2, n))),
         rng.normal(size=(n, 16, 3)) * 0.2,
     )
+    centres, scales, rotations, opacities, harmonics = (array.astype(np.float32) for array in arrays)
+    return Splats(centres, scales, rotations, opacities, harmonics)
 
 
 def camera(size: tuple[int, int]) -> Camera:
@@ -122,16 +125,19 @@ def main() -> None:
     )
     for n in arguments.splats:
         splats = ball(n)
-        projection_s, ellipses = processor_s(lambda splats=splats: project(splats, seen_by, seen_by.size))
-        order_s, order = processor_s(lambda ellipses=ellipses: nearest_first(ellipses.depths))
-        tiles_s, (_, members) = processor_s(lambda e=ellipses, o=order: binned(e, o, seen_by.size))
-        frame_s, picture = processor_s(
-            lambda splats=splats: render_splats(splats, seen_by, background=BACKGROUND, threads=THREADS)
-        )
-        numbers = [n, *(f"{each:.2f}" for each in (projection_s, order_s, tiles_s, frame_s)), len(members)]
+        projection_s, ellipses = processor_s(partial(project, splats, seen_by, seen_by.size))
+        order_s, order = processor_s(partial(nearest_first, ellipses.depths))
+        tiles_s, (_, members) = processor_s(partial(binned, ellipses, order, seen_by.size))
+        draw = partial(render_splats, splats, seen_by, background=BACKGROUND, threads=THREADS)
+        frame_s, picture = processor_s(draw)
+        numbers: list[object] = [
+            n,
+            *(f"{each:.2f}" for each in (projection_s, order_s, tiles_s, frame_s)),
+            len(members),
+        ]
         numbers.append(f"{memory_mb('VmHWM'):.0f}")
         if arguments.torch:
-            torch_s, theirs = processor_s(lambda splats=splats: drawn_by_torch(splats, seen_by))
+            torch_s, theirs = processor_s(partial(drawn_by_torch, splats, seen_by))
             numbers += [f"{torch_s:.1f}", int(np.abs(picture.astype(int) - theirs).max())]
         print("|", " | ".join(map(str, numbers)), "|", flush=True)
 

@@ -60,6 +60,14 @@ def repository_page(name: str) -> str:
     return re.sub(r"\]\(docs/", "](", text).replace("](LICENSE)", "](https://opensource.org/license/mit)")
 
 
+def formats() -> str:
+    """Return the table of layouts and programs that `analyse --format` names."""
+    from app.analysis.reading.programs import KNOWN
+
+    rows = [f"| `{name}` | {says.replace('|', chr(92) + '|')} |" for name, says in KNOWN.items()]
+    return "\n".join(["| `--format` | what is in the file |", "|---|---|", *rows])
+
+
 def commands() -> str:
     """Return every command with its arguments and options, as `--help` prints them."""
     from app.cli import app

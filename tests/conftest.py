@@ -144,11 +144,10 @@ def emptied(new_migrated_url: Callable[[], str]) -> list[str]:  # noqa: ARG001  
 def database(new_migrated_url: Callable[[], str], emptied: list[str]) -> Iterator[Database]:
     """A database with all tables and no rows."""
     url = emptied.pop() if emptied else new_migrated_url()
-    database = open_database(url)
-    yield database
-    if database.engine.dialect.name == "postgresql" and empty(database):
+    with open_database(url) as database:
+        yield database
+    if url.startswith("postgresql") and empty(url):
         emptied.append(url)
-    database.dispose()
 
 
 def pytest_collection_finish() -> None:

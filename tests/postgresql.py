@@ -10,9 +10,9 @@ from types import TracebackType
 from typing import Any
 
 import psycopg
-from sqlalchemy import text
+from sqlalchemy import inspect, text
 
-from app.store.database.engine import Database
+from app.store.database.engine import open_database
 from app.store.database.migrate import newest_version, version_of
 from app.store.database.schema import metadata
 from tests.processes import kill
@@ -58,13 +58,15 @@ class PostgresServer:
         self._server.start()
 
 
-def empty(database: Database) -> bool:
-    """Delete all rows and count ids from one again; whether that could be, as the newest version has the tables."""
-    if version_of(database) != newest_version():
-        return False
-    with database.engine.begin() as connection:
-        connection.execute(text("SET LOCAL lock_timeout = '5s'"))  # a test may have left a transaction open
-        for table in reversed(metadata.sorted_tables):
-            connection.execute(table.delete())
-        connection.execute(text("SELECT setval(oid, 1, false) FROM pg_class WHERE relkind = 'S'"))
+def empty(url: str) -> bool:
+    """Delete all rows and count ids from one again; whether that could be, as the tables are those of the code."""
+    with open_database(url) as database:
+        tables = set(inspect(database.engine).get_table_names())
+        if tables != {*metadata.tables, "alembic_version"} or version_of(database) != newest_version():
+            return False
+        with database.engine.begin() as connection:
+            connection.execute(text("SET LOCAL lock_timeout = '5s'"))  # a test may have left a transaction open
+            for table in reversed(metadata.sorted_tables):
+                connection.execute(table.delete())
+            connection.execute(text("SELECT setval(oid, 1, false) FROM pg_class WHERE relkind = 'S'"))
     return True

@@ -172,6 +172,12 @@ def test_the_security_page_has_every_requirement_once_and_counts_them() -> None:
     assert told[0] == sum(told[1:]) == 253  # of levels 1 and 2 of ASVS 5.0.0
 
 
+def test_the_page_of_formats_has_the_table_that_the_code_has() -> None:
+    from docs.reference import formats
+
+    assert formats() in (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+
+
 def test_every_page_stands_in_the_navigation() -> None:
     navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     names = {page.name.lower() for page in PAGES} - {"readme.md"}

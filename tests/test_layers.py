@@ -82,12 +82,9 @@ PURE_EXCEPTIONS = {
     "app/analysis/report/rate_charts.py": {"altair"},
     "app/analysis/report/rating_charts.py": {"altair"},
     "app/analysis/report/page.py": {"jinja2"},
-    "app/analysis/reading/quick_reading.py": {"pyarrow"},
     "app/analysis/analyse.py": {"pandas"},
-    "app/analysis/reading/layouts.py": {"pandas"},
+    "app/analysis/reading/cells.py": {"pandas"},
     "app/analysis/reading/read_votes.py": {"pandas"},
-    "app/analysis/reading/wide_tables.py": {"pandas"},
-    "app/analysis/ratings/layouts.py": {"pandas"},
     "app/analysis/reading/tabular.py": {"pandas", "pyarrow"},
     "app/analysis/reading/votes_table.py": {"pandas"},
 }

@@ -9,7 +9,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from app.analysis.comparisons.comparison import Comparison, compare, dataset_names, in_order, votes_on_dataset
+from app.analysis.comparisons.comparison import (
+    Comparison,
+    compare,
+    dataset_names,
+    in_order,
+    tested_order,
+    votes_on_dataset,
+)
+from app.analysis.comparisons.datasets_sample import factor_rows, interaction_rows, pair_p_values
 from app.analysis.comparisons.factors import (
     Effect,
     ModelTest,
@@ -27,6 +35,7 @@ from app.analysis.comparisons.random_effect_rows import random_effect_tables
 from app.analysis.comparisons.result_rows import (
     contrast_rows,
     group_rows,
+    island_rows,
     model_row,
     pair_rows,
     pooled_triads,
@@ -36,7 +45,7 @@ from app.analysis.comparisons.result_rows import (
 )
 from app.analysis.findings.votes import vote_findings
 from app.analysis.model.bradley_terry import fit_scores
-from app.analysis.model.contrasts import holm
+from app.analysis.model.contrasts import holm, scores_of, simultaneous_factor
 from app.analysis.model.settings import AnalysisSettings
 from app.analysis.objective.against_scores import compared_scores, measure_tables
 from app.analysis.objective.points import ScoreSet
@@ -47,6 +56,7 @@ from app.analysis.reading.read_votes import Rows, votes_from_rows
 from app.analysis.reading.votes_table import ALL, MAIN, WITHDRAWN, VotesError, VotesTable, only_compared
 from app.analysis.screening.agreement import agreement_rows, concordance, dataset_agreement_rows
 from app.analysis.screening.attention_checks import check_rows
+from app.analysis.screening.disagreement import disagreement
 from app.analysis.screening.observers import observer_rows
 from app.analysis.screening.triads import triads
 from app.analysis.warnings import MOST_PAIRS, measure_warnings, warnings_of
@@ -76,9 +86,10 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
     votes = _with_exclusions(in_order(votes), settings)
     used = votes.used()
     check_groups(votes, settings.groups)
+    settings, order = tested_order(used, settings)
     compared = list(compare(used, settings))
-    screened = triads(used)
-    effects, tests = factor_results(used, settings, compared)
+    screened, checks = triads(used), check_rows(votes)
+    effects, tests, additive = factor_fits(used, settings, compared)
     groups = group_comparisons(used, settings)
     tests += [group.test for group in groups if group.test is not None]
     by_dataset = _scores_by_dataset(compared)
@@ -92,9 +103,11 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
         "scores_with_excluded": _scores_with_excluded(votes, used, settings),
         "models": [model_row(comparison) for comparison in compared],
         "tie_models": [row for comparison in compared for row in tie_model_rows(comparison)],
-        "contrasts": [row for comparison in compared for row in contrast_rows(comparison, settings.equivalence_margin)],
+        "contrasts": _contrast_rows(compared, settings),
+        **_island_tables(compared, settings),
         "effects": effects,
         "tests": _test_rows(tests),
+        "datasets_as_sample": [*factor_rows(additive, settings.factors), *interaction_rows(compared, additive)],
         "groups": [row for group in groups for row in group_rows(group, settings.jod_prior)],
         "triads": [triads_row(row) for row in screened],
         "triads_pooled": pooled_triads(screened),
@@ -103,10 +116,14 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
         "rates": [],
         "rate_differences": rate_differences(compared, settings.as_dict()),
         "agreement": agreement_rows(used),
+        "disagreement": disagreement(used, by_order=settings.order_effect),
         "dataset_agreement": dataset_agreement_rows(by_dataset),
         "dataset_concordance": concordance(by_dataset, used),
-        "observers": observer_rows(used, screened, ties=settings.ties),
-        "checks": check_rows(votes),
+        "order": order,
+        "observers": observer_rows(
+            used, screened, ties=settings.ties, checks=checks, order_effect=_order_effect(compared)
+        ),
+        "checks": checks,
         "pairs": [
             row
             for comparison in compared
@@ -135,7 +152,9 @@ def scored(votes: VotesTable, settings: AnalysisSettings | None = None) -> list[
     """
     settings = settings or AnalysisSettings()
     _check_names(votes, settings)
-    compared = compare(used_votes(in_order(votes), settings), settings)
+    used = used_votes(in_order(votes), settings)
+    settings, _ = tested_order(used, settings)
+    compared = compare(used, settings)
     return [row for comparison in compared for row in score_rows(comparison, settings.jod_prior)]
 
 
@@ -156,6 +175,18 @@ def factor_results(
     votes : VotesTable, the votes to score
     settings : the factors, and how to fit
     compared : the fits of the items' scores to the same votes
+    """
+    return factor_fits(votes, settings, compared)[:2]
+
+
+def factor_fits(
+    votes: VotesTable, settings: AnalysisSettings, compared: Sequence[Comparison]
+) -> tuple[list[dict[str, Any]], list[ModelTest], dict[str, Part]]:
+    """Return what `factor_results` does, and the additive model's fit on each dataset and on all.
+
+    Parameters
+    ----------
+    votes, settings, compared : as in `factor_results`
     """
     effects: list[Effect] = []
     tests: list[ModelTest | None] = []
@@ -185,7 +216,15 @@ def factor_results(
         }
         tests.append(_datasets_test(model, parts))
     tests.append(_datasets_test("additive", additive))
-    return [asdict(effect) for effect in effects], [test for test in tests if test is not None]
+    rows = [asdict(effect) | {"scope": _scope(effect.dataset, len(additive) - 1)} for effect in effects]
+    return rows, [test for test in tests if test is not None], additive
+
+
+def _scope(dataset: str, n_datasets: int) -> str:
+    """Say what an effect's interval holds for, besides other people."""
+    if dataset != ALL:
+        return f"dataset {dataset}"
+    return f"these {n_datasets} datasets" if n_datasets > 1 else "these votes' datasets"
 
 
 def _left_out(votes: VotesTable, settings: AnalysisSettings) -> list[str]:
@@ -227,6 +266,52 @@ def group_comparisons(votes: VotesTable, settings: AnalysisSettings) -> list[Gro
     return [
         comparison for dataset, part in parts if len(part) for comparison in compare_groups(part, dataset, settings)
     ]
+
+
+def _island_tables(compared: Sequence[Comparison], settings: AnalysisSettings) -> dict[str, list[dict[str, Any]]]:
+    """Return scores and contrasts within groups of conditions that no vote links."""
+    parts = [island_rows(comparison, settings.jod_prior) for comparison in compared]
+    return {
+        "island_scores": [row for scores, _ in parts for row in scores],
+        "island_contrasts": [row for _, contrasts in parts for row in contrasts],
+    }
+
+
+def _contrast_rows(compared: Sequence[Comparison], settings: AnalysisSettings) -> list[dict[str, Any]]:
+    """Return all contrasts; those over all datasets also with the p-values for datasets like these."""
+    sampled = pair_p_values(compared)
+    rows = []
+    for comparison in compared:
+        is_whole = comparison.comparison == comparison.dataset == ALL
+        wider = _simultaneous(comparison) if is_whole else None
+        for row in contrast_rows(comparison, settings.equivalence_margin):
+            known = sampled.get((row["item_a"], row["item_b"])) if is_whole else None
+            p_value, p_holm = known or (None, None)
+            rows.append(row | _wider(row, wider) | {"p_datasets": p_value, "p_datasets_holm": p_holm})
+    return rows
+
+
+def _simultaneous(comparison: Comparison) -> float | None:
+    """Return how much wider simultaneous intervals of all pairs are than single ones; None without finite ones."""
+    fit = comparison.fit
+    has_errors = fit.status == "ok" and fit.covariance is not None and comparison.contrasts
+    return simultaneous_factor(scores_of(fit)) if has_errors else None
+
+
+def _wider(row: Mapping[str, Any], factor: float | None) -> dict[str, float | None]:
+    """Return the limits of a difference's interval that holds together with those of all other pairs."""
+    if factor is None or row["ci_low"] is None or row["ci_high"] is None:
+        return {"ci_simultaneous_low": None, "ci_simultaneous_high": None}
+    half = factor * (row["ci_high"] - row["ci_low"]) / 2
+    return {
+        "ci_simultaneous_low": row["difference"] - half,
+        "ci_simultaneous_high": row["difference"] + half,
+    }
+
+
+def _order_effect(compared: Sequence[Comparison]) -> float | None:
+    """Return how much being shown first helps over all datasets, log-odds; None without such an effect."""
+    return next((row.fit.order_effect for row in compared if row.comparison == row.dataset == ALL), None)
 
 
 def _scores_by_dataset(compared: Sequence[Comparison]) -> dict[str, dict[str, float]]:

@@ -18,7 +18,8 @@ from app.analysis.ratings.reading import understand_ratings
 from app.analysis.ratings.score_sets import comparison_score_sets, opinion_score_sets
 from app.analysis.ratings.table import ComparisonTable, RatingTable
 from app.analysis.reading.attributes import MeasureValues, read_items, read_measures, read_participants
-from app.analysis.reading.read_votes import in_several, understand_votes
+from app.analysis.reading.description import Told
+from app.analysis.reading.read_votes import WARNING, Source, in_several, understand_votes
 from app.analysis.reading.votes_table import ALL, VotesError, VotesTable
 from app.analysis.report.figures import font_warnings
 from app.analysis.report.write import refuse_to_replace, write_analysis
@@ -28,7 +29,7 @@ MOST_NAMED = 5  # of what is not among the votes
 
 
 def analyse_file(
-    path: File | Sequence[File],
+    path: File | Source | Sequence[File | Source],
     out: File,
     settings: AnalysisSettings | None = None,
     *,
@@ -42,6 +43,7 @@ def analyse_file(
     ratings: File | None = None,
     scale: tuple[float, float] | None = None,
     width: int = FULL,
+    told: Told | None = None,
 ) -> dict[str, Any]:
     """Read votes, analyse them, and write tables, figures and report to the folder `out`.
 
@@ -60,6 +62,7 @@ def analyse_file(
     ratings : CSV with ratings of the same items, to be put on one scale with the votes
     scale : ends of the ratings' scale; 1 and 5 by default
     width : of the figures, in pixels; `WIDTHS` has those of a journal's columns
+    told : all that was said of the files of votes, instead of columns and choices
 
     Returns
     -------
@@ -72,10 +75,11 @@ def analyse_file(
     ValueError
         For a factor that is not in `items`.
     """
-    paths = [Path(file) for file in ([path] if isinstance(path, Path | str) else path)]
+    files = [path] if isinstance(path, Path | str | Source) else list(path)
+    paths = [file.path if isinstance(file, Source) else Path(file) for file in files]
     refuse_to_replace([*paths, items, measures, participants, ratings], out)
     source = ", ".join(path.name for path in paths)
-    votes, understood = understand_votes(paths, columns, choices)
+    votes, understood = understand_votes(files, columns, choices, told)
     settings, notes = read_beside(
         votes, settings or AnalysisSettings(), items=items, factors=factors, measures=measures,
         participants=participants, groups=groups,
@@ -90,12 +94,17 @@ def analyse_file(
     analysis = analyse(votes, settings) | {"understood": understood}
     analysis["settings"]["exclude"] = list(excluded)
     _refuse_nothing(analysis["votes"], source)
-    analysis["warnings"] += notes
+    analysis["warnings"] += [*notes, *warnings_in(understood)]
     if rated is not None:
         analysis = _with_ratings(analysis, rated, used_votes(votes, settings))
     analysis["warnings"] += font_warnings(analysis)
     write_analysis(analysis, out, source=source, width=width)
     return analysis
+
+
+def warnings_in(sentences: Sequence[str]) -> list[str]:
+    """Return the sentences on how files were understood that are warnings."""
+    return [text.removeprefix(WARNING) for text in sentences if text.startswith(WARNING)]
 
 
 def read_beside(
@@ -190,13 +199,14 @@ def _refuse_nothing(votes: Mapping[str, Any], source: str) -> None:
 
 
 def analyse_ratings_file(
-    path: File,
+    path: File | Source,
     out: File,
     scale: tuple[float, float] | None = None,
     exclude: Sequence[str] = (),
     *,
     width: int = FULL,
     measures: File | None = None,
+    told: Told | None = None,
 ) -> dict[str, Any]:
     """Read ratings, analyse them, and write tables, figures and report to the folder `out`.
 
@@ -208,6 +218,7 @@ def analyse_ratings_file(
     exclude : participants left out
     width : of the figures, in pixels
     measures : CSV with objective measures, as in `analyse_file`, to be compared with the scores
+    told : what was said of the file's columns and cells
 
     Returns
     -------
@@ -218,9 +229,10 @@ def analyse_ratings_file(
     VotesError
         Naming the file, the row and the value.
     """
-    path = Path(path)
+    source = path
+    path = source.path if isinstance(source, Source) else Path(source)
     refuse_to_replace([path, measures], out)
-    table, understood = understand_ratings(path, scale)
+    table, understood = understand_ratings(source, scale, told)
     unknown = [name for name in exclude if name not in table.participants]
     if unknown:
         raise VotesError(
@@ -234,7 +246,7 @@ def analyse_ratings_file(
     analysis = with_tables(empty, tables)
     if measures is not None:
         analysis = _with_measures_of(analysis, table, measures)
-    analysis["warnings"] += font_warnings(analysis)
+    analysis["warnings"] += [*warnings_in(understood), *font_warnings(analysis)]
     write_analysis(analysis, out, source=path.name, width=width)
     return analysis
 

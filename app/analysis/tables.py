@@ -38,8 +38,23 @@ TABLES: Mapping[str, Table] = {
         },
     ),
     "tie_models": Table("way to treat ties", {"parameter": "name of the tie parameter, with its `value`"}),
-    "contrasts": Table("two items", {"difference": "score of `item_a` less that of `item_b`"}),
-    "effects": Table("level of a factor", {"n_participants": "who voted"}),
+    "contrasts": Table(
+        "two items",
+        {
+            "difference": "score of `item_a` less that of `item_b`",
+            "ci_simultaneous_low": "with `…_high`, the interval that holds together with those of all pairs",
+            "p_datasets": "for datasets like these, as a sample; `p_datasets_holm` is corrected",
+        },
+    ),
+    "island_scores": Table("item of a `group` that no vote links to the others, as `scores`"),
+    "island_contrasts": Table("two items of such a `group`, as `contrasts`"),
+    "datasets_as_sample": Table(
+        "test for datasets like these", {"f": "with `df1` and `df2` degrees of freedom", "n_datasets": "with all items"}
+    ),
+    "effects": Table(
+        "level of a factor",
+        {"n_participants": "who voted", "scope": "what the interval holds for, besides other people"},
+    ),
     "tests": Table(
         "test",
         {
@@ -59,10 +74,20 @@ TABLES: Mapping[str, Table] = {
     "measures": Table("measure and dataset", {"n": "points", "n_conditions": "that permutations exchange"}),
     "measure_comparisons": Table("two measures", {"n": "points that both have"}),
     "rates": Table(
-        "condition of a known size",
-        {"is_on_front": "no other is as small and scores as high"},
+        "condition whose model's size is known",
+        {
+            "method": "its levels of all factors but the one of numbers, which `level` holds",
+            "bytes": "of its files; over all datasets the geometric mean",
+            "is_on_front": "no other is as small and scores as high",
+        },
     ),
-    "rate_differences": Table("two methods", {"bytes_low": "with `bytes_high`, sizes that both methods have"}),
+    "rate_differences": Table(
+        "two methods with sizes in common",
+        {
+            "difference": "mean score of `method_a` less that of `method_b` at equal size, over the logarithm of sizes",
+            "bytes_low": "smallest size that both have, as `bytes_high` the largest",
+        },
+    ),
     "agreement": Table(
         "dataset",
         {

@@ -40,6 +40,9 @@ def warnings_of(votes: VotesTable, used: VotesTable, compared: list[Comparison])
             "order effect is that of being item_a"
         )
     warnings += _orders_left_out(compared)
+    if used.has_participants and len(used) and used.n_voters == 1:
+        warnings.append("a single participant voted, so nothing can be said about other people")
+    warnings += _single_voters(compared, used)
     for comparison in compared:
         warnings += _fit_warnings(comparison)
     return warnings
@@ -53,6 +56,15 @@ def _orders_left_out(compared: list[Comparison]) -> Iterator[str]:
             reasons.setdefault(comparison.order_left_out, []).append(_where(comparison))
     for why, where in reasons.items():
         yield f"the order effect is left out ({'; '.join(where)}): {why}"
+
+
+def _single_voters(compared: list[Comparison], used: VotesTable) -> Iterator[str]:
+    """Yield, in one sentence, where a single participant voted although others did elsewhere."""
+    if not used.has_participants or used.n_voters <= 1:
+        return
+    alone = [_where(comparison) for comparison in compared if comparison.fit.n_participants == 1]
+    if alone:
+        yield f"a single participant voted, so nothing can be said about other people: {'; '.join(alone)}"
 
 
 PENALISED = {"firth": "Firth's (1993) estimate", f"ridge {RIDGE}": f"an estimate with a ridge of {RIDGE}"}
@@ -114,8 +126,6 @@ def _fit_warnings(comparison: Comparison) -> Iterator[str]:
         yield f"{where}: {len(fit.counts.first)} pairs are analysed and not listed"
     if fit.theta is not None and fit.covariance is None:
         yield f"{where}: no errors are given for as many as {len(fit.items)} items"
-    if fit.n_participants == 1:
-        yield f"{where}: a single participant voted, so nothing can be said about other people"
     if comparison.bootstrap is not None and comparison.bootstrap.n_without_maximum:
         total = len(comparison.bootstrap.scores) + comparison.bootstrap.n_without_maximum
         missing = comparison.bootstrap.n_without_maximum

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from click import Choice
 
 from app.cli.shared import by_step
 from app.files import read_json
@@ -18,6 +20,8 @@ from recon.cli.options import wrong_use
 
 if TYPE_CHECKING:
     from app.analysis import AnalysisSettings
+    from app.analysis.reading.description import QuestionError, Told
+    from app.analysis.reading.read_votes import Source
 
 app = typer.Typer()
 
@@ -110,6 +114,9 @@ RandomEffectsOption = Annotated[
 ExcludeOption = Annotated[
     list[str] | None, typer.Option(help="Participant to leave out; the report says so. May be repeated.")
 ]
+PlannedOption = Annotated[
+    int | None, typer.Option(min=1, help="Participants that the study was planned for; results of fewer are interim.")
+]
 ColumnsOption = Annotated[
     str | None,
     typer.Option(help="Names of the file's columns where they differ: participant=judge,item_a=type_a+level_a."),
@@ -117,6 +124,16 @@ ColumnsOption = Annotated[
 ChoicesOption = Annotated[
     str | None, typer.Option(help="Words of the file's choices where they differ: none=tie,a=1,b=0.")
 ]
+FormatOption = Annotated[
+    str,
+    typer.Option(
+        "--format", help="Name of the file's layout or program, as docs/formats.md lists them; default: recognised."
+    ),
+]
+EncodingOption = Annotated[
+    str, typer.Option(help="Encoding of a text file, e.g. latin-1; default: UTF-8 or marked UTF-16.")
+]
+SheetOption = Annotated[str, typer.Option(help="Sheet of a workbook; default: the first.")]
 RatingsOption = Annotated[
     Path | None, typer.Option(help="File of ratings of the same items, to put on one scale with the votes.")
 ]
@@ -147,8 +164,12 @@ def analyse(
     jod_prior: JodPriorOption = "none",
     random_effects: RandomEffectsOption = "",
     exclude: ExcludeOption = None,
+    planned: PlannedOption = None,
     columns: ColumnsOption = None,
     choices: ChoicesOption = None,
+    layout: FormatOption = "",
+    encoding: EncodingOption = "",
+    sheet: SheetOption = "",
     ratings: RatingsOption = None,
     scale: ScaleOption = None,
     width: WidthOption = "two",
@@ -160,12 +181,14 @@ def analyse(
     from app.analysis.analyse_files import read_measures_of
     from app.analysis.drawing.charts_in_common import WIDTHS
     from app.analysis.ratings.reading import understand_ratings
+    from app.analysis.reading.description import Told
 
     ends = _parse_scale(scale)
-    rated = _rated_file(context, votes)
     _check_choice("--width", width, WIDTHS)
     _check_choice("--by", by, ("dataset", "none"))
-    mappings = _parse_mapping(columns, "--columns"), _parse_mapping(choices, "--choices")
+    mappings = _parse_mapping(columns, "--columns") or {}, _parse_mapping(choices, "--choices") or {}
+    sources = _recognised(votes, Told(*mappings, format=layout, encoding=encoding, sheet=sheet), can_ask=not as_json)
+    rated = _rated_source(context, sources)
     with wrong_use():
         settings = AnalysisSettings(
             ties=ties,
@@ -178,6 +201,7 @@ def analyse(
             random_effects=random_effects,
             by_dataset=by == "dataset",
             exclude=tuple(exclude or ()),
+            planned_participants=planned,
         )
     if out is None and not dry_run:
         raise typer.BadParameter("--out is missing: the folder for the results (or --dry-run, which writes nothing)")
@@ -187,7 +211,7 @@ def analyse(
         beside_votes = {
             "items": items, "factors": factor, "measures": measures, "participants": participants, "groups": group,
         }  # fmt: skip
-        understood = [] if rated else _understood_votes(votes, *mappings, settings, beside_votes)
+        understood = [] if rated else _understood_votes(sources, settings, beside_votes)
         if beside := rated or ratings:
             table, sentences = understand_ratings(beside, ends)
             understood += sentences
@@ -200,12 +224,10 @@ def analyse(
         scores = _rating_sentences(analysis)
     else:
         analysis = analyse_file(
-            votes,
+            sources,
             out,
             settings,
             items=items,
-            columns=mappings[0],
-            choices=mappings[1],
             factors=factor,
             measures=measures,
             participants=participants,
@@ -230,6 +252,24 @@ def plan(
         float, typer.Option(help="True difference of two conditions: JOD (log-odds / ln 3), or grades where rated.")
     ] = 0.5,
     tie_rate: Annotated[float, typer.Option(min=0, max=0.99, help="Chance of no preference between equals.")] = 0.2,
+    claim: Annotated[
+        str,
+        typer.Option(
+            help="What is to be claimed: told apart (all pairs, Holm), pair, best, factor, measure, datasets."
+        ),
+    ] = "told apart",
+    spread: Annotated[
+        float,
+        typer.Option(min=0, help="How far people's opinions of a condition differ: standard deviation, log-odds."),
+    ] = 0.4,
+    by_dataset: Annotated[
+        float, typer.Option(min=0, help="The same of opinions that somebody has on one dataset only.")
+    ] = 0.0,
+    dataset_spread: Annotated[
+        float, typer.Option(min=0, help="How far datasets shift the scores: standard deviation, log-odds.")
+    ] = 0.0,
+    drop_out: Annotated[float, typer.Option(min=0, max=0.99, help="Share of people who leave half-way.")] = 0.0,
+    careless: Annotated[float, typer.Option(min=0, max=0.99, help="Share of people who throw a coin.")] = 0.0,
     inconsistency: Annotated[
         float, typer.Option(help="Standard deviation of somebody's ratings around the qualities, in grades.")
     ] = TYPICAL_INCONSISTENCY,
@@ -261,11 +301,19 @@ def plan(
     if is_rated:
         result = plan_ratings(RatingPlan(conditions, datasets, participants, inconsistency), effect)
     else:
-        design = StudyPlan(conditions, datasets, participants, tie_rate=tie_rate)
-        progress = ProgressLine()
-        result = plan_study(
-            design, np.random.default_rng(seed), effect_jod=effect, replicates=replicates, progress=progress
+        design = StudyPlan(
+            conditions, datasets, participants, tie_rate, spread, by_dataset, dataset_spread, drop_out, careless
         )
+        progress = ProgressLine()
+        with wrong_use():
+            result = plan_study(
+                design,
+                np.random.default_rng(seed),
+                effect_jod=effect,
+                replicates=replicates,
+                progress=progress,
+                claim=claim,
+            )
         progress.close()
     n_trials = result["votes_per_participant"]
     result |= {"protocol": protocol, "trials": n_trials, "minutes": max(1, round(trials_s(n_trials, exposure) / 60))}
@@ -274,26 +322,72 @@ def plan(
     sentences = (
         f"{n_trials} trials for each of {participants} participants: about {result['minutes']} minutes.\n"
         f"A difference of {effect:g} {unit} is found with a power of {result['power_one_dataset']:.2f} in one dataset, "
-        f"{result['power_pooled']:.2f} over all.\n"
+        f"{result['power_pooled']:.2f} over all{_of_claim(result)}.\n"
         f"Found with a power of 0.8: {_detectable(single, unit)} in one dataset, {_detectable(pooled, unit)} over all."
     )
+    if not is_rated:
+        sentences = f"{sentences}\n{_claims(result)}"
     print_result(result, sentences, as_json=as_json)
+
+
+def _of_claim(plan: dict[str, Any]) -> str:
+    return f" (claim: {plan['claim']})" if "claim" in plan else ""
+
+
+def _claims(plan: dict[str, Any]) -> str:
+    """Say how often each claim would be made, and how many participants the one asked for needs."""
+    lines = [f"Claims over all datasets, {plan['effect_jod']:g} JOD (± error of the simulation):"]
+    lines += [f"  {row['power']:.2f} ± {row['power_error']:.2f}  {row['what']}" for row in plan["claims"]]
+    wanted = plan["participants_wanted"]
+    number = (
+        f"{wanted['participants']} participants ({wanted['low']} to {wanted['high']} within the simulation's error)"
+        if wanted
+        else "more than 512 participants"
+    )
+    return "\n".join([*lines, f"For a power of 0.8 of the claim \u201c{plan['claim']}\u201d: {number}."])
 
 
 MOST_SCORES = 40  # lines of scores in the terminal
 MOST_NAMED = 8  # conditions that a dry run lists
-OPTIONS_OF_RATINGS = ("votes", "out", "measures", "scale", "exclude", "width", "dry_run", "as_json")
+OPTIONS_OF_RATINGS = (
+    *("votes", "out", "measures", "scale", "exclude", "width", "dry_run", "as_json"),
+    *("columns", "choices", "layout", "encoding", "sheet"),
+)
 
 
-def _rated_file(context: typer.Context, paths: Sequence[Path]) -> Path | None:
+def _recognised(paths: Sequence[Path], told: Told, *, can_ask: bool) -> list[Source]:
+    """Read and recognise files; in a terminal, what can be read in several ways is asked."""
+    from app.analysis.reading.description import QuestionError
+    from app.analysis.reading.read_votes import recognise_file
+
+    sources: list[Source] = []
+    while len(sources) < len(paths):
+        try:
+            sources.append(recognise_file(paths[len(sources)], told))
+        except QuestionError as question:
+            if not (can_ask and sys.stdin.isatty() and sys.stderr.isatty()):
+                raise
+            told = told.and_told(_answer(question))
+    return sources
+
+
+def _answer(question: QuestionError) -> Told:
+    """Ask which reading is meant, on the terminal, and return what to tell for it."""
+    typer.echo(question, err=True)
+    numbers = [str(number) for number in range(1, len(question.readings) + 1)]
+    answer = typer.prompt(f"Which ({' or '.join(numbers)})", type=Choice(numbers), show_choices=False, err=True)
+    told = question.readings[int(answer) - 1].told
+    typer.echo(f"To say so without being asked: {told}", err=True)
+    return told
+
+
+def _rated_source(context: typer.Context, sources: Sequence[Source]) -> Source | None:
     """Return the file of ratings; None for files of votes. Raise if ratings come with what is for votes."""
-    from app.analysis.ratings.reading import holds_ratings
-
-    rated = [path for path in paths if holds_ratings(path)]
+    rated = [source for source in sources if not source.holds_votes]
     if not rated:
         return None
-    if len(paths) > 1:
-        raise typer.BadParameter(f"{rated[0]} holds ratings; analyse ratings one file at a time")
+    if len(sources) > 1:
+        raise typer.BadParameter(f"{rated[0].path} holds ratings; analyse ratings one file at a time")
     _refuse_options_of_votes(context)
     return rated[0]
 
@@ -346,20 +440,19 @@ def _read_abilities(path: Path) -> dict[str, float]:
 
 
 def _understood_votes(
-    paths: Sequence[Path],
-    columns: dict[str, str] | None,
-    choices: dict[str, str] | None,
+    sources: Sequence[Source],
     settings: AnalysisSettings,
     beside: Mapping[str, Any],
 ) -> list[str]:
     """Return how votes, and the files beside them that `read_beside` takes, are understood."""
+    from app.analysis.analyse import used_votes
     from app.analysis.analyse_files import read_beside
     from app.analysis.reading.phrases import counted
     from app.analysis.reading.read_votes import understand_votes
 
-    votes, sentences = understand_votes(paths, columns, choices)
+    votes, sentences = understand_votes(sources)
     settings, notes = read_beside(votes, settings, **beside)
-    used = votes.used()
+    used = used_votes(votes, settings)
     people = counted(len(votes.participants), "participant") if votes.has_participants else "unknown participants"
     datasets = counted(len(votes.datasets), "dataset") if votes.has_datasets else "no named dataset"
     return [

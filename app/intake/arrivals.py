@@ -12,7 +12,7 @@ from app.ffmpeg import VIDEO_SUFFIXES
 from app.intake.captures import CAPTURE_FILE, missing_pictures, read_outline
 from app.intake.reports import read_report
 from app.intake.shelves import FOLDERS, SUFFIXES, free_path
-from app.intake.summaries import MESHES, PICTURES, SCENE_FILE, files_of, is_film
+from app.intake.summaries import MODELS, PICTURES, SCENE_FILE, files_of, is_film
 from app.intake.zips import MB, check_file, check_zip, is_zip, unpack
 
 TEXTS = (".json", ".csv", ".txt", ".md", ".toml", ".yml", ".yaml", ".xml", ".ini", ".html", ".log")
@@ -20,7 +20,7 @@ CAPTURED = (*PICTURES, ".ppm", ".pgm", *VIDEO_SUFFIXES, ".npy", ".exr", ".ply", 
 BELONGING: Mapping[str, tuple[str, ...]] = {  # suffixes of files that may be in an upload
     "captures": CAPTURED,
     "calibration": (*PICTURES, *VIDEO_SUFFIXES, *TEXTS),
-    "models": (*MESHES, ".mtl", ".bin", *PICTURES, ".webp", *TEXTS),
+    "models": (*MODELS, ".mtl", ".bin", *PICTURES, ".webp", *TEXTS),
     "films": (*VIDEO_SUFFIXES, *TEXTS),
     "clouds": (".ply", *TEXTS),
     "measures": (".csv",),
@@ -28,7 +28,7 @@ BELONGING: Mapping[str, tuple[str, ...]] = {  # suffixes of files that may be in
 EXPECTED: Mapping[str, str] = {
     "captures": "a zip file of the recording's folder: pictures or videos, with capture.json where it has one",
     "calibration": "a zip file of the pictures of a board, in left/ and right/, or in such folders of each sensor",
-    "models": "a zip file of the models' folder, with scene.json and APPROACH/FRAME.ply, .obj, .glb or .gltf",
+    "models": "a zip file of the models' folder, with scene.json and APPROACH/FRAME.ply, .obj, .glb, or splats",
     "films": "a zip file of DATASET/CONDITION.mp4, with conditions.csv where conditions have factors",
     "clouds": "a PLY file, or a zip file of some",
     "measures": "a table in CSV, whose name ends in .csv",
@@ -115,8 +115,8 @@ def _check_models(folder: Path) -> None:
         raise InvalidError(
             f"There is no {SCENE_FILE} beside the models; it names the dataset, the unit and what is up."
         )
-    if not _holds(folder, MESHES):
-        raise InvalidError("There is no model in the upload; expected APPROACH/FRAME.ply, .obj, .glb or .gltf.")
+    if not _holds(folder, MODELS):
+        raise InvalidError("There is no model in the upload; expected APPROACH/FRAME.ply, .obj, .glb, .gltf or splats.")
 
 
 def _check_films(folder: Path) -> None:

@@ -21,7 +21,7 @@ SCENE_FILE = "scene.json"
 RUN_FILE = "run.json"
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 LONGEST_NAME = 100  # letters
-MESHES = (".ply", ".obj", ".glb", ".gltf")
+MODELS = (".ply", ".obj", ".glb", ".gltf", ".spz", ".splat", ".ksplat", ".sog")
 
 
 def files_of(path: Path) -> list[Path]:
@@ -80,7 +80,7 @@ def calibration_summary(path: Path) -> str:
 
 def models_summary(folder: Path) -> str:
     """Say how many approaches and models there are, and of which scene."""
-    models = [file for file in files_of(folder) if file.suffix.lower() in MESHES]
+    models = [file for file in files_of(folder) if file.suffix.lower() in MODELS]
     approaches = {file.relative_to(folder).with_suffix("").parts[0] for file in models}
     counted = f"{_counted(len(approaches), 'approach')}, {_counted(len(models), 'model')}"
     try:

@@ -26,6 +26,8 @@ BEGINNINGS: Mapping[str, tuple[bytes, ...]] = {  # how files begin whose content
     ".jpeg": (b"\xff\xd8\xff",),
     ".ply": (b"ply\n", b"ply\r"),
     ".glb": (b"glTF",),
+    ".spz": (b"\x1f\x8b", b"NGSP"),
+    ".sog": (b"PK\x03\x04",),
     ".mkv": (b"\x1aE\xdf\xa3",),
     ".webm": (b"\x1aE\xdf\xa3",),
     ".avi": (b"RIFF",),

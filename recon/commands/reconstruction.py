@@ -74,7 +74,12 @@ class Reconstruct(Command):
     methods: Path | None = METHODS
     frames: str | None = option(None, "A:B for the frames A to B-1; default: all.", **FRAMES)
     voxel: float | None = option(
-        None, "Voxel size, mm; default: chosen from the depth resolution.", label="Voxel", low=0.01, high=10000
+        None,
+        "Voxel size, mm, the same for all depth methods; default: each gets one from its depth error and the points' "
+        "spacing.",
+        label="Voxel",
+        low=0.01,
+        high=10000,
     )
     pm: Literal["moving", "static"] = option(
         "moving",

@@ -129,6 +129,10 @@ def match_sequence(
     ----------
     pairs, matcher : as in `match_frames`; a matcher whose disparities are whole keeps them whole
     parameters : of the filter
+
+    Yields
+    ------
+    disparity : float32 (H, W), pixels, NaN where neither the matcher nor the memory knows
     """
     to_match, to_filter = tee(pairs)
     return filtered(to_filter, match_frames(to_match, matcher), parameters)

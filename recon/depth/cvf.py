@@ -20,7 +20,7 @@ from recon.depth.matching.census import WINDOW, WINDOWS
 from recon.depth.matching.hierarchy import TILE_BITS, search_windows
 from recon.depth.matching.lanes import N_LANES
 from recon.depth.matching.permeability import WORST, aggregate_and_choose, rows_held
-from recon.depth.matching.slanted import SURFACE_STEP, aggregate_along_surface
+from recon.depth.matching.slanted import aggregate_along_surface
 from recon.depth.matching.slopes import tile_slopes
 from recon.depth.matching.views import View, views_of
 from recon.depth.pair import MIN_SIDE, StereoPair, has_texture
@@ -28,6 +28,7 @@ from recon.depth.refinement import filled, local_planes, without_specks
 from recon.execution.workers import in_bands, in_both
 
 WHOLE_IMAGE_BITS = 30  # a tile larger than any image
+MOST_CORRECTED = 0.75  # pixels by which DR may move a match that both views found
 COARSE_THRESHOLD = 1  # pixels by which the views may differ on levels that only say where to search
 Tiles = tuple[list[NDArray[np.int32]], tuple[NDArray[np.float32], NDArray[np.float32]], int]
 """Where each window begins in every tile, how the surface rises there, and the tiles' size in bits."""
@@ -106,7 +107,7 @@ class DrParameters(IdParameters):
     fill_threshold : pixels by which a filled disparity may differ from the other view's
     """
 
-    fill_threshold: float = 1.0
+    fill_threshold: float = 0.5
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -193,9 +194,9 @@ def _kept(
     def check(first: int, last: int) -> None:
         rows = slice(first, last)
         agrees = consistent(
-            surface[rows], right.index[rows], min_disparity=min_disparity, threshold=parameters.fill_threshold
+            surface[rows], right.vertex[rows], min_disparity=min_disparity, threshold=parameters.fill_threshold
         )
-        agrees |= left.valid[rows] & (np.abs(surface[rows] - left.vertex[rows]) <= SURFACE_STEP)
+        agrees |= left.valid[rows] & (np.abs(surface[rows] - left.vertex[rows]) <= MOST_CORRECTED)
         valid[rows] = agrees & lands_inside(surface[rows] + np.float32(min_disparity))
 
     in_bands(len(valid), check)

@@ -205,7 +205,8 @@ class Gpu:
         views, textures : left and right
         settings : as in `plane_search.sweep`
         turns : for each turn the side, left (0) or right, its number and its seed
-        planes, costs, moved : of both, as in `plane_search.sweep`; planes and moved are updated
+        planes, costs, moved : of both, float32 (H, W, 3), float32 (H, W) and int16 (H, W), as in `plane_search.sweep`;
+            planes and moved are updated
         """
         on_gpu, (height, width) = self._cupy.asarray, views[0].shape
         with self._working():
@@ -220,8 +221,8 @@ class Gpu:
                 facing, _, facing_moved = states[1 - side]
                 arguments = (seen, numbers, facing, facing_moved, np.int32(turn), np.uint32(seed), *states[side])
                 self._run_groups("sweep", height * ((width + 1) // 2), arguments, THREADS)
-            for side, (found, _, when) in enumerate(states):
-                planes[side][:], moved[side][:] = self._cupy.asnumpy(found), self._cupy.asnumpy(when)
+            for side, (changed, _, when) in enumerate(states):
+                planes[side][:], moved[side][:] = self._cupy.asnumpy(changed), self._cupy.asnumpy(when)
 
     def _facing(self, view: GpuView, other: GpuView) -> Any:
         """Describe what a search of a view in the other reads: a `VIEW`."""

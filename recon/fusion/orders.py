@@ -8,6 +8,12 @@ from collections.abc import Sequence
 from recon.fusion.views import check_clouds
 from recon.geometry.mesh import Cloud, Mesh, merge_meshes
 from recon.surface import NoSurfaceError, SurfaceParameters, surface_from_cloud, surface_from_clouds, with_voxel
+from recon.surface.components import drop_islands
+from recon.surface.outlines import cut
+from recon.surface.vertex_colours import supports
+
+LEAST_SUPPORT = 0.5  # of what another sensor has there, for a sensor's own layer to stay
+LEAST_ISLAND = 0.02  # of a sensor's faces: what is left in smaller pieces looks like flakes
 
 
 class LeftOutWarning(UserWarning):
@@ -17,26 +23,39 @@ class LeftOutWarning(UserWarning):
 def fuse_after(clouds: Sequence[Cloud], parameters: SurfaceParameters = SurfaceParameters()) -> Mesh:
     """Fuse after surfacing (FA): a surface per sensor, then one mesh as their union.
 
-    Where views overlap, each sensor adds a layer with its own normals. A cloud whose points support no
-    surface of their own is left out, with a warning.
+    Where views overlap, each sensor adds a layer with its own normals, but for the parts that it sees so obliquely, or
+    at such an edge, that another sensor has more than twice the points there: they would stand out as flakes. A cloud
+    whose points support no surface of their own is left out, with a warning.
 
     A NoSurfaceError says that no cloud supports a surface.
     """
     parameters = _checked(clouds, parameters)
+    seen = [cloud for cloud in clouds if len(cloud)]
     surfaces: list[Mesh] = []
     reasons: list[str] = []
     for number, cloud in enumerate(clouds, start=1):
         if not len(cloud):
             continue
         try:
-            surfaces.append(surface_from_cloud(cloud, parameters))
+            surfaces.append(_without_flakes(surface_from_cloud(cloud, parameters), cloud, seen, parameters))
         except NoSurfaceError as error:
             reasons.append(f"cloud {number} of {len(clouds)} is left out: {error}")
     if not surfaces:
         raise NoSurfaceError("; ".join(reasons))
     for reason in reasons:
         warnings.warn(reason, LeftOutWarning, stacklevel=2)
-    return merge_meshes(surfaces)
+    return merge_meshes([surface for surface in surfaces if len(surface.faces)])
+
+
+def _without_flakes(mesh: Mesh, cloud: Cloud, clouds: Sequence[Cloud], parameters: SurfaceParameters) -> Mesh:
+    """Cut off of a cloud's surface what another of the clouds supports far better."""
+    others = [other for other in clouds if other is not cloud]
+    if not others:
+        return mesh
+    assert parameters.voxel_mm is not None
+    weights = supports(mesh, [cloud, *others], parameters.voxel_mm)
+    field = weights[:, 0] - LEAST_SUPPORT * weights[:, 1:].max(axis=1)
+    return drop_islands(cut(mesh, field), LEAST_ISLAND * len(mesh.faces))
 
 
 def fuse_before(clouds: Sequence[Cloud], parameters: SurfaceParameters = SurfaceParameters()) -> Mesh:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
@@ -17,9 +17,9 @@ from recon.depth import CPU, check_device
 from recon.depth.temporal import TemporalParameters
 from recon.methods.approaches import DEPTH_METHODS, FUSION_METHODS, VERTICES, Approach, approaches, check_colours
 from recon.pipeline.methods import Methods, is_pm
-from recon.pipeline.run import View
+from recon.pipeline.run import View, read_clouds
 from recon.storage.artefacts import Artefacts
-from recon.surface import SurfaceParameters
+from recon.surface import SurfaceParameters, default_voxel
 from recon.surface.outlines import widened
 
 MOVING, STATIC = "moving", "static"  # what PM makes: models of all frames, or of the first alone
@@ -40,7 +40,8 @@ class ReconstructOptions:
     frames : which frames; None for all
     pm : `MOVING`, or `STATIC`, as the paper showed PM: its models are of the first frame alone
     temporal : of the filter over a sensor's frames; None for none
-    cloud, surface : parameters of these stages; without a voxel size, one that suits the depth resolution
+    cloud, surface : parameters of these stages; without a voxel size, each depth method gets one
+        that suits its error and the density of its points
     balance_colours : whether to make the sensors' colours agree, as estimated from what several of them saw
     outlines : whether the surfaces' outlines follow the masks, where the capture has masks
     workers : local processes, each on one thread; 1 works in this process with all threads
@@ -96,12 +97,15 @@ class Job:
     frames : which of its frames
     options : how to make it, with a voxel size
     artefacts : the run's files
+    voxels : distance of the surfaces' samples by depth method, mm, where the options leave it open; chosen from the
+        clouds (`with_voxels`)
     """
 
     capture: Capture
     frames: Sequence[int]
     options: ReconstructOptions
     artefacts: Artefacts
+    voxels: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def sequences(self) -> list[list[View]]:
@@ -126,11 +130,14 @@ class Job:
             stretches += [list(group) for _, group in groupby(sequence, key=lambda view: view.frame // length)]
         return sorted(stretches, key=lambda stretch: stretch[0].frame)
 
+    def surface(self, method: str) -> SurfaceParameters:
+        """Return the parameters of the surfaces of a depth method, with a voxel."""
+        return replace(self.options.surface, voxel_mm=self.options.surface.voxel_mm or self.voxels[method])
+
     @property
-    def voxel_mm(self) -> float:
-        """Distance of the surfaces' samples."""
-        assert self.options.surface.voxel_mm is not None
-        return self.options.surface.voxel_mm
+    def step_mm(self) -> float:
+        """A third of the depth step of a pixel of disparity, or the voxel asked for: how far cameras and masks err."""
+        return self.options.surface.voxel_mm or depth_resolution(self.capture)
 
     @property
     def models(self) -> list[tuple[Approach, int]]:
@@ -183,13 +190,29 @@ def planned_job(capture: Capture, run: Path, options: ReconstructOptions) -> Job
     if options.cluster is None:
         check_device(options.device)
     check_sensors(capture, options.depth_methods)
-    voxel = options.surface.voxel_mm or depth_resolution(capture)
-    options = replace(options, surface=replace(options.surface, voxel_mm=voxel))
     options = replace(options, outlines=options.outlines and any(stream.mask for stream in capture.sensors))
     if options.outlines:
         options = replace(options, surface=widened(options.surface))
     frames = chosen_frames(capture.folder, range(capture.n_frames), options.frames)
     return Job(capture, frames, options, Artefacts(run))
+
+
+def with_voxels(job: Job) -> Job:
+    """Choose a voxel for each depth method from its clouds of the first frame, where the options give none.
+
+    The better a method measures and the denser its points lie, the finer its surfaces. One voxel serves all frames, so
+    that surfaces stay steady in time.
+    """
+    if job.options.surface.voxel_mm is not None:
+        return job
+    first = job.frames[0]
+    return replace(
+        job,
+        voxels={
+            method: default_voxel(read_clouds(job.artefacts, job.clouds(method, first)))
+            for method in job.options.depth_methods
+        },
+    )
 
 
 def default_depths(capture: Capture) -> tuple[str, ...]:
@@ -218,7 +241,7 @@ def check_sensors(capture: Capture, depths: Sequence[str]) -> None:
 
 
 def depth_resolution(capture: Capture) -> float:
-    """Return a voxel size that loses neither depth nor picture resolution at the middle of the bounds, mm.
+    """Return a length that loses neither depth nor picture resolution at the middle of the bounds, mm.
 
     A third of the depth step of one pixel of disparity, so that a slice of whole disparities still meets the next,
     and not less than the width of a pixel; for depth maps without a pair, the width of a pixel. The coarsest decides.

@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from itertools import chain, zip_longest
 from pathlib import Path
@@ -27,7 +27,7 @@ from recon.execution.workers import Pool, Progress, no_progress, open_pool
 from recon.geometry.mesh import Cloud, Mesh
 from recon.methods.approaches import VERTICES
 from recon.pipeline.film import WHERE
-from recon.pipeline.job import Job, ReconstructOptions, planned_job
+from recon.pipeline.job import Job, ReconstructOptions, planned_job, with_voxels
 from recon.pipeline.methods import Methods, depth_key, fuse, fusion_key, match, with_limit
 from recon.pipeline.preview import make_preview
 from recon.pipeline.run import (
@@ -55,8 +55,6 @@ from recon.storage.artefacts import Artefacts
 from recon.storage.files import alone_in, check_not_read, remove_leftovers
 from recon.storage.remote import remove
 from recon.surface import SurfaceParameters
-
-PLACE_VOXELS = 3  # width of the places where sensors' colours are compared
 
 
 def match_files(
@@ -194,8 +192,9 @@ def _made(job: Job, progress: Progress) -> dict[str, Any]:
         make("depth maps", [partial(filter_sequence, job, sequence) for sequence in job.sequences])
         make("clouds", [partial(make_cloud, job, view) for view in views])
         _check_points(job)
+        job = with_voxels(job)
         if options.balance_colours:
-            make("colours", [partial(compare_colours, job, PLACE_VOXELS * job.voxel_mm)])
+            make("colours", [partial(compare_colours, job)])
         make("meshes", [partial(make_mesh, job, *surface) for surface in job.surfaces])
         if pictured := [model for model in models if model[0].colour != VERTICES]:
             make("exposures", [partial(compare_photographs, job)])
@@ -211,7 +210,7 @@ def _made(job: Job, progress: Progress) -> dict[str, Any]:
         make_preview(finished, job.frames[0])
     except NoPathError as error:
         warnings.append(f"no preview was drawn: {error}")
-    return write_run(finished, options=_described(options), timings=timings, warnings=warnings)
+    return write_run(finished, options=_described(job), timings=timings, warnings=warnings)
 
 
 @contextmanager
@@ -228,8 +227,14 @@ def _program_folder(method: str) -> Iterator[Path]:
     rmtree(folder)
 
 
-def _described(options: ReconstructOptions) -> dict[str, Any]:
-    """Return the options for ``run.json``, with what the methods' names stand for."""
+def _described(job: Job) -> dict[str, Any]:
+    """Return the options for ``run.json``, with what the methods' names stand for and the voxel of each depth method.
+
+    The voxel of the surface is the finest of them: that of a mesh as good as the best.
+    """
+    voxels = {name: job.surface(name).voxel_mm for name in job.options.depth_methods}
+    finest = replace(job.options.surface, voxel_mm=min(voxel for voxel in voxels.values() if voxel is not None))
+    options = replace(job.options, surface=finest)
     methods = options.methods
     depths: dict[str, Any] = {}
     for name in options.depth_methods:
@@ -241,7 +246,7 @@ def _described(options: ReconstructOptions) -> dict[str, Any]:
         for name in options.fusion_methods
     }
     content = {name: value for name, value in asdict(options).items() if name not in ("frames", "methods", *WHERE)}
-    return content | {"methods": {"depth": depths, "fusion": fusions}}
+    return content | {"methods": {"depth": depths, "fusion": fusions}, "voxels_mm": voxels}
 
 
 def _check_points(job: Job) -> None:

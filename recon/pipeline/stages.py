@@ -40,6 +40,8 @@ from recon.surface import NoSurfaceError
 from recon.surface.colours import SensorColours, balance_colours, estimate_colours
 from recon.surface.outlines import read_sights, with_outlines
 
+PLACE_VOXELS = 3  # width of the places where sensors' colours are compared
+
 
 def take_frame(job: Job, view: View) -> list[str]:
     """Take the given depth map of a view where its mask shows foreground, as disparities."""
@@ -184,12 +186,16 @@ def frames_without_points(job: Job, method: str) -> list[int]:
     ]
 
 
-def compare_colours(job: Job, place_mm: float) -> list[str]:
+def compare_colours(job: Job) -> list[str]:
     """Estimate once for a run what makes the sensors' colours agree, so that all approaches get the same colours.
 
-    The clouds of the first frame by `_compared_method` are compared, in places `place_mm` wide.
+    The clouds of the first frame by `_compared_method` are compared, in places a few voxels wide.
     """
-    clouds = job.clouds(_compared_method(job), job.frames[0])
+    method = _compared_method(job)
+    clouds = job.clouds(method, job.frames[0])
+    voxel = job.surface(method).voxel_mm
+    assert voxel is not None
+    place_mm = PLACE_VOXELS * voxel
     key = {
         "clouds": job.artefacts.digests(clouds),
         "place_mm": place_mm,
@@ -212,11 +218,11 @@ def make_mesh(job: Job, approach: Approach, frame: int) -> list[str]:
     approach, frame : which clouds, and how to fuse them
     """
     balanced, fusion = job.options.balance_colours, job.options.methods.fusion[approach.fusion]
-    clouds = job.clouds(approach.depth, frame)
+    clouds, surface = job.clouds(approach.depth, frame), job.surface(approach.depth)
     key = {
         "clouds": job.artefacts.digests(clouds),
         "colours": job.artefacts.digest(COLOURS_NAME) if balanced else None,
-        "fusion": fusion_key(fusion, job.options.surface),
+        "fusion": fusion_key(fusion, surface),
         "outlines": _outlines_key(job, approach.depth, frame) if job.options.outlines else None,
         "code": code_version("surface", "fusion", "geometry"),
     }
@@ -224,7 +230,7 @@ def make_mesh(job: Job, approach: Approach, frame: int) -> list[str]:
 
     def made_of(sensors: Sequence[Cloud]) -> tuple[Mesh, list[str]]:
         views = _depth_views(job.capture, sensors, approach.depth, frame) if needs_views(fusion) else None
-        return fuse(fusion, sensors, job.options.surface, views=views, folder=job.artefacts.folder / folder)
+        return fuse(fusion, sensors, surface, views=views, folder=job.artefacts.folder / folder)
 
     def write(path: Path) -> list[str]:
         sensors = read_clouds(job.artefacts, clouds)
@@ -233,7 +239,7 @@ def make_mesh(job: Job, approach: Approach, frame: int) -> list[str]:
         try:
             if job.options.outlines:
                 sights = read_sights(job.capture, job.capture.sensors_for(approach.depth), sensors, frame)
-                mesh, left_out = with_outlines(sights, job.voxel_mm, made_of)
+                mesh, left_out = with_outlines(sights, job.step_mm, made_of)
                 if not len(mesh.faces):
                     raise NoSurfaceError(
                         "nothing of its surface lies inside the sensors' masks; expected coordinates of the clouds, in "
@@ -260,7 +266,7 @@ def _outlines_key(job: Job, method: str, frame: int) -> dict[str, Any]:
         "masks": [digest_once(fetched(path)) for path in masks],
         "cameras": [camera_key(side.camera) for stream in streams for side in stream.cameras],
         "frame": frame,
-        "voxel_mm": job.voxel_mm,
+        "voxel_mm": job.step_mm,
     }
 
 

@@ -20,7 +20,7 @@ from recon.storage.files import read_json, write_json
 from recon.surface.photographs import Photograph, compare_exposures, exposed
 from recon.surface.texturing import textured
 
-TOLERANCE_VOXELS = 3  # a voxel is a third of the depth of a pixel of disparity
+TOLERANCE_STEPS = 3  # a step is a third of the depth of a pixel of disparity
 
 
 def compare_photographs(job: Job) -> list[str]:
@@ -79,7 +79,7 @@ def _photographs(job: Job, frame: int) -> list[Photograph]:
 
 def _tolerance(job: Job) -> float:
     """Return how far surfaces may lie behind each other and count as one, mm: about a pixel of disparity."""
-    return TOLERANCE_VOXELS * job.voxel_mm
+    return TOLERANCE_STEPS * job.step_mm
 
 
 def _all_pictures_key(job: Job, frame: int) -> list[dict[str, Any]]:

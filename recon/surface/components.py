@@ -15,8 +15,17 @@ from recon.geometry.mesh import Mesh
 def drop_small_components(mesh: Mesh, share: float) -> Mesh:
     """Keep the components with at least `share` of the largest one's faces, and no vertex without a face."""
     labels = component_labels(mesh.faces, len(mesh.vertices))
+    return _of_size(mesh, labels, share * np.bincount(labels[mesh.faces[:, 0]]).max())
+
+
+def drop_islands(mesh: Mesh, n_faces: float) -> Mesh:
+    """Keep the components with at least `n_faces` faces, at least one, and no vertex without a face."""
+    return _of_size(mesh, component_labels(mesh.faces, len(mesh.vertices)), n_faces)
+
+
+def _of_size(mesh: Mesh, labels: NDArray[np.int32], n_faces: float) -> Mesh:
     sizes = np.bincount(labels[mesh.faces[:, 0]], minlength=len(mesh.vertices))
-    return whole_components(mesh, (sizes >= max(share * sizes.max(), 1))[labels])
+    return whole_components(mesh, (sizes >= max(n_faces, 1))[labels])
 
 
 def whole_components(mesh: Mesh, is_vertex: NDArray[np.bool_]) -> Mesh:

@@ -36,6 +36,23 @@ def colour_vertices(mesh: Mesh, clouds: Sequence[Cloud], voxel: float) -> Mesh:
     clouds : one per sensor, at most 16; none without points
     voxel : mm
     """
+    return replace(mesh, colours=_gathered(mesh, clouds, voxel)[0])
+
+
+def supports(mesh: Mesh, clouds: Sequence[Cloud], voxel: float) -> NDArray[np.float32]:
+    """Measure how many points of each cloud lie beside each vertex, by their weights: float32 (N, S).
+
+    A sensor that looks at a surface from the side, or sees only its edge, has fewer of them.
+
+    Parameters
+    ----------
+    mesh, clouds, voxel : as of `colour_vertices`
+    """
+    return _gathered(mesh, clouds, voxel)[1]
+
+
+def _gathered(mesh: Mesh, clouds: Sequence[Cloud], voxel: float) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Return the colours (N, 3) and the supports (N, S) of the vertices."""
     points = np.concatenate([cloud.points for cloud in clouds])
     colours = np.concatenate([cloud.colours for cloud in clouds])
     normals = np.concatenate([cloud.normals for cloud in clouds])
@@ -43,16 +60,16 @@ def colour_vertices(mesh: Mesh, clouds: Sequence[Cloud], voxel: float) -> Mesh:
     blocks, order, starts = numbered_by_block(points, voxel)
     offsets = np.zeros((len(blocks), BLOCK**3 + 1), np.int32)
     _sort_by_cell(points, voxel, starts, order, offsets)
-    own, number = _blocks_of(mesh.vertices, voxel)
-    lowest = np.minimum(blocks.min(axis=0), own.min(axis=0)) - 1
-    around = neighbours_in(own, block_keys(blocks - lowest), lowest)
-    gathered = mesh.colours.copy()
+    vertex_blocks, number = _blocks_of(mesh.vertices, voxel)
+    lowest = np.minimum(blocks.min(axis=0), vertex_blocks.min(axis=0)) - 1
+    around = neighbours_in(vertex_blocks, block_keys(blocks - lowest), lowest)
+    gathered, weights = mesh.colours.copy(), np.zeros((len(mesh.vertices), len(clouds)), np.float32)
     gather = partial(
-        _gather, mesh.vertices, mesh.normals, own, number, around, points, normals, colours, sources, len(clouds),
-        order, starts, offsets, voxel, _depth(clouds, voxel), gathered,
+        _gather, mesh.vertices, mesh.normals, vertex_blocks, number, around, points, normals, colours, sources,
+        order, starts, offsets, voxel, _depth(clouds, voxel), gathered, weights,
     )  # fmt: skip
     in_bands(len(mesh.vertices), gather)
-    return replace(mesh, colours=gathered)
+    return gathered, weights
 
 
 def _depth(clouds: Sequence[Cloud], voxel: float) -> float:
@@ -80,28 +97,28 @@ def _sort_by_cell(
 ) -> None:
     """Sort the points of each block in `order` by cell, and count those before each cell in `offsets` (B, 513)."""
     for block in range(len(starts) - 1):
-        own = order[starts[block] : starts[block + 1]].copy()
-        cells = np.empty(len(own), np.int64)
-        for index in range(len(own)):
-            x = int(np.floor(float(points[own[index], 0]) / voxel)) & 7
-            y = int(np.floor(float(points[own[index], 1]) / voxel)) & 7
-            cells[index] = x << 6 | y << 3 | int(np.floor(float(points[own[index], 2]) / voxel)) & 7
+        before = order[starts[block] : starts[block + 1]].copy()
+        cells = np.empty(len(before), np.int64)
+        for index in range(len(before)):
+            x = int(np.floor(float(points[before[index], 0]) / voxel)) & 7
+            y = int(np.floor(float(points[before[index], 1]) / voxel)) & 7
+            cells[index] = x << 6 | y << 3 | int(np.floor(float(points[before[index], 2]) / voxel)) & 7
             offsets[block, cells[index] + 1] += 1
         for cell in range(512):
             offsets[block, cell + 1] += offsets[block, cell]
         following = offsets[block].copy()
-        for index in range(len(own)):
-            order[starts[block] + following[cells[index]]] = own[index]
+        for index in range(len(before)):
+            order[starts[block] + following[cells[index]]] = before[index]
             following[cells[index]] += 1
 
 
 @njit(cache=True, nogil=True)
 def _gather(  # type: ignore[no-untyped-def]  # numba
-    vertices, vertex_normals, blocks, number, around, points, normals, colours, sources, n_sources, order, starts,
-    offsets, voxel, depth, gathered, first, last,
+    vertices, vertex_normals, blocks, number, around, points, normals, colours, sources, order, starts,
+    offsets, voxel, depth, gathered, weights, first, last,
 ):  # fmt: skip
-    """Write the colours of vertices `first` to `last`; arrays as in `colour_vertices`."""
-    sums = np.zeros((n_sources, 4))
+    """Write the colours and the weights of vertices `first` to `last`; arrays as in `_gathered`."""
+    sums = np.zeros((weights.shape[1], 4))
     for vertex in range(first, last):
         radius = RADIUS_VOXELS
         for _ in range(2):
@@ -111,6 +128,7 @@ def _gather(  # type: ignore[no-untyped-def]  # numba
                 normals, colours, sources, order, starts, offsets, voxel, radius, depth, sums,
             )  # fmt: skip
             if sums[:, 3].sum() > 0:
+                weights[vertex] = sums[:, 3]
                 _blend(sums, gathered[vertex])
                 break
             radius *= WIDENED
@@ -147,17 +165,20 @@ def _sum_beside(  # type: ignore[no-untyped-def]  # numba
                     agreement = nx * normals[index, 0] + ny * normals[index, 1] + nz * normals[index, 2]
                     if agreement < SAME_SIDE:
                         continue
-                    px, py = points[index, 0] / voxel - x, points[index, 1] / voxel - y
-                    pz = points[index, 2] / voxel - z
+                    px, py, pz = (
+                        points[index, 0] / voxel - x,
+                        points[index, 1] / voxel - y,
+                        points[index, 2] / voxel - z,
+                    )
                     away = px * nx + py * ny + pz * nz
                     beside = 1 - (px * px + py * py + pz * pz - away * away) / (radius * radius)
                     if beside <= 0 or abs(away) >= depth:
                         continue
                     weight = beside * beside * (1 - (away / depth) ** 2) * agreement
-                    own = sums[sources[index]]
+                    of_sensor = sums[sources[index]]
                     for channel in range(3):
-                        own[channel] += weight * colours[index, channel]
-                    own[3] += weight
+                        of_sensor[channel] += weight * colours[index, channel]
+                    of_sensor[3] += weight
 
 
 @njit(cache=True, nogil=True)

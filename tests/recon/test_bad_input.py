@@ -127,16 +127,10 @@ def test_the_filter_remembers_nothing_across_a_frame_without_foreground(command:
     assert np.array_equal(matched, filtered, equal_nan=True)
 
 
-@pytest.mark.slow
-def test_a_voxel_that_memory_would_not_hold_is_refused_with_one_that_fits(command: Command, tmp_path: Path) -> None:
-    cloud = write_cloud(tmp_path / "flat.ply", flat_cloud(300))
-    told = command("fuse", cloud, "-o", tmp_path / "mesh.ply", "--voxel", 0.005)
-    assert told.code == 1
-    found = told.err.strip().removeprefix("reconstudy: a voxel of 0.005 mm would need ").split()
-    assert float(found[0]) > 4
-    assert found[1:9] == ["GB,", "more", "than", "the", "4", "GB", "allowed;", "a"]
-    assert float(found[11]) > 0.005
+def test_a_voxel_of_more_samples_than_can_be_numbered_is_refused(command: Command, tmp_path: Path) -> None:
+    cloud = write_cloud(tmp_path / "flat.ply", flat_cloud(6))
     told = command("fuse", cloud, "-o", tmp_path / "mesh.ply", "--voxel", 1e-9)
+    assert told.code == 1
     assert "more samples than can be numbered" in told.err
     assert not (tmp_path / "mesh.ply").exists()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from recon.cloud import merge_clouds
 from recon.fusion import FUSIONS, LeftOutWarning, fuse_after, fuse_before, view_of_cloud
@@ -33,12 +34,25 @@ def three_views() -> list[Cloud]:
     ]
 
 
-def test_fusing_after_is_the_union_of_the_sensors_surfaces() -> None:
+def test_fusing_after_keeps_the_surface_of_each_sensor_where_it_sees_as_well_as_the_others() -> None:
     clouds = three_views()
     fused = fuse_after(clouds, PARAMETERS)
     union = merge_meshes([surface_from_cloud(cloud, PARAMETERS) for cloud in clouds])
-    assert np.array_equal(fused.vertices, union.vertices)
-    assert np.array_equal(fused.faces, union.faces)
+    farthest = cKDTree(union.vertices).query(fused.vertices)[0].max()
+    assert farthest < PARAMETERS.voxel_mm, "nothing was averaged or invented"
+    ahead = fused.vertices[fused.vertices[:, 2] > 50]
+    for radius in (59.0, 60.0, 61.0):
+        assert (np.abs(np.linalg.norm(ahead, axis=1) - radius) < 0.3).sum() > 100, "a layer per sensor"
+
+
+def test_fusing_after_leaves_out_what_another_sensor_sees_far_better() -> None:
+    clear, oblique = cap((0.0, 0, 1), radius=60.0, seed=2), cap((0.0, 0, 1), radius=61.0, seed=3)
+    thin = oblique.select(np.arange(0, len(oblique), 5))
+    thin_alone = surface_from_cloud(thin, PARAMETERS)
+    fused = fuse_after([clear, thin], PARAMETERS)
+    ahead = fused.vertices[fused.vertices[:, 2] > 30]
+    assert (np.abs(np.linalg.norm(ahead, axis=1) - 61) < 0.3).mean() < 0.05
+    assert np.array_equal(fuse_after([thin], PARAMETERS).vertices, thin_alone.vertices), "alone it is whole"
 
 
 def test_fusing_before_is_the_surface_of_all_points() -> None:

@@ -6,11 +6,13 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
 
-from app.analysis.comparisons.factors import votes_on_factor, votes_with_levels
+from app.analysis.comparisons.factors import votes_on_factor, votes_with_levels, wald_p_value
 from app.analysis.model.bootstrap import Bootstrap, bootstrap_scores, participant_weights
 from app.analysis.model.bradley_terry import fit_scores
 from app.analysis.model.contrasts import Contrast, contrasts
@@ -22,6 +24,8 @@ from app.analysis.reading.votes_table import ALL, VotesTable, only_compared
 
 Array = NDArray[np.float64]
 
+MOST_ITEMS_OF_A_TEST = 300  # with an order effect; each step inverts a matrix
+ORDER_LEVEL = 0.01  # below, the order effect belongs in every model; at 5 % chance would add it to every 20th study
 PARTS = re.compile(r"\d+|\D+")
 
 
@@ -119,6 +123,44 @@ def fit_by(settings: AnalysisSettings, votes: VotesTable) -> tuple[Fit, str | No
                 return fit, None
             why = "with it the scores have no finite estimate"
     return fit_scores(votes, ties=settings.ties, penalty=settings.penalty), why
+
+
+def tested_order(votes: VotesTable, settings: AnalysisSettings) -> tuple[AnalysisSettings, dict[str, Any] | None]:
+    """Test whether being shown first matters, wherever that was recorded; if it does, the models are to have it.
+
+    Parameters
+    ----------
+    votes : VotesTable, the votes to score
+    settings : as given
+
+    Returns
+    -------
+    settings : with the order effect if the votes show one (1 %, participants as the sample)
+    row : the test, `order_effect`, `order_se`, `p_value`, `is_in_model`; None where it cannot be made
+    """
+    if settings.order_effect or not len(votes) or (votes.first_shown < 0).any():
+        return settings, None
+    compared = only_compared(votes)
+    if len(compared.items) > MOST_ITEMS_OF_A_TEST or why_no_order_effect(compared) is not None:
+        return settings, None
+    fit = fit_scores(compared, ties=settings.ties, order_effect=True)
+    if fit.status != "ok" or fit.theta is None or fit.covariance is None:
+        return settings, None
+    place = fit.design.n_effects
+    has_people = votes.has_participants
+    p_value = wald_p_value(fit, np.eye(fit.design.n_parameters)[place : place + 1]) if has_people else None
+    if not has_people:
+        p_value = float(2 * norm.sf(abs(fit.theta[place]) / np.sqrt(fit.covariance[place, place])))
+    if p_value is None:
+        return settings, None
+    is_shown = p_value < ORDER_LEVEL
+    row = {
+        "order_effect": float(fit.theta[place]),
+        "order_se": fit.error(place, by_participant=has_people),
+        "p_value": p_value,
+        "is_in_model": is_shown,
+    }
+    return (replace(settings, order_effect=True) if is_shown else settings), row
 
 
 def votes_on_dataset(votes: VotesTable, dataset: str) -> VotesTable:

@@ -251,11 +251,11 @@ def model_tests(additive: Fit, votes: VotesTable, factors: Factors, dataset: str
         column += size
     items = fit_scores(votes, ties=ties, order_effect=order_effect)
     if items.status == "ok" and items.design.n_free > additive.design.n_free:
-        tests.append(likelihood_ratio("interaction", "items", dataset, items, additive, _beyond(items, additive)))
+        tests.append(likelihood_ratio("interaction", "items", dataset, items, additive, beyond(items, additive)))
     return [test for test in tests if test is not None]
 
 
-def _beyond(items: Fit, additive: Fit) -> Array:
+def beyond(items: Fit, additive: Fit) -> Array:
     """Return the directions of the items' scores, float64 (r, P), that no sum of factors' effects reaches."""
     assert additive.design.levels is not None
     n = len(items.items)

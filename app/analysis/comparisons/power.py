@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import count
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binomtest
 
-from app.analysis.model.bradley_terry import fit_scores
-from app.analysis.model.contrasts import SIGNIFICANT, differences, scores_of
+from app.analysis.comparisons.claims import CLAIMS, People, claim_power
 from app.analysis.model.scales import LOG_ODDS_PER_JOD
 from app.analysis.reading.votes_table import VotesTable, votes_from_indices
 from ground.progress import Progress, no_progress
@@ -21,6 +19,8 @@ Array = NDArray[np.float64]
 Tell = Callable[[], None]
 
 WANTED_POWER = 0.8
+REPORTED = "told apart"  # the claim that a report makes of two conditions
+MOST_PARTICIPANTS = 512
 LARGEST_EFFECT_JOD = 4.0
 HALVINGS = 9  # of the largest effect: to 0.01 JOD
 DEFAULT_SPREAD = 0.4  # log-odds; makes clustered errors about 1.4 times the naive ones, as on real panels
@@ -49,22 +49,39 @@ class StudyPlan(StudySize):
     ----------
     tie_rate : share of "no preference" between equal conditions
     spread : standard deviation over participants of their opinion of a condition, log-odds
+    by_dataset : the same of an opinion on each dataset apart
+    dataset_spread : standard deviation over datasets of a condition's score
+    drop_out : share of the participants who leave half-way
+    careless : share of the participants who throw a coin
     """
 
     tie_rate: float = DEFAULT_TIE_RATE
     spread: float = DEFAULT_SPREAD
+    by_dataset: float = 0.0
+    dataset_spread: float = 0.0
+    drop_out: float = 0.0
+    careless: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0 <= self.tie_rate < 1:
             raise ValueError(f"tie_rate is {self.tie_rate}, expected 0 or more and less than 1")
-        if self.spread < 0:
-            raise ValueError(f"spread is {self.spread}, expected 0 or more")
+        for name in ("spread", "by_dataset", "dataset_spread"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise ValueError(f"{name} is {getattr(self, name)}, expected 0 or more")
+        for name in ("drop_out", "careless"):
+            if not 0 <= getattr(self, name) < 1:
+                raise ValueError(f"{name} is {getattr(self, name)}, expected 0 or more and less than 1")
 
     @property
     def pairs(self) -> int:
         """Number of pairs of each dataset."""
         return self.conditions * (self.conditions - 1) // 2
+
+    @property
+    def people(self) -> People:
+        """Who judges what."""
+        return People(**asdict(self))
 
 
 def plan_study(
@@ -74,8 +91,10 @@ def plan_study(
     effect_jod: float = 0.5,
     replicates: int = 400,
     progress: Progress = no_progress,
+    claim: str = REPORTED,
 ) -> dict[str, Any]:
-    """Return the power for a difference of two conditions, and the difference detected with 80 % power.
+    """Return the power for a claim, the difference claimed with 80 % power, the power of every claim, and the number of
+    participants for 80 %.
 
     Parameters
     ----------
@@ -84,26 +103,26 @@ def plan_study(
     effect_jod : true difference of two conditions; the others lie halfway between them
     replicates : simulated studies for each power; its standard error is at most 0.5 / sqrt(replicates)
     progress : told what is simulated, how many studies are, and how many will be at most
+    claim : key of `CLAIMS`; by default what the report says of two conditions
 
     Returns
     -------
-    dict, with powers and detectable differences for one dataset and for all datasets pooled; None where the power stays
-    below 80 % even at the largest difference
+    dict, with powers and detectable differences for one dataset and for all datasets pooled (None where the power stays
+    below 80 % even at the largest difference), `claims` (what, power and its error) and `participants_wanted`
     """
     if not 0 < effect_jod < np.inf:
         raise ValueError(f"effect_jod is {effect_jod}, expected a difference above 0")
+    if claim not in CLAIMS:
+        raise ValueError(f"claim is {claim!r}, expected one of {', '.join(CLAIMS)}")
     sizes = {"one dataset": replace(plan, datasets=1), "all datasets": plan}
     results = []
     for (where, size), seed in zip(sizes.items(), rng.integers(0, 2**63, 2).tolist(), strict=True):
         tell = _teller(progress, f"studies of {where} simulated", replicates * (HALVINGS + 2))
-        results.append((power(size, effect_jod, seed, replicates, tell), detectable_jod(size, seed, replicates, tell)))
+        share_found = power(size, effect_jod, seed, replicates, tell, claim=claim)
+        results.append((share_found, detectable_jod(size, seed, replicates, tell, claim=claim)))
     (power_single, detectable_single), (power_pooled, detectable_pooled) = results
     return {
-        "conditions": plan.conditions,
-        "datasets": plan.datasets,
-        "participants": plan.participants,
-        "tie_rate": plan.tie_rate,
-        "spread": plan.spread,
+        **asdict(plan),
         "votes_per_participant": plan.pairs * plan.datasets,
         "votes": plan.pairs * plan.datasets * plan.participants,
         "replicates": replicates,
@@ -112,7 +131,72 @@ def plan_study(
         "power_pooled": power_pooled,
         "detectable_jod_one_dataset": detectable_single,
         "detectable_jod_pooled": detectable_pooled,
+        "claim": claim,
+        "claims": claim_rows(plan, effect_jod, seed, replicates),
+        "participants_wanted": participants_wanted(plan, effect_jod, seed, replicates, claim=claim),
     }
+
+
+def claim_rows(plan: StudyPlan, effect_jod: float, seed: int, replicates: int) -> list[dict[str, Any]]:
+    """Return the power of every claim over all datasets, with its Monte Carlo error.
+
+    Parameters
+    ----------
+    plan : the study
+    effect_jod : what is true, as in `claim_power`, in JOD
+    seed : for the simulated votes
+    replicates : simulated studies
+    """
+    rows = []
+    for claim, (what, _, _) in CLAIMS.items():
+        share = claim_power(plan.people, claim, effect_jod * LOG_ODDS_PER_JOD, seed, replicates)
+        error = float(np.sqrt(max(share * (1 - share), 0.25 / replicates) / replicates))
+        rows.append({"claim": claim, "what": what, "power": share, "power_error": error})
+    return rows
+
+
+def participants_wanted(
+    plan: StudyPlan, effect_jod: float, seed: int, replicates: int, *, claim: str = REPORTED
+) -> dict[str, int] | None:
+    """Return how many participants make a claim with 80 % power, with limits for the error of the simulation.
+
+    Parameters
+    ----------
+    plan : the study; its number of participants does not count
+    effect_jod : true difference, JOD
+    seed : for the simulated votes
+    replicates : simulated studies for each number
+    claim : key of `CLAIMS`
+
+    Returns
+    -------
+    dict, `participants`, and `low` and `high`, whose powers are two standard errors away from 80 %; None where even
+    `MOST_PARTICIPANTS` do not suffice
+    """
+    error = 2 * float(np.sqrt(WANTED_POWER * (1 - WANTED_POWER) / replicates))
+    powers: dict[int, float] = {}
+
+    def fewest(wanted: float) -> int | None:
+        low, high = 1, 4
+        while power_of(high) < wanted:
+            low, high = high, 2 * high
+            if high > MOST_PARTICIPANTS:
+                return None
+        while high - low > max(1, high // 20):
+            middle = (low + high) // 2
+            low, high = (low, middle) if power_of(middle) >= wanted else (middle, high)
+        return high
+
+    def power_of(n: int) -> float:
+        if n not in powers:
+            people = replace(plan.people, participants=n)
+            powers[n] = claim_power(people, claim, effect_jod * LOG_ODDS_PER_JOD, seed, replicates)
+        return powers[n]
+
+    numbers = [fewest(min(wanted, 0.999)) for wanted in (WANTED_POWER, WANTED_POWER - error, WANTED_POWER + error)]
+    if numbers[0] is None:
+        return None
+    return {"participants": numbers[0], "low": numbers[1] or numbers[0], "high": numbers[2] or MOST_PARTICIPANTS}
 
 
 def _teller(progress: Progress, what: str, total: int) -> Tell:
@@ -122,47 +206,30 @@ def _teller(progress: Progress, what: str, total: int) -> Tell:
     return lambda: progress(what, next(done), total)
 
 
-def power(plan: StudyPlan, effect_jod: float, seed: int, replicates: int, tell: Tell = no_progress) -> float:
-    """Return the share of simulated studies in which the two conditions differ significantly (5 %, t on
-    participants).
+def power(
+    plan: StudyPlan,
+    effect_jod: float,
+    seed: int,
+    replicates: int,
+    tell: Tell = no_progress,
+    *,
+    claim: str = REPORTED,
+) -> float:
+    """Return the share of simulated studies in which a claim is made.
 
     Parameters
     ----------
     plan : the study
-    effect_jod : true difference of the two conditions
+    effect_jod : true difference, JOD, as in `claim_power`
     seed : for the simulated votes
     replicates : simulated studies
     tell : called after each
+    claim : key of `CLAIMS`; by default that two conditions are told apart, as the report says it
     """
-    rng = np.random.default_rng(seed)
-    abilities = np.zeros(plan.conditions)
-    abilities[0], abilities[1] = effect_jod * LOG_ODDS_PER_JOD / 2, -effect_jod * LOG_ODDS_PER_JOD / 2
-    n_detected = 0
+    share = claim_power(plan.people, claim, effect_jod * LOG_ODDS_PER_JOD, seed, replicates)
     for _ in range(replicates):
-        n_detected += _is_detected(simulate_votes(plan, abilities, rng))
         tell()
-    return n_detected / replicates
-
-
-def _is_detected(votes: VotesTable) -> bool:
-    fit = fit_scores(votes)
-    if fit.status == "separated":
-        return _sign_test(votes) < SIGNIFICANT
-    if fit.status != "ok" or fit.participant_covariance is None:
-        return False
-    return bool(differences(scores_of(fit), np.array([0]), np.array([1])).p_value[0] < SIGNIFICANT)
-
-
-def _sign_test(votes: VotesTable) -> float:
-    """Return the two-sided p-value of how many participants prefer one of the first two conditions to the other.
-
-    It needs no maximum of the likelihood: with enough people, a condition that wins every vote counts as
-    detected.
-    """
-    direct = votes.where((votes.item_a == 0) & (votes.item_b == 1))
-    balance = np.bincount(direct.participant, np.array([1, -1, 0])[direct.choice])
-    n_decided = int(np.count_nonzero(balance))
-    return float(binomtest(int((balance > 0).sum()), n_decided).pvalue) if n_decided else 1.0
+    return share
 
 
 def simulate_votes(plan: StudyPlan, abilities: Array, rng: np.random.Generator) -> VotesTable:
@@ -187,7 +254,9 @@ def simulate_votes(plan: StudyPlan, abilities: Array, rng: np.random.Generator) 
     return votes_from_indices(who, dataset, low[pair], high[pair], choice, names=names)
 
 
-def detectable_jod(plan: StudyPlan, seed: int, replicates: int, tell: Tell = no_progress) -> float | None:
+def detectable_jod(
+    plan: StudyPlan, seed: int, replicates: int, tell: Tell = no_progress, *, claim: str = REPORTED
+) -> float | None:
     """Return the difference detected with 80 % power; None if it is larger than any considered.
 
     Every difference uses the same random numbers, so the power rises almost steadily with it.
@@ -198,12 +267,13 @@ def detectable_jod(plan: StudyPlan, seed: int, replicates: int, tell: Tell = no_
     seed : for the simulated votes
     replicates : simulated studies for each difference
     tell : called after each study
+    claim : key of `CLAIMS`
     """
     low, high = 0.0, LARGEST_EFFECT_JOD
-    if power(plan, high, seed, replicates, tell) < WANTED_POWER:
+    if power(plan, high, seed, replicates, tell, claim=claim) < WANTED_POWER:
         return None
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        is_enough = power(plan, middle, seed, replicates, tell) >= WANTED_POWER
+        is_enough = power(plan, middle, seed, replicates, tell, claim=claim) >= WANTED_POWER
         low, high = (low, middle) if is_enough else (middle, high)
     return high

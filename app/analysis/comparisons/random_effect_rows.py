@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
 from app.analysis.comparisons.comparison import Comparison
 from app.analysis.model.contrasts import MOST_ITEMS, holm
@@ -18,10 +18,12 @@ from app.analysis.model.random_effects import (
     mixture_interval,
     opposite_sign,
 )
+from app.analysis.model.settings import LEVEL
 from app.analysis.reading.votes_table import ALL
 
 Array = NDArray[np.float64]
 
+HALVINGS_OF_A_SHARE = 30
 TABLES = ("random_effects", "random_effects_scores", "random_effects_contrasts")
 
 
@@ -75,11 +77,46 @@ def _contrast_rows(posterior: Posterior) -> Iterator[dict[str, Any]]:
     p_values = opposite_sign(posterior.weights, means, sds)
     between_people = np.sqrt(2) * posterior.spreads[:, posterior.levels.index(PARTICIPANTS), None]
     people = posterior.weights @ ndtr(means / between_people)
-    names = ("difference", "se", "ci_low", "ci_high", "p_value", "p_holm", "people_preferring")
-    columns = *_summary(posterior, means, sds), p_values.tolist(), holm(p_values).tolist(), people.tolist()
+    people_low, people_high = (
+        _share_quantile(posterior.weights, means, sds, between_people, tail)
+        for tail in ((1 - LEVEL) / 2, (1 + LEVEL) / 2)
+    )
+    names = (
+        "difference",
+        "se",
+        "ci_low",
+        "ci_high",
+        "p_value",
+        "p_holm",
+        "people_preferring",
+        "people_low",
+        "people_high",
+    )
+    columns = (
+        *_summary(posterior, means, sds),
+        *(part.tolist() for part in (p_values, holm(p_values), people, people_low, people_high)),
+    )
     for a, b, *numbers in zip(first, second, *columns, strict=True):
         pair = {"item_a": posterior.items[a], "item_b": posterior.items[b]}
         yield pair | dict(zip(names, numbers, strict=True))
+
+
+def _share_quantile(weights: Array, means: Array, sds: Array, between: Array, tail: float) -> Array:
+    """Find a quantile of the share of people with a higher score of the first item, float64 (M,), by bisection.
+
+    Parameters
+    ----------
+    weights : float64 (K,), of the mixture's parts
+    means, sds : float64 (K, M), of the difference of two scores
+    between : float64 (K, 1), standard deviation of that difference between people
+    tail : share below the quantile
+    """
+    low, high = np.zeros(means.shape[1]), np.ones(means.shape[1])
+    for _ in range(HALVINGS_OF_A_SHARE):
+        middle = (low + high) / 2
+        is_below = weights @ ndtr((between * ndtri(middle) - means) / sds) < tail
+        low, high = np.where(is_below, middle, low), np.where(is_below, high, middle)
+    return np.asarray((low + high) / 2)
 
 
 def _summary(posterior: Posterior, means: Array, sds: Array) -> tuple[list[float], ...]:

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from app.analysis.comparisons.comparison import Comparison
 from app.analysis.comparisons.groups import GroupComparison
 from app.analysis.model.bootstrap import Bootstrap
-from app.analysis.model.bradley_terry import fit_pairs
+from app.analysis.model.bradley_terry import fit_pairs, fit_scores
 from app.analysis.model.contrasts import half_widths, has_few_participants, letters, scores_of
 from app.analysis.model.distance_prior import fit_with_prior
 from app.analysis.model.likelihood.counts import count_pairs
 from app.analysis.model.likelihood.fit import Fit
 from app.analysis.model.likelihood.ties import TIE_MODELS
 from app.analysis.model.scales import LOG_ODDS_PER_JOD, equivalence_columns, preference_columns
+from app.analysis.model.separation import votes_within_groups
 from app.analysis.model.thurstone import JOD, fit_thurstone
 from app.analysis.reading.votes_table import ALL, NONE, VotesTable
 from app.analysis.screening.triads import Triads, by_participant, pooled_p_value
@@ -197,6 +198,35 @@ def contrast_rows(comparison: Comparison, margin_jod: float | None = None) -> It
     where = {"comparison": comparison.comparison, "dataset": comparison.dataset}
     for row, *scales in zip(rows, preferences, equivalences, strict=True):
         yield where | vars(row) | scales[0] | scales[1]
+
+
+def islands(comparison: Comparison) -> list[Comparison]:
+    """Return the comparisons within each group of conditions, if no vote links the groups; else none."""
+    fit = comparison.fit
+    if fit.status != "disconnected" or len(fit.groups) < 2:
+        return []
+    order = fit.design.has_order
+    return [
+        Comparison(
+            comparison.comparison, comparison.dataset, part, fit_scores(part, ties=fit.ties, order_effect=order), None
+        )
+        for part in votes_within_groups(fit, comparison.votes)
+    ]
+
+
+def island_rows(comparison: Comparison, jod_prior: str) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Return scores and contrasts within each group of conditions that no vote links to the others.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    jod_prior : as in the settings
+    """
+    scores, contrasts = list[dict[str, Any]](), list[dict[str, Any]]()
+    for number, part in enumerate(islands(comparison), 1):
+        scores += [{"group": number, **row} for row in score_rows(part, jod_prior)]
+        contrasts += [{"group": number, **row} for row in contrast_rows(part)]
+    return scores, contrasts
 
 
 def tie_model_rows(comparison: Comparison) -> Iterator[dict[str, Any]]:

@@ -26,9 +26,23 @@ def contrast_between(rows: Iterable[Row], first: str, second: str) -> Row | None
     return row if row is None or row["item_a"] == first else _turned(row)
 
 
+def _turned_ends(row: Row, name: str) -> dict[str, float | None]:
+    """Return limits exchanged and with the other sign; none where the row has none."""
+    if f"{name}_low" not in row:
+        return {}
+    low, high = row[f"{name}_low"], row[f"{name}_high"]
+    return {f"{name}_low": None if high is None else -high, f"{name}_high": None if low is None else -low}
+
+
 def _turned(row: Row) -> Row:
     """Return a contrast with its conditions exchanged."""
-    people = {"people_preferring": 1 - row["people_preferring"]} if "people_preferring" in row else {}
+    people = {}
+    if "people_preferring" in row:
+        people = {
+            "people_preferring": 1 - row["people_preferring"],
+            "people_low": 1 - row["people_high"],
+            "people_high": 1 - row["people_low"],
+        }
     return {
         **row,
         **people,
@@ -37,4 +51,5 @@ def _turned(row: Row) -> Row:
         "difference": -row["difference"],
         "ci_low": None if row["ci_high"] is None else -row["ci_high"],
         "ci_high": None if row["ci_low"] is None else -row["ci_low"],
+        **_turned_ends(row, "ci_simultaneous"),
     }

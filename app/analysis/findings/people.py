@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.stats import norm
 
 from app.analysis.findings.ranking import overall
 from app.analysis.model.contrasts import FEWEST_PARTICIPANTS, SIGNIFICANT, holm
-from app.analysis.reading.phrases import counted, finding, outstanding, p_phrase, unsigned
-from app.analysis.screening.observers import FEWEST_FOR_FENCES
+from app.analysis.reading.phrases import (
+    MOST_NAMED,
+    counted,
+    finding,
+    listed,
+    number_with_interval,
+    outstanding,
+    p_phrase,
+    unsigned,
+)
+from app.analysis.screening.observers import CARELESS, FEWEST_FOR_FENCES
 
 
 def limit_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     """Yield what the number of participants forbids to conclude."""
     n, model = analysis["votes"]["participants"], overall(analysis["models"])[0]
+    planned = analysis["settings"]["planned_participants"]
+    if n is not None and planned is not None and n < planned:
+        yield finding("interim", _interim(n, planned))
     if n is None:
         yield finding(
             "limits",
@@ -38,6 +51,21 @@ def limit_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
         )
 
 
+def _interim(n: int, planned: int) -> str:
+    """Say that results before the planned number are no conclusions, and what would be one all the same.
+
+    Source
+    ------
+    Lan and DeMets (1983): the part of the 5 % that O'Brien and Fleming's bounds spend by a share of the participants.
+    """
+    spent = 2 * float(norm.sf(norm.isf(SIGNIFICANT / 2) / np.sqrt(n / planned)))
+    level = "0.0001" if spent < 0.0001 else f"{spent:.4f}" if spent < 0.001 else f"{spent:.3f}"
+    return (
+        f"Interim: {n} of {planned} planned participants. Do not conclude: who looks several times finds differences "
+        f"that are not there (five looks: 14 % of studies). Only p below {level} counts so early (O'Brien and Fleming)."
+    )
+
+
 def people_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     """Yield how well participants agree, whether scores describe their votes, and who stands out."""
     yield from _agreement(analysis)
@@ -46,31 +74,55 @@ def people_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
 
 
 def _agreement(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
-    if analysis["votes"]["participants"] in (None, 1):
+    known = analysis["disagreement"]
+    if known is None or not analysis["votes"]["analysed"]:
+        return
+    if known["alpha"] is None:
+        yield finding(
+            "agreement", "How far participants agree cannot be said: no pair has decided votes of two people."
+        )
         return
     rows = [row for row in analysis["agreement"] if row["u"] is not None]
-    if not rows:
-        yield finding(
-            "agreement",
-            "How far participants agree is not summed up in one number: Kendall's u needs every pair judged once by "
-            "the same number of participants, without ties.",
-        )
-        return
     tested = [row for row in rows if row["p_value"] is not None]
     beyond = np.count_nonzero(holm(np.array([row["p_value"] for row in tested])) < SIGNIFICANT)
-    u = sum(row["u"] for row in rows) / len(rows)
-    if len(rows) == 1:
-        tail = f", {p_phrase(tested[0]['p_value'])}" if tested else ""
-        yield finding(
-            "agreement", f"Participants agree with Kendall's u = {unsigned(u)} (1: all alike, 0: chance{tail})."
-        )
-    else:
-        tail = f", more than by chance on {beyond} of them (Holm)" if tested else ""
-        yield finding(
-            "agreement",
-            f"Participants agree with Kendall's u = {unsigned(u)} on average over {len(rows)} datasets (1: all alike, "
-            f"0: chance){tail}.",
-        )
+    alpha = f"Participants agree with Krippendorff's alpha = {number_with_interval(known, 'alpha', 'alpha')}"
+    text = f"{alpha}; 1: all alike, 0: chance."
+    if rows:
+        u = unsigned(sum(row["u"] for row in rows) / len(rows))
+        if len(rows) == 1:
+            tail = f" ({p_phrase(tested[0]['p_value'])})" if tested else ""
+            text += f" Kendall's u = {u}{tail}."
+        else:
+            tail = f", more than by chance on {beyond} of them (Holm)" if tested else ""
+            text += f" Kendall's u = {u} on average over {len(rows)} datasets{tail}."
+    yield finding("agreement", text)
+    if known["heterogeneity"] is not None:
+        yield finding("disagreement", _disagreement(known["heterogeneity"]))
+
+
+def _disagreement(tested: Mapping[str, Any]) -> str:
+    """Say whether people disagree beyond their own noise, and name the camps."""
+    p_text, camps = p_phrase(tested["p_value"]), tested["camps"]
+    if tested["p_value"] >= SIGNIFICANT:
+        return f"It is not shown that people disagree more than their own noise explains ({p_text})."
+    text = (
+        f"People disagree more than their own noise explains: a person's votes go together {tested['ratio']:.1f} times "
+        f"as much as by chance ({p_text})."
+    )
+    if camps is None:
+        return f"{text} Scores are those of the average person; no two camps are shown."
+    first, second = camps["item_first"], camps["item_second"]
+    sizes = [len(names) for names in camps["participants"]]
+    counts = [f"{for_first} of {decided}" for for_first, decided in camps["votes"]]
+    between = (
+        f": {first} is preferred to {second} in {counts[0]} decided votes of the one, and in {counts[1]} of the other"
+        if all(decided for _, decided in camps["votes"])
+        else f", most over {first} and {second}"
+    )
+    return (
+        f"{text} They fall into two camps of {sizes[0]} and {sizes[1]} people ({p_phrase(camps['p_value'])}){between}. "
+        "What holds over all describes neither camp."
+    )
 
 
 def _fit(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
@@ -91,7 +143,8 @@ def _outstanding(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     pooled = analysis["triads_pooled"]
     n_circular, n_people = sum(row["circular"] for row in pooled), sum(row["circular"] > 0 for row in pooled)
     circles = (
-        f" {counted(n_circular, 'circular triad')} by {n_people} of {counted(len(pooled), 'participant')}."
+        f" {counted(n_circular, 'circular triad')} by {n_people} of {counted(len(pooled), 'participant')}"
+        f"{_circles_by_chance(pooled)}."
         if n_circular or any(row["complete"] for row in analysis["triads"])
         else ""
     )
@@ -100,4 +153,47 @@ def _outstanding(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
         if len(observers) < FEWEST_FOR_FENCES
         else ""
     )
-    yield finding("participants", f"{outstanding(observers)}{few}{circles}")
+    why = [_evidence(row, len(observers)) for row in observers if CARELESS in row["flags"]][:MOST_NAMED]
+    yield finding("participants", " ".join([f"{outstanding(observers)}{few}", *why]) + circles)
+    if any(row["n_identical"] or row["n_repeated"] for row in analysis["checks"]):
+        yield finding("checks", _checks(analysis["checks"]))
+
+
+def _circles_by_chance(pooled: Sequence[Mapping[str, Any]]) -> str:
+    expected = sum(row["circular_by_chance"] for row in pooled)
+    return f"; votes at random would make {expected:.0f}" if expected else ""
+
+
+def _evidence(row: Mapping[str, Any], n_people: int) -> str:
+    """Say why somebody's answers are called careless, and how often honest people would look so."""
+    careless = row["careless"]
+    times = (
+        "more than a million"
+        if careless["log_likelihood_ratio"] > np.log(1e6)
+        else (f"{np.exp(careless['log_likelihood_ratio']):.0f}")
+    )
+    alarms = careless["false_alarms"]
+    expected = "fewer than 0.001" if alarms < 0.001 else f"{alarms:.3f}"
+    words = f": {'; '.join(careless['words'])}" if careless["words"] else ""
+    return (
+        f"The answers of {row['participant']} are {times} times likelier from somebody who answers carelessly than "
+        f"from somebody who answers as the others do{words}; among {n_people} honest people {expected} would look so."
+    )
+
+
+def _checks(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Count how often the attention checks were failed, and by whom most."""
+    failed = {
+        row["participant"]: row["n_identical"] - row["n_identical_none"] + row["n_repeated"] - row["n_repeated_same"]
+        for row in rows
+    }
+    asked = {row["participant"]: row["n_identical"] + row["n_repeated"] for row in rows}
+    identical, told = (sum(row[name] for row in rows) for name in ("n_identical", "n_identical_none"))
+    repeated, same = (sum(row[name] for row in rows) for name in ("n_repeated", "n_repeated_same"))
+    parts = [
+        f"{identical - told} of {counted(identical, 'identical pair')} told apart" if identical else "",
+        f"{repeated - same} of {counted(repeated, 'repeated pair')} answered otherwise than before" if repeated else "",
+    ]
+    worst = sorted(failed, key=lambda name: -failed[name])[:3]
+    most = listed([f"{name} ({failed[name]} of {asked[name]})" for name in worst if failed[name]])
+    return f"Attention checks: {listed([part for part in parts if part])}{f'; most by {most}' if most else ''}."

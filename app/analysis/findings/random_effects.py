@@ -42,11 +42,13 @@ def random_effect_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, st
     pair = contrast_between(contrasts, best["item"], worst["item"])
     if pair is not None:
         n_differ = sum(row["p_holm"] < SIGNIFICANT for row in contrasts)
-        doubt = "" if pair["p_holm"] < SIGNIFICANT else ", which chance can explain"
-        text += (
-            f" {percent(pair['people_preferring']).capitalize()} of people prefer {best['item']} to {worst['item']}, "
-            f"{p_phrase(pair['p_holm'])} (Holm){doubt}; {n_differ} of {counted(len(contrasts), 'pair')} differ."
-        )
+        if pair["p_holm"] < SIGNIFICANT:
+            share, low, high = (percent(pair[name]) for name in ("people_preferring", "people_low", "people_high"))
+            text += (
+                f" The model predicts that {share} of people (95 % interval {low} to {high}) prefer {best['item']} to "
+                f"{worst['item']}, {p_phrase(pair['p_holm'])} (Holm)."
+            )
+        text += f" {n_differ} of {counted(len(contrasts), 'pair')} differ (Holm)."
     yield finding("random effects", text)
     apart = [
         f"between {row['level']} by {number_with_interval(row, 'sd', 'sd')}"

@@ -23,6 +23,7 @@ from app.analysis.reading.votes_table import ALL
 Row = Mapping[str, Any]
 
 MOST_IN_GROUPS = 12  # conditions whose groups a sentence can name; the table has the letters of more
+SMALL, LARGE = 0.634, 0.75  # shares of decided votes: half a JOD, and one
 EQUAL = 1e-9  # log-odds; scores that differ by less are the same
 LETTER = re.compile(r"\(\d+\)|.")
 
@@ -48,11 +49,29 @@ def ranking_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     model = overall(analysis["models"])[0]
     if not scored:
         yield finding("ranking", _why_no_scores(model))
+        yield from _within_islands(analysis)
     elif scored[0]["score"] - scored[-1]["score"] < EQUAL:
         yield finding("ranking", f"All {len(scored)} conditions have the same score: the votes prefer none of them.")
     else:
         yield from _best_and_worst(analysis, scored, model)
     yield from _never_judged(analysis)
+
+
+def _within_islands(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
+    """Say what the votes show within each group of conditions that no vote links to the others."""
+    contrasts = overall(analysis["island_contrasts"])
+    for number in dict.fromkeys(row["group"] for row in overall(analysis["island_scores"])):
+        scored = [row for row in overall(analysis["island_scores"]) if row["group"] == number]
+        scored = sorted((row for row in scored if row["score"] is not None), key=lambda row: -row["score"])
+        pairs = [row for row in contrasts if row["group"] == number]
+        if len(scored) > 1:
+            best, worst = (
+                f"{row['item']}, {number_with_interval(row, 'score', show=signed)}" for row in (scored[0], scored[-1])
+            )
+            n_differ = sum(row["p_holm"] < SIGNIFICANT for row in pairs)
+            tested = f"; {n_differ} of {len(pairs)} pairs differ (Holm)" if pairs else ""
+            names = listed([row["item"] for row in scored])
+            yield finding("ranking", f"Within {{{names}}}: highest {best}, lowest {worst}{tested}.")
 
 
 def _why_no_scores(model: Row) -> str:
@@ -76,7 +95,12 @@ def _best_and_worst(analysis: Mapping[str, Any], scored: Sequence[Row], model: R
     if model["status"] == "separated":
         yield finding("ranking", _separated(analysis, model))
     yield from tested_ranking(
-        conditions, contrasts, "score", _difference(scored[0]["item"], scored[-1]["item"], contrasts, model)
+        conditions,
+        contrasts,
+        "score",
+        _difference(scored[0]["item"], scored[-1]["item"], analysis, model),
+        where=_among_several(analysis),
+        beyond=_over_datasets(contrasts),
     )
     margin = analysis["settings"]["equivalence_margin"]
     if margin is not None:
@@ -129,8 +153,53 @@ def untested_ranking(conditions: Sequence[Condition], score: str, why: str) -> d
     return finding("ranking", f"{ends}. Whether conditions differ was not tested: {why}.")
 
 
+def here(analysis: Mapping[str, Any]) -> str:
+    """Say which datasets a sentence holds for; empty where datasets have no names."""
+    n = len(analysis["votes"]["datasets"])
+    return f" on these {n} datasets" if n > 1 else " on this dataset" if n else ""
+
+
+def _among_several(analysis: Mapping[str, Any]) -> str:
+    return here(analysis) if len(analysis["votes"]["datasets"]) > 1 else ""
+
+
+def counted_votes(analysis: Mapping[str, Any], first: str, second: str, comparison: str = ALL) -> str:
+    """Return how many decided votes of a pair, over all datasets, are for the first item: "27 of 29 decided votes".
+
+    Parameters
+    ----------
+    analysis : the content of analysis.json
+    first, second : the conditions, or levels of a factor
+    comparison : the factor; `all` for conditions
+    """
+    votes = {first: 0.0, second: 0.0}
+    for row in analysis["pairs"]:  # in both orders where the model has an order effect
+        is_whole = (row["comparison"], row["dataset"]) == (comparison, ALL)
+        if is_whole and {row["item_a"], row["item_b"]} == {first, second}:
+            votes[row["item_a"]] += row["a"]
+            votes[row["item_b"]] += row["b"]
+    decided = sum(votes.values())
+    return f"{votes[first]:.0f} of {decided:.0f} decided votes" if decided else "no vote, as none compares them"
+
+
+def _over_datasets(contrasts: Sequence[Row]) -> str:
+    """Say how many pairs differ for datasets like these; empty where that is not known."""
+    known = [row["p_datasets_holm"] for row in contrasts if row["p_datasets_holm"] is not None]
+    if not known:
+        return ""
+    n_differ = sum(p < SIGNIFICANT for p in known)
+    pairs = "pair differs" if n_differ == 1 else "pairs differ"
+    return f" For datasets like these, as a sample, {n_differ} of {len(known)} {pairs} (Holm)."
+
+
 def tested_ranking(
-    conditions: Sequence[Condition], contrasts: Sequence[Row], score: str, difference: str
+    conditions: Sequence[Condition],
+    contrasts: Sequence[Row],
+    score: str,
+    difference: str,
+    *,
+    where: str,
+    beyond: str,
 ) -> Iterator[dict[str, str]]:
     """Yield the best, the worst, the difference between them, and which conditions are told apart.
 
@@ -140,13 +209,15 @@ def tested_ranking(
     contrasts : of all pairs, with `item_a`, `item_b` and `p_holm`
     score : what the values are called
     difference : a sentence on the best and the worst, used if any pair differs
+    where : the datasets that the tests hold for
+    beyond : a sentence on other datasets
     """
     differing = [row for row in contrasts if row["p_holm"] < SIGNIFICANT]
     if differing:
-        yield finding("best", _placed(conditions[0], contrasts, "best", f"highest {score}"))
-        yield finding("worst", _placed(conditions[-1], contrasts, "worst", f"lowest {score}"))
+        yield finding("best", _placed(conditions[0], contrasts, "best", f"highest {score}", where))
+        yield finding("worst", _placed(conditions[-1], contrasts, "worst", f"lowest {score}", where))
         yield finding("difference", difference)
-    yield finding("told apart", _told_apart(conditions, contrasts, differing, score))
+    yield finding("told apart", _told_apart(conditions, contrasts, differing, score, where) + beyond)
 
 
 def _why_not_tested(analysis: Mapping[str, Any], scored: Sequence[Row]) -> str:
@@ -157,7 +228,7 @@ def _why_not_tested(analysis: Mapping[str, Any], scored: Sequence[Row]) -> str:
     return "the participants differ in too little to know how much other people would differ"
 
 
-def _placed(condition: Condition, contrasts: Sequence[Row], place: str, score: str) -> str:
+def _placed(condition: Condition, contrasts: Sequence[Row], place: str, score: str, where: str) -> str:
     """Say that a condition is best or worst, from which others it is not told apart, or which of them pass it.
 
     Where conditions are on different datasets, the highest mean may be lower on those that two have in common.
@@ -174,7 +245,7 @@ def _placed(condition: Condition, contrasts: Sequence[Row], place: str, score: s
     if alike:
         return f"{condition.name} has the {score}, {condition.value}, but is not told apart from {listed(alike)}."
     others = "the other condition" if len(against) == 1 else "every other condition"
-    return f"{condition.name} is {place}: it has the {score}, {condition.value}, and differs from {others}."
+    return f"{condition.name} is {place}: it has the {score}, {condition.value}, and differs from {others}{where}."
 
 
 def _passes(pair: Row, item: str, place: str) -> bool:
@@ -187,16 +258,29 @@ def _other(pair: Row, item: str) -> str:
     return str(pair["item_b"] if pair["item_a"] == item else pair["item_a"])
 
 
-def _difference(best: str, worst: str, contrasts: Sequence[Row], model: Row) -> str:
-    """Say how much the best condition is preferred to the worst."""
-    pair = contrast_between(contrasts, best, worst)
+def _difference(best: str, worst: str, analysis: Mapping[str, Any], model: Row) -> str:
+    """Say how much the best condition is preferred to the worst: what was counted, then what the model predicts."""
+    pair = contrast_between(overall(analysis["contrasts"]), best, worst)
+    counts, where = counted_votes(analysis, best, worst), _among_several(analysis)
     assert pair is not None
     log_theta = model.get("log_theta") or 0.0
-    if pair["ci_low"] is None or pair["ci_high"] is None:
+    if pair["ci_simultaneous_low"] is None or pair["ci_simultaneous_high"] is None:
         return _open_difference(pair, log_theta)
-    share, low, high = (percent(preferred_share(pair[name], log_theta)) for name in ("difference", "ci_low", "ci_high"))
-    between = f"{share} of decided votes (95 % interval {low} to {high})"
-    return f"Of {best} and {worst}, {best} is preferred in {between}, {p_phrase(pair['p_holm'])} (Holm){_doubt(pair)}."
+    ends = ("ci_simultaneous_low", "ci_simultaneous_high")
+    share, low, high = (percent(preferred_share(pair[name], log_theta)) for name in ("difference", *ends))
+    return (
+        f"Of {best} and {worst}, {best} is preferred in {counts}; the model predicts {share} (95 % interval {low} to "
+        f"{high}, simultaneous over all pairs), {size_of(preferred_share(pair['difference'], log_theta))}, "
+        f"{p_phrase(pair['p_holm'])} (Holm{',' if where else ''}{where}){_doubt(pair)}."
+    )
+
+
+def size_of(share: float) -> str:
+    """Say how large a difference is by the share of decided votes for the better condition.
+
+    Half a JOD, which is 63 %, and one JOD, which is 75 %, are the bounds.
+    """
+    return "a small difference" if share < SMALL else "a moderate difference" if share < LARGE else "a large difference"
 
 
 def _open_difference(pair: Row, log_theta: float) -> str:
@@ -212,7 +296,10 @@ def _open_difference(pair: Row, log_theta: float) -> str:
 
 
 def _doubt(pair: Row) -> str:
-    return "" if pair["p_holm"] < SIGNIFICANT else ", which chance can explain"
+    if pair["p_holm"] >= SIGNIFICANT:
+        return ", which chance can explain"
+    over = pair["p_datasets_holm"]
+    return ", but not shown for datasets like these" if over is not None and over >= SIGNIFICANT else ""
 
 
 def preferred_share(difference: float, log_theta: float) -> float:
@@ -227,9 +314,11 @@ def preferred_share(difference: float, log_theta: float) -> float:
     return float(win / (win + loss))
 
 
-def _told_apart(conditions: Sequence[Condition], contrasts: Sequence[Row], differing: Sequence[Row], score: str) -> str:
+def _told_apart(
+    conditions: Sequence[Condition], contrasts: Sequence[Row], differing: Sequence[Row], score: str, where: str
+) -> str:
     n, n_pairs = len(conditions), len(contrasts)
-    method = "5 % level, all pairs, Holm"
+    method = f"5 % level, all pairs, Holm{',' if where else ''}{where}"
     if not differing:
         best, worst = conditions[0], conditions[-1]
         what = "the two conditions" if n == 2 else f"any of the {n_pairs} pairs of {n} conditions"

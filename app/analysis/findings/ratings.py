@@ -51,7 +51,7 @@ def _opinions(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]]:
     n_people = model["n_participants"]
     if len(conditions) > 1 and len(contrasts) == len(conditions) * (len(conditions) - 1) // 2:
         difference = _difference(conditions[0].name, conditions[-1].name, contrasts)
-        yield from tested_ranking(conditions, contrasts, "mean rating", difference)
+        yield from tested_ranking(conditions, contrasts, "mean rating", difference, where="", beyond="")
     elif len(conditions) > 1:
         yield untested_ranking(conditions, "mean rating", _why_not_tested(n_people, len(conditions)))
     if references:

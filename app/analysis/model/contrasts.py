@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 
 MOST_ITEMS = 40  # 780 contrasts
 SIGNIFICANT = 0.05
+DRAWN = 4000  # vectors of scores; the limit of simultaneous intervals is exact to about 2 %
 BY_SCORES, ALL_ALIKE = "difference of scores", "all participants voted alike"  # methods of a contrast
 FEWEST_PARTICIPANTS = 12  # clusters; with fewer, a clustered error is too small by chance (Cameron and Miller 2015)
 
@@ -148,6 +149,35 @@ def differences(estimates: Estimates, first: NDArray[np.intp], second: NDArray[n
     se = np.maximum(clustered, naive) if is_few else clustered
     half = _half_width(clustered, naive, estimates)
     return Differences(difference, se, half, np.where(is_alike, 1.0, p_value), is_alike)
+
+
+def simultaneous_factor(estimates: Estimates) -> float:
+    """Return how much wider than alone the intervals of all pairs are that hold together in 95 % of studies.
+
+    The 95 % point of the largest of all pairs' t statistics, from `DRAWN` random vectors (fixed seed), is compared with
+    that of a single one.
+
+    Parameters
+    ----------
+    estimates : Estimates
+    """
+    n = len(estimates.names)
+    clustered = estimates.participant_covariance
+    covariance = (estimates.covariance if clustered is None else clustered)[:n, :n]
+    first, second = np.triu_indices(n, 1)
+    errors = np.sqrt(_variances(covariance, first, second))
+    known = errors > 0
+    if n < 3 or not known.any():
+        return 1.0
+    rng = np.random.default_rng(n)
+    values, vectors = np.linalg.eigh(covariance)
+    drawn = (rng.standard_normal((DRAWN, n)) * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    ratios = np.abs(drawn[:, first[known]] - drawn[:, second[known]]) / errors[known]
+    largest = ratios.max(axis=1)
+    if estimates.n_participants is not None:
+        df = estimates.n_participants - 1
+        largest = largest / np.sqrt(rng.chisquare(df, DRAWN) / df)
+    return float(np.quantile(largest, LEVEL)) / critical_value(estimates.n_participants)
 
 
 def half_widths(estimates: Estimates) -> Array | None:

@@ -59,15 +59,25 @@ def group_fits(fit: Fit, votes: VotesTable) -> list[Fit]:
     -------
     list of Fit, of groups with two items or more whose scores have a maximum
     """
+    alone = [fit_scores(within, ties=fit.ties) for within in votes_within_groups(fit, votes)]
+    return [each for each in alone if each.status == "ok"]
+
+
+def votes_within_groups(fit: Fit, votes: VotesTable) -> list[VotesTable]:
+    """Return the votes within each of a fit's groups that has two items or more, with its items alone.
+
+    Parameters
+    ----------
+    fit : Fit with status `separated` or `disconnected`
+    votes : VotesTable, the votes it was fitted to
+    """
     group_of = {item: number for number, group in enumerate(fit.groups) for item in group}
     group = np.array([group_of[item] for item in votes.items])
-    fits = []
-    for number, items in enumerate(fit.groups):
-        within = votes.where((group[votes.item_a] == number) & (group[votes.item_b] == number))
-        if len(items) > 1 and len(within):
-            alone = fit_scores(only_compared(within), ties=fit.ties)
-            fits += [alone] if alone.status == "ok" else []
-    return fits
+    parts = [
+        votes.where((group[votes.item_a] == number) & (group[votes.item_b] == number))
+        for number in range(len(fit.groups))
+    ]
+    return [only_compared(part) for part in parts if len(part)]
 
 
 def separated_contrasts(fit: Fit, votes: VotesTable, groups: Sequence[Fit]) -> list[Contrast]:

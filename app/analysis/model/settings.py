@@ -34,6 +34,7 @@ class AnalysisSettings:
     jod_prior : `pwcmp` fits the JOD of Thurstone's Case V with the prior on distances of that package
     random_effects : fit the scores also with `participants`, or with `participants,datasets`, as random effects
     by_dataset : also analyse every dataset alone
+    planned_participants : how many the study is planned for; results of fewer are interim
     exclude : participants left out by a recorded decision; the results with them are given too
     """
 
@@ -52,6 +53,7 @@ class AnalysisSettings:
     random_effects: str = ""
     by_dataset: bool = True
     exclude: tuple[str, ...] = ()
+    planned_participants: int | None = None
 
     def __post_init__(self) -> None:
         if self.ties not in TIE_MODELS:
@@ -70,6 +72,8 @@ class AnalysisSettings:
             raise ValueError(f"bootstrap is {self.bootstrap}, expected 0 or a number of replicates")
         if self.equivalence_margin is not None and not 0 < self.equivalence_margin < float("inf"):
             raise ValueError(f"equivalence_margin is {self.equivalence_margin}, expected a number of JOD above 0")
+        if self.planned_participants is not None and self.planned_participants < 1:
+            raise ValueError(f"planned_participants is {self.planned_participants}, expected 1 or more")
         unknown = [factor for factor in self.analysed_factors or () if factor not in self.factors]
         if unknown:
             raise ValueError(f"the factor {unknown[0]!r} is not among {', '.join(self.factors) or 'none'}")

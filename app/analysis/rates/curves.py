@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.reading.tabular import number
+from app.analysis.reading.cells import number
 from app.analysis.reading.votes_table import VotesError
 
 Array = NDArray[np.float64]

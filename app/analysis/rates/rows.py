@@ -91,7 +91,7 @@ def _curves(items: Sequence[str], sizes: Mapping[str, float], factors: Factors, 
         if item in sizes and item in factors[numeric]:
             places.setdefault(method_of(item, factors, numeric), []).append(place)
     every = [sizes.get(item, np.nan) for item in items]
-    curves = {method: curve_of(own, every) for method, own in places.items()}
+    curves = {method: curve_of(places_of, every) for method, places_of in places.items()}
     return {method: curve for method, curve in curves.items() if curve is not None}
 
 
@@ -148,4 +148,4 @@ def _sizes_on(sizes: Mapping[str, Mapping[str, float]], dataset: str) -> dict[st
         for item, size in by_item.items():
             if size > 0:
                 logs.setdefault(item, []).append(float(np.log(size)))
-    return everywhere | {item: float(np.exp(np.mean(own))) for item, own in logs.items()}
+    return everywhere | {item: float(np.exp(np.mean(values))) for item, values in logs.items()}

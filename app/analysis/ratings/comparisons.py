@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 RANK_TOLERANCE = 1e-10  # relative eigenvalues below it are rounding errors of 0
+MOST_AT_THE_END = 0.5  # share of ratings; above, the scale cuts off what an order adds
 
 
 def analyse_comparisons(table: ComparisonTable) -> dict[str, list[dict[str, Any]]]:
@@ -79,6 +80,8 @@ class _Part:
     person : intp (N,)
     rating : float64 (N,), above 0 where b is better
     order : float64 (N,), 1 where b was shown second, -1 where it was shown first
+    high : end of the scale
+    has_order : is the order recorded?
     """
 
     conditions: Indices
@@ -87,6 +90,8 @@ class _Part:
     person: Indices
     rating: Array
     order: Array
+    high: float
+    has_order: bool
 
     @classmethod
     def of(cls, table: ComparisonTable, rows: Indices, condition: Indices) -> _Part:
@@ -95,7 +100,8 @@ class _Part:
         conditions, number = np.unique(ends, return_inverse=True)
         _, person = np.unique(table.person[rows], return_inverse=True)
         a, b = number.reshape(2, -1)
-        return cls(conditions, a, b, person, table.rating[rows], np.where(table.a_first[rows], 1.0, -1.0))
+        order = np.where(table.a_first[rows], 1.0, -1.0)
+        return cls(conditions, a, b, person, table.rating[rows], order, table.high, table.has_order)
 
 
 @dataclass(frozen=True)
@@ -104,7 +110,7 @@ class _Fit:
 
     `least_se` (K,) are the scores' errors if ratings did not depend on each other, where participants are so few that
     clustered errors are too small by chance; else 0. `order_influence` (J,) is what each participant adds to the order
-    effect; its square sums to the variance.
+    effect; its square sums to the variance. `no_order` says why there is no order effect.
     """
 
     score: Array
@@ -115,12 +121,13 @@ class _Fit:
     order_influence: Array
     n_participants: int
     n_groups: int
+    no_order: str | None
 
 
 def _fit(part: _Part) -> _Fit:
     """Fit rating = score of b - score of a + order effect, with errors clustered by participant.
 
-    The order effect is what being shown second adds; it is left out where the orders cannot tell it from the scores.
+    The order effect is what being shown second adds; it is left out where `_why_no_order_effect` says so.
     """
     n, n_items = len(part.rating), len(part.conditions)
     rows = np.arange(n)
@@ -132,7 +139,8 @@ def _fit(part: _Part) -> _Fit:
     graph = coo_array((np.ones(n), (part.a, part.b)), shape=(n_items, n_items))
     n_groups = int(connected_components(graph, directed=False)[1].max()) + 1
     n_free = n_items - n_groups
-    has_order = int(np.linalg.matrix_rank(squares, tol=RANK_TOLERANCE * np.trace(squares))) == n_free + 1
+    no_order = _why_no_order_effect(part)
+    has_order = no_order is None
     if not has_order:
         design[:, n_items] = 0
         squares = design.T @ design
@@ -156,7 +164,28 @@ def _fit(part: _Part) -> _Fit:
         order_influence=spread[:, n_items],
         n_participants=n_participants,
         n_groups=n_groups,
+        no_order=no_order,
     )
+
+
+def _why_no_order_effect(part: _Part) -> str | None:
+    """Return why these ratings cannot tell an order effect from the scores, or from the end of the scale; else None.
+
+    It needs pairs that were shown both ways: where none was, sums of differences that the scale cuts off look like an
+    effect of the order.
+    """
+    if not part.has_order:
+        return "the order in which the two were shown is not recorded (first_shown)"
+    low, high = np.minimum(part.a, part.b), np.maximum(part.a, part.b)
+    pair = low * len(part.conditions) + high
+    low_first = (part.order > 0) == (part.a == low)
+    is_both = np.isin(pair, np.intersect1d(pair[low_first], pair[~low_first]))
+    if not is_both.any():
+        return "the orders cannot tell an order effect from the scores, as no pair was shown in both orders"
+    at_the_end = np.abs(part.rating) == part.high
+    if max(at_the_end.mean(), at_the_end[is_both].mean()) > MOST_AT_THE_END:
+        return "most ratings lie at the ends of the scale, from which an order effect cannot be told"
+    return None
 
 
 def _pair_rows(dataset: str, conditions: list[str], part: _Part, fit: _Fit) -> Iterator[dict[str, Any]]:
@@ -223,6 +252,7 @@ def _model_row(dataset: str, part: _Part, fit: _Fit) -> dict[str, Any]:
         "n_participants": fit.n_participants,
         "order_effect": fit.order_effect,
         "order_se": fit.order_se,
+        "order_left_out": fit.no_order,
         "n_second_better": int((part.rating * part.order > 0).sum()),
         "n_first_better": int((part.rating * part.order < 0).sum()),
         "status": "ok" if fit.n_groups == 1 else "disconnected",
@@ -233,8 +263,8 @@ def _warnings(row: dict[str, Any]) -> Iterator[str]:
     where = f"comparisons, dataset {row['dataset']}"
     if row["status"] != "ok":
         yield f"{where}: no pair links some conditions to the others, so there are no scores"
-    if row["order_effect"] is None:
+    if row["order_left_out"] is not None:
         yield (
-            f"{where}: the orders cannot tell an order effect from the scores, so none is taken off; show each pair in "
-            "both orders"
+            f"{where}: {row['order_left_out']}, so no order effect is taken off, and means are plain; show each pair "
+            "in both orders"
         )

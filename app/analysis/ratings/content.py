@@ -17,6 +17,8 @@ NO_VOTES: dict[str, Any] = {  # the keys of an analysis of votes, where there ar
     "schema_version": 1,
     "votes": None,
     "dataset_concordance": None,
+    "order": None,
+    "disagreement": None,
     "findings": [],
     "warnings": [],
     **{name: [] for name in TABLES},

@@ -1,25 +1,25 @@
-"""Read tables of ratings that were made elsewhere, row by row checked."""
+"""Read ratings by the description of a table: the second half of reading, for ratings."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.ratings.layouts import is_of_ratings, one_rating_a_row
 from app.analysis.ratings.table import PROTOCOLS, ComparisonTable, RatingTable, numbered_names
-from app.analysis.reading.tabular import flags, numbers, read_frame, refuse, texts
-from app.analysis.reading.votes_table import VotesError
-
-Columns = Mapping[str, NDArray[np.object_]]
+from app.analysis.reading.cells import FLAGS, Column, Problems, number_or_nan, same, shown
+from app.analysis.reading.description import COMPARISONS, Description, Told
+from app.analysis.reading.layouts import LongTable, rows_of
+from app.analysis.reading.read_votes import WARNING, Source, fingerprint, in_lists, recognise_file
+from app.analysis.reading.votes_table import ROLE_CODES, VotesError
 
 SCALE = (1.0, 5.0)  # of ITU-T P.910, five-level
 COMPARISON_SCALE = (-3.0, 3.0)  # of ITU-T P.910, seven-level
-REQUIRED = ("participant", "dataset", "condition", "rating")
-COMPARED = ("participant", "dataset", "item_a", "item_b", "rating")
+FILLED = {False: ("participant", "condition", "rating"), True: ("participant", "item_a", "item_b", "rating")}
+MOST_GRADES = 12  # different ratings that are counted one by one
 
 
 def holds_ratings(path: Path) -> bool:
@@ -28,153 +28,219 @@ def holds_ratings(path: Path) -> bool:
     Raises
     ------
     VotesError
-        If the file cannot be read.
+        If the file cannot be read, or may be read in several ways.
     """
-    return is_of_ratings(read_frame(path))
+    return not recognise_file(path).holds_votes
 
 
 def understand_ratings(
-    path: Path | str, scale: tuple[float, float] | None = None
+    path: Path | str | Source, scale: tuple[float, float] | None = None, told: Told | None = None
 ) -> tuple[RatingTable | ComparisonTable, list[str]]:
     """Read ratings from a table of any format that votes have, and say how it was understood.
 
-    With the columns `participant, dataset, condition, rating` they are of single stimuli; `protocol` (`acr` by default)
-    and `reference` (is the item its dataset's reference?) are optional. Usual other names of these columns are known,
-    and wide tables (`one_rating_a_row`). With `participant, dataset, item_a, item_b, rating` they compare two;
-    `first_shown` is the name of the item shown first, `item_a` by default. A study's table of votes is read as it was
-    exported: practice, exclusions and checks are left out, and what ACR, ACR-HR and DCR rate is `item_b`.
+    Rows of practice, of exclusions and of a study's own checks are left out, and counted in a sentence.
 
     Parameters
     ----------
-    path : a file whose name ends as one of votes may
+    path : a file whose name ends as one of votes may, or one already recognised
     scale : its ends; from 1 to 5 by default, for comparisons from -3 to 3
+    told : what the user said of its columns and cells
 
     Returns
     -------
-    the table, and the sentences
+    the table, and the sentences; those that begin with `WARNING` are warnings
 
     Raises
     ------
     VotesError
         Naming the file, the row and the value.
     """
-    path = Path(path)
-    frame = read_frame(path)
+    source = path if isinstance(path, Source) else recognise_file(path, told)
+    if source.holds_votes:
+        raise VotesError(f"{source.path}: holds votes, expected ratings: participant, condition and rating")
     try:
-        long, note = one_rating_a_row(frame, scale or SCALE)
-        columns = {str(name): texts(long[name].to_list()) for name in long.columns}
-        if "protocol" in columns:
-            columns["protocol"] = np.array([value.lower() for value in columns["protocol"]], object)
-        counted = _exported(columns)
-        table = _comparisons(counted, scale) if "item_a" in counted else _ratings(counted, scale)
+        rows, left_out = _counted(rows_of(source.table, source.description))
+        read = _comparisons if source.description.holds == COMPARISONS else _ratings
+        table = read(rows, source.description, scale)
     except ValueError as error:  # VotesError is one, as is what the table itself raises
-        raise VotesError(f"{path}: {error}") from error
+        raise VotesError(f"{source.path}: {error}") from error
+    warnings = (*source.table.warnings, *source.description.warnings)
+    return table, [_sentence(source, table, left_out), *(f"{WARNING}{source.path.name}: {text}" for text in warnings)]
+
+
+def _sentence(source: Source, table: RatingTable | ComparisonTable, left_out: str) -> str:
+    """Say how a file was understood: the three lists, the ratings, and a fingerprint that changes with any of them."""
+    datasets = list(dict.fromkeys(dataset for dataset, _ in table.items if dataset))
+    conditions = list(dict.fromkeys(condition for _, condition in table.items))
     parts = [
-        frame.attrs.get("understood", ""),
+        source.table.how,
         f"{len(table)} ratings by {len(table.participants)} participants of {len(table.items)} items",
-        note,
+        left_out,
+        *source.table.notes,
+        *source.description.notes,
+        *(source.description.used if source.description.layout == "rows" else ()),
+        "" if datasets else "no dataset is named: all ratings are on one dataset",
     ]
-    return table, [f"{path.name}: {'; '.join(filter(None, parts))}"]
+    values, counts = np.unique(table.rating, return_counts=True)
+    tally = ", ".join(f"{value:g} {n}x" for value, n in zip(values, counts, strict=True))
+    if len(values) > MOST_GRADES:
+        tally = f"from {values[0]:g} to {values[-1]:g}, mean {table.rating.mean():.6g}"
+    names = [(table.participants, "participant"), (conditions, "condition"), (datasets, "dataset")]
+    return in_lists(source, parts, names, f"ratings: {tally}; fingerprint {_fingerprint(table)}")
 
 
-def _exported(columns: Columns) -> Columns:
-    """Return the counted rows of a study's table of votes under the names of a table of ratings; others unchanged."""
-    if not {"protocol", "role", "item_b"} <= set(columns):
-        return columns
-    is_left_out = _flags(columns, "practice") | _flags(columns, "excluded") | ~np.isin(columns["role"], ("", "main"))
-    kept = {name: values[~is_left_out] for name, values in columns.items()}
-    if (kept["protocol"] == "ccr").all():
-        return kept
-    return {name: values for name, values in kept.items() if name != "item_a"} | {"condition": kept["item_b"]}
+def _fingerprint(table: RatingTable | ComparisonTable) -> str:
+    if isinstance(table, ComparisonTable):
+        columns = [table.person, table.item_a, table.item_b, table.rating, table.a_first]
+    else:
+        columns = [table.person, table.item, table.rating, table.is_reference]
+    return fingerprint([table.participants, table.items, getattr(table, "protocol", "ccr")], columns)
 
 
-def _ratings(columns: Columns, scale: tuple[float, float] | None) -> RatingTable:
-    if "dataset" not in columns and len(columns.get("rating", ())):
-        columns = {**columns, "dataset": np.full(len(columns["rating"]), "", object)}
-    _check(columns, REQUIRED)
+def _counted(rows: LongTable) -> tuple[LongTable, str]:
+    """Return the rows that count, and how many do not; raise if none is left."""
+    if not len(rows):
+        raise VotesError("has no row, expected at least one rating")
+    problems = Problems(rows.row)
+    is_practice, is_excluded = (_flags(rows, role, problems) for role in ("practice", "excluded"))
+    problems.check()
+    is_check = np.zeros(len(rows), bool)
+    if "role" in rows.columns:
+        is_check = rows.columns["role"].meaning(lambda word: ROLE_CODES.get(word, 0) != 0, bool)
+    counts = {"practice": is_practice, "excluded": is_excluded, "checks": is_check}
+    left_out = ", ".join(f"{int(rows_.sum())} {what}" for what, rows_ in counts.items() if rows_.any())
+    kept = ~(is_practice | is_excluded | is_check)
+    if not kept.any():
+        raise VotesError(f"none of the {len(rows)} ratings counts: {left_out}; expected at least one other")
+    if kept.all():
+        return rows, ""
+    origin = None if rows.origin is None else rows.origin.where(kept)
+    numbers = np.array([rows.row(int(row)) for row in np.flatnonzero(kept)])
+    columns = {role: column.where(kept) for role, column in rows.columns.items()}
+    return LongTable(columns, rows.how, numbers, origin=origin, theirs=rows.theirs), f"left out: {left_out}"
+
+
+def _ratings(rows: LongTable, description: Description, scale: tuple[float, float] | None) -> RatingTable:
+    problems = Problems(rows.row)
+    _check_filled(rows, FILLED[False], problems)
     low, high = scale or SCALE
-    rating = _scaled(columns, low, high)
-    protocol = _protocol(columns)
-    is_marked = _flags(columns, "reference")
-    participants, person = _names(columns["participant"])
-    items, item = _names(list(zip(columns["dataset"], columns["condition"], strict=True)))
+    rating = _scaled(rows, description, (low, high), problems)
+    protocol = _protocol(rows, problems)
+    is_marked = _flags(rows, "reference", problems)
+    problems.check()
+    participants, person = _names(rows.columns["participant"].texts)
+    items, item = _names(list(zip(_datasets(rows).texts, rows.columns["condition"].texts, strict=True)))
     is_reference = np.zeros(len(items), bool)
     is_reference[item[is_marked]] = True
-    refuse(
+    problems.add(
         is_reference[item] & ~is_marked,
         lambda row: f"{items[item[row]][1]} of {items[item[row]][0]} is not the reference here, but in another row",
     )
+    problems.check()
     if protocol == "acr-hr" and not is_reference.any():
         raise VotesError("has the protocol acr-hr, but no row whose column reference is true")
     return RatingTable(participants, items, person, item, rating, is_reference, protocol, low, high)
 
 
-def _comparisons(columns: Columns, scale: tuple[float, float] | None) -> ComparisonTable:
-    _check(columns, COMPARED)
+def _comparisons(rows: LongTable, description: Description, scale: tuple[float, float] | None) -> ComparisonTable:
+    problems = Problems(rows.row)
+    _check_filled(rows, FILLED[True], problems)
     low, high = scale or COMPARISON_SCALE
     if low != -high:
         raise VotesError(f"the scale of a comparison goes from {low:g} to {high:g}, expected the same on both sides")
-    protocol = columns.get("protocol", np.array([], object))
-    refuse((protocol != "") & (protocol != "ccr"), lambda row: f"protocol is {protocol[row]!r}, expected ccr")
-    rating = _scaled(columns, low, high)
-    a, b = columns["item_a"], columns["item_b"]
-    first = columns.get("first_shown", np.full(len(a), "", object))
-    refuse(
+    protocol = _lower(rows, "protocol")
+    problems.add((protocol != "") & (protocol != "ccr"), lambda row: f"protocol is {protocol[row]!r}, expected ccr")
+    rating = _scaled(rows, description, (low, high), problems)
+    a, b = (rows.columns[role].texts for role in ("item_a", "item_b"))
+    first = rows.columns.get("first_shown", same("", len(rows))).texts
+    problems.add(
         (first != "") & (first != a) & (first != b),
         lambda row: f"first_shown is {first[row]!r}, expected {a[row]!r} or {b[row]!r} or nothing",
     )
-    refuse(a == b, lambda row: f"the item {a[row]!r} is compared with itself")
-    participants, person = _names(columns["participant"])
-    dataset = columns["dataset"]
+    problems.add((a == b) & (a != ""), lambda row: f"the item {a[row]!r} is compared with itself")
+    problems.check()
+    participants, person = _names(rows.columns["participant"].texts)
+    dataset = _datasets(rows).texts
     items, both = _names([*zip(dataset, a, strict=True), *zip(dataset, b, strict=True)])
     item_a, item_b = both.reshape(2, -1)
-    return ComparisonTable(participants, items, person, item_a, item_b, rating, first != b, high)
-
-
-def _check(columns: Columns, required: tuple[str, ...]) -> None:
-    """Raise for a missing column, an empty table or an empty cell."""
-    missing = [name for name in required if name not in columns]
-    if missing:
-        raise VotesError(
-            f"lacks {'the column' if len(missing) == 1 else 'the columns'} {', '.join(missing)}; "
-            f"found {', '.join(columns)}"
-        )
-    if not len(columns["rating"]):
-        raise VotesError("has no row, expected at least one rating")
-    for name in required:
-        values = columns[name]
-        if name != "dataset" or values.any():  # a table may have no datasets at all
-            refuse(values == "", f"{name} is empty")
-
-
-def _scaled(columns: Columns, low: float, high: float) -> NDArray[np.float64]:
-    """Return the ratings as numbers between the ends of the scale."""
-    values = columns["rating"]
-    rating = numbers(values, "rating", may_be_negative=True)
-    refuse(
-        (rating < low) | (rating > high),
-        lambda row: f"rating is {values[row]}, expected {low:g} to {high:g} (--scale names another scale)",
+    return ComparisonTable(
+        participants, items, person, item_a, item_b, rating, first != b, high, has_order=bool((first != "").all())
     )
-    return rating
 
 
-def _protocol(columns: Columns) -> str:
-    values = columns.get("protocol", np.array([""], object))
+def _datasets(rows: LongTable) -> Column:
+    return rows.columns.get("dataset", same("", len(rows)))
+
+
+def _check_filled(rows: LongTable, roles: Sequence[str], problems: Problems) -> None:
+    """Note a missing column or an empty cell."""
+    missing = [role for role in roles if role not in rows.columns]
+    if missing:
+        columns = "the column" if len(missing) == 1 else "the columns"
+        raise VotesError(f"lacks {columns} {', '.join(missing)}; found {', '.join(rows.columns)}")
+    dataset = rows.columns.get("dataset")
+    for role in (*roles, *(["dataset"] if dataset is not None and dataset.filled else [])):
+        problems.add(rows.columns[role].meaning(lambda word: not word, bool), f"{role} is empty")
+
+
+def _scaled(
+    rows: LongTable, description: Description, scale: tuple[float, float], problems: Problems
+) -> NDArray[np.float64]:
+    """Return the ratings as numbers between the ends of the scale; words of a comparison as its grades."""
+    column = rows.columns["rating"]
+    rating = column.meaning(lambda word: description.words.get(word.lower(), number_or_nan(word)), np.float64)
+    low, high = scale
+
+    def cell(row: int) -> str:
+        return f"{rows.cell('rating', row)} is"
+
+    def word(row: int) -> str:
+        return column.text(row)
+
+    is_filled = column.meaning(bool, bool)
+    problems.add(np.isnan(rating) & is_filled, lambda row: f"{cell(row)} {shown(word(row))}, expected a number")
+    hint = "--scale names another scale" + (
+        "; leave columns out that hold no ratings" if rows.origin is not None else ""
+    )
+    problems.add(
+        (rating < low) | (rating > high), lambda row: f"{cell(row)} {word(row)}, expected {low:g} to {high:g} ({hint})"
+    )
+    return np.asarray(rating, np.float64)
+
+
+def _lower(rows: LongTable, role: str) -> NDArray[np.object_]:
+    return np.array([word.lower() for word in rows.columns.get(role, same("", len(rows))).texts], object)
+
+
+def _protocol(rows: LongTable, problems: Problems) -> str:
+    values = _lower(rows, "protocol")
     values = np.where(values == "", "acr", values)
-    refuse(
-        ~np.isin(values.astype(str), list(PROTOCOLS)),
+    is_known = np.isin(values.astype(str), list(PROTOCOLS))
+    problems.add(
+        ~is_known,
         lambda row: f"protocol is {values[row]!r}, expected {', '.join(PROTOCOLS)} (or ccr, with item_a and item_b)",
     )
-    refuse(
-        values != values[0],
+    problems.add(
+        is_known & (values != values[0]),
         lambda row: f"protocol is {values[row]}, in the rows above {values[0]}: analyse them in separate files",
     )
     return str(values[0])
 
 
-def _flags(columns: Columns, name: str) -> NDArray[np.bool_]:
+def _flags(rows: LongTable, role: str, problems: Problems) -> NDArray[np.bool_]:
     """Return a column of true and false; all false without the column."""
-    return flags(columns.get(name, np.full(len(columns["rating"]), "", object)), name)
+    column = rows.columns.get(role)
+    if column is None:
+        return np.zeros(len(rows), bool)
+    codes = column.meaning(lambda word: FLAGS.get(word.lower(), -1), np.int8)
+    problems.add(
+        codes < 0,
+        lambda row: (
+            f"{rows.cell(role, row)} is {shown(column.text(row))}, expected true or false "
+            f"(--columns {role}=- if the column is something else)"
+        ),
+    )
+    return np.asarray(codes > 0)
 
 
 def _names(values: Iterable[Any]) -> tuple[tuple[Any, ...], NDArray[np.intp]]:

@@ -100,6 +100,7 @@ class ComparisonTable:
     rating : float64 (N,), between -`high` and `high`; above 0 where `item_b` is better than `item_a`
     a_first : bool (N,), was `item_a` shown first?
     high : end of the scale, 3 on the 7-point scale
+    has_order : is the order recorded in all rows? Else `a_first` says nothing
     """
 
     participants: tuple[str, ...]
@@ -110,6 +111,7 @@ class ComparisonTable:
     rating: NDArray[np.float64]
     a_first: NDArray[np.bool_]
     high: float = 3.0
+    has_order: bool = True
 
     def __post_init__(self) -> None:
         is_bad = ~(np.abs(self.rating) <= self.high)  # NaN too

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from app.analysis.reading.cells import numbers
 from app.analysis.reading.measures_table import is_long, read_measures_table
-from app.analysis.reading.tabular import numbers, read_csv
+from app.analysis.reading.tabular import read_csv
 from app.analysis.reading.votes_table import ALL, VotesError
 
 

@@ -1,234 +1,246 @@
-"""Recognise the columns and words of votes tables that other tools write."""
+"""Bring a table of any described layout to one vote or rating a row, under our names."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
-from app.analysis.reading.tabular import named, refuse, shown
-from app.analysis.reading.votes_table import CHOICES, NONE, VotesError
-
-REQUIRED = ("participant", "dataset", "item_a", "item_b", "choice")
-OPTIONAL = (
-    *("first_shown", "trial", "response_ms", "practice", "excluded", "reason", "count", "role"),
-    *("both_seen", "press_to_picture_ms"),
-)
-MAY_BE_UNKNOWN = ("participant", "dataset")  # a table without them is of unknown people, or of a single dataset
-JOIN = "+"  # between columns that name an item together
+from app.analysis.reading.cells import Column, Table, column_of, number_or_nan, same, shown
+from app.analysis.reading.description import Description
+from app.analysis.reading.votes_table import VotesError
 
 
 @dataclass(frozen=True)
-class Layout:
-    """A table's names of our columns and choices: `columns["participant"] == "judge"`.
+class LongTable(Table):
+    """A table with one vote or rating a row, under our names.
 
     Parameters
     ----------
-    columns : our name -> theirs, where it differs
-    choices : our word -> theirs, where it differs
-    notes : names and words that were recognised, not given
+    origin : the column of the file that each row's choice or rating is from, for a wide table
+    theirs : our name -> theirs, for messages
     """
 
-    columns: Mapping[str, str]
-    choices: Mapping[str, str] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    origin: Column | None = None
+    theirs: Mapping[str, str] = field(default_factory=dict)
 
-    @property
-    def choice_codes(self) -> dict[str, int]:
-        """Their word -> choice, as in `VotesTable`."""
-        return {self.choices.get(choice, choice): code for code, choice in enumerate(CHOICES)}
-
-
-# The format of pwcmp, https://github.com/mantiuk/pwcmp
-PWCMP = Layout(
-    {
-        "participant": "observer",
-        "dataset": "scene",
-        "item_a": "condition_A",
-        "item_b": "condition_B",
-        "choice": "is_A_selected",
-    },
-    {"a": "1", "b": "0"},
-)
-# Names in lower case, without spaces, points, hyphens and underscores.
-SYNONYMS = {
-    "participant": (
-        *("participantid", "judge", "judgeid", "observer", "observerid", "subject", "subjectid", "user", "userid"),
-        *("worker", "workerid", "rater", "raterid", "annotator", "respondent", "voter", "pid", "prolificpid"),
-    ),
-    "dataset": ("scene", "content", "sequence", "src", "datasetid", "sceneid"),
-    "item_a": (
-        *("itema", "conditiona", "stimulusa", "methoda", "modela", "optiona", "systema", "left", "leftitem"),
-        *("item1", "condition1", "stimulus1", "method1", "model1", "option1", "a"),
-    ),
-    "item_b": (
-        *("itemb", "conditionb", "stimulusb", "methodb", "modelb", "optionb", "systemb", "right", "rightitem"),
-        *("item2", "condition2", "stimulus2", "method2", "model2", "option2", "b"),
-    ),
-    "choice": ("preferred", "preference", "winner", "selected", "vote", "response", "answer", "choose", "chosen"),
-}
-TIES = dict.fromkeys(("none", "tie", "tied", "draw", "equal", "same", "both", "neither", "no preference"), 2)
-SIDES = (("a", "b"), ("left", "right"), ("first", "second"), ("1", "2"))  # one table uses one of these
+    def cell(self, role: str, row: int) -> str:
+        """Name a cell for a message: "rating", or the column of the file where that has another name."""
+        if self.origin is not None and role in ("choice", "rating"):
+            return f"the column {shown(self.origin.words[self.origin.codes[row]])}"
+        theirs = self.theirs.get(role, role)
+        return role if theirs == role else f"{role} (the column {shown(theirs)})"
 
 
-def recognise(
-    names: Sequence[str], columns: Mapping[str, str] | None = None, choices: Mapping[str, str] | None = None
-) -> Layout:
-    """Find which of a table's columns is which of ours: as given, else by our own names, else by known others.
-
-    Parameters
-    ----------
-    names : of the table's columns
-    columns, choices : our name -> theirs, as the user gives them
-
-    Raises
-    ------
-    VotesError
-        If a given name is no column or choice of ours.
-    """
-    columns, choices = columns or {}, choices or {}
-    unknown = [*set(columns).difference(REQUIRED + OPTIONAL), *set(choices).difference(CHOICES)]
-    if unknown:
-        known = ", ".join(REQUIRED + OPTIONAL + CHOICES)
-        raise VotesError(f"{unknown[0]!r} is no column or choice of a votes table; known are {known}")
-    if not columns and all(name in names for name in PWCMP.columns.values()):
-        return Layout(PWCMP.columns, choices or PWCMP.choices, ("the layout of pwcmp",))
-    mapped, notes = dict(columns), []
-    if not columns and {"winner", "loser"} <= set(names) and "choice" not in names:
-        mapped |= {"item_a": "winner", "item_b": "loser"}
-        notes.append("item_a is the column winner, item_b the column loser, and item_a is always preferred")
-    taken = {*mapped.values(), *(name for name in REQUIRED if name in names)}
-    for ours, others in SYNONYMS.items():
-        if ours in mapped or ours in names or ("loser" in taken and ours == "choice"):
-            continue
-        candidates = [name for name in names if plain(name) in (plain(ours), *others) and name not in taken]
-        if candidates:
-            mapped[ours] = candidates[0]
-            taken.add(candidates[0])
-            notes.append(f"{ours} is the column {candidates[0]}")
-    return Layout(mapped, choices, tuple(notes))
+def joined_column(table: Table, names: Sequence[str]) -> Column:
+    """Return a column, or the texts of several with spaces between: a type and its level."""
+    if len(names) == 1:
+        return table.columns[names[0]]
+    cells = zip(*(table.columns[name].texts for name in names), strict=True)
+    return column_of(" ".join(filter(None, row)) for row in cells)
 
 
-def plain(name: str) -> str:
-    """Return a column's name as `SYNONYMS` spell it."""
-    return re.sub(r"[\s._-]", "", name).lower()
+def rows_of(table: Table, description: Description) -> LongTable:
+    """Return a table with one vote or rating a row, as its description says."""
+    kept = table
+    if description.without:
+        kept = table.where(~np.isin(np.arange(len(table)), description.without))
+    return LAYOUTS[description.layout](kept, description)
 
 
-def our_columns(frame: pd.DataFrame, layout: Layout) -> pd.DataFrame:
-    """Return the table's columns under our names; columns joined by + in the layout become one text.
-
-    Raises
-    ------
-    VotesError
-        Naming the columns that are missing.
-    """
-    ours: dict[str, pd.Series] = {}
-    for name in REQUIRED + OPTIONAL:
-        theirs = layout.columns.get(name, name)
-        parts = [part.strip() for part in theirs.split(JOIN)]
-        if theirs in frame.columns:
-            ours[name] = frame[theirs]
-        elif len(parts) > 1 and all(part in frame.columns for part in parts):
-            ours[name] = _joined(frame, parts)
-    if "loser" in layout.columns.values() and "choice" not in ours:
-        ours["choice"] = pd.Series(["a"] * len(frame), index=frame.index, dtype=object)
-    _check(frame, ours, layout)
-    for name in MAY_BE_UNKNOWN:
-        if name not in ours:
-            ours[name] = pd.Series([""] * len(frame), index=frame.index, dtype=object)
-    return pd.DataFrame(ours)
-
-
-def unused_columns(frame: pd.DataFrame, layout: Layout) -> list[str]:
-    """Name the table's columns that no vote is made of."""
-    theirs = [layout.columns.get(name, name) for name in REQUIRED + OPTIONAL]
-    used = {*theirs, *(part.strip() for name in theirs for part in name.split(JOIN))}
-    return [name for name in map(str, frame.columns) if name not in used]
-
-
-def _joined(frame: pd.DataFrame, parts: Sequence[str]) -> pd.Series:
-    """Return the texts of several columns with spaces between: a type and its level."""
-    columns = (frame[part].fillna("").astype(str).str.strip() for part in parts)
-    return pd.Series([" ".join(filter(None, cells)) for cells in zip(*columns, strict=True)], frame.index, dtype=object)
-
-
-def _check(frame: pd.DataFrame, ours: Mapping[str, pd.Series], layout: Layout) -> None:
-    given = layout.columns
-    missing = [given.get(n, n) for n in REQUIRED if n not in ours and (n in given or n not in MAY_BE_UNKNOWN)]
-    missing += [theirs for name, theirs in given.items() if name not in ours and theirs not in missing]
-    if missing:
-        columns = "the column" if len(missing) == 1 else "the columns"
-        raise VotesError(
-            f"lacks {columns} {', '.join(missing)}; found {named(list(frame.columns)) or 'none'}. "
-            "Map other names, e.g. --columns participant=judge, or item_a=type+level for an item in two columns; "
-            "ratings have the columns participant, condition and rating, or one for each condition"
-        )
-
-
-def choice_codes(
-    values: NDArray[np.object_], items: tuple[NDArray[np.object_], NDArray[np.object_]], layout: Layout
-) -> tuple[NDArray[np.int8], str]:
-    """Return each vote's choice, and what its words mean if that was not given.
-
-    Parameters
-    ----------
-    values : object (N,), the texts of the column choice
-    items : two object (N,), the texts of item_a and item_b
-    layout : the words as given
-
-    Returns
-    -------
-    codes : int8 (N,), 0 for item_a, 1 for item_b, 2 for none
-    note : empty for our own words, unless they name items, too
-
-    Raises
-    ------
-    VotesError
-        Naming the row and the word.
-    """
-    known = layout.choice_codes
-    codes = _by_word(values, known)
-    if not layout.choices and (codes >= 0).all() and _may_name_items(values, items, codes):
-        return codes, "choice a is item_a and b is item_b, although items are named a and b, too"
-    if (codes < 0).any() and set(layout.choices) <= {"none"}:
-        lower = np.array([str(value).lower() for value in values], object)
-        ties = TIES | {word.lower(): 2 for word in layout.choices.values()}
-        by_name = np.where(values == items[0], 0, np.where(values == items[1], 1, _by_word(lower, ties)))
-        if (by_name >= 0).all():
-            return by_name.astype(np.int8), "choice is the name of the preferred item"
-        columns = tuple(layout.columns.get(name, name).lower() for name in ("item_a", "item_b"))
-        for first, second in (*SIDES, columns):
-            guess = _by_word(lower, ties | {first: 0, second: 1})
-            if (guess >= 0).all():
-                return guess, f"choice is {first} for item_a and {second} for item_b{_ties(lower)}"
-    refuse(
-        codes < 0,
-        lambda row: (
-            f"choice is {shown(values[row])}, expected {', '.join(known)}, or the name of one of the two items "
-            "(other words: --choices a=…,b=…,none=…)"
-        ),
+def _plain(table: Table, description: Description) -> LongTable:
+    columns = {role: joined_column(table, names) for role, names in description.columns.items()}
+    return LongTable(
+        columns, table.how, table.rows, theirs={r: "+".join(names) for r, names in description.columns.items()}
     )
-    return codes, ""
 
 
-def _may_name_items(
-    values: NDArray[np.object_], items: tuple[NDArray[np.object_], NDArray[np.object_]], codes: NDArray[np.int8]
-) -> bool:
-    """Could each choice of a side be an item's name as well, and some then mean the other side?"""
-    is_first, is_second, is_side = values == items[0], values == items[1], codes != NONE
-    differs = np.where(is_first, 0, 1) != codes
-    return bool(((is_first | is_second) | ~is_side).all() and (differs & is_side).any())
+def _won(table: Table, description: Description) -> LongTable:
+    rows = _plain(table, description)
+    return LongTable({**rows.columns, "choice": same("a", len(table))}, rows.how, rows.rows, theirs=rows.theirs)
 
 
-def _by_word(values: NDArray[np.object_], words: Mapping[str, int]) -> NDArray[np.int8]:
-    codes, distinct = pd.factorize(values)
-    return np.array([words.get(str(word), -1) for word in distinct], np.int8)[codes]
+def _wide(table: Table, description: Description) -> LongTable:
+    """Stack the columns of a wide table; an empty cell is no vote or rating."""
+    kept = {role: joined_column(table, names) for role, names in description.columns.items()}
+    filled = [np.flatnonzero(table.columns[name].meaning(bool, bool)) for name in description.spread]
+    place = np.concatenate([np.array([], np.intp), *filled])
+    which = np.repeat(np.arange(len(filled), dtype=np.int32), [len(rows) for rows in filled])
+    columns = {role: column.where(place) for role, column in kept.items()}
+    value = "rating" if description.holds != "votes" else "choice"
+    columns[value] = _stacked(
+        [table.columns[name].where(rows) for name, rows in zip(description.spread, filled, strict=True)]
+    )
+    labels = list(description.spread.values())
+    if description.spread_role == "pair":
+        for side, role in enumerate(("item_a", "item_b")):
+            columns[role] = _labelled([label[side] for label in labels], which)
+    else:
+        columns[description.spread_role] = _labelled([label[0] for label in labels], which)
+    origin = Column(which, tuple(description.spread))
+    return LongTable(columns, table.how, _file_rows(table)[place], origin=origin)
 
 
-def _ties(values: NDArray[np.object_]) -> str:
-    used = sorted({str(value) for value in values} & set(TIES))
-    return f", {' or '.join(used)} for none" if used else ""
+def _labelled(labels: Sequence[str], which: NDArray[np.int32]) -> Column:
+    place = {label: code for code, label in enumerate(dict.fromkeys(labels))}
+    return Column(np.array([place[label] for label in labels], np.int32)[which], tuple(place))
+
+
+def _stacked(columns: Sequence[Column]) -> Column:
+    """Return columns one below the other."""
+    known: dict[str, int] = {}
+    codes = [
+        np.array([known.setdefault(word, len(known)) for word in column.words], np.int32)[column.codes]
+        for column in columns
+    ]
+    return Column(np.concatenate([np.array([], np.int32), *codes]), tuple(known))
+
+
+def _file_rows(table: Table) -> NDArray[np.int64]:
+    return np.arange(1, len(table) + 1, dtype=np.int64) if table.rows is None else table.rows
+
+
+Vote = tuple[int, str, str, str, int]  # row of the table, item_a, item_b, choice, count
+
+
+def _of_votes(table: Table, description: Description, votes: Iterator[Vote], roles: Sequence[str]) -> LongTable:
+    """Make rows of votes that several cells of a row of the table give, with its columns of these roles."""
+    made = list(votes)
+    place = np.array([vote[0] for vote in made], np.intp)
+    kept = {role: joined_column(table, names) for role, names in description.columns.items() if role in roles}
+    columns = {role: column.where(place) for role, column in kept.items()}
+    for position, role in enumerate(("item_a", "item_b", "choice", "count"), start=1):
+        columns[role] = column_of(vote[position] for vote in made)
+    return LongTable(columns, table.how, _file_rows(table)[place])
+
+
+WHO = ("participant", "dataset", "practice", "excluded", "reason")
+
+
+def _matrix(table: Table, description: Description) -> LongTable:
+    """Count the votes for a row's item over a column's."""
+    items = table.columns[description.columns["item_a"][0]].texts
+
+    def votes() -> Iterator[Vote]:
+        for name, (other,) in description.spread.items():
+            for row, cell in enumerate(table.columns[name].texts):
+                count = _count(table, row, name, cell)
+                if items[row] != other and count:
+                    yield row, items[row], other, "a", count
+
+    return _of_votes(table, description, votes(), ())
+
+
+def _count(table: Table, row: int, name: str, cell: str) -> int:
+    """Return a cell's number of wins, 0 where it is empty."""
+    count = number_or_nan(cell) if cell else 0.0
+    if not (count >= 0 and count == int(count)):
+        raise VotesError(
+            f"row {table.row(row)}: the column {shown(name)} is {shown(cell)}, expected a whole number of wins"
+        )
+    return int(count)
+
+
+def _wins(table: Table, description: Description) -> LongTable:
+    names = {role: theirs[0] for role, theirs in description.columns.items() if role in ("wins_a", "wins_b", "ties")}
+    item_a, item_b = (joined_column(table, description.columns[role]).texts for role in ("item_a", "item_b"))
+
+    def votes() -> Iterator[Vote]:
+        for row in range(len(table)):
+            for role, choice in (("wins_a", "a"), ("wins_b", "b"), ("ties", "none")):
+                if role in names:
+                    cell = table.columns[names[role]].texts[row]
+                    if count := _count(table, row, names[role], cell):
+                        yield row, item_a[row], item_b[row], choice, count
+
+    return _of_votes(table, description, votes(), WHO)
+
+
+def _ranking(table: Table, description: Description) -> LongTable:
+    """Make a vote of every two items of a ranking; the same rank is no preference."""
+    if description.spread:
+        cells = {int(place): table.columns[name].texts for name, (place,) in description.spread.items()}
+        ranked = [
+            (row, [(float(place), texts[row]) for place, texts in cells.items() if texts[row]])
+            for row in range(len(table))
+        ]
+    else:
+        ranked = list(_grouped(table, description))
+    return _of_votes(table, description, _pairs_of(table, ranked), WHO)
+
+
+def _grouped(table: Table, description: Description) -> Iterator[tuple[int, list[tuple[float, str]]]]:
+    """Yield the rankings of a table with a rank in each row: those of a participant, dataset and trial."""
+    keys = [
+        joined_column(table, description.columns[role]).texts
+        for role in ("participant", "dataset", "trial")
+        if role in description.columns
+    ]
+    groups: dict[tuple[str, ...], list[int]] = {}
+    for row in range(len(table)):
+        groups.setdefault(tuple(key[row] for key in keys), []).append(row)
+    rank_name, items = description.columns["rank"][0], joined_column(table, description.columns["condition"]).texts
+    ranks = table.columns[rank_name].texts
+    for rows in groups.values():
+        yield rows[0], [(_rank(table, row, rank_name, ranks[row]), items[row]) for row in rows]
+
+
+def _ranks(table: Table, description: Description) -> LongTable:
+    ranked = []
+    for row in range(len(table)):
+        cells = {item: table.columns[name].texts[row] for name, (item,) in description.spread.items()}
+        ranked.append((row, [(_rank(table, row, item, cell), item) for item, cell in cells.items() if cell]))
+    return _of_votes(table, description, _pairs_of(table, ranked), WHO)
+
+
+def _rank(table: Table, row: int, name: str, cell: str) -> float:
+    rank = number_or_nan(cell)
+    if not rank > 0:
+        raise VotesError(f"row {table.row(row)}: {name} is {shown(cell)}, expected a rank: 1 is best")
+    return rank
+
+
+def _pairs_of(table: Table, ranked: Sequence[tuple[int, list[tuple[float, str]]]]) -> Iterator[Vote]:
+    for row, places in ranked:
+        for (rank, item), (other_rank, other) in combinations(places, 2):
+            if item == other:
+                raise VotesError(f"row {table.row(row)}: {shown(item)} is ranked twice")
+            choice = "none" if rank == other_rank else "a" if rank < other_rank else "b"
+            yield row, item, other, choice, 1
+
+
+def _best_worst(table: Table, description: Description) -> LongTable:
+    """Prefer the best to all others of a row, and all others to the worst."""
+    best, worst = (joined_column(table, description.columns[role]).texts for role in ("best", "worst"))
+    options = [table.columns[name].texts for name in description.columns["options"]]
+
+    def votes() -> Iterator[Vote]:
+        for row in range(len(table)):
+            cells = [texts[row] for texts in options if texts[row]]
+            items = re.split(r"\s*[;|,]\s*", cells[0]) if len(options) == 1 and cells else cells
+            for role, item in (("best", best[row]), ("worst", worst[row])):
+                if item not in items:
+                    known = ", ".join(map(shown, items))
+                    raise VotesError(f"row {table.row(row)}: {role} is {shown(item)}, which is none of {known}")
+            if best[row] == worst[row]:
+                raise VotesError(f"row {table.row(row)}: {shown(best[row])} is the best and the worst")
+            yield from ((row, best[row], item, "a", 1) for item in items if item != best[row])
+            yield from ((row, item, worst[row], "a", 1) for item in items if item not in (best[row], worst[row]))
+
+    return _of_votes(table, description, votes(), WHO)
+
+
+LAYOUTS: dict[str, Callable[[Table, Description], LongTable]] = {
+    "rows": _plain,
+    "wide": _wide,
+    "won": _won,
+    "matrix": _matrix,
+    "wins": _wins,
+    "ranking": _ranking,
+    "ranks": _ranks,
+    "best-worst": _best_worst,
+}

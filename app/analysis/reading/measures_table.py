@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, cast, get_args
 
-from app.analysis.reading.tabular import named, number, read_csv
+from app.analysis.reading.cells import named, number
+from app.analysis.reading.tabular import read_csv
 from app.analysis.reading.votes_table import VotesError
 
 Better = Literal["higher", "lower"]

@@ -93,6 +93,6 @@ def outstanding(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the sentence on who stands out, of rows with `participant` and `flags`."""
     flagged = [f"{row['participant']} ({', '.join(row['flags'])})" for row in rows if row["flags"]]
     if not flagged:
-        return f"Nobody of {len(rows)} stands out."
+        return f"Nobody of {len(rows)} stands out." if len(rows) != 1 else "With one participant, nobody can stand out."
     who, stands = ("Participant", "stands") if len(flagged) == 1 else ("Participants", "stand")
     return f"{who} {listed(flagged)} {stands} out; a reason to look, and nobody was left out for it."

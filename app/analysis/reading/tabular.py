@@ -6,12 +6,12 @@ import csv
 import gzip
 import io
 import json
-import math
 import re
 import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,22 +19,22 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from app.analysis.reading.cells import Column, Table, shown, table_of_frame
+from app.analysis.reading.nested import rows_of_json, rows_of_python
 from app.analysis.reading.votes_table import VotesError
 from app.files import FORMULA
 
 NO_TEXT = frozenset(range(32)) - frozenset(b"\t\n\r\f")  # bytes of no text in any encoding of letters
-LONGEST_VALUE = 80  # letters of a file that a message repeats
-MOST_NAMED = 40  # columns that it names
 MOST_CELLS = 50_000_000  # of a packed table, which may hold far more than it has bytes; a million votes have 30 million
 MOST_COLUMNS = 20_000  # of a text; a column for each pair of 200 items
 MOST_UNPACKED = 512 * 1024 * 1024  # bytes, of an Excel or gzip file
 SAMPLE = 4096  # bytes that tell text from anything else
+QUICK_FROM = 4_000_000  # bytes; below, reading text cell by cell takes no more than a second
+BLOCK = 16_000_000  # bytes read at once
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
-DECIMAL_COMMA = re.compile(r"[+-]?(?!\d{1,3}(,\d{3})+$)\d+,\d+|[+-]?0,\d+")  # 1,5 and 0,125; 1,234 may be thousands
+SEPARATOR_LINE = re.compile(r"\s*\"?sep=(.)\"?\s*", re.IGNORECASE)  # what a spreadsheet writes above the header
 # An apostrophe that keeps a spreadsheet from taking text for a formula.
 DISARMED = f"^'(?=[{re.escape(''.join(FORMULA))}])"
-LARGEST_COUNT = 1e12  # of a row; sums of millions of such rows are whole numbers still
-FLAGS = {"": 0, "0": 0, "false": 0, "no": 0, "1": 1, "true": 1, "yes": 1}  # in lower case
 SIGNATURES = {
     b"PK\x03\x04": "a zip or Excel file",
     b"PAR1": "a Parquet file",
@@ -45,10 +45,47 @@ SIGNATURES = {
 }
 
 
-def read_frame(path: Path) -> pd.DataFrame:
+@dataclass(frozen=True)
+class _Asked:
+    """How to read a file, where that was told: the encoding of text, the sheet of a workbook, a layout's name."""
+
+    encoding: str = ""
+    sheet: str = ""
+    format: str = ""
+
+
+def read_table(path: Path, encoding: str = "", sheet: str = "", layout: str = "") -> Table:
     """Read a table; the ending of the file's name tells the format, and its content the separator and encoding.
 
-    `attrs["understood"]` of the table says in words how the file was read.
+    Parameters
+    ----------
+    path : the file
+    encoding : of text; by default UTF-8, or UTF-16 with its mark
+    sheet : of a workbook; the first by default
+    layout : as `--format` names it; that of choix has no header
+
+    Raises
+    ------
+    VotesError
+        Naming the file, and the row where there is one.
+    """
+    asked = _Asked(encoding, sheet, layout)
+    if (table := _quick_table(path, asked)) is not None:
+        return table
+    frame = read_frame(path, asked)
+    try:
+        table = table_of_frame(frame)
+    except VotesError as error:
+        raise VotesError(f"{path}: {error}") from error
+    if frame.attrs.get("rows") is not None and len(table):
+        table = replace(table, rows=np.asarray(frame.attrs["rows"], np.int64))
+    return replace(table, notes=tuple(frame.attrs.get("notes", ())))
+
+
+def read_frame(path: Path, asked: _Asked = _Asked()) -> pd.DataFrame:  # frozen
+    """Read a table as pandas has it.
+
+    `attrs["understood"]` of the table says in words how the file was read, `attrs["rows"]` the rows of the file.
 
     Raises
     ------
@@ -61,7 +98,7 @@ def read_frame(path: Path) -> pd.DataFrame:
         raise VotesError(f"{path}: is a folder, expected a file: {', '.join(READERS)}")
     if reader is None:
         raise VotesError(f"{path}: ends in {path.suffix!r}, expected one of {', '.join(READERS)}")
-    return _read(path, reader)
+    return _read(path, reader, asked)
 
 
 def read_csv(path: Path) -> pd.DataFrame:
@@ -73,170 +110,158 @@ def read_csv(path: Path) -> pd.DataFrame:
     VotesError
         Naming the file, and the row where there is one.
     """
-    return _read(path, _read_text)
+    return _read(path, _read_text, _Asked())
 
 
-def _read(path: Path, reader: Callable[[Path], pd.DataFrame]) -> pd.DataFrame:
+Reader = Callable[[Path, _Asked], pd.DataFrame]
+
+
+def _read(path: Path, reader: Reader, asked: _Asked) -> pd.DataFrame:
     try:
-        return reader(path)
+        return reader(path, asked)
     except FileNotFoundError as error:
         raise VotesError(f"{path}: there is no such file") from error
     except VotesError as error:
         raise VotesError(f"{path}: {error}") from error
 
 
-def texts(cells: Iterable[Any]) -> NDArray[np.object_]:
-    """Return cells as stripped texts, object (N,): empty where missing, whole numbers without decimals."""
-    return np.array([_text(cell) for cell in cells], object)
+def _read_text(path: Path, asked: _Asked) -> pd.DataFrame:
+    return _table_of_text(path.read_bytes(), asked)
 
 
-def _text(cell: Any) -> str:
-    if isinstance(cell, str):
-        return cell.strip()
-    if pd.api.types.is_scalar(cell) and pd.isna(cell):
-        return ""
-    return str(int(cell)) if isinstance(cell, float) and cell.is_integer() else str(cell).strip()
-
-
-def flags(values: NDArray[np.object_], name: str) -> NDArray[np.bool_]:
-    """Return a column's texts as true or false, bool (N,); an empty cell is false.
-
-    Parameters
-    ----------
-    values : object (N,), texts
-    name : of the column, for the error
-
-    Raises
-    ------
-    VotesError
-        Naming the row and the value.
-    """
-    codes, words = pd.factorize(values)
-    known = np.array([FLAGS.get(str(word).lower(), -1) for word in words], np.int8)[codes]
-    refuse(known < 0, lambda row: f"{name} is {shown(values[row])}, expected true or false")
-    return known.astype(bool)
-
-
-def numbers(
-    values: NDArray[np.object_], name: str, *, whole: bool = False, may_be_negative: bool = False
-) -> NDArray[np.float64]:
-    """Return a column's texts as numbers, NaN where empty.
-
-    Parameters
-    ----------
-    values : object (N,), texts
-    name : of the column, for the error
-    whole : expect whole numbers up to `LARGEST_COUNT`, and refuse empty cells
-    may_be_negative : accept numbers below 0
-
-    Returns
-    -------
-    float64 (N,)
-
-    Raises
-    ------
-    VotesError
-        Naming the row and the value.
-    """
-    expected = f"a whole number, 0 to {LARGEST_COUNT:.0f}" if whole else "a number, 0 or more, or nothing"
-    if may_be_negative:
-        expected = "a number or nothing"
-
-    def number_or_nan(value: str) -> float:
-        try:
-            return number(value)
-        except ValueError:
-            return math.nan
-
-    parsed = np.array([number_or_nan(value) if value else math.nan for value in values], np.float64)
-    is_bad = ~np.isfinite(parsed) | ((parsed < 0) & (not may_be_negative))
-    is_bad |= whole & ((parsed != np.floor(parsed)) | (parsed > LARGEST_COUNT))
-    refuse(is_bad & (whole | (values != "")), lambda row: f"{name} is {shown(values[row])}, expected {expected}")
-    return parsed
-
-
-def number(text: str) -> float:
-    """Return a text as a number, with a decimal point or comma; raises ValueError for any other text."""
-    return float(text.replace(",", ".") if DECIMAL_COMMA.fullmatch(text) else text)
-
-
-def refuse(is_bad: NDArray[np.bool_], why: str | Callable[[int], str]) -> None:
-    """Raise for the first bad row, with the reason and the number of further ones.
-
-    Parameters
-    ----------
-    is_bad : bool (N,)
-    why : the reason, or a function that returns that of a row, counted from 0
-
-    Raises
-    ------
-    VotesError
-        If any row is bad.
-    """
-    rows = np.flatnonzero(is_bad)
-    if len(rows):
-        more = f" (and {len(rows) - 1} more rows like it)" if len(rows) > 1 else ""
-        reason = why if isinstance(why, str) else why(int(rows[0]))
-        raise VotesError(f"row {rows[0] + 1}: {reason}{more}")
-
-
-def shown(value: object) -> str:
-    """Return a value for a message: quoted, short, and without letters that a terminal cannot print."""
-    return repr(printable(value))
-
-
-def printable(value: object) -> str:
-    """Return a value for a message: short, and without letters that a terminal cannot print."""
-    text = "".join(letter if letter.isprintable() else "�" for letter in str(value))
-    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}…"
-
-
-def named(names: Sequence[str]) -> str:
-    """Return the names of columns for a message: some of them, where there are very many."""
-    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
-    return ", ".join(map(printable, names[:MOST_NAMED])) + more
-
-
-def _read_text(path: Path) -> pd.DataFrame:
-    return _table_of_text(path.read_bytes())
-
-
-def _read_gzip(path: Path) -> pd.DataFrame:
+def _read_gzip(path: Path, asked: _Asked) -> pd.DataFrame:
     try:
         with gzip.open(path) as file:
             content = file.read(MOST_UNPACKED + 1)
         _check_unpacked(len(content))
-        return _table_of_text(content)
+        return _table_of_text(content, asked)
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise VotesError(f"is not readable as gzip: {error}") from error
 
 
-def _table_of_text(content: bytes) -> pd.DataFrame:
-    text, encoding = _decode(content)
+def _table_of_text(content: bytes, asked: _Asked) -> pd.DataFrame:
+    text, encoding = _decode(content, asked.encoding)
     if not text.strip():
         raise VotesError("is empty, expected a header and at least one row")
     if "\0" in text:
-        row = text[: text.index("\0")].count("\n")
+        row = _lines_in(text[: text.index("\0")])
         raise VotesError(f"row {row} holds a NUL character, so it is no text; save the file as CSV in UTF-8")
-    separator = _separator(text.lstrip().splitlines()[0])
-    header = [name.strip() for name in _cells(io.StringIO(text.lstrip()), separator)]
+    if "\n" not in text:
+        text = text.replace("\r", "\n")  # ends of lines as on old Macs
+    text = text.lstrip("\r\n")
+    first, _, rest = text.partition("\n")
+    told = SEPARATOR_LINE.fullmatch(first)
+    text = rest if told else text
+    if asked.format == "choix":
+        text = f"winner,loser\n{text}"
+    separator = told[1] if told and told[1] in SEPARATORS else _separator((text.splitlines() or [""])[0])
+    header = [name.strip() for name in _cells(io.StringIO(text), separator)]
     if not header:
         raise VotesError(f"is no table: its header holds a name of more than {csv.field_size_limit()} letters")
     if len(header) > MOST_COLUMNS:
         raise VotesError(f"has {len(header)} columns, expected {MOST_COLUMNS} at most")
-    if twice := [(name, n) for name, n in Counter(header).items() if n > 1]:
+    if twice := [(name, n) for name, n in Counter(filter(None, header)).items() if n > 1]:
         raise VotesError(f"has {twice[0][1]} columns named {shown(twice[0][0])}, expected one")
     try:
         frame = pd.read_csv(
-            io.StringIO(text), sep=separator, dtype=str, keep_default_na=False, skipinitialspace=separator != "\t"
-        )
-    except pd.errors.ParserError as error:
+            io.StringIO(text), sep=separator, dtype=str, keep_default_na=False, skipinitialspace=separator != "\t",
+            skip_blank_lines=False, header=0, names=_named_once(header), index_col=False, on_bad_lines="error",
+        )  # fmt: skip
+    except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
         raise VotesError(f"is not a table of equally long rows: {str(error).strip()}") from error
-    if not isinstance(frame.index, pd.RangeIndex):  # pandas takes surplus cells at the left for names of the rows
-        raise VotesError(f"is not a table of equally long rows: row 1 has more cells than the header's {len(header)}")
-    frame.columns = [str(column).strip() for column in frame.columns]
+    _check_lengths(text, separator, len(header))
     cells = {name: frame[name].str.strip().str.replace(DISARMED, "", regex=True) for name in frame.columns}
-    return _understood(pd.DataFrame(cells), f"text in {encoding}, {SEPARATORS[separator]} between cells")
+    understood = f"text in {encoding}, {SEPARATORS[separator]} between cells"
+    return _without_empty_rows(_understood(pd.DataFrame(cells), understood))
+
+
+def _named_once(header: Sequence[str]) -> list[str]:
+    """Return names of columns in which empty ones, as R and trailing commas leave them, are numbered."""
+    empty = [place for place, name in enumerate(header) if not name]
+    return [name or (f"Unnamed: {place}" if len(empty) > 1 else "") for place, name in enumerate(header)]
+
+
+def _check_lengths(text: str, separator: str, n_columns: int) -> None:
+    """Raise if the first row has more cells than the header: pandas drops them, or takes them for names of rows."""
+    rows = csv.reader(io.StringIO(text), delimiter=separator)
+    next(rows, None)
+    try:
+        first = next(rows, [])
+    except csv.Error:
+        return
+    if len(first) > n_columns and any(cell.strip() for cell in first[n_columns:]):
+        raise VotesError(f"is not a table of equally long rows: row 1 has more cells than the header's {n_columns}")
+
+
+def _without_empty_rows(frame: pd.DataFrame) -> pd.DataFrame:
+    """Leave rows out in which every cell is empty; the others keep their numbers in the file."""
+    is_there = ~(frame.isna() | (frame == "")).all(axis=1).to_numpy() if frame.shape[1] else np.ones(len(frame), bool)
+    if is_there.all():
+        return frame
+    kept = frame[is_there].reset_index(drop=True)
+    kept.attrs = {**frame.attrs, "rows": (np.flatnonzero(is_there) + 1).tolist()}
+    return kept
+
+
+def _lines_in(text: str) -> int:
+    """Count the ends of lines, of any kind."""
+    return text.count("\n") or text.count("\r")
+
+
+def _quick_table(path: Path, asked: _Asked) -> Table | None:
+    """Read a large clean CSV file in UTF-8 at once; None for any other, which is read cell by cell."""
+    if path.suffix.lower() != ".csv" or not path.is_file() or path.stat().st_size < QUICK_FROM:
+        return None
+    if asked.encoding or asked.format == "choix":
+        return None
+    from pyarrow import ArrowException, dictionary, int32, string  # loads slowly
+    from pyarrow import csv as arrow_csv
+
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            header = next(csv.reader(file))
+        names = [name.strip() for name in header]
+        if len(set(names)) < len(names) or "" in names or len(names) < 2 or len(names) > MOST_COLUMNS:
+            return None
+        if SEPARATOR_LINE.fullmatch(header[0]) or _separator(",".join(header)) != ",":
+            return None
+        options = arrow_csv.ConvertOptions(
+            column_types=dict.fromkeys(header, dictionary(int32(), string())), null_values=[], strings_can_be_null=False
+        )
+        with arrow_csv.open_csv(
+            path, read_options=arrow_csv.ReadOptions(block_size=BLOCK), convert_options=options
+        ) as reader:
+            columns = _coded(reader, header)
+    except (ValueError, OSError, StopIteration, csv.Error, ArrowException):
+        return None
+    if columns is None:
+        return None
+    with path.open("rb") as raw:
+        encoding = "UTF-8 with a byte-order mark" if raw.read(1) == b"\xef" else "UTF-8"
+    return Table(dict(zip(names, columns, strict=True)), f"text in {encoding}, commas between cells")
+
+
+def _coded(reader: Any, header: Sequence[str]) -> list[Column] | None:
+    """Return columns from batches of dictionary-encoded ones; None if a cell needs a closer look."""
+    known: list[dict[str, int]] = [{} for _ in header]
+    parts: list[list[NDArray[np.int32]]] = [[] for _ in header]
+    for batch in reader:
+        for place, (words, cells) in enumerate(zip(known, batch.columns, strict=True)):
+            texts = [word.strip() for word in cells.dictionary.to_pylist()]
+            if any(word[:1] in ("'", '"') or "\0" in word for word in texts):
+                return None
+            index = np.array([words.setdefault(word, len(words)) for word in texts], np.int32)
+            parts[place].append(index[cells.indices.to_numpy()])
+    columns = [
+        Column(np.concatenate(codes) if codes else np.array([], np.int32), tuple(words))
+        for codes, words in zip(parts, known, strict=True)
+    ]
+    may_be_empty = [column for column in columns if "" in column.words]
+    if len(may_be_empty) == len(columns):  # rows in which all cells are empty are left out elsewhere
+        is_empty = np.logical_and.reduce([column.codes == column.words.index("") for column in columns])
+        if is_empty.any():
+            return None
+    return columns
 
 
 def _separator(header: str) -> str:
@@ -258,18 +283,22 @@ def _understood(frame: pd.DataFrame, what: str) -> pd.DataFrame:
     return frame
 
 
-def _decode(content: bytes) -> tuple[str, str]:
-    """Decode UTF-8, or UTF-16 if the file begins with its mark, and name the encoding; else refuse, naming the first
-    row that fails.
+def _decode(content: bytes, encoding: str = "") -> tuple[str, str]:
+    """Decode as told, else UTF-8, or UTF-16 if the file begins with its mark, and name the encoding; else refuse,
+    naming the first row that fails and what to tell.
     """
     for signature, kind in SIGNATURES.items():
         if content.startswith(signature):
             raise VotesError(f"is {kind}, expected a table of text; give the file the ending of what it is")
+    if encoding:
+        return _decode_as(content, encoding), encoding
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         try:
             return content.decode("utf-16"), "UTF-16"
         except UnicodeDecodeError as error:
             raise VotesError(f"begins as UTF-16, and cannot be read as such: {error.reason}") from error
+    if wide := _utf_16_without_mark(content[:SAMPLE]):
+        raise VotesError(f"looks like UTF-16 without its mark (every other byte is 0): --encoding {wide}")
     try:
         return content.decode("utf-8-sig"), "UTF-8 with a byte-order mark" if content[:1] == b"\xef" else "UTF-8"
     except UnicodeDecodeError as error:
@@ -278,15 +307,38 @@ def _decode(content: bytes) -> tuple[str, str]:
                 f"is no text (byte {error.start + 1} is 0x{content[error.start]:02x}); expected a table: CSV in UTF-8, "
                 "or a Parquet file whose name ends in .parquet"
             ) from error
-        start = content.rfind(b"\n", 0, error.start) + 1
-        line = content[start:].split(b"\n", 1)[0].decode("latin-1").strip()
-        row = content[: error.start].count(b"\n")
+        mark = b"\n" if b"\n" in content else b"\r"
+        start = content.rfind(mark, 0, error.start) + 1
+        line = content[start:].split(mark, 1)[0].decode("latin-1").strip()
+        row = content[: error.start].count(mark)
         raise VotesError(
-            f"row {row}: {shown(line)} is not UTF-8 (it may be Latin-1); save the file as UTF-8"
+            f"row {row}: {shown(line)} is not UTF-8 (it may be Latin-1: --encoding latin-1); or save the file as UTF-8"
         ) from error
 
 
-def _read_parquet(path: Path) -> pd.DataFrame:
+def _decode_as(content: bytes, encoding: str) -> str:
+    try:
+        return content.decode(encoding).removeprefix("\ufeff")
+    except LookupError as error:
+        raise VotesError(
+            f"--encoding {encoding} is not known; known are utf-8, latin-1, cp1252, utf-16 and others"
+        ) from error
+    except UnicodeDecodeError as error:
+        raise VotesError(f"is not {encoding}: {error.reason} at byte {error.start + 1}") from error
+
+
+def _utf_16_without_mark(sample: bytes) -> str:
+    """Return the kind of UTF-16 that a text looks like; empty for others."""
+    half = len(sample) // 2
+    if half < 8:  # too short to tell
+        return ""
+    zeros = [sample[start::2].count(0) for start in (0, 1)]
+    if zeros[1] > 0.7 * half and not zeros[0]:
+        return "utf-16-le"
+    return "utf-16-be" if zeros[0] > 0.7 * half and not zeros[1] else ""
+
+
+def _read_parquet(path: Path, _asked: _Asked) -> pd.DataFrame:
     from pyarrow import parquet
 
     try:
@@ -302,23 +354,34 @@ def _read_parquet(path: Path) -> pd.DataFrame:
         raise VotesError(f"is not readable as Parquet: {error}") from error
 
 
-def _read_json(path: Path) -> pd.DataFrame:
+def _read_json(path: Path, asked: _Asked) -> pd.DataFrame:
     try:
-        content = json.loads(_decode(path.read_bytes())[0])
+        content = json.loads(_decode(path.read_bytes(), asked.encoding)[0])
     except json.JSONDecodeError as error:
         raise VotesError(f"is not readable as JSON: {error}") from error
-    rows = content.get("votes") if isinstance(content, dict) else content
-    if not isinstance(rows, list):
-        raise VotesError("holds no list of votes, expected [{…}, …] or {'votes': [{…}, …]}")
-    for number, row in enumerate(rows, start=1):
-        if not isinstance(row, dict):
-            raise VotesError(f"row {number}: {shown(row)} is not an object with named values")
-    return _understood(pd.DataFrame(rows, dtype=object), "JSON")
+    return _flat(content, "JSON")
 
 
-def _read_lines(path: Path) -> pd.DataFrame:
+def _flat(content: Any, how: str) -> pd.DataFrame:
+    """Return the table of a list of objects, or of what a program nests."""
+    rows, notes = rows_of_json(content)
+    frame = _understood(pd.DataFrame(rows, dtype=object), how)
+    frame.attrs["notes"] = notes
+    return frame
+
+
+def _read_python(path: Path, asked: _Asked) -> pd.DataFrame:
+    """Read a dataset file of sureal, whose literals are taken and which is never run."""
+    text, _ = _decode(path.read_bytes(), asked.encoding)
+    rows, notes = rows_of_python(text)
+    frame = _understood(pd.DataFrame(rows, dtype=object), "Python, read as literals and not run")
+    frame.attrs["notes"] = notes
+    return frame
+
+
+def _read_lines(path: Path, asked: _Asked) -> pd.DataFrame:
     rows = []
-    for number, line in enumerate(_decode(path.read_bytes())[0].split("\n"), start=1):
+    for number, line in enumerate(_decode(path.read_bytes(), asked.encoding)[0].split("\n"), start=1):
         if not line.strip():
             continue
         try:
@@ -328,25 +391,33 @@ def _read_lines(path: Path) -> pd.DataFrame:
         if not isinstance(row, dict):
             raise VotesError(f"line {number}: {shown(line)} is not an object with named values")
         rows.append(row)
-    return _understood(pd.DataFrame(rows, dtype=object), "JSON, an object on each line")
+    return _flat(rows, "JSON, an object on each line")
 
 
-def _read_excel(path: Path) -> pd.DataFrame:
+def _read_excel(path: Path, asked: _Asked) -> pd.DataFrame:
     try:
         with zipfile.ZipFile(path) as archive:
             _check_unpacked(sum(entry.file_size for entry in archive.infolist()))
         with pd.ExcelFile(path, engine="openpyxl") as book:
-            _check_cells(_cells_up_to(book.book.worksheets[0].iter_rows(values_only=True)))
             sheets = [str(name) for name in book.sheet_names]
-            frame = pd.read_excel(book, sheet_name=0, dtype=object, keep_default_na=False, na_values=[""])
+            sheet = asked.sheet or sheets[0]
+            if sheet not in sheets:
+                raise VotesError(f"has no sheet {shown(sheet)}; it has {', '.join(map(shown, sheets))}")
+            _check_cells(_cells_up_to(book.book[sheet].iter_rows(values_only=True)))
+            frame = pd.read_excel(book, sheet_name=sheet, dtype=object, keep_default_na=False, na_values=[""])
     except (FileNotFoundError, VotesError):
         raise
     except Exception as error:  # openpyxl raises whatever its parts raise
         raise VotesError(f"is not readable as Excel: {shown(error)}") from error
     frame.columns = [str(name).strip() for name in frame.columns]
-    rest = f", the first of {len(sheets)}" if len(sheets) > 1 else ""
-    frame = frame.map(lambda cell: cell.strip() if isinstance(cell, str) else cell).dropna(how="all")
-    return _understood(frame.reset_index(drop=True), f"Excel, sheet {sheets[0]}{rest}")
+    frame = frame.map(lambda cell: cell.strip() if isinstance(cell, str) else cell)
+    place = sheets.index(sheet)
+    rest = f", {'the first' if not place else f'number {place + 1}'} of {len(sheets)}" if len(sheets) > 1 else ""
+    others = [shown(name) for name in sheets if name != sheet]
+    frame = _without_empty_rows(_understood(frame, f"Excel, sheet {sheet}{rest}"))
+    if others:
+        frame.attrs["notes"] = (f"the other sheets are {', '.join(others)} (--sheet names one)",)
+    return frame
 
 
 def _cells_up_to(rows: Iterable[Sequence[object]]) -> int:
@@ -370,11 +441,12 @@ def _check_unpacked(n_bytes: int) -> None:
 
 
 # By the end of a file's name, the longer endings first.
-READERS: dict[str, Callable[[Path], pd.DataFrame]] = {
+READERS: dict[str, Reader] = {
     **dict.fromkeys((".csv.gz", ".tsv.gz"), _read_gzip),
     **dict.fromkeys((".csv", ".tsv"), _read_text),
     **dict.fromkeys((".jsonl", ".ndjson"), _read_lines),
     ".json": _read_json,
     ".parquet": _read_parquet,
     ".xlsx": _read_excel,
+    ".py": _read_python,
 }

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
+
 from app.analysis.findings.pairs import better_first
 from app.analysis.findings.ranking import overall
 from app.analysis.model.contrasts import SIGNIFICANT
@@ -278,9 +280,18 @@ def _agreement(analysis: Analysis) -> dict[str, Any]:
     text = (
         "Kendall's u is 1 if all participants agree and slightly below 0 if they are split evenly; it exists for "
         "complete designs without ties. The next columns count the triples of conditions that violate weak, moderate "
-        "and strong stochastic transitivity; without weak transitivity no scores fit the preferences."
+        "and strong stochastic transitivity; without weak transitivity no scores fit the preferences. Krippendorff's "
+        "alpha (interval metric, every pair in both directions) takes ties and missing votes."
     )
-    columns = ["dataset", "u", "p_value", *violations]
+    known = analysis["disagreement"]
+    alphas = {row["dataset"]: row for row in (known["by_dataset"] if known else ())}
+    rows = [
+        row | {"alpha": with_interval(alphas[row["dataset"]], "alpha", "alpha")}
+        if row["dataset"] in alphas
+        else row | {"alpha": with_interval(known, "alpha", "alpha") if known else None}
+        for row in rows
+    ]
+    columns = ["dataset", "alpha", "u", "p_value", *violations]
     return section("Agreement", text, columns, rows)
 
 
@@ -302,11 +313,26 @@ def _triads(analysis: Analysis, figures: Figures) -> dict[str, Any]:
 
 def _observers(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     flagged = [row for row in analysis["observers"] if row["flags"]]
+    failed = {
+        row["participant"]: row["n_identical"] - row["n_identical_none"] + row["n_repeated"] - row["n_repeated_same"]
+        for row in analysis["checks"]
+    }
     text = (
-        f"{len(flagged)} of {len(analysis['observers'])} participants have something unusual about their votes; all "
-        "numbers are in observers.csv. A flag is a reason to look, not to exclude."
+        f"{len(flagged)} of {len(analysis['observers'])} participants are flagged. “Careless” is the natural logarithm "
+        "of how much likelier the answers are from somebody who answers carelessly than from somebody who answers as "
+        "the others do, with own opinions and noise; somebody is flagged for it only if fewer than 0.05 honest people "
+        "of the whole study would be expected to look so. Remarks are no flags: among honest people, too, some are "
+        "slower than others, disagree more, or have triads no more consistent than chance, as half of those have who "
+        "see no difference. A flag is a reason to look, not to exclude; all numbers are in observers.csv."
     )
-    rows = [row | {"flags": "; ".join(row["flags"])} for row in flagged]
+    rows = [
+        row
+        | {name: "; ".join(row[name]) for name in ("flags", "remarks")}
+        | {"failed_checks": failed.get(row["participant"])}
+        for row in sorted(analysis["observers"], key=lambda row: -(row["careless_log_ratio"] or -np.inf))
+        if row["flags"] or row["remarks"] or failed.get(row["participant"])
+    ]
     shown = [figures["response_times"]] if "response_times" in figures else []
-    columns = ["participant", "n_votes", "tie_rate", "loglik_per_vote_left_out", "flags"]
-    return section("Participants", text, columns, rows, shown)
+    columns = ["participant", "n_votes", "tie_rate", "careless_log_ratio", "careless_false_alarms"]
+    columns += ["failed_checks"] if analysis["checks"] else []
+    return section("Participants", text, [*columns, "flags", "remarks"], rows, shown)

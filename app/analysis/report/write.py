@@ -26,6 +26,8 @@ COLUMNS = {
     ),
     "observers": ("participant", "flags"),
     "contrasts": ("comparison", "dataset", "item_a", "item_b", "difference", "se", "p_value", "p_holm"),
+    "island_scores": ("comparison", "dataset", "group", "item", "score", "se", "se_participant", "ci_low", "ci_high"),
+    "island_contrasts": ("comparison", "dataset", "group", "item_a", "item_b", "difference", "se", "p_value", "p_holm"),
     "effects": ("factor", "level", "dataset", "effect", "se", "se_participant", "ci_low", "ci_high", "letters"),
     "tests": ("name", "model", "dataset", "g2", "df", "p_value", "p_participant", "p_holm"),
     "random_effects": ("level", "sd", "sd_low", "sd_high"),
@@ -145,4 +147,6 @@ def table_csv(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
 def _cell(value: Any) -> Any:
     if isinstance(value, list | tuple):
         value = "; ".join(map(str, value))
+    if isinstance(value, dict):
+        value = json.dumps(value)
     return without_formula(value) if isinstance(value, str) else value

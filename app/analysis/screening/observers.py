@@ -1,7 +1,8 @@
 """Screen participants: flag what is unusual about their votes.
 
-Flags inform the experimenter's decision; they exclude nobody. Circular triads alone are a bad reason: where stimuli
-look alike, honest judges contradict themselves.
+Flags are rare among honest people: careless answers, by a likelihood ratio, and facts, such as answers faster than
+looking. Remarks say what else is unusual; among honest people, too, somebody nearly always has some. Neither excludes
+anybody.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit, logit
 from scipy.stats import norm
 
 from app.analysis.model.bootstrap import RUNAWAY, participant_counts
@@ -22,6 +24,7 @@ from app.analysis.model.likelihood.fit import Fit
 from app.analysis.model.likelihood.newton import Design, Search, maximise
 from app.analysis.model.likelihood.ties import TIE_MODELS
 from app.analysis.reading.votes_table import NONE, A, B, VotesTable, only_compared, order_of
+from app.analysis.screening.careless import Careless, careless_answers
 from app.analysis.screening.triads import Triads, by_participant, pooled_p_value, smallest_p_value
 
 Array = NDArray[np.float64]
@@ -34,17 +37,27 @@ FENCE = 1.5  # Tukey's fence in interquartile ranges, as pwcmp uses it for likel
 FEWEST_FOR_FENCES = 5  # participants; quartiles of fewer mean nothing
 FEWEST_VOTES = 10  # votes before rates and times are compared; a tie rate then has a standard error of 0.13
 MOST_REFITS = 20_000  # participants times items up to which each participant is left out in turn
+CARELESS = "answers carelessly"
 FASTEST_MS = 500.0  # nobody judges two videos in less than half a second
 
 
-def observer_rows(votes: VotesTable, screened: Sequence[Triads], *, ties: str) -> list[dict[str, Any]]:
-    """Return a row per participant, with numbers and flags.
+def observer_rows(
+    votes: VotesTable,
+    screened: Sequence[Triads],
+    *,
+    ties: str,
+    checks: Sequence[Mapping[str, Any]] = (),
+    order_effect: float | None = None,
+) -> list[dict[str, Any]]:
+    """Return a row per participant, with numbers, flags and remarks.
 
     Parameters
     ----------
     votes : VotesTable, the votes analysed
     screened : the circular triads of the same votes
     ties : key of `TIE_MODELS`, for the likelihood of each participant's votes under the others' scores
+    checks : rows of `check_rows`
+    order_effect : advantage of being shown first that the whole panel shows, log-odds
     """
     if not votes.has_participants or not len(votes):
         return []
@@ -54,12 +67,13 @@ def observer_rows(votes: VotesTable, screened: Sequence[Triads], *, ties: str) -
     bounds = np.cumsum([len(part) for part in votes_by_participant.values()])
     triads = by_participant(screened)
     rows = [
-        _measures(votes.participants[index], part, p_a[end - len(part) : end], triads)
+        _measures(votes.participants[index], part, p_a[end - len(part) : end], triads, order_effect or 0.0)
         for (index, part), end in zip(votes_by_participant.items(), bounds.tolist(), strict=True)
     ]
     for row, value in zip(rows, _left_out_likelihoods(votes, votes_by_participant, ties), strict=True):
         row["loglik_per_vote_left_out"] = value
-    _flag(rows)
+    _flag(rows, careless_answers(votes, checks, order_effect))
+    _remark(rows)
     return rows
 
 
@@ -83,18 +97,21 @@ def _fit_without_participants(votes: VotesTable, ties: str) -> Fit | None:
         return None
 
 
-def _measures(participant: str, votes: VotesTable, p_a: Array, by_name: dict[str, list[Triads]]) -> dict[str, Any]:
+def _measures(
+    participant: str, votes: VotesTable, p_a: Array, by_name: dict[str, list[Triads]], order_effect: float
+) -> dict[str, Any]:
     triads = by_name.get(participant, [])
     n = votes.n_votes
     decided = votes.choice <= B
     has_order = decided & (votes.first_shown >= 0)
-    p_first = np.where(votes.first_shown == 1, 1 - p_a, p_a)
+    p_first = expit(logit(np.where(votes.first_shown == 1, 1 - p_a, p_a)) + order_effect)
     side = _bias(votes.choice[decided] == A, p_a[decided], votes.count[decided])
     order = _bias((votes.choice == votes.first_shown)[has_order], p_first[has_order], votes.count[has_order])
     consistent, repeated = _repeats(votes)
     return {
         "participant": participant,
-        "flags": ["no more consistent than chance"] if _is_like_chance(triads) else [],
+        "flags": [],
+        "remarks": ["no more consistent than chance"] if _is_like_chance(triads) else [],
         "n_votes": n,
         "one_side_unseen": _one_side_unseen(votes),
         "tie_rate": int(votes.count[votes.choice == NONE].sum()) / n if n else None,
@@ -265,30 +282,45 @@ def _loglik(fit: Fit, rows: PairCounts) -> float:
     return float(fit.design.model.loglik(d, t, rows.wins[None], rows.losses[None], rows.ties[None]).sum())
 
 
-def _flag(rows: list[dict[str, Any]]) -> None:
+def _flag(rows: list[dict[str, Any]], careless: Mapping[str, Careless]) -> None:
+    """Flag careless answers and facts."""
     for row in rows:
+        verdict = careless.get(row["participant"])
+        row["careless"] = None if verdict is None else verdict.as_dict()
+        row["careless_log_ratio"] = None if verdict is None else verdict.log_ratio
+        row["careless_false_alarms"] = None if verdict is None else verdict.false_alarms
+        row["careless_evidence"] = [] if verdict is None else list(verdict.words)
+        if verdict is not None and verdict.is_named:
+            row["flags"].append(CARELESS)
         if _is_known(row, "fastest_decile_ms") and row["fastest_decile_ms"] < FASTEST_MS:
             row["flags"].append("answers faster than looking")
         if row["one_side_unseen"]:
             row["flags"].append(f"only one side seen in {row['one_side_unseen']} of {row['n_votes']} votes")
-    for name, flag in (("side_a_p_value", "prefers one side"), ("first_shown_p_value", "prefers by order of showing")):
-        _flag_small(rows, name, flag)
-    _flag_outside(rows, "loglik_per_vote_left_out", low="disagrees with the others", high=None)
-    _flag_outside(rows, "tie_rate", low=None, high="unusually many ties")
-    _flag_outside(rows, "median_response_ms", low="unusually fast", high="unusually slow")
 
 
-def _flag_small(rows: list[dict[str, Any]], name: str, flag: str) -> None:
-    """Flag p-values that are small after correction for the number of participants."""
+def _remark(rows: list[dict[str, Any]]) -> None:
+    """Remark on what is unusual, which among many honest people some always are."""
+    for name, remark in (
+        ("side_a_p_value", "prefers one side"),
+        ("first_shown_p_value", "prefers by order of showing"),
+    ):
+        _remark_small(rows, name, remark)
+    _remark_outside(rows, "loglik_per_vote_left_out", low="disagrees with the others", high=None)
+    _remark_outside(rows, "tie_rate", low=None, high="unusually many ties")
+    _remark_outside(rows, "median_response_ms", low="unusually fast", high="unusually slow")
+
+
+def _remark_small(rows: list[dict[str, Any]], name: str, remark: str) -> None:
+    """Remark on p-values that are small after correction for the number of participants."""
     known = [row for row in rows if row[name] is not None]
     if known:
         for row, corrected in zip(known, holm(np.array([row[name] for row in known])), strict=True):
             if corrected < BIASED:
-                row["flags"].append(flag)
+                row["remarks"].append(remark)
 
 
-def _flag_outside(rows: list[dict[str, Any]], name: str, *, low: str | None, high: str | None) -> None:
-    """Flag values beyond Tukey's fences, one and a half interquartile ranges outside the quartiles."""
+def _remark_outside(rows: list[dict[str, Any]], name: str, *, low: str | None, high: str | None) -> None:
+    """Remark on values beyond Tukey's fences, one and a half interquartile ranges outside the quartiles."""
     known = [row for row in rows if _is_known(row, name)]
     if len(known) < FEWEST_FOR_FENCES:
         return
@@ -296,9 +328,9 @@ def _flag_outside(rows: list[dict[str, Any]], name: str, *, low: str | None, hig
     reach = FENCE * (third - first)
     for row in known:
         if low is not None and row[name] < first - reach:
-            row["flags"].append(low)
+            row["remarks"].append(low)
         if high is not None and row[name] > third + reach:
-            row["flags"].append(high)
+            row["remarks"].append(high)
 
 
 def _is_known(row: dict[str, Any], name: str) -> bool:

@@ -14,7 +14,7 @@ from typing import Any
 from app.ffmpeg import Progress, no_progress
 from app.files import file_digest
 from app.intake.reports import SIZES_FROM, Measure, model_sizes
-from app.intake.stimuli import MANIFEST, StimulusSet
+from app.intake.stimuli import MANIFEST, StimulusSet, read_manifest
 from app.operations.database import open_store
 from app.operations.studies.check_films import MOST_PLAYED_AT_ONCE, check_films, films_of, in_words
 from app.operations.studies.languages import read_languages
@@ -31,6 +31,7 @@ from app.store.studies.measurements import measurement_records, replace_measurem
 from app.store.trials.designs import copy_design, insert_design, insert_practice
 from app.store.trials.orders import most_trials
 from app.study.languages.text import is_one_line
+from app.study.options.neutral_words import neutral_words
 from app.study.options.options import StudyOptions, parse_options
 from app.study.options.own_texts import LONGEST_NAME
 from app.study.options.presets import QUICK, read_preset
@@ -76,6 +77,8 @@ def create_study(
     with open_store(settings) as database:
         slug = new_slug(database, name)
         packs = read_languages(settings)
+        if not any(stimulus.renderer for stimulus in read_manifest(manifest_path).stimuli):
+            wanted = neutral_words(wanted)  # films of anything: nobody knows whether they show models
         check_languages(wanted, packs)
         made = prepare_study(settings, manifest_path, wanted, exposure_s, progress)
         notes = [*made.notes, *_telling_names(name, made.shown)]

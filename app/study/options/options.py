@@ -349,6 +349,15 @@ class StudyOptions(Options):
             },
         ),
     ] = ""
+    planned_participants: Annotated[
+        int,
+        Setting(
+            "Planned participants",
+            "results of fewer are called interim; 0: none were planned",
+            section="analysis",
+            change=ANY_TIME,
+        ),
+    ] = Field(default=0, ge=0, le=100_000)
     outside: OutsideOptions = OutsideOptions()
     limits: LimitOptions = LimitOptions()
     abandoned_after_h: Annotated[

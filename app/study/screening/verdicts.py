@@ -65,7 +65,9 @@ def _acuity(row: Mapping[str, Any]) -> list[str]:
     better = " or better, the display draws no smaller rings" if row["is_bound"] else ""
     said = [f"{_logmar(row['logmar'])}{better}"]
     if row["low"] is not None and row["high"] is not None:
-        said.append(f"With 95 % probability from {row['low']:.2f} to {row['high']:.2f} logMAR")
+        low, high = f"{row['low']:.2f}", f"{row['high']:.2f}"
+        interval = f"{low}, to two decimals," if low == high else f"from {low} to {high}"
+        said.append(f"With 95 % probability {interval} logMAR")
     if row["limit"] is not None:
         said.append(f"The study's limit is {_logmar(row['limit'])}; larger is worse")
     return said

@@ -208,6 +208,10 @@ OBSERVERS: Columns = {
     "flags": "what is unusual about the votes; a reason to look, not to exclude",
 }
 OBSERVERS_OF_PAIRS: Columns = {
+    "remarks": "what else is unusual; among honest people, too, somebody nearly always is",
+    "careless_log_ratio": "natural logarithm of the likelihood ratio, careless to honest answers",
+    "careless_false_alarms": "how many of so many honest people would be expected to look as careless",
+    "careless_evidence": "what speaks for careless answers, in words",
     "n_votes": "votes that count",
     "one_side_unseen": "votes given although A or B was never on screen; empty where that was not recorded",
     "tie_rate": "share of votes without preference",
@@ -330,6 +334,7 @@ FAILURES: Columns = {
 }
 KINDS = {  # of columns that are no text: a Parquet file needs them for long tables, and where there are no values
     **dict.fromkeys((*OBSERVERS_OF_PAIRS, *OBSERVERS_OF_RATINGS), "float"),  # but those below
+    **dict.fromkeys(("remarks", "careless_evidence"), "text"),
     **dict.fromkeys(("practice", "excluded", "frame_locked", "both_seen", "reference", "lighter_film"), "bool"),
     **dict.fromkeys(
         ("is_reference", "complete", "is_bound", "is_cancelling", "is_bt500_outlier", "is_correlation_low"), "bool"

@@ -397,7 +397,7 @@ ANALYSIS = {
     "findings": [
         {"about": "best", "text": "approach_2 is best: it has the highest score, +1.08 (95 % interval +0.83 to …"}
     ],
-    "warnings": ["all conditions, dataset ball: a single participant voted, so nothing can be said about other people"],
+    "warnings": ["a single participant voted, so nothing can be said about other people"],
 }
 
 

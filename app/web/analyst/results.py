@@ -137,6 +137,8 @@ def rows_of(analysis: Mapping[str, Any], table: str) -> Sequence[Mapping[str, An
     """Return the rows of an analysis that a table of analysts shows; none where the protocol has no such table."""
     name = "raters" if table == "observers" and "raters" in analysis else TABLE_NAMES.get(table, table)
     rows: Sequence[Mapping[str, Any]] = analysis.get(name, ())
+    if name == "observers":
+        return [{column: value for column, value in row.items() if column != "careless"} for row in rows]
     return rows
 
 
@@ -178,6 +180,7 @@ def inputs_of(
         "better": better_by_measure(measured),
         "groups": groups or {},
         "random_effects": options.random_effects,
+        "planned_participants": options.planned_participants or None,
     }
     counted = asdict(state) | ({"excluded": {}} if with_excluded else {})
     known = json.dumps([study_id, counted, settings, options.protocol, options.scale], sort_keys=True, default=str)

@@ -124,11 +124,11 @@ def _tangent_pairs(
     masks: tuple[list[list[NDArray[np.bool_] | None]], ...],
     middle: NDArray[np.float64],
 ) -> Iterator[tuple[Tangents, Tangents]]:
-    for one, its in zip(first.cameras, masks[0], strict=True):
+    for camera, its in zip(first.cameras, masks[0], strict=True):
         for other, others in zip(second.cameras, masks[1], strict=True):
-            planes = TangentPlanes(one.camera, other.camera, middle)
+            planes = TangentPlanes(camera.camera, other.camera, middle)
             if planes.is_usable:
-                yield planes.tangents(one.camera, its), planes.tangents(other.camera, others)
+                yield planes.tangents(camera.camera, its), planes.tangents(other.camera, others)
 
 
 def motion_signal(by_frame: Mapping[int, Glance]) -> NDArray[np.float64] | None:

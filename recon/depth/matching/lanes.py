@@ -206,9 +206,9 @@ def falling(_typing: Any, _lanes: Any, _fall: Any) -> Any:
     """
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Sequence[Any]) -> Any:
-        one = ir.Constant(_FLOATS, [float(ONE_BITS)] * N_LANES)
+        most = ir.Constant(_FLOATS, [float(ONE_BITS)] * N_LANES)
         down = builder.fmul(arguments[0], _spread(builder, arguments[1], _FLOATS))
-        down = builder.select(builder.fcmp_ordered("<", down, one), down, one)
+        down = builder.select(builder.fcmp_ordered("<", down, most), down, most)
         bits = builder.sub(ir.Constant(_WORDS, [ONE_BITS] * N_LANES), builder.fptosi(down, _WORDS))
         return builder.bitcast(bits, _FLOATS)
 

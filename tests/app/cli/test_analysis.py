@@ -96,6 +96,44 @@ RATINGS = "participant,dataset,condition,rating\n" + "".join(
 )
 
 
+ASKED = "participant,item_a,item_b,choice,rating\n" + "".join(f"P{n},x,y,{'ab'[n % 2]},{n % 3}\n" for n in range(6))
+
+
+def test_what_can_be_read_in_two_ways_is_shown_with_the_options_and_each_is_taken(
+    command: Command, tmp_path: Path
+) -> None:
+    (tmp_path / "table.csv").write_text(ASKED)
+    told = command("analyse", tmp_path / "table.csv", "--dry-run")
+    assert told.code == 1
+    assert "1. votes: 'choice' says which item is preferred: --columns choice=choice" in told.err
+    assert "2. comparison ratings: 'rating' is the grade: --columns rating=rating" in told.err
+    votes = command("analyse", tmp_path / "table.csv", "--dry-run", "--columns", "choice=choice")
+    assert "choices: a 3, b 3, none 0" in votes.out
+    ratings = command("analyse", tmp_path / "table.csv", "--dry-run", "--columns", "rating=rating")
+    assert "ratings: 0 2x, 1 2x, 2 2x" in ratings.out
+
+
+def test_a_question_is_answered_at_once_in_a_terminal(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    from app.analysis.reading.description import Told
+    from app.cli import analysis
+
+    (tmp_path / "table.csv").write_text(ASKED)
+    monkeypatch.setattr(analysis.sys.stdin, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(analysis.sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(analysis.typer, "prompt", lambda *_, **__: "2")
+    (source,) = analysis._recognised([tmp_path / "table.csv"], Told(), can_ask=True)
+    assert source.description.holds == "comparisons"
+
+
+def test_ratings_take_the_same_columns_and_formats_as_votes(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "r.csv").write_bytes("who;what;how\nJ\xfcrgen;x;3\nAnn;x;4\n".encode("latin-1"))
+    told = ("--columns", "participant=who,condition=what,rating=how", "--encoding", "latin-1", "--format", "ratings")
+    dry = command("analyse", tmp_path / "r.csv", "--dry-run", *told)
+    assert "2 participants: J\xfcrgen, Ann; 1 condition: x" in dry.out
+    wrong = command("analyse", tmp_path / "r.csv", "--dry-run", *told[:4], "--format", "nonsense")
+    assert "--format nonsense is not known; known are votes, ratings, ccr" in wrong.err
+
+
 @pytest.mark.slow
 def test_ratings_become_opinion_scores_and_a_report(command: Command, tmp_path: Path) -> None:
     (tmp_path / "ratings.csv").write_text(RATINGS)

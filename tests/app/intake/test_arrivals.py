@@ -13,6 +13,14 @@ from app.intake.arrivals import Limits, shelve
 MP4 = b"\0\0\0\x18ftypmp42"
 
 
+@pytest.mark.parametrize(
+    ("name", "content"), [("a.spz", b"\x1f\x8b"), ("a.spz", b"NGSP"), ("a.sog", b"PK\x03\x04"), ("a.ksplat", b"\0\1")]
+)
+def test_models_may_be_splats_of_every_form(tmp_path: Path, name: str, content: bytes) -> None:
+    places = {"scene.json": b"{}", f"mcmc/{name}": content + b"rest"}
+    assert shelved(tmp_path, "models", places) == [f"mcmc/{name}", "scene.json"]
+
+
 @pytest.mark.parametrize("kind", ["captures", "calibration", "films"])
 @pytest.mark.parametrize("suffix", [".mp4", ".mov", ".m4v", ".M4V"])
 def test_videos_by_any_name_of_their_format_are_shelved(tmp_path: Path, kind: str, suffix: str) -> None:

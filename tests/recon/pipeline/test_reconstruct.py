@@ -19,15 +19,18 @@ from hypothesis import strategies as st
 from typer import BadParameter
 
 from app.intake.models import read_models
-from recon.capture.format import Capture
+from recon.capture.format import Capture, read_capture
 from recon.capture.images import read_image
 from recon.cli.options import parse_frames, parse_loops
+from recon.depth.disparity_io import read_disparity
 from recon.execution.workers import ThisProcess
 from recon.export_models import write_models
 from recon.geometry.mesh_files import read_mesh
+from recon.pipeline import stages
 from recon.pipeline.film import Film, RenderOptions, make_part, make_path, shown_frames
 from recon.pipeline.film_plan import check_loops, planned_films
-from recon.pipeline.job import ReconstructOptions
+from recon.pipeline.job import ReconstructOptions, planned_job
+from recon.pipeline.methods import match
 from recon.pipeline.reconstruct import reconstruct
 from recon.pipeline.render import render
 from recon.pipeline.run import mesh_name, read_run, recorded_in
@@ -541,3 +544,26 @@ def test_a_lost_depth_map_of_patchmatch_is_made_again_from_the_frames_before(cap
     (tmp_path / "run/matched/pm/S1/0001.tiff").unlink()
     reconstruct(capture.folder, tmp_path / "run", options)
     assert digests(tmp_path / "run/matched", "*.tiff") == before
+
+
+@pytest.mark.slow
+def test_a_frame_with_the_pictures_of_the_one_before_is_taken_as_it_was_matched(
+    capture: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    still = Path(copytree(capture.folder, tmp_path / "still"))
+    for second in still.rglob("0001.png"):
+        second.write_bytes(second.with_name("0000.png").read_bytes())
+    matched: list[Path] = []
+
+    def counting(method: Any, pair: Any, folder: Path, *rest: Any) -> Any:
+        matched.append(folder)
+        return match(method, pair, folder, *rest)
+
+    monkeypatch.setattr(stages, "match", counting)
+    job = planned_job(read_capture(still), tmp_path / "run", ReconstructOptions(depths=("id", "dr")))
+    for stretch in job.stretches:
+        stages.match_stretch(job, stretch)
+    assert [folder.name for folder in matched] == ["0000"] * 4
+    for sequence in job.sequences:
+        first, second = (read_disparity(job.artefacts.path(view.matched)) for view in sequence)
+        np.testing.assert_array_equal(first, second)

@@ -12,7 +12,7 @@ from app.web.admin.listing import listed
 MINUS = "−"
 NOTHING = "–"
 # Findings that everybody needs. What is told apart is among them: without a difference, it is the result.
-LEADING = ("ranking", "best", "worst", "difference", "told apart", "limits", "missing")
+LEADING = ("interim", "ranking", "best", "worst", "difference", "told apart", "limits", "missing", "disagreement")
 
 TRIADS_SORTABLE = ("participant", "circular", "p_value", "n_flags")
 

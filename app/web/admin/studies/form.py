@@ -78,6 +78,18 @@ class StudyForm:
                 return setting.name
         return "questions" if self.error.startswith("question ") else ""
 
+    @property
+    def said(self) -> str:
+        """The error in the form's words: the label in place of the setting's name."""
+        setting = next((each for each in SETTINGS if each.name == self.wrong), None)
+        if setting is None:
+            return self.error
+        table, _, key = setting.name.rpartition(".")
+        for start in (f"{table}: {key}", f"{table}: '{key}'", key):
+            if self.error.startswith(start):
+                return f"{setting.label}{self.error.removeprefix(start)}"
+        return self.error
+
     def reasons(self, settings: Sequence[Setting]) -> dict[str, list[str]]:
         """Labels of the settings that cannot change, by the reason."""
         reasons: dict[str, list[str]] = {}

@@ -7,6 +7,7 @@ consensus of spheres through three points, then Gauss-Newton steps with Tukey's 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ N_CANDIDATES = 8
 N_TRIALS, N_TRIALS_PER_UNIT = 16, 32  # spheres tried through every seed point
 RIVAL = 0.5  # of the best sphere's score: from there on another one counts as a second ball
 APART = 1.5  # times the radius: centres farther apart are two balls, which cannot be nearer than twice the radius
+OTHER_RADII = (4 / 3, 3 / 4, 3 / 2, 2 / 3)  # as shares of the radius given
 WIDE = 2.2  # radii; a ball by itself extends over two
 
 
@@ -52,7 +54,7 @@ def fit_sphere(points: NDArray[np.floating], radius: float, seed: int = 1) -> Sp
     except TwoSpheresError:
         raise
     except FitError as error:
-        raise FitError(f"{error}{hint_at_unit_of_sphere(points, radius, seed)}") from error
+        raise FitError(f"{error}{hint_at_sphere(points, radius, seed)}") from error
 
 
 def check_alone(points: NDArray[np.float32], fit: SphereFit, seed: int) -> None:
@@ -69,19 +71,25 @@ def check_alone(points: NDArray[np.float32], fit: SphereFit, seed: int) -> None:
     _check_single([fit, *(other for other in spheres if _are_apart(fit, other))])
 
 
-def hint_at_unit_of_sphere(points: NDArray[np.float32], radius: float, seed: int) -> str:
-    """Return the end of the sentence that no sphere was found: the unit in which there would be one; "" if none is.
+def hint_at_sphere(points: NDArray[np.float32], radius: float, seed: int) -> str:
+    """Return the end of the sentence that no sphere was found: the unit, or the radius, of one that is; "" if none is.
 
     Parameters
     ----------
     points : float32 (N, 3), mm
-    radius : mm
+    radius : mm, that was asked for
     seed : of the search
     """
     sample = subsample(points, seed)
-    if np.ptp(sample, axis=0).min() > WIDE * radius:  # larger than a ball already
-        return ""
-    return hint_at_unit(sample, lambda scaled: _fit(scaled, scaled, radius, seed, N_TRIALS_PER_UNIT))
+    if np.ptp(sample, axis=0).min() <= WIDE * radius:  # not larger than a ball already
+        unit = hint_at_unit(sample, lambda scaled: _fit(scaled, scaled, radius, seed, N_TRIALS_PER_UNIT))
+        if unit:
+            return unit
+    for factor in OTHER_RADII:
+        with suppress(FitError):
+            fit = _fit(sample, sample, factor * radius, seed, N_TRIALS_PER_UNIT)
+            return f"; radius {fit.free_radius:.4g} mm fits, {radius:g} mm was given"
+    return ""
 
 
 def _fit(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from recon.validation.clouds import FitError, checked_points
 from recon.validation.sampling import fibonacci_sphere, subsample
-from recon.validation.sphere.fit.consensus import check_alone, fit_sphere, hint_at_unit_of_sphere
+from recon.validation.sphere.fit.consensus import check_alone, fit_sphere, hint_at_sphere
 from recon.validation.sphere.fit.model import SphereFit
 from recon.validation.sphere.fit.refinement import refine_sphere
 from recon.validation.super4pcs import Super4PCSParameters, super4pcs
@@ -30,7 +30,7 @@ def fit_super4pcs(points: NDArray[np.float32], radius: float, seed: int) -> Sphe
     try:
         fit = refine_sphere(points, _registered(points, radius, seed), radius, subsample(points, seed))
     except FitError as error:
-        advice = hint_at_unit_of_sphere(points, radius, seed) or "; --method robust finds a ball among more else"
+        advice = hint_at_sphere(points, radius, seed) or "; --method robust finds a ball among more else"
         raise FitError(f"{error}{advice}") from error
     check_alone(points, fit, seed)
     return fit

@@ -13,6 +13,7 @@ from recon.validation.sphere.fit.plausibility import check_bending, check_fit, c
 FINAL_STEPS = 1  # over all points
 MAX_STEPS = 60
 STEP_MM = 1e-3
+SMALL_SHARE = 0.05  # of the points' scatter; a last step that is shorter moves the centre by nothing that matters
 SMALLEST_SCALE = 1e-6  # of the radius: a perfect cloud still gets a cutoff
 NEAR = 1.5  # times the radius: what lies around a sphere
 
@@ -88,6 +89,8 @@ def _converged(
         centre = moved
         if change < STEP_MM and step > 3:
             return centre, scale
+    if change < SMALL_SHARE * scale:  # the scale, estimated anew, keeps it from standing still
+        return centre, scale
     raise FitError(f"the fit did not converge in {MAX_STEPS} steps; the last moved it by {change:.3g} mm")
 
 

@@ -170,8 +170,8 @@ def test_tables_in_other_words_and_shapes_are_the_same_ratings(tmp_path: Path, t
 def test_a_wide_table_has_datasets_and_names_the_cell_that_is_no_rating(write: Write) -> None:
     table = table_in(write("ann,ball,4,3", "ann,box,2,1", header="participant,scene,x,y"))
     assert table.items == (("ball", "x"), ("box", "x"), ("ball", "y"), ("box", "y"))
-    with pytest.raises(VotesError, match="row 2: the column 'age' is 31, expected 1 to 5"):
-        table_in(write("ann,4,5", "bob,3,31", header="participant,x,age"))
+    with pytest.raises(VotesError, match="row 2: the column 'y' is 31, expected 1 to 5"):
+        table_in(write("ann,4,5", "bob,3,31", header="participant,x,y"))
 
 
 @pytest.mark.parametrize(

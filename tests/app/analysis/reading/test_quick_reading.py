@@ -1,4 +1,4 @@
-"""A large clean file of votes is read at once, and is the same table; anything unusual goes to the strict reader."""
+"""A large clean file is cut into cells at once; its votes and the sentences on them are those of a small file."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.analysis.reading import read_votes as reading
-from app.analysis.reading.read_votes import read_votes
+from app.analysis.reading import tabular
+from app.analysis.reading.read_votes import read_votes, understand_votes
 from app.analysis.reading.votes_table import VotesTable
 
 PLAIN = """participant,dataset,item_a,item_b,choice
@@ -30,10 +30,11 @@ JUDGES = PLAIN.replace("participant", "judge")
 def test_a_clean_file_is_the_same_table(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "votes.csv"
     path.write_text(text, encoding="utf-8")
-    strict = read_votes(path)
-    monkeypatch.setattr(reading, "QUICK_FROM", 0)
-    monkeypatch.setattr(reading, "read_frame", None)  # the strict reader is not asked
-    quick = read_votes(path)
+    strict, said = understand_votes([path])
+    monkeypatch.setattr(tabular, "QUICK_FROM", 0)
+    monkeypatch.setattr(tabular, "read_frame", None)  # cells are not read one by one
+    quick, said_quickly = understand_votes([path])
+    assert said_quickly == said
     for field in fields(VotesTable):
         column, wanted = getattr(quick, field.name), getattr(strict, field.name)
         if isinstance(wanted, tuple):
@@ -58,6 +59,6 @@ def test_what_is_wrong_is_named_as_in_a_small_file(
 ) -> None:
     path = tmp_path / "votes.csv"
     path.write_text(PLAIN.replace(old, new), encoding="utf-8")
-    monkeypatch.setattr(reading, "QUICK_FROM", 0)
+    monkeypatch.setattr(tabular, "QUICK_FROM", 0)
     with pytest.raises(ValueError, match=message):
         read_votes(path)

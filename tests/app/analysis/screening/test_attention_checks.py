@@ -43,12 +43,14 @@ def test_the_report_tells_what_became_of_every_vote_that_was_read() -> None:
     assert "8 votes read: 4 analysed (1 without preference), 0 practice, 4 attention checks, 0 excluded." in page
 
 
-def test_checks_change_nothing_but_their_own_section() -> None:
+def test_checks_of_few_people_change_nothing_but_their_own_section_and_sentence() -> None:
     with_checks = analyse(votes_from_rows(rows_with_checks()))
     without = analyse(votes_from_rows([row(*one) for one in MAIN]))
     assert with_checks.pop("checks")
     assert without.pop("checks") == []
     assert with_checks.pop("votes") == without.pop("votes") | {"rows": 8, "votes": 8, "checks": 4}
+    said = with_checks.pop("findings")
+    assert [row for row in said if row["about"] != "checks"] == without.pop("findings")
     assert with_checks == without
 
 

@@ -123,20 +123,6 @@ def test_a_table_has_the_same_columns_and_rows_in_every_format(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["", *TABLES])
-def test_a_column_of_a_parquet_file_has_the_same_type_with_and_without_values(
-    analyst: httpx.Client, taken: dict[str, Any], name: str
-) -> None:
-    path = f"/api/v1/studies/{taken['slug']}/{name}" if name else "/api/v1/studies"
-
-    def types(**page: int) -> dict[str, str]:
-        content = analyst.get(path, params={"format": "parquet"} | page).raise_for_status().content
-        return {field.name: str(field.type) for field in pyarrow.parquet.read_schema(io.BytesIO(content))}
-
-    assert types() == types(offset=10**6)
-
-
-@pytest.mark.slow
 def test_pages_together_are_the_table(analyst: httpx.Client, taken: dict[str, Any]) -> None:
     path = f"/api/v1/studies/{taken['slug']}/votes"
     whole = rows(analyst, path)

@@ -325,7 +325,7 @@ def test_the_form_changes_how_people_come_even_after_some_have(
     }  # fmt: skip
     refused = experimenter.act(path, **fields)
     assert refused.status_code == 422
-    assert "complete_url holds {RID}, expected {id}, {SID}, {WAVE}, {code}" in refused.text
+    assert "Address at the end holds {RID}, expected {id}, {SID}, {WAVE}, {code}" in refused.text
     fields["outside.complete_url"] = "https://example.org/?r={id}&c={code}"
     saved = experimenter.act(path, **fields)
     assert saved.status_code == 200

@@ -40,6 +40,7 @@ def test_an_invitation_opens_a_session(client: httpx.Client, study: dict[str, An
         "progress",
         "was_away_long",
         "debriefing",
+        "stopped",
         "debriefing_html",
         "ending",
         "language",

@@ -10,7 +10,6 @@ from typing import Any
 import httpx
 import pytest
 
-from app.simulation.participants import begin
 from tests.app.web.http_checks import is_problem
 
 VoteBody = Callable[..., dict[str, Any]]
@@ -65,12 +64,7 @@ def test_another_body_or_a_second_id_is_a_conflict(
     assert is_problem(participant.put(path(trial), json=vote_body(trial)), 409)
 
 
-def test_somebody_elses_trial_is_not_found(
-    participant: httpx.Client, trial: dict[str, Any], vote_body: VoteBody, study: dict[str, Any], server: str
-) -> None:
-    with httpx.Client(base_url=server) as other:
-        begin(other, study["slug"], study["invitation"])
-        assert is_problem(other.put(path(trial), json=vote_body(trial)), 404)
+def test_an_invented_trial_is_not_found(participant: httpx.Client, trial: dict[str, Any], vote_body: VoteBody) -> None:
     assert is_problem(participant.put("/api/v1/session/trials/invented/vote", json=vote_body(trial)), 404)
     assert is_problem(participant.put(f"/api/v1/session/trials/{'x' * 33}/vote", json=vote_body(trial)), 422)
 

@@ -30,6 +30,7 @@ from app.study.options.own_texts import LONGEST_TEXT
 from app.study.options.practice import PracticeFilms
 from app.study.options.presets import PAPER, PRESETS
 from app.study.options.study_file import LONGEST_FILE, parse_study_file
+from app.web.admin.layout import unix
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in
 
 SIGNED_IN = """
@@ -149,7 +150,7 @@ def test_what_was_typed_is_shown_again_where_it_is_not_kept(
     path = f"/admin/studies/{new_study()['slug']}/edit"
     refused = experimenter.act(path, name="N", revision=revision, debriefing=TYPED)
     assert refused.status_code == status
-    assert SHOWN in refused.text
+    assert unix(SHOWN) in unix(refused.text)  # a textarea's lines end as they like
     assert 'aria-label="Dashboard"' in refused.text  # the navigation is still there
 
 
@@ -251,7 +252,7 @@ def test_a_form_sets_the_limits_of_the_screening_and_refuses_impossible_ones(
     for name, wrong in (("distance_cm", ""), ("acuity_limit", "3"), ("tests", "smell"), ("on_failure", "explode")):
         refused = experimenter.act(f"{base}/edit", revision="2", **fields | {f"screening.{name}": wrong})
         assert refused.status_code == 422, name
-        assert "Nothing was changed: screening: " in refused.text
+        assert re.search("Nothing was changed: [A-Z]", refused.text), name  # by the form's label
         assert 'name="screening.distance_cm" step="0.5" min="20" max="600" value="60"' in refused.text or not wrong
 
 
@@ -325,7 +326,7 @@ def test_a_lab_sheet_is_noted_at_any_time_and_exported(
     assert "| Display | ASUS \\| VG278 |\n| Size, inch | 27 |\n" in dictionary
     refused = experimenter.act(f"{base}/edit", revision="2", name="Same", **{"lab_sheet.size_inch": "0"})
     assert refused.status_code == 422
-    assert "size_inch is 0, expected a number from 1 to 500" in refused.text
+    assert "Size, inch is 0, expected a number from 1 to 500" in refused.text
 
 
 def test_an_edit_waits_for_who_begins_at_that_moment(

@@ -145,6 +145,16 @@ def test_another_unit_is_named(unit: str, length: float, method: str) -> None:
         METHODS[method](points / np.float32(length), RADIUS, 1)
 
 
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("share", [0.75, 1.5])
+def test_the_radius_that_fits_is_named_where_another_was_given(share: float, method: str) -> None:
+    points, _ = cap()
+    with pytest.raises(FitError, match=rf"mm fits, {share * RADIUS:g} mm was given") as failure:
+        METHODS[method](points, share * RADIUS, 1)
+    fitting = float(str(failure.value).rpartition("radius ")[2].partition(" mm fits")[0])
+    assert fitting == pytest.approx(RADIUS, rel=0.02)
+
+
 def causes(error: BaseException) -> Iterator[BaseException]:
     while error.__cause__ is not None:
         error = error.__cause__

@@ -1,0 +1,128 @@
+"""Describe a table in plain words: which column is what, and what its cells mean. Told, recognised, or asked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from app.analysis.reading.votes_table import VotesError
+
+VOTES, RATINGS, COMPARISONS = "votes", "ratings", "comparisons"
+BY_ITEM = "item"  # `--choices by=item`: a cell names the preferred item
+JOIN = "+"  # between columns that name an item together, or that hold the ratings or choices of a wide table
+
+
+@dataclass(frozen=True)
+class Told:
+    """What the user says about a file; it edits the description, and takes nothing else away.
+
+    Parameters
+    ----------
+    columns : our name of a column -> theirs
+    choices : `a`, `b`, `none` -> their word; `by` -> `item` or `side`, what a cell names
+    format : a name of `formats`, or empty
+    encoding : of the text, or empty
+    sheet : of a workbook, or empty
+    """
+
+    columns: Mapping[str, str] = field(default_factory=dict)
+    choices: Mapping[str, str] = field(default_factory=dict)
+    format: str = ""
+    encoding: str = ""
+    sheet: str = ""
+
+    def and_told(self, edits: Told) -> Told:
+        """Return what was told, and more."""
+        return replace(
+            self,
+            columns={**self.columns, **edits.columns},
+            choices={**self.choices, **edits.choices},
+            format=edits.format or self.format,
+            encoding=edits.encoding or self.encoding,
+            sheet=edits.sheet or self.sheet,
+        )
+
+    def __str__(self) -> str:
+        """Write it as the options of a command."""
+        mappings = (("--columns", self.columns), ("--choices", self.choices))
+        words = [
+            f"{name} {_quoted(','.join(f'{k}={v}' for k, v in pairs.items()))}" for name, pairs in mappings if pairs
+        ]
+        single = (("--format", self.format), ("--encoding", self.encoding), ("--sheet", self.sheet))
+        return " ".join([*words, *(f"{name} {_quoted(value)}" for name, value in single if value)])
+
+
+def _quoted(text: str) -> str:
+    return f'"{text}"' if set(text) & set(" ()&|;<>*?$'#") else text
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way to understand a table: in words, and what to tell to get it."""
+
+    text: str
+    told: Told
+
+
+class QuestionError(VotesError):
+    """Several readings fit a table; the message shows them all, with the option that picks each."""
+
+    def __init__(self, about: str, readings: Sequence[Reading]) -> None:
+        self.about = about
+        self.readings = tuple(readings)
+        lines = [f"  {number}. {reading.text}: {reading.told}" for number, reading in enumerate(readings, start=1)]
+        super().__init__("\n".join([f"{about}; which is meant?", *lines]))
+
+    def at(self, place: Path | str) -> QuestionError:
+        """Return the question about a file."""
+        return QuestionError(f"{place}: {self.about}", self.readings)
+
+
+@dataclass(frozen=True)
+class Description:
+    """How a table is read; all that the second half of reading needs beside the table.
+
+    Parameters
+    ----------
+    holds : votes, ratings, or comparisons (ratings of pairs)
+    columns : our name -> theirs; several are joined to one text
+    spread : for a wide table, its column -> the two items, the condition or the participant that it stands for
+    spread_role : what a column of a wide table stands for: `pair`, `condition` or `participant`
+    layout : `rows`, `wide`, `matrix`, `won` (winner and loser), `wins` (counts), `ranking` or `best-worst`
+    words : word of a choice, in lower case -> choice as in `VotesTable`; a rating for comparisons
+    expected : words of a choice, for refusals
+    by_item : a choice is the name of the preferred item
+    without : rows, counted from 0, that are left out
+    not_used : names of columns
+    notes, warnings : sentences
+    """
+
+    holds: str
+    columns: Mapping[str, tuple[str, ...]]
+    layout: str = "rows"
+    spread: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    spread_role: str = ""
+    words: Mapping[str, float] = field(default_factory=dict)
+    expected: str = ""
+    by_item: bool = False
+    without: tuple[int, ...] = ()
+    not_used: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def used(self) -> list[str]:
+        """Name each used column with its role."""
+        said = [
+            role if theirs == (role,) else f"{role} is the column {' and '.join(map(repr, theirs))}"
+            for role, theirs in self.columns.items()
+        ]
+        if self.spread:
+            what = {"pair": "pairs", "condition": "conditions", "participant": "participants"}[self.spread_role]
+            said.append(f"the columns of {what} are {_some(list(self.spread))}")
+        return said
+
+
+def _some(names: Sequence[str], most: int = 12) -> str:
+    return ", ".join(map(repr, names[:most])) + (f" and {len(names) - most} more" if len(names) > most else "")

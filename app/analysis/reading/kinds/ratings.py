@@ -1,0 +1,230 @@
+"""Find ratings in a table: of single items or of pairs, in rows or in columns."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from app.analysis.reading.cells import Column, named, shown, values_of
+from app.analysis.reading.choices import (
+    grade_of,
+)
+from app.analysis.reading.description import (
+    COMPARISONS,
+    JOIN,
+    RATINGS,
+    Description,
+    QuestionError,
+    Reading,
+    Told,
+)
+from app.analysis.reading.kinds.seen import (
+    FEWEST_RANKED,
+    FEWEST_RATED,
+    Seen,
+    columns_of_numbers,
+    condition_of,
+    item_columns,
+    one_pair,
+    rating_of,
+    says,
+)
+from app.analysis.reading.layouts import joined_column
+from app.analysis.reading.votes_table import VotesError
+from app.analysis.reading.words import (
+    GRADES,
+    NEVER,
+    RATING_OPTIONAL,
+    SUMMARIES,
+    is_suspicious,
+    means,
+    pair_in,
+    plain,
+)
+
+
+def find_comparisons(seen: Seen) -> Description | None:
+    """Find comparison ratings: two items and how much better the second is."""
+    is_other = says(seen, "choice", "condition", "winner", "wins_a", "rank") and not says(seen, "rating")
+    if is_other and seen.told.format != "ccr":
+        return None
+    if seen.told.format in ("votes", "ratings"):
+        return None
+    rating = rating_of(seen)
+    if not rating and seen.told.format == "ccr":
+        rating = tuple(seen.candidates("choice")[:1])
+    if not rating or not seen.pairs:
+        return None
+    item_a, item_b = one_pair(seen, seen.pairs, ())
+    columns = seen.who_and_what() | item_columns(item_a, item_b) | {"rating": rating}
+    taken = [name for names in columns.values() for name in names]
+    optional = seen.optional(RATING_OPTIONAL, taken)
+    if {"protocol", "role"} <= set(optional) and set(seen.column(optional["protocol"][0]).filled) - {"ccr", "CCR"}:
+        columns = {role: names for role, names in columns.items() if role not in ("item_a", "item_b")}
+        columns["condition"] = (item_b,)  # a study's own table: what ACR, ACR-HR and DCR rate
+        optional.pop("first_shown", None)
+        return Description(RATINGS, columns | optional)
+    optional.pop("reference", None)
+    choice = seen.column(rating[0])
+    words = {word.lower(): grade for word in choice.filled if (grade := grade_of(word)) is not None}
+    notes = ("grades say how much better item_b is than item_a",)
+    return Description(COMPARISONS, columns | optional, words=words, notes=notes)
+
+
+def find_ratings(seen: Seen) -> Description | None:
+    """Find ratings of single items: who rated what, and how."""
+    if says(seen, "choice", "item_a", "item_b", "winner", "wins_a", "rank") and not says(seen, "rating", "condition"):
+        return None
+    if seen.told.format == "votes":
+        return None
+    if not says(seen, "condition", "rating") and {"item_a", "item_b"} <= {plain(n) for n in seen.table.names}:
+        return None
+    rating = rating_of(seen, weak=True) or seen.one("rating")
+    condition = condition_of(seen) if rating else ()
+    if not rating or not condition:
+        return None
+    columns = seen.who_and_what() | {"condition": condition, "rating": rating}
+    if "participant" not in columns:
+        if "rating" not in seen.given and len(columns_of_numbers(seen, [*condition])) > FEWEST_RATED:
+            return None  # a column for each participant, and one more
+        raise VotesError(
+            f"lacks the column participant; found {named(seen.table.names)}; who rated? --columns participant=…"
+        )
+    taken = [name for names in columns.values() for name in names]
+    optional = seen.optional(RATING_OPTIONAL, taken)
+    optional.pop("first_shown", None)
+    worded = {word.lower() for word in seen.column(rating[0]).filled}
+    is_worded = len(worded) > 1 and worded <= set(GRADES)  # a single word is rather a mistake
+    note = "words are grades: excellent is 5, bad is 1" if is_worded else ""
+    return Description(RATINGS, columns | optional, words=GRADES if note else {}, notes=(note,) if note else ())
+
+
+def find_wide_ratings(seen: Seen) -> Description | None:
+    """Find ratings in many columns: one for each condition, or one for each participant."""
+    told = seen.given.get("rating", ())
+    who = {role: names for role in ("participant", "condition") if (names := quietly(seen, role))}
+    rated = (
+        list(told)
+        if len(told) > 1
+        else []
+        if told
+        else columns_of_numbers(seen, [n for names in who.values() for n in names])
+    )
+    if len(who) != 1 or len(rated) < FEWEST_RATED:
+        return None
+    if len(told) < 2:
+        _ask_if_something_else(seen, rated, who)
+    (role,) = who
+    stands = "condition" if role == "participant" else "participant"
+    dataset = {"dataset": names} if (names := seen.one("dataset")) else {}
+    taken = [*rated, *who[role], *(n for names in dataset.values() for n in names)]
+    note = f"a row for each {role}, a column for each of {len(rated)} {stands}s"
+    return Description(
+        RATINGS,
+        who | dataset | seen.optional(("practice", "excluded"), taken),
+        "wide",
+        {name: (name,) for name in rated},
+        stands,
+        without=_summaries(seen, who[role]),
+        notes=(note,),
+    )
+
+
+def quietly(seen: Seen, role: str) -> tuple[str, ...]:
+    return condition_of(seen) if role == "condition" else seen.one(role)
+
+
+def _ask_if_something_else(seen: Seen, rated: Sequence[str], who: Mapping[str, tuple[str, ...]]) -> None:
+    """Ask where columns of numbers may be something else than ratings, in all or in some of them."""
+    if seen.told.format == "ratings":
+        return
+    whole = Reading(f"ratings of or by {named(rated)}", Told(columns={"rating": JOIN.join(rated)}))
+    rows = joined_column(seen.table, [name for names in (*who.values(), seen.one("dataset")) for name in names])
+    if len(rows.seen) < len(rows):
+        as_votes = Told(columns={"item_a": rated[0], "item_b": rated[1], "choice": rated[-1]})
+        readings = [Reading(f"{whole.text}, more than once", whole.told)]
+        if len(rated) > FEWEST_RATED:
+            readings.append(Reading("votes, if columns name two items and the choice, such as", as_votes))
+        raise QuestionError(f"{', '.join(who)} {shown(_repeated(rows))} has several rows of numbers", readings)
+    roles = [name for name in rated if means("choice", name) or means("rank", name) or means("rating", name)]
+    if roles or (seen.pairs and len(rated) > len(seen.pairs[0]) and set(seen.pairs[0]) <= set(rated)):
+        readings = [whole]
+        if seen.pairs:
+            a, b = seen.pairs[0]
+            choice = next((name for name in rated if name not in (a, b)), "…")
+            columns = {"item_a": a, "item_b": b, "choice": choice}
+            readings.insert(0, Reading(f"votes on the items in {a!r} and {b!r}", Told(columns=columns)))
+        odd = list(dict.fromkeys((*roles, *_odd_names([name for name in rated if name not in roles]))))
+        for names in [[name] for name in odd] + ([odd] if len(odd) > 1 else []):
+            rest = [other for other in rated if other not in names]
+            if len(rest) >= FEWEST_RATED:
+                readings.append(Reading(f"ratings without {named(names)}", Told(columns={"rating": JOIN.join(rest)})))
+        raise QuestionError(f"the numbers in {named(rated)} can be read in {len(readings)} ways", readings)
+    dashed = [pair[:2] for name in rated if (pair := pair_in(name)) is not None]
+    if len(dashed) == len(rated) and max(Counter(item for pair in dashed for item in pair).values()) > 1:
+        votes = Reading(
+            "choices of pairs, whose numbers --choices explains", Told(columns={"choice": JOIN.join(rated)})
+        )
+        raise QuestionError(f"{named(rated)} may be named by pairs", [votes, whole])
+    odd = _odd_names(rated)
+    if odd:
+        rest = [name for name in rated if name not in odd]
+        raise QuestionError(
+            f"{named(odd)} may be something else than {named(rest)}",
+            [whole, Reading(f"ratings without {named(odd)}", Told(columns={"rating": JOIN.join(rest)}))],
+        )
+    values = {value for name in rated for value in values_of(seen.column(name))}
+    if len(values) == 2 and values <= {0.0, 1.0, 2.0} and len(seen.table) > 1:
+        raise QuestionError(
+            f"the cells of {named(rated)} are only {' and '.join(f'{value:g}' for value in sorted(values))}: ratings, "
+            "or choices (name a column of choices by its pair, such as 'x vs y')",
+            [Reading("ratings", Told(format="ratings"))],
+        )
+    if _are_ranks(seen, rated):
+        readings = [
+            Reading("ratings, more is better", Told(format="ratings")),
+            Reading("ranks, 1 is best", Told(format="ranking")),
+        ]
+        raise QuestionError(f"each row of {named(rated)} holds the numbers from 1 to {len(rated)}", readings)
+
+
+def _repeated(column: Column) -> str:
+    """Return a text that several cells have."""
+    return column.words[int(np.argmax(np.bincount(column.codes, minlength=len(column.words))))]
+
+
+def _odd_names(rated: Sequence[str]) -> list[str]:
+    """Return names that do not look like most of the others, c1, c2, …; or that speak of a number about people."""
+    odd = [
+        name
+        for name in rated
+        if {*re.split(r"[\W_]+", name.lower())} & (NEVER - {"", "n"}) or plain(name) == "id" or is_suspicious(name)
+    ]
+    stems: dict[str, list[str]] = {}
+    for name in rated:
+        stems.setdefault(re.sub(r"\d+", "#", plain(name)), []).append(name)
+    counted = {stem: names for stem, names in stems.items() if "#" in stem and len(names) > 1}
+    if len(counted) == 1 and len(stems) > 1:
+        (kept,) = counted.values()
+        odd += [name for name in rated if name not in kept and name not in odd]
+    return odd if len(odd) < len(rated) else []
+
+
+def _are_ranks(seen: Seen, rated: Sequence[str]) -> bool:
+    if len(rated) < FEWEST_RANKED or len(seen.table) < 2:
+        return False
+    cells = np.stack([seen.column(name).texts for name in rated], axis=1)
+    wanted = sorted(str(place) for place in range(1, len(rated) + 1))
+    return all(sorted(row) == wanted for row in cells.tolist())
+
+
+def _summaries(seen: Seen, names: Sequence[str]) -> tuple[int, ...]:
+    """Return the rows of a wide table whose name is that of a statistic: they are nobody's."""
+    column = seen.column(names[0])
+    if names[0] in {name for theirs in seen.given.values() for name in theirs}:
+        return ()
+    is_summary = column.meaning(lambda word: plain(word) in SUMMARIES, bool)
+    return tuple(np.flatnonzero(is_summary).tolist())

@@ -1,0 +1,238 @@
+"""See what a table may be: candidates for every role, and what was told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from app.analysis.reading.cells import Column, Table, is_numeric, named
+from app.analysis.reading.description import (
+    JOIN,
+    Description,
+    QuestionError,
+    Reading,
+    Told,
+)
+from app.analysis.reading.layouts import joined_column
+from app.analysis.reading.votes_table import CHOICES, VotesError
+from app.analysis.reading.words import (
+    ENDS,
+    MORE_ENDS,
+    OWN_VOTES,
+    ROLES,
+    WEAK_RATINGS,
+    ends_of,
+    is_never,
+    means,
+    plain,
+)
+
+NOT_USED = "-"  # `--columns reference=-`: no column is that
+
+
+FEWEST_RATED = 2  # columns of a wide table of ratings; a single one may be anything
+
+
+FEWEST_RANKED = 3
+
+
+WIDE_ROLES = ("choice", "rating")  # told with several columns, they are spread over these
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A table with what was told about it, and the columns that are left to recognise."""
+
+    table: Table
+    told: Told
+
+    @cached_property
+    def given(self) -> dict[str, tuple[str, ...]]:
+        """Columns as told, our name -> theirs."""
+        unknown = [*set(self.told.columns).difference(ROLES), *set(self.told.choices).difference((*CHOICES, "by"))]
+        if unknown:
+            known = ", ".join(dict.fromkeys((*ROLES, *CHOICES)))
+            raise VotesError(f"{unknown[0]!r} is no column or choice of a votes table; known are {known}")
+        return {
+            role: self._told_names(theirs) for role, theirs in self.told.columns.items() if theirs.strip() != NOT_USED
+        }
+
+    def _told_names(self, theirs: str) -> tuple[str, ...]:
+        """Return the columns that were told, by the rule of names; several are joined by +, which names may hold."""
+        parts, matches = [part.strip() for part in theirs.split(JOIN)], []
+        while parts:
+            for n in range(len(parts), 0, -1):
+                if (name := self._column(JOIN.join(parts[:n])) or self._column(theirs)) is not None:
+                    matches.append(name)
+                    parts = [] if name == self._column(theirs) else parts[n:]
+                    break
+            else:
+                break
+        if matches and not parts:
+            return tuple(matches)
+        raise VotesError(
+            f"lacks the column {theirs}; found {named(self.table.names) or 'none'}. "
+            "Map other names, e.g. --columns participant=judge, or item_a=type+level for an item in two columns"
+        )
+
+    def _column(self, name: str) -> str | None:
+        if name in self.table.columns:
+            return name
+        alike = [column for column in self.table.names if plain(column) == plain(name)]
+        return alike[0] if len(alike) == 1 else None
+
+    @cached_property
+    def free(self) -> list[str]:
+        """Names of columns that were not told, and are not empty where others could mean the same."""
+        taken = {name for names in self.given.values() for name in names}
+        return [name for name in self.table.names if name not in taken]
+
+    def column(self, name: str) -> Column:
+        return self.table.columns[name]
+
+    def is_empty(self, name: str) -> bool:
+        return not self.column(name).filled
+
+    def candidates(self, role: str, more: Sequence[str] = ()) -> list[str]:
+        """Return the columns that may have a role: what was told, else our own name, else usual other names."""
+        if role in self.told.columns:
+            return list(self.given.get(role, ()))
+        ours = [name for name in self.free if plain(name) == plain(role)]
+        if role == "rating" and not more:  # a rating beside a score is not surely the one that is meant
+            ours += [
+                name for name in self.free if means(role, name) and name not in ours and is_numeric(self.column(name))
+            ]
+        known = ours or [name for name in self.free if means(role, name) or plain(name) in more]
+        filled = [name for name in known if not self.is_empty(name)]
+        return filled or known[:1]
+
+    def one(self, role: str, more: Sequence[str] = ()) -> tuple[str, ...]:
+        """Return the columns of a role, one but where several were told; none if there is none.
+
+        Raises
+        ------
+        QuestionError
+            If several may have the role, and are not the same but for their names.
+        """
+        if role in self.given:
+            return self.given[role]
+        matches = self.candidates(role, more)
+        if len(matches) > 1 and not all(self.tell_alike(matches[0], other) for other in matches[1:]):
+            readings = [Reading(f"{role} is the column {name!r}", Told(columns={role: name})) for name in matches]
+            raise QuestionError(f"{len(matches)} columns may be {role}", readings)
+        return tuple(matches[:1])
+
+    def tell_alike(self, name: str, other: str) -> bool:
+        """Do two columns tell the same rows apart?"""
+        a, b = self.column(name), self.column(other)
+        pairs = len(np.unique(a.codes.astype(np.int64) * len(b.words) + b.codes))
+        return pairs == len(a.seen) == len(b.seen)
+
+    @cached_property
+    def pairs(self) -> list[tuple[str, str]]:
+        """Columns that name two items, our own names first."""
+        if {"item_a", "item_b"} <= set(self.given):
+            return [(JOIN.join(self.given["item_a"]), JOIN.join(self.given["item_b"]))]
+        ends: dict[tuple[str, int], dict[int, str]] = {}
+        for name in self.free:
+            if (end := ends_of(name)) is not None:
+                ends.setdefault(end[:2], {}).setdefault(end[2], name)
+        plains = {plain(name) for name in self.table.names}
+        matches = []
+        for (stem, place), sides in ends.items():
+            bare = stem.partition("+")[0]
+            third = any({f"{bare}{end}", f"{end}{bare}"} & plains for end in MORE_ENDS) and place < len(ENDS) - 1
+            if len(sides) == 2 and not third:
+                matches.append((sides[0], sides[1]))
+        matches.sort(key=lambda pair: (plain(pair[0]), plain(pair[1])) != ("itema", "itemb"))
+        if len(self.given.keys() & {"item_a", "item_b"}) == 1:
+            (role,) = self.given.keys() & {"item_a", "item_b"}
+            other = "item_b" if role == "item_a" else "item_a"
+            ours = [name for name in self.free if plain(name) == plain(other)]
+            half = JOIN.join(self.given[role])
+            matches = [(half, ours[0]) if role == "item_a" else (ours[0], half)] if ours else []
+        return matches
+
+    @property
+    def is_own(self) -> bool:
+        """Has the table our own names of the columns of votes?"""
+        return set(self.table.names) >= OWN_VOTES and not set(self.told.columns) & OWN_VOTES
+
+    def optional(self, roles: Sequence[str], taken: Sequence[str]) -> dict[str, tuple[str, ...]]:
+        """Return the optional columns that are there."""
+        matches = {}
+        for role in roles:
+            names = self.given.get(role) or tuple(name for name in self.candidates(role)[:1] if name not in taken)
+            if names:
+                matches[role] = names
+        return matches
+
+    def who_and_what(self) -> dict[str, tuple[str, ...]]:
+        """Return the columns of participants and datasets."""
+        return {role: names for role in ("participant", "dataset") if (names := self.one(role))}
+
+
+Finder = Callable[[Seen], Description | None]
+
+
+def says(seen: Seen, *roles: str) -> bool:
+    """Did the user name a column of one of these roles?"""
+    return bool(set(roles) & set(seen.given))
+
+
+def item_columns(item_a: str, item_b: str) -> dict[str, tuple[str, ...]]:
+    return {"item_a": tuple(item_a.split(JOIN)), "item_b": tuple(item_b.split(JOIN))}
+
+
+def one_pair(seen: Seen, pairs: Sequence[tuple[str, str]], choices: Sequence[str]) -> tuple[str, str]:
+    """Return the columns of the two items, asking where there are several such pairs.
+
+    Parameters
+    ----------
+    seen : the table
+    pairs : columns that may name the two items
+    choices : columns that may say which is preferred, whose words may tell
+    """
+    if len(pairs) == 1:
+        return pairs[0]
+    first = pairs[0]
+    others = [pair for pair in pairs[1:] if any(not seen.tell_alike(a, b) for a, b in zip(first, pair, strict=True))]
+    if plain(first[0]) == "itema":
+        words = {word.lower() for name in choices for word in seen.column(name).filled}
+        others = [pair for pair in others if words & set(ENDS[(ends_of(pair[0]) or ("", 0, 0))[1]]) - {"a", "b"}]
+    if not others:
+        return first
+    readings = [
+        Reading(f"the items are {a!r} and {b!r}", Told(columns={"item_a": a, "item_b": b})) for a, b in (first, *others)
+    ]
+    raise QuestionError(f"{len(readings)} pairs of columns may name the two items", readings)
+
+
+def rating_of(seen: Seen, *, weak: bool = False) -> tuple[str, ...]:
+    """Return the column of ratings that is not empty."""
+    names = seen.one("rating") or (seen.one("rating", WEAK_RATINGS) if weak else ())
+    return names if names and (not seen.is_empty(names[0]) or not len(seen.table)) else ()
+
+
+def condition_of(seen: Seen) -> tuple[str, ...]:
+    """Return the column of conditions; where a PVS is a scene and an HRC, the HRC."""
+    matches = seen.candidates("condition")
+    dataset = seen.one("dataset")
+    if "condition" in seen.given or len(matches) < 2 or not dataset:
+        return seen.one("condition")
+    within = {name: joined_column(seen.table, (*dataset, name)) for name in matches}
+    first = within[matches[0]]
+    for column in within.values():
+        pairs = len(np.unique(first.codes.astype(np.int64) * len(column.words) + column.codes))
+        if not pairs == len(first.seen) == len(column.seen):
+            return seen.one("condition")
+    return (min(matches, key=lambda name: len(seen.column(name).seen)),)
+
+
+def columns_of_numbers(seen: Seen, taken: Sequence[str]) -> list[str]:
+    """Return the columns of numbers that may be ratings by or of something."""
+    others = {*taken, *seen.one("dataset")}
+    return [name for name in seen.free if name not in others and not is_never(name) and is_numeric(seen.column(name))]

@@ -1,0 +1,294 @@
+"""Find votes in a table: pairs in rows or in columns, winners, counts; and what the choices mean."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from app.analysis.reading.cells import Column, is_numeric, named, values_of
+from app.analysis.reading.choices import (
+    Asked,
+    Meaning,
+    binary_meaning,
+    codes_of,
+    grade_of,
+    understand_choices,
+)
+from app.analysis.reading.description import (
+    COMPARISONS,
+    VOTES,
+    Description,
+    QuestionError,
+    Reading,
+    Told,
+)
+from app.analysis.reading.kinds.seen import NOT_USED, WIDE_ROLES, Seen, item_columns, one_pair, rating_of, says
+from app.analysis.reading.layouts import joined_column, rows_of
+from app.analysis.reading.votes_table import VotesError
+from app.analysis.reading.words import (
+    BINARY_CHOICES,
+    COMMENTS,
+    ENDS,
+    MULTIPLE,
+    OPTIONAL,
+    SWAPPED,
+    pair_in,
+    plain,
+)
+
+FEWEST_DASHED = 2  # columns named "x - y"; a single one may be anything
+
+
+def find_matrix(seen: Seen) -> Description | None:
+    """Find a matrix of win counts: the same names in the first column and the header."""
+    names = [name.strip() for name in seen.table.names]
+    if set(seen.told.columns) - {"participant", "dataset"} or len(names) < 3:
+        return None
+    first = seen.column(seen.table.names[0])
+    if len(first) != len(names) - 1 or len(first) < 2 or set(first.texts) != set(names[1:]):
+        return None
+    note = f"a matrix of win counts of {len(first)} items, of the row over the column"
+    spread = {name: (name.strip(),) for name in seen.table.names[1:]}
+    return Description(VOTES, {"item_a": (seen.table.names[0],)}, "matrix", spread, "condition", notes=(note,))
+
+
+def find_wide_pairs(seen: Seen) -> Description | None:
+    """Find a column for each pair, named "x vs y"."""
+    spread = _told_pairs(seen) or _named_pairs(seen)
+    if not spread:
+        return None
+    who = seen.who_and_what()
+    others = [name for name in seen.table.names if name not in spread]
+    if others and not who:
+        raise VotesError(
+            f"has a column for each of {len(spread)} pairs, beside {named(others)}; "
+            "say which column names the participants, e.g. --columns participant=judge"
+        )
+    taken = [*spread, *(name for names in who.values() for name in names)]
+    description = Description(
+        VOTES,
+        who | seen.optional(("practice", "excluded", "reason"), taken),
+        "wide",
+        spread,
+        "pair",
+        notes=(f"a wide table with a column for each of {len(spread)} pairs",),
+    )
+    return with_meaning(seen, description)
+
+
+def _told_pairs(seen: Seen) -> dict[str, tuple[str, ...]]:
+    """Return the pairs of the columns that were told to hold choices or grades."""
+    for role in WIDE_ROLES:
+        names = seen.given.get(role, ())
+        pairs = {name: pair[:2] for name in names if (pair := pair_in(name)) is not None}
+        if names and len(pairs) == len(names):
+            return dict(pairs)
+    return {}
+
+
+def _named_pairs(seen: Seen) -> dict[str, tuple[str, ...]]:
+    """Return the columns that are named by a pair; "x vs y Comment" is none, and a dash needs more than itself."""
+    if set(seen.told.columns) & {"item_a", "item_b", "choice", "rating", "condition", "winner", "loser"}:
+        return {}
+    if any(plain(name) in ("itema", "itemb") for name in seen.free):
+        return {}
+    matches = {name: pair for name in seen.free if (pair := pair_in(name)) is not None and not COMMENTS.search(name)}
+    sure = {name: pair[:2] for name, pair in matches.items() if not pair[2]}
+    items = {item for pair in sure.values() for item in pair}
+    dashed: dict[str, tuple[str, str]] = {name: pair[:2] for name, pair in matches.items() if pair[2]}
+    if sure:
+        return {**sure, **{name: pair for name, pair in dashed.items() if set(pair) <= items}}
+    if len(dashed) < FEWEST_DASHED:
+        return {}
+    counts = Counter(item for pair in dashed.values() for item in pair)
+    recurring = all(max(counts[a], counts[b]) > 1 for a, b in dashed.values())
+    are_named = all(_names_items(seen.column(name), pair) for name, pair in dashed.items())
+    is_heading = (
+        len({a for a, _ in dashed.values()}) == 1 and len(dashed) > FEWEST_DASHED
+    )  # "Quality - x", "Quality - y"
+    if not are_named and (is_heading or not recurring or all(is_numeric(seen.column(name)) for name in dashed)):
+        return {}
+    return dict(dashed)
+
+
+def _names_items(column: Column, pair: Sequence[str]) -> bool:
+    return bool(set(column.filled) & set(pair)) and not any(
+        word not in pair and grade_of(word) != 0 for word in column.filled
+    )
+
+
+def with_meaning(seen: Seen, description: Description) -> Description:
+    """Complete a description of votes with what its choices mean; grades make it one of comparisons."""
+    rows = rows_of(seen.table, description)
+    choice, item_a, item_b = (rows.columns[name] for name in ("choice", "item_a", "item_b"))
+    if seen.told.format == "ccr":
+        return _as_grades(description, choice)
+    is_graded = is_numeric(choice) and any(value != int(value) or not -1 <= value <= 3 for value in values_of(choice))
+    are_items = set(choice.filled) <= {*item_a.filled, *item_b.filled}
+    if is_graded and not are_items and not {"a", "b", "by"} & set(seen.told.choices):
+        raise QuestionError(
+            f"the choices {named(sorted(choice.filled)[:6])} are numbers",
+            [Reading("grades, how much better the second of two items is", Told(format="ccr"))],
+        )
+    names = ("item_a", "item_b")
+    if description.layout == "rows":
+        names = (description.columns["item_a"][0], description.columns["item_b"][0])
+    asked = Asked(
+        choice,
+        item_a,
+        item_b,
+        names,
+        is_own=seen.is_own,
+        is_told="choice" in seen.told.columns,
+        strengths_as="votes" if seen.told.format == "votes" else "",
+    )
+    meaning = _binary(seen, description) or understand_choices(asked, seen.told.choices)
+    _ask_about_sides(seen, description, asked, meaning)
+    notes = (*description.notes, meaning.note) if meaning.note else description.notes
+    return replace(
+        description, words=dict(meaning.words), by_item=meaning.by_item, expected=meaning.expected, notes=notes
+    )
+
+
+def _as_grades(description: Description, choice: Column) -> Description:
+    words = {word.lower(): grade for word in choice.filled if (grade := grade_of(word)) is not None}
+    columns = {("rating" if role == "choice" else role): names for role, names in description.columns.items()}
+    note = "grades say how much better item_b is than item_a"
+    return replace(description, holds=COMPARISONS, columns=columns, words=words, notes=(*description.notes, note))
+
+
+def _binary(seen: Seen, description: Description) -> Meaning | None:
+    """Return the meaning of a column such as `is_A_selected`."""
+    names = description.columns.get("choice", ())
+    if len(names) != 1 or {"a", "b", "by"} & set(seen.told.choices):
+        return None
+    for side, known in BINARY_CHOICES.items():
+        if plain(names[0]) in known and {word.lower() for word in seen.column(names[0]).filled} <= set(
+            binary_meaning(side).words
+        ):
+            return binary_meaning(side)
+    return None
+
+
+def _ask_about_sides(seen: Seen, description: Description, asked: Asked, meaning: Meaning) -> None:
+    """Ask where a choice is a side, and another column says which item was on a side."""
+    if description.layout != "rows" or meaning.by_item or {"a", "b", "by"} & set(seen.told.choices):
+        return
+    sides = [word for word in meaning.expected.split(" or ") if word in {end for ends in ENDS[1:] for end in ends}]
+    items = {*asked.item_a.filled, *asked.item_b.filled}
+    known = {*description.columns["item_a"], *description.columns["item_b"], *description.columns["choice"]}
+    _ask_about_swaps(seen, description, asked, sides)
+    for name in seen.table.names:
+        if name in known or not any(side in plain(name) for side in sides if not side.isdigit()):
+            continue
+        column = seen.column(name)
+        place = 0 if sides[0] in plain(name) else 1
+        theirs = (asked.item_a, asked.item_b)[place].texts
+        if column.filled and set(column.filled) <= items and (column.texts != theirs).any():
+            reading = Reading(
+                f"{sides[0]} is {asked.names[0]} and {sides[1]} is {asked.names[1]}",
+                Told(choices={"a": sides[0], "b": sides[1]}),
+            )
+            raise QuestionError(
+                f"choices are {sides[0]} and {sides[1]}, and the column {name!r} names another item on a side than "
+                f"{asked.names[place]!r} (if it is right, give the items of the sides as item_a and item_b)",
+                [reading],
+            )
+
+
+def _ask_about_swaps(seen: Seen, description: Description, asked: Asked, sides: Sequence[str]) -> None:
+    """Ask where choices are sides, and a column says that these were exchanged in some rows."""
+    used = {name for names in description.columns.values() for name in names}
+    for name in seen.table.names:
+        if name not in used and SWAPPED.search(name) and len(seen.column(name).filled) > 1 and len(sides) > 1:
+            told = Told(choices={"a": sides[0], "b": sides[1]})
+            reading = Reading(f"{sides[0]} is {asked.names[0]} in all rows", told)
+            raise QuestionError(
+                f"choices are {sides[0]} and {sides[1]}, and the column {name!r} may say that sides were exchanged in "
+                "some rows (if so, give the items as they stood)",
+                [reading],
+            )
+
+
+def ask_about_counts(seen: Seen, description: Description) -> None:
+    """Ask where a column that is not used may say how often a row counts."""
+    if "count" in description.columns or "count" in seen.told.columns:
+        return
+    for name in seen.free:
+        column = seen.column(name)
+        if plain(name) in MULTIPLE and is_numeric(column) and any(value != 1 for value in values_of(column)):
+            readings = [
+                Reading(f"each row counts as often as {name!r} says", Told(columns={"count": name})),
+                Reading("each row is one vote", Told(columns={"count": NOT_USED})),
+            ]
+            raise QuestionError(f"the column {name!r} may say how often a row counts", readings)
+
+
+def find_votes(seen: Seen) -> Description | None:
+    """Find votes: two items and which is preferred."""
+    if says(seen, "rating", "condition", "winner", "loser", "wins_a", "rank") and not says(seen, "choice"):
+        return None
+    if seen.told.format == "ratings":
+        return None
+    binaries = tuple(name for known in BINARY_CHOICES.values() for name in known)
+    choices = seen.candidates("choice", binaries)
+    if "choice" not in seen.told.columns:
+        choices = [name for name in choices if not seen.is_empty(name) or not len(seen.table) or seen.is_own]
+        if seen.is_own and "choice" in choices and seen.is_empty("choice") and rating_of(seen):
+            return None  # a study's own table of ratings
+    pairs = seen.pairs
+    if not pairs or not choices:
+        return None
+    item_a, item_b = one_pair(seen, pairs, choices)
+    if seen.told.format != "ccr" and "choice" not in seen.given and len(choices) > 1:
+        choices = _agreeing(seen, choices, (item_a, item_b))
+    columns = item_columns(item_a, item_b) | {"choice": seen.given.get("choice") or (choices[0],)}
+    who = seen.who_and_what()
+    columns = {role: names for role in ("participant", "dataset") if (names := who.get(role))} | columns
+    taken = [name for names in columns.values() for name in names]
+    return Description(VOTES, columns | seen.optional(OPTIONAL, taken))
+
+
+def _agreeing(seen: Seen, choices: Sequence[str], pair: tuple[str, str]) -> list[str]:
+    """Return columns that may be the choice, if all of them say the same; else ask."""
+    items = [joined_column(seen.table, names) for names in item_columns(*pair).values()]
+    matches = []
+    for name in choices:
+        asked = Asked(seen.column(name), items[0], items[1], (pair[0], pair[1]), is_own=seen.is_own)
+        try:
+            matches.append(codes_of(understand_choices(asked, seen.told.choices), asked))
+        except QuestionError:
+            matches.append(np.full(len(seen.table), -2, np.int8))
+    if all((codes == matches[0]).all() and (codes != -2).all() for codes in matches):
+        return list(choices)
+    readings = [Reading(f"the choice is the column {name!r}", Told(columns={"choice": name})) for name in choices]
+    raise QuestionError(f"{len(readings)} columns may be the choice, and do not say the same", readings)
+
+
+def find_won(seen: Seen) -> Description | None:
+    """Find a winner and a loser in each row."""
+    more = {"winner": ("chosen",), "loser": ()}  # chosen beside rejected
+    names = {role: seen.given.get(role) or tuple(seen.candidates(role, more[role])[:1]) for role in more}
+    if not all(names.values()) or says(seen, "item_a", "choice", "rating"):
+        return None
+    columns = seen.who_and_what() | {"item_a": names["winner"], "item_b": names["loser"]}
+    taken = [name for theirs in columns.values() for name in theirs]
+    winner, loser = names["winner"][0], names["loser"][0]
+    note = f"item_a is the column {winner}, item_b the column {loser}, and item_a is always preferred"
+    return Description(VOTES, columns | seen.optional(OPTIONAL, taken), "won", notes=(note,))
+
+
+def find_wins(seen: Seen) -> Description | None:
+    """Find counts of wins of either item, and of ties, in each row."""
+    counts = {role: seen.one(role) for role in ("wins_a", "wins_b", "ties")}
+    if not (counts["wins_a"] and counts["wins_b"] and seen.pairs):
+        return None
+    item_a, item_b = one_pair(seen, seen.pairs, ())
+    columns = (
+        seen.who_and_what() | item_columns(item_a, item_b) | {role: names for role, names in counts.items() if names}
+    )
+    note = "each row counts the wins of either item"
+    return Description(VOTES, columns, "wins", notes=(note,))

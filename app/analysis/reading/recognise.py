@@ -1,0 +1,224 @@
+"""Recognise a table: data in, a plain description out. The first half of reading.
+
+What the user said decides, then pairs in the names of columns, then the names of columns, last what cells look like.
+Where two readings fit, they are asked and not chosen.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+
+from app.analysis.reading.cells import Table, named, shown
+from app.analysis.reading.description import (
+    JOIN,
+    VOTES,
+    Description,
+    QuestionError,
+    Reading,
+    Told,
+)
+from app.analysis.reading.kinds.rankings import find_best_worst, find_ranked_columns, find_ranking, find_wide_ranks
+from app.analysis.reading.kinds.ratings import find_comparisons, find_ratings, find_wide_ratings, quietly
+from app.analysis.reading.kinds.seen import WIDE_ROLES, Finder, Seen
+from app.analysis.reading.kinds.votes import (
+    ask_about_counts,
+    find_matrix,
+    find_votes,
+    find_wide_pairs,
+    find_wins,
+    find_won,
+    with_meaning,
+)
+from app.analysis.reading.votes_table import VotesError
+from app.analysis.reading.words import (
+    SEVERAL,
+    is_suspicious,
+    plain,
+)
+
+SHORTENED = re.compile(r"\d([.,]\d+)?E\+?\d{2,}", re.IGNORECASE)  # 5.6E+23: what Excel leaves of a long id
+
+
+DATE = re.compile(
+    r"\d{4}-\d\d-\d\d([ T]00:00(:00)?)?|\d{1,2}-(jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)[a-z]*(-\d{2,4})?|"
+    r"(jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)[a-z]*-\d{2,4}",
+    re.IGNORECASE,
+)
+
+
+def recognise(table: Table, told: Told = Told()) -> Description:  # frozen
+    """Describe a table.
+
+    Parameters
+    ----------
+    table : as read from a file
+    told : what the user said
+
+    Raises
+    ------
+    QuestionError
+        If several readings fit.
+    VotesError
+        If none does.
+    """
+    seen = Seen(table, told)
+    finders = FINDERS if told.format not in LAYOUTS else {told.format: LAYOUTS[told.format]}
+    for find in finders.values():
+        description = find(seen)
+        if description is not None:
+            return _with_lists(seen, description)
+    raise VotesError(_lacking(seen))
+
+
+def _by_names(seen: Seen) -> Description | None:
+    """Find what the names of the columns say: votes, comparisons, ratings, counts, rankings."""
+    if any(len(seen.given.get(role, ())) > 1 for role in WIDE_ROLES):
+        return None
+    matches = {name: description for name, find in BY_NAMES.items() if (description := find(seen)) is not None}
+    for stronger, weaker in (
+        ("votes", "winner-loser"), ("votes", "ranking"), ("votes", "best-worst"), ("ccr", "ratings"),
+        ("best-worst", "ratings"), ("wins", "winner-loser"),
+    ):  # fmt: skip
+        if stronger in matches:
+            matches.pop(weaker, None)
+    if len(matches) > 1 and "ratings" in matches and seen.is_empty(matches["ratings"].columns["rating"][0]):
+        matches.pop("ratings")
+    if "votes" in matches and "ccr" in matches and "rating" not in seen.told.columns:
+        rating = matches["ccr"].columns["rating"][0]
+        if plain(rating) not in ("rating", "ratings"):
+            matches.pop("ccr")  # a `score` beside the choice; it is named as not used
+    if not matches:
+        return None
+    if len(matches) > 1:
+        raise _several(matches)
+    (description,) = matches.values()
+    if description.holds == VOTES and description.layout in ("rows", "won"):
+        ask_about_counts(seen, description)
+    if description.holds == VOTES and description.layout == "rows":
+        return with_meaning(seen, description)
+    return description
+
+
+def _several(matches: Mapping[str, Description]) -> QuestionError:
+    kinds = {
+        "votes": "votes: {choice} says which item is preferred", "ccr": "comparison ratings: {rating} is the grade",
+        "ratings": "ratings of {condition} in {rating}", "wins": "counts of wins",
+        "ranking": "rankings in {rank}", "winner-loser": "votes: a winner and a loser", "best-worst": "best and worst",
+    }  # fmt: skip
+    readings = []
+    for name, description in matches.items():
+        names = {role: repr(JOIN.join(theirs)) for role, theirs in description.columns.items()}
+        told = Told(format=name)
+        for role in ("choice", "rating", "rank"):
+            if role in description.columns:
+                told = Told(columns={role: JOIN.join(description.columns[role])})
+        readings.append(Reading(kinds[name].format_map(names), told))
+    return QuestionError(f"the columns can be read in {len(readings)} ways", readings)
+
+
+BY_NAMES: dict[str, Finder] = {
+    "votes": find_votes,
+    "ccr": find_comparisons,
+    "winner-loser": find_won,
+    "wins": find_wins,
+    "ratings": find_ratings,
+    "best-worst": find_best_worst,
+    "ranking": lambda seen: find_ranking(seen) or find_ranked_columns(seen),
+}
+
+
+FINDERS: dict[str, Finder] = {
+    "matrix": find_matrix,
+    "pairs": find_wide_pairs,
+    "names": _by_names,
+    "cells": find_wide_ratings,
+}
+
+
+def _first(*finders: Finder) -> Finder:
+    def find(seen: Seen) -> Description | None:
+        return next((matches for finder in finders if (matches := finder(seen)) is not None), None)
+
+    return find
+
+
+# What `--format` may name, beside programs; each allows one kind of reading.
+LAYOUTS: dict[str, Finder] = {
+    "votes": _first(find_wide_pairs, lambda seen: _meant(seen, find_votes(seen)), find_won, find_wins, find_matrix),
+    "ratings": _first(find_ratings, find_wide_ratings),
+    "ccr": _first(find_comparisons, find_wide_pairs),
+    "winner-loser": find_won,
+    "wins": find_wins,
+    "matrix": find_matrix,
+    "ranking": _first(find_ranking, find_ranked_columns, find_wide_ranks),
+    "best-worst": find_best_worst,
+}
+
+
+def _meant(seen: Seen, description: Description | None) -> Description | None:
+    return None if description is None else with_meaning(seen, description)
+
+
+def _lacking(seen: Seen) -> str:
+    """Say what a table lacks, for what it comes nearest to."""
+    names = seen.table.names
+    given = seen.given
+    is_rated = bool(quietly(seen, "condition") or seen.candidates("rating") or "rating" in given) and not seen.pairs
+    wanted = ("participant", "condition", "rating") if is_rated else ("item_a", "item_b", "choice")
+    pair = seen.pairs[0] if seen.pairs else None
+    there = {
+        role for role in wanted if role in given or seen.candidates(role) or (pair and role in ("item_a", "item_b"))
+    }
+    missing = [role for role in wanted if role not in there] or ["choice"]
+    return (
+        f"lacks {'the column' if len(missing) == 1 else 'the columns'} {', '.join(missing)}; found "
+        f"{named(names) or 'none'}. Map other names, e.g. --columns participant=judge, or item_a=type+level for an "
+        "item in two columns; ratings have the columns participant, condition and rating, or one for each condition "
+        "(--columns rating=c1+c2+c3 names them); --format names a layout"
+    )
+
+
+def _with_lists(seen: Seen, description: Description) -> Description:
+    """Complete a description with the columns that are not used, and what to be warned of."""
+    used = {name for names in description.columns.values() for name in names} | set(description.spread)
+    rest = tuple(name for name in seen.table.names if name not in used)
+    warnings = [*description.warnings]
+    for name in rest:
+        column = seen.column(name)
+        words = column.filled if len(column.words) <= 50 else ()
+        if SEVERAL.search(name) and len(column.filled) > 1:
+            warnings.append(
+                f"the column {name!r} is not used: what it tells apart ({named([repr(word) for word in words[:4]])}) "
+                f"counts as the same; {Told(columns={'dataset': name})} keeps it apart"
+            )
+        elif is_suspicious(name, words) and (column.filled or not len(seen.table)):
+            role = next((r for r in ("practice", "excluded", "dataset") if r not in description.columns), "excluded")
+            holds = named([repr(word) for word in column.filled[:4]]) or "nothing"
+            warnings.append(
+                f"the column {name!r} is not used, and looks as if it said that rows should not count or are apart "
+                f"(it holds {holds}); {Told(columns={role: name})} uses it"
+            )
+    warnings += _odd_cells(seen, description)
+    if description.without:
+        names = [seen.column(next(iter(description.columns.values()))[0]).texts[row] for row in description.without]
+        rows = ", ".join(str(seen.table.row(row)) for row in description.without)
+        warnings.append(f"row {rows} is not used: {', '.join(map(repr, names))} is nobody but a summary")
+    return replace(description, not_used=rest, warnings=tuple(warnings))
+
+
+def _odd_cells(seen: Seen, description: Description) -> list[str]:
+    """Warn of names that a spreadsheet made of others: shortened numbers and dates."""
+    warnings = []
+    roles = ("participant", "dataset", "condition", "item_a", "item_b")
+    named_in = {name: seen.column(name).filled for role in roles for name in description.columns.get(role, ())}
+    named_in["a column"] = tuple(label for labels in description.spread.values() for label in labels)
+    for name, words in named_in.items():
+        if words:
+            for pattern, what in ((SHORTENED, "a long id that a spreadsheet shortened: different ones may look alike"),
+                                  (DATE, "a date, which a spreadsheet may have made of another name")):  # fmt: skip
+                odd = [word for word in words if pattern.fullmatch(word)]
+                if odd:
+                    warnings.append(f"{name} is {shown(odd[0])}, {what}")
+    return warnings

@@ -1,0 +1,224 @@
+"""Know the names of columns and the words of cells: one rule for all of them, required or optional."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+from app.analysis.reading.votes_table import NONE, A, B
+
+VOTE_ROLES = ("participant", "dataset", "item_a", "item_b", "choice")
+OPTIONAL = (
+    *("first_shown", "trial", "response_ms", "practice", "excluded", "reason", "count", "role"),
+    *("both_seen", "press_to_picture_ms"),
+)
+RATING_ROLES = ("participant", "dataset", "condition", "rating")
+RATING_OPTIONAL = ("protocol", "reference", "first_shown", "practice", "excluded", "reason", "role")
+OTHER_ROLES = ("winner", "loser", "wins_a", "wins_b", "ties", "rank", "best", "worst", "options")
+ROLES = tuple(dict.fromkeys((*VOTE_ROLES, *OPTIONAL, *RATING_ROLES, *RATING_OPTIONAL, *OTHER_ROLES)))
+OWN_VOTES = set(VOTE_ROLES)  # a table with these very names is in our own format, whose words are documented
+
+# Other names of our columns, as `plain` spells them.
+SYNONYMS: dict[str, tuple[str, ...]] = {
+    "participant": (
+        *("participantid", "participantname", "judge", "judgeid", "observer", "observerid", "subject", "subjectid"),
+        *("subj", "user", "userid", "username", "worker", "workerid", "rater", "raterid", "annotator", "annotatorid"),
+        *("respondent", "respondentid", "responseid", "voter", "voterid", "viewer", "pid", "prolificpid", "prolificid"),
+        *("sessionuuid", "assessor", "evaluator"),
+    ),
+    "dataset": ("scene", "content", "sequence", "src", "datasetid", "sceneid", "contentid"),
+    "choice": (
+        *(
+            "choices",
+            "pref",
+            "preferred",
+            "preference",
+            "winner",
+            "selected",
+            "vote",
+            "response",
+            "resp",
+            "answer",
+            "choose",
+        ),
+        *("chosen", "picked", "pick", "decision", "verdict", "judgement", "judgment", "keyresp", "keyrespkeys"),
+    ),
+    "condition": (
+        *("conditionid", "item", "itemid", "stimulus", "stimulusid", "stim", "pvs", "hrc", "method", "model", "system"),
+        *("algorithm", "film", "video", "videoname", "videoid", "file", "filename", "ratingstimulus", "technique"),
+        *("clip", "clipname", "image", "imagename", "fileurl", "videourl", "stimulusname"),
+    ),
+    "rating": ("ratings", "score", "opinion", "opinionscore", "grade", "mark", "ratingscore", "ratingvalue"),
+    "practice": ("ispractice",),
+    "excluded": ("isexcluded",),
+    "reference": ("isreference",),
+    "count": ("counts", "nvotes"),
+    "wins_a": ("win1", "wins1", "winsa", "awins", "homewins", "leftwins", "winsleft", "votesa", "votes1", "counta"),
+    "wins_b": ("win2", "wins2", "winsb", "bwins", "awaywins", "rightwins", "winsright", "votesb", "votes2", "countb"),
+    "ties": ("tie", "draws", "draw", "ntie", "nties"),
+    "rank": ("ranking", "place", "position"),
+    "winner": ("winnerid", "winnername", "winneritem", "won", "chosenmodel", "chosenitem", "preferreditem"),
+    "loser": ("loserid", "losername", "loseritem", "lost", "rejected", "rejectedmodel", "rejecteditem"),
+    "best": ("most", "mostpreferred", "bestitem"),
+    "worst": ("least", "leastpreferred", "worstitem"),
+}
+WEAK_RATINGS = ("vote", "response", "resp", "answer", "value", "judgement", "judgment")  # where no pair is named
+BINARY_CHOICES = {  # the cell is true where item_a, or item_b, is preferred
+    A: (
+        *("isaselected", "isapreferred", "aselected", "apreferred", "chosea", "aischosen", "prefersa", "prefera"),
+        *("isabetter", "abetter"),
+    ),
+    B: (
+        *("isbselected", "isbpreferred", "bselected", "bpreferred", "choseb", "bischosen", "prefersb", "preferb"),
+        *("isbbetter", "bbetter"),
+    ),
+}
+TRUE_FALSE = {"1": True, "true": True, "yes": True, "0": False, "false": False, "no": False}
+
+STEMS = (
+    *("item", "condition", "cond", "stimulus", "stim", "method", "model", "option", "system", "video", "image", "img"),
+    *("picture", "clip", "film", "sample", "algorithm", "algo", "technique", "alternative", "candidate", "player"),
+    *("team", "object", "file", "filename", "pvs", "hrc", "film", "sequence", "name"),
+)
+ENDS = (("a", "b"), ("1", "2"), ("left", "right"), ("first", "second"), ("home", "away"))
+MORE_ENDS = ("c", "3", "third", "middle")  # a third of a kind: not two items
+TAILS = ("id", "name", "path", "url", "file")
+
+TIES = dict.fromkeys(
+    (
+        *("none", "tie", "ties", "tied", "draw", "equal", "same", "both", "neither", "no preference"),
+        *("nopreference", "no difference", "about the same", "the same", "equally good", "tie (bothbad)"),
+        *("tie (both bad)", "bothbad", "both bad", "both good", "cannot decide", "can't decide", "undecided"),
+    ),
+    NONE,
+)
+SIDES = (("a", "b"), ("left", "right"), ("first", "second"), ("1", "2"))
+STRENGTHS = {"": 2, "clearly": 2} | dict.fromkeys(("much", "far", "a lot"), 3)
+STRENGTHS |= dict.fromkeys(("somewhat", "slightly", "a little", "a bit"), 1)
+# "slightly better", "A is much better", "left slightly worse": ITU-T P.910's comparison categories.
+STRENGTH = re.compile(
+    rf"(?:(?P<who>.+?)\s+)??(?:is\s+)?(?P<much>{'|'.join(filter(None, STRENGTHS))})?\s*(?P<way>better|worse)",
+    re.IGNORECASE,
+)
+
+# What is never a person or a condition, though it stands in a column beside them.
+NEVER = frozenset(
+    (
+        "",
+        *("mos", "dmos", "cmos", "smos", "mosstd", "sd", "std", "stdev", "stddev", "standarddeviation", "se"),
+        *("sem", "sos", "ci", "ci95", "95ci", "95%ci", "cilow", "cihigh", "cilower", "ciupper", "lower", "upper"),
+        *("confidenceinterval", "ci90", "ci99", "95%", "n", "mean", "average", "avg", "median", "var", "variance"),
+        *("rank", "ranking", "min", "max", "sum", "total", "age", "ages", "ageyears", "sex", "gender", "group"),
+        *("country", "nationality", "language", "education", "occupation", "experience", "expertise", "vision"),
+        *("acuity", "glasses", "handedness", "yearofbirth", "birthyear", "index", "nr", "number", "row", "line"),
+        *("rowid", "time", "times", "timestamp", "date", "day", "datetime", "start", "end", "startdate", "enddate"),
+        *("duration", "durations", "durationinseconds", "rt", "reactiontime", "responsetime", "responsems"),
+        *("latency", "elapsed", "timeelapsed", "seconds", "ms", "hour", "trial", "trialno", "trialnumber"),
+        *("trialindex", "trialid", "order", "position", "block", "blockno", "run", "session", "sessionid", "batch"),
+        *("list", "version", "seed", "wave", "visit", "week", "month", "year", "device", "browser", "width"),
+        *("height", "screenwidth", "screenheight", "resolution", "distance", "dpi", "confidence", "certainty"),
+        *("difficulty", "fatigue", "mood", "effort", "progress", "status", "finished", "attention"),
+        *("attentioncheck", "check", "practice", "training", "excluded", "exclude", "valid", "gold", "trap"),
+        *("comment", "comments", "note", "notes", "remark", "remarks", "reason", "count", "weight", "consent"),
+        *("role", "protocol", "reference", "replicates", "repetition", "rep", "ip", "ipaddress", "latitude"),
+        *("longitude", "scene", "locationlatitude", "locationlongitude", "qrecaptchascore", "externalreference"),
+        *("phase", "city", "zip", "zipcode", "email", "income", "height_cm", "cohort", "site", "lab", "room"),
+        *("price", "reward", "payment", "bonus", "kurtosis", "skew", "skewness", "outlier", "outliers", "ratio"),
+        *("percent", "iqr"),
+    )
+)
+# Rows of a wide table that are nobody.
+SUMMARIES = frozenset(
+    (
+        *("mos", "dmos", "cmos", "sd", "std", "stdev", "stddev", "se", "sem", "ci", "ci95", "95ci", "mean"),
+        *("average", "avg", "median", "var", "variance", "total", "sum"),
+    )
+)
+# What a column is likely to say if its name or its cells hold this: that some rows should not count, or are apart.
+SUSPICIOUS = re.compile(
+    r"practi[cs]|train|warm.?up|exclu|reject|discard|remove|outlier|attention|catch|trap|gold|sanity|honeypot|session|"
+    r"scene|phase|\btest|check|valid|fail|screen(ed|ing|out)|control|dummy|pilot|swap|flip|mirror|revers|preview|bot\b|"
+    r"spam|cheat|duplicate|trial.?type|is.?real|consent|withdr",
+    re.IGNORECASE,
+)
+SWAPPED = re.compile(r"swap|flip|mirror|revers", re.IGNORECASE)  # sides that stand the other way round in some rows
+SEVERAL = re.compile(r"criteri|question|attribute|dimension|aspect|rating.?type|^scale|^task", re.IGNORECASE)
+MULTIPLE = ("n", "freq", "frequency", "weight", "weights", "times", "votes", "total", "num", "number", "multiplicity")
+GRADES = {"excellent": 5.0, "good": 4.0, "fair": 3.0, "poor": 2.0, "bad": 1.0}  # ITU-T P.910, absolute categories
+MOST_WORDS = 12  # different texts of a column whose cells are looked at; more are names or numbers
+COMMENTS = re.compile(
+    r"[\s_:,;()\[\]-]+(comments?|why|reasons?|remarks?|notes?|explanation|explain|conf|confidence|certainty|certain|"
+    r"strength|time|rt|ms|duration|timing|seconds|clicks?|order|first|text|other|other text|page submit|first click|"
+    r"last click)[\s)\]?:.]*$",
+    re.IGNORECASE,
+)
+NUMBERING = re.compile(
+    r"^\s*(?:(?:q|question|pair|trial|task|comparison)[\s_.#]?\d+[a-z]?(?:\s*[.):\]_–—-]\s*|\s+)"  # Q1_, Pair 3:
+    r"|(?:(?:p|c|t|no|nr|num|item|#)[\s_.]?)?#?\d+[a-z]?(?:[.):]\s+|\)|\s+[:–—-]\s+)"  # P1 - , 2. , 3)
+    r"|[(\[]\d+[)\]]\s*)(?=\S)",  # (4)
+    re.IGNORECASE,
+)
+HEADING = re.compile(r"^.*[?:]\s*[-–—]?\s+(?=\S)")  # "Which is better? - "
+IN_BRACKETS = re.compile(r"^[^()\[\]]*[(\[]([^()\[\]]*\s(?:vs\.?|versus)\s[^()\[\]]*)[)\]]\s*$", re.IGNORECASE)
+VERSUS = re.compile(r"^(.+?)\s+(?:vs\.?|versus)\s+(.+)$", re.IGNORECASE)
+TIGHT_VERSUS = re.compile(r"^(.+?)_(?:vs|versus)_(.+)$", re.IGNORECASE)
+DASH = re.compile(r"^(.+?)\s+(?:-|–|—|:|\||/)\s+(.+)$")
+
+
+def plain(name: str) -> str:
+    """Return a column's name as it is compared: capitals, spaces, points, hyphens and underscores do not matter."""
+    return re.sub(r"[\s._-]", "", name).lower()
+
+
+def means(role: str, name: str) -> bool:
+    """Is a column of this name one of a role's: our own name, or a usual other one?"""
+    return plain(name) in (plain(role), *SYNONYMS.get(role, ()))
+
+
+def is_never(name: str) -> bool:
+    """Is a name that of a statistic, of something about people, of a time or a number of a trial?"""
+    letters = plain(name)
+    bare = re.sub(r"^(is|the|participant|subject|user|your)(?=.)", "", letters)
+    short = re.sub(r"(years|yrs|inyears|ms|sec|ins|\(.*\))$", "", letters)
+    return letters.startswith("unnamed") or bool({letters, bare, short} & NEVER)
+
+
+def is_suspicious(name: str, words: Iterable[str] = ()) -> bool:
+    """Does a column that is not used look as if it said that rows should not count, or are apart?"""
+    few = list(words)
+    return bool(SUSPICIOUS.search(name)) or (
+        len(few) <= MOST_WORDS and any(SUSPICIOUS.search(word) for word in few if len(word) < 40)
+    )
+
+
+def ends_of(name: str) -> tuple[str, int, int] | None:
+    """Read a name such as `model_a`, `left image` or `Item 1`: stem, which of `ENDS`, and side; None for others."""
+    letters = plain(name)
+    for tail in ("", *TAILS):
+        if tail and not letters.endswith(tail):
+            continue
+        short = letters.removesuffix(tail)
+        for place, ends in enumerate(ENDS):
+            for side, end in enumerate(ends):
+                for stem in {short.removesuffix(end), short.removeprefix(end)} - {short}:
+                    if stem in STEMS or (not stem and not tail and not end.isdigit()):
+                        return f"{stem}+{tail}", place, side
+    return None
+
+
+def pair_in(name: str) -> tuple[str, str, bool] | None:
+    """Read a column's name such as "x vs y" or "P1 - x vs y" as two items, and whether a dash alone divides them."""
+    bare = name.strip()
+    if match := IN_BRACKETS.match(bare):
+        bare = match[1].strip()
+    for divided in (VERSUS, TIGHT_VERSUS, DASH):
+        match = divided.match(bare)
+        if match is None:
+            continue
+        for heading in (HEADING, NUMBERING) if divided is not DASH else (NUMBERING,):
+            cut = heading.sub("", bare, count=1)
+            if cut != bare and divided.match(cut) and not heading.match(match[2]):
+                bare = cut
+                match = divided.match(bare) or match
+        return match[1].strip(), match[2].strip(), divided is DASH
+    return None

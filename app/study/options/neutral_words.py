@@ -1,0 +1,64 @@
+"""Choose words for films of anything, in place of the standard ones that speak of three-dimensional models."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from app.study.options.options import StudyOptions
+from app.study.options.own_texts import CONSENT, DEBRIEFING
+from app.study.questions.answers import QUESTIONS
+
+SENTENCES = "sentences"
+ALONE = ("ACR", "ACR-HR")  # protocols with the words of ACR
+
+
+def neutral_words(options: StudyOptions) -> StudyOptions:
+    """Return a study's options with neutral words, as own texts that can be edited; texts of its own stay.
+
+    Only languages that the words were written in are changed, and of consents only the presets' sentences.
+    """
+    words = _words()
+    texts = {language: dict(said) for language, said in options.texts.items()}
+    offered = options.languages or tuple(language for language in words if language != SENTENCES)
+    asked = {question.name for question in options.questions if not question.text}
+    for language in offered:
+        if language not in words or language == SENTENCES:
+            continue
+        ours = {
+            key: text for key, text in _said(words[language], options.protocol).items() if _fits(key, asked, options)
+        }
+        texts[language] = {**ours, **texts.get(language, {})}
+    for said in texts.values():
+        for key in (CONSENT, DEBRIEFING):
+            if key in said:
+                said[key] = _reworded(str(said[key]))
+    return options.but(texts=texts, consent=_reworded(options.consent), debriefing=_reworded(options.debriefing))
+
+
+@cache
+def _words() -> Mapping[str, Any]:
+    text = files("app.study.options.presets").joinpath("neutral.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
+
+
+def _said(words: Mapping[str, Any], protocol: str) -> dict[str, Any]:
+    """Return the words of a language in a protocol, by key."""
+    name = "ACR" if protocol in ALONE else protocol
+    is_text = {key: text for key, text in words.items() if "." in key}
+    return {**is_text, **words.get(name, {})}
+
+
+def _fits(key: str, asked: set[str], options: StudyOptions) -> bool:
+    """Whether a study has a place for a text."""
+    group, _, rest = key.partition(".")
+    return rest.partition(".")[0] in asked if group == QUESTIONS else bool(options.protocol)
+
+
+def _reworded(document: str) -> str:
+    for before, after in _words()[SENTENCES].items():
+        document = document.replace(before, after)
+    return document
