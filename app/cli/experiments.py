@@ -19,6 +19,7 @@ from app.cli.shared import by_step
 from app.files import free_gb, read_json, write_json
 from recon.cli.console import ProgressLine, duration, print_result
 from recon.cli.flags import with_settings
+from recon.cli.kernels import DEPTH, RENDER, STUDIO, tell_of_compiling
 from recon.cli.options import parse_approaches, parse_names, parse_size
 from recon.commands.experiments import DEMO_SIZE, Demo, ExperimentPaper
 
@@ -63,6 +64,7 @@ def demo(asked: Demo, *, as_json: bool) -> None:
     front, film_size = out / "front", _demo_size(out, asked.size)
     progress = ProgressLine()
     progress.say(f"From a recording to scores, into {out}. This takes {DEMO_TAKES}, less where it was begun before.")
+    tell_of_compiling(progress, STUDIO, DEPTH, RENDER)
     run_steps(_demo_steps(out, settings, film_size, asked.participants, progress), out / "seconds.json", progress.say)
     with (
         running_server(settings, port=_free_port(asked.port), front=front) as url,
@@ -217,6 +219,7 @@ def experiment_paper(asked: ExperimentPaper, *, as_json: bool) -> None:
         _ask_to_go_on(sentence)
     progress = ProgressLine()
     progress.say(f"{sentence}, less where it was begun before. All of it goes into {out}.")
+    tell_of_compiling(progress, STUDIO, DEPTH, RENDER)
     planned = [Step(name, partial(work, progress)) for name, work in steps(experiment)]
     planned.append(Step("let people take the study", partial(study.take, by_step(progress))))
     taken = run_steps(planned, out / "seconds.json", progress.say)

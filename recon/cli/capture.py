@@ -9,6 +9,7 @@ import typer
 
 from recon.cli.console import ProgressLine, counted, print_result
 from recon.cli.flags import with_settings
+from recon.cli.kernels import STUDIO, tell_of_compiling
 from recon.cli.options import parse_bounds, parse_frames, parse_late, parse_pairs, parse_position, parse_size, telling
 from recon.commands.recordings import (
     TEMPLE_PAIRS,
@@ -45,6 +46,7 @@ def capture_synth(asked: CaptureSynth, *, as_json: bool) -> None:
     from recon.studio import SynthParameters, synthesise
 
     progress = ProgressLine()
+    tell_of_compiling(progress, STUDIO)
     parameters = SynthParameters(
         scene=asked.scene,
         n_sensors=asked.sensors,

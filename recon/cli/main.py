@@ -14,6 +14,7 @@ import typer
 from recon.cli.capture import app as capture_app
 from recon.cli.console import ProgressLine, counted, print_result
 from recon.cli.flags import with_settings
+from recon.cli.kernels import DEPTH, RENDER, tell_of_compiling
 from recon.cli.options import (
     MethodsCommand,
     find_methods,
@@ -85,6 +86,7 @@ def reconstruct(asked: Reconstruct, *, as_json: bool) -> None:
         device=asked.device,
     )
     progress = ProgressLine()
+    tell_of_compiling(progress, DEPTH)
     recording = read_capture(capture.resolve())
     if not any(stream.mask for stream in recording.sensors):
         folder, where = ("FOLDER", " on a copy of it here") if is_copy(capture) else (shlex.quote(str(capture)), "")
@@ -201,6 +203,7 @@ def render(asked: Render, *, as_json: bool) -> None:
         cluster=asked.cluster,
     )
     progress = ProgressLine()
+    tell_of_compiling(progress, RENDER)
     manifest = render_folders(asked.folders, asked.out, options, progress, practice=asked.practice)
     progress.close()
     content = read_json(manifest)
