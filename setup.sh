@@ -62,15 +62,29 @@ find_python() {
   exit 1
 }
 
+# Say how far pip is, from what it prints; a line for every tenth package. Argument: how many there are.
+tell_of_packages() {
+  local line n=0
+  while read -r line; do
+    case $line in
+      "Collecting "* | "Processing "*) n=$((n + 1)); [ $((n % 10)) -ne 0 ] || echo "setup: $n of at most $1 packages fetched" ;;
+      "Installing collected"*) echo "setup: $n packages fetched; unpacking them" ;;
+    esac
+  done
+}
+
 install_python_packages() {
-  local wanted
+  local wanted total
   wanted=$({ pwd; cat requirements.lock pyproject.toml setup.py setup.sh; } | sha256sum | cut -d' ' -f1)
   if [ "$(cat "$venv/.installed" 2>/dev/null)" = "$wanted" ]; then return; fi
   local python
   python=$(find_python)
   echo "setup: installing Python packages into $venv (a few minutes the first time)"
   [ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
-  "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements.lock
+  total=$(grep -c '^[A-Za-z0-9].*==' requirements.lock)
+  PYTHONUNBUFFERED=1 "$venv/bin/python" -m pip install --progress-bar off --disable-pip-version-check --no-compile \
+    --require-hashes -r requirements.lock | tell_of_packages "$total"
+  echo "setup: compiling their modules"
   "$venv/bin/python" -m compileall -qq -j 0 "$venv/lib" || true  # on all cores, which pip does on one
   "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
   echo "$wanted" > "$venv/.installed"
