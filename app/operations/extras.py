@@ -28,7 +28,7 @@ def missing_extra(error: BaseException) -> str | None:
 def install_command(extra: str) -> str:
     """Write the shell command that adds an extra to the Python that runs.
 
-    It works wherever this program was installed from: pip finds it there, and installs what the extra asks for.
+    It works wherever this program was installed from: pip finds the program there, and installs what the extra needs.
     """
     return shlex.join([sys.executable, "-m", "pip", "install", f"reconstudy[{extra}]"])
 

@@ -153,10 +153,10 @@ def _by_item(preference: Preference, stimuli: Sequence[Mapping[str, Any]]) -> di
     """Return each item's mean ability over the datasets where it is; nothing if some are only of each person."""
     if preference.missing({(row["dataset"], row["item"]) for row in stimuli}):
         return {}
-    by_item: dict[str, list[float]] = {}
+    abilities: dict[str, list[float]] = {}
     for row in stimuli:
-        by_item.setdefault(row["item"], []).append(preference.ability(row["dataset"], row["item"]))
-    return {item: round(float(np.mean(values)), 3) for item, values in by_item.items()}
+        abilities.setdefault(row["item"], []).append(preference.ability(row["dataset"], row["item"]))
+    return {item: round(float(np.mean(values)), 3) for item, values in abilities.items()}
 
 
 def _order(client: httpx.Client, token: str, study: Mapping[str, Any]) -> KnownOrder:
