@@ -22,6 +22,8 @@ from recon.cli.main import app as recon_app
 from recon.cli.options import LocalPathsGroup
 from recon.storage.remote import with_addresses
 
+GOING_ON = ("demo", "experiment", "reconstruct", "render")  # commands that keep what is done for a second start
+INTERRUPTED = 130  # exit code, as shells have it
 ALMOST = 0.9  # likeness of two names: one or two letters of twenty differ
 
 app = typer.Typer(cls=LocalPathsGroup, no_args_is_help=True, pretty_exceptions_enable=False)
@@ -51,7 +53,11 @@ def main() -> None:
     try:
         app()
     except KeyboardInterrupt:
-        _fail("interrupted", code=130)
+        _fail(_interrupted(), code=INTERRUPTED)
+    except SystemExit as end:
+        if end.code == INTERRUPTED:  # typer has taken the interrupt, and says nothing
+            _fail(_interrupted(), code=INTERRUPTED)
+        raise
     except (ImportError, ValueError, OSError, RuntimeError) as error:
         advice = missing_extra(error)
         if "RECONSTUDY_DEBUG" in os.environ or (advice is None and isinstance(error, ModuleNotFoundError)):
@@ -69,6 +75,11 @@ def main() -> None:
                 "left; run it as the server's user"
             )
         _fail(error.detail)
+
+
+def _interrupted() -> str:
+    goes_on = len(sys.argv) > 1 and sys.argv[1] in GOING_ON
+    return f"interrupted{'; started again, it goes on where it was' if goes_on else ''}"
 
 
 def _sentence(error: Exception) -> str:

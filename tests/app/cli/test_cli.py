@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import typer
 
-from app.cli import _fail
+from app.cli import _fail, main
 from recon.cli.console import ProgressLine
 from tests.command_line import Command
 
@@ -73,6 +74,29 @@ def test_wrong_use_ends_with_2(command: Command, tmp_path: Path) -> None:
     told = command("validate", "sphere", tmp_path, "--radius", 150, "-o", tmp_path / "r", "--viewpoint", "1,nan,3")
     assert told.code == 2
     assert "'1,nan,3' is not a position" in told.err
+
+
+@pytest.mark.parametrize(("name", "goes_on"), [("reconstruct", True), ("demo", True), ("simulate", False)])
+def test_who_stops_a_command_that_goes_on_is_told_so(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str, goes_on: bool
+) -> None:
+    commands = typer.Typer(pretty_exceptions_enable=False)
+
+    @commands.callback()
+    def options() -> None: ...
+
+    @commands.command(name)
+    def stopped() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("app.cli.app", commands)
+    monkeypatch.setattr(sys, "argv", ["reconstudy", name])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 130
+    told = capsys.readouterr().err
+    assert "reconstudy: interrupted" in told
+    assert ("started again, it goes on" in told) == goes_on
 
 
 @pytest.mark.parametrize("name", ["demo", "study create", "token add"])
