@@ -85,6 +85,7 @@ class Reconstruct(Command):
         "moving",
         "What PM makes: moving, models of all frames; static, of the first alone, as the paper showed it.",
         label="PM's models",
+        choices={"moving": "of all frames", "static": "of the first frame alone, as the paper showed it"},
     )
     temporal: bool = option(True, "Filter the depth maps in time to reduce flicker.", label="Filter depth in time")
     balance: bool = option(

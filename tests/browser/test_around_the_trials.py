@@ -63,7 +63,7 @@ def test_consent_comprehension_interview_and_debriefing(full_study: Study, page:
     page.keyboard.press("Enter")  # does not end the interview
     page.get_by_role("radio", name="other").check()
     page.get_by_role("radio", name="4").check()
-    page.get_by_label("What made one model").fill("Sharp\nedges")
+    page.get_by_label("What made one film").fill("Sharp\nedges")
     page.get_by_role("button", name="Finish").click()
     visitor.sees("thanks")
     expect(page.locator("#debriefing > p")).to_have_text(
@@ -87,7 +87,7 @@ def test_what_was_typed_in_the_interview_outlives_an_error_and_is_then_forgotten
 ) -> None:
     visitor.comes_after_the_trials(full_study)
     visitor.sees("interview")
-    page.get_by_label("What made one model").fill("Чёткие\nкрая")
+    page.get_by_label("What made one film").fill("Чёткие\nкрая")
     page.get_by_role("radio", name="other").check()
     page.route("**/stages/interview", lambda route: route.fulfill(status=422, body="{}"))
     page.get_by_role("button", name="Finish").click()
@@ -95,7 +95,7 @@ def test_what_was_typed_in_the_interview_outlives_an_error_and_is_then_forgotten
     page.unroute_all(behavior="wait")
     page.get_by_role("button", name="Try again").click()
     visitor.sees("interview")
-    expect(page.get_by_label("What made one model")).to_have_value("Чёткие\nкрая")
+    expect(page.get_by_label("What made one film")).to_have_value("Чёткие\nкрая")
     expect(page.get_by_role("radio", name="other")).to_be_checked()
     page.get_by_role("button", name="Finish").click()
     visitor.sees("thanks")
@@ -108,10 +108,10 @@ def test_what_was_typed_in_the_interview_is_never_shown_to_the_next_participant(
     full_study: Study, page: Page, visitor: Visitor
 ) -> None:
     visitor.comes_after_the_trials(full_study)
-    page.get_by_label("What made one model").fill("Mine alone")
+    page.get_by_label("What made one film").fill("Mine alone")
     visitor.comes_after_the_trials(full_study)
     visitor.sees("interview")
-    expect(page.get_by_label("What made one model")).to_have_value("")
+    expect(page.get_by_label("What made one film")).to_have_value("")
     assert "Mine alone" not in page.evaluate("JSON.stringify(sessionStorage)")
 
 
@@ -248,7 +248,7 @@ def test_the_next_participant_at_a_browser_finds_every_form_empty(
         visitor.votes("1")
         visitor.is_in("exposure") if number < 3 else visitor.sees("interview")
     page.get_by_label("How old are you?").fill("31")
-    page.get_by_label("What made one model").fill("Sharp edges")
+    page.get_by_label("What made one film").fill("Sharp edges")
     page.get_by_role("button", name="Finish").click()
     visitor.sees("thanks")
     page.get_by_role("button", name="Begin as another participant").click()
