@@ -6,8 +6,12 @@ from dataclasses import dataclass, replace
 from math import prod
 
 SCENES = ("ball", "box", "people", "standing", "face")  # figure 2
-SCENE_BYTES, OBJECT_BYTES = 130, 35  # on disk, for each pixel of a frame: the paper's six approaches, and one
-SCENE_US, OBJECT_US, FILM_US = 14.6, 7.6, 0.2  # on two idle cores, for each pixel of a frame, microseconds
+# On disk, for each pixel of a frame: the paper's six approaches, and one. Measured were 130, with voxels of about three
+# times the width; meshes have five times the triangles since.
+SCENE_BYTES, OBJECT_BYTES = 205, 35
+# On two idle cores, for each pixel of a frame, microseconds; measured before PM took a fifth and surfaces four times of
+# what they took then, which about cancel.
+SCENE_US, OBJECT_US, FILM_US = 14.6, 7.6, 0.2
 FILMS_OF_SCENE = 7  # of the paper's six approaches, and of the true models
 FURTHER_S = 400.0  # for 1 650 votes, comparisons and starting everything, at any scale
 
@@ -39,13 +43,13 @@ class Scale:
 
     @property
     def gigabytes(self) -> float:
-        """What recordings and models take on the disk, as measured, by the paper's six approaches."""
+        """What recordings and models take on the disk, about, by the paper's six approaches."""
         scenes, objects, _films = self._pixels
         return (scenes * SCENE_BYTES + objects * OBJECT_BYTES) / 1e9
 
     @property
     def hours(self) -> float:
-        """How long all of it takes on two idle cores, as measured, by the paper's six approaches."""
+        """How long all of it takes on two idle cores, about, by the paper's six approaches."""
         scenes, objects, films = self._pixels
         return ((scenes * SCENE_US + objects * OBJECT_US + films * FILM_US) / 1e6 + FURTHER_S) / 3600
 
