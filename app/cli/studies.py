@@ -175,7 +175,7 @@ def study_import(
     """Create a study from a study file, or bring in a whole one with films, texts, votes and measures."""
     from app.intake.zips import is_zip
     from app.operations.studies.create import import_study
-    from app.operations.studies.travel import import_file
+    from app.operations.upkeep.travel import import_file
     from app.settings import Settings
 
     progress = ProgressLine()
@@ -215,7 +215,7 @@ def study_export(
     """Write a study file, or a whole study with films, texts, votes and measures; `study import` takes both."""
     from app.files import write_text
     from app.operations.studies.manage import export_study
-    from app.operations.studies.travel import export_to_file
+    from app.operations.upkeep.travel import export_to_file
     from app.settings import Settings
 
     if package is not None:

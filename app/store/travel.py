@@ -31,9 +31,10 @@ from sqlalchemy import (
     insert,
     select,
 )
+from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from app.store.database.belonging import rows_of_people, rows_of_study
-from app.store.database.engine import UtcDateTime, insert_or_ignore
+from app.store.database.engine import UtcDateTime, insert_or_ignore, open_database
 from app.store.database.keys import new_code, new_opaque_id
 from app.store.database.schema import metadata
 from app.store.database.tables import (
@@ -50,7 +51,7 @@ from app.store.database.tables import (
     trial,
     vote,
 )
-from app.store.trials.backup import ROWS_AT_ONCE, write_rows
+from app.store.trials.backup import ROWS_AT_ONCE, STUDY_FACTS, read_tables, write_rows
 from app.study.languages.text import check_text
 from app.study.options.options import parse_options
 from app.study.options.wording import texts_digest
@@ -93,6 +94,23 @@ def study_tables() -> list[str]:
     return [table.name for table in metadata.sorted_tables if _rows_of(table, 0) is not None]
 
 
+def stage_study(archive: ZipFile, url: str) -> None:
+    """Put the rows of a study's archive into a database of their own, which is made.
+
+    Raises
+    ------
+    ValueError
+        If they are not as described, or were not written together.
+    """
+    database = open_database(url)
+    try:
+        read_tables(database, archive, before_commit=lambda _connection: None, facts_name=STUDY_FACTS)
+    except (SQLAlchemyError, KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"its rows are not as described: {getattr(error, 'orig', None) or error}") from None
+    finally:
+        database.dispose()
+
+
 def only_study_in(connection: Connection) -> Mapping[str, Any]:
     """Return the row of the study in a database that holds one.
 
@@ -125,7 +143,10 @@ def copy_study(source: Connection, target: Connection, values: Mapping[str, Any]
     tables = [source_table for source_table in metadata.sorted_tables if _rows_of(source_table, 0) is not None]
     for table in sorted(tables, key=lambda each: (each in LATE, each is not shown_texts)):
         rows = source.execute(select(table).order_by(*table.primary_key).execution_options(yield_per=ROWS_AT_ONCE))
-        copy.insert(table, (row._mapping for row in rows))
+        try:
+            copy.insert(table, (row._mapping for row in rows))
+        except IntegrityError as error:
+            raise ValueError(f"its rows of {table.name} do not belong together: {error.orig}") from error
     return next(iter(copy.ids["study"].values()))
 
 

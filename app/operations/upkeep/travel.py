@@ -14,8 +14,6 @@ from pathlib import Path
 from typing import IO, Any
 from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile
 
-from sqlalchemy.exc import SQLAlchemyError
-
 from app.errors import StudyError
 from app.ffmpeg import VIDEO_SUFFIXES, Progress, no_progress
 from app.files import (
@@ -41,10 +39,10 @@ from app.store.database.engine import Database, Transaction, open_database
 from app.store.database.keys import utc_now
 from app.store.studies.attached_models import model_digests, model_records
 from app.store.studies.attached_reports import report_digests, report_records
-from app.store.studies.audit import COMMAND_LINE, Actor
+from app.store.studies.audit import COMMAND_LINE, Actor, Entry, record
 from app.store.studies.studies import Study, progress_of, study_by_slug
-from app.store.travel import copy_study, only_study_in, study_tables, write_study_rows
-from app.store.trials.backup import STUDY_FACTS, file_of, read_facts, read_tables, write_facts
+from app.store.travel import copy_study, only_study_in, stage_study, study_tables, write_study_rows
+from app.store.trials.backup import STUDY_FACTS, file_of, read_facts, write_facts
 from app.store.trials.designs import film_files
 
 MEDIA, SET, REPORTS, MODELS = "media", "set", "reports", "models"  # folders of the zip file
@@ -97,6 +95,11 @@ def export_to_file(settings: Settings, slug: str, path: Path, *, has_outside: bo
     return {**made, "file": str(path), "bytes": path.stat().st_size}
 
 
+def check_study_zip(packed: Path, largest_mb: int) -> None:
+    """Check a zip file of a study before any of it is unpacked; as `check_zip`."""
+    check_zip(packed, largest_mb, MOST_FILES)
+
+
 def import_file(settings: Settings, path: Path, *, name: str = "", progress: Progress = no_progress) -> dict[str, Any]:
     """Make a study of a zip file on this machine; see `import_study`."""
     if not path.is_file():
@@ -104,7 +107,7 @@ def import_file(settings: Settings, path: Path, *, name: str = "", progress: Pro
     with open_store(settings) as database, WorkFolder(".upload-", settings.data_dir / "uploads") as folder:
         actor = Actor(0, COMMAND_LINE, utc_now())
         try:
-            check_zip(path, NO_LIMIT_MB, MOST_FILES)
+            check_study_zip(path, NO_LIMIT_MB)
             return import_study(settings, database, path, Path(folder), actor, name=name, progress=progress)
         except StudyError as error:
             raise ValueError(f"{path}: {error.detail}") from error
@@ -145,8 +148,6 @@ def import_study(
     try:
         with one_by_one_in(settings.media_dir):  # studies share films
             return _import(settings, database, source, _Unpacked(unpacked, digests), actor, name, progress)
-    except SQLAlchemyError as error:
-        raise ValueError(f"its rows do not belong together: {getattr(error, 'orig', None) or error}") from error
     finally:
         source.dispose()
 
@@ -218,7 +219,8 @@ def _import(
         progress("rows", 0, 0)
         with database.writing() as connection, source.reading() as rows:
             study_id = copy_study(rows, connection, values, here)
-            actor.note(connection, "study imported", None, slug, exported_as=row["slug"], erased_again=n_erased)
+            detail = {"exported_as": row["slug"], "erased_again": n_erased}
+            record(connection, actor.name, Entry("study imported", study_id, slug, detail), actor.now)
             counts = progress_of(connection, study_id)
         undo.pop_all()
     notes = [] if set_folder else ["its stimulus set did not come with it: its films cannot be made again here"]
@@ -241,15 +243,7 @@ def _stage(packed: Path, unpacked: Path, rows: Path, limit: int) -> dict[str, st
         for name, sha256 in facts["files"].items():
             if file_digest(unpacked / name) != sha256:
                 raise ValueError(f"{name} is not the file that was packed; export the study again")
-        database = open_database(f"sqlite:///{rows}")
-        try:
-            read_tables(database, archive, before_commit=lambda _connection: None, facts_name=STUDY_FACTS)
-        except SQLAlchemyError as error:  # which names values, and does not travel between processes
-            raise ValueError(f"its rows are not as described: {getattr(error, 'orig', None) or error}") from None
-        except (KeyError, TypeError, AttributeError) as error:
-            raise ValueError(f"its rows are not as described: {error}") from None
-        finally:
-            database.dispose()
+        stage_study(archive, f"sqlite:///{rows}")
     return dict(facts["files"])
 
 
@@ -303,11 +297,11 @@ def _write_file(archive: ZipFile, name: str, path: Path, sha256: str | None) -> 
         raise ValueError(
             f"{path}: is missing, so nothing was exported; `reconstudy db check` names all that is missing"
         )
-    found = file_digest(path)
-    if sha256 not in (None, found):
+    digest = file_digest(path)
+    if sha256 not in (None, digest):
         raise ValueError(f"{path}: is not the file that was made for the study, so nothing was exported")
     archive.write(path, name, ZIP_STORED if path.suffix in VIDEO_SUFFIXES else ZIP_DEFLATED)
-    return found
+    return digest
 
 
 def _check_attached(unpacked: _Unpacked, films: Mapping[str, str], reports: list[str], models: list[str]) -> None:
