@@ -10,7 +10,15 @@ import typer
 from recon.cli.console import ProgressLine, counted, print_result
 from recon.cli.flags import with_settings
 from recon.cli.kernels import STUDIO, tell_of_compiling
-from recon.cli.options import parse_bounds, parse_frames, parse_late, parse_pairs, parse_position, parse_size, telling
+from recon.cli.options import (
+    parse_bounds,
+    parse_by_sensor,
+    parse_frames,
+    parse_pairs,
+    parse_position,
+    parse_size,
+    telling,
+)
 from recon.commands.recordings import (
     TEMPLE_PAIRS,
     CaptureBoard,
@@ -56,11 +64,19 @@ def capture_synth(asked: CaptureSynth, *, as_json: bool) -> None:
         seed=asked.seed,
         fps=asked.fps,
         position=parse_position(asked.position),
-        late=parse_late(asked.late or ()),
+        late=parse_by_sensor(asked.late or (), "--late", "FRAMES"),
         exposure_spread=asked.exposure_spread,
         calibration_error_px=asked.calibration_error,
         distortion=asked.distortion,
         depth_maps=asked.depth_maps,
+        shutter_ms=asked.shutter,
+        rolling_shutter=asked.rolling_shutter,
+        colour_cast=asked.colour_cast,
+        vignetting=asked.vignetting,
+        flicker=asked.flicker,
+        compression=asked.compression,
+        defocus=parse_by_sensor(asked.defocus or (), "--defocus", "PIXELS"),
+        gloss=asked.gloss,
     )
     capture = synthesise(asked.out, parameters, progress=progress)
     progress.close()
