@@ -108,6 +108,13 @@ class CaptureCheck(Command):
 
     capture: Path = argument("Folder of the capture.")
     report: Path | None = option(None, "Folder for report.html (with thumbnails) and report.json.")
+    resample: bool = option(
+        False,
+        "Write the recording anew with late sensors put right: by whole frames, or by pictures made between two; needs "
+        "--out.",
+        flags=("--resample",),
+    )
+    out: Path | None = option(None, "Folder to make for --resample; must be empty or absent.", flags=OUT)
 
 
 class CaptureSynth(Command):
