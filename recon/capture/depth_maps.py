@@ -28,8 +28,8 @@ from recon.capture.rectify import (
     viewing_directions,
 )
 from recon.geometry.rig import Camera
-from recon.storage.npy import read_npy
-from recon.storage.remote import fetched
+from recon.runtime.npy import read_npy
+from recon.runtime.remote import fetched
 
 EXR_HEADER, EXR_LONGEST_LIST = 65536, 18432  # bytes; the list of a thousand channels
 EXR_CHANNELS = ("Z", "depth", "V", "Y", "R")  # in use for depth, alone or after a layer's name, the clearest first

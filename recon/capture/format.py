@@ -13,8 +13,8 @@ from recon.capture.images import CaptureError, is_video, read_image, read_video_
 from recon.capture.recording import CameraStream, Capture, DepthMaps, HeldOut, SensorStream, image_path
 from recon.capture.schema import Draft, capture_json, parse_capture
 from recon.geometry.rig import Camera
-from recon.storage.files import read_json, write_json
-from recon.storage.remote import fetched, missing, stored
+from recon.runtime.files import read_json, write_json
+from recon.runtime.remote import fetched, missing, stored
 
 __all__ = [
     "CAPTURE_FILE",

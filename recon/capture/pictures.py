@@ -19,7 +19,7 @@ from recon.capture.images import (
     read_video_frame,
     video_times,
 )
-from recon.storage.files import allowed
+from recon.runtime.files import allowed
 
 DEFAULT_FPS = 25.0
 PLATE_STEM = "plate"

@@ -7,6 +7,18 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from recon.cli.commands.recordings import (
+    TEMPLE_PAIRS,
+    CaptureBoard,
+    CaptureCalibrate,
+    CaptureCheck,
+    CaptureExport,
+    CaptureImport,
+    CaptureMask,
+    CaptureSegment,
+    CaptureSynth,
+    CaptureTruth,
+)
 from recon.cli.console import ProgressLine, counted, print_result
 from recon.cli.flags import with_settings
 from recon.cli.kernels import STUDIO, tell_of_compiling
@@ -18,18 +30,6 @@ from recon.cli.options import (
     parse_position,
     parse_size,
     telling,
-)
-from recon.commands.recordings import (
-    TEMPLE_PAIRS,
-    CaptureBoard,
-    CaptureCalibrate,
-    CaptureCheck,
-    CaptureExport,
-    CaptureImport,
-    CaptureMask,
-    CaptureSegment,
-    CaptureSynth,
-    CaptureTruth,
 )
 
 if TYPE_CHECKING:
@@ -171,7 +171,7 @@ def capture_export(asked: CaptureExport, *, as_json: bool) -> None:
 def capture_board(asked: CaptureBoard, *, as_json: bool) -> None:
     """Draw a calibration board for printing."""
     from recon.capture.calibration.board import parse_board
-    from recon.storage.files import write_bytes
+    from recon.runtime.files import write_bytes
 
     if asked.out.suffix.lower() != ".svg":
         raise typer.BadParameter(f"{asked.out} ends in {asked.out.suffix!r}, expected .svg")

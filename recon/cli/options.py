@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
-from recon.commands.setting import PLUGIN_NAMES
+from recon.cli.commands.setting import PLUGIN_NAMES
 from recon.methods.approaches import Approach, parse_approach
 from recon.methods.plugins import DEPTH_GROUP, FUSION_GROUP
-from recon.storage.remote import is_there, place
+from recon.runtime.remote import is_there, place
 
 if TYPE_CHECKING:
     from recon.pipeline.methods import Methods

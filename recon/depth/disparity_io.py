@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.storage.files import whole_file, why_no_file
-from recon.storage.npy import read_npy
+from recon.runtime.files import whole_file, why_no_file
+from recon.runtime.npy import read_npy
 
 PFM_HEADER = re.compile(rb"\s*(\S+)\s+(\S+)\s+(\S+)\s+(\S+)\s?")  # one space ends it: floats may look like spaces
 SUFFIXES = (".pfm", ".npy", ".tiff", ".tif", ".png")

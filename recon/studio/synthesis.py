@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from recon.capture.format import CameraStream, Capture, DepthMaps, HeldOut, SensorStream, image_path, write_capture
 from recon.capture.recording import SIDES
-from recon.execution.workers import Progress, no_progress
 from recon.geometry.mesh_files import write_mesh
 from recon.geometry.rig import Camera, Rig, Sensor
-from recon.storage.files import new_folder, write_json
+from recon.runtime.files import new_folder, write_json
+from recon.runtime.workers import Progress, no_progress
 from recon.studio import truth
 from recon.studio.imaging import Imaging, Window, averaged, defocused, defocused_plate, rolled
 from recon.studio.light.appearance import shade

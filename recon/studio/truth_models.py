@@ -19,7 +19,7 @@ from recon.capture.recording import chosen_frames
 from recon.geometry.mesh import Mesh, Texture
 from recon.geometry.mesh_files import read_mesh, write_mesh
 from recon.models.scene_file import SCENE_FILE
-from recon.storage.files import new_folder, read_json, write_json
+from recon.runtime.files import new_folder, read_json, write_json
 from recon.studio.actors.atlas import lay_out
 from recon.studio.synthesis import SynthParameters, restaged
 from recon.studio.truth import FACTS, MESH

@@ -37,9 +37,9 @@ from recon.capture.images import (
 from recon.capture.importing.opencv import SUFFIXES, write_calibration
 from recon.capture.pictures import common_rate, images_in, recordings_named
 from recon.capture.recording import SIDES, evenly_chosen
-from recon.execution.workers import Progress, no_progress
 from recon.geometry.rig import Rig, Sensor
-from recon.storage.files import check_exists, check_suffix, new_folder, write_json
+from recon.runtime.files import check_exists, check_suffix, new_folder, write_json
+from recon.runtime.workers import Progress, no_progress
 
 SCHEMA_VERSION = 1
 GREEN = (60, 200, 60)

@@ -39,7 +39,7 @@ from recon.capture.importing.sources import (
 from recon.capture.pictures import Pictures, find_pictures
 from recon.capture.recording import FRAME_FIELD, SIDES, DepthFacts, check_facts, frames_after
 from recon.geometry.rig import UNITS_MM, Camera, rigid
-from recon.storage.files import read_json
+from recon.runtime.files import read_json
 
 DIST_KEYS = ("dist", "dist_left", "dist_right")
 POSES = ("cam_from_world", "world_from_cam", "right_from_left", "left_from_right")

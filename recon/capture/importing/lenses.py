@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from recon.capture.images import CaptureError, is_video, read_image, read_video_frame, write_picture
 from recon.capture.pictures import copy_file
 from recon.geometry.rig import Camera
-from recon.storage.files import allowed
+from recon.runtime.files import allowed
 
 NAME_KEYS = ("distortion_model", "distortionModel", "camera_model", "projection_model", "model")
 PERSPECTIVE = (

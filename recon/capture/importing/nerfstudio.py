@@ -26,7 +26,7 @@ from recon.capture.importing.sources import DepthSource, ImportOptions, faults_a
 from recon.capture.importing.views import HALF_PIXEL, View, bounds_of_points, choose_sensors, pictures_of
 from recon.geometry.mesh_files import read_points
 from recon.geometry.rig import OPENGL, Camera, rigid
-from recon.storage.files import allowed, read_json
+from recon.runtime.files import allowed, read_json
 
 TRANSFORMS = "transforms.json"
 PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")

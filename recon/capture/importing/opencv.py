@@ -22,7 +22,7 @@ from recon.capture.importing.lenses import model_name, with_lens
 from recon.capture.importing.sources import ImportOptions, Recording, SensorSource, faults_at, write_recording
 from recon.capture.pictures import find_pictures
 from recon.geometry.rig import Y_FROM, Camera, Rig, Sensor, rigid
-from recon.storage.files import check_exists, check_suffix, whole_file
+from recon.runtime.files import check_exists, check_suffix, whole_file
 
 SUFFIXES = (".yml", ".yaml", ".xml")
 KEYS: dict[str, tuple[str, ...]] = {

@@ -34,7 +34,7 @@ from recon.capture.importing.lenses import FisheyeCamera, copied_suffix, copy_pi
 from recon.capture.pictures import DEFAULT_FPS, Pictures, common_rate, copy_file
 from recon.capture.recording import SIDES, check_bounds
 from recon.geometry.rig import UNITS_MM, Y_FROM, Camera, rigid
-from recon.storage.files import new_folder
+from recon.runtime.files import new_folder
 
 MOST_STEPS = 2  # from a picture's number to the next one's, on average; above, the numbers are times or the like
 

@@ -49,8 +49,8 @@ from recon.capture.masks.outline import (
 )
 from recon.capture.masks.scribbles import Strokes, mask_of_key_frame, propagated, read_scribbles
 from recon.capture.noise import largest_channel
-from recon.execution.workers import Progress, no_progress
-from recon.storage.files import check_not_read, check_suffix, read_json, write_json
+from recon.runtime.files import check_not_read, check_suffix, read_json, write_json
+from recon.runtime.workers import Progress, no_progress
 
 
 @dataclass(frozen=True)

@@ -30,8 +30,8 @@ from recon.capture.format import (
 )
 from recon.capture.images import CaptureError, is_video, write_picture
 from recon.capture.mending.interpolation import way_between
-from recon.execution.workers import Progress, no_progress
-from recon.storage.files import new_folder
+from recon.runtime.files import new_folder
+from recon.runtime.workers import Progress, no_progress
 
 SMALLEST = 0.1  # frames: less than flow gets wrong
 FEWEST_FRAMES = 2
