@@ -62,6 +62,8 @@ def _drawn(name: str, analysis: Mapping[str, Any]) -> Drawn:
     kind, _, which = name.partition("_")
     if kind in ("scores", "levels"):
         comparison = names_by_file(analysis["scores"], "comparison").get(which, ALL)
+        if kind == "levels" and any(row["factor"] == comparison for row in analysis["effects"]):
+            return Drawn("effects", {"factor": comparison}, "level", "effect", ends, "dataset")
         return Drawn("scores", {"comparison": comparison}, "item", "score", ends, "dataset")
     if kind == "group":
         grouping = names_by_file(analysis["groups"], "grouping")[which]
@@ -126,7 +128,7 @@ def _r(drawn: Drawn) -> str:
         "library(ggplot2)\nlibrary(jsonlite)\n\n"
         f'rows <- fromJSON("analysis.json")${drawn.table}\n{rows}'
         f"ggplot(rows, aes({drawn.x}, reorder({drawn.y}, {drawn.x}){ends})) +\n  {mark}(){panels}\n"
-        'ggsave("figure.png", width = 183, height = 120, units = "mm")\n'
+        'ggsave("figure.png", width = 181, height = 120, units = "mm")\n'
     )
 
 

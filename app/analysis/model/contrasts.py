@@ -4,9 +4,9 @@ group those without significant difference.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +18,12 @@ from app.analysis.model.likelihood.participant_errors import ALIKE
 from app.analysis.model.settings import LEVEL
 
 Array = NDArray[np.float64]
+Place = TypeVar("Place", bound=Hashable)
 
 MOST_ITEMS = 40  # 780 contrasts
 SIGNIFICANT = 0.05
 DRAWN = 4000  # vectors of scores; the limit of simultaneous intervals is exact to about 2 %
+NEVER_COMPARED = "never compared"
 BY_SCORES, ALL_ALIKE = "difference of scores", "all participants voted alike"  # methods of a contrast
 FEWEST_PARTICIPANTS = 12  # clusters; with fewer, a clustered error is too small by chance (Cameron and Miller 2015)
 
@@ -248,6 +250,37 @@ def holm(p_values: Array) -> Array:
     stepped = np.maximum.accumulate(p_values[order] * np.arange(len(p_values), 0, -1))
     result = np.empty_like(p_values)
     result[order] = np.minimum(stepped, 1.0)
+    return result
+
+
+def corrected_together(
+    contrasts: Mapping[Place, Sequence[Contrast]], family: Callable[[Place], Hashable | None]
+) -> dict[Place, Sequence[Contrast]]:
+    """Return contrasts of several fits corrected over each family of fits, by Holm's method.
+
+    Panels of datasets stand side by side, and a reader looks for differences in each of them.
+
+    Parameters
+    ----------
+    contrasts : of each fit
+    family : function of a fit's key; fits without one, None, keep their own correction
+    """
+    result = dict(contrasts)
+    members: dict[Hashable, list[Place]] = {}
+    for place in contrasts:
+        members.setdefault(family(place), []).append(place)
+    members.pop(None, None)
+    for places in members.values():
+        rows = [row for place in places for row in contrasts[place]]
+        tested = [row.method != NEVER_COMPARED for row in rows]
+        corrected = iter(holm(np.array([row.p_value for row, is_it in zip(rows, tested, strict=True) if is_it])))
+        together = [
+            replace(row, p_holm=float(next(corrected))) if is_it else row
+            for row, is_it in zip(rows, tested, strict=True)
+        ]
+        for place in places:
+            size = len(contrasts[place])
+            result[place], together = together[:size], together[size:]
     return result
 
 
