@@ -17,6 +17,8 @@ from app.analysis.model.distance_prior import fit_with_prior
 from app.analysis.model.likelihood.counts import count_pairs
 from app.analysis.model.likelihood.fit import Fit
 from app.analysis.model.likelihood.ties import TIE_MODELS
+from app.analysis.model.quasi_variances import quasi_errors
+from app.analysis.model.ranks import best_probabilities, rank_intervals
 from app.analysis.model.scales import LOG_ODDS_PER_JOD, equivalence_columns, preference_columns
 from app.analysis.model.separation import votes_within_groups
 from app.analysis.model.thurstone import JOD, fit_thurstone
@@ -43,7 +45,9 @@ def score_rows(
     """
     fit, n = comparison.fit, len(comparison.fit.items)
     wins, losses, ties = _outcomes(comparison.votes)
-    shown = _letters(comparison.fit, comparison.contrasts if corrected is None else corrected)
+    compared = comparison.contrasts if corrected is None else corrected
+    shown, ranks = _letters(fit, compared), rank_intervals(fit.items, compared)
+    best, quasi = _alone(fit)
     limits, without_limit = score_intervals(comparison), unlimited(comparison.fit)
     thurstone = _thurstone_columns(comparison, jod_prior)
     scores = [None] * n if fit.scores is None else fit.scores.tolist()
@@ -72,6 +76,10 @@ def score_rows(
             "penalty": fit.penalty,
             "letters": shown.get(item),
             "no_limit": without_limit.get(item),
+            "p_best": best[index],
+            "rank_low": ranks.get(item, (None, None))[0],
+            "rank_high": ranks.get(item, (None, None))[1],
+            "quasi_se": quasi[index],
             "jod_low": _as_jod(interval.low),
             "jod_high": _as_jod(interval.high),
             **to_mean[index],
@@ -119,6 +127,16 @@ def _letters(fit: Fit, compared: Sequence[Contrast]) -> dict[str, str]:
     if not compared or fit.scores is None:
         return {}
     return letters([fit.items[index] for index in np.argsort(-fit.scores)], compared)
+
+
+def _alone(fit: Fit) -> tuple[list[float | None], list[float | None]]:
+    """Return each item's probability to be the best, and its quasi standard error; None where there is none."""
+    unknown: list[float | None] = [None] * len(fit.items)
+    if fit.status != "ok" or fit.scores is None or fit.covariance is None:
+        return unknown, unknown
+    best, quasi = best_probabilities(scores_of(fit)), quasi_errors(scores_of(fit))
+    errors = unknown if quasi is None else [None if np.isnan(error) else error for error in quasi[0].tolist()]
+    return unknown if best is None else best.tolist(), errors
 
 
 def unlimited(fit: Fit) -> dict[str, str]:
@@ -291,6 +309,7 @@ def model_row(comparison: Comparison) -> dict[str, Any]:
         row[parameter] = fit.tie_parameter
         row[f"{parameter}_se"] = fit.error(-1) if has_error else None
         row[f"{parameter}_se_participant"] = fit.error(-1, by_participant=True) if has_error else None
+    known = quasi_errors(scores_of(fit)) if fit.status == "ok" and fit.covariance is not None else None
     order = fit.design.n_effects
     has_order = fit.design.has_order and fit.theta is not None
     return row | {
@@ -310,6 +329,7 @@ def model_row(comparison: Comparison) -> dict[str, Any]:
         "penalty": fit.penalty,
         "n_votes": comparison.votes.n_votes,
         "n_participants": fit.n_participants,
+        "quasi_error": None if known is None else known[1],
         "few_participants": has_few_participants(fit),
         "bootstrap_replicates": None if comparison.bootstrap is None else len(comparison.bootstrap.scores),
         "bootstrap_without_maximum": None if comparison.bootstrap is None else comparison.bootstrap.n_without_maximum,

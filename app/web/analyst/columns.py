@@ -163,6 +163,10 @@ SCORES: Columns = {
     "penalty": "estimate that stands in for a maximum of separated votes; else empty",
     "letters": "conditions that share a letter are not told apart (all pairs, on single datasets of all of them; Holm)",
     "no_limit": "above or below where all decided votes go one way, so that the score has no limit there; else empty",
+    "p_best": "probability to be the best, by these votes alone, if all scores were as likely before",
+    "rank_low": "first rank that the tests of pairs leave the condition; all such intervals hold together with 95 %",
+    "rank_high": "last rank",
+    "quasi_se": "error whose squares add up to that of any difference (quasi-variance)",
 }
 RATINGS: Columns = {
     "dataset": DATASET,
@@ -352,7 +356,8 @@ KINDS = {  # of columns that are no text: a Parquet file needs them for long tab
     **dict.fromkeys(("preference_to_mean_low", "preference_to_mean_high", "mos", "sd", "dmos", "dmos_sd"), "float"),
     **dict.fromkeys(("dmos_low", "dmos_high", "quality", "quality_se", "quality_low", "quality_high"), "float"),
     **dict.fromkeys(("circular_expected_ties", "zeta", "p_value", "circular_by_chance", "share", "mean"), "float"),
-    "strict_by_chance": "float",
+    **dict.fromkeys(("strict_by_chance", "p_best", "quasi_se"), "float"),
+    **dict.fromkeys(("rank_low", "rank_high"), "int"),
     **dict.fromkeys(("minimum", "maximum", "value", "logmar", "low", "high", "limit", "smallest"), "float"),
     **dict.fromkeys(("pixel_mm", "distance_mm", "win_probability", "exposure_s", "left_s"), "float"),
     **dict.fromkeys(("served_at", "voided_at", "voted_at", "started_at", "finished_at"), "time"),
