@@ -40,7 +40,17 @@ def figure_rows(name: str, analysis: Mapping[str, Any]) -> list[Mapping[str, Any
     name, analysis : as in `figure_code`
     """
     drawn = _drawn(name, analysis)
+    if drawn.table == "effects":
+        return level_rows(analysis, drawn.rows["factor"])
     return [row for row in analysis[drawn.table] if drawn.rows.items() <= row.items()]
+
+
+def level_rows(analysis: Mapping[str, Any], factor: str) -> list[Mapping[str, Any]]:
+    """Return the effects of a factor's levels, all else equal, as rows of scores; its scores where there are none."""
+    effects = [row for row in analysis["effects"] if row["factor"] == factor]
+    return [{**row, "item": row["level"], "score": row["effect"]} for row in effects] or [
+        row for row in analysis["scores"] if row["comparison"] == factor and row["score"] is not None
+    ]
 
 
 def figure_code(name: str, analysis: Mapping[str, Any]) -> dict[str, str]:

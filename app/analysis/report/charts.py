@@ -25,6 +25,7 @@ from app.analysis.drawing.charts_in_common import (
     shape_by,
     text_width,
 )
+from app.analysis.drawing.figure_code import level_rows
 from app.analysis.findings.ranking import overall
 from app.analysis.reading.votes_table import ALL
 
@@ -145,14 +146,6 @@ KINDS = {  # what a point is -> its fill and its shape
 }
 SCORE = "score (log-odds)"
 FEW_TICKS = alt.Axis(tickCount=4)
-
-
-def level_rows(analysis: Mapping[str, Any], factor: str) -> list[Row]:
-    """Return the effects of a factor's levels, all else equal, as rows of scores; its scores where there are none."""
-    effects = [row for row in analysis["effects"] if row["factor"] == factor]
-    return [{**row, "item": row["level"], "score": row["effect"]} for row in effects] or [
-        row for row in analysis["scores"] if row["comparison"] == factor and row["score"] is not None
-    ]
 
 
 def levels_chart(analysis: Mapping[str, Any], factor: str, width: int = FULL) -> Any:

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from app.analysis.drawing.charts_in_common import FULL, chart_svg, drawn_width, letters_without_font
-from app.analysis.drawing.figure_code import figure_code, names_by_file
+from app.analysis.drawing.figure_code import figure_code, level_rows, names_by_file
 from app.analysis.objective.prediction import measures_by_rank
 from app.analysis.reading.votes_table import ALL
 from app.analysis.report.charts import (
     groups_chart,
-    level_rows,
     levels_chart,
     preference_chart,
     residual_chart,

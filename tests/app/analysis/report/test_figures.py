@@ -139,7 +139,8 @@ def test_levels_are_drawn_from_the_fit_that_tells_them_apart() -> None:
     effects = [row for row in analysis["effects"] if row["factor"] == "depth"]
     values = levels_chart(analysis, "depth").layer[1].data.values
     assert [value["score"] for value in values] == [row["effect"] for row in effects if row["dataset"] == "ball"]
-    assert figure_rows("levels_depth", analysis) == effects
+    assert [row["effect"] for row in figure_rows("levels_depth", analysis)] == [row["effect"] for row in effects]
+    assert [row["item"] for row in figure_rows("levels_depth", analysis)] == [row["level"] for row in effects]
 
 
 def test_triads_stand_beside_random_votes_with_the_same_ties() -> None:
