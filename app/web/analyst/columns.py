@@ -161,7 +161,12 @@ SCORES: Columns = {
     "ci_method": "what the interval rests on; empty where there is none",
     "win_probability": "probability of being preferred to another condition at random, given a preference",
     "penalty": "estimate that stands in for a maximum of separated votes; else empty",
-    "letters": "conditions that share a letter are not told apart (all pairs, Holm)",
+    "letters": "conditions that share a letter are not told apart (all pairs, on single datasets of all of them; Holm)",
+    "no_limit": "above or below where all decided votes go one way, so that the score has no limit there; else empty",
+    "p_best": "probability to be the best, by these votes alone, if all scores were as likely before",
+    "rank_low": "first rank that the tests of pairs leave the condition; all such intervals hold together with 95 %",
+    "rank_high": "last rank",
+    "quasi_se": "error whose squares add up to that of any difference (quasi-variance)",
 }
 RATINGS: Columns = {
     "dataset": DATASET,
@@ -202,6 +207,7 @@ TRIADS: Columns = {
     "zeta": "coefficient of consistence, 1 - circular_expected_ties / circular_max",
     "p_value": "probability of as few circular triads under random votes on the same pairs, ties in the same places",
     "circular_by_chance": "expected circular triads under random votes",
+    "strict_by_chance": "expected circular triads of strict preferences under random votes, ties in the same places",
 }
 OBSERVERS: Columns = {
     "participant": PARTICIPANT,
@@ -370,6 +376,8 @@ KINDS = {  # of columns that are no text: a Parquet file needs them for long tab
     **dict.fromkeys(("preference_to_mean_low", "preference_to_mean_high", "mos", "sd", "dmos", "dmos_sd"), "float"),
     **dict.fromkeys(("dmos_low", "dmos_high", "quality", "quality_se", "quality_low", "quality_high"), "float"),
     **dict.fromkeys(("circular_expected_ties", "zeta", "p_value", "circular_by_chance", "share", "mean"), "float"),
+    **dict.fromkeys(("strict_by_chance", "p_best", "quasi_se"), "float"),
+    **dict.fromkeys(("rank_low", "rank_high"), "int"),
     **dict.fromkeys(("minimum", "maximum", "value", "logmar", "low", "high", "limit", "smallest"), "float"),
     **dict.fromkeys(("pixel_mm", "distance_mm", "win_probability", "exposure_s", "left_s"), "float"),
     **dict.fromkeys(("served_at", "voided_at", "voted_at", "started_at", "finished_at"), "time"),
