@@ -5,8 +5,9 @@ A name from outside never becomes a path: sets are chosen from the list, and nam
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path as FilePath
-from typing import Annotated
+from typing import Annotated, Literal
 from urllib.parse import quote
 
 from fastapi import APIRouter, Depends, Form, Path, Query, Request
@@ -27,7 +28,7 @@ from app.operations.studies.stimulus_sets import (
     set_called,
     studies_of,
 )
-from app.operations.tasks import start_task
+from app.operations.tasks import BACK, start_task
 from app.store.studies.audit import Entry, record_alone
 from app.web.admin.layout import page, see
 from app.web.admin.uploads import UploadingActor, receive
@@ -136,8 +137,12 @@ async def upload(
     database: Store,
     name: Annotated[str, Query(max_length=200)] = "",
     conform: bool = False,
+    then: Literal["", "study"] = "",
 ) -> Response:
-    """Take a zip file of films, or of a stimulus set; it is unpacked, looked at and checked in the background."""
+    """Take a zip file of films, or of a stimulus set; it is unpacked, looked at and checked in the background.
+
+    `then=study` leads on to the form of a study of it.
+    """
     server = settings(request)
     folder, packed = await receive(request, actor, database, server.sets_dir, server.largest_upload_mb, check_zip)
 
@@ -146,7 +151,8 @@ async def upload(
             unpacked = FilePath(folder.name) / "unpacked"
             made = install_set(server, packed, unpacked, progress, name=name, is_conformed=conform)
         record_alone(database, actor.name, Entry("stimulus set uploaded", subject=made), actor.now)
-        return f"/admin/sets/{quote(made)}"
+        return f"/admin/studies/new?stimulus_set={quote(made)}" if then else f"/admin/sets/{quote(made)}"
 
-    task = await run_in_threadpool(start_task, database, actor, "Looking at the uploaded films", work)
+    begin = partial(start_task, kept={BACK: "/admin/studies/new" if then else "/admin/sets#upload"})
+    task = await run_in_threadpool(begin, database, actor, "Looking at the uploaded films", work)
     return JSONResponse({"job": f"/admin/jobs/{task}"}, 202)
