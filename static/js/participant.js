@@ -82,7 +82,7 @@ byId("no-codec").hidden = lack !== "films";
 byId("no-cookies").hidden = lack !== "cookies";
 byId("begin").hidden = lack !== null;
 if (lack) tellLack(lack);
-for (const id of ["continue", "after-interruption", "after-break"]) byId(id).addEventListener("click", goOnWithTrials);
+for (const id of ["continue", "after-interruption", "after-suspension", "after-slowness", "after-break"]) byId(id).addEventListener("click", goOnWithTrials);
 window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload()); // back to a page that was put aside
 for (const button of page.querySelectorAll("[data-reload]")) button.addEventListener("click", () => location.reload());
 listenForTries();

@@ -113,7 +113,8 @@ def _measures(
         "flags": [],
         "remarks": ["no more consistent than chance"] if _is_like_chance(triads) else [],
         "n_votes": n,
-        "one_side_unseen": _one_side_unseen(votes),
+        "one_side_unseen": _counted(votes, votes.both_seen),
+        "not_smooth": _counted(votes, votes.shown_smoothly),
         "tie_rate": int(votes.count[votes.choice == NONE].sum()) / n if n else None,
         "side_a_rate": side[0],
         "side_a_expected": side[1],
@@ -131,10 +132,9 @@ def _measures(
     }
 
 
-def _one_side_unseen(votes: VotesTable) -> int | None:
-    """Count the votes on pairs of which only one was on screen; None where no record says what was."""
-    is_recorded = votes.both_seen >= 0
-    return int(votes.count[votes.both_seen == 0].sum()) if is_recorded.any() else None
+def _counted(votes: VotesTable, fact: NDArray[np.int8]) -> int | None:
+    """Count the votes of which a fact (1 or 0) does not hold; None where no record says it (-1)."""
+    return int(votes.count[fact == 0].sum()) if (fact >= 0).any() else None
 
 
 def _is_like_chance(triads: Sequence[Triads]) -> bool:
@@ -296,6 +296,8 @@ def _flag(rows: list[dict[str, Any]], careless: Mapping[str, Careless]) -> None:
             row["flags"].append("answers faster than looking")
         if row["one_side_unseen"]:
             row["flags"].append(f"only one side seen in {row['one_side_unseen']} of {row['n_votes']} votes")
+        if row["not_smooth"]:
+            row["flags"].append(f"films not shown smoothly in {row['not_smooth']} of {row['n_votes']} votes")
 
 
 def _remark(rows: list[dict[str, Any]]) -> None:
