@@ -38,7 +38,7 @@ const code = page.dataset.code ?? "";
 const outside = JSON.parse(page.dataset.outside ?? "{}"); // of a recruiting platform's link
 const beginKey = ["begin", code, ...Object.values(outside).slice(0, 1)].join(" "); // another id is another person
 const begunKey = `begun here: ${beginKey}`;
-const shelf = await openShelf();
+const shelf = openShelf(() => (byId("not-stored").hidden = false));
 const technique = await bestTechnique(byId("browser-check").dataset);
 const trials = new Trials(byId("trial"), technique, breakEvery);
 const questionnaire = /** @type {HTMLFormElement | null} */ (document.getElementById("questionnaire"));
