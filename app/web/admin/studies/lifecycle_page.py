@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 from fastapi import APIRouter, BackgroundTasks, Form, Query, Request
-from fastapi.responses import Response
+from fastapi.responses import JSONResponse, Response
 
 from app.errors import InvalidError
 from app.intake.bounds import typed_in_bounds
@@ -31,6 +31,7 @@ from app.web.analyst.results import load_analysis
 from app.web.gates import Store, languages, settings
 from app.web.participant.beginning import remember
 from app.web.roles import Acting, AStudy, Looking, Person, is_seen
+from app.web.uploads import UploadingActor, begin_importing
 
 router = APIRouter(prefix="/admin", include_in_schema=False)
 
@@ -41,7 +42,21 @@ def studies_page(request: Request, person: Person, database: Store, afterwards: 
     with database.reading() as connection:
         listed = [study for study in all_studies(connection) if is_seen(request, study)]
         progress = progress_by_study(connection)  # read second: it then covers every study listed
-    return page(request, "studies", person, {"studies": listed, "progress_by_study": progress})
+    return page(
+        request,
+        "studies",
+        person,
+        {"studies": listed, "progress_by_study": progress, "largest_mb": settings(request).largest_upload_mb},
+    )
+
+
+@router.put("/studies/import")
+async def import_whole(
+    request: Request, actor: UploadingActor, database: Store, name: Annotated[str, Query(max_length=200)] = ""
+) -> Response:
+    """Bring in a whole study from another server, in the background."""
+    task = await begin_importing(request, settings(request), actor, database, name)
+    return JSONResponse({"job": f"/admin/jobs/{task}"}, 202)
 
 
 @router.get("/studies/new")

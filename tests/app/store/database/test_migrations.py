@@ -180,7 +180,7 @@ def test_older_votes_on_films_that_did_not_run_are_found_by_their_counts_of_fram
     looks = {1: slept, 2: slept | {"shown_ms": 4000.0, "n_frames": 100}, 3: {"shown_ms": 4000.0, "switches": []}}
     database = open_database(new_database_url())
     with database.writing() as connection:
-        upgrade_within(connection, "0030")
+        upgrade_within(connection, "0032")
         tables = {table.name: table for table in tables_of(connection)}
         rows = {name: insert_some_row(connection, table) for name, table in tables.items()}
         connection.execute(tables["pair"].update().values(fps=25.0))

@@ -7,8 +7,8 @@ from typing import Any
 import sqlalchemy as sa
 from alembic import op
 
-revision = "0031"
-down_revision = "0030"
+revision = "0033"
+down_revision = "0032"
 
 ROWS_AT_ONCE = 5000
 FEWEST_FRAMES = 0.5  # of those that a film without drops presents
