@@ -1,10 +1,8 @@
-"""A computer that sleeps in mid-film: all processes of the browser are stopped for a while, and go on."""
+"""A computer that sleeps in mid-film."""
 
 from __future__ import annotations
 
 import os
-import signal
-import time
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +12,11 @@ from playwright.sync_api import Page, expect
 from app.study.options.options import StudyOptions
 from app.study.trial import smoothness
 from tests.browser.playback_techniques import leave_only
+from tests.browser.sleeping import ASLEEP_S, descendants, sleep
 from tests.browser.study_visitor import NewStudy, Study, Visitor
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow, pytest.mark.alone]
 
-ASLEEP_S = 2.5
 EXPOSURE_S = 1.6
 LONGEST_DWELL_MS = 1000 * EXPOSURE_S + 500  # of what ran, on a busy machine
 
@@ -29,29 +27,8 @@ def awake_for_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(smoothness, "LONGEST_GAP_S", 1.0)
 
 
-def sleep() -> None:
-    """Stops every process of the browsers that this process has begun, as closing a laptop does."""
-    asleep = descendants(os.getpid())
-    for pid in asleep:
-        os.kill(pid, signal.SIGSTOP)
-    time.sleep(ASLEEP_S)
-    for pid in asleep:
-        os.kill(pid, signal.SIGCONT)
-
-
-def descendants(ancestor: int) -> list[int]:
-    """The browsers below a process, but not what drives them."""
-    parents, names = {}, {}
-    for entry in Path("/proc").glob("[0-9]*"):
-        try:
-            name, fields = (entry / "stat").read_text().split("(", 1)[1].rsplit(")", 1)
-        except (OSError, IndexError):
-            continue
-        parents[int(entry.name)], names[int(entry.name)] = int(fields.split()[1]), name
-    family = {ancestor}
-    while more := {pid for pid, parent in parents.items() if parent in family} - family:
-        family |= more
-    return sorted(pid for pid in family if "chrom" in names.get(pid, ""))
+def sleep_now() -> None:
+    sleep(descendants(os.getpid(), "chrom"))  # but not what drives the browser
 
 
 def looks(study: Study) -> list[dict[str, Any]]:
@@ -69,7 +46,7 @@ def test_a_pair_during_which_the_computer_slept_comes_again_and_a_second_sleep_i
     visitor.begin(study)
     visitor.is_in("exposure")
     page.keyboard.press("Space")
-    sleep()
+    sleep_now()
     visitor.sees("suspended")
     expect(page.locator("[data-view=suspended]")).to_contain_text("once more at the end")
     page.keyboard.press("Enter")
@@ -77,7 +54,7 @@ def test_a_pair_during_which_the_computer_slept_comes_again_and_a_second_sleep_i
         visitor.votes(key)
     visitor.is_in("exposure")
     expect(page.locator("#trial-label")).to_have_text("Pair 1 of 3, once more")
-    sleep()
+    sleep_now()
     visitor.votes("2")
     visitor.sees("slow")  # the second look that did not run; but once
     page.keyboard.press("Enter")
@@ -105,8 +82,8 @@ def test_viewing_enough_cannot_be_met_asleep(
     study = new_study(short_films, EXPOSURE_S, StudyOptions(minimum_viewing_s=2.0, free_exposure=True))
     visitor.begin(study)
     visitor.is_in("exposure")
-    sleep()
+    sleep_now()
     page.keyboard.press("Space")
-    sleep()
+    sleep_now()
     page.keyboard.press("Enter")
     visitor.is_in("unseen")
