@@ -22,6 +22,7 @@ LONGEST_GAP = "longest time between two frames on the display, milliseconds; emp
 FRAME_SHARE = "frames presented, of those that a film without drops presents in the time; empty where not recorded"
 MISMATCH_SHARE = "share of the display's refreshes at which A and B were different frames; empty where not recorded"
 SHOWN_SMOOTHLY = "false if half of the frames were missing, or none came for more than a second; empty: not recorded"
+NOT_SMOOTH = "votes whose films were not shown smoothly; empty where that was not recorded"
 FRAME_LOCKED = "false if A and B may have been a frame apart at times (two videos)"
 
 VOTES: Columns = {
@@ -232,7 +233,7 @@ OBSERVERS_OF_PAIRS: Columns = {
     "careless_evidence": "what speaks for careless answers, in words",
     "n_votes": "votes that count",
     "one_side_unseen": "votes given although A or B was never on screen; empty where that was not recorded",
-    "not_smooth": "votes whose films were not shown smoothly; empty where that was not recorded",
+    "not_smooth": NOT_SMOOTH,
     "tie_rate": "share of votes without preference",
     "side_a_rate": "share of decided votes for A",
     "side_a_expected": "the same as everybody's scores explain it",
@@ -265,6 +266,7 @@ OBSERVERS_OF_RATINGS: Columns = {
     "bt500_imbalance": "how one-sided these are, 0 to 1; empty where there are none",
     "is_bt500_outlier": "true if ITU-R BT.500 names the participant",
     "is_correlation_low": "true if the correlation is below 0.75",
+    "not_smooth": NOT_SMOOTH,
 }
 MEASUREMENTS: Columns = {
     "dataset": DATASET,
