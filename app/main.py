@@ -59,6 +59,7 @@ from app.web.admin.studies import (
     edit_page,
     films_page,
     lifecycle_page,
+    new_study_page,
     overview_page,
     sets_page,
     texts_page,
@@ -113,7 +114,8 @@ ROUTERS = (
     files_page.router,
     background.router,
     jobs_page.router,
-    lifecycle_page.router,  # before those of one study: "new" is no study
+    new_study_page.router,  # before those of one study: "new" is no study
+    lifecycle_page.router,
     overview_page.router,
     comments_page.router,  # before those of one participant
     demographics_page.router,

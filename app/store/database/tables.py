@@ -560,6 +560,17 @@ audit_entry = Table(
     required("detail", JSON),
 )
 
+study_draft = Table(  # the form of a study that is not created yet, as it was typed
+    "study_draft",
+    metadata,
+    key(),
+    required("actor", String(120)),
+    required("stimulus_set", String(200)),
+    required("content", JSON),
+    required("changed_at", UtcDateTime),
+    UniqueConstraint("actor", "stimulus_set"),
+)
+
 job = Table(  # a task that the server does in a thread of its own
     "job",
     metadata,
