@@ -134,7 +134,13 @@ def _measures(
 
 
 def n_without(votes: VotesTable, fact: NDArray[np.int8]) -> int | None:
-    """Count the votes of which a fact (1 or 0) does not hold; None where no record says it (-1)."""
+    """Count the votes of which a fact does not hold; None where no record says it.
+
+    Parameters
+    ----------
+    votes : VotesTable
+    fact : int8 (N,), one for each row: 1, 0, or -1 where it is not recorded
+    """
     return int(votes.count[fact == 0].sum()) if (fact >= 0).any() else None
 
 
