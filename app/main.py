@@ -65,7 +65,15 @@ from app.web.admin.studies import (
     texts_page,
 )
 from app.web.admin.work import file_uploads, files_page, jobs_page, strokes_page
-from app.web.analyst import api_page, job_routes, routes, study_routes
+from app.web.analyst import (
+    api_page,
+    job_routes,
+    material_routes,
+    people_routes,
+    routes,
+    study_routes,
+    upload_routes,
+)
 from app.web.analyst.openapi import describe
 from app.web.front import front_routes
 from app.web.gates import check_request_text
@@ -89,6 +97,9 @@ ROUTERS = (
     screening.router,
     routes.router,
     study_routes.router,
+    people_routes.router,
+    upload_routes.router,
+    material_routes.router,
     api_page.router,
     job_routes.router,
     media.router,

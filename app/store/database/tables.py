@@ -144,7 +144,7 @@ model = Table(  # the file lies in the data folder, under its digest
     Column("error_limit_mm", Float),  # NULL: the truth is not known
     required("attached_at", UtcDateTime),
     UniqueConstraint("dataset_id", "condition_id", "kind"),
-    CheckConstraint("kind in ('mesh', 'cloud')", name="kind"),
+    CheckConstraint("kind in ('mesh', 'cloud', 'splat')", name="kind"),
 )
 
 practice_pair = Table(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, BackgroundTasks, Form, Request
-from fastapi.responses import Response
+from fastapi import APIRouter, BackgroundTasks, Form, Query, Request
+from fastapi.responses import JSONResponse, Response
 
 from app.errors import InvalidError
 from app.operations.studies.create import duplicate_study
@@ -18,9 +18,10 @@ from app.study.options.options import parse_options
 from app.study.stages import INTRODUCTION
 from app.web.admin.layout import page, see
 from app.web.analyst.results import load_analysis
-from app.web.gates import Store
+from app.web.gates import Store, settings
 from app.web.participant.beginning import remember
 from app.web.roles import Acting, AStudy, Person, is_seen
+from app.web.uploads import UploadingActor, begin_importing
 
 router = APIRouter(prefix="/admin", include_in_schema=False)
 
@@ -32,8 +33,22 @@ def studies_page(request: Request, person: Person, database: Store, afterwards: 
         listed = [study for study in all_studies(connection) if is_seen(request, study)]
         progress = progress_by_study(connection)  # read second: it then covers every study listed
         n_drafts = len(drafts_of(connection, person.name))
-    context = {"studies": listed, "progress_by_study": progress, "n_drafts": n_drafts}
+    context = {
+        "studies": listed,
+        "progress_by_study": progress,
+        "n_drafts": n_drafts,
+        "largest_mb": settings(request).largest_upload_mb,
+    }
     return page(request, "studies", person, context)
+
+
+@router.put("/studies/import")
+async def import_whole(
+    request: Request, actor: UploadingActor, database: Store, name: Annotated[str, Query(max_length=200)] = ""
+) -> Response:
+    """Bring in a whole study from another server, in the background."""
+    task = await begin_importing(request, settings(request), actor, database, name)
+    return JSONResponse({"job": f"/admin/jobs/{task}"}, 202)
 
 
 @router.post("/studies/{slug}/state")
