@@ -41,7 +41,7 @@ from app.store.database.keys import utc_now
 from app.store.database.server_tasks import BEATS_WITHIN
 from app.store.trials.vote_writer import VoteWriter
 from app.web import media
-from app.web.admin import background
+from app.web.admin import background, manual_page
 from app.web.admin.access import account_page, server_page, sign_in_page, users_page
 from app.web.admin.flags import Flags
 from app.web.admin.participants import (
@@ -113,6 +113,7 @@ ROUTERS = (
     strokes_page.router,
     files_page.router,
     background.router,
+    manual_page.router,
     jobs_page.router,
     new_study_page.router,  # before those of one study: "new" is no study
     lifecycle_page.router,
