@@ -63,7 +63,7 @@ from app.web.admin.studies import (
     sets_page,
     texts_page,
 )
-from app.web.admin.work import file_uploads, files_page, jobs_page, strokes_page
+from app.web.admin.work import file_uploads, files_page, jobs_page, strokes_page, tables_page
 from app.web.analyst import (
     api_page,
     job_routes,
@@ -111,6 +111,7 @@ ROUTERS = (
     sets_page.router,
     file_uploads.router,  # before those of entries: "upload" is no kind
     strokes_page.router,
+    tables_page.router,
     files_page.router,
     background.router,
     jobs_page.router,

@@ -42,7 +42,7 @@ def chain_fields(after: tuple[str, ...]) -> tuple[Field, ...]:
             help="each with its usual settings",
             option=None,
             default=NOTHING,
-            choices={NOTHING: "nothing more", **goals},
+            choices={NOTHING: NOTHING, **goals},
         ),
         Text(
             name="study_name",
