@@ -64,6 +64,6 @@ def _next_job(settings: Settings, job: QueuedJob, kind: JobKind) -> NewJob:
 
 def _leave_study(connection: Transaction, job: QueuedJob, kind: JobKind, now: datetime) -> None:
     _, name = kind.output(job.arguments)
-    work = {KIND: STUDY_OF_SET, "set": name, "by": job.actor}
+    work: dict[str, Any] = {KIND: STUDY_OF_SET, "set": name, "by": job.actor}
     work |= {key: job.arguments.get(key) for key in ("study_name", "study_preset")}
     leave_task(connection, job.actor, f"Creating a study of {name}", now, f"study of {name}"[:200], work)
