@@ -207,13 +207,13 @@ def tables() -> str:
     """Return the columns of every table of results that analysts fetch, and the tables of an analysis."""
     from app.analysis.report.write import COLUMNS
     from app.analysis.tables import TABLES as ANALYSIS
-    from app.web.analyst.columns import FURTHER, TABLES
+    from app.web.analyst.columns import FIGURES, FURTHER, OUTSIDE_IDS, SETS, TABLES
 
     parts = [
         "# Tables of results",
         "The columns of each table of [the REST interface](api.md#tables) and of a study's archive.",
     ]
-    for name, columns in TABLES.items():
+    for name, columns in {**TABLES, "outside-ids": OUTSIDE_IDS, "figures": FIGURES, "sets": SETS}.items():
         every = columns | FURTHER.get(name, {})
         rows = [(f"`{column}`", _sentence(meaning)) for column, meaning in every.items()]
         parts += [f"## {name.replace('_', ' ')}", _table(("column", "is"), rows)]

@@ -21,7 +21,14 @@ from recon.cli.commands.recordings import (
 from recon.cli.console import ProgressLine, counted, print_result
 from recon.cli.flags import with_settings
 from recon.cli.kernels import STUDIO, tell_of_compiling
-from recon.cli.options import parse_bounds, parse_frames, parse_late, parse_pairs, parse_position, parse_size
+from recon.cli.options import (
+    parse_bounds,
+    parse_by_sensor,
+    parse_frames,
+    parse_pairs,
+    parse_position,
+    parse_size,
+)
 
 if TYPE_CHECKING:
     from recon.capture.checking.check import CheckReport
@@ -46,11 +53,19 @@ def capture_synth(asked: CaptureSynth, *, as_json: bool) -> None:
         seed=asked.seed,
         fps=asked.fps,
         position=parse_position(asked.position),
-        late=parse_late(asked.late or ()),
+        late=parse_by_sensor(asked.late or (), "--late", "FRAMES"),
         exposure_spread=asked.exposure_spread,
         calibration_error_px=asked.calibration_error,
         distortion=asked.distortion,
         depth_maps=asked.depth_maps,
+        shutter_ms=asked.shutter,
+        rolling_shutter=asked.rolling_shutter,
+        colour_cast=asked.colour_cast,
+        vignetting=asked.vignetting,
+        flicker=asked.flicker,
+        compression=asked.compression,
+        defocus=parse_by_sensor(asked.defocus or (), "--defocus", "PIXELS"),
+        gloss=asked.gloss,
     )
     capture = synthesise(asked.out, parameters, progress=progress)
     progress.close()
@@ -209,11 +224,30 @@ def capture_check(asked: CaptureCheck, *, as_json: bool) -> None:
 
     if asked.report is not None:
         check_place(asked.report)
+    if asked.resample is not (asked.out is not None):
+        raise typer.BadParameter("--resample and --out belong together: what to put right, and the folder to make")
     report = check_capture(asked.capture)
     written = "" if asked.report is None else f"\nReport: {write_check(report, asked.report)}"
-    print_result(report.as_json(), _check_sentences(asked.capture, report) + written, as_json=as_json)
+    result, sentences = report.as_json(), _check_sentences(asked.capture, report) + written
+    if asked.out is not None:
+        report = _mended(asked.capture, report, asked.out)
+        result |= {"mended": report.as_json()}
+        sentences += f"\nWrote it anew, and checked that:\n{_check_sentences(asked.out, report)}"
+    print_result(result, sentences, as_json=as_json)
     if report.problems:
         raise typer.Exit(1)
+
+
+def _mended(folder: Path, report: CheckReport, out: Path) -> CheckReport:
+    """Write a recording anew with what was asked for put right, and check it."""
+    from recon.capture.checking.check import check_capture
+    from recon.capture.format import read_capture
+    from recon.capture.mending.resample import resample
+
+    progress = ProgressLine()
+    resample(read_capture(folder), report.lags, out, progress=progress)
+    progress.close()
+    return check_capture(out)
 
 
 def _check_sentences(folder: Path, report: CheckReport) -> str:

@@ -119,6 +119,13 @@ class CaptureCheck(Command):
 
     capture: Path = argument("Folder of the capture.")
     report: Path | None = option(None, "Folder for report.html (with thumbnails) and report.json.")
+    resample: bool = option(
+        False,
+        "Write the recording anew with late sensors put right: by whole frames, or by pictures made between two; needs "
+        "--out.",
+        flags=("--resample",),
+    )
+    out: Path | None = option(None, "Folder to make for --resample; must be empty or absent.", flags=OUT)
 
 
 class CaptureSynth(Command):
@@ -141,6 +148,20 @@ class CaptureSynth(Command):
     late: list[str] | None = option(
         None, "SENSOR=FRAMES, such as S3=0.5: its pictures show what was so many frames earlier; may be repeated."
     )
+    shutter: float = option(
+        0.0, "MS that the shutter is open: what moves is blurred.", ge=0, metavar="MS", flags=("--shutter",)
+    )
+    rolling_shutter: bool = option(
+        False, "Take the rows of a picture one after the other, within 20 ms.", flags=("--rolling-shutter",)
+    )
+    colour_cast: float = option(0.0, "How much the cameras' red, green and blue differ, as a share; 0.1 shows.", ge=0)
+    vignetting: float = option(0.0, "Share of the light that the pictures' corners lack.", ge=0)
+    flicker: float = option(0.0, "How much the light flickers, as a share of it.", ge=0)
+    compression: int | None = option(None, "Store JPEG of this quality, 1 to 100, instead of PNG.", ge=1, le=100)
+    defocus: list[str] | None = option(
+        None, "SENSOR=PIXELS, such as S1=1.5: it is out of focus by so much; may be repeated."
+    )
+    gloss: float = option(1.0, "How many times as much all surfaces shine.", ge=0)
     seed: int = option(1, "Seed; the same seed gives the same bytes.", ge=0)
 
 

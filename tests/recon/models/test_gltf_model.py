@@ -361,9 +361,9 @@ def test_an_extension_that_is_needed_and_not_read_has_its_own_sentence(
 ) -> None:
     (tmp_path / "a.gltf").write_text(json.dumps({"asset": {"version": "2.0"}, "extensionsRequired": [extension]}))
     with pytest.raises(ValueError, match=f"it needs {extension}, {way}"):
-        read_gltf_model(tmp_path / "a.gltf")
+        read_contents(tmp_path / "a.gltf")
 
 
 def test_levels_of_detail_are_pointed_out(tmp_path: Path) -> None:
     (tmp_path / "a.gltf").write_text(json.dumps({"asset": {"version": "2.0"}, "extensionsUsed": ["MSFT_lod"]}))
-    assert read_gltf_model(tmp_path / "a.gltf").warnings == ["has levels of detail, of which the finest is shown"]
+    assert read_contents(tmp_path / "a.gltf").warnings == ["has levels of detail, of which the finest is shown"]
