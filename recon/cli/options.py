@@ -99,12 +99,24 @@ def find_methods(path: Path | None) -> Methods:
 
 @contextmanager
 def telling(kind: type[Warning]) -> Iterator[None]:
-    """Print warnings on standard error once all is done, one a line."""
-    with warnings.catch_warnings(record=True) as caught:
+    """Print warnings of a kind on standard error once all is done or has failed, one a line, each once."""
+    told: list[str] = []
+    show = warnings.showwarning
+
+    def keep(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+        if not issubclass(category, kind):
+            show(message, category, *place, **more)
+        elif str(message) not in told:
+            told.append(str(message))
+
+    with warnings.catch_warnings():
         warnings.simplefilter("always", kind)
-        yield
-    for warning in caught:
-        typer.echo(f"warning: {warning.message}", err=True)
+        warnings.showwarning = keep
+        try:
+            yield
+        finally:
+            for message in told:
+                typer.echo(f"warning: {message}", err=True)
 
 
 def parse_size(text: str) -> tuple[int, int]:
