@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -29,6 +26,7 @@ from recon.capture.format import (
     write_capture,
 )
 from recon.capture.images import CaptureError, is_video, write_picture
+from recon.capture.mending.files import link
 from recon.capture.mending.interpolation import way_between
 from recon.runtime.files import new_folder
 from recon.runtime.workers import Progress, no_progress
@@ -191,12 +189,3 @@ def _take(picture: Picture, target: Path) -> None:
 def _write(path: Path, picture: NDArray[np.uint8]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     write_picture(path, picture)
-
-
-def link(source: Path, target: Path) -> None:
-    """Let a file stand at a second place, without its bytes being copied where the disk allows that."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with suppress(OSError):
-        os.link(source, target)
-        return
-    shutil.copyfile(source, target)
