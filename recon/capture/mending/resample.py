@@ -82,11 +82,11 @@ def schedule(capture: Capture, lags: Mapping[tuple[str, str], Lag]) -> Schedule:
         raise CaptureError(f"{capture.folder}: no sensor is late; there is nothing to resample")
     clock = max(late.values(), key=lambda at: sum(_snapped(other - at).is_integer() for other in late.values()))
     late = {name: _snapped(value - clock) for name, value in late.items()}
-    first = int(np.ceil(max(0.0, *(-value for value in late.values()))))
-    last = int(np.floor(capture.n_frames - 1 - max(0.0, *late.values())))
-    if last - first + 1 < FEWEST_FRAMES:
-        raise CaptureError(f"{capture.folder}: its sensors have {max(last - first + 1, 0)} instants in common")
-    return Schedule(late, first, last - first + 1)
+    begin = int(np.ceil(max(0.0, *(-value for value in late.values()))))
+    n_frames = int(np.floor(capture.n_frames - 1 - max(0.0, *late.values()))) - begin + 1
+    if n_frames < FEWEST_FRAMES:
+        raise CaptureError(f"{capture.folder}: its sensors have {max(n_frames, 0)} instants in common")
+    return Schedule(late, begin, n_frames)
 
 
 def _snapped(late: float) -> float:
