@@ -140,7 +140,7 @@ RatingsOption = Annotated[
 ScaleOption = Annotated[
     str | None, typer.Option(help="Ends of the ratings' scale, e.g. 1:9 or 0:100; default: 1:5, compared -3:3.")
 ]
-WidthOption = Annotated[str, typer.Option(help="Width of the figures: one or two columns of a journal (89 or 183 mm).")]
+WidthOption = Annotated[str, typer.Option(help="Width of the figures: one or two columns of a journal (88 or 181 mm).")]
 DryRunOption = Annotated[bool, typer.Option("--dry-run", help="Only say how the files are understood; write nothing.")]
 
 

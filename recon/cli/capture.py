@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import typer
 
 from recon.cli.commands.recordings import (
-    TEMPLE_PAIRS,
     CaptureBoard,
     CaptureCalibrate,
     CaptureCheck,
@@ -36,15 +35,6 @@ if TYPE_CHECKING:
     from recon.capture.checking.check import CheckReport
 
 app = typer.Typer(no_args_is_help=True, help="Make, import, export, calibrate, segment and check recordings.")
-
-IMPORTED = {  # formats, and the options that not all of them take
-    "middlebury": ("pairs",),
-    "opencv": ("units", "up"),
-    "colmap": ("pairs", "units", "up"),
-    "nerfstudio": ("pairs", "units", "up"),
-    "meshroom": ("pairs", "units", "up"),
-    "json": ("units", "up", "shots"),
-}
 
 
 @app.command("synth")
@@ -110,39 +100,36 @@ def capture_truth(asked: CaptureTruth, *, as_json: bool) -> None:
 def capture_import(asked: CaptureImport, *, as_json: bool) -> None:
     """Import a real recording into the capture format, and print the check of it; `capture check` tells its verdict."""
     from recon.capture.checking.check import check_capture
-    from recon.capture.importing.colmap import import_colmap
-    from recon.capture.importing.json_file import import_json
-    from recon.capture.importing.meshroom import import_meshroom
-    from recon.capture.importing.middlebury import FPS, import_middlebury
-    from recon.capture.importing.nerfstudio import import_nerfstudio
-    from recon.capture.importing.opencv import import_opencv
-    from recon.capture.importing.sources import GapWarning, ImportOptions, parse_unit
+    from recon.capture.importing.formats import AUTO, FORMATS, find_format, import_recording
+    from recon.capture.importing.sources import ImportNotice, ImportOptions, parse_unit
 
-    kind, source, out, pairs = asked.format, asked.source, asked.out, asked.pairs
-    if kind not in IMPORTED:
-        raise typer.BadParameter(f"{kind!r} is not a format that can be imported; expected {', '.join(IMPORTED)}")
+    kind, source, out = asked.format, asked.source, asked.out
+    if kind not in (AUTO, *FORMATS):
+        raise typer.BadParameter(
+            f"{kind!r} is not a format that can be imported; expected {', '.join((AUTO, *FORMATS))}"
+        )
+    kind = find_format(source) if kind == AUTO else kind
     for option in ("pairs", "units", "up", "shots"):
         value = getattr(asked, option)
         is_so_anyway = kind == "middlebury" and (option, value) in (("units", "m"), ("up", "y"))
-        if value is not None and option not in IMPORTED[kind] and not is_so_anyway:
+        if value is not None and option not in FORMATS[kind].takes and not is_so_anyway:
             raise typer.BadParameter(f"{kind} takes no --{option}; leave it out")
-    box, unit = parse_bounds(asked.bounds), parse_unit(asked.units) if asked.units else None
-    name, n_frames, fps = asked.name, asked.frames, asked.fps
-    options = ImportOptions(name=name, n_frames=n_frames, bounds=box, unit_mm=unit, fps=fps, up=asked.up)
-    with telling(GapWarning):
-        if kind == "middlebury":
-            views = parse_pairs(pairs or TEMPLE_PAIRS)
-            import_middlebury(source, out, pairs=views, n_frames=n_frames or 3, bounds=box, name=name, fps=fps or FPS)
-        elif kind == "opencv":
-            import_opencv(source, out, options)
-        elif kind in ("colmap", "nerfstudio", "meshroom"):
-            importers = {"colmap": import_colmap, "nerfstudio": import_nerfstudio, "meshroom": import_meshroom}
-            importers[kind](source, out, parse_pairs(pairs) if pairs else None, options)
-        else:
-            names = tuple(shot.strip() for shot in asked.shots.split(",")) if asked.shots else None
-            import_json(source, out, options, shots=names)
+    options = ImportOptions(
+        name=asked.name,
+        n_frames=asked.frames,
+        bounds=parse_bounds(asked.bounds),
+        unit_mm=parse_unit(asked.units) if asked.units else None,
+        fps=asked.fps,
+        up=asked.up,
+        pairs=parse_pairs(asked.pairs) if asked.pairs else None,
+        shots=tuple(shot.strip() for shot in asked.shots.split(",")) if asked.shots else None,
+    )
+    with telling(ImportNotice):
+        import_recording(kind, source, out, options)
     report = check_capture(out)
-    print_result({"capture": str(out), **report.as_json()}, _check_sentences(out, report), as_json=as_json)
+    print_result(
+        {"capture": str(out), "format": kind, **report.as_json()}, _check_sentences(out, report), as_json=as_json
+    )
 
 
 @app.command("export")

@@ -160,8 +160,8 @@ def _outstanding(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
 
 
 def _circles_by_chance(pooled: Sequence[Mapping[str, Any]]) -> str:
-    expected = sum(row["circular_by_chance"] for row in pooled)
-    return f"; votes at random would make {expected:.0f}" if expected else ""
+    expected = sum(row["strict_by_chance"] for row in pooled)
+    return f"; votes at random with the same ties would make {expected:.0f}" if expected else ""
 
 
 def _evidence(row: Mapping[str, Any], n_people: int) -> str:

@@ -8,21 +8,32 @@ from recon.cli.commands.setting import NUMBER, OUT, Command, argument, option
 
 TEMPLE_PAIRS = "13-14,20-21,27-28"  # three sensors on one joint spot in Middlebury's templeRing
 
+IMPORTED = {  # what each format is called, for people; `recon.capture.importing.formats` reads them
+    "auto": "whatever its files say",
+    "opencv": "pictures or videos with a calibration.yml",
+    "colmap": "COLMAP's model",
+    "nerfstudio": "nerfstudio's transforms.json",
+    "meshroom": "Meshroom's cameras",
+    "ros": "ROS's camera_info, left.yaml and right.yaml",
+    "kalibr": "Kalibr's camchain",
+    "euroc": "EuRoC's mav0/cam0/sensor.yaml",
+    "matlab": "MATLAB's stereoParameters as a struct",
+    "middlebury": "Middlebury's multi-view data sets",
+    "middlebury-pair": "Middlebury's and ETH3D's stereo pairs with calib.txt",
+    "eth3d": "ETH3D's multi-view data sets",
+    "kitti": "KITTI's recordings",
+    "strecha": "Strecha's .camera files",
+    "mvsnet": "MVSNet's and DTU's cam.txt",
+    "miv": "MPEG's MIV content",
+    "json": "a JSON file of cameras",
+}
+
 
 class CaptureImport(Command):
     """Of `capture import`."""
 
     format: str = argument(
-        "Format of the source: middlebury, opencv, colmap, nerfstudio, meshroom or json.",
-        label="Format",
-        choices={
-            "opencv": "pictures or videos with a calibration.yml",
-            "colmap": "COLMAP's model",
-            "nerfstudio": "nerfstudio's transforms.json",
-            "meshroom": "Meshroom's cameras",
-            "middlebury": "Middlebury's multi-view data sets",
-            "json": "a JSON file of cameras",
-        },
+        f"Format of the source: {', '.join(IMPORTED)}; auto finds it by its files.", label="Format", choices=IMPORTED
     )
     source: Path = argument("Folder of the recording, or its calibration or JSON file.")
     out: Path = argument("Folder to make; must be empty or absent.")
