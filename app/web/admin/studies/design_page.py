@@ -44,7 +44,7 @@ def design_page(
     now: Now,
     participants: Annotated[int | None, Query(ge=2, le=500)] = None,
     effect: Annotated[float, Query(ge=0.05, le=4, allow_inf_nan=False)] = 0.5,
-    spread: Annotated[float, Query(ge=0, le=3, allow_inf_nan=False)] = 0.4,
+    spread: Annotated[float | None, Query(ge=0, le=3, allow_inf_nan=False)] = None,
 ) -> Response:
     with database.reading() as connection:
         plan = study_plan(connection, study)
@@ -56,8 +56,8 @@ def design_page(
     minutes = stage_minutes(parse_options(study.options), n_trials, study.exposure_s)
     n_datasets = len({pair.dataset for pair in plan.pairs})
     size = (len(conditions), n_datasets, participants or 22, effect)
+    spread = (0.0 if plan.is_rated else 0.4) if spread is None else spread
     power = _power(*size, spread, is_rated=plan.is_rated) if participants else None
-    claims, wanted = _claims(*size, spread) if participants and not plan.is_rated else ([], None)
     context = {
         "report": report,
         "holds": holds,
@@ -69,8 +69,6 @@ def design_page(
         "inconsistency": TYPICAL_INCONSISTENCY,
         "minutes": round(sum(minutes.values())),
         "power": power,
-        "claims": claims,
-        "wanted": wanted,
         "asked": {"participants": participants or 22, "effect": effect, "spread": spread},
     }
     return study_page(request, "design", person, study, context)
@@ -92,27 +90,24 @@ def _checked_orders(database: Database, study: Study, now: datetime) -> dict[str
 @lru_cache(maxsize=64)
 def _power(
     conditions: int, datasets: int, participants: int, effect: float, spread: float, *, is_rated: bool
-) -> tuple[float, float]:
-    """Return the power in one dataset and over all, as shares of studies; the effect is in JOD, or in grades."""
-    from app.analysis.comparisons.power import StudyPlan, power
-    from app.analysis.ratings.planning import RatingPlan, rating_power
+) -> dict[str, Any]:
+    """Return the power in one dataset and over all, of every claim, and the participants wanted for what a report says.
 
-    if is_rated:
-        plans = (RatingPlan(conditions, n, participants, TYPICAL_INCONSISTENCY) for n in (1, datasets))
-        single, pooled = (rating_power(plan, effect) for plan in plans)
-        return single, pooled
+    The effect is in JOD, or in grades.
+    """
+    from app.analysis.comparisons.power import claim_rows, participants_wanted, power
+    from app.analysis.comparisons.vote_studies import StudyPlan
+    from app.analysis.ratings.planning import RatingPlan
 
-    sizes = (StudyPlan(conditions, n, participants, spread=spread) for n in (1, datasets))
-    single, pooled = (power(size, effect, 1, REPLICATES) for size in sizes)
-    return single, pooled
+    def plan(n: int) -> StudyPlan | RatingPlan:
+        if is_rated:
+            return RatingPlan(conditions, n, participants, TYPICAL_INCONSISTENCY, spread=spread)
+        return StudyPlan(conditions, n, participants, spread=spread)
 
-
-@lru_cache(maxsize=64)
-def _claims(
-    conditions: int, datasets: int, participants: int, effect: float, spread: float
-) -> tuple[list[dict[str, Any]], dict[str, int] | None]:
-    """Return the power of each claim over all datasets, and the participants wanted for the one a report makes."""
-    from app.analysis.comparisons.power import StudyPlan, claim_rows, participants_wanted
-
-    plan = StudyPlan(conditions, datasets, participants, spread=spread)
-    return claim_rows(plan, effect, 1, REPLICATES), participants_wanted(plan, effect, 1, REPLICATES)
+    whole = plan(datasets)
+    return {
+        "single": power(plan(1), effect, 1, REPLICATES),
+        "pooled": power(whole, effect, 1, REPLICATES),
+        "claims": claim_rows(whole, effect, 1, REPLICATES),
+        "wanted": participants_wanted(whole, effect, 1, REPLICATES),
+    }
