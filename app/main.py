@@ -59,12 +59,21 @@ from app.web.admin.studies import (
     edit_page,
     films_page,
     lifecycle_page,
+    new_study_page,
     overview_page,
     sets_page,
     texts_page,
 )
 from app.web.admin.work import file_uploads, files_page, jobs_page, strokes_page
-from app.web.analyst import api_page, job_routes, routes, study_routes
+from app.web.analyst import (
+    api_page,
+    job_routes,
+    material_routes,
+    people_routes,
+    routes,
+    study_routes,
+    upload_routes,
+)
 from app.web.analyst.openapi import describe
 from app.web.front import front_routes
 from app.web.gates import check_request_text
@@ -88,6 +97,9 @@ ROUTERS = (
     screening.router,
     routes.router,
     study_routes.router,
+    people_routes.router,
+    upload_routes.router,
+    material_routes.router,
     api_page.router,
     job_routes.router,
     media.router,
@@ -102,7 +114,8 @@ ROUTERS = (
     files_page.router,
     background.router,
     jobs_page.router,
-    lifecycle_page.router,  # before those of one study: "new" is no study
+    new_study_page.router,  # before those of one study: "new" is no study
+    lifecycle_page.router,
     overview_page.router,
     comments_page.router,  # before those of one participant
     demographics_page.router,

@@ -27,14 +27,14 @@ from distributed import LocalCluster
 
 from recon.capture.format import Capture, read_capture
 from recon.cli.options import parse_size
-from recon.execution.workers import LocalProcesses, Pool, open_pool
 from recon.pipeline.film import Film, RenderOptions, make_part
 from recon.pipeline.job import ReconstructOptions, planned_job
 from recon.pipeline.reconstruct import reconstruct
 from recon.pipeline.run import read_run
 from recon.pipeline.sources import run_source
 from recon.pipeline.stages import match_stretch
-from recon.storage.artefacts import file_digest
+from recon.runtime.artefacts import file_digest
+from recon.runtime.workers import LocalProcesses, Pool, open_pool
 from recon.studio import SynthParameters, synthesise
 
 Tasks = Callable[[Path], Sequence[partial[Any]]]

@@ -39,7 +39,7 @@ from recon.depth.cvf import IdParameters, match_id
 from recon.depth.disparity_io import colour_preview
 from recon.depth.gpu import open_gpu
 from recon.methods.approaches import DEPTH_METHODS
-from recon.storage.files import whole_file
+from recon.runtime.files import whole_file
 
 Disparity = NDArray[np.float32]
 # left, right, left truth, right truth, truth values a pixel, disparities, unscored border

@@ -19,7 +19,7 @@ from typing import Any
 
 from imageio_ffmpeg import count_frames_and_secs
 
-from recon.storage.files import read_json
+from recon.runtime.files import read_json
 
 FILMS = 30  # of a study of five scenes by six approaches
 CORES = 2

@@ -20,7 +20,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from recon.storage.artefacts import file_digest
+from recon.runtime.artefacts import file_digest
 from recon.studio import SynthParameters, synthesise
 
 KINDS = (".tiff", ".npy", ".ply", ".png", ".mp4", ".quality.json")

@@ -112,7 +112,7 @@ def models(given: argparse.Namespace, folder: Path, *, is_demo: bool) -> Sequenc
         return [given.models]
     if not is_demo:
         return []
-    from recon.export_models import write_models
+    from recon.validation.export_models import write_models
 
     write_models([given.stimuli / "run"], folder / "gathered", None, lambda *_: None)
     return [folder / "gathered"]

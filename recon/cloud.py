@@ -12,8 +12,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from recon.capture.rectify import Rectification
-from recon.execution.workers import in_bands
 from recon.geometry.mesh import Cloud
+from recon.runtime.workers import in_bands
 
 __all__ = [
     "CloudParameters",

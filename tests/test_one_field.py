@@ -14,9 +14,9 @@ from app.operations.jobs.fields import Number
 from app.operations.jobs.forms import fields_of
 from app.study.option_fields import Setting, settings_of
 from app.study.options.options import StudyOptions
+from recon.cli.commands.reconstruction import Reconstruct
+from recon.cli.commands.setting import option
 from recon.cli.flags import with_settings
-from recon.commands.reconstruction import Reconstruct
-from recon.commands.setting import option
 
 
 class Louder(StudyOptions):

@@ -20,7 +20,7 @@ from app.errors import StudyError
 from app.operations.extras import missing_extra
 from recon.cli.main import app as recon_app
 from recon.cli.options import LocalPathsGroup
-from recon.storage.remote import with_addresses
+from recon.runtime.remote import with_addresses
 
 GOING_ON = ("demo", "experiment", "reconstruct", "render")  # commands that keep what is done for a second start
 INTERRUPTED = 130  # exit code, as shells have it

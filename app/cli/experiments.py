@@ -17,11 +17,11 @@ import typer
 from app.cli.analysis import score_sentences
 from app.cli.shared import by_step
 from app.files import free_gb, read_json, write_json
+from recon.cli.commands.experiments import DEMO_SIZE, Demo, ExperimentPaper
 from recon.cli.console import ProgressLine, duration, print_result
 from recon.cli.flags import with_settings
 from recon.cli.kernels import DEPTH, RENDER, STUDIO, tell_of_compiling
 from recon.cli.options import parse_approaches, parse_names, parse_size
-from recon.commands.experiments import DEMO_SIZE, Demo, ExperimentPaper
 
 if TYPE_CHECKING:
     from app.settings import Settings
@@ -193,9 +193,9 @@ def _demo_steps(
 @with_settings(ExperimentPaper)
 def experiment_paper(asked: ExperimentPaper, *, as_json: bool) -> None:
     """Repeat the paper's experiment on synthetic recordings with artificial people, and report it beside the paper."""
+    from app.experiment.reconstruction import SCALES, Experiment, steps
     from app.experiment.report import read_results, write_experiment_report
     from app.experiment.study import StudyPart
-    from recon.experiment import SCALES, Experiment, steps
 
     if asked.scale not in SCALES:
         raise typer.BadParameter(f"--scale is {asked.scale!r}, expected {' or '.join(SCALES)}")

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from recon.commands import COMMANDS as COMMANDS_OF_RECON
-from recon.commands.setting import OUT, Command, argument, option
-from recon.commands.shared import PRACTICE
+from recon.cli.commands import COMMANDS as COMMANDS_OF_RECON
+from recon.cli.commands.setting import OUT, Command, argument, option
+from recon.cli.commands.shared import PRACTICE
 
 
 class StimuliImport(Command):

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from recon.storage.files import write_json
+from recon.runtime.files import write_json
 
 PLAIN_LINE_EVERY_S = 5.0
 PROGRESS_FILE = "RECONSTUDY_PROGRESS_FILE"  # names a file to which a command writes how far it is, for programs

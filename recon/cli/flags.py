@@ -12,9 +12,9 @@ from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
 from ground.file_models import faults_of
+from recon.cli.commands.setting import Command, Setting, bounds, settings_of
 from recon.cli.console import JsonOption
 from recon.cli.options import parse_place
-from recon.commands.setting import Command, Setting, bounds, settings_of
 
 C = TypeVar("C", bound=Command)
 

@@ -12,6 +12,7 @@ from typing import Any
 import typer
 
 from recon.cli.capture import app as capture_app
+from recon.cli.commands.reconstruction import Export, Fuse, Match, Models, Reconstruct, Render
 from recon.cli.console import ProgressLine, counted, print_result
 from recon.cli.flags import with_settings
 from recon.cli.kernels import DEPTH, RENDER, tell_of_compiling
@@ -26,8 +27,7 @@ from recon.cli.options import (
     parse_size,
 )
 from recon.cli.validate import app as validate_app
-from recon.commands.reconstruction import Export, Fuse, Match, Models, Reconstruct, Render
-from recon.storage.remote import address_of, is_copy
+from recon.runtime.remote import address_of, is_copy
 
 app = typer.Typer(no_args_is_help=True)
 app.add_typer(capture_app, name="capture")
@@ -109,7 +109,7 @@ def fuse(asked: Fuse, *, as_json: bool) -> None:
     from recon.geometry.mesh import check_resolved
     from recon.geometry.mesh_files import read_cloud, write_mesh
     from recon.pipeline.reconstruct import fuse_clouds
-    from recon.storage.files import check_not_read, check_suffix
+    from recon.runtime.files import check_not_read, check_suffix
     from recon.surface import SurfaceParameters
 
     check_suffix(asked.out, (".ply", ".glb"))
@@ -131,7 +131,7 @@ def export(asked: Export, *, as_json: bool) -> None:
     """Convert a mesh; a GLB file opens in any 3D viewer."""
     from recon.geometry.mesh import error_colours, error_limit
     from recon.geometry.mesh_files import read_mesh, write_mesh
-    from recon.storage.files import check_not_read
+    from recon.runtime.files import check_not_read
     from recon.validation.clouds import read_shape
     from recon.validation.truth.evaluation import signed_distances_to
 
@@ -161,7 +161,7 @@ def models(asked: Models, *, as_json: bool) -> None:
 
     `reconstudy study attach OUT` shows them in the dashboard, side by side.
     """
-    from recon.export_models import write_models
+    from recon.validation.export_models import write_models
 
     progress = ProgressLine()
     written = write_models(asked.runs, asked.out, asked.frame, progress)
@@ -185,7 +185,7 @@ def render(asked: Render, *, as_json: bool) -> None:
     from recon.pipeline.film import RenderOptions
     from recon.pipeline.render import render as render_folders
     from recon.render.camera_path import PATHS
-    from recon.storage.files import read_json
+    from recon.runtime.files import read_json
 
     every, loops = parse_loops(asked.loop, asked.static)
     options = RenderOptions(

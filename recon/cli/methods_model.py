@@ -17,11 +17,11 @@ from ground.file_models import FilePart
 from recon.depth import DEFAULTS
 from recon.depth.program import DepthProgram
 from recon.depth.temporal import TemporalParameters
-from recon.execution.programs import Program
 from recon.fusion import FUSIONS
 from recon.fusion.program import FusionProgram
 from recon.methods.plugins import default_parameters
 from recon.pipeline.methods import NO_SEED
+from recon.runtime.programs import Program
 from recon.validation.cloud_quality.programs import MeasureProgram
 
 Parts = tuple[type[FilePart], ...]

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
-from recon.commands.setting import PLUGIN_NAMES
+from recon.cli.commands.setting import PLUGIN_NAMES
 from recon.methods.approaches import Approach, parse_approach
 from recon.methods.plugins import DEPTH_GROUP, FUSION_GROUP
-from recon.storage.remote import is_there, place
+from recon.runtime.remote import is_there, place
 
 if TYPE_CHECKING:
     from recon.pipeline.methods import Methods
@@ -184,16 +184,16 @@ def parse_loops(texts: list[str], static: str) -> tuple[str, dict[str, str]]:
     return loops.pop("", "bounce"), loops
 
 
-def parse_late(texts: Sequence[str]) -> tuple[tuple[str, float], ...]:
-    """Parse SENSOR=FRAMES of `--late`, each once."""
-    late: dict[str, float] = {}
+def parse_by_sensor(texts: Sequence[str], flag: str, unit: str) -> tuple[tuple[str, float], ...]:
+    """Parse the SENSOR=NUMBER of a flag, each sensor once; `unit` is what the number counts."""
+    values: dict[str, float] = {}
     for text in texts:
-        name, _, frames = text.partition("=")
+        name, _, number = text.partition("=")
         try:
-            late[name] = float(frames)
+            values[name] = float(number)
         except ValueError as error:
-            raise typer.BadParameter(f"--late {text!r}: expected SENSOR=FRAMES, such as S3=0.5") from error
-    return tuple(late.items())
+            raise typer.BadParameter(f"{flag} {text!r}: expected SENSOR={unit}, such as S3=0.5") from error
+    return tuple(values.items())
 
 
 def parse_position(text: str) -> tuple[float, float, float]:

@@ -8,6 +8,15 @@ from typing import Any
 
 import typer
 
+from recon.cli.commands.measures import (
+    ValidateCloud,
+    ValidateCuboid,
+    ValidateFilms,
+    ValidateMesh,
+    ValidateObject,
+    ValidateSphere,
+    ValidateViews,
+)
 from recon.cli.console import ProgressLine, print_result
 from recon.cli.flags import with_settings
 from recon.cli.options import parse_frames, parse_names, parse_position, refuse_url
@@ -19,15 +28,6 @@ from recon.cli.validation_sentences import (
     object_sentences,
     sphere_sentences,
     view_sentences,
-)
-from recon.commands.measures import (
-    ValidateCloud,
-    ValidateCuboid,
-    ValidateFilms,
-    ValidateMesh,
-    ValidateObject,
-    ValidateSphere,
-    ValidateViews,
 )
 
 DECIMALS = 9  # of thresholds, so that the third step of 0.1 is 0.3 as it is written

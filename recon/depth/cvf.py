@@ -25,7 +25,7 @@ from recon.depth.matching.slopes import tile_slopes
 from recon.depth.matching.views import View, views_of
 from recon.depth.pair import MIN_SIDE, StereoPair, has_texture
 from recon.depth.refinement import filled, local_planes, without_specks
-from recon.execution.workers import in_bands, in_both
+from recon.runtime.workers import in_bands, in_both
 
 WHOLE_IMAGE_BITS = 30  # a tile larger than any image
 MOST_CORRECTED = 0.75  # pixels by which DR may move a match that both views found

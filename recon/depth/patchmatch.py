@@ -31,7 +31,7 @@ from recon.depth.matching.texture import GREY_SCALE, texture_of
 from recon.depth.matching.views import Level, View
 from recon.depth.pair import StereoPair, has_texture
 from recon.depth.refinement import filled, without_specks
-from recon.execution.workers import in_bands, in_both
+from recon.runtime.workers import in_bands, in_both
 
 SLOPE_WINDOW = 5  # pixels over which the seed's slopes are averaged
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from recon.capture.images import write_picture
 from recon.depth.disparity_io import read_disparity, read_disparity_png16
 from recon.depth.pair import StereoPair, check_range, within_pair
-from recon.execution.programs import Program, ProgramError, Value, check_written, workplace
+from recon.runtime.programs import Program, ProgramError, Value, check_written, workplace
 
 READERS = {
     "npy": (".npy", read_disparity),

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.execution.workers import in_bands
+from recon.runtime.workers import in_bands
 
 PLANE_OFFSETS = (-4, -1, 1, 4)  # pixels: planes are fitted to 16 places of a 9x9 window; all 81 do no better
 PLANE_RADIUS = max(PLANE_OFFSETS)

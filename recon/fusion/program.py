@@ -11,11 +11,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from recon.cloud import merge_clouds
-from recon.execution.programs import Program, ProgramError, Value, check_written, workplace
 from recon.fusion.views import check_clouds, check_place, with_unit_normals
 from recon.geometry.mesh import Cloud, Mesh
 from recon.geometry.mesh_files import read_ply_shape, write_cloud
 from recon.geometry.normals import surface_normals
+from recon.runtime.programs import Program, ProgramError, Value, check_written, workplace
 
 
 @dataclass(frozen=True)

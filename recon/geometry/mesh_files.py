@@ -27,7 +27,7 @@ from recon.geometry.ply import (
     triangles,
     vector_columns,
 )
-from recon.storage.files import check_suffix, why_no_file, write_bytes
+from recon.runtime.files import check_suffix, why_no_file, write_bytes
 
 
 def write_cloud(path: Path, cloud: Cloud) -> Path:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from recon.geometry.ply_elements import Elements, Lists, read_elements
 from recon.geometry.polygons import cut_polygons
-from recon.storage.files import refused, why_no_file
+from recon.runtime.files import refused, why_no_file
 
 FLOAT_NORMAL = ("nx", "ny", "nz")
 UINT8_COLOUR = ("red", "green", "blue")

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ground.dataclass_models import built
-from recon.execution.programs import Program
 from recon.methods.approaches import check_method_name
+from recon.runtime.programs import Program
 
 Built = TypeVar("Built")
 AProgram = TypeVar("AProgram", bound=Program)

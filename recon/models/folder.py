@@ -10,7 +10,7 @@ from typing import Annotated
 from pydantic import AfterValidator
 
 from recon.models.read import MODEL_SUFFIXES
-from recon.storage.files import check_safe_name
+from recon.runtime.files import check_safe_name
 
 NUMBERED = re.compile(r"(.*?)(\d+)")  # of a frame: any letters, then its number
 BESIDE = {".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".bin", ".txt", ".md", ".json"}

@@ -23,7 +23,7 @@ from recon.geometry.glb import GLB_BINARY, GLB_JSON, GLB_MAGIC, WIDTHS
 from recon.geometry.srgb import light_of, light_of_bytes, srgb_bytes
 from recon.models.atlas import SLACK
 from recon.models.part import Contents, Part, check_finite, decode_picture
-from recon.storage.files import why_no_file
+from recon.runtime.files import why_no_file
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 POINTS, TRIANGLES, STRIP, FAN = 0, 4, 5, 6

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from recon.geometry.polygons import cut_polygons
 from recon.models.part import NEUTRAL, Contents, Part, cloud_part, colours_from, decode_picture
-from recon.storage.files import why_no_file
+from recon.runtime.files import why_no_file
 
 OPTIONS = re.compile(r"-(\w+)((?:\s+(?:on|off|-?[\d.]+(?:e-?\d+)?))*)\s+")  # before the file's name in `map_Kd`
 WORD_OPTIONS = re.compile(r"-(?:type|imfchan|colorspace)\s+\S+\s+")  # likewise, with a word each

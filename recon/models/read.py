@@ -19,8 +19,8 @@ from recon.models.obj_model import read_obj_model
 from recon.models.part import NEUTRAL, Contents, Part
 from recon.models.ply_model import read_ply_model
 from recon.models.splats.read import SPLAT_READERS, holds_splats, read_with_warnings
-from recon.storage.artefacts import file_digest
-from recon.storage.files import refused
+from recon.runtime.artefacts import file_digest
+from recon.runtime.files import refused
 
 READERS: dict[str, Callable[[Path], Contents]] = {
     ".ply": read_ply_model,

@@ -20,9 +20,9 @@ from recon.models.folder import SafeName
 from recon.models.read import MM, Placement
 from recon.models.splats.read import holds_splats
 from recon.models.trained_on import beside, world_from_trained
-from recon.storage.artefacts import file_digest
-from recon.storage.files import allowed, read_json
-from recon.storage.remote import is_there, place
+from recon.runtime.artefacts import file_digest
+from recon.runtime.files import allowed, read_json
+from recon.runtime.remote import is_there, place
 
 SCENE_FILE = "scene.json"
 SIMILAR = 1e-3  # relative; how far a transform may be from a rotation with one scale

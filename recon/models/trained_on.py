@@ -18,7 +18,7 @@ from recon.capture.format import Capture
 from recon.capture.importing.colmap_model import find_model, read_model
 from recon.capture.importing.nerfstudio import TRANSFORMS
 from recon.geometry.rig import OPENGL
-from recon.storage.files import read_json
+from recon.runtime.files import read_json
 
 DATAPARSER = "dataparser_transforms.json"
 FAR_OFF = 0.02  # of the cameras' distances from their middle: where they do not stand as the capture's do

@@ -24,8 +24,8 @@ from recon.render.encoding.video import SILHOUETTE, VideoError, join_videos, pro
 from recon.render.frames import describe_renderer, render_masked_frames
 from recon.render.path_file import write_path
 from recon.render.scene import check_background, scene_around, without_light
-from recon.storage.artefacts import Artefacts, code_version
-from recon.storage.files import read_json, write_json
+from recon.runtime.artefacts import Artefacts, code_version
+from recon.runtime.files import read_json, write_json
 
 PART_FRAMES = 50  # two groups of pictures; nothing is predicted across them, so joining parts costs no quality
 PARTS = ".parts"

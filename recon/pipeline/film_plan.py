@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from recon.execution.workers import Pool, Progress
 from recon.models.inspection import Facts, check_sizes, is_seen, union
 from recon.pipeline.film import Film, RenderOptions, path_name
 from recon.pipeline.keys import camera_key
 from recon.pipeline.sources import ModelSequence, Setting, Source, inspect_file, raise_problems
-from recon.storage.remote import address_of
+from recon.runtime.remote import address_of
+from recon.runtime.workers import Pool, Progress
 
 
 def check_loops(sources: Sequence[Source], options: RenderOptions) -> None:

@@ -18,7 +18,7 @@ from recon.depth.temporal import TemporalParameters
 from recon.methods.approaches import DEPTH_METHODS, FUSION_METHODS, VERTICES, Approach, approaches, check_colours
 from recon.pipeline.methods import Methods, is_pm
 from recon.pipeline.run import View, read_clouds
-from recon.storage.artefacts import Artefacts
+from recon.runtime.artefacts import Artefacts
 from recon.surface import SurfaceParameters, default_voxel
 from recon.surface.outlines import widened
 

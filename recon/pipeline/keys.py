@@ -12,8 +12,8 @@ from recon.capture.format import CameraStream, Capture, SensorStream, depth_path
 from recon.capture.recording import GIVEN
 from recon.geometry.rig import Camera
 from recon.pipeline.run import View
-from recon.storage.artefacts import file_digest
-from recon.storage.remote import fetched
+from recon.runtime.artefacts import file_digest
+from recon.runtime.remote import fetched
 
 
 def picture_key(capture: Capture, view: View) -> dict[str, Any]:

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from ground.file_models import SCHEMA_KEY, schema_name
-from recon.storage.artefacts import file_digest
-from recon.storage.files import write_json
-from recon.storage.remote import fetched, stored
+from recon.runtime.artefacts import file_digest
+from recon.runtime.files import write_json
+from recon.runtime.remote import fetched, stored
 
 SCHEMA_VERSION = 1
 MANIFEST = "manifest.json"

@@ -19,7 +19,6 @@ from recon.depth.pair import check_range, within_pair
 from recon.depth.patchmatch import PmParameters
 from recon.depth.program import DepthProgram, match_by_program
 from recon.depth.temporal import TemporalParameters
-from recon.execution.programs import Program
 from recon.fusion import FUSIONS, DepthView, asks_for_views, fused
 from recon.fusion.program import FusionProgram, fuse_by_program
 from recon.fusion.views import check_place, with_unit_normals
@@ -27,6 +26,7 @@ from recon.geometry.mesh import Cloud, Mesh
 from recon.methods.methods_file import Table, read_tables
 from recon.methods.plugins import DEPTH_GROUP, FUSION_GROUP, Plugin, PluginError, default_parameters, registered
 from recon.pipeline.keys import digest_once
+from recon.runtime.programs import Program
 from recon.surface import NoSurfaceError, SurfaceParameters, with_voxel
 
 NO_SEED = "none"  # of PM in a methods file: planes at random, as Bleyer et al. 2011 start

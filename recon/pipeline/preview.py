@@ -23,8 +23,8 @@ from recon.render.camera_path import camera_path
 from recon.render.frames import render_frames
 from recon.render.scene import scene_around
 from recon.render.sheet import contact_sheet
-from recon.storage.artefacts import Artefacts, code_version
-from recon.storage.files import write_bytes
+from recon.runtime.artefacts import Artefacts, code_version
+from recon.runtime.files import write_bytes
 
 SIZE = (480, 480)  # of each picture, pixels
 PATH_FRAMES = 5  # the camera stands where the path is a quarter over, so that depth is seen from a new side

@@ -22,8 +22,6 @@ from recon.capture.format import Capture, read_capture
 from recon.capture.images import read_stored_image
 from recon.depth import CPU, StereoPair, check_device
 from recon.depth.disparity_io import check_suffix, write_disparity
-from recon.execution.programs import ProgramError
-from recon.execution.workers import Pool, Progress, no_progress, open_pool
 from recon.geometry.mesh import Cloud, Mesh
 from recon.methods.approaches import VERTICES
 from recon.pipeline.film import WHERE
@@ -51,9 +49,11 @@ from recon.pipeline.stages import (
 )
 from recon.pipeline.textures import compare_photographs, make_textured
 from recon.render.camera_path import NoPathError
-from recon.storage.artefacts import Artefacts
-from recon.storage.files import alone_in, check_not_read, remove_leftovers
-from recon.storage.remote import remove
+from recon.runtime.artefacts import Artefacts
+from recon.runtime.files import alone_in, check_not_read, remove_leftovers
+from recon.runtime.programs import ProgramError
+from recon.runtime.remote import remove
+from recon.runtime.workers import Pool, Progress, no_progress, open_pool
 from recon.surface import SurfaceParameters
 
 

@@ -11,15 +11,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from recon.execution.workers import Pool, Progress, no_progress, open_pool
 from recon.pipeline.film import PARTS, WHERE, Film, RenderOptions, is_finished, make_film, make_part, make_path
 from recon.pipeline.film_plan import check_loops, check_path_is_read_only, planned_films
 from recon.pipeline.manifest import MANIFEST, Stimulus, write_manifest
 from recon.pipeline.run import versions
 from recon.pipeline.sources import Source, read_sources, scenes_apart
 from recon.render.frames import choose_renderer
-from recon.storage.files import alone_in, remove_leftovers
-from recon.storage.remote import remove
+from recon.runtime.files import alone_in, remove_leftovers
+from recon.runtime.remote import remove
+from recon.runtime.workers import Pool, Progress, no_progress, open_pool
 
 
 def render(

@@ -30,9 +30,9 @@ from recon.capture.format import Capture, CaptureError, read_draft, write_captur
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import holds_points, read_cloud
 from recon.methods.approaches import VERTICES, parse_approach
-from recon.storage.artefacts import Artefacts
-from recon.storage.files import read_json, write_json
-from recon.storage.remote import address_of, fetched, is_copy, is_there, place, stored
+from recon.runtime.artefacts import Artefacts
+from recon.runtime.files import read_json, write_json
+from recon.runtime.remote import address_of, fetched, is_copy, is_there, place, stored
 
 SCHEMA_VERSION = 1
 RUN_FILE = "run.json"

@@ -26,8 +26,8 @@ from recon.models.scene_file import SCENE_FILE, Orbit, orbit_rig, read_scene_fil
 from recon.pipeline.run import RUN_FILE, Run, mesh_name, read_run
 from recon.render.camera_path import camera_path
 from recon.render.path_file import read_path
-from recon.storage.artefacts import file_digest
-from recon.storage.remote import address_of, fetched, is_copy, is_there
+from recon.runtime.artefacts import file_digest
+from recon.runtime.remote import address_of, fetched, is_copy, is_there
 
 MOST_PROBLEMS = 10  # to print
 

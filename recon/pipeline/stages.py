@@ -23,7 +23,6 @@ from recon.cloud import NothingSeenError, cloud_from_disparity, crop_cloud
 from recon.depth import Past, rectified_pair
 from recon.depth.disparity_io import read_disparity, write_disparity
 from recon.depth.temporal import TemporalParameters, filtered
-from recon.execution.programs import LOG, ProgramError
 from recon.fusion import DepthView, view_of_cloud
 from recon.geometry.mesh import Cloud, Mesh
 from recon.geometry.mesh_files import no_cloud_digest, write_cloud, write_mesh, write_no_cloud
@@ -33,9 +32,10 @@ from recon.pipeline.job import Job
 from recon.pipeline.keys import camera_key, digest_once, picture_key
 from recon.pipeline.methods import DepthMethod, depth_key, fuse, fusion_key, is_pm, match, needs_views
 from recon.pipeline.run import COLOURS_NAME, View, fusion_folder, mesh_name, read_clouds
-from recon.storage.artefacts import code_version, key_of
-from recon.storage.files import read_json, write_json
-from recon.storage.remote import fetched, stored
+from recon.runtime.artefacts import code_version, key_of
+from recon.runtime.files import read_json, write_json
+from recon.runtime.programs import LOG, ProgramError
+from recon.runtime.remote import fetched, stored
 from recon.surface import NoSurfaceError
 from recon.surface.colours import SensorColours, balance_colours, estimate_colours
 from recon.surface.outlines import read_sights, with_outlines

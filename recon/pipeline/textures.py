@@ -15,8 +15,8 @@ from recon.methods.approaches import VERTICES, Approach
 from recon.pipeline.job import Job
 from recon.pipeline.keys import files_key
 from recon.pipeline.run import EXPOSURES_NAME, View, mesh_name
-from recon.storage.artefacts import code_version
-from recon.storage.files import read_json, write_json
+from recon.runtime.artefacts import code_version
+from recon.runtime.files import read_json, write_json
 from recon.surface.photographs import Photograph, compare_exposures, exposed
 from recon.surface.texturing import textured
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.rig import OPENGL, Camera
-from recon.storage.files import read_json, write_json
-from recon.storage.remote import address_of, fetched
+from recon.runtime.files import read_json, write_json
+from recon.runtime.remote import address_of, fetched
 
 FIXED = {
     "camera_type": ("perspective", "films are made by pinhole cameras"),

@@ -19,7 +19,7 @@ from recon.capture.recording import chosen_frames
 from recon.geometry.mesh import Mesh, Texture
 from recon.geometry.mesh_files import read_mesh, write_mesh
 from recon.models.scene_file import SCENE_FILE
-from recon.storage.files import new_folder, read_json, write_json
+from recon.runtime.files import new_folder, read_json, write_json
 from recon.studio.actors.atlas import lay_out
 from recon.studio.synthesis import SynthParameters, restaged
 from recon.studio.truth import FACTS, MESH
@@ -78,8 +78,12 @@ def _textured(capture: Capture, recorded: dict[int, Path]) -> Iterator[tuple[int
 
 def _parameters(capture: Capture) -> SynthParameters:
     values: dict[str, Any] = read_json(capture.folder / FACTS)["parameters"]
-    arrays = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
+    arrays = {name: _tuples(value) for name, value in values.items() if isinstance(value, list)}
     return SynthParameters(**(values | arrays))
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
 def _scene(capture: Capture, out: Path) -> dict[str, object]:

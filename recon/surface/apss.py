@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.execution.workers import in_bands
+from recon.runtime.workers import in_bands
 from recon.surface.band import Band, neighbours_of
 from recon.surface.cells import Cells
 

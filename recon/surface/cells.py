@@ -9,8 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.execution.workers import in_bands
 from recon.geometry.mesh import Cloud
+from recon.runtime.workers import in_bands
 from recon.surface.blocks import BLOCK, LARGEST_AXIS, block_coordinates, block_keys, neighbours_in
 
 BLOCKS_PER_AREA = 1.5  # blocks that a block's side of surface crosses, averaged over directions

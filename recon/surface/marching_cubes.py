@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.execution.workers import in_bands
+from recon.runtime.workers import in_bands
 
 # A face's corners, counter-clockwise seen from outside the cube; corner number x + 2 y + 4 z.
 CUBE_FACES = ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6))

@@ -14,8 +14,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.execution.workers import in_bands
 from recon.geometry.mesh import Cloud, Mesh
+from recon.runtime.workers import in_bands
 from recon.surface.blocks import BLOCK, block_coordinates, block_keys, neighbours_in
 from recon.surface.cells import numbered_by_block
 

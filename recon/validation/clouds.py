@@ -17,7 +17,7 @@ from recon.geometry.mesh_files import read_ply_shape, read_points
 from recon.geometry.rig import UNITS_MM
 from recon.models.read import GLTF_SUFFIXES
 from recon.models.shape import SHAPE_SUFFIXES, read_model_shape
-from recon.storage.files import why_no_file
+from recon.runtime.files import why_no_file
 from recon.validation.measures import COMBINED
 
 MIN_POINTS = 50

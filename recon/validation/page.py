@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.images import write_picture
-from recon.storage.files import alone_in, check_replaceable, new_folder, read_json, write_bytes, write_json
-from recon.storage.pages import report_page
+from recon.runtime.files import alone_in, check_replaceable, new_folder, read_json, write_bytes, write_json
+from recon.runtime.pages import report_page
 from recon.validation.measures import Measured, measured_rows
 
 REPORT, PAGE, TABLE = "report.json", "report.html", "measures.csv"  # of every report

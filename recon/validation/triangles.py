@@ -20,8 +20,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.execution.workers import in_bands
 from recon.geometry.normals import area_vectors
+from recon.runtime.workers import in_bands
 from recon.validation.sampling import order_by_cells
 
 LEAF_FACES = 4

@@ -21,7 +21,7 @@ from recon.capture.masks.segment import segment_capture
 from recon.depth.disparity_io import read_disparity
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import read_mesh, write_cloud, write_no_cloud
-from recon.storage.files import alone_in, read_json, write_json
+from recon.runtime.files import alone_in, read_json, write_json
 from recon.studio import SynthParameters, synthesise
 from tests.command_line import Command
 

@@ -86,7 +86,8 @@ def _measure(studies: Studies, rng: np.random.Generator) -> NDArray[np.bool_]:
     measured = MEASURE_CORRELATION * truth + noise
     measured -= measured.mean(axis=1, keepdims=True)
     scores = studies.scores - studies.scores.mean(axis=1, keepdims=True)
-    r = (measured * scores).sum(axis=1) / np.sqrt((measured**2).sum(axis=1) * (scores**2).sum(axis=1))
+    size = np.sqrt((measured**2).sum(axis=1) * (scores**2).sum(axis=1))
+    r = np.divide((measured * scores).sum(axis=1), size, out=np.zeros_like(size), where=size > 0)  # all scores equal: 0
     p_value = 2 * student.sf(np.abs(r) * np.sqrt((n - 2) / np.maximum(1 - r**2, 1e-12)), n - 2)
     return np.asarray(p_value < SIGNIFICANT)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import binom, norm
 from scipy.stats import t as student
 
-from app.analysis.comparisons.study_plan import PlannedStudy, Studies
+from app.analysis.comparisons.study_plan import DEFAULT_SPREAD, PlannedStudy, Studies
 from app.analysis.model.bootstrap import RUNAWAY
 from app.analysis.model.contrasts import FEWEST_PARTICIPANTS
 from app.analysis.model.likelihood.counts import PairCounts
@@ -23,7 +23,6 @@ from app.analysis.model.scales import LOG_ODDS_PER_JOD
 Array = NDArray[np.float64]
 
 DAVIDSON = TIE_MODELS["davidson"]
-DEFAULT_SPREAD = 0.4  # log-odds; makes clustered errors about 1.4 times the naive ones, as on real panels
 DEFAULT_TIE_RATE = 0.2
 
 
@@ -52,7 +51,12 @@ class StudyPlan(PlannedStudy):
         return self.conditions * (self.conditions - 1) // 2
 
     def simulated(self, scores: Array, n_studies: int, rng: np.random.Generator) -> Studies:
-        """Simulate the votes of studies, as in `PlannedStudy`."""
+        """Simulate the votes of studies.
+
+        Parameters
+        ----------
+        scores, n_studies, rng : as in `PlannedStudy.simulated`; float64 (n,), log-odds
+        """
         return VoteStudies(simulated_votes(self, scores, n_studies, rng))
 
 
@@ -91,7 +95,7 @@ class VoteStudies:
 
     @property
     def has_scores(self) -> NDArray[np.bool_]:
-        """Has each study a maximum?"""
+        """Has each study a maximum? bool (R,)."""
         return self.fitted.is_there
 
     def p_values(self, directions: Array) -> Array:

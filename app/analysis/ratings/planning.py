@@ -42,7 +42,12 @@ class RatingPlan(PlannedStudy):
         return self.conditions
 
     def simulated(self, scores: Array, n_studies: int, rng: np.random.Generator) -> Studies:
-        """Simulate ratings, as in `PlannedStudy`; the participants' biases cancel out in differences."""
+        """Simulate ratings; the participants' biases, which cancel out in differences, are left out.
+
+        Parameters
+        ----------
+        scores, n_studies, rng : as in `PlannedStudy.simulated`; float64 (n,), grades
+        """
         ratings = self.shifted(scores, n_studies, rng)
         careless = self.are_careless(n_studies, rng)
         ratings += self.inconsistency * rng.standard_normal(ratings.shape)
@@ -66,7 +71,7 @@ class RatingStudies:
 
     @property
     def has_scores(self) -> NDArray[np.bool_]:
-        """Has every condition a rating?"""
+        """Has every condition a rating? bool (R,)."""
         return ~np.isnan(self.scores).any(axis=1)
 
     def p_values(self, directions: Array) -> Array:

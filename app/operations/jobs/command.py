@@ -29,7 +29,7 @@ from app.store.queue import JobProgress
 PROGRAM = (sys.executable, "-m", "app.cli")
 LOG, PROGRESS, STEPS, LOCK = "log.txt", "progress.json", "steps.json", "lock"
 PROGRESS_FILE = "RECONSTUDY_PROGRESS_FILE"  # as recon/cli/console.py reads it
-FILES_BELOW = "RECONSTUDY_FILES_BELOW"  # as recon/storage/files.py reads it
+FILES_BELOW = "RECONSTUDY_FILES_BELOW"  # as recon/runtime/files.py reads it
 THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 LOWEST_PRIORITY = 19  # whatever else runs here, such as the server, comes first
 LEFTOVER_ENDS_WITHIN_S = 10

@@ -10,7 +10,7 @@ from pydantic.fields import FieldInfo
 
 from app.operations.commands import COMMANDS
 from app.operations.jobs.fields import Choice, Choices, Field, FrameRange, Names, NewName, Number, Switch, Text
-from recon.commands.setting import FRAME_RANGE, NAMES, Setting, bounds, settings_of
+from recon.cli.commands.setting import FRAME_RANGE, NAMES, Setting, bounds, settings_of
 
 
 def fields_of(command: str, places: Mapping[str, Field]) -> tuple[Field, ...]:

@@ -97,6 +97,7 @@ class StudyOptions(Options):
             "in this order",
             section="stages",
             choices={"screening": "screening", "practice": "practice", "interview": "interview (written questions)"},
+            is_basic=True,
             expected="a list of screening, practice, interview",
         ),
     ] = ()
@@ -108,6 +109,7 @@ class StudyOptions(Options):
             "Markdown that participants agree to; an empty line separates paragraphs; empty: no consent is asked for",
             section="stages",
             kind="document",
+            is_basic=True,
         ),
     ] = ""
     consent_version: Annotated[
@@ -147,6 +149,7 @@ class StudyOptions(Options):
             "how participants judge",
             section="protocol",
             change=WITH_FILMS,
+            is_basic=True,
             choices={
                 "PC": "pair comparison: which of two is better, or neither",
                 "CCR": "comparison category rating: how much better or worse B is than A, in seven grades",
@@ -243,7 +246,7 @@ class StudyOptions(Options):
             expected="[width, height] in CSS pixels, or [] for any window",
         ),
     ] = ()
-    phones: Annotated[bool, Setting("Phones and tablets", "are let in", section="viewing")] = True
+    phones: Annotated[bool, Setting("Phones and tablets", "are let in", section="viewing", is_basic=True)] = True
     pixels: Annotated[
         Pixels,
         Setting(
@@ -261,6 +264,7 @@ class StudyOptions(Options):
             section="practice",
             change=WITH_FILMS,
             kind="dataset",
+            is_basic=True,
         ),
     ] = ""
     practice_pairs: Annotated[
@@ -284,6 +288,7 @@ class StudyOptions(Options):
             section="protocol",
             change=WITH_FILMS,
             kind="condition",
+            is_basic=True,
         ),
     ] = ""
     without: Annotated[
@@ -294,6 +299,7 @@ class StudyOptions(Options):
             section="protocol",
             change=WITH_FILMS,
             kind="conditions",
+            is_basic=True,
         ),
     ] = ()
     lighter_films: Annotated[
@@ -329,9 +335,9 @@ class StudyOptions(Options):
             },
         ),
     ] = "webcodecs"
-    break_every: Annotated[int, Setting("Break after so many trials", "0: no breaks", section="breaks")] = Field(
-        default=25, ge=0, le=10_000
-    )
+    break_every: Annotated[
+        int, Setting("Break after so many trials", "0: no breaks", section="breaks", is_basic=True)
+    ] = Field(default=25, ge=0, le=10_000)
     break_s: Annotated[int, Setting("Shortest break, s", "0: as long as the participant likes", section="breaks")] = (
         Field(default=0, ge=0, le=3600)
     )

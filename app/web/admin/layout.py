@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 from urllib.parse import quote
 
@@ -12,6 +13,7 @@ from app.store.access.experimenters import Experimenter, Role
 from app.store.studies.studies import Study, progress_of
 from app.web.admin.alarms import alarm_in
 from app.web.gates import database, now, render
+from app.web.security import policy
 
 TABS: tuple[tuple[str, str, Role], ...] = (
     ("", "Overview", "viewer"),
@@ -89,6 +91,14 @@ def _sub_tabs(path: str, person: Experimenter, base: str) -> list[dict[str, Any]
         if len(shown) > 1 and path in dict(shown):
             return [{"address": address, "name": name, "is_current": path == address} for address, name in shown]
     return []
+
+
+def viewing(answer: Response, models: Sequence[Mapping[str, Any]]) -> Response:
+    """Let a page of models draw its splats: Spark orders them by WebAssembly, in a worker made of its own text."""
+    if any(model["kind"] == "splat" for model in models):
+        more = "script-src 'self' 'wasm-unsafe-eval'; worker-src 'self' blob:"
+        answer.headers["Content-Security-Policy"] = f"{policy(None)}; {more}"
+    return answer
 
 
 def attachment(name: str) -> str:

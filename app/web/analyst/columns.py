@@ -338,15 +338,35 @@ FAILURES: Columns = {
     "happened_at": "when it was told",
     "noted_at": "when an experimenter took note, or the study was opened again; empty: not yet",
 }
+SETS: Columns = {
+    "name": "in addresses",
+    "title": "name",
+    "sha256": "digest of its manifest",
+    "n_films": "films",
+    "conditions": "names of its conditions, as JSON",
+    "datasets": "names of its datasets, as JSON",
+    "factors": "levels by factor, as JSON",
+    "is_here": "true if it lies in the server's folder of stimulus sets",
+    "studies": "names of the studies made of it, as JSON",
+}
+OUTSIDE_IDS: Columns = {
+    "participant": PARTICIPANT,
+    "outside_id": "id on the recruiting platform; empty: came without one",
+    "state": "how far the participant is",
+    "completion_code": "that the participant was given; empty before the end",
+}
+FIGURES: Columns = {"figure": "name in addresses", "caption": "what it shows"}
 KINDS = {  # of columns that are no text: a Parquet file needs them for long tables, and where there are no values
     **dict.fromkeys((*OBSERVERS_OF_PAIRS, *OBSERVERS_OF_RATINGS), "float"),  # but those below
     **dict.fromkeys(("remarks", "careless_evidence"), "text"),
     **dict.fromkeys(("practice", "excluded", "frame_locked", "both_seen", "reference", "lighter_film"), "bool"),
     **dict.fromkeys(
-        ("is_reference", "complete", "is_bound", "is_cancelling", "is_bt500_outlier", "is_correlation_low"), "bool"
+        ("is_reference", "complete", "is_bound", "is_cancelling", "is_here", "is_bt500_outlier", "is_correlation_low"),
+        "bool",
     ),
     **dict.fromkeys(("one_side_unseen", "repeated_pairs", "repeats_consistent", "bt500_above", "bt500_below"), "int"),
-    **dict.fromkeys(("n_datasets", "n_conditions", "n_pairs", "n_started", "n_finished", "done", "total"), "int"),
+    **dict.fromkeys(("n_datasets", "n_conditions", "n_pairs", "n_started", "n_finished", "n_films"), "int"),
+    **dict.fromkeys(("done", "total"), "int"),
     **dict.fromkeys(("looks_before", "rating", "number", "attempt", "n_switches", "n_mismatches", "entry"), "int"),
     **dict.fromkeys(("n_trials", "n_votes", "n_voided", "n_comments", "n_participants", "n_ratings", "n"), "int"),
     **dict.fromkeys(("wins", "losses", "ties", "n_items", "circular", "circular_max", "n_answered"), "int"),
@@ -385,7 +405,11 @@ TABLES: dict[str, Columns] = {
 FURTHER: dict[str, Columns] = {  # columns that the study's protocol decides about
     "observers": OBSERVERS_OF_PAIRS | OBSERVERS_OF_RATINGS
 }
-DOCUMENTED = {name for columns in (*TABLES.values(), *FURTHER.values(), STUDIES, JOBS) for name in columns}
+DOCUMENTED = {
+    name
+    for columns in (*TABLES.values(), *FURTHER.values(), STUDIES, JOBS, SETS, OUTSIDE_IDS, FIGURES)
+    for name in columns
+}
 
 
 def with_others(columns: Iterable[str], rows: Iterable[Mapping[str, Any]]) -> list[str]:

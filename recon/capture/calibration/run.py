@@ -25,7 +25,7 @@ from recon.capture.calibration.solve import (
     calibrate_rig,
 )
 from recon.capture.images import (
-    IMAGE_SUFFIXES,
+    PICTURE_SUFFIXES,
     VIDEO_SUFFIXES,
     CaptureError,
     is_video,
@@ -37,9 +37,9 @@ from recon.capture.images import (
 from recon.capture.importing.opencv import SUFFIXES, write_calibration
 from recon.capture.pictures import common_rate, images_in, recordings_named
 from recon.capture.recording import SIDES, evenly_chosen
-from recon.execution.workers import Progress, no_progress
 from recon.geometry.rig import Rig, Sensor
-from recon.storage.files import check_exists, check_suffix, new_folder, write_json
+from recon.runtime.files import check_exists, check_suffix, new_folder, write_json
+from recon.runtime.workers import Progress, no_progress
 
 SCHEMA_VERSION = 1
 GREEN = (60, 200, 60)
@@ -201,7 +201,7 @@ def _shots(source: Path, n_frames: int) -> dict[str, _Shot]:
 def _look(source: Path, board: Board, n_frames: int) -> _Camera:
     shots = _shots(source, n_frames)
     if not shots:
-        raise CaptureError(f"{source}: holds no images ({', '.join(IMAGE_SUFFIXES)})")
+        raise CaptureError(f"{source}: holds no images ({', '.join(PICTURE_SUFFIXES)})")
     views, rejected, size = dict[str, Corners](), dict[str, str](), (0, 0)
     for name, shot in shots.items():
         picture = shot.read()

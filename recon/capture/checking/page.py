@@ -13,8 +13,8 @@ import numpy as np
 from recon.capture.checking.check import CheckReport
 from recon.capture.checking.continuity import Glance
 from recon.capture.recording import evenly_chosen
-from recon.storage.files import check_replaceable, write_bytes, write_json
-from recon.storage.pages import report_page
+from recon.runtime.files import check_replaceable, write_bytes, write_json
+from recon.runtime.pages import report_page
 
 REPORT, PAGE = "report.json", "report.html"
 MAX_THUMBNAILS = 12  # of a camera, evenly over its frames

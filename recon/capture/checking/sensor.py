@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import cv2
 import numpy as np
@@ -17,8 +18,8 @@ from recon.capture.checking.depth import DepthCheck, bounds_area, check_depth_ma
 from recon.capture.checking.diagnosis import MIN_ERROR_PX, MIN_GAIN, MIN_MATCHES, diagnose
 from recon.capture.checking.matches import Matches, epipolar_errors, joined, match_pictures
 from recon.capture.checking.sensor_report import Rows, SensorReport
+from recon.capture.checking.silhouettes import Silhouettes, check_masks, listed
 from recon.capture.format import CaptureError, SensorStream, frame_pictures, mask_pictures, read_mask, read_picture
-from recon.capture.masks.outline import edge_share
 from recon.capture.noise import noise_deviation
 from recon.capture.recording import evenly_chosen
 from recon.capture.rectify import Rectification, rectify, rectify_images, rectify_masks
@@ -30,12 +31,10 @@ MOST_SHOTS = 12  # frames of a recording that is one of shots, not a film
 MIRRORED = 0.5  # of the disparities of swapped pictures lie within the bounds with their sign changed
 MIN_INSIDE = 0.05  # of the matched points have a disparity of the bounds, or of the masks lie in them
 MIN_BOUNDS_PX = 256  # of a picture that show the bounds; an object of fewer has no shape
-MAX_EDGE = 0.9  # of the picture's edge that masks cover; an object fills less, its background all
 MATCHED_PX = 0.25  # what disparities are good to: root mean square on benchmarks with known truth
 TEXTURE_WINDOW = 9  # pixels, about a matcher's
 MIN_TEXTURE = 2.5  # grey levels of local standard deviation, the noise's taken off
 MAX_LEFT_TO_RIGHT = 1.15  # of the brightness of matched points
-MOST_LISTED = 5  # frames in a sentence
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +75,13 @@ class SensorCheck:
     matches: dict[int, Matches] = field(default_factory=dict)
 
 
-def check_sensor(folder: Path, stream: SensorStream, n_frames: int, bounds: NDArray[np.float64] | None) -> SensorCheck:
+def check_sensor(
+    folder: Path,
+    stream: SensorStream,
+    n_frames: int,
+    bounds: NDArray[np.float64] | None,
+    silhouettes: Silhouettes = MappingProxyType({}),
+) -> SensorCheck:
     """Measure one sensor: its pair, its depth maps, or both.
 
     Parameters
@@ -85,9 +90,10 @@ def check_sensor(folder: Path, stream: SensorStream, n_frames: int, bounds: NDAr
     stream : the sensor and its images
     n_frames : of the capture
     bounds : float64 (2, 3), mm, of the capture; None if they are unknown
+    silhouettes : of its masks
     """
     baseline = None if stream.right is None else stream.sensor.baseline
-    coverage, problems, warnings = _check_masks(folder, stream, n_frames)
+    coverage, problems, warnings = check_masks(stream, silhouettes)
     check = SensorCheck(SensorReport(stream.id, baseline, mask_coverage=coverage), tuple(problems), tuple(warnings))
     if bounds is not None and stream.depth is not None:
         check = _with_depth_maps(check, check_depth_maps(folder, stream, n_frames, bounds))
@@ -191,7 +197,7 @@ def _is_swapped(sensor: Sensor, look: _Look, rectification: Rectification) -> bo
 def _swapped_problems(sensor_id: str, swapped: Sequence[int], n_shots: int) -> Iterator[str]:
     if swapped:
         yield (
-            f"sensor {sensor_id}: left and right are swapped in {_listed(swapped)}, but not in the other "
+            f"sensor {sensor_id}: left and right are swapped in {listed(swapped)}, but not in the other "
             f"{n_shots - len(swapped)} that were measured; exchange these pictures"
         )
 
@@ -222,37 +228,6 @@ def _bounds_problems(stream: SensorStream, bounds: NDArray[np.float64], looks: S
             f"sensor {stream.id}: {np.mean(inside):.0%} of what the left masks show lies within the bounds; check the "
             "bounds, their unit (mm) and the masks"
         )
-
-
-def _check_masks(
-    folder: Path, stream: SensorStream, n_frames: int
-) -> tuple[tuple[float, ...] | None, list[str], list[str]]:
-    """Return the mean share of foreground in each camera's masks, None without masks; problems and warnings."""
-    shares, edges = {}, []
-    for frame in range(n_frames if stream.mask else 0):
-        with suppress(CaptureError):  # listed already
-            masks = [read_mask(picture) for picture in mask_pictures(folder, stream, frame)]
-            shares[frame] = [float(mask.mean()) for mask in masks]
-            edges.append([edge_share(mask) for mask in masks])
-    if not shares:
-        return None, [], []
-    coverage = tuple(map(float, np.mean(list(shares.values()), axis=0)))
-    if min(coverage) == 0:
-        return coverage, [f"sensor {stream.id}: the masks of a camera are empty in all frames"], []
-    warnings = []
-    if empty := [frame for frame, share in shares.items() if min(share) == 0]:
-        warnings.append(f"sensor {stream.id}: a mask is empty in {_listed(empty)}; the sensor sees nothing there")
-    if (edge := float(np.mean(edges, axis=0).max())) > MAX_EDGE:
-        warnings.append(
-            f"sensor {stream.id}: the masks of a camera cover {edge:.0%} of the pictures' edges; white is the object, "
-            "black the background: are they the other way round?"
-        )
-    return coverage, [], warnings
-
-
-def _listed(frames: Sequence[int]) -> str:
-    more = f" and {len(frames) - MOST_LISTED} more" if len(frames) > MOST_LISTED else ""
-    return f"frame{'s' * (len(frames) > 1)} {', '.join(map(str, frames[:MOST_LISTED]))}{more}"
 
 
 def measured_frames(n_frames: int) -> list[int]:

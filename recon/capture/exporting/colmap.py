@@ -27,7 +27,7 @@ from recon.capture.images import write_picture
 from recon.capture.importing.colmap_model import MODEL_NAMES, MODELS
 from recon.capture.importing.views import HALF_PIXEL
 from recon.geometry.mesh import Cloud
-from recon.storage.files import new_folder
+from recon.runtime.files import new_folder
 
 MODEL = "sparse/0"
 

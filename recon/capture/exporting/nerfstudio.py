@@ -30,7 +30,7 @@ from recon.capture.importing.views import HALF_PIXEL
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import write_cloud
 from recon.geometry.rig import OPENGL
-from recon.storage.files import new_folder, write_json
+from recon.runtime.files import new_folder, write_json
 
 Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # nerfstudio's world from the capture's
 PLACES = (0, 1, 2, 3, 4)  # of DISTORTION in OpenCV's numbers

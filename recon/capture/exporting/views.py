@@ -28,7 +28,7 @@ from recon.capture.format import (
 from recon.capture.images import is_video, write_picture
 from recon.capture.pictures import copy_file
 from recon.geometry.rig import Camera
-from recon.storage.remote import fetched
+from recon.runtime.remote import fetched
 
 MM_PER_METRE = 1000.0
 WHITE = 255

@@ -22,7 +22,7 @@ from recon.capture.images import CaptureError
 from recon.capture.importing.sources import ImportOptions, faults_at, write_recording
 from recon.capture.importing.views import View, bounds_of_points, choose_sensors
 from recon.geometry.rig import Camera, rigid
-from recon.storage.files import read_json
+from recon.runtime.files import read_json
 
 SFM_FILES = ("cameras.sfm", "sfm.sfm", "sfm.json")
 SENSOR_WIDTH = 36.0  # mm, AliceVision's default

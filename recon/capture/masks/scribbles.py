@@ -20,7 +20,7 @@ from recon.capture.images import CaptureError, read_image
 from recon.capture.importing.sources import faults_at
 from recon.capture.masks.outline import Models, cut
 from recon.capture.noise import largest_channel
-from recon.storage.files import check_exists, read_json
+from recon.runtime.files import check_exists, read_json
 
 COLOURS = {"foreground": (0, 255, 0), "background": (255, 0, 0)}
 LABELS = {"foreground": cv2.GC_FGD, "background": cv2.GC_BGD}

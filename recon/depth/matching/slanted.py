@@ -25,7 +25,7 @@ from recon.depth.matching.lanes import (
     zeros,
 )
 from recon.depth.matching.subpixel import vertex
-from recon.execution.workers import in_bands
+from recon.runtime.workers import in_bands
 
 N_KEPT = N_LANES // 2  # lanes that are held: all that a winner and its parabola may need
 CENTRE = 3  # the lane that stands for the surface itself

@@ -12,7 +12,7 @@ from recon.models.splats.raw import RawSplats, cleaned
 from recon.models.splats.sog import read_sog
 from recon.models.splats.splat import read_splat
 from recon.models.splats.spz import read_spz
-from recon.storage.files import refused
+from recon.runtime.files import refused
 
 SPLAT_READERS: dict[str, Callable[[Path], RawSplats]] = {
     ".ply": read_splat_ply,

@@ -20,7 +20,7 @@ import imageio_ffmpeg
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.storage.files import whole_file, why_no_file
+from recon.runtime.files import whole_file, why_no_file
 
 GOP = 25  # frames from one entry point to the next, which a player can jump to
 ENCODER_THREADS = 2  # part of the result: x264 writes other bytes for another number

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.execution.workers import Progress, no_progress
 from recon.models.read import GLTF_SUFFIXES
+from recon.runtime.workers import Progress, no_progress
 from recon.validation.cloud_quality.compared import SYMMETRIC, Pair, Prepared
 from recon.validation.cloud_quality.geometry import THRESHOLD_SHARE, intrinsic_peak
 from recon.validation.cloud_quality.measures import MEASURES, WITH_SCORES, Measure, Scale, chosen

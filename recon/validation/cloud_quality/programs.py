@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import ClassVar
 from zlib import crc32
 
-from recon.execution.programs import LOG, Program, ProgramError, workplace
 from recon.geometry.ply import FLOAT_NORMAL, UINT8_COLOUR, ply_bytes, vector_columns
 from recon.methods.methods_file import Table, read_tables
-from recon.storage.files import write_bytes
+from recon.runtime.files import write_bytes
+from recon.runtime.programs import LOG, Program, ProgramError, workplace
 from recon.validation.cloud_quality.compared import Pair, Value
 from recon.validation.cloud_quality.measures import MEASURES, Measure, Scale
 from recon.validation.cloud_quality.points import PointSet

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from recon.models.shape import SHAPE_SUFFIXES
 from recon.pipeline.run import RUN_FILE, mesh_name, read_run
-from recon.storage.files import check_exists
+from recon.runtime.files import check_exists
 from recon.validation.clouds import TEXT_SUFFIXES
 from recon.validation.measures import EVERY_DATASET, Subject
 

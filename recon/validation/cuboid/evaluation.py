@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.execution.workers import Progress, no_progress
+from recon.runtime.workers import Progress, no_progress
 from recon.validation.clouds import CloudFile, FitError, read_measured
 from recon.validation.cuboid.fit import check_size, fit_cuboid
 from recon.validation.cuboid.model import AXIS_NAMES, CuboidFit, Face, band_of

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from recon.execution.workers import Progress, no_progress, open_pool
 from recon.render.encoding.quality import WINDOW_PX
+from recon.runtime.workers import Progress, no_progress, open_pool
 from recon.validation.films.film import MeasuredFilm, measure_film
 from recon.validation.films.likeness import SMALLEST_PX
 from recon.validation.films.perceptual import Display, check_measures

@@ -9,7 +9,7 @@ from typing import Any
 
 from recon.pipeline.manifest import MANIFEST
 from recon.render.encoding.video import VideoFacts, probe_video
-from recon.storage.files import read_json
+from recon.runtime.files import read_json
 
 FPS_TOLERANCE = 5e-4  # relative: 29.97 is 30000/1001, but 30 is not
 

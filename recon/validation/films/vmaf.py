@@ -11,7 +11,7 @@ from pathlib import Path
 import imageio_ffmpeg
 
 from recon.render.encoding.video import FILE_ALONE, STUDIO_RANGE, VideoError
-from recon.storage.files import read_json
+from recon.runtime.files import read_json
 
 MODEL = "vmaf_v0.6.1"  # Netflix's default: a screen of full HD at three times its height
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from recon.geometry.mesh import Shape
 from recon.geometry.rig import UNITS_MM, bounds_corners, rigid, transformed
 from recon.validation.clouds import FitError, checked_points
+from recon.validation.registration.super4pcs import Super4PCSParameters, super4pcs
 from recon.validation.sampling import subsample
-from recon.validation.super4pcs import Super4PCSParameters, super4pcs
 from recon.validation.triangles import TriangleTree
 from recon.validation.truth.evaluation import sample_evenly
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.execution.workers import Progress, no_progress
+from recon.runtime.workers import Progress, no_progress
 from recon.validation.clouds import CloudFile, FitError
 from recon.validation.measures import (
     COMBINED,

@@ -18,12 +18,12 @@ from scipy.special import chdtri  # scipy.stats takes half a second to import
 
 from recon.geometry.rig import rigid, transformed
 from recon.validation.clouds import MIN_POINTS, FitError, read_measured
+from recon.validation.registration.super4pcs import rigid_motions
 from recon.validation.sampling import subsample
 from recon.validation.sphere.cells import cap_of
 from recon.validation.sphere.fit.consensus import fit_sphere
 from recon.validation.sphere.fit.model import FRAMES, OWN, SENSORS, ReferenceSettings
 from recon.validation.sphere.uncertainty import CONFIDENCE, coverage_factor, fit_uncertainty
-from recon.validation.super4pcs import rigid_motions
 
 MIN_PLACES = 3  # to determine a rigid motion
 THIN = 0.02  # of the longest extent of the places: with less across it, they lie on a line

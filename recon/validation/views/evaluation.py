@@ -14,7 +14,6 @@ import numpy as np
 from recon.capture.format import Capture, read_capture
 from recon.capture.recording import chosen_frames
 from recon.cloud import CloudParameters
-from recon.execution.workers import Progress, no_progress
 from recon.geometry.mesh import Discs, Mesh
 from recon.geometry.mesh_files import read_mesh
 from recon.geometry.splats import Splats
@@ -22,7 +21,8 @@ from recon.methods.approaches import FUSION_METHODS, parse_approach
 from recon.models.read import read_model
 from recon.pipeline.run import RUN_FILE, Run, mesh_name, read_run, recorded_in
 from recon.pipeline.sources import ModelSequence, read_sources
-from recon.storage.files import read_json
+from recon.runtime.files import read_json
+from recon.runtime.workers import Progress, no_progress
 from recon.surface import SurfaceParameters
 from recon.validation.measures import LESS, MORE, Subject, measure_rows
 from recon.validation.views.between_sensors import cross_sensor_rows, depth_step

@@ -13,7 +13,7 @@ from app.cli.experiments import _demo_size, _demo_steps
 from app.settings import Settings
 from recon.capture.format import Capture, read_capture
 from recon.cli.console import ProgressLine
-from recon.storage.files import write_json
+from recon.runtime.files import write_json
 from recon.studio import SynthParameters, synthesise
 from tests.command_line import Command
 

@@ -12,7 +12,7 @@ from app.settings import Settings
 from app.store.studies.studies import study_by_slug
 from app.web.analyst.results import results_of
 from recon.geometry.mesh_files import read_mesh
-from recon.storage.files import write_json
+from recon.runtime.files import write_json
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH
 from tests.command_line import Command

@@ -13,7 +13,7 @@ from app.cli.studies import _balance_lines
 from app.operations.database import open_store
 from app.settings import Settings
 from app.store.database.tables import assignment
-from recon.storage.files import read_json, write_json
+from recon.runtime.files import read_json, write_json
 from tests.app import tiny_stimuli
 from tests.command_line import Command
 

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 import app.experiment.study
-import recon.experiment.plan
 import recon.validation.cloud_quality.evaluation
 import recon.validation.truth.evaluation
 from app.cli.experiments import Step, run_steps
+from app.experiment import reconstruction
 from app.experiment.measured import models_section
 from app.experiment.report import conclusions
 from app.experiment.results import Results, order_text
@@ -26,8 +26,8 @@ from app.experiment.study import people, raters, true_abilities
 from app.intake.reports import Measure
 from app.simulation.rating import LOG_ODDS_OF_SCALE
 from recon.capture.format import read_capture
-from recon.execution.workers import no_progress
 from recon.methods.approaches import DEPTH_METHODS, FUSION_METHODS, approaches
+from recon.runtime.workers import no_progress
 from tests.command_line import Command
 
 APPROACHES = [str(approach) for approach in approaches(DEPTH_METHODS, FUSION_METHODS)]
@@ -241,12 +241,12 @@ def test_full_says_how_long_it_takes_and_how_much_room_and_waits_to_be_told(
 
 @pytest.mark.parametrize("approach", ["pm_fb", "truth"])
 def test_models_by_the_name_of_an_approach_of_the_experiment_are_refused_at_once(tmp_path: Path, approach: str) -> None:
-    folders = [models_of(tmp_path / scene, scene, approach) for scene in recon.experiment.SCALES["small"].scenes]
-    given = recon.experiment.Experiment(tmp_path, recon.experiment.SCALES["small"], models=tuple(folders))
+    folders = [models_of(tmp_path / scene, scene, approach) for scene in reconstruction.SCALES["small"].scenes]
+    given = reconstruction.Experiment(tmp_path, reconstruction.SCALES["small"], models=tuple(folders))
     with pytest.raises(
         ValueError, match=f"^{approach}: is an approach of the experiment itself; give the models anoth"
     ):
-        recon.experiment.steps(given)
+        reconstruction.steps(given)
 
 
 def models_of(folder: Path, scene: str, approach: str) -> Path:
@@ -295,15 +295,15 @@ def test_an_unknown_scale_is_wrong_use(command: Command, tmp_path: Path) -> None
 def test_reports_on_approaches_of_an_earlier_start_do_not_count(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scale = replace(recon.experiment.SCALES["small"], scenes=("ball",))
-    small = recon.experiment.Experiment(tmp_path, scale)
-    monkeypatch.setattr(recon.experiment.plan, "surfaces", lambda *_: {"pm_fb": None})
+    scale = replace(reconstruction.SCALES["small"], scenes=("ball",))
+    small = reconstruction.Experiment(tmp_path, scale)
+    monkeypatch.setattr(reconstruction.plan, "surfaces", lambda *_: {"pm_fb": None})
     for name in ("truth/ball_sgm_fb", "truth/ball_pm_fb", "sphere"):
         small.report(name).mkdir(parents=True)
         (small.report(name) / "report.json").write_text('{"reconstructions": []}', encoding="utf-8")
     small.stimuli.mkdir()
     (small.stimuli / "manifest.json").write_text('{"stimuli": []}', encoding="utf-8")
-    recon.experiment.plan.write_objective(small, no_progress)
+    reconstruction.plan.write_objective(small, no_progress)
     reports = json.loads((tmp_path / "objective.json").read_text(encoding="utf-8"))["reports"]
     assert "validation/truth/ball_pm_fb" in reports
     assert "validation/truth/ball_sgm_fb" not in reports
@@ -312,8 +312,8 @@ def test_reports_on_approaches_of_an_earlier_start_do_not_count(
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """The scale `small`, but so that it takes twenty seconds: one scene, one ball, three people."""
-    scale = recon.experiment.Scale((108, 192), (140, 140), 2, 10.0, 1, 1, (96, 54), 25.0, 0.2, ("ball",))
-    monkeypatch.setitem(recon.experiment.SCALES, "small", scale)
+    scale = reconstruction.Scale((108, 192), (140, 140), 2, 10.0, 1, 1, (96, 54), 25.0, 0.2, ("ball",))
+    monkeypatch.setitem(reconstruction.SCALES, "small", scale)
     monkeypatch.setattr(recon.validation.truth.evaluation, "N_SAMPLES", 2000)
     monkeypatch.setattr(recon.validation.cloud_quality.evaluation, "USUAL_POINTS", 2000)
     for name, value in {"N_PEOPLE": 3, "N_MEN": 1, "N_TRAINED": 2, "LACKING": 1}.items():

@@ -16,7 +16,7 @@ from app.analysis.model.bradley_terry import fit_pairs
 from app.experiment.demo import TIE_RATE
 from app.simulation.known_order import STEP, came_back, came_out, known_order
 from app.simulation.preference import choose
-from recon.commands.experiments import Demo
+from recon.cli.commands.experiments import Demo
 
 README = Path(__file__).parents[3] / "README.md"
 FIVE_MINUTES = re.search(

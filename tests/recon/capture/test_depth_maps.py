@@ -21,7 +21,7 @@ from recon.capture.rectify import rectify_left
 from recon.cloud import cloud_from_disparity
 from recon.geometry.mesh import Cloud
 from recon.geometry.rig import Camera
-from recon.storage.files import read_json, write_json
+from recon.runtime.files import read_json, write_json
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH
 from recon.validation.clouds import read_shape

@@ -16,7 +16,7 @@ import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 from numpy.typing import NDArray
 
-from recon.storage.files import read_json, write_json
+from recon.runtime.files import read_json, write_json
 from tests.command_line import Command
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from recon.depth import StereoPair
 from recon.depth.program import DepthProgram, match_by_program
-from recon.execution.programs import LOG, ProgramError
+from recon.runtime.programs import LOG, ProgramError
 from tests.recon.depth.called_program import BOX_FILTER, program
 from tests.recon.depth.test_matchers import shifted_pair
 

@@ -11,7 +11,7 @@ import pytest
 from recon.models.folder import find_models
 from recon.models.inspection import Facts, check_sizes, union
 from recon.models.scene_file import Orbit, orbit_rig, read_scene_file
-from recon.storage.files import check_safe_name, write_json
+from recon.runtime.files import check_safe_name, write_json
 
 SCENE: dict[str, Any] = {
     "schema_version": 1,

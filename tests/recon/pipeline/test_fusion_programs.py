@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from recon.capture.format import Capture
-from recon.execution.programs import LOG, ProgramError
 from recon.fusion import fuse_before
 from recon.fusion.program import FusionProgram, fuse_by_program
 from recon.geometry.mesh import Cloud
@@ -19,7 +18,8 @@ from recon.geometry.normals import surface_normals
 from recon.pipeline.job import ReconstructOptions
 from recon.pipeline.methods import read_methods
 from recon.pipeline.reconstruct import reconstruct
-from recon.storage.files import read_json
+from recon.runtime.files import read_json
+from recon.runtime.programs import LOG, ProgramError
 from recon.studio import SynthParameters, synthesise
 from tests.command_line import Command
 from tests.recon.test_fusion import three_views

@@ -11,16 +11,16 @@ import pytest
 
 from recon.capture.format import Capture, CaptureError, DepthMaps, read_masks, write_capture
 from recon.cloud import CloudParameters
-from recon.export_models import write_models
 from recon.geometry.mesh_files import read_cloud, read_mesh
 from recon.pipeline.job import ReconstructOptions
 from recon.pipeline.reconstruct import match_files, reconstruct
 from recon.pipeline.run import View, read_run
-from recon.storage.files import read_json
+from recon.runtime.files import read_json
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH, read_depth
 from recon.surface import SurfaceParameters
 from recon.validation.clouds import read_shape
+from recon.validation.export_models import write_models
 from recon.validation.truth.evaluation import signed_distances_to
 from recon.validation.views.evaluation import ViewSettings, measure_views
 

@@ -9,7 +9,7 @@ import pytest
 
 from recon.methods.approaches import approaches, levels_of, parse_approach
 from recon.pipeline.manifest import Stimulus, write_manifest
-from recon.storage.files import read_json
+from recon.runtime.files import read_json
 
 
 def stimulus(folder: Path, approach: str) -> Stimulus:

@@ -20,13 +20,13 @@ from recon.depth import DEFAULTS
 from recon.depth.cvf import DrParameters
 from recon.depth.disparity_io import read_disparity
 from recon.depth.patchmatch import PmParameters
-from recon.execution.programs import ProgramError
 from recon.methods.approaches import parse_approach
 from recon.pipeline.job import ReconstructOptions, planned_job
 from recon.pipeline.methods import Methods, OurDepth, OurFusion, depth_key, read_methods
 from recon.pipeline.reconstruct import match_files, reconstruct
 from recon.pipeline.stages import filter_sequence, match_stretch
-from recon.storage.files import read_json
+from recon.runtime.files import read_json
+from recon.runtime.programs import ProgramError
 from recon.studio import SynthParameters, synthesise
 from tests.command_line import Command
 from tests.recon.depth.called_program import BOX_FILTER, program

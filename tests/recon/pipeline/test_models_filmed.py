@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from recon.capture.format import CameraStream, Capture, SensorStream, write_capture
-from recon.execution.workers import ThisProcess
 from recon.geometry.mesh import Cloud, Mesh
 from recon.geometry.mesh_files import write_cloud, write_mesh
 from recon.geometry.normals import surface_normals
@@ -21,8 +20,9 @@ from recon.pipeline.film_plan import planned_films
 from recon.pipeline.render import render
 from recon.pipeline.run import Run, mesh_name, write_run
 from recon.pipeline.sources import read_sources
-from recon.storage.artefacts import Artefacts, file_digest
-from recon.storage.files import read_json, write_json
+from recon.runtime.artefacts import Artefacts, file_digest
+from recon.runtime.files import read_json, write_json
+from recon.runtime.workers import ThisProcess
 from tests.command_line import Command, command_line
 
 pytestmark = pytest.mark.slow

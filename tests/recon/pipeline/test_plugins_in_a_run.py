@@ -18,7 +18,7 @@ from recon.depth import StereoPair
 from recon.geometry.mesh import Mesh
 from recon.methods.plugins import PluginError
 from recon.pipeline.methods import Methods, fuse, match, read_methods
-from recon.storage.files import read_json
+from recon.runtime.files import read_json
 from recon.studio import SynthParameters, synthesise
 from recon.surface import SurfaceParameters
 from tests.command_line import Command

@@ -23,8 +23,6 @@ from recon.capture.format import Capture, read_capture
 from recon.capture.images import read_image
 from recon.cli.options import parse_frames, parse_loops
 from recon.depth.disparity_io import read_disparity
-from recon.execution.workers import ThisProcess
-from recon.export_models import write_models
 from recon.geometry.mesh_files import read_mesh
 from recon.pipeline import stages
 from recon.pipeline.film import Film, RenderOptions, make_part, make_path, shown_frames
@@ -38,12 +36,14 @@ from recon.pipeline.sources import run_source
 from recon.render.camera_path import camera_path
 from recon.render.encoding.video import probe_video, read_luma
 from recon.render.path_file import read_path
-from recon.storage.artefacts import file_digest
-from recon.storage.files import read_json, write_json
+from recon.runtime.artefacts import file_digest
+from recon.runtime.files import read_json, write_json
+from recon.runtime.workers import ThisProcess
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH
 from recon.surface import SurfaceParameters
 from recon.validation.clouds import read_shape
+from recon.validation.export_models import write_models
 from recon.validation.truth.evaluation import signed_distances_to
 from tests.command_line import Command, command_line
 

@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 from recon.capture.exporting.colmap import export_colmap
 from recon.capture.exporting.nerfstudio import export_nerfstudio
 from recon.capture.format import Capture, read_capture
-from recon.execution.workers import ThisProcess
 from recon.geometry.mesh import Cloud, Mesh
 from recon.geometry.mesh_files import read_mesh, write_cloud, write_mesh
 from recon.geometry.splats import Splats
@@ -30,7 +29,8 @@ from recon.pipeline.sources import read_sources
 from recon.render.encoding.video import read_video
 from recon.render.frames import render_masked_frames
 from recon.render.scene import scene_around, without_light
-from recon.storage.files import read_json, write_json
+from recon.runtime.files import read_json, write_json
+from recon.runtime.workers import ThisProcess
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH
 from recon.validation.views.novel_view import photographs, rendered, view_rows

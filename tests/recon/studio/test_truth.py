@@ -17,7 +17,7 @@ from recon.capture.format import Capture, CaptureError, read_capture, read_frame
 from recon.geometry.mesh import Mesh
 from recon.geometry.mesh_files import read_mesh
 from recon.geometry.rig import Camera, Sensor, look_at
-from recon.storage.files import read_json, write_json
+from recon.runtime.files import read_json, write_json
 from recon.studio import SynthParameters, synthesise
 from recon.studio.actors.atlas import lay_out
 from recon.studio.objects import ball

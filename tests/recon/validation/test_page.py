@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from recon.cli.main import app
-from recon.storage.files import alone_in, read_json, write_bytes
+from recon.runtime.files import alone_in, read_json, write_bytes
 from recon.validation.page import Section, plain_name, save_picture, write_figure, write_page, write_report
 
 

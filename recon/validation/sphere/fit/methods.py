@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.validation.clouds import FitError, checked_points
+from recon.validation.registration.super4pcs import Super4PCSParameters, super4pcs
 from recon.validation.sampling import fibonacci_sphere, subsample
 from recon.validation.sphere.fit.consensus import check_alone, fit_sphere, hint_at_sphere
 from recon.validation.sphere.fit.model import SphereFit
 from recon.validation.sphere.fit.refinement import refine_sphere
-from recon.validation.super4pcs import Super4PCSParameters, super4pcs
 
 MODEL_POINTS = 3000
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.analysis.comparisons.claims import CLAIMS, pair_directions
+from app.analysis.comparisons.claims import CLAIMS, claim_power, pair_directions
 from app.analysis.comparisons.power import detectable, participants_wanted, plan_study, power, simulate_votes
 from app.analysis.comparisons.vote_studies import StudyPlan, VoteStudies, simulated_votes
 from app.analysis.model.bradley_terry import fit_scores
@@ -140,3 +140,8 @@ def test_the_number_of_participants_comes_with_the_error_of_its_simulation() -> 
 def test_an_unknown_claim_is_refused() -> None:
     with pytest.raises(ValueError, match="claim is 'all', expected one of told apart, pair"):
         plan_study(StudyPlan(3, 1, 4), np.random.default_rng(1), claim="all")
+
+
+def test_a_measure_is_not_shown_by_scores_that_are_all_equal() -> None:
+    """Two people and three conditions: in some simulated studies nothing differs, and no correlation is there."""
+    assert claim_power(StudyPlan(3, 1, 2, spread=0.0), "measure", 0.05, 1, 200) < 0.2

@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 from app.operations.jobs import forms
 from app.operations.jobs.fields import Number
 from app.operations.jobs.shared_fields import CAPTURE
+from recon.cli.commands.reconstruction import Reconstruct
+from recon.cli.commands.setting import option
 from recon.cli.flags import with_settings
-from recon.commands.reconstruction import Reconstruct
-from recon.commands.setting import option
 
 
 class Slower(Reconstruct):

@@ -31,7 +31,7 @@ from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import read_points
 from recon.geometry.rig import Camera, look_at
 from recon.render.path_file import write_path
-from recon.storage.files import read_json
+from recon.runtime.files import read_json
 from recon.studio import SynthParameters, synthesise
 
 CLOUD = Cloud(

@@ -15,8 +15,8 @@ from recon.capture.importing.middlebury import import_middlebury
 from recon.capture.masks import segment
 from recon.capture.masks.evidence import dark_background_threshold
 from recon.capture.masks.segment import CleanUp, clean_mask, mask_on_dark, segment_capture
-from recon.execution.workers import no_progress
-from recon.storage.files import read_json, write_json
+from recon.runtime.files import read_json, write_json
+from recon.runtime.workers import no_progress
 from recon.studio import SynthParameters, synthesise
 from tests.recon.capture.calibration.board_geometry import BOARD_BOUNDS, SIZE, board_view, record_board
 from tests.recon.capture.masks.drawn_scribbles import intersection_over_union, write_strokes

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from recon.execution.programs import ProgramError
+from recon.runtime.programs import ProgramError
 from recon.validation.cloud_quality.programs import MeasureProgram, program_measures
 from tests.command_line import Command
 from tests.recon.validation.cloud_quality.clouds import ball, table, validate, write

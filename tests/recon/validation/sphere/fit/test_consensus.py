@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from recon.capture.format import Capture, SensorStream
-from recon.storage.files import read_json
+from recon.runtime.files import read_json
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import read_depth
 from recon.validation.clouds import FitError

@@ -1,0 +1,222 @@
+"""The settings of the commands from a pair of images to films."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from recon.cli.commands.setting import NAMES, OR_URL, OUT, PLUGIN_NAMES, Command, argument, option
+from recon.cli.commands.shared import APPROACHES, CLUSTER, DEVICE, FRAMES, METHODS, PRACTICE, WORKERS
+
+
+class Match(Command):
+    """Of `match`."""
+
+    left: Path = argument("Left image of a rectified pair, 8 bits.")
+    right: Path = argument("Right image, of the same size.")
+    disparities: int = option(..., "How many disparities to search.")
+    out: Path = option(..., "File to write: .pfm, .npy, .tiff, or .png for a coloured preview.", flags=OUT)
+    method: str = option("id", f"Depth method: id, dr, pm, sgm, {PLUGIN_NAMES}, or one of --methods.")
+    min_disparity: int = option(0, "Smallest disparity to search.")
+    methods: Path | None = METHODS
+    device: Literal["cpu", "gpu"] = DEVICE
+
+
+class Reconstruct(Command):
+    """Of `reconstruct`."""
+
+    capture: Path = argument(f"Folder of the capture, {OR_URL}.", metavar="CAPTURE", is_place=True)
+    out: Path = option(
+        ...,
+        f"Folder of the run, {OR_URL}; a run that was stopped is resumed.",
+        flags=OUT,
+        metavar="PATH",
+        is_place=True,
+    )
+    depth: str | None = option(
+        None,
+        f"Depth methods, comma-separated: id, dr, pm, sgm, given (the capture's own depth maps), {PLUGIN_NAMES}, "
+        "those of --methods. Default: id,dr,pm; given if the capture holds only depth maps.",
+        label="Depth methods",
+        note="none chosen: id, dr and pm, or given if the capture holds depth maps alone",
+        choices={
+            "id": "whole disparities, the quickest",
+            "dr": "disparities refined",
+            "pm": "PatchMatch, the slowest",
+            "sgm": "semi-global matching, to compare with",
+            "given": "the capture's own depth maps",
+        },
+        is_several=True,
+    )
+    fusion: str = option(
+        "fa,fb",
+        f"Fusions, comma-separated: fa, fb, poisson, tsdf, {PLUGIN_NAMES}, those of --methods.",
+        label="Fusions",
+        note="none chosen: fa and fb",
+        choices={
+            "fa": "a surface of each sensor, then merged",
+            "fb": "one surface of all sensors",
+            "poisson": "screened Poisson, to compare with",
+            "tsdf": "signed distances in voxels, to compare with",
+        },
+        is_several=True,
+    )
+    colour: str = option(
+        "vertices",
+        "Where models take colours from, comma-separated: vertices (averaged as the surface is) and photographs (a "
+        "texture as sharp as the pictures).",
+        label="Colours",
+        note="none chosen: vertices",
+        choices={"vertices": "averaged as the surface is", "photographs": "a texture as sharp as the pictures"},
+        is_several=True,
+    )
+    approach: str = APPROACHES
+    methods: Path | None = METHODS
+    frames: str | None = option(None, "A:B for the frames A to B-1; default: all.", **FRAMES)
+    voxel: float | None = option(
+        None,
+        "Voxel size, mm, the same for all depth methods; default: each gets one from its depth error and the points' "
+        "spacing.",
+        label="Voxel",
+        low=0.01,
+        high=10000,
+    )
+    pm: Literal["moving", "static"] = option(
+        "moving",
+        "What PM makes: moving, models of all frames; static, of the first alone, as the paper showed it.",
+        label="PM's models",
+        choices={"moving": "of all frames", "static": "of the first frame alone, as the paper showed it"},
+    )
+    temporal: bool = option(True, "Filter the depth maps in time to reduce flicker.", label="Filter depth in time")
+    balance: bool = option(
+        False, "Make the sensors' colours agree.", label="Balance colours", flags=("--balance-colours",)
+    )
+    close_holes: float = option(
+        0.0,
+        "Close holes whose rim is no longer than this, mm; default: leave them open.",
+        ge=0,
+        label="Close holes",
+        high=100_000,
+    )
+    erode: int = option(
+        0,
+        "Pixels to cut off along the masks' edges, for masks that reach past the object.",
+        ge=0,
+        label="Cut off at masks",
+        high=100,
+    )
+    outlines: Literal["masks", "off"] = option(
+        "masks", "masks: surfaces end where the masks of all sensors do; off: where their points do."
+    )
+    workers: int = WORKERS
+    cluster: str | None = CLUSTER
+    device: Literal["cpu", "gpu"] = DEVICE
+
+
+class Fuse(Command):
+    """Of `fuse`."""
+
+    clouds: list[Path] = argument("PLY files of coloured, oriented points in mm, one per sensor.")
+    out: Path = option(..., "File to write: .ply or .glb.", flags=OUT)
+    fusion: str = option(
+        "fb",
+        "fb: one surface from all clouds; fa: a surface from each cloud, then merged; poisson: screened "
+        f"Poisson; {PLUGIN_NAMES}, or one of --methods.",
+    )
+    methods: Path | None = METHODS
+    voxel: float | None = option(None, "Voxel size, mm; default: chosen from the points' spacing.")
+    close_holes: float = option(0.0, "Close holes whose rim is no longer than this, mm.", ge=0)
+
+
+class Export(Command):
+    """Of `export`."""
+
+    mesh: Path = argument("A mesh of a run, such as RUN/meshes/pm_fb/0000.ply, or a PLY with normals and colours.")
+    out: Path = argument("File to write: .glb for viewers and the web, .ply, or .obj of a mesh with a texture.")
+    truth: Path | None = option(
+        None, "The true mesh, PLY, OBJ or glTF; colours then show the error, red outside, blue inside."
+    )
+    limit: float | None = option(None, "Error that gets the full colour, mm; default: 95 % of the vertices have less.")
+
+
+class Models(Command):
+    """Of `models`."""
+
+    runs: list[Path] = argument("Folders of runs, one per scene.")
+    out: Path = option(..., "Folder for the models.", flags=OUT)
+    frame: int | None = option(None, "Number of the frame; default: the middle one.")
+
+
+class Render(Command):
+    """Of `render`."""
+
+    folders: list[Path] = argument(
+        f"Runs, each a folder {OR_URL}, and folders of models by other programs, each with a scene.json. All of one "
+        "scene are filmed alike.",
+        metavar="RUN|MODELS",
+        is_place=True,
+    )
+    out: Path = option(..., f"Folder of the stimulus set, {OR_URL}.", flags=OUT, metavar="PATH", is_place=True)
+    size: str = option(
+        "1920x1080",
+        "WIDTHxHEIGHT, pixels.",
+        label="Size",
+        note="WIDTHxHEIGHT, pixels, both even",
+        form=r"[1-9]\d{0,2}[02468]x[1-9]\d{0,2}[02468]",
+        example="1920x1080",
+    )
+    fps: float = option(25.0, "Frames a second.", ge=1, le=120, label="Frames a second")
+    seconds: float = option(15.0, "Length of every video.", ge=0.04, label="Seconds", high=600)
+    background: str = option(
+        "studio",
+        "Artificial background: studio, dark or plain.",
+        label="Background",
+        choices={"studio": "a bright studio", "dark": "a dark room", "plain": "one colour"},
+    )
+    light: str = option(
+        "studio",
+        "Light on meshes and clouds: studio, or flat for the colours that they bring, so that light is no giveaway "
+        "beside Gaussian splats, which always bring theirs.",
+        label="Light",
+        note="",
+        choices={"studio": "from the background, with shadows on the models", "flat": "none: the colours as they come"},
+    )
+    path: str = option(
+        "auto",
+        "The camera's way: along the sensors, once around, to both sides of the first sensor, or as in a JSON file "
+        "like the SET/paths/DATASET.json that this writes. auto: sensors, or swing where there is only one.",
+        label="Camera's way",
+        note="",
+        metavar="sensors|orbit|swing|FILE",
+        choices={
+            "auto": "along the sensors, or to both sides of a single one",
+            "sensors": "along the sensors",
+            "orbit": "once around",
+            "swing": "to both sides of the first sensor",
+        },
+    )
+    loop: list[str] = option(
+        ["bounce"],
+        "How a short recording fills the video: again from the start, back and forth, or by its first model alone; "
+        "for one approach by its name, again and again.",
+        label="A short recording",
+        note="",
+        metavar="[APPROACH=]repeat|bounce|static",
+        choices={"bounce": "plays back and forth", "repeat": "starts again", "static": "shows its first model alone"},
+    )
+    static: str = option(
+        "",
+        "Approaches that show their first model alone.",
+        label="Still approaches",
+        note="approaches of one model beside others that move, with commas",
+        metavar="APPROACH,APPROACH,...",
+        form=NAMES,
+        example="scan",
+    )
+    renderer: str = option("auto", "Renderer: auto or a name.")
+    master: bool = option(True, "Keep a near-lossless master beside each video.")
+    practice: str = option(
+        "", "Scene with two videos that a study's participants practise with.", metavar="DATASET", **PRACTICE
+    )
+    workers: int = WORKERS
+    cluster: str | None = CLUSTER

@@ -1,1 +1,0 @@
-"""Where work runs: workers of our own, programs of others."""
