@@ -301,18 +301,20 @@ def plan(
     if protocol not in PROTOCOLS:
         raise typer.BadParameter(f"protocol is {protocol!r}, expected one of {', '.join(PROTOCOLS)}")
     is_rated = protocol in RATED
-    people = {
-        "by_dataset": by_dataset, "dataset_spread": dataset_spread, "drop_out": drop_out, "careless": careless,
-    } | ({} if spread is None else {"spread": spread})  # fmt: skip
+    people: dict[str, Any] = {
+        "by_dataset": by_dataset,
+        "dataset_spread": dataset_spread,
+        "drop_out": drop_out,
+        "careless": careless,
+    } | ({} if spread is None else {"spread": spread})
     rng, progress = np.random.default_rng(seed), ProgressLine()
-    how = {"replicates": replicates, "progress": progress, "claim": claim}
+    how: dict[str, Any] = {"replicates": replicates, "progress": progress, "claim": claim}
+    size = conditions, datasets, participants
     with wrong_use():
         if is_rated:
-            design = RatingPlan(conditions, datasets, participants, inconsistency, **people)
-            result = plan_ratings(design, effect, rng, **how)
+            result = plan_ratings(RatingPlan(*size, inconsistency, **people), effect, rng, **how)
         else:
-            compared = StudyPlan(conditions, datasets, participants, tie_rate, **people)
-            result = plan_study(compared, rng, effect_jod=effect, **how)
+            result = plan_study(StudyPlan(*size, tie_rate, **people), rng, effect_jod=effect, **how)
     progress.close()
     n_trials = result["votes_per_participant"]
     result |= {"protocol": protocol, "trials": n_trials, "minutes": max(1, round(trials_s(n_trials, exposure) / 60))}

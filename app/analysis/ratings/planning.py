@@ -72,7 +72,7 @@ class RatingStudies:
     @property
     def has_scores(self) -> NDArray[np.bool_]:
         """Has every condition a rating? bool (R,)."""
-        return ~np.isnan(self.scores).any(axis=1)
+        return np.asarray(~np.isnan(self.scores).any(axis=1))
 
     def p_values(self, directions: Array) -> Array:
         """Return p-values of paired t-tests over participants, directions float64 (K, n); float64 (R, K).
