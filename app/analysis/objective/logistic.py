@@ -179,7 +179,7 @@ def _constant(values: Array) -> Array:
 def _line(values: Array) -> Array:
     """Return an orthonormal basis of the lines, float64 (n, 2)."""
     centred = values - values.mean()
-    return np.c_[_constant(values), centred / np.sqrt(centred @ centred)]
+    return np.asarray(np.c_[_constant(values), centred / np.sqrt(centred @ centred)])
 
 
 def _without(columns: Array, basis: Array) -> Array:
