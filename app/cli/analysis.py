@@ -111,6 +111,13 @@ RandomEffectsOption = Annotated[
     str,
     typer.Option(help="Fit the scores also with random effects: participants (other people) or participants,datasets."),
 ]
+LapsesOption = Annotated[
+    bool,
+    typer.Option(
+        "--lapses",
+        help="Fit the scores also with careless answers weighted down, by a lapse rate for each participant.",
+    ),
+]
 ExcludeOption = Annotated[
     list[str] | None, typer.Option(help="Participant to leave out; the report says so. May be repeated.")
 ]
@@ -163,6 +170,7 @@ def analyse(
     equivalence: EquivalenceOption = None,
     jod_prior: JodPriorOption = "none",
     random_effects: RandomEffectsOption = "",
+    lapses: LapsesOption = False,
     exclude: ExcludeOption = None,
     planned: PlannedOption = None,
     columns: ColumnsOption = None,
@@ -199,6 +207,7 @@ def analyse(
             penalty=penalty,
             jod_prior=jod_prior,
             random_effects=random_effects,
+            lapses=lapses,
             by_dataset=by == "dataset",
             exclude=tuple(exclude or ()),
             planned_participants=planned,

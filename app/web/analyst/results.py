@@ -187,6 +187,7 @@ def inputs_of(
         "better": better_by_measure(measured),
         "groups": groups or {},
         "random_effects": options.random_effects,
+        "lapses": options.lapses,
         "planned_participants": options.planned_participants or None,
     }
     counted = asdict(state) | ({"excluded": {}} if with_excluded else {})
