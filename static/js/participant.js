@@ -38,7 +38,7 @@ const code = page.dataset.code ?? "";
 const outside = JSON.parse(page.dataset.outside ?? "{}"); // of a recruiting platform's link
 const beginKey = ["begin", code, ...Object.values(outside).slice(0, 1)].join(" "); // another id is another person
 const begunKey = `begun here: ${beginKey}`;
-const shelf = await openShelf();
+const shelf = openShelf(() => (byId("not-stored").hidden = false));
 const technique = await bestTechnique(byId("browser-check").dataset);
 const trials = new Trials(byId("trial"), technique, breakEvery);
 const questionnaire = /** @type {HTMLFormElement | null} */ (document.getElementById("questionnaire"));
@@ -82,7 +82,7 @@ byId("no-codec").hidden = lack !== "films";
 byId("no-cookies").hidden = lack !== "cookies";
 byId("begin").hidden = lack !== null;
 if (lack) tellLack(lack);
-for (const id of ["continue", "after-interruption", "after-break"]) byId(id).addEventListener("click", goOnWithTrials);
+for (const id of ["continue", "after-interruption", "after-suspension", "after-slowness", "after-break"]) byId(id).addEventListener("click", goOnWithTrials);
 window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload()); // back to a page that was put aside
 for (const button of page.querySelectorAll("[data-reload]")) button.addEventListener("click", () => location.reload());
 listenForTries();

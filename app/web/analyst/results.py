@@ -246,7 +246,7 @@ def _analysed_ratings(votes: VotesTable, rating: NDArray[np.float64], inputs: In
     from app.analysis.ratings.comparisons import analyse_comparisons
     from app.analysis.ratings.content import NO_VOTES, with_measures, with_tables
     from app.analysis.ratings.score_sets import opinion_score_sets
-    from app.analysis.ratings.study_votes import comparison_table, counted_ratings, rating_table
+    from app.analysis.ratings.study_votes import comparison_table, counted_ratings, rating_table, with_films
 
     options = inputs.options
     counted, ratings = counted_ratings(votes, rating)
@@ -257,7 +257,9 @@ def _analysed_ratings(votes: VotesTable, rating: NDArray[np.float64], inputs: In
         scale = (options.grades.low, options.grades.high)
         table = rating_table(counted, ratings, options.protocol, scale, reference)
         settings = {"protocol": options.protocol, "scale": options.scale}
-        rated = with_tables(NO_VOTES | {"settings": settings}, analyse_ratings(table))
+        tables = analyse_ratings(table)
+        tables["raters"] = with_films(tables["raters"], counted)
+        rated = with_tables(NO_VOTES | {"settings": settings}, tables)
         chosen = AnalysisSettings(measures=inputs.settings["measures"], better=inputs.settings["better"])
         return with_measures(rated, opinion_score_sets(table), chosen)
     analysis = _analysed(votes, inputs)

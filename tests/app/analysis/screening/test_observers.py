@@ -72,6 +72,15 @@ def test_votes_with_one_side_unseen_are_flagged_where_it_is_known() -> None:
         votes_from_rows([row | {"both_seen": "perhaps"}])
 
 
+def test_votes_on_films_that_did_not_run_are_flagged_where_it_is_known() -> None:
+    row = {"participant": "P1", "dataset": "d", "item_a": "x", "item_b": "y", "choice": "a"}
+    ran = [row | {"shown_smoothly": smooth} for smooth in (True, False, None)]
+    (judged,) = observer_rows(votes_from_rows(ran), [], ties="rao-kupper")
+    assert (judged["not_smooth"], judged["flags"]) == (1, ["films not shown smoothly in 1 of 3 votes"])
+    (unknown,) = observer_rows(votes_from_rows([row, row]), [], ties="rao-kupper")
+    assert (unknown["not_smooth"], unknown["flags"]) == (None, [])
+
+
 def test_the_time_from_press_to_picture_is_told_where_it_was_recorded() -> None:
     row = {"participant": "P1", "dataset": "d", "item_a": "x", "item_b": "y", "choice": "a"}
     rows = observer_rows(
