@@ -361,6 +361,15 @@ class StudyOptions(Options):
             },
         ),
     ] = ""
+    lapses: Annotated[
+        bool,
+        Setting(
+            "Lapse rates",
+            "fit the scores with careless answers weighted down, too",
+            section="analysis",
+            change=ANY_TIME,
+        ),
+    ] = False
     planned_participants: Annotated[
         int,
         Setting(

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from app.analysis import analyse
-from app.analysis.comparisons.power import StudyPlan, simulate_votes
+from app.analysis.comparisons.power import simulate_votes
+from app.analysis.comparisons.vote_studies import StudyPlan
 from app.analysis.model.likelihood.counts import count_pairs
 from app.analysis.reading.read_votes import read_votes, votes_from_rows
 from app.analysis.reading.votes_table import VotesError, VotesTable, only_compared, votes_from_indices
