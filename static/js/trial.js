@@ -195,7 +195,7 @@ export class Trial {
     );
   }
 
-  /** Looks at every refresh whether the film runs; where no frame came for long, as when the computer slept, the look ends. @param {AbortSignal} signal */
+  /** Looks at every refresh whether the film runs; where one comes after long, as when the computer slept, the look ends. Where none comes any more the player fails. @param {AbortSignal} signal */
   #watchFrames(signal) {
     const look = (/** @type {number} */ now) => {
       if (signal.aborted) return;

@@ -21,7 +21,9 @@ PROTOCOL = "PC, ACR, ACR-HR, DCR or CCR"
 LONGEST_GAP = "longest time between two frames on the display, milliseconds; empty where not recorded"
 FRAME_SHARE = "frames presented, of those that a film without drops presents in the time; empty where not recorded"
 MISMATCH_SHARE = "share of the display's refreshes at which A and B were different frames; empty where not recorded"
-SHOWN_SMOOTHLY = "false if half of the frames were missing, or none came for more than a second; empty: not recorded"
+SHOWN_SMOOTHLY = (
+    "false if half of the frames were missing, none came for a second, or pictures came late; empty: unknown"
+)
 NOT_SMOOTH = "votes whose films were not shown smoothly; empty where that was not recorded"
 FRAME_LOCKED = "false if A and B may have been a frame apart at times (two videos)"
 
