@@ -121,6 +121,12 @@ class Job:
             for stream in self.capture.sensors_for(method)
         ]
 
+    @property
+    def matched_sensors(self) -> list[str]:
+        """The ids of the sensors whose pairs are matched by some depth method."""
+        is_matched = any(method != GIVEN for method in self.options.depth_methods)
+        return [stream.id for stream in self.capture.sensors if is_matched and stream.right is not None]
+
     def frames_of(self, method: str) -> Sequence[int]:
         """Return the frames that a depth method is to match: all, or the first where PM is to stand still."""
         is_still = self.options.pm == STATIC and is_pm(self.options.methods.depth[method])

@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.capture.checking.rows import RowFit, pivot_of, rows_of, with_rows
 from recon.capture.depth_maps import depth_view, given_disparity, read_depth_map
 from recon.capture.format import Capture, read_frame, read_masks
-from recon.capture.recording import GIVEN
+from recon.capture.recording import GIVEN, evenly_chosen
 from recon.capture.rectify import Rectification, rectify, rectify_left, rectify_left_mask
 from recon.cloud import NothingSeenError, cloud_from_disparity, crop_cloud
-from recon.depth import Past, rectified_pair
+from recon.depth import Past, StereoPair, rectified_pair
 from recon.depth.disparity_io import read_disparity, write_disparity
 from recon.depth.temporal import TemporalParameters, filtered
 from recon.geometry.mesh_files import no_cloud_digest, write_cloud, write_no_cloud
@@ -28,13 +29,14 @@ from recon.methods.plugins import PluginError
 from recon.pipeline.job import Job
 from recon.pipeline.keys import picture_key
 from recon.pipeline.methods import DepthMethod, depth_key, is_pm, match
-from recon.pipeline.run import COLOURS_NAME, View, read_clouds
+from recon.pipeline.run import COLOURS_NAME, ROWS_NAME, View, read_clouds
 from recon.runtime.artefacts import code_version, key_of
-from recon.runtime.files import write_json
+from recon.runtime.files import read_json, write_json
 from recon.runtime.programs import LOG, ProgramError
 from recon.runtime.remote import stored
 from recon.surface.colours import estimate_colours
 
+ROWS_FRAMES = 3  # first, middle, last
 PLACE_VOXELS = 3  # width of the places where sensors' colours are compared
 
 
@@ -57,6 +59,26 @@ def take_frame(job: Job, view: View) -> list[str]:
     return job.artefacts.make(view.matched, key, write)
 
 
+def measure_rows(job: Job, sensor_id: str) -> list[str]:
+    """Measure on a few frames how far the rows of a sensor's rectified pictures are apart, to match them so."""
+    capture = job.capture
+    frames = evenly_chosen(capture.n_frames, ROWS_FRAMES)
+    key = {
+        "pictures": [picture_key(capture, View("", sensor_id, frame)) for frame in frames],
+        "code": code_version("capture/checking", "capture/rectify.py"),
+    }
+
+    def write(path: Path) -> list[str]:
+        rectification = rectify(capture.stream(sensor_id).sensor, capture.bounds)
+        pairs = (rectified_pair(capture, rectification, frame) for frame in frames)
+        pictures = ((pair.left, pair.right, _masks(pair)) for pair in pairs if pair is not None)
+        fit = rows_of(pictures, pivot_of(rectification))
+        write_json(path, {"rows": None if fit is None else asdict(fit)})
+        return [f"sensor {sensor_id}: {fit}"] if fit is not None and fit.is_off else []
+
+    return job.artefacts.make(ROWS_NAME.format(sensor=sensor_id), key, write)
+
+
 def match_stretch(job: Job, views: Sequence[View]) -> list[str]:
     """Match the pictures of some frames of a sensor in a row; PM starts each from the one before.
 
@@ -72,6 +94,7 @@ def match_stretch(job: Job, views: Sequence[View]) -> list[str]:
         keys[view] = {
             "pictures": picture_key(job.capture, view),
             "method": depth_key(method),
+            "rows": _rows_key(job, view.sensor_id),
             "code": code_version("depth", "capture/noise.py", "capture/rectify.py"),
         } | ({} if past is None else {"before": before})
         before = key_of(keys[view])
@@ -97,7 +120,7 @@ def _matched_before(job: Job, view: View, key: dict[str, Any]) -> NDArray[np.flo
 
 def _matched(job: Job, method: DepthMethod, view: View, past: Past | None) -> tuple[NDArray[np.float32], list[str]]:
     """Match the pictures of a view; returns the disparities, and a sentence for each warning."""
-    rectification = rectified_view(job.capture, view)
+    rectification = with_rows(rectified_view(job.capture, view), _rows(job, view.sensor_id))
     pair = rectified_pair(job.capture, rectification, view.frame)
     if pair is None:
         if past:
@@ -215,6 +238,8 @@ def _filtered(job: Job, views: Sequence[View]) -> Iterator[tuple[View, NDArray[n
     """Yield the filtered disparity maps; the filter forgets everything where the sensor sees nothing."""
     rectification = rectified_view(job.capture, views[0])
     parameters = _temporal(job, views)
+    if parameters is not None:
+        rectification = with_rows(rectification, _rows(job, views[0].sensor_id))
 
     def matched(view: View) -> NDArray[np.float32]:
         return read_disparity(job.artefacts.path(view.matched))
@@ -228,6 +253,21 @@ def _filtered(job: Job, views: Sequence[View]) -> Iterator[tuple[View, NDArray[n
         maybe = (rectified_pair(job.capture, rectification, view.frame) for view in stretch)
         pairs = (pair for pair in maybe if pair is not None)  # there is one where something was matched
         yield from zip(stretch, filtered(pairs, disparities, parameters), strict=True)
+
+
+def _masks(pair: StereoPair) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
+    return None if pair.left_mask is None or pair.right_mask is None else (pair.left_mask, pair.right_mask)
+
+
+def _rows(job: Job, sensor_id: str) -> RowFit | None:
+    content = read_json(job.artefacts.path(ROWS_NAME.format(sensor=sensor_id)))["rows"]
+    return None if content is None else RowFit(**content | {"pivot": tuple(content["pivot"])})
+
+
+def _rows_key(job: Job, sensor_id: str) -> dict[str, Any] | None:
+    """Describe for a key how a sensor's right pictures are moved; None where they are not."""
+    fit = _rows(job, sensor_id)
+    return asdict(fit) if fit is not None and fit.is_off else None
 
 
 def compared_method(job: Job) -> str:

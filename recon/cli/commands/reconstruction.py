@@ -72,7 +72,7 @@ class Reconstruct(Command):
     )
     approach: str = APPROACHES
     methods: Path | None = METHODS
-    frames: str | None = option(None, "A:B for the frames A to B-1; default: all.", **FRAMES)
+    frames: str | None = option(None, "How many, from the first on, or A:B for A to B-1; default: all.", **FRAMES)
     voxel: float | None = option(
         None,
         "Voxel size, mm, the same for all depth methods; default: each gets one from its depth error and the points' "
@@ -145,11 +145,9 @@ class Fuse(Command):
 class Export(Command):
     """Of `export`."""
 
-    mesh: Path = argument("A mesh of a run, such as RUN/meshes/pm_fb/0000.ply, or a PLY with normals and colours.")
+    mesh: Path = argument("A mesh of a run, such as RUN/meshes/pm_fb/0000.ply, or any model that `render` reads.")
     out: Path = argument("File to write: .glb for viewers and the web, .ply, or .obj of a mesh with a texture.")
-    truth: Path | None = option(
-        None, "The true mesh, PLY, OBJ or glTF; colours then show the error, red outside, blue inside."
-    )
+    truth: Path | None = option(None, "The true mesh; colours then show the error, red outside, blue inside.")
     limit: float | None = option(None, "Error that gets the full colour, mm; default: 95 % of the vertices have less.")
 
 
