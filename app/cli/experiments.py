@@ -34,7 +34,7 @@ DEMO_WORKERS = 2  # that make models and films, each on one thread
 PRACTICE_SCENE = "box"  # small, as it is only to be told from its coarse twin
 PRACTICE_FRAMES = 2
 COARSE_MM = 40.0  # voxels, twice as large as the good model's
-DEMO_TAKES = "about two minutes on two idle cores"
+DEMO_TAKES = "two to three minutes on two idle cores"
 
 app = typer.Typer()
 experiment_app = typer.Typer(no_args_is_help=True, help="Run whole experiments, from recording to report.")
