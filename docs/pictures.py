@@ -38,7 +38,9 @@ def main(demo: Path) -> None:
     front = demo / "front"
     recorded = sorted(front.glob("recording_*.webp"))
     depths = [front / f"depth_{method}.webp" for method in ("id", "dr", "pm")]
-    models = [front / f"model_{depth}_{fusion}_photographs.webp" for fusion in ("fa", "fb") for depth in ("id", "dr", "pm")]
+    models = [
+        front / f"model_{depth}_{fusion}_photographs.webp" for fusion in ("fa", "fb") for depth in ("id", "dr", "pm")
+    ]
     keep("recording", sheet([*recorded, *depths], np.s_[:], columns=6))
     keep("models", sheet(models, UPPER_BODY, columns=3))
     figures = drawn_figures(read_json(demo / "analysis" / "analysis.json"), SCORES_WIDTH)

@@ -137,6 +137,8 @@ def _demo_steps(
         out / name for name in ("capture", "run", TRUTH, "stimuli", "validation/films", "practice")
     )
 
+    films = stimuli / "ball"
+
     def record() -> None:
         ball = SynthParameters(scene="ball", n_frames=DEMO_FRAMES, size=(540, 960), fps=5.0)
         box = SynthParameters(scene=PRACTICE_SCENE, n_frames=PRACTICE_FRAMES, size=(270, 480), fps=5.0)
@@ -179,7 +181,7 @@ def _demo_steps(
     return [
         Step("record a moving person with three synthetic stereo sensors", record, f"{capture}/S2/left/0000.png"),
         Step("reconstruct it by six approaches: depth, clouds, models", make_models, f"{run}/previews/0000.png"),
-        Step("film every model, and the true one, from the same moving camera", film, f"{stimuli}/ball/pm_fb_photographs.mp4"),
+        Step("film every model, and the true one, from the same moving camera", film, f"{films}/pm_fb_photographs.mp4"),
         Step("compare every film with that of the true model", measure, f"{measured}/report.html"),
         Step("make a study of the films: pairs, orders, an invitation", make_study),
         Step(

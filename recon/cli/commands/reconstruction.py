@@ -63,8 +63,8 @@ class Reconstruct(Command):
     )
     colour: str = option(
         "photographs",
-        "Where models take colours from, comma-separated: photographs (a texture as sharp as the pictures) and vertices "
-        "(averaged as the surface is, as in the paper).",
+        "Where models take colours from, comma-separated: photographs (a texture as sharp as the pictures) and "
+        "vertices (averaged as the surface is, as in the paper).",
         label="Colours",
         note="none chosen: photographs",
         choices={
