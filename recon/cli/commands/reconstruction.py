@@ -62,12 +62,15 @@ class Reconstruct(Command):
         is_several=True,
     )
     colour: str = option(
-        "vertices",
-        "Where models take colours from, comma-separated: vertices (averaged as the surface is) and photographs (a "
-        "texture as sharp as the pictures).",
+        "photographs",
+        "Where models take colours from, comma-separated: photographs (a texture as sharp as the pictures) and "
+        "vertices (averaged as the surface is, as in the paper).",
         label="Colours",
-        note="none chosen: vertices",
-        choices={"vertices": "averaged as the surface is", "photographs": "a texture as sharp as the pictures"},
+        note="none chosen: photographs",
+        choices={
+            "photographs": "a texture as sharp as the pictures",
+            "vertices": "averaged as the surface is, as in the paper",
+        },
         is_several=True,
     )
     approach: str = APPROACHES
