@@ -19,12 +19,13 @@ from recon.capture.importing.calibrations.placed import Placed
 from recon.capture.importing.calibrations.robots import read_euroc, read_kalibr, read_ros
 from recon.capture.importing.colmap import import_colmap
 from recon.capture.importing.colmap_model import FOLDERS
+from recon.capture.importing.depth_cameras import read_scannet, read_tum
 from recon.capture.importing.json_file import import_json
 from recon.capture.importing.meshroom import SFM_FILES, import_meshroom
 from recon.capture.importing.middlebury import FPS, TEMPLE_PAIRS, import_middlebury
 from recon.capture.importing.nerfstudio import TRANSFORMS, import_nerfstudio
 from recon.capture.importing.opencv import import_opencv
-from recon.capture.importing.sources import ImportOptions, write_recording
+from recon.capture.importing.sources import ImportOptions, Recording, write_recording
 from recon.capture.importing.views import choose_sensors
 
 AUTO = "auto"
@@ -145,6 +146,11 @@ def _asking(read: Callable[[Path, float | None], Placed]) -> Callable[[Path, Pat
     return run
 
 
+def _recorded(read: Callable[[Path, ImportOptions], Recording]) -> Callable[[Path, Path, ImportOptions], Capture]:
+    """Return an importer of what depth cameras recorded."""
+    return lambda source, out, options: write_recording(out, read(source, options), options)
+
+
 def _temple(source: Path, out: Path, options: ImportOptions) -> Capture:
     return import_middlebury(
         source,
@@ -246,6 +252,20 @@ FORMATS: dict[str, Format] = {  # the first of those that know a source reads it
         ("cams/*_cam.txt", "*_cam.txt"),
         "any unit (mm of DTU), `images/`; `rendered_depth_maps/*.pfm`; bounds from the depths",
         r"^\s*extrinsic",
+    ),
+    "tum": Format(
+        _recorded(read_tum),
+        ("rgb.txt", "depth.txt"),
+        "`rgb.txt`, `depth.txt`; with `groundtruth.txt`, `--shots` or eight frames become sensors and others between "
+        "them are held out; without, the camera stood still; the camera by the sequence's name, or `calibration.txt`",
+        r"(?m)^\d+\.?\d*\s+\S+\.\w+\s*$",
+        ("units", "up", "shots"),
+    ),
+    "scannet": Format(
+        _recorded(read_scannet),
+        ("intrinsic/intrinsic_color.txt", "intrinsics_color.txt", "intrinsics.txt", "intrinsic.txt"),
+        "`color`, `depth` in mm, `pose` (or none), `intrinsic`; as `tum`",
+        takes=("units", "up", "shots"),
     ),
     "opencv": Format(
         lambda source, out, options: import_opencv(source, out, options),

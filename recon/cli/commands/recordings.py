@@ -25,6 +25,8 @@ IMPORTED = {  # what each format is called, for people; `recon.capture.importing
     "strecha": "Strecha's .camera files",
     "mvsnet": "MVSNet's and DTU's cam.txt",
     "miv": "MPEG's MIV content",
+    "tum": "TUM's RGB-D benchmark",
+    "scannet": "RGB-D folders as those of ScanNet",
     "json": "a JSON file of cameras",
 }
 
@@ -72,7 +74,9 @@ class CaptureImport(Command):
         None, "Frames a second; default: as the videos, else 25.", ge=0.01, label="Frames a second", high=1000
     )
     name: str | None = option(None, "The scene's name; default: the source's.")
-    shots: str | None = option(None, "For json: names of the shots to take as frames, comma-separated.")
+    shots: str | None = option(
+        None, "For json: names of the shots to take as frames; for tum and scannet: of those that become sensors."
+    )
 
 
 class CaptureCalibrate(Command):
