@@ -21,12 +21,17 @@ GLB_MAGIC, GLB_JSON, GLB_BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942  # glTF 2.0
 GENERATOR = "reconstudy"
 COMPONENTS = {5123: "<u2", 5125: "<u4", 5126: "<f4"}  # section 3.6.2
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-Colouring = tuple[str, NDArray[Any], int, str]  # of vertices: attribute, values, component, kind
+Attribute = tuple[str, NDArray[Any], int, str]  # of vertices: name, values (N,) or (N, C), component, kind
+FILLED = "_FILLED"  # names that begin so are an application's own, section 3.7.2.1
 METRES_PER_MM = 0.001  # glTF's unit of length is the metre
 
 
 def glb_bytes(
-    vertices: NDArray[np.float32], faces: NDArray[np.int32], normals: NDArray[np.float32], colours: NDArray[np.uint8]
+    vertices: NDArray[np.float32],
+    faces: NDArray[np.int32],
+    normals: NDArray[np.float32],
+    colours: NDArray[np.uint8],
+    filled: NDArray[np.bool_] | None = None,
 ) -> bytes:
     """Encode a mesh with a colour on every vertex as binary glTF 2.0, unlit and visible from both sides.
 
@@ -36,8 +41,9 @@ def glb_bytes(
     faces : int32 (M, 3)
     normals : float32 (N, 3), unit length
     colours : uint8 (N, 3), sRGB
+    filled : bool (N,), as of `Mesh`
     """
-    return _glb(vertices, faces, normals, by_colours(colours))
+    return _glb(vertices, faces, normals, [by_colours(colours), *by_filled(filled)])
 
 
 def textured_glb_bytes(
@@ -46,6 +52,7 @@ def textured_glb_bytes(
     normals: NDArray[np.float32],
     uv: NDArray[np.float32],
     png: bytes,
+    filled: NDArray[np.bool_] | None = None,
 ) -> bytes:
     """Encode a textured mesh as binary glTF 2.0, unlit and visible from both sides.
 
@@ -56,32 +63,38 @@ def textured_glb_bytes(
     normals : float32 (N, 3), unit length
     uv : float32 (N, 2), (0, 0) is the lower left corner of the picture; glTF counts from the upper left one
     png : the picture, sRGB, which glTF expects in textures
+    filled : bool (N,), as of `Mesh`
     """
-    return _glb(vertices, faces, normals, by_places(uv), png)
+    return _glb(vertices, faces, normals, [by_places(uv), *by_filled(filled)], png)
 
 
-def by_colours(colours: NDArray[np.uint8]) -> Colouring:
+def by_colours(colours: NDArray[np.uint8]) -> Attribute:
     """Return the attribute of vertices with colours, uint8 (N, 3), sRGB."""
     linear = np.full((len(colours), 4), 65535, dtype="<u2")
     linear[:, :3] = _linear_from_srgb()[colours]
     return "COLOR_0", linear, 5123, "VEC4"
 
 
-def by_places(uv: NDArray[np.float32]) -> Colouring:
+def by_places(uv: NDArray[np.float32]) -> Attribute:
     """Return the attribute of vertices with places in a picture, float32 (N, 2), counted from its lower left corner."""
     return "TEXCOORD_0", np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1).astype("<f4"), 5126, "VEC2"
+
+
+def by_filled(filled: NDArray[np.bool_] | None) -> list[Attribute]:
+    """Return the attribute that says which vertices (N,) are filled in; none where nobody knows."""
+    return [] if filled is None else [(FILLED, filled.astype("<f4"), 5126, "SCALAR")]
 
 
 def _glb(
     vertices: NDArray[np.float32],
     faces: NDArray[np.int32],
     normals: NDArray[np.float32],
-    colouring: Colouring,
+    attributes: Sequence[Attribute],
     png: bytes = b"",
 ) -> bytes:
     """Encode a mesh whose vertices carry linear colours, or places in a picture."""
     scene = GltfScene()
-    scene.add(vertices, faces, normals, colouring, png)
+    scene.add(vertices, faces, normals, attributes, png)
     document = scene.document([None])
     binary = scene.next_buffer()
     binary += b"\0" * (-len(binary) % 4)
@@ -117,7 +130,7 @@ class GltfScene:
         vertices: NDArray[np.float32],
         faces: NDArray[np.int32],
         normals: NDArray[np.float32],
-        colouring: Colouring,
+        attributes: Sequence[Attribute],
         png: bytes = b"",
         uri: str | None = None,
     ) -> None:
@@ -126,17 +139,17 @@ class GltfScene:
         Parameters
         ----------
         vertices, faces, normals : float32 (N, 3), mm; int32 (M, 3); float32 (N, 3)
-        colouring : the name of an attribute, its values (N, C), and their component and kind in glTF
+        attributes : further ones of the vertices
         png : the picture that belongs into the buffer
         uri : or its file
         """
-        attributes = {}
+        named = {}
         for name, array, component, kind in (
             ("POSITION", vertices.astype("<f4"), 5126, "VEC3"),
             ("NORMAL", normals.astype("<f4"), 5126, "VEC3"),
-            colouring,
+            *attributes,
         ):
-            attributes[name] = self._array(name, array, component, kind, 34962)
+            named[name] = self._array(name, array, component, kind, 34962)
         indices = self._array("indices", faces.astype("<u4").ravel(), 5125, "SCALAR", 34963)
         surface: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": 1}
         if png:
@@ -147,7 +160,7 @@ class GltfScene:
         if png or uri is not None:
             surface["baseColorTexture"] = {"index": len(self._images) - 1}
         number = len(self._meshes)
-        primitive = {"attributes": attributes, "indices": indices, "material": number, "mode": 4}
+        primitive = {"attributes": named, "indices": indices, "material": number, "mode": 4}
         self._nodes.append({"mesh": number, "scale": [METRES_PER_MM] * 3})
         self._meshes.append({"primitives": [primitive]})
         self._materials.append(
@@ -222,7 +235,14 @@ class GltfScene:
 
 def read_glb(
     content: bytes,
-) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float32], NDArray[np.uint8] | NDArray[np.float32], bytes]:
+) -> tuple[
+    NDArray[np.float32],
+    NDArray[np.int32],
+    NDArray[np.float32],
+    NDArray[np.uint8] | NDArray[np.float32],
+    bytes,
+    NDArray[np.bool_] | None,
+]:
     """Decode what `glb_bytes` or `textured_glb_bytes` encoded: the files of a run.
 
     Returns
@@ -232,6 +252,7 @@ def read_glb(
     normals : float32 (N, 3)
     colours or uv : uint8 (N, 3), sRGB, or float32 (N, 2) as encoded
     png : the picture, empty where vertices have colours
+    filled : bool (N,), None where the file does not say
 
     Raises
     ------
@@ -260,7 +281,8 @@ def read_glb(
             png = content[start : start + picture["byteLength"]]
     except (ValueError, KeyError, IndexError, struct.error, TypeError) as error:
         raise ValueError(f"is no whole GLB that reconstudy wrote: {error}; expected a mesh of a run") from error
-    return vertices, faces.astype(np.int32), normals, colouring, png
+    filled = arrays[FILLED][:, 0] > 0 if FILLED in arrays else None
+    return vertices, faces.astype(np.int32), normals, colouring, png, filled
 
 
 def _linear_from_srgb() -> NDArray[np.uint16]:

@@ -71,10 +71,10 @@ def write_sequence(out: Path, folder: Path, fps: float, progress: Progress) -> i
                 raise ValueError(f"{path}: holds no faces; a sequence is one of meshes")
             picture = f"{number:04d}.png"
             if mesh.texture is None:
-                scene.add(mesh.vertices, mesh.faces, mesh.normals, by_colours(mesh.colours))
+                scene.add(mesh.vertices, mesh.faces, mesh.normals, [by_colours(mesh.colours)])
             else:
                 write_bytes(made / picture, png_of(mesh.texture))
-                scene.add(mesh.vertices, mesh.faces, mesh.normals, by_places(mesh.texture.uv), uri=picture)
+                scene.add(mesh.vertices, mesh.faces, mesh.normals, [by_places(mesh.texture.uv)], uri=picture)
             write_bytes(made / f"{number:04d}.bin", scene.next_buffer())
             progress("frames", number + 1, len(paths))
         scene.show_in_turn(fps)

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.geometry.mesh import Shape, check_resolved
+from recon.geometry.mesh import Shape, check_resolved, measured_part
+from recon.geometry.mesh_files import read_mesh
 from recon.geometry.rig import UNITS_MM
 from recon.models.read import GLTF_SUFFIXES
 from recon.models.shape import read_model_shape
@@ -101,6 +102,12 @@ def read_shape(path: Path) -> Shape:
         shape = read_model_shape(path)
     check_resolved(shape.points, f"{path}: ")
     return shape
+
+
+def read_measured_shape(path: Path) -> Shape:
+    """Read a mesh of a run as `read_shape` does, but for the faces where holes were filled and nothing was measured."""
+    mesh = measured_part(read_mesh(path))
+    return Shape(mesh.vertices, mesh.faces, mesh.normals, mesh.colours)
 
 
 def unit_mm(path: Path, unit: str) -> float:

@@ -17,11 +17,12 @@ from datetime import datetime
 from app.errors import StudyError, UnavailableError
 from app.operations.database import open_store
 from app.operations.extras import has_extra
+from app.operations.jobs.chains import go_on
 from app.operations.jobs.command import Command, job_folder
 from app.operations.jobs.kinds import KINDS, job_kind
 from app.operations.jobs.queueing import must_wait
 from app.settings import Settings
-from app.store.database.engine import Database
+from app.store.database.engine import Database, Transaction
 from app.store.database.keys import utc_now
 from app.store.queue import (
     JobProgress,
@@ -179,7 +180,13 @@ class JobWorker:
 
     def _end_done(self, running: _Running) -> None:
         tell_progress(self._database, self._me.name, running.job.public_id, running.command.progress())
-        self._end(running.job, "done", "")
+        job, now = running.job, self._clock()
+
+        def goes_on(connection: Transaction) -> str:
+            return go_on(self._settings, connection, job, now)
+
+        end_job(self._database, self._me.name, job.public_id, "done", "", now, goes_on)
+        log.info("job %s is done", job.public_id)
 
     def _end(self, job: QueuedJob, state: JobState, detail: str) -> None:
         end_job(self._database, self._me.name, job.public_id, state, detail, self._clock())

@@ -43,6 +43,7 @@ THRESHOLDS = option(
     example="5:100",
     is_blank=True,
 )
+FILLED = option(True, "Count the surfaces that were filled where nothing was measured.", label="Count filled holes")
 SEED = option(1, "Seed of the random samples; the same seed gives the same report.", ge=0)
 UNIT = option("mm", "Unit of all files but glTF: mm, cm, m or in.", label="Unit", choices=UNITS)
 
@@ -132,6 +133,7 @@ class ValidateViews(Command):
         low=0.001,
         high=10_000,
     )
+    filled: bool = FILLED
 
 
 class ValidateMesh(Command):
@@ -149,6 +151,7 @@ class ValidateMesh(Command):
     scanner: str | None = option(
         None, "x,y,z in mm from where the truth was scanned; ETH3D then counts what was visible from there."
     )
+    filled: bool = FILLED
     seed: int = SEED
 
 

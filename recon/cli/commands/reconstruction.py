@@ -108,6 +108,20 @@ class Reconstruct(Command):
     outlines: Literal["masks", "off"] = option(
         "masks", "masks: surfaces end where the masks of all sensors do; off: where their points do."
     )
+    agreement: bool = option(
+        True,
+        "Hold the sensors' points against each other before they are fused: what others contradict goes, what they "
+        "measured, too, is averaged.",
+        label="Let sensors agree",
+    )
+    fill: int = option(
+        16,
+        "Continue surfaces where a mask shows the object and nothing was measured, up to so many pixels; 0: leave "
+        "such holes. Their vertices are marked. Needs --outlines masks.",
+        ge=0,
+        label="Fill holes",
+        high=200,
+    )
     workers: int = WORKERS
     cluster: str | None = CLUSTER
     device: Literal["cpu", "gpu"] = DEVICE

@@ -129,7 +129,12 @@ class CaptureCheck(Command):
         "--out.",
         flags=("--resample",),
     )
-    out: Path | None = option(None, "Folder to make for --resample; must be empty or absent.", flags=OUT)
+    correct: bool = option(
+        False,
+        "Write the recording anew with a small correction of the sensors whose rows are apart; needs --out.",
+        flags=("--correct",),
+    )
+    out: Path | None = option(None, "Folder to make for --resample and --correct; must be empty or absent.", flags=OUT)
 
 
 class CaptureSynth(Command):
