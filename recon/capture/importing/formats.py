@@ -12,6 +12,7 @@ from difflib import SequenceMatcher
 from pathlib import Path
 
 from recon.capture.format import CAPTURE_FILE, Capture, CaptureError
+from recon.capture.importing.bags import import_bag
 from recon.capture.importing.calibrations.benchmarks import read_kitti, read_middlebury_pair
 from recon.capture.importing.calibrations.matlab import read_matlab
 from recon.capture.importing.calibrations.multi_view import read_miv, read_mvsnet, read_strecha
@@ -266,6 +267,14 @@ FORMATS: dict[str, Format] = {  # the first of those that know a source reads it
         ("intrinsic/intrinsic_color.txt", "intrinsics_color.txt", "intrinsics.txt", "intrinsic.txt"),
         "`color`, `depth` in mm, `pose` (or none), `intrinsic`; as `tum`",
         takes=("units", "up", "shots"),
+    ),
+    "rosbag": Format(
+        import_bag,
+        ("*.bag", "metadata.yaml", "*.db3", "*.mcap"),
+        "ROS 1 and 2, RealSense's by its ROS node: two topics with camera_info, a pair or pictures and depth maps that "
+        "are aligned to them; `--shots TOPIC,TOPIC` where there are more; `pip install reconstudy[ros]`",
+        r"^#ROSBAG V2|rosbag2_bagfile_information|^SQLite format 3|MCAP0",
+        ("units", "up", "shots"),
     ),
     "opencv": Format(
         lambda source, out, options: import_opencv(source, out, options),

@@ -27,6 +27,7 @@ IMPORTED = {  # what each format is called, for people; `recon.capture.importing
     "miv": "MPEG's MIV content",
     "tum": "TUM's RGB-D benchmark",
     "scannet": "RGB-D folders as those of ScanNet",
+    "rosbag": "a bag of ROS 1 or 2",
     "json": "a JSON file of cameras",
 }
 
@@ -75,7 +76,9 @@ class CaptureImport(Command):
     )
     name: str | None = option(None, "The scene's name; default: the source's.")
     shots: str | None = option(
-        None, "For json: names of the shots to take as frames; for tum and scannet: of those that become sensors."
+        None,
+        "For json: names of the shots to take as frames; for tum and scannet: of those that become sensors; for "
+        "rosbag: topics. Comma-separated.",
     )
 
 
