@@ -30,6 +30,7 @@ from recon.capture.importing.sources import ImportOptions, Recording, write_reco
 from recon.capture.importing.views import choose_sensors
 
 AUTO = "auto"
+ALIKE = 0.7  # of two names, from 0 to 1
 LOOKED_AT = 65536  # bytes of a file
 MM, METRE = 1.0, 1000.0
 TEMPLE_FRAMES = 3
@@ -57,9 +58,10 @@ class Format:
 
     def is_in(self, source: Path) -> bool:
         """Tell whether a source has such a file."""
-        return any(re.search(self.holds, _beginning(path)) for path in self._candidates(source))
+        return any(re.search(self.holds, _beginning(path)) for path in self.candidates(source))
 
-    def _candidates(self, source: Path) -> Iterator[Path]:
+    def candidates(self, source: Path) -> Iterator[Path]:
+        """Yield the files of a source that have the names of this format's, whatever they say."""
         for pattern in self.files:
             if source.is_dir():
                 yield from (path for path in sorted(source.glob(pattern)) if path.is_file())
@@ -101,15 +103,27 @@ def find_format(source: Path) -> str:
         raise CaptureError(f"{source}: is a capture already, with a {CAPTURE_FILE}; nothing is to be imported")
     if known := _known(source):
         return known[0]
+    raise CaptureError(f"{source}: is in no format that is known{_nearest(source)}. Known are {', '.join(FORMATS)}")
+
+
+def _nearest(source: Path) -> str:
+    """Say which format has files of the same names that say something else, or of names that are nearly the same."""
+    for name, kind in FORMATS.items():
+        by_name = [
+            path for path in kind.candidates(source) if f"*{path.suffix}" not in kind.files
+        ]  # any name says nothing
+        if by_name:
+            return f"; nearest is {name}, but {by_name[0].name} is none of its files: {kind.means}"
     names = [path.name for path in source.iterdir()] if source.is_dir() else [source.name]
-    near, file = max(
-        ((name, file) for name, kind in FORMATS.items() for file in kind.files),
-        key=lambda pair: max((_likeness(Path(pair[1]).name, name) for name in names), default=0.0),
-    )
-    raise CaptureError(
-        f"{source}: is in no format that is known; the nearest is {near}, which has {file}"
-        f"{f' with {FORMATS[near].holds!r} in it' if FORMATS[near].holds else ''}. Expected one of {', '.join(FORMATS)}"
-    )
+    pairs = [
+        (max((_likeness(Path(file).name, name) for name in names), default=0.0), format_name, file)
+        for format_name, kind in FORMATS.items()
+        for file in kind.files
+    ]
+    likeness, nearest, file = max(pairs)
+    if likeness < ALIKE:
+        return ", as none of its files tells cameras"
+    return f"; nearest is {nearest}, which has {file}: {FORMATS[nearest].means}"
 
 
 def _known(source: Path) -> list[str]:

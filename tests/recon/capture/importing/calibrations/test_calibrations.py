@@ -353,12 +353,23 @@ def test_every_format_has_a_name_for_people() -> None:
     assert {*IMPORTED} == {AUTO, *FORMATS}
 
 
-def test_a_source_of_no_known_format_is_told_the_nearest(tmp_path: Path) -> None:
-    (tmp_path / "calibs.txt").write_text("nothing")
-    with pytest.raises(
-        CaptureError, match=r"is in no format that is known; the nearest is middlebury-pair, which has calib"
-    ):
+@pytest.mark.parametrize(
+    ("name", "content", "sentence"),
+    [
+        ("calibs.txt", "", r"nearest is middlebury-pair, which has calib\.txt: `im0\.png`"),
+        ("calib.txt", "nothing", r"nearest is middlebury-pair, but calib\.txt is none of its files"),
+        ("holiday.mp3", "", "as none of its files tells cameras"),
+    ],
+)
+def test_a_source_of_no_known_format_is_told_the_nearest(
+    tmp_path: Path, name: str, content: str, sentence: str
+) -> None:
+    (tmp_path / name).write_text(content)
+    with pytest.raises(CaptureError, match=f"is in no format that is known.*{sentence}.*Known are middlebury, "):
         find_format(tmp_path)
+
+
+def test_a_source_that_is_named_wrongly_is_told_what_it_looks_like(tmp_path: Path) -> None:
     kalibr(tmp_path / "kalibr")
     with pytest.raises(CaptureError, match=r"holds no COLMAP model.*the source looks like kalibr"):
         import_recording("colmap", tmp_path / "kalibr", tmp_path / "out", replace(OPTIONS, unit_mm=1.0))
