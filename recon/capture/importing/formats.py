@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
 from pathlib import Path
 
+import cv2
+
 from recon.capture.format import CAPTURE_FILE, Capture, CaptureError
 from recon.capture.importing.bags import import_bag
 from recon.capture.importing.calibrations.benchmarks import read_kitti, read_middlebury_pair
@@ -30,6 +32,7 @@ from recon.capture.importing.sources import ImportOptions, Recording, write_reco
 from recon.capture.importing.views import choose_sensors
 
 AUTO = "auto"
+BROKEN = (AttributeError, LookupError, OverflowError, TypeError, cv2.error)  # what reading raises of odd values
 ALIKE = 0.7  # of two names, from 0 to 1
 LOOKED_AT = 65536  # bytes of a file
 MM, METRE = 1.0, 1000.0
@@ -84,10 +87,11 @@ def import_recording(name: str, source: Path, out: Path, options: ImportOptions)
     CaptureError
         Naming what is wrong, and the format that the source looks like, if it is another one.
     """
-    if name == AUTO:
-        return FORMATS[find_format(source)].run(source, out, options)
+    name = find_format(source) if name == AUTO else name
     try:
         return FORMATS[name].run(source, out, options)
+    except BROKEN as error:
+        raise CaptureError(f"{source}: is not whole: {type(error).__name__} {error}") from error
     except ValueError as error:
         likely = [] if FORMATS[name].is_in(source) else _known(source)
         if not likely:

@@ -84,6 +84,19 @@ def test_a_las_has_its_points_and_colours_of_16_bits(tmp_path: Path, name: str) 
     (tmp_path / name).write_bytes(content)
     with pytest.raises(ValueError, match=r"announces 10000000000000 points, more than its \d+ bytes can hold"):
         read_contents(tmp_path / name)
+    if name.endswith("laz"):
+        las.write(str(tmp_path / name))
+        content = bytearray((tmp_path / name).read_bytes())
+        table_at = int.from_bytes(content[int.from_bytes(content[96:100], "little") :][:8], "little")
+        content[table_at + 4 : table_at + 8] = b"\xff\xff\xff\x7f"
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(ValueError, match="announces 2147483647 chunks"):
+            read_contents(tmp_path / name)
+    content = bytearray((tmp_path / name).read_bytes())
+    struct.pack_into("<I", content, 100, 2**31)  # as many records would be looked for
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ValueError, match="announces 2147483648 records"):
+        read_contents(tmp_path / name)
     (tmp_path / name).write_bytes(b"LASF" + bytes(100))
     with pytest.raises(ValueError, match="is not readable as LAS"):
         read_contents(tmp_path / name)
