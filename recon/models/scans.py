@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.models.part import Contents, cloud_part, colours_from
+from recon.runtime.backend import open3d
 
 HEADER_BYTES = 4096
 PCD_KEYS = ("FIELDS", "SIZE", "COUNT", "POINTS", "DATA")
@@ -31,11 +32,9 @@ def read_pcd_model(path: Path) -> Contents:
     ValueError
         If the file is missing or damaged, or has no x, y, z.
     """
-    import open3d
-
-    n_points = _announced_pcd(path)
-    with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
-        cloud = open3d.io.read_point_cloud(path, format="pcd")
+    n_points, library = _announced_pcd(path), open3d()
+    with library.utility.VerbosityContextManager(library.utility.VerbosityLevel.Error):
+        cloud = library.io.read_point_cloud(path, format="pcd")
     points = np.asarray(cloud.points)
     if len(points) != n_points:
         raise ValueError(f"announces {n_points} points, {len(points)} could be read; it is damaged")
