@@ -36,14 +36,18 @@ class CaptureImport(Command):
     """Of `capture import`."""
 
     format: str = argument(
-        f"Format of the source: {', '.join(IMPORTED)}; auto finds it by its files.", label="Format", choices=IMPORTED
+        f"Format of the source: {', '.join(IMPORTED)}; auto finds it by its files.",
+        label="Format",
+        note="found by the files, unless you say it",
+        choices=IMPORTED,
     )
     source: Path = argument("Folder of the recording, or its calibration or JSON file.")
     out: Path = argument("Folder to make; must be empty or absent.")
     pairs: str | None = option(
         None,
         "LEFT-RIGHT view numbers of each stereo sensor, comma-separated: IMAGE_IDs of colmap, viewIds of meshroom, "
-        f"places in nerfstudio's frames from 1. Default for middlebury: {TEMPLE_PAIRS}.",
+        f"places in nerfstudio's frames from 1, others as the import lists them. Default for middlebury: "
+        f"{TEMPLE_PAIRS}.",
         label="Pairs",
         form=r"\d+-\d+(?:,\d+-\d+)*",
         example="13-14,20-21",
