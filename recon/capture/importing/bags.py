@@ -79,17 +79,17 @@ def import_bag(source: Path, out: Path, options: ImportOptions) -> Capture:
     inside = [*source.glob("*.bag")] if source.is_dir() else []
     source = inside[0] if len(inside) == 1 else source
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
-        from rosbags.highlevel.anyreader import ReaderErrors
-        from rosbags.serde import SerdeError
-        from rosbags.typesys import Stores, TypesysError, get_typestore
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise CaptureError(f"{source}: bags need rosbags: pip install 'reconstudy[ros]'") from error
     try:
         reading = AnyReader([source], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         with reading as reader, TemporaryDirectory() as work:
             return _import(reader, source, out, Path(work), options)
-    except (AnyReaderError, *ReaderErrors, SerdeError, TypesysError) as error:
+    except Exception as error:  # of a damaged bag, its reader lets through what its database or its checks raise
+        if isinstance(error, ValueError) and not isinstance(error, UnicodeError):
+            raise
         raise CaptureError(f"{source}: is not readable as a bag: {error}") from error
 
 
