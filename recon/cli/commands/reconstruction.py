@@ -152,6 +152,12 @@ class Export(Command):
     out: Path = argument("File to write: .glb for viewers and the web, .ply, or .obj of a mesh with a texture.")
     truth: Path | None = option(None, "The true mesh; colours then show the error, red outside, blue inside.")
     limit: float | None = option(None, "Error that gets the full colour, mm; default: 95 % of the vertices have less.")
+    sequence: bool = option(
+        False,
+        "Write all frames of a folder as one glTF that shows them in turn, into the folder OUT.",
+        flags=("--sequence",),
+    )
+    fps: float = option(25.0, "Frames a second of the sequence.", ge=0.01)
 
 
 class Models(Command):
