@@ -41,7 +41,7 @@ from app.store.database.engine import Database, open_database
 from app.store.database.keys import utc_now
 from app.store.trials.vote_writer import VoteWriter
 from app.web import media
-from app.web.admin import background
+from app.web.admin import background, manual_page
 from app.web.admin.access import account_page, server_page, sign_in_page, users_page
 from app.web.admin.flags import Flags
 from app.web.admin.participants import (
@@ -59,6 +59,7 @@ from app.web.admin.studies import (
     edit_page,
     films_page,
     lifecycle_page,
+    new_study_page,
     overview_page,
     sets_page,
     texts_page,
@@ -114,8 +115,10 @@ ROUTERS = (
     tables_page.router,
     files_page.router,
     background.router,
+    manual_page.router,
     jobs_page.router,
-    lifecycle_page.router,  # before those of one study: "new" is no study
+    new_study_page.router,  # before those of one study: "new" is no study
+    lifecycle_page.router,
     overview_page.router,
     comments_page.router,  # before those of one participant
     demographics_page.router,

@@ -68,6 +68,25 @@ def formats() -> str:
     return "\n".join(["| `--format` | what is in the file |", "|---|---|", *rows])
 
 
+def imports() -> str:
+    """Return the table of formats that `capture import` takes."""
+    from recon.capture.importing.formats import FORMATS
+    from recon.cli.commands.recordings import IMPORTED
+
+    rows = [
+        (
+            f"`{name}`",
+            words,
+            ", ".join(f"`{file}`" for file in dict.fromkeys(FORMATS[name].files[:3])),
+            FORMATS[name].means,
+            " ".join(f"`--{option}`" for option in FORMATS[name].takes),
+        )
+        for name, words in IMPORTED.items()
+        if name in FORMATS
+    ]
+    return _table(("format", "what", "known by", "meaning", "takes"), rows)
+
+
 def commands() -> str:
     """Return every command with its arguments and options, as `--help` prints them."""
     from app.cli import app

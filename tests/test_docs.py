@@ -187,6 +187,12 @@ def test_the_page_of_formats_has_the_table_that_the_code_has() -> None:
     assert formats() in (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
 
 
+def test_the_page_of_cameras_has_the_table_of_formats_that_the_code_has() -> None:
+    from docs.reference import imports
+
+    assert imports() in (ROOT / "docs" / "cameras.md").read_text(encoding="utf-8")
+
+
 def test_every_page_stands_in_the_navigation() -> None:
     navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     names = {page.name.lower() for page in PAGES} - {"readme.md"}

@@ -18,7 +18,7 @@ from app.intake.summaries import MODELS, PICTURES, SCENE_FILE, TABLES, files_of,
 from app.intake.zips import MB, check_file, check_zip, is_zip, unpack
 
 TEXTS = (".json", ".csv", ".txt", ".md", ".toml", ".yml", ".yaml", ".xml", ".ini", ".html", ".log")
-CAPTURED = (*PICTURES, ".ppm", ".pgm", *VIDEO_SUFFIXES, ".npy", ".exr", ".ply", ".bin", ".sfm", *TEXTS)
+CAPTURED = (*PICTURES, *VIDEO_SUFFIXES, ".npy", ".pfm", ".ply", ".bin", ".sfm", ".mat", ".camera", *TEXTS)
 BELONGING: Mapping[str, tuple[str, ...]] = {  # suffixes of files that may be in an upload
     "captures": CAPTURED,
     "calibration": (*PICTURES, *VIDEO_SUFFIXES, *TEXTS),

@@ -19,10 +19,11 @@ from app.intake.stimuli import MANIFEST
 
 SCENE_FILE = "scene.json"
 RUN_FILE = "run.json"
-PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".pnm", ".exr")
 TABLES = (".csv", ".tsv", ".csv.gz", ".tsv.gz", ".xlsx", ".json", ".jsonl", ".ndjson", ".parquet")
 LONGEST_NAME = 100  # letters
-MODELS = (".ply", ".obj", ".glb", ".gltf", ".spz", ".splat", ".ksplat", ".sog")
+SCANS = (".pcd", ".las", ".laz", ".e57")
+MODELS = (".ply", ".obj", ".glb", ".gltf", ".stl", ".off", *SCANS, ".spz", ".splat", ".ksplat", ".sog")
 
 
 def files_of(path: Path) -> list[Path]:

@@ -34,6 +34,7 @@ from app.store.studies.audit import Actor, Entry, record_alone
 TELLS_EVERY_S = 0.5
 BEATS_EVERY_S = BEATS_WITHIN.total_seconds() / 4
 KIND = "kind"  # names the kind of a task that can be taken up again, among what it keeps
+BACK = "back"  # names the page to go back to, should it fail
 CANCELLED = "It was cancelled. What was finished is kept, and used when it is started again."
 
 Kept = Mapping[str, Any]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 from urllib.parse import quote
@@ -18,7 +19,7 @@ from app.intake.bounds import in_bounds
 from app.intake.zips import MB, check_zip
 from app.operations.studies.attach import attach
 from app.operations.studies.receive_films import install_set
-from app.operations.tasks import start_task
+from app.operations.tasks import BACK, start_task
 from app.operations.upkeep.travel import check_study_zip, import_study
 from app.settings import Settings
 from app.store.database.engine import Database
@@ -49,9 +50,21 @@ async def begin_attaching(request: Request, server: Settings, actor: Actor, data
 
 
 async def begin_installing(
-    request: Request, server: Settings, actor: Actor, database: Database, name: str, *, is_conformed: bool
+    request: Request,
+    server: Settings,
+    actor: Actor,
+    database: Database,
+    name: str,
+    *,
+    is_conformed: bool,
+    is_for_study: bool = False,
 ) -> str:
-    """Receive films or a stimulus set, and begin to look at them; return the task's id."""
+    """Receive films or a stimulus set, and begin to look at them; return the task's id.
+
+    Parameters
+    ----------
+    is_for_study : the task leads on to the form of a study of them
+    """
     folder, packed = await receive(request, actor, database, server.sets_dir, server.largest_upload_mb, check_zip)
 
     def work(progress: Progress) -> str:
@@ -59,9 +72,10 @@ async def begin_installing(
             unpacked = Path(folder.name) / "unpacked"
             made = install_set(server, packed, unpacked, progress, name=name, is_conformed=is_conformed)
         record_alone(database, actor.name, Entry("stimulus set uploaded", subject=made), actor.now)
-        return f"/admin/sets/{quote(made)}"
+        return f"/admin/studies/new?stimulus_set={quote(made)}" if is_for_study else f"/admin/sets/{quote(made)}"
 
-    return await run_in_threadpool(start_task, database, actor, "Looking at the uploaded films", work)
+    begin = partial(start_task, kept={BACK: "/admin/studies/new" if is_for_study else "/admin/sets#upload"})
+    return await run_in_threadpool(begin, database, actor, "Looking at the uploaded films", work)
 
 
 async def begin_importing(request: Request, server: Settings, actor: Actor, database: Database, name: str) -> str:

@@ -173,8 +173,11 @@ class Command:
 
 
 def needed_environment() -> dict[str, str]:
-    """Return what a program that reads people's files needs of the environment: no setting or secret of a server."""
-    return {name: value for name, value in os.environ.items() if NEEDED.fullmatch(name)}
+    """Return what a program that reads people's files needs of the environment: no setting or secret of a server.
+
+    What a picture or film may make OpenCV do is limited in it.
+    """
+    return {name: value for name, value in os.environ.items() if NEEDED.fullmatch(name)} | IMAGES
 
 
 def _environment(folder: Path, threads: int, below: Sequence[Path]) -> dict[str, str]:
@@ -187,7 +190,7 @@ def _environment(folder: Path, threads: int, below: Sequence[Path]) -> dict[str,
         "PYTHONUNBUFFERED": "1",
         "TYPER_USE_RICH": "0",  # what the command line refuses is a sentence then, not a frame around one
     }
-    return limits | IMAGES | needed_environment() | ours
+    return limits | needed_environment() | ours
 
 
 def _limit_memory(process: int) -> None:

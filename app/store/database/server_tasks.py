@@ -38,6 +38,11 @@ class ServerTask:
     work: Mapping[str, Any] | None
     cancelled_at: datetime | None
 
+    @property
+    def goes_on(self) -> bool:
+        """Is it taken up after a restart of the server?"""
+        return self.work is not None and "kind" in self.work
+
     def is_lost(self, now: datetime) -> bool:
         """Whether the process that ran the task has died."""
         return self.state == "running" and now - self.beat_at > BEATS_WITHIN

@@ -561,6 +561,8 @@ def test_a_frame_with_the_pictures_of_the_one_before_is_taken_as_it_was_matched(
 
     monkeypatch.setattr(stages, "match", counting)
     job = planned_job(read_capture(still), tmp_path / "run", ReconstructOptions(depths=("id", "dr")))
+    for sensor in job.matched_sensors:
+        stages.measure_rows(job, sensor)
     for stretch in job.stretches:
         stages.match_stretch(job, stretch)
     assert [folder.name for folder in matched] == ["0000"] * 4

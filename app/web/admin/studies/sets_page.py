@@ -5,7 +5,7 @@ A name from outside never becomes a path: sets are chosen from the list, and nam
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 from urllib.parse import quote
 
 from fastapi import APIRouter, Depends, Form, Path, Query, Request
@@ -130,7 +130,14 @@ async def upload(
     database: Store,
     name: Annotated[str, Query(max_length=200)] = "",
     conform: bool = False,
+    then: Literal["", "study"] = "",
 ) -> Response:
-    """Take a zip file of films, or of a stimulus set; it is unpacked, looked at and checked in the background."""
-    task = await begin_installing(request, settings(request), actor, database, name, is_conformed=conform)
+    """Take a zip file of films, or of a stimulus set; it is unpacked, looked at and checked in the background.
+
+    `then=study` leads on to the form of a study of it.
+    """
+    server = settings(request)
+    task = await begin_installing(
+        request, server, actor, database, name, is_conformed=conform, is_for_study=then == "study"
+    )
     return JSONResponse({"job": f"/admin/jobs/{task}"}, 202)

@@ -18,7 +18,7 @@ import pytest
 from app.errors import UnavailableError
 from app.files import write_json
 from app.operations.jobs import command, worker
-from app.operations.jobs.command import STEPS, Command, job_folder, log_tail, step_ends
+from app.operations.jobs.command import STEPS, Command, job_folder, log_tail, needed_environment, step_ends
 from app.operations.jobs.estimate import whole_left_s
 from app.operations.jobs.kinds import KINDS, job_kind
 from app.operations.jobs.worker import JobWorker
@@ -282,6 +282,11 @@ def test_a_command_of_a_job_is_told_no_secret_of_its_surroundings(
     said = (tmp_path / "job" / "log.txt").read_text()
     assert "planted" not in said
     assert "'NUMBA_CACHE_DIR': 'kept'" in said
+
+
+def test_no_surrounding_lets_a_program_read_larger_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPENCV_IO_MAX_IMAGE_PIXELS", str(2**40))
+    assert needed_environment()["OPENCV_IO_MAX_IMAGE_PIXELS"] == str(2**27)
 
 
 def test_a_job_that_takes_too_long_is_ended(here: Settings, database: Database, runs: Callable[[str], None]) -> None:
