@@ -94,7 +94,7 @@ def _refuse_unknown(request: Request, names: Iterable[str]) -> None:
     dependant = getattr(request.scope.get("route"), "dependant", None)
     if dependant is None or not WHOLE_FORMS.isdisjoint(_calls(dependant)):
         return
-    known = {FORM_TOKEN, *_fields(dependant)}
+    known = {FORM_TOKEN, *fields_of_form(dependant)}
     if unknown := next((name for name in names if name not in known), None):
         raise InvalidError(
             f"This form has no field {unknown[:40]!r}, so nothing was done. Load the page again, then repeat."
@@ -107,10 +107,11 @@ def _calls(dependant: Dependant) -> Iterator[Any]:
         yield from _calls(each)
 
 
-def _fields(dependant: Dependant) -> Iterator[str]:
+def fields_of_form(dependant: Dependant) -> Iterator[str]:
+    """Yield the names of the fields of forms that a route and what it depends on take."""
     yield from (field.alias for field in dependant.body_params)
     for each in dependant.dependencies:
-        yield from _fields(each)
+        yield from fields_of_form(each)
 
 
 def database(request: Request) -> Database:
