@@ -223,6 +223,7 @@ NEEDED = {  # the role that each route of the dashboard takes
     r"/admin(/sets|/account.*|/logout|/jobs/[^/]*)?": "viewer",
     r"GET /admin/files(/\{kind\}/\{name\}.*|/captures/\{name\}/pictures/.*)?": "viewer",
     r"/admin/files/captures/\{name\}/strokes.*": "experimenter",
+    r"/admin/files/votes/\{name\}/(reading|analyse)": "experimenter",
     r"(POST /admin/files/\{kind\}/\{name\}/(delete|attach)|/admin/files/upload.*)": "experimenter",
 }
 OPEN_TO_ALL = r"/admin/(setup/|login/|sign-in)"
