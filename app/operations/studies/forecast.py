@@ -16,14 +16,17 @@ from time import perf_counter
 
 from app.errors import StimuliError
 from app.ffmpeg import WORKERS
+from app.films.pairs import split_reference
+from app.films.practice import without_dataset
 from app.films.strips import GUARD_ROWS, H264, LIGHTER, SINGLE, Strips, encode
 from app.intake.stimuli import Stimulus, StimulusSet, read_manifest
 from app.operations.studies.prepare import chosen_exposure, left_out
 from app.settings import Settings
-from app.study.design.adaptive import adaptive_pairs
+from app.study.design.adaptive import adaptive_pairs, check_adaptive
 from app.study.design.balance import OrderPlan
+from app.study.design.groups import check_groups
 from app.study.options.duration import stage_minutes
-from app.study.options.options import StudyOptions
+from app.study.options.options import StudyOptions, check_minimum_viewing
 from app.study.protocols import DCR, WITH_REFERENCE
 from app.study.stages import PRACTICE
 from app.study.trial.trial import PlannedPair
@@ -71,8 +74,9 @@ def forecast(
         If an option does not fit the set.
     """
     kept = left_out(stimulus_set, options.without)
-    compared = kept.without_dataset(options.practice_dataset) if options.practice_dataset else kept
+    compared = without_dataset(kept, options.practice_dataset) if options.practice_dataset else kept
     exposure = chosen_exposure(compared, exposure_s)
+    _check(compared, options, exposure)
     films = list(_films(compared, options))
     pairs = _planned(compared, films)
     plan = _order_plan(compared, pairs, options)
@@ -81,8 +85,9 @@ def forecast(
     practised = compared.of_dataset(compared.datasets[0])[:2]
     n_practised = options.n_practice if PRACTICE in options.way else 0
     codecs = (H264, *filter(None, [options.second_codec]), *([LIGHTER] if options.lighter_films else []))
+    codecs = codecs if options.has_pair_films else ()
     files = [(film, codec) for film in (*films, *[practised] * n_practised) for codec in codecs]
-    if options.fallback:
+    if options.has_single_films:
         files += [((stimulus,), SINGLE) for stimulus in compared.stimuli]
     costs = {codec: _cost(compared, tuple(practised), codec) for codec in {codec for _, codec in files}}
     return Forecast(
@@ -94,6 +99,21 @@ def forecast(
         minutes=stage_minutes(options, n_trials, exposure),
         free_bytes=shutil.disk_usage(settings.data_dir).free,
     )
+
+
+def _check(compared: StimulusSet, options: StudyOptions, exposure_s: float) -> None:
+    """Refuse what the making of the study would refuse, minutes later."""
+    check_minimum_viewing(options, exposure_s)
+    check_groups(options.groups, compared.datasets)
+    if options.reference:
+        compared, _ = split_reference(compared, options.reference, 1 if options.protocol in WITH_REFERENCE else 2)
+    if options.adaptive_pairs:
+        check_adaptive(options.adaptive_pairs, len(compared.conditions))
+
+
+def without_pair_films(options: StudyOptions) -> StudyOptions:
+    """Return the options of the same study whose browsers decode single films, which are far fewer with many pairs."""
+    return options.but(pair_films="decoded", second_codec="", lighter_films=False)
 
 
 def _films(compared: StimulusSet, options: StudyOptions) -> Iterator[Sequence[Stimulus]]:
