@@ -218,7 +218,7 @@ def render(asked: Render, *, as_json: bool) -> None:
     for warning in content["provenance"]["warnings"]:
         typer.echo(f"warning: {warning}", err=True)
     faults = [f"{stimulus['video']}: {fault}" for stimulus in stimuli for fault in stimulus["quality"]["faults"]]
-    more = f", as {len(faults) - 1} more like it in `quality` of the manifest" if len(faults) > 1 else ""
-    below = [f"The encoder lost more than it should, so watch before you use: {faults[0]}{more}"] if faults else []
+    more = f" And {len(faults) - 1} more: the manifest lists them under `quality`." if len(faults) > 1 else ""
+    below = [f"The encoder lost more than it should, so watch before you use: {faults[0]}.{more}"] if faults else []
     sentences = [f"Rendered {len(stimuli)} videos: {address_of(manifest)}", *below]
     print_result({"manifest": address_of(manifest), "faults": faults}, "\n".join(sentences), as_json=as_json)

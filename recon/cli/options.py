@@ -138,12 +138,16 @@ def parse_approaches(text: str) -> tuple[Approach, ...]:
 
 
 def parse_frames(text: str | None) -> range | None:
-    """Read the frames of "A:B"; either end may be left out for the first or last."""
+    """Read the frames of "N", which are the first N, or of "A:B"; either end may be left out for the first or last."""
     if text is None:
         return None
+    if text.isascii() and text.isdigit() and int(text):
+        return range(int(text))
     ends = re.fullmatch(r"(\d*):(\d*)", text)
     if ends is None:
-        raise typer.BadParameter(f"{text!r} is not a range of frames; expected A:B, for example 0:25")
+        raise typer.BadParameter(
+            f"{text!r} are no frames; expected their number, for example 25, or A:B, for example 0:25"
+        )
     return range(int(ends[1] or 0), int(ends[2]) if ends[2] else sys.maxsize)
 
 

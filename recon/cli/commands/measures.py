@@ -122,7 +122,9 @@ class ValidateViews(Command):
     run: Path = argument("Folder of a run.")
     out: Path = REPORT
     capture: Path | None = option(None, "Folder of the recording; default: where the run says it was.")
-    frames: str | None = option(None, "A:B for the frames A to B-1; default: all of the run.", **FRAMES)
+    frames: str | None = option(
+        None, "How many, from the first on, or A:B for A to B-1; default: all of the run.", **FRAMES
+    )
     models: list[Path] | None = option(
         None, "Folder of models of the scene by another program, with a scene.json; once for each."
     )
@@ -165,7 +167,9 @@ class ValidateCloud(Command):
         None, "Approach that a cloud belongs to, once for each in order; default: the cloud's name."
     )
     dataset: str | None = option(None, "Scene of a study that the clouds show; default: the run's, else all.")
-    frames: str | None = option(None, "A:B for the frames A to B-1; default: all that are shared.", **FRAMES)
+    frames: str | None = option(
+        None, "How many, from the first on, or A:B for A to B-1; default: all that are shared.", **FRAMES
+    )
     measures: str | None = option(
         None, "Only these: d1, d2, chamfer, f_score, colour, pointssim, or one of --methods; with commas."
     )

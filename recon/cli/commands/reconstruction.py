@@ -72,7 +72,7 @@ class Reconstruct(Command):
     )
     approach: str = APPROACHES
     methods: Path | None = METHODS
-    frames: str | None = option(None, "A:B for the frames A to B-1; default: all.", **FRAMES)
+    frames: str | None = option(None, "How many, from the first on, or A:B for A to B-1; default: all.", **FRAMES)
     voxel: float | None = option(
         None,
         "Voxel size, mm, the same for all depth methods; default: each gets one from its depth error and the points' "
