@@ -1,6 +1,6 @@
 """Say beforehand what a study will be: its pairs and trials, the films to make, their time and size, minutes a person.
 
-How long an encoder takes here, and what it makes of such films, is measured on the first second of two of them.
+How long an encoder takes here, and what it makes of such films, is measured on the beginning of two of them.
 """
 
 from __future__ import annotations
@@ -31,8 +31,9 @@ from app.study.protocols import DCR, WITH_REFERENCE
 from app.study.stages import PRACTICE
 from app.study.trial.trial import PlannedPair
 
-SAMPLED_FRAMES = 25  # a second, as a rule
-CHECKING = 1.8  # seconds of a film from its encoding to its check, by those of its encoding: measured, 320x180 to 4K
+SAMPLED_FRAMES, FEWEST_SAMPLED = 25, 8  # of a film: enough for an encoder to predict from
+SAMPLED_PIXELS = 25e6  # which take some seconds
+CHECKING = 1.45  # time of a film with its check, by that of encoding it alone: 1.38 to 1.52 from 320x180 to 1920x1080
 
 
 @dataclass(frozen=True)
@@ -154,7 +155,7 @@ def _pixels(film: Sequence[Stimulus]) -> int:
 
 
 def _cost(compared: StimulusSet, stimuli: Sequence[Stimulus], codec: str) -> tuple[float, float]:
-    """Return the bytes and the seconds that a pixel takes in a codec, by a first second of these films."""
+    """Return the bytes and the seconds that a pixel takes in a codec, by the beginning of these films."""
     names = tuple(stimulus.name for stimulus in stimuli[: 1 if codec == SINGLE else None])
     return _measured(compared.folder, compared.sha256, names, codec)
 
@@ -165,11 +166,14 @@ def _measured(folder: Path, _sha256: str, names: Sequence[str], codec: str) -> t
     known = read_manifest(folder)
     shown = tuple(stimulus for stimulus in known.stimuli if stimulus.name in names)
     strips = Strips(shown, tuple(known.source(stimulus) for stimulus in shown), codec)
+    n_frames = shown[0].n_frames
+    affordable = int(SAMPLED_PIXELS * n_frames / _pixels(shown))
+    n_sampled = min(n_frames, SAMPLED_FRAMES, max(FEWEST_SAMPLED, affordable))
     with TemporaryDirectory() as work:
         out, begun_s = Path(work) / "sample.mp4", perf_counter()
         try:
-            encode(strips, out, most_frames=SAMPLED_FRAMES)
+            encode(strips, out, most_frames=n_sampled)
         except StimuliError:  # every film is checked when it is made, and refused then in words
             return float("nan"), float("nan")
-        n_pixels = _pixels(shown) * min(1.0, SAMPLED_FRAMES / shown[0].n_frames)
+        n_pixels = _pixels(shown) * n_sampled / n_frames
         return out.stat().st_size / n_pixels, (perf_counter() - begun_s) / n_pixels

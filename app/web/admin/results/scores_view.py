@@ -89,7 +89,7 @@ def scores_by_comparison(analysis: Mapping[str, Any]) -> dict[str, dict[str, lis
 
 
 def by_dataset(rows: Iterable[Row]) -> dict[str, list[Row]]:
-    """Return dataset -> rows, the best score first; all datasets together, which most look for, then by the alphabet."""
+    """Return dataset -> rows, the best score first; all datasets together, then each by the alphabet."""
 
     def place(row: Row) -> tuple[bool, str, bool, float]:
         return row["dataset"] != "all", row["dataset"], row["score"] is None, -(row["score"] or 0.0)
