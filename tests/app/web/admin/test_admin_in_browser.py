@@ -65,6 +65,7 @@ NEW_STUDY = "/studies/new?stimulus_set=tiny&preset=paper"
 PAGES = (
     "",
     "/studies/new",
+    "/manual/recruiting",
     NEW_STUDY,
     "/sets",
     "/sets/tiny",
