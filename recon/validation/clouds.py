@@ -83,11 +83,17 @@ def read_measured(path: Path, unit: str = "mm") -> NDArray[np.float32]:
 
     A ValueError says that the file is missing or unreadable, holds no points, or that the unit is unknown.
     """
+    return np.asarray(read_exactly(path, unit), dtype=np.float32)
+
+
+def read_exactly(path: Path, unit: str = "mm") -> NDArray[np.float64]:
+    """Read as `read_measured` does, with the digits that the file has: text may hold places far from the origin."""
     suffix, scale = path.suffix.lower(), unit_mm(path, unit)
     if suffix in TEXT_SUFFIXES:
-        return np.asarray(_read_text(path) * scale, dtype=np.float32)
-    points = read_model_shape(path).points if suffix in SHAPE_SUFFIXES else read_points(path)
-    return np.asarray(points * scale, dtype=np.float32)
+        points: NDArray[np.floating] = _read_text(path)
+    else:
+        points = read_model_shape(path).points if suffix in SHAPE_SUFFIXES else read_points(path)
+    return np.asarray(points, np.float64) * scale
 
 
 def read_shape(path: Path) -> Shape:
