@@ -30,6 +30,7 @@ from app.analysis.comparisons.factors import (
 )
 from app.analysis.comparisons.groups import GroupComparison, check_groups, compare_groups
 from app.analysis.comparisons.homogeneity import Part, parts_differ
+from app.analysis.comparisons.lapse_rows import lapse_tables
 from app.analysis.comparisons.random_effect_rows import random_effect_tables
 from app.analysis.comparisons.result_rows import (
     contrast_rows,
@@ -93,6 +94,7 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
     tests += [group.test for group in groups if group.test is not None]
     by_dataset = _scores_by_dataset(compared)
     random_effects, why_no_random_effects = random_effect_tables(compared, settings.random_effects)
+    lapses, why_no_lapses = lapse_tables(compared if settings.lapses else ())
     measured = measure_tables(_measured_scores(used, settings, compared), settings)
     analysis: dict[str, Any] = {
         "schema_version": 1,
@@ -111,6 +113,7 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
         "triads": [triads_row(row) for row in screened],
         "triads_pooled": pooled_triads(screened),
         **random_effects,
+        **lapses,
         **measured,
         "rates": [],
         "rate_differences": rate_differences(compared, settings.as_dict()),
@@ -135,6 +138,7 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
             *_left_out(used, settings),
             *_without_results(used, settings, compared, effects),
             *why_no_random_effects,
+            *why_no_lapses,
         ],
     }
     analysis["rates"] = rate_rows(compared_scores(analysis), analysis["settings"])

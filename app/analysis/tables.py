@@ -78,6 +78,8 @@ TABLES: Mapping[str, Table] = {
     ),
     "random_effects_scores": Table("item"),
     "random_effects_contrasts": Table("two items", {"people_preferring": "share of people who prefer `item_a`"}),
+    "lapse_scores": Table("item, careless answers weighted down"),
+    "lapse_rates": Table("participant", {"lapse_rate": "share of answers given at random, as far as the votes tell"}),
     "triads_pooled": Table("participant", {"n_datasets": "that are combined"}),
     "measures": Table(
         "measure and dataset",

@@ -28,7 +28,6 @@ from recon.cli.options import (
     parse_pairs,
     parse_position,
     parse_size,
-    telling,
 )
 
 if TYPE_CHECKING:
@@ -101,7 +100,7 @@ def capture_import(asked: CaptureImport, *, as_json: bool) -> None:
     """Import a real recording into the capture format, and print the check of it; `capture check` tells its verdict."""
     from recon.capture.checking.check import check_capture
     from recon.capture.importing.formats import AUTO, FORMATS, find_format, import_recording
-    from recon.capture.importing.sources import ImportNotice, ImportOptions, parse_unit
+    from recon.capture.importing.sources import ImportOptions, parse_unit
 
     kind, source, out = asked.format, asked.source, asked.out
     if kind not in (AUTO, *FORMATS):
@@ -124,8 +123,7 @@ def capture_import(asked: CaptureImport, *, as_json: bool) -> None:
         pairs=parse_pairs(asked.pairs) if asked.pairs else None,
         shots=tuple(shot.strip() for shot in asked.shots.split(",")) if asked.shots else None,
     )
-    with telling(ImportNotice):
-        import_recording(kind, source, out, options)
+    import_recording(kind, source, out, options)
     report = check_capture(out)
     print_result(
         {"capture": str(out), "format": kind, **report.as_json()}, _check_sentences(out, report), as_json=as_json

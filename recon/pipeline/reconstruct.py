@@ -27,6 +27,7 @@ from recon.geometry.mesh import Cloud, Mesh
 from recon.methods.approaches import VERTICES
 from recon.pipeline.film import WHERE
 from recon.pipeline.job import Job, ReconstructOptions, planned_job, with_voxels
+from recon.pipeline.meshes import make_mesh
 from recon.pipeline.methods import Methods, depth_key, fuse, fusion_key, match, with_limit
 from recon.pipeline.preview import make_preview
 from recon.pipeline.run import (
@@ -46,7 +47,6 @@ from recon.pipeline.stages import (
     filter_sequence,
     frames_without_points,
     make_cloud,
-    make_mesh,
     match_stretch,
     measure_rows,
 )

@@ -161,13 +161,15 @@ def grid_correlations(values: Array, scores: Array, *, with_line: bool = False) 
     if not with_line:
         return np.asarray(best)
     centred = scores - scores.mean(axis=1, keepdims=True)
-    linear = (centred @ basis[:, 1]) / np.sqrt(np.sum(centred**2, axis=1))
-    return np.asarray(_together(linear, best))
+    linear: Array = (centred @ basis[:, 1]) / np.sqrt(np.sum(centred**2, axis=1))
+    return _together(linear, best)
 
 
-def _together(linear: Array | float, partial: Array | float) -> Array | float:
+def _together(linear: Array | float, partial: Array | float) -> Array:
     """Return the correlation with a line and a curve, of those with the line and with the curve beside it."""
-    return np.sign(linear) * np.sqrt(linear**2 + (1 - np.square(linear)) * np.square(partial))
+    shares = np.square(linear) + (1 - np.square(linear)) * np.square(partial)
+    together: Array = np.sign(linear) * np.sqrt(shares)
+    return together
 
 
 def _constant(values: Array) -> Array:
@@ -177,7 +179,7 @@ def _constant(values: Array) -> Array:
 def _line(values: Array) -> Array:
     """Return an orthonormal basis of the lines, float64 (n, 2)."""
     centred = values - values.mean()
-    return np.c_[_constant(values), centred / np.sqrt(centred @ centred)]
+    return np.asarray(np.c_[_constant(values), centred / np.sqrt(centred @ centred)])
 
 
 def _without(columns: Array, basis: Array) -> Array:

@@ -39,6 +39,8 @@ def sections(analysis: Analysis, figures: Figures) -> Iterator[dict[str, Any]]:
         yield _contrasts(analysis)
     if analysis["random_effects"]:
         yield _random_effects(analysis)
+    if analysis["lapse_scores"]:
+        yield _lapses(analysis)
     if analysis["measures"]:
         yield _measures(analysis, figures)
     if analysis["rates"]:
@@ -154,6 +156,22 @@ def _random_effects(analysis: Analysis) -> dict[str, Any]:
         table("Pairs of conditions", columns, pairs, is_folded=True),
     ]
     return {"title": "Random effects", "paragraphs": [text], "figures": [], "tables": tables}
+
+
+def _lapses(analysis: Analysis) -> dict[str, Any]:
+    """Return scores with careless answers weighted down, and everybody's lapse rate."""
+    text = (
+        "Everybody gives a share of answers at random, the lapse rate, and votes count by how probable it is that they "
+        "are no lapses; how rates vary over people is estimated with the scores. Intervals are t on a jackknife over "
+        "participants. Honest people whose opinions are unlike the others' look careless here, too."
+    )
+    ordered = sorted(analysis["lapse_scores"], key=lambda row: -row["score"])
+    rates = sorted(analysis["lapse_rates"], key=lambda row: -row["lapse_rate"])
+    tables = [
+        table("Scores", ["item", "score", "se", "ci_low", "ci_high"], ordered),
+        table("Lapse rates", ["participant", "lapse_rate"], rates, is_folded=True),
+    ]
+    return {"title": "Careless answers weighted down", "paragraphs": [text], "figures": [], "tables": tables}
 
 
 def _measures(analysis: Analysis, figures: Figures) -> dict[str, Any]:

@@ -35,6 +35,7 @@ HEADINGS = {  # of columns; others have their name in analysis.json
     "g2": "G2",
     "jod": "JOD",
     "kendall": "KRCC",
+    "lapse_rate": "lapse rate",
     "log_nu": "tie parameter",
     "log_theta": "tie parameter",
     "loglik": "log-likelihood",

@@ -452,6 +452,7 @@ vote = Table(
     required("received_at", UtcDateTime, index=True),
     Column("both_seen", Boolean),  # of the viewing record; NULL: one film alone
     Column("press_to_picture_ms", Float),  # of the viewing record; NULL: it does not tell
+    Column("shown_smoothly", Boolean),  # of the viewing record; NULL: it does not tell
     UniqueConstraint("session_id", "trial_id"),
     ForeignKeyConstraint(["session_id", "trial_id"], ["trial.session_id", "trial.id"]),  # by one index for both columns
     # without `in`: SQLite builds a table of three values and more for every row that it checks

@@ -49,16 +49,22 @@ from app.study.questions.questionnaire import (
 )
 from app.study.screening.screening import ScreeningOptions
 from app.study.stages import INTERVIEW, OptionalStage, way_through
+from app.study.trial.technique import TWO_VIDEOS
 from app.study.trial.trial import Disturbance
 
 VOID_ON: tuple[Disturbance, ...] = ("full screen", "hidden")
 Pixels = Literal["fit", "1:1"]
 FullScreen = Literal["asked", "required"]
 SecondCodec = Literal["", "vp9", "av1"]  # besides H.264
-Fallback = Literal["", "webcodecs", "two videos"]
+Fallback = Literal["", "webcodecs"]
 RandomEffects = Literal["", "participants", "participants,datasets"]
 RANDOM_EFFECTS: tuple[RandomEffects, ...] = get_args(RandomEffects)
 LongText = Annotated[str, StringConstraints(strip_whitespace=True, max_length=LONGEST_TEXT)]
+
+
+def _without_two_videos(given: object) -> object:
+    """Read an older choice: nothing keeps two players at the same frame, or tells how far apart they are."""
+    return "webcodecs" if given == TWO_VIDEOS else given
 
 
 def _in_order(disturbances: tuple[Disturbance, ...]) -> tuple[Disturbance, ...]:
@@ -323,6 +329,7 @@ class StudyOptions(Options):
     ] = ""
     fallback: Annotated[
         Fallback,
+        BeforeValidator(_without_two_videos),
         Setting(
             "Fallback",
             "how to show a pair where its film does not play",
@@ -330,7 +337,6 @@ class StudyOptions(Options):
             change=WITH_FILMS,
             choices={
                 "webcodecs": "decode both films picture by picture (WebCodecs)",
-                "two videos": "if need be two players, which may be a frame apart; such votes are flagged",
                 "": "none: such browsers are turned away",
             },
         ),
@@ -355,6 +361,15 @@ class StudyOptions(Options):
             },
         ),
     ] = ""
+    lapses: Annotated[
+        bool,
+        Setting(
+            "Lapse rates",
+            "fit the scores with careless answers weighted down, too",
+            section="analysis",
+            change=ANY_TIME,
+        ),
+    ] = False
     planned_participants: Annotated[
         int,
         Setting(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Query, Request
@@ -28,7 +27,7 @@ from app.web.analyst.compression import CompressedRoute
 from app.web.analyst.formats import ChosenFormat, json_object, table
 from app.web.analyst.openapi import file_body, object_answers, table_answers
 from app.web.analyst.openapi_examples import DESIGN, PLAN, TEXTS
-from app.web.analyst.results import FIGURE_TYPES, balance_soon, claims_of, figure, figures_of, power_of, results_of
+from app.web.analyst.results import FIGURE_TYPES, balance_soon, figure, figures_of, plan_of, results_of
 from app.web.analyst.study_routes import Body, StudyEditor
 from app.web.gates import Now, Store, languages, settings
 from app.web.roles import AStudy, may_read
@@ -44,7 +43,15 @@ Image = Annotated[str, Path(max_length=80)]
 Language = Annotated[str, Path(max_length=40)]
 Participants = Annotated[int, Query(ge=2, le=500)]
 Effect = Annotated[float, Query(ge=0.05, le=4, allow_inf_nan=False, description="JOD, or grades of a rating")]
-Spread = Annotated[float, Query(ge=0, le=3, allow_inf_nan=False, description="of tastes among people, JOD")]
+Spread = Annotated[
+    float | None,
+    Query(
+        ge=0,
+        le=3,
+        allow_inf_nan=False,
+        description="of opinions among people: log-odds (0.4 by default), or grades (0)",
+    ),
+]
 FIGURE_ANSWERS: dict[int | str, dict[str, Any]] = {
     200: {"content": {kind.split(";")[0]: {"schema": {"type": "string"}} for kind in FIGURE_TYPES.values()}}
 }
@@ -159,13 +166,13 @@ def plan_of_study(
     chosen: ChosenFormat,
     participants: Participants = 22,
     effect: Effect = 0.5,
-    spread: Spread = 0.4,
+    spread: Spread = None,
 ) -> Response:
     """Say what so many participants of a study can show: the power of each claim, by simulation."""
     with database.reading() as connection:
         n_conditions, n_datasets = len(conditions_of(connection, study.id)), len(datasets_of(connection, study.id))
         is_rated = study_plan(connection, study).is_rated
-    planned = _planned(n_conditions, n_datasets, participants, effect, spread, is_rated=is_rated)
+    planned = plan_of(n_conditions, n_datasets, participants, effect, spread, is_rated=is_rated)
     return json_object(planned, chosen)
 
 
@@ -176,11 +183,11 @@ def plan(
     datasets: Annotated[int, Query(ge=1, le=100)] = 1,
     participants: Participants = 22,
     effect: Effect = 0.5,
-    spread: Spread = 0.4,
+    spread: Spread = None,
     is_rated: Annotated[bool, Query(description="ratings of single films rather than choices between two")] = False,
 ) -> Response:
     """Say what a study of so many conditions, datasets and participants can show, before there is any."""
-    return json_object(_planned(conditions, datasets, participants, effect, spread, is_rated=is_rated), chosen)
+    return json_object(plan_of(conditions, datasets, participants, effect, spread, is_rated=is_rated), chosen)
 
 
 @router.get("/studies/{slug}/figures", responses=table_answers(columns.FIGURES), dependencies=READING)
@@ -204,19 +211,3 @@ def figure_file(
     if content is None:
         raise NotFoundError("There is no such figure of these votes yet; figures are listed beside this address.")
     return Response(content, media_type=FIGURE_TYPES[kind])
-
-
-def _planned(
-    n_conditions: int, n_datasets: int, participants: int, effect: float, spread: float, *, is_rated: bool
-) -> Mapping[str, Any]:
-    size = (n_conditions, n_datasets, participants, effect, spread)
-    single, pooled = power_of(*size, is_rated=is_rated)
-    claims, wanted = ([], None) if is_rated else claims_of(*size)
-    asked = dict(zip(("conditions", "datasets", "participants", "effect", "spread"), size, strict=True))
-    return {
-        **asked,
-        "is_rated": is_rated,
-        "power": {"one_dataset": single, "all_datasets": pooled},
-        "claims": claims,
-        "participants_wanted": wanted,
-    }

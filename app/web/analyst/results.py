@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from functools import cached_property, lru_cache, partial
 from typing import TYPE_CHECKING, Any
@@ -187,6 +187,7 @@ def inputs_of(
         "better": better_by_measure(measured),
         "groups": groups or {},
         "random_effects": options.random_effects,
+        "lapses": options.lapses,
         "planned_participants": options.planned_participants or None,
     }
     counted = asdict(state) | ({"excluded": {}} if with_excluded else {})
@@ -245,7 +246,7 @@ def _analysed_ratings(votes: VotesTable, rating: NDArray[np.float64], inputs: In
     from app.analysis.ratings.comparisons import analyse_comparisons
     from app.analysis.ratings.content import NO_VOTES, with_measures, with_tables
     from app.analysis.ratings.score_sets import opinion_score_sets
-    from app.analysis.ratings.study_votes import comparison_table, counted_ratings, rating_table
+    from app.analysis.ratings.study_votes import comparison_table, counted_ratings, rating_table, with_films
 
     options = inputs.options
     counted, ratings = counted_ratings(votes, rating)
@@ -256,7 +257,9 @@ def _analysed_ratings(votes: VotesTable, rating: NDArray[np.float64], inputs: In
         scale = (options.grades.low, options.grades.high)
         table = rating_table(counted, ratings, options.protocol, scale, reference)
         settings = {"protocol": options.protocol, "scale": options.scale}
-        rated = with_tables(NO_VOTES | {"settings": settings}, analyse_ratings(table))
+        tables = analyse_ratings(table)
+        tables["raters"] = with_films(tables["raters"], counted)
+        rated = with_tables(NO_VOTES | {"settings": settings}, tables)
         chosen = AnalysisSettings(measures=inputs.settings["measures"], better=inputs.settings["better"])
         return with_measures(rated, opinion_score_sets(table), chosen)
     analysis = _analysed(votes, inputs)
@@ -335,29 +338,38 @@ def _checked_orders(database: Database, study: Study, now: datetime) -> dict[str
 
 
 @lru_cache(maxsize=64)
-def power_of(
-    conditions: int, datasets: int, participants: int, effect: float, spread: float, *, is_rated: bool
-) -> tuple[float, float]:
-    """Return the power in one dataset and over all, as shares of studies; the effect is in JOD, or in grades."""
-    from app.analysis.comparisons.power import StudyPlan, power
-    from app.analysis.ratings.planning import RatingPlan, rating_power
+def plan_of(
+    conditions: int, datasets: int, participants: int, effect: float, spread: float | None, *, is_rated: bool
+) -> Mapping[str, Any]:
+    """Return what a study can show: the power in one dataset and over all, of every claim, and the participants wanted
+    for what a report says.
 
-    if is_rated:
-        plans = (RatingPlan(conditions, n, participants, TYPICAL_INCONSISTENCY) for n in (1, datasets))
-        single, pooled = (rating_power(plan, effect) for plan in plans)
-        return single, pooled
+    Parameters
+    ----------
+    conditions, datasets, participants : numbers
+    effect : true difference of two conditions, JOD, or grades where rated
+    spread : how far people's opinions differ, log-odds, or grades where rated; None: the default
+    is_rated : ratings of single films rather than choices between two
+    """
+    from app.analysis.comparisons.power import claim_rows, participants_wanted, power
+    from app.analysis.comparisons.vote_studies import StudyPlan
+    from app.analysis.ratings.planning import RatingPlan
 
-    sizes = (StudyPlan(conditions, n, participants, spread=spread) for n in (1, datasets))
-    single, pooled = (power(size, effect, 1, REPLICATES) for size in sizes)
-    return single, pooled
-
-
-@lru_cache(maxsize=64)
-def claims_of(
-    conditions: int, datasets: int, participants: int, effect: float, spread: float
-) -> tuple[list[dict[str, Any]], dict[str, int] | None]:
-    """Return the power of each claim over all datasets, and the participants wanted for the one a report makes."""
-    from app.analysis.comparisons.power import StudyPlan, claim_rows, participants_wanted
-
-    plan = StudyPlan(conditions, datasets, participants, spread=spread)
-    return claim_rows(plan, effect, 1, REPLICATES), participants_wanted(plan, effect, 1, REPLICATES)
+    differ = {} if spread is None else {"spread": spread}
+    plan = (
+        RatingPlan(conditions, datasets, participants, TYPICAL_INCONSISTENCY, **differ)
+        if is_rated
+        else StudyPlan(conditions, datasets, participants, **differ)
+    )
+    single, pooled = (power(each, effect, 1, REPLICATES) for each in (replace(plan, datasets=1), plan))
+    return {
+        "conditions": conditions,
+        "datasets": datasets,
+        "participants": participants,
+        "effect": effect,
+        "spread": plan.spread,
+        "is_rated": is_rated,
+        "power": {"one_dataset": single, "all_datasets": pooled},
+        "claims": claim_rows(plan, effect, 1, REPLICATES),
+        "participants_wanted": participants_wanted(plan, effect, 1, REPLICATES),
+    }

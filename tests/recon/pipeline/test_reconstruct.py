@@ -475,6 +475,19 @@ def test_frames_that_a_capture_does_not_have_are_named(capture: Capture, tmp_pat
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize(
+    ("text", "frames"), [("3", range(3)), ("2:5", range(2, 5)), (":4", range(4)), ("1:", range(1, sys.maxsize))]
+)
+def test_frames_are_counted_from_the_first_or_named_from_one_to_the_next(text: str, frames: range) -> None:
+    assert parse_frames(text) == frames
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "a:b", "1.5", ""])
+def test_what_names_no_frames_is_refused(text: str) -> None:
+    with pytest.raises(BadParameter, match=re.escape(f"{text!r} are no frames; expected their number")):
+        parse_frames(text)
+
+
 def test_a_loop_is_for_all_approaches_or_for_one_and_is_told_once() -> None:
     assert parse_loops(["a=repeat", "static", "b = bounce"], "c, d") == (
         "static",

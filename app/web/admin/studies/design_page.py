@@ -7,6 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import Response
 
+from app.analysis.comparisons.study_plan import DEFAULT_SPREAD
 from app.store.trials.designs import conditions_of
 from app.store.trials.orders import most_trials, study_plan
 from app.study.design.balance import holds
@@ -15,7 +16,7 @@ from app.study.options.options import parse_options
 from app.study.protocols import TYPICAL_INCONSISTENCY
 from app.web.admin.layout import study_page
 from app.web.admin.listing import listed
-from app.web.analyst.results import balance_soon, claims_of, power_of
+from app.web.analyst.results import balance_soon, plan_of
 from app.web.gates import Now, Store
 from app.web.roles import AStudy, Person
 
@@ -33,7 +34,7 @@ def design_page(
     now: Now,
     participants: Annotated[int | None, Query(ge=2, le=500)] = None,
     effect: Annotated[float, Query(ge=0.05, le=4, allow_inf_nan=False)] = 0.5,
-    spread: Annotated[float, Query(ge=0, le=3, allow_inf_nan=False)] = 0.4,
+    spread: Annotated[float | None, Query(ge=0, le=3, allow_inf_nan=False)] = None,
 ) -> Response:
     with database.reading() as connection:
         plan = study_plan(connection, study)
@@ -42,9 +43,9 @@ def design_page(
     report, _ = balance_soon(database, study, now)
     minutes = stage_minutes(parse_options(study.options), n_trials, study.exposure_s)
     n_datasets = len({pair.dataset for pair in plan.pairs})
-    size = (len(conditions), n_datasets, participants or 22, effect)
-    power = power_of(*size, spread, is_rated=plan.is_rated) if participants else None
-    claims, wanted = claims_of(*size, spread) if participants and not plan.is_rated else ([], None)
+    size = (len(conditions), n_datasets, participants or 22, effect, spread)
+    planned = plan_of(*size, is_rated=plan.is_rated) if participants else None
+    usual = 0.0 if plan.is_rated else DEFAULT_SPREAD
     context = {
         "report": report,
         "holds": holds,
@@ -55,9 +56,11 @@ def design_page(
         "is_rated": plan.is_rated,
         "inconsistency": TYPICAL_INCONSISTENCY,
         "minutes": round(sum(minutes.values())),
-        "power": power,
-        "claims": claims,
-        "wanted": wanted,
-        "asked": {"participants": participants or 22, "effect": effect, "spread": spread},
+        "planned": planned,
+        "asked": {
+            "participants": participants or 22,
+            "effect": effect,
+            "spread": usual if spread is None else spread,
+        },
     }
     return study_page(request, "design", person, study, context)

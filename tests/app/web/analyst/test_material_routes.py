@@ -74,7 +74,8 @@ def test_a_plan_needs_no_study_and_says_what_people_can_show(manager: httpx.Clie
     assert 0 < of_study["power"]["one_dataset"] <= of_study["power"]["all_datasets"] <= 1
     assert of_study["claims"]
     rated = manager.get("plan", params={**asked, "is_rated": True}).json()
-    assert (rated["claims"], rated["is_rated"]) == ([], True)
+    assert (rated["spread"], rated["is_rated"]) == (0.0, True)
+    assert [row["claim"] for row in rated["claims"]] == [row["claim"] for row in of_study["claims"]]
     assert is_problem(manager.get("plan", params={**asked, "conditions": 1}), 422)
 
 
