@@ -153,8 +153,9 @@ def models_section(results: Results) -> Section:
     text = [
         "Means over the scenes; approaches best liked first. Every model of the first frame is compared with "
         "photographs that no sensor uses (novel view), with the true surface (accuracy, completeness), and as a cloud "
-        "with samples of the true surface (d1, pointssim). Completeness, d1 and pointssim also count the surface that "
-        "no sensor sees. Every video is compared with that of the true models: ssim_actor and flicker inside the "
+        "with samples of the true surface (d1, pointssim). Completeness counts what some sensor can see; d1 and "
+        "pointssim also count the surface that no sensor sees. Every video is compared "
+        "with that of the true models: ssim_actor and flicker inside the "
         "actor's outline, vmaf over the whole frame.",
         f"The artificial people see “{QUALITY}”. These measures are a few of many: the reports in validation/ have "
         "all, and the documentation says on the page “Measures” what each sees and what it is blind to.",
