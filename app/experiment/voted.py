@@ -135,7 +135,7 @@ def is_against(row: Mapping[str, Any]) -> bool:
     ends = row["spearman_low"], row["spearman_high"]
     if not row["better"] or None in ends:
         return False
-    return max(ends) < 0 if row["better"] == "higher" else min(ends) > 0
+    return bool(max(ends) < 0 if row["better"] == "higher" else min(ends) > 0)
 
 
 def _signed(value: float | None) -> str:
