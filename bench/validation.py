@@ -35,7 +35,7 @@ from recon.validation.cuboid.fit import fit_cuboid
 from recon.validation.sampling import subsample
 from recon.validation.sphere.cells import cap_of
 from recon.validation.sphere.evaluation import measure_spheres
-from recon.validation.sphere.exclusion import Parts, examine_parts, findings, usual_parts
+from recon.validation.sphere.exclusion import Parts, examine_parts, findings
 from recon.validation.sphere.fit.consensus import fit_sphere
 from recon.validation.sphere.fit.methods import METHODS
 from recon.validation.sphere.fit.model import SphereFit, SphereSettings
@@ -105,15 +105,10 @@ def exclusion(n_seeds: int) -> None:
 
 def _judged(balls: list[tuple[Seen, str]], spoil: str) -> Counter[str]:
     """How many reconstructions there are of each sort, and how many of them the rule leaves out."""
-    samples: dict[str, list[Parts]] = {}
-    for seen, _ in balls:
-        for name, (_, parts, _) in seen.items():
-            samples.setdefault(name, []).append(parts)
-    usual = {name: median for name, of_sensor in samples.items() if (median := usual_parts(of_sensor)) is not None}
     counts = Counter[str]()
     for seen, bad in balls:
         fits = {name: fit for name, (fit, _, _) in seen.items()}
-        verdicts = findings(fits, {name: parts for name, (_, parts, _) in seen.items()}, usual)
+        verdicts = findings(fits, {name: parts for name, (_, parts, _) in seen.items()})
         for name, (_, _, error) in seen.items():
             is_out = any(not finding.is_remark for finding in verdicts[name])
             if name == bad and spoil != "none":

@@ -49,6 +49,7 @@ def write_experiment_report(results: Results, name: str) -> dict[str, Any]:
         "title": "The paper's experiment, repeated",
         "scale": name,
         "agrees": all(check["agrees"] for check in checks),
+        "differs": any(check["grade"] == DIFFERS for check in checks),
         "checks": checks,
         "sections": parts,
         "lead": _lead(results, name),

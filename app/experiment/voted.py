@@ -13,7 +13,7 @@ from app.analysis.report.objective_charts import measure_chart, ranking_chart
 from app.experiment.figures import levels_bars
 from app.experiment.parts import Figure, Section, Table
 from app.experiment.results import Results, order_text
-from app.experiment.study import QUALITY
+from app.experiment.study import LOG_ODDS_PER_OCTAVE, QUALITY, TASTE_SPREAD, TIE_RATE
 
 LIKED = {"depth": "depth reconstruction", "fusion": "view fusion", "colour": "source of colours"}
 USED = {
@@ -63,8 +63,10 @@ def subjective_section(results: Results, published: Mapping[str, Any]) -> Sectio
         f"Bradley-Terry scores with ties (Davidson), {USED[results.has_effects]}, intervals with people as the sample. "
         "≈ stands between neighbours that the votes do not tell apart (5 %, Holm).",
         f"Circular triads: {circular}{f' of at most {most}' if most else ''}; the paper "
-        f"found {published['trials']['circular_triads']}. "
-        "People who choose by chance between similar videos make some, so this is no reason to exclude anybody"
+        f"found {published['trials']['circular_triads']}. The noise put in: log-odds of {LOG_ODDS_PER_OCTAVE:g} for "
+        f"half the unlikeness to the photographs, people's tastes of {TASTE_SPREAD:g} beside that (standard "
+        f"deviation), and {TIE_RATE:.0%} ties between equals. "
+        "Such triads between similar videos are no reason to exclude anybody"
         f"{'; something else is unusual about ' + ', '.join(flagged) if flagged else ''}.",
     ]
     triads = triads_chart(results.analysis) if most else None  # adaptive pairs make few triangles
@@ -108,6 +110,12 @@ def prediction_section(results: Results) -> Section:
         "is after a logistic fit; negative where less of a measure is better. The intervals hold for measures: one of "
         f"random numbers excludes zero in 5 % of experiments. “{QUALITY}” is what the people were told to see."
     )
+    against = [row for row in ranked if is_against(row)]
+    remarks = [
+        f"{row['measure']}: {row['better']} is better by its definition, but people liked the opposite (rank "
+        f"correlation {row['spearman']:+.2f}): among these videos it tells something else than quality."
+        for row in against
+    ]
     best = next((row["measure"] for row in ranked if row["measure"] != QUALITY), QUALITY)
     charts = [(RANKING_CAPTION, ranking_chart(results.analysis))]
     charts += [
@@ -119,7 +127,15 @@ def prediction_section(results: Results) -> Section:
         for name in dict.fromkeys((QUALITY, best))
     ]
     figures = [Figure(caption, svg=chart_svg(chart)) for caption, chart in charts if chart is not None]
-    return Section("Objective against subjective", [text], [Table("measures", "", columns, rows)], figures)
+    return Section("Objective against subjective", [text, *remarks], [Table("measures", "", columns, rows)], figures)
+
+
+def is_against(row: Mapping[str, Any]) -> bool:
+    """Tell whether people surely liked a measure's better values less."""
+    ends = row["spearman_low"], row["spearman_high"]
+    if not row["better"] or None in ends:
+        return False
+    return bool(max(ends) < 0 if row["better"] == "higher" else min(ends) > 0)
 
 
 def _signed(value: float | None) -> str:

@@ -154,8 +154,9 @@ def validate_mesh(asked: ValidateMesh, *, as_json: bool) -> None:
     place = None if asked.scanner is None else parse_position(asked.scanner)
     thresholds = parse_thresholds(asked.thresholds)
     settings = MeshSettings(
-        thresholds, asked.threshold, subject, asked.seed, asked.cell, asked.voxel, place, asked.filled
-    )
+        thresholds, asked.threshold, subject, asked.seed, asked.cell, asked.voxel, place, asked.filled,
+        None if asked.capture is None else str(asked.capture),
+    )  # fmt: skip
     report = measure_mesh(asked.mesh, asked.truth, settings)
     page = write_mesh_report(report, asked.out)
     print_report(report, page, mesh_sentences(report), as_json=as_json)

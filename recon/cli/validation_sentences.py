@@ -84,6 +84,7 @@ def sphere_sentences(report: Mapping[str, Any]) -> list[str]:
         f"in {counted(row['n_samples'], 'sample')}"
         for row in report["table"]
     ]
+    lines += [f"remark: {remark}" for remark in report["sensor_remarks"]]
     lines += [f"left out: {row['name']}: {'; '.join(row['reasons'])}" for row in report["excluded"]]
     lines += [
         f"remark: {row['name']}: {'; '.join(row['remarks'])}" for row in report["reconstructions"] if row["remarks"]

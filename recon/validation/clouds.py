@@ -83,10 +83,15 @@ def read_measured(path: Path, unit: str = "mm") -> NDArray[np.float32]:
 
     A ValueError says that the file is missing or unreadable, holds no points, or that the unit is unknown.
     """
+    return np.asarray(read_exactly(path, unit), dtype=np.float32)
+
+
+def read_exactly(path: Path, unit: str = "mm") -> NDArray[np.float64]:
+    """Read points (N, 3), mm, as `read_measured` does, with all digits: text may hold places far from the origin."""
     suffix, scale = path.suffix.lower(), unit_mm(path, unit)
     if suffix in TEXT_SUFFIXES:
-        return np.asarray(_read_text(path) * scale, dtype=np.float32)
-    return np.asarray(read_model_shape(path).points * scale, dtype=np.float32)
+        return np.asarray(_read_text(path) * scale)
+    return np.asarray(read_model_shape(path).points, np.float64) * scale
 
 
 def read_shape(path: Path) -> Shape:

@@ -80,11 +80,14 @@ def _compare_model(experiment: Experiment, name: str, mesh: Artefact, subject: S
     run, file = mesh
     truth = experiment.capture(subject.dataset) / TRUE_MESH.format(frame=0)
     settings = MeshSettings(MESH_THRESHOLDS, MESH_THRESHOLD, subject, SEED)
+    of_seen = replace(settings, capture=str(experiment.capture(subject.dataset)))
 
     def write(path: Path) -> None:
-        write_json(path, measure_mesh(run / file, truth, settings))
+        write_json(path, measure_mesh(run / file, truth, of_seen))
 
-    make_report(experiment, f"truth/{subject.dataset}_{name}", [mesh], asdict(settings), write)
+    make_report(
+        experiment, f"truth/{subject.dataset}_{name}", [mesh], asdict(settings) | {"counts": "what sensors see"}, write
+    )
 
 
 def _placed_models(experiment: Experiment, scene: str) -> dict[str, Artefact]:

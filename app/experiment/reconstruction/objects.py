@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +30,17 @@ from recon.validation.sphere.report import write_sphere_report
 SENSORS = ("S1", "S2", "S3")
 OBJECT_METHOD = "dr"  # the paper's clouds of the sphere
 THRESHOLDS = tuple(2.5 * step for step in range(1, 41))  # mm, figure 6
-OBJECT_NOISE, OBJECT_CALIBRATION_PX = 3.0, 0.05  # grey levels and pixels: with none, every point is an inlier
+# What makes the studio's matt ball as hard as the paper's glossy one: about as many of its points are inliers, the
+# sensors stand in the paper's order, and the rule has something to exclude. Pixels are of pictures of `SMALL_WIDTH`.
+SMALL_WIDTH = 640
+SPHERE_IMAGING: dict[str, Any] = {
+    "noise": 10.0,  # grey levels
+    "calibration_error_px": 0.08,
+    "gloss": 25.0,  # times the shine
+    "colour_cast": 0.1,
+    "defocus": (("S1", 2.0), ("S2", 1.2), ("S3", 1.6)),  # pixels
+}
+CUBOID_IMAGING = {"noise": 3.0, "calibration_error_px": 0.05}  # grey levels, pixels
 REACH_MM = 220.0  # how far an object's centre may be from that of the working volume, on each axis
 
 
@@ -60,6 +71,7 @@ def measure_cuboid(experiment: Experiment, progress: Progress) -> None:
 
 def _object_clouds(experiment: Experiment, kind: str, n: int, progress: Progress) -> Iterator[Artefact]:
     """Record and reconstruct a validation object at `n` places; yields its clouds, sensor by sensor."""
+    imaging = sphere_imaging(experiment.scale.object_size[0]) if kind == "sphere" else CUBOID_IMAGING
     places = np.random.default_rng([SEED, n]).uniform(-REACH_MM, REACH_MM, (n, 3)).round(1)
     for number, place in enumerate(places):
         progress(f"placed {kind}s", number, n)
@@ -71,8 +83,7 @@ def _object_clouds(experiment: Experiment, kind: str, n: int, progress: Progress
             size=experiment.scale.object_size,
             seed=SEED,
             position=(x, y, z),
-            noise=OBJECT_NOISE,
-            calibration_error_px=OBJECT_CALIBRATION_PX,
+            **imaging,
         )
         record(experiment, name, parameters, no_progress)
         options = ReconstructOptions(
@@ -87,6 +98,12 @@ def _object_clouds(experiment: Experiment, kind: str, n: int, progress: Progress
         reconstruct(experiment.capture(name), experiment.run(name), options)
         yield from ((experiment.run(name), View(OBJECT_METHOD, sensor, 0).cloud) for sensor in SENSORS)
     progress(f"placed {kind}s", n, n)
+
+
+def sphere_imaging(width: int) -> dict[str, Any]:
+    """Return what makes the sphere hard, in pictures of a width, pixels."""
+    scale = width / SMALL_WIDTH
+    return SPHERE_IMAGING | {"defocus": tuple((name, round(scale * px, 3)) for name, px in SPHERE_IMAGING["defocus"])}
 
 
 def sphere_points(experiment: Experiment) -> list[int]:

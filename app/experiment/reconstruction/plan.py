@@ -14,7 +14,7 @@ from app.experiment.reconstruction.comparisons import (
     surfaces,
 )
 from app.experiment.reconstruction.folder import SEED, Experiment
-from app.experiment.reconstruction.objects import measure_cuboid, measure_sphere, sphere_points
+from app.experiment.reconstruction.objects import measure_cuboid, measure_sphere, sphere_imaging, sphere_points
 from app.experiment.reconstruction.scenes import reconstruct_scene, record, render_scenes
 from recon.depth import DEFAULTS
 from recon.depth.matching.census import WINDOW
@@ -86,6 +86,7 @@ def write_objective(experiment: Experiment, _progress: Progress) -> None:
     truth = [f"truth/{scene}_{name}" for scene in shown for name in surfaces(experiment, scene)]
     scenes = [f"{kind}/{scene}" for kind in ("clouds", "views") for scene in shown]
     reports = sorted(f"validation/{name}" for name in ("cuboid", "films", "sphere", *scenes, *truth))
+    imaging = sphere_imaging(experiment.scale.object_size[0])
     content = {
         "schema_version": 1,
         "scale": asdict(experiment.scale),
@@ -100,5 +101,6 @@ def write_objective(experiment: Experiment, _progress: Progress) -> None:
         "census_window": WINDOW,
         "temporal": asdict(TemporalParameters()),
         "n_points": sphere_points(experiment),
+        "sphere_imaging": imaging | {"defocus": dict(imaging["defocus"])},
     }
     write_json(experiment.out / OBJECTIVE_FILE, content)

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from recon.capture.checking.consistency import MIN_FOCAL_CHANGE, with_focal
 from recon.capture.checking.matches import Matches, epipolar_errors
-from recon.geometry.rig import Sensor, rigid
+from recon.geometry.rig import Camera, Sensor, rigid
 
 MIN_MATCHES = 20  # fewer say nothing about a calibration
 MIN_ERROR_PX = 0.15  # median; features are found to about 0.1 px, and a smaller error does no harm
@@ -21,6 +21,9 @@ MIN_GAIN = 0.65  # of the error is left by an explanation that is believed
 SAME_GAIN = 1.5  # times the best explanation's error: the one with fewer unknowns is taken
 MIN_TURN_DEG = 0.1
 MIN_COMMON_CHANGE = 0.05  # both focal lengths alike hardly move epipolar lines
+MIN_SURE_GAIN, SURE = 0.85, 15.0  # share of the error left, and natural logarithm of the likelihood ratio
+FEWER_UNKNOWNS = 1.1  # times the error of an explanation with three
+MIN_K1_CHANGE, LARGEST_K1_CHANGE = 0.1, 1.0  # less does little harm, more folds the picture back
 MAX_ASPECT = 0.02  # fx and fy of a camera with square pixels are equal
 INLIER_PX = 0.3  # scale of the robust cost in fits
 
@@ -36,30 +39,45 @@ def diagnose(sensor: Sensor, matches: Matches) -> tuple[str, ...]:
     """Say what is wrong with a sensor's calibration; nothing if it fits or too little is known.
 
     Each fault is assumed in turn: left and right are swapped, a camera's focal length is wrong, that of both is, the
-    right camera was turned against the left. The one that removes most of the matches' distances from their epipolar
-    lines is named.
+    distortion of both lenses is, the right camera was turned against the left. The one that removes most of the
+    matches' distances from their epipolar lines is named, unless a small correction will do.
     """
     problems = tuple(_unequal_focal(sensor, side) for side in ("left", "right") if _aspect(sensor, side) > MAX_ASPECT)
     if problems or len(matches) < MIN_MATCHES:
         return problems
     error = _median(epipolar_errors(sensor, matches))
-    if error < MIN_ERROR_PX:
+    lenses = _lenses(sensor, matches)
+    if error < MIN_ERROR_PX and lenses is None:
         return ()
-    explanations = [
-        explanation
-        for explain in (_swapped, _one_focal, _both_focals, _turned)
-        if (explanation := explain(sensor, matches)) is not None and explanation.error_px < MIN_GAIN * error
-    ]
-    if not explanations:
+    assumed = [explain(sensor, matches) for explain in (_swapped, _one_focal, _both_focals, _turned)]
+    others = [explanation for explanation in assumed if explanation is not None]
+    small = small_correction(sensor, matches)
+    best_other = min([*(explanation.error_px for explanation in others), *(() if small is None else (small.after_px,))])
+    if lenses is not None and lenses.error_px < FEWER_UNKNOWNS * best_other and _is_sure(lenses, error, len(matches)):
+        return (_told(sensor, lenses, error, len(matches)),)
+    if small is not None and small.is_small:
+        return ()
+    explanations = [explanation for explanation in others if explanation.error_px < MIN_GAIN * error]
+    if error < MIN_ERROR_PX or not explanations:
         return ()
     best = min(explanation.error_px for explanation in explanations)
     likely = min(
         (explanation for explanation in explanations if explanation.error_px <= SAME_GAIN * best),
         key=lambda explanation: explanation.n_unknowns,
     )
+    return (_told(sensor, likely, error, len(matches)),)
+
+
+def _is_sure(explanation: _Explanation, error: float, n_matches: int) -> bool:
+    """Tell whether an explanation of small errors is no chance: by the likelihood of errors of two widths."""
+    gain = explanation.error_px / error
+    return gain < MIN_SURE_GAIN and -n_matches * float(np.log(gain)) > SURE
+
+
+def _told(sensor: Sensor, explanation: _Explanation, error: float, n_matches: int) -> str:
     return (
-        f"sensor {sensor.id}: {likely.sentence} ({len(matches)} matched points are {error:.2f} px off their epipolar "
-        f"lines, {likely.error_px:.2f} px with that undone)",
+        f"sensor {sensor.id}: {explanation.sentence} ({n_matches} matched points are {error:.2f} px off their epipolar "
+        f"lines, {explanation.error_px:.2f} px with that undone)"
     )
 
 
@@ -177,6 +195,27 @@ def _both_focals(sensor: Sensor, matches: Matches) -> _Explanation | None:
     if not MIN_COMMON_CHANGE < abs(change - 1.0) < 1.0:
         return None
     return _Explanation(error, 1, f"the focal length of both cameras is wrong, about {change:.2f} times is right")
+
+
+def _lenses(sensor: Sensor, matches: Matches) -> _Explanation | None:
+    def changed(unknown: NDArray[np.float64]) -> Sensor:
+        left, right = (_with_k1(camera, float(unknown[0])) for camera in (sensor.left, sensor.right))
+        return replace(sensor, left=left, right=right)
+
+    unknown, error = _fit(changed, 1, matches)
+    if not MIN_K1_CHANGE < abs(unknown[0]) < LARGEST_K1_CHANGE:
+        return None
+    return _Explanation(
+        error,
+        1,
+        f"the distortion of both lenses is wrong, about {unknown[0]:+.2f} in k1 would be right: were its numbers taken "
+        "for those of another model, or left out?",
+    )
+
+
+def _with_k1(camera: Camera, change: float) -> Camera:
+    dist = np.pad(camera.dist, (0, max(0, 4 - len(camera.dist))))
+    return replace(camera, dist=dist + np.eye(1, len(dist))[0] * change)
 
 
 def _turned(sensor: Sensor, matches: Matches) -> _Explanation | None:

@@ -136,8 +136,7 @@ def _with_pair(
     is_checked = agreement.is_enough or Agreement(rows.n_agreeing, rows.n_matches).is_enough
     misfit = _misfit(stream.sensor, matches, rows)
     correction = small_correction(stream.sensor, matches) if agreement.is_enough and misfit > OFF_PX else None
-    is_small = correction is not None and correction.is_small
-    faults = diagnose(stream.sensor, matches) if agreement.is_enough and not is_small else ()
+    faults = diagnose(stream.sensor, matches) if agreement.is_enough else ()
     row_faults = faults or tuple(_row_problems(rectification, rows, misfit))
     textured = [look.textured for look in looks if look.textured is not None]
     depth = rectification.left.points_in_camera(bounds.mean(axis=0, keepdims=True))[0, 2]

@@ -153,6 +153,9 @@ class ValidateMesh(Command):
     scanner: str | None = option(
         None, "x,y,z in mm from where the truth was scanned; ETH3D then counts what was visible from there."
     )
+    capture: Path | None = option(
+        None, "Folder of the recording: completeness counts only what its sensors can see of the truth, a mesh."
+    )
     filled: bool = FILLED
     seed: int = SEED
 

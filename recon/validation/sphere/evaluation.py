@@ -28,11 +28,10 @@ from recon.validation.measures import (
 from recon.validation.sphere.error_sources import CellErrors, error_sources
 from recon.validation.sphere.exclusion import (
     Finding,
-    Parts,
     findings,
     missing_remark,
     sensor_offsets,
-    usual_parts,
+    sensor_remarks,
 )
 from recon.validation.sphere.fit.methods import METHODS
 from recon.validation.sphere.fit.model import SphereSettings
@@ -59,14 +58,6 @@ class _Sample:
     @property
     def spheres(self) -> list[MeasuredSphere]:
         return fitted(self.results)
-
-
-@dataclass(frozen=True, eq=False)
-class _Baselines:
-    """What all samples together say of each sensor: what is usual in its parts, and its constant offset (3,), mm."""
-
-    usual: Mapping[str, Parts]
-    offsets: Mapping[str, NDArray[np.float64]]
 
 
 def measure_spheres(
@@ -97,8 +88,8 @@ def measure_spheres(
     if not spheres:
         reason = samples[0].results[0].failure
         raise FitError(f"no sphere was found in any of {len(clouds)} clouds; the first: {reason}")
-    baselines = _baselines(samples, spheres)
-    rows = [row for sample in samples for row in _rows(sample.results, settings, baselines)]
+    offsets = sensor_offsets([_centres(sample.spheres) for sample in samples])
+    rows = [row for sample in samples for row in _rows(sample.results, settings, offsets)]
     left_out = {row["name"] for row in rows if row["is_excluded"]}
     used = [sphere for sphere in spheres if sphere.file.name not in left_out]
     table, curve = inlier_tables(_groups(samples, left_out, settings), settings.thresholds, settings.seed)
@@ -113,10 +104,11 @@ def measure_spheres(
             for row in rows
             if row["is_excluded"] and not row["failure"]
         ],
+        "sensor_remarks": sensor_remarks(_left_out(rows)),
         "flagged": [{"name": row["name"], "remarks": row["remarks"]} for row in rows if row["remarks"]],
         "table": table,
         "curve": curve,
-        "error_sources": _sources(used or spheres, baselines.offsets, settings.seed),
+        "error_sources": _sources(used or spheres, offsets, settings.seed),
         "reference": _agreement(used, references, settings),
         "measures": inlier_measures("sphere", table, settings.subject),
     }
@@ -182,13 +174,12 @@ def _samples(results: Iterable[MeasuredSphere], settings: SphereSettings) -> lis
     return samples
 
 
-def _baselines(samples: Sequence[_Sample], spheres: Sequence[MeasuredSphere]) -> _Baselines:
-    parts: dict[str, list[Parts]] = {}
-    for sphere in spheres:
-        if sphere.parts is not None:
-            parts.setdefault(sphere.file.sensor, []).append(sphere.parts)
-    usual = {sensor: known for sensor, seen in parts.items() if (known := usual_parts(seen)) is not None}
-    return _Baselines(usual, sensor_offsets([_centres(sample.spheres) for sample in samples]))
+def _left_out(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[bool]]:
+    """Return by sensor whether each of its reconstructions is left out."""
+    by_sensor: dict[str, list[bool]] = {}
+    for row in rows:
+        by_sensor.setdefault(row["sensor"], []).append(bool(row["reasons"]))
+    return by_sensor
 
 
 def _centres(spheres: Iterable[MeasuredSphere]) -> dict[str, NDArray[np.float64]]:
@@ -260,11 +251,13 @@ def _groups(
     return groups
 
 
-def _rows(results: Sequence[MeasuredSphere], settings: SphereSettings, baselines: _Baselines) -> list[dict[str, Any]]:
-    """Return the rows of one sample, judged by what is usual for each sensor."""
+def _rows(
+    results: Sequence[MeasuredSphere], settings: SphereSettings, offsets: Mapping[str, NDArray[np.float64]]
+) -> list[dict[str, Any]]:
+    """Return the rows of one sample, judged with the sensors' constant offsets."""
     fits = {result.file.sensor: result.fit for result in results if result.fit is not None}
     parts = {result.file.sensor: result.parts for result in results if result.parts is not None}
-    by_sensor = findings(fits, parts, baselines.usual, baselines.offsets)
+    by_sensor = findings(fits, parts, offsets)
     return [_row(result, by_sensor.get(result.file.sensor, []), settings) for result in results]
 
 

@@ -3,14 +3,14 @@
 A cluster that pulls a fit shows when its part of the surface is left out: the centre moves. One that is too far off to
 pull the fit shows in the median error of its part, where noise would average out. A cap whose depth is wrong as a whole
 shows neither; only the other sensors' centres can tell. The limits were set on simulated caps, with other seeds than
-those of the shares that `bench/validation.py` reports. They are limits of a sound sensor: where most samples of a
-sensor exceed one, the report says so of the sensor, and only samples that are much worse than its others are left out.
+those of the shares that `bench/validation.py` reports. Every reconstruction is judged by itself and the others of its
+ball, so that a verdict does not depend on how many balls are measured; what most of a sensor's share is said of it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,15 +21,13 @@ from recon.validation.sphere.fit.refinement import moved_centre
 
 MAX_SECTOR_SHIFT = 1.0  # mm for a radius of 150 mm, the centre's shift when one of eight sectors is left out
 MAX_RING_SHIFT = 2.5  # mm likewise, for the inner or outer half of the cap; slices of whole disparities reach 2.4
-MAX_SENSOR_SHIFT = 2.5  # mm likewise, from the other sensors' centres
+MAX_SENSOR_SHIFT = 3.5  # mm likewise, from the other sensors' centres; a calibration shifts them by up to 2.6
 REFERENCE_RADIUS = 150.0
 COHERENT_CELLS = 4  # a sixth of the 24 cells
 MAX_COHERENT_ERROR = 2.2  # mm likewise, median error of that many cells; below 1.8 for 95 % of good caps
-COHERENT_SCALE = 0.4  # of the points' scatter; the median error must exceed this as well
-MIN_SAMPLES = 4  # of a sensor, to know what is usual for it
-USUAL_PERCENTILE = 25.0  # of a sensor's samples; spoilt ones hardly move it, even if they are a third
-LEAST_USUAL = 0.5  # of a limit; a sensor whose usual value is lower is sound, and the limit holds
-UNUSUAL = 5.0  # times the usual value; a sample beyond is worse than its sensor
+SECTOR_SCALE, RING_SCALE, COHERENT_SCALE = 0.3, 0.7, 0.7  # of the points' scatter, which values must exceed as well
+MIN_SAMPLES = 4  # of a sensor, to know its constant offset
+MOST = 0.5  # of a sensor's reconstructions; more that are left out speak against the sensor
 REMARKED = 0.6  # of a limit; values beyond get a remark
 MAX_MISSING = 0.05  # of a ball's picture; nothing is missing of the studio's matt ball
 PART_WORDS = {  # by field of `Parts`
@@ -64,8 +62,7 @@ class Finding:
     Parameters
     ----------
     sentence : with the value and the limit
-    is_remark : whether it is no reason to leave the reconstruction out, because it is only near the limit, or usual
-        for the sensor
+    is_remark : whether it is no reason to leave the reconstruction out, because it is only near the limit
     """
 
     sentence: str
@@ -90,7 +87,6 @@ def examine_parts(cap: Cap, fit: SphereFit) -> Parts:
 def findings(
     fits: Mapping[str, SphereFit],
     parts: Mapping[str, Parts],
-    usual: Mapping[str, Parts] | None = None,
     offsets: Mapping[str, NDArray[np.float64]] | None = None,
 ) -> dict[str, list[Finding]]:
     """Return what exceeds its limit, or nearly so, in each sensor's reconstruction of one placed ball.
@@ -99,13 +95,11 @@ def findings(
     ----------
     fits : by sensor
     parts : by sensor, from `examine_parts`
-    usual : by sensor, from `usual_parts`; without it every value beyond a limit is a reason to leave out
     offsets : float64 (3,), mm, by sensor, from `sensor_offsets`: the calibration's part of its distance to the others
     """
     by_sensor: dict[str, list[Finding]] = {sensor: [] for sensor in fits}
     for sensor, shifts in parts.items():
-        typical = (usual or {}).get(sensor)
-        by_sensor[sensor] += _findings_in_parts(fits[sensor], shifts, typical)
+        by_sensor[sensor] += _findings_in_parts(fits[sensor], shifts)
     for sensor, finding in _findings_between(fits, offsets or {}):
         by_sensor[sensor].append(finding)
     return by_sensor
@@ -114,19 +108,22 @@ def findings(
 def part_limits(fit: SphereFit) -> dict[str, float]:
     """Return the limit of each field of a fit's `Parts`, mm."""
     unit = fit.radius / REFERENCE_RADIUS
-    coherent = max(MAX_COHERENT_ERROR * unit, COHERENT_SCALE * fit.scale)
-    return {"sector_shift": MAX_SECTOR_SHIFT * unit, "ring_shift": MAX_RING_SHIFT * unit, "coherent_error": coherent}
+    limits = {
+        "sector_shift": (MAX_SECTOR_SHIFT, SECTOR_SCALE),
+        "ring_shift": (MAX_RING_SHIFT, RING_SCALE),
+        "coherent_error": (MAX_COHERENT_ERROR, COHERENT_SCALE),
+    }
+    return {name: max(limit * unit, share * fit.scale) for name, (limit, share) in limits.items()}
 
 
-def _findings_in_parts(fit: SphereFit, shifts: Parts, usual: Parts | None) -> Iterator[Finding]:
+def _findings_in_parts(fit: SphereFit, shifts: Parts) -> Iterator[Finding]:
     if fit.surface_share < MIN_SURFACE_SHARE:
         share = f"only {fit.surface_share:.0%} of the points around the ball lie on it"
         yield Finding(f"{share}, under {MIN_SURFACE_SHARE:.0%}")
     for name, limit in part_limits(fit).items():
         value = getattr(shifts, name)
         if value > REMARKED * limit:
-            typical = None if usual is None else getattr(usual, name)
-            yield _beyond(PART_WORDS[name].format(value), value, limit, typical)
+            yield _beyond(PART_WORDS[name].format(value), value, limit)
 
 
 def _findings_between(
@@ -137,25 +134,31 @@ def _findings_between(
     residual = sensor_shifts({sensor: centre - offsets.get(sensor, 0.0) for sensor, centre in centres.items()})
     for sensor, apart in sensor_shifts(centres).items():
         limit = MAX_SENSOR_SHIFT * fits[sensor].radius / REFERENCE_RADIUS
-        if max(apart, residual[sensor]) <= limit:
-            continue
-        over = f"mm from that of the other sensors, over {limit:g} mm"
-        beside = f"{residual[sensor]:.2f} mm without what is the same in most samples"
-        if residual[sensor] <= limit:
-            yield sensor, Finding(f"its centre is {apart:.2f} {over}, but {beside}: calibration", is_remark=True)
-        elif apart <= limit:
-            yield sensor, Finding(f"without what most samples share, its centre is {residual[sensor]:.2f} {over}")
-        else:
-            yield sensor, Finding(f"its centre is {apart:.2f} {over}" + (f"; {beside}" if offsets else ""))
+        if max(apart, residual[sensor]) > REMARKED * limit:
+            finding = _beyond(f"its centre is {apart:.2f} mm from that of the other sensors", apart, limit)
+            beside = f"; {residual[sensor]:.2f} mm without what is the same in most samples, its calibration"
+            yield sensor, replace(finding, sentence=finding.sentence + (beside if offsets else ""))
 
 
-def _beyond(words: str, value: float, limit: float, typical: float | None) -> Finding:
+def _beyond(words: str, value: float, limit: float) -> Finding:
     if value <= limit:
         return Finding(f"{words}, near the limit of {limit:.3g} mm", is_remark=True)
-    if typical is None or typical < LEAST_USUAL * limit or value > UNUSUAL * typical:
-        return Finding(f"{words}, over {limit:.3g} mm")
-    sentence = f"{words}, over {limit:.3g} mm, but three in four samples of this sensor reach {typical:.2f} mm"
-    return Finding(sentence, is_remark=True)
+    return Finding(f"{words}, over {limit:.3g} mm")
+
+
+def sensor_remarks(left_out: Mapping[str, Sequence[bool]]) -> list[str]:
+    """Say of which sensors most reconstructions are left out: that is no matter of single clusters of wrong depth.
+
+    Parameters
+    ----------
+    left_out : by sensor, of each of its reconstructions
+    """
+    return [
+        f"{sum(each)} of {len(each)} reconstructions by {sensor} are left out: its calibration or resolution does not "
+        "keep the limits of a sound sensor; the rows `all` have its points"
+        for sensor, each in left_out.items()
+        if len(each) > 1 and sum(each) > MOST * len(each)
+    ]
 
 
 def missing_remark(missing: float | None) -> list[Finding]:
@@ -168,20 +171,6 @@ def missing_remark(missing: float | None) -> list[Finding]:
         return []
     sentence = f"in {missing:.0%} of the ball's picture there are no points, over {MAX_MISSING:.0%}"
     return [Finding(f"{sentence}: ratios say nothing about it", is_remark=True)]
-
-
-def usual_parts(samples: Sequence[Parts]) -> Parts | None:
-    """Return what three in four of one sensor's reconstructions reach, None where there are too few.
-
-    What most samples of a sensor show comes from its calibration or its resolution, not from clusters of wrong depth,
-    which spoil single ones. To leave all of them out would leave nothing to tabulate: they get a remark instead.
-    """
-    if len(samples) < MIN_SAMPLES:
-        return None
-    names = ("sector_shift", "ring_shift", "coherent_error")
-    return Parts(
-        *(float(np.percentile([getattr(sample, name) for sample in samples], USUAL_PERCENTILE)) for name in names)
-    )
 
 
 def sensor_offsets(samples: Sequence[Mapping[str, NDArray[np.float64]]]) -> dict[str, NDArray[np.float64]]:

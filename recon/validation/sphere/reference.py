@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtri  # scipy.stats takes half a second to import
 
 from recon.geometry.rig import rigid, transformed
-from recon.validation.clouds import MIN_POINTS, FitError, read_measured
+from recon.validation.clouds import MIN_POINTS, FitError, read_exactly
 from recon.validation.registration.super4pcs import rigid_motions
 from recon.validation.sampling import subsample
 from recon.validation.sphere.cells import cap_of
@@ -63,9 +63,9 @@ def read_references(settings: ReferenceSettings, radius: float, n_samples: int, 
     """
     if settings.frame not in FRAMES:
         raise ValueError(f"the reference's frame is {settings.frame!r}, expected one of {', '.join(FRAMES)}")
-    clouds = [read_measured(path, settings.unit) for path in settings.files]
+    clouds = [read_exactly(path, settings.unit) for path in settings.files]
     if len(clouds) == 1 and (n_samples > 1 or len(clouds[0]) < MIN_POINTS):
-        centres = [Centre(place.astype(np.float64), np.zeros((3, 3))) for place in clouds[0]]
+        centres = [Centre(place, np.zeros((3, 3))) for place in clouds[0]]
     else:
         centres = [_scanned(path, cloud, radius, seed) for path, cloud in zip(settings.files, clouds, strict=True)]
     if len(centres) != n_samples:
@@ -164,14 +164,17 @@ def _standard_deviation(residuals: NDArray[np.float64], dof: int) -> dict[str, f
     return {f"s{end}_mm": float(np.sqrt(total / n)) for end, n in (("", dof), ("_low", low), ("_high", high))}
 
 
-def _scanned(path: Path, cloud: NDArray[np.float32], radius: float, seed: int) -> Centre:
+def _scanned(path: Path, scan: NDArray[np.float64], radius: float, seed: int) -> Centre:
+    """Find the ball in a scan, whose instrument may stand, or have its origin, far away."""
+    origin = np.median(scan, axis=0)
+    cloud = np.asarray(scan - origin, np.float32)
     try:
         fit = fit_sphere(cloud, radius, seed)
     except ValueError as error:
         raise ValueError(f"{path}: {str(error).replace('--unit', '--reference-unit')}") from error
     sample = subsample(cloud, seed)
     uncertainty = fit_uncertainty(sample, fit, cap_of(sample, fit), seed)
-    return Centre(fit.centre, np.zeros((3, 3)) if uncertainty is None else uncertainty.centre_covariance)
+    return Centre(origin + fit.centre, np.zeros((3, 3)) if uncertainty is None else uncertainty.centre_covariance)
 
 
 def _motion(theirs: NDArray[np.float64], ours: NDArray[np.float64]) -> NDArray[np.float64]:

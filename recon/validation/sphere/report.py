@@ -171,7 +171,7 @@ def _reasons(report: Mapping[str, Any]) -> Section:
     ]
     text = (
         "--keep and --drop overrule the exclusion rule by name. A reconstruction is flagged, but not left out, where a "
-        "value is near its limit, or beyond it but usual for its sensor, or where parts of the ball have no points."
+        "value is near its limit, or where parts of the ball have no points."
     )
     return Section("What was left out or flagged", text if rows else "Nothing.", rows)
 

@@ -21,12 +21,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.capture.format import read_capture
 from recon.geometry.mesh import Shape
 from recon.validation.clouds import read_measured_shape, read_shape, size_remarks
 from recon.validation.measures import LESS, MORE, Subject, check_thresholds, measure_rows
 from recon.validation.sampling import between_corners, cell_means, order_by_cells, search_tree, spread_over_triangles
 from recon.validation.triangles import TriangleTree
 from recon.validation.truth.eth3d import VOXEL_MM, eth3d_scores
+from recon.validation.truth.visible import seen_by_sensors
 
 N_SAMPLES = 250_000
 PERCENTILES = (50, 90, 95)
@@ -111,6 +113,7 @@ class MeshSettings:
     voxel : mm, over which ETH3D averages
     scanner : mm, where the truth was scanned from: ETH3D counts only what that scanner observed; None where unknown
     filled : whether filled holes of a mesh of ours count
+    capture : folder of the recording; then completeness and recall count what its sensors can see; None: all
     """
 
     thresholds: tuple[float, ...]
@@ -121,6 +124,7 @@ class MeshSettings:
     voxel: float = VOXEL_MM
     scanner: tuple[float, float, float] | None = None
     filled: bool = True
+    capture: str | None = None
 
     @property
     def chosen(self) -> float:
@@ -153,7 +157,8 @@ def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, A
     shapes = (read_shape if settings.filled else read_measured_shape)(mesh), read_shape(truth)
     measured, real = (_points(path, shape, rng) for path, shape in zip((mesh, truth), shapes, strict=True))
     remarks = size_remarks((str(mesh), str(truth)), measured, real)
-    exact = compared(distances_to(shapes[1], measured), distances_to(shapes[0], real), thresholds)
+    seen = _seen(settings, shapes[1], real)
+    exact = compared(distances_to(shapes[1], measured), distances_to(shapes[0], real[seen]), thresholds)
     between = nearest_distances(measured, real), nearest_distances(real, measured)
     report: dict[str, Any] = {
         "schema_version": 1,
@@ -172,6 +177,8 @@ def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, A
             "voxel_mm": settings.voxel,
             "scanner_mm": settings.scanner,
             "filled": settings.filled,
+            "capture": settings.capture,
+            "seen": float(seen.mean()),
         },
         "remarks": remarks,
         **exact,
@@ -181,6 +188,16 @@ def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, A
         "eth3d": eth3d_scores(measured, real, *between, thresholds, settings.scanner, voxel=settings.voxel),
     }
     return report | {"measures": _measures(report, settings)}
+
+
+def _seen(settings: MeshSettings, truth: Shape, real: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Mark the truth's points that count for completeness, bool (N,)."""
+    if settings.capture is None:
+        return np.ones(len(real), np.bool_)
+    seen = seen_by_sensors(truth, real, read_capture(Path(settings.capture)))
+    if not seen.any():
+        raise ValueError(f"{settings.capture}: its sensors see nothing of the truth; are both in the same coordinates?")
+    return seen
 
 
 def _points(path: Path, shape: Shape, rng: np.random.Generator) -> NDArray[np.float64]:

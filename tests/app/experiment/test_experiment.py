@@ -17,17 +17,21 @@ import pytest
 import app.experiment.study
 import recon.validation.cloud_quality.evaluation
 import recon.validation.truth.evaluation
+from app.analysis.reading.votes_table import ALL
 from app.cli.experiments import Step, run_steps
 from app.experiment import reconstruction
 from app.experiment.measured import models_section
+from app.experiment.reconstruction.objects import sphere_imaging
 from app.experiment.report import conclusions
 from app.experiment.results import Results, order_text
 from app.experiment.study import people, raters, true_abilities
+from app.experiment.voted import is_against
 from app.intake.reports import Measure
 from app.simulation.rating import LOG_ODDS_OF_SCALE
 from recon.capture.format import read_capture
 from recon.methods.approaches import DEPTH_METHODS, FUSION_METHODS, approaches
 from recon.runtime.workers import no_progress
+from recon.studio import SynthParameters
 from tests.command_line import Command
 
 APPROACHES = [str(approach) for approach in approaches(DEPTH_METHODS, FUSION_METHODS)]
@@ -171,6 +175,26 @@ def test_conclusions_differ_where_the_scores_are_the_truth_upside_down() -> None
     truth = true_abilities(ssim("ball", SSIM))
     upside_down = {name.split("/")[1]: -ability for name, ability in truth.items()}
     assert [check["agrees"] for check in conclusions(results(upside_down, ("passed",)))] == [False] * 6
+
+
+@pytest.mark.parametrize(
+    ("better", "low", "high", "told"),
+    [("higher", -0.9, -0.4, True), ("higher", -0.9, 0.1, False), ("lower", 0.3, 0.8, True),
+     ("lower", -0.8, -0.3, False), ("", -0.9, -0.4, False), ("higher", None, None, False)],
+)  # fmt: skip
+def test_a_measure_that_people_surely_like_the_other_way_gets_its_remark(
+    better: str, low: float | None, high: float | None, told: bool
+) -> None:
+    row = {"measure": "coverage", "dataset": ALL, "better": better, "spearman": low or 0.0, "spearman_low": low,
+           "spearman_high": high, "pearson_logistic": None, "pairs_correct": None, "pairs_different": 0}  # fmt: skip
+    assert is_against(row) is told
+
+
+def test_the_sphere_is_made_hard_alike_in_pictures_of_any_width() -> None:
+    small, full = sphere_imaging(640), sphere_imaging(1280)
+    assert dict(small["defocus"])["S1"] == max(dict(small["defocus"]).values())  # the paper's order of sensors
+    assert dict(full["defocus"]) == {name: 2 * px for name, px in small["defocus"]}
+    SynthParameters("sphere", n_sensors=3, **full)
 
 
 def test_an_order_that_the_votes_leave_open_is_not_told_apart() -> None:

@@ -16,6 +16,7 @@ from recon.validation.clouds import FitError, checked_points, hint_at_unit
 from recon.validation.sampling import first_in_cells, subsample, thinned
 from recon.validation.sphere.fit.kernels import local_consensus
 from recon.validation.sphere.fit.model import SphereFit, band_of
+from recon.validation.sphere.fit.plausibility import check_precision
 from recon.validation.sphere.fit.refinement import refine_sphere
 
 CELL_SHARE = 1 / 12  # of the radius: one point a cell is searched, so that dense walls count by their area
@@ -24,7 +25,7 @@ N_CANDIDATES = 8
 N_TRIALS, N_TRIALS_PER_UNIT = 16, 32  # spheres tried through every seed point
 RIVAL = 0.5  # of the best sphere's score: from there on another one counts as a second ball
 APART = 1.5  # times the radius: centres farther apart are two balls, which cannot be nearer than twice the radius
-OTHER_RADII = (4 / 3, 3 / 4, 3 / 2, 2 / 3)  # as shares of the radius given
+OTHER_RADII = (4 / 3, 3 / 4, 3 / 2, 2 / 3, 2, 1 / 2)  # as shares of the radius given; a diameter is twice as long
 WIDE = 2.2  # radii; a ball by itself extends over two
 
 
@@ -101,7 +102,9 @@ def _fit(
         best = f"; the best candidate: {reasons[0]}" if reasons else ""
         raise FitError(f"no sphere of radius {radius:g} mm in a cloud of {extent} mm{best}")
     _check_single(spheres)
-    return refine_sphere(points, spheres[0].centre, radius, sample)
+    fit = refine_sphere(points, spheres[0].centre, radius, sample)
+    check_precision(fit)
+    return fit
 
 
 def _check_single(spheres: Sequence[SphereFit]) -> None:

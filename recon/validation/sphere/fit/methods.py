@@ -12,6 +12,7 @@ from recon.validation.registration.super4pcs import Super4PCSParameters, super4p
 from recon.validation.sampling import fibonacci_sphere, subsample
 from recon.validation.sphere.fit.consensus import check_alone, fit_sphere, hint_at_sphere
 from recon.validation.sphere.fit.model import SphereFit
+from recon.validation.sphere.fit.plausibility import check_precision
 from recon.validation.sphere.fit.refinement import refine_sphere
 
 MODEL_POINTS = 3000
@@ -32,6 +33,7 @@ def fit_super4pcs(points: NDArray[np.float32], radius: float, seed: int) -> Sphe
     except FitError as error:
         advice = hint_at_sphere(points, radius, seed) or "; --method robust finds a ball among more else"
         raise FitError(f"{error}{advice}") from error
+    check_precision(fit)
     check_alone(points, fit, seed)
     return fit
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.geometry.mesh import FINEST
 from recon.validation.clouds import FitError
 from recon.validation.sampling import fibonacci_sphere
 from recon.validation.sphere.fit.model import SphereFit
@@ -33,6 +34,16 @@ def check_fit(fit: SphereFit) -> None:
         raise FitError(f"{at} the points scatter by {fit.scale:.3g} mm, too much for a cap {depth:.3g} mm deep")
     if not abs(fit.free_radius / fit.radius - 1) <= MAX_RADIUS_ERROR:
         raise FitError(f"{at} the surface has a radius of about {fit.free_radius:.4g} mm, not {fit.radius:g} mm")
+
+
+def check_precision(fit: SphereFit) -> None:
+    """Refuse, by a ValueError, a ball so far from the origin that single precision blurs its surface."""
+    step = float(np.spacing(np.float32(np.abs(fit.centre).max())))
+    if step * FINEST > fit.radius:
+        raise ValueError(
+            f"the ball is at {np.round(fit.centre, 1).tolist()} mm, where single precision has steps of {step:.3g} mm: "
+            "too far away to be measured; move the cloud near the origin"
+        )
 
 
 def check_bending(offsets: NDArray[np.floating], fit: SphereFit) -> None:

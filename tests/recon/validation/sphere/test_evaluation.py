@@ -35,7 +35,7 @@ from recon.validation.page import curve_chart, write_figure
 from recon.validation.sphere import reconstruction
 from recon.validation.sphere.cells import cap_of
 from recon.validation.sphere.evaluation import measure_spheres
-from recon.validation.sphere.exclusion import Parts, examine_parts, findings, missing_remark, usual_parts
+from recon.validation.sphere.exclusion import Parts, examine_parts, findings, missing_remark, sensor_remarks
 from recon.validation.sphere.fit.consensus import fit_sphere
 from recon.validation.sphere.fit.methods import METHODS
 from recon.validation.sphere.fit.model import SphereSettings
@@ -131,24 +131,28 @@ def test_a_part_that_is_off_together_is_noticed_where_it_does_not_move_the_fit()
     assert "off together" in reason.sentence
 
 
-def test_what_most_samples_of_a_sensor_show_is_said_and_what_single_ones_show_leaves_them_out() -> None:
+def test_a_verdict_depends_on_nothing_but_the_ball_itself_and_most_verdicts_on_a_sensor_are_said_of_it() -> None:
     points, centre = simulate_cap(CapParameters(n_points=20_000, noise=2.0, outliers=0.02), np.random.default_rng(5))
     fits = {"S1": fit_sphere(points - centre, 150.0)}
-    coarse = [Parts(1.5, 1.0, 1.0), Parts(2.5, 1.2, 0.8), Parts(2.0, 0.9, 1.1), Parts(12.0, 1.0, 1.0)]
-    usual = usual_parts(coarse)
-    assert usual == Parts(1.875, 0.975, 0.95)
-    (finding,) = findings(fits, {"S1": coarse[1]}, {"S1": usual})["S1"]
-    assert finding.is_remark
-    assert finding.sentence.endswith("by 2.50 mm, over 1 mm, but three in four samples of this sensor reach 1.88 mm")
-    (finding,) = findings(fits, {"S1": coarse[3]}, {"S1": usual})["S1"]
-    assert not finding.is_remark
-    assert usual_parts(coarse[:3]) is None
-    (finding,) = findings(fits, {"S1": Parts(0.7, 1.0, 1.0)})["S1"]
-    assert finding.is_remark
-    assert finding.sentence.endswith("by 0.70 mm, near the limit of 1 mm")
-    sound = Parts(0.3, 0.4, 0.5)  # below half of its limit: that of a sound sensor
-    (finding,) = findings(fits, {"S1": Parts(1.2, 0.4, 0.5)}, {"S1": sound})["S1"]
-    assert not finding.is_remark
+    verdicts = [findings(fits, {"S1": Parts(shift, 1.0, 1.0)})["S1"] for shift in (1.5, 2.5, 0.7, 0.3)]
+    assert [[finding.is_remark for finding in verdict] for verdict in verdicts] == [[False], [False], [True], []]
+    assert verdicts[2][0].sentence.endswith("by 0.70 mm, near the limit of 1 mm")
+    (remark,) = sensor_remarks({"S1": [True, True, True, False], "S2": [True, False, False, False], "S3": [True]})
+    assert remark.startswith("3 of 4 reconstructions by S1 are left out")
+
+
+@pytest.mark.slow
+def test_verdicts_on_three_balls_are_the_same_beside_a_fourth(tmp_path: Path) -> None:
+    paths = write_caps(tmp_path, 4, (0, 0), "wedge")
+    verdicts = [
+        {
+            row["name"]: (row["is_excluded"], row["reasons"])
+            for row in measure_spheres(clouds, SETTINGS)[0]["reconstructions"]
+        }
+        for clouds in (named_clouds(paths[: 3 * len(SENSORS)], SENSORS), named_clouds(paths, SENSORS))
+    ]
+    for name, (is_excluded, reasons) in verdicts[0].items():
+        assert verdicts[1][name][0] == is_excluded, reasons
 
 
 def semi_global_clouds(capture: Capture, folder: Path) -> list[Path]:
@@ -180,8 +184,13 @@ def test_of_real_shots_of_a_ball_by_semi_global_matching_the_bad_one_is_left_out
     clouds = named_clouds(semi_global_clouds(capture, tmp_path), ("S1",))
     report, _ = measure_spheres(clouds, SphereSettings(300.0, (12.5,), viewpoints={"S1": (0.0, 0.0, 0.0)}))
     assert report["failed"] == []
-    assert [row["name"] for row in report["excluded"]] == ["3/S1"]
-    assert all(row["remarks"] for row in report["reconstructions"][:2])
+    reasons = {row["name"]: row["reasons"] for row in report["excluded"]}
+    assert any("of the points around the ball lie on it" in reason for reason in reasons["3/S1"])
+    alone, _ = measure_spheres(clouds[:3], SphereSettings(300.0, (12.5,), viewpoints={"S1": (0.0, 0.0, 0.0)}))
+    assert {row["name"]: row["reasons"] for row in alone["excluded"]} == {
+        name: each for name, each in reasons.items() if name != "4/S1"
+    }
+    assert len(report["sensor_remarks"]) == (len(reasons) > 2)  # the sensor is calibrated to 10 mm there
 
 
 @pytest.mark.slow
@@ -196,7 +205,7 @@ def test_of_real_shots_of_a_ball_by_our_matcher_the_bad_one_is_flagged_with_numb
     settings = SphereSettings(300.0, (5.0, 12.5), viewpoints={"S1": (0.0, 0.0, 0.0)})
     report, pictured = measure_spheres(clouds, settings)
     page = write_sphere_report(report, pictured, tmp_path / "report").read_text(encoding="utf-8")
-    flagged = {row["name"]: row["remarks"] for row in report["flagged"]}
+    flagged = {row["name"]: [*row["reasons"], *row["remarks"]] for row in report["reconstructions"]}
     assert any(remark.startswith("without its inner or outer half") for remark in flagged["3/S1"])
     assert any("of the ball's picture there are no points" in remark for remark in flagged["3/S1"])
     assert all(remark in html.unescape(page) for remark in flagged["3/S1"])

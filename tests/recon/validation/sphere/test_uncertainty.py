@@ -111,12 +111,14 @@ def test_a_sensor_that_is_off_alike_in_all_samples_is_remarked_and_only_a_sample
         apart = ((0, 0, 0), (0.2, 0, 0), (3.0, 0.1, 0))
         samples.append(fits_at(*(tuple(place + shift + rng.normal(0, 0.1, 3)) for shift in apart)))
     offsets = sensor_offsets([{sensor: fit.centre for sensor, fit in fits.items()} for fits in samples])
-    assert offsets["S3"] == pytest.approx([2.8, 0.1, 0.0], abs=0.2)
-    judged = [findings(fits, {}, None, offsets) for fits in samples]
-    assert all(row["S3"][0].is_remark and "calibration" in row["S3"][0].sentence for row in judged)
+    assert offsets["S3"] == pytest.approx([3.0, 0.1, 0.0], abs=0.2)
+    for known in (offsets, {}):
+        judged = [findings(fits, {}, known) for fits in samples]
+        assert all(row["S3"][0].is_remark for row in judged)
+        assert all(("calibration" in row["S3"][0].sentence) is bool(known) for row in judged)
     assert not any(row["S1"] for row in judged)
     spoilt = fits_at((0, 0, 0), (0.2, 0, 0), (3.0, 6.0, 0))
-    (reason,) = findings(spoilt, {"S3": Parts(0.1, 0.1, 0.1)}, None, offsets)["S3"]
+    (reason,) = findings(spoilt, {"S3": Parts(0.1, 0.1, 0.1)}, offsets)["S3"]
     assert not reason.is_remark
     assert sensor_offsets([{}] * 9) == sensor_offsets([{"S1": np.zeros(3), "S2": np.ones(3)}] * 3) == {}
 
@@ -126,10 +128,22 @@ def centres(places: NDArray[np.float64], u: float = 0.0) -> list[Centre]:
 
 
 def test_a_distance_that_shows_only_without_the_calibration_is_said_to_be_that() -> None:
-    offsets = {"S1": np.array([1.5, 0.0, 0.0]), "S2": np.array([-1.5, 0.0, 0.0])}
-    sentence = "without what most samples share, its centre is 3.00 mm from that of the other sensors, over 2.5 mm"
-    for found in findings(fits_at((0, 0, 0), (0, 0, 0)), {}, None, offsets).values():
-        assert [finding.sentence for finding in found] == [sentence]
+    offsets = {"S1": np.array([1.6, 0.0, 0.0]), "S2": np.array([-1.6, 0.0, 0.0])}
+    for each in findings(fits_at((0, 0, 0), (0, 0, 0)), {}, offsets).values():
+        (finding,) = each
+        assert finding.is_remark
+        assert "3.20 mm without what is the same in most samples, its calibration" in finding.sentence
+
+
+def test_a_scan_whose_frame_is_far_away_gives_the_same_centre(tmp_path: Path) -> None:
+    points = cap_with_patches(np.random.default_rng(2)).astype(np.float64)
+    far = np.array([5.2e8, 4.1e9, 3e5])  # mm, as of a map's grid
+    centres_found = []
+    for name, place in (("near", np.zeros(3)), ("far", far)):
+        np.savetxt(tmp_path / f"{name}.xyz", points + place, fmt="%.3f")
+        (centre,) = read_references(ReferenceSettings((tmp_path / f"{name}.xyz",), frame="sensors"), 150.0, 1, 1)
+        centres_found.append(centre.place - place)
+    np.testing.assert_allclose(*centres_found, atol=2e-3)
 
 
 def test_the_motion_between_two_frames_is_estimated_and_its_residuals_are_left() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,8 @@ from typer.testing import CliRunner
 
 from recon.cli.main import app
 from recon.geometry.mesh import Cloud, Mesh, Shape
-from recon.geometry.mesh_files import write_cloud, write_coloured, write_mesh
+from recon.geometry.mesh_files import read_mesh, write_cloud, write_coloured, write_mesh
+from recon.studio import SynthParameters, synthesise
 from recon.studio.objects import ball
 from recon.validation.cloud_quality import find_compared
 from recon.validation.clouds import read_shape
@@ -342,3 +344,19 @@ def test_the_command_writes_its_report(tmp_path: Path) -> None:
         "errors.png",
     ):
         assert (out / name).stat().st_size > 0
+
+
+def test_completeness_counts_what_some_sensor_can_see_if_a_recording_is_given(tmp_path: Path) -> None:
+    recording = synthesise(tmp_path / "ball", SynthParameters("sphere", n_sensors=1, n_frames=1, size=(160, 120)))
+    truth = tmp_path / "ball/truth/mesh/0000.ply"
+    whole = read_mesh(truth)
+    towards = recording.sensors[0].left.camera.centre - whole.vertices.mean(axis=0)
+    is_front = (whole.normals[whole.faces].mean(axis=1) @ towards) > 0
+    write_mesh(tmp_path / "front.ply", replace(whole, faces=whole.faces[is_front]))
+    settings = MeshSettings((1.0, 5.0, 20.0))
+    alone = measure_mesh(tmp_path / "front.ply", truth, settings)
+    seen = measure_mesh(tmp_path / "front.ply", truth, replace(settings, capture=str(tmp_path / "ball")))
+    assert alone["completeness"]["mean_mm"] > 20
+    assert seen["completeness"]["mean_mm"] < 1
+    assert 0.35 < seen["settings"]["seen"] < 0.5
+    assert seen["accuracy"] == alone["accuracy"]

@@ -146,7 +146,7 @@ def test_another_unit_is_named(unit: str, length: float, method: str) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("share", [0.75, 1.5])
+@pytest.mark.parametrize("share", [0.5, 0.75, 1.5, 2.0])
 def test_the_radius_that_fits_is_named_where_another_was_given(share: float, method: str) -> None:
     points, _ = cap()
     with pytest.raises(FitError, match=rf"mm fits, {share * RADIUS:g} mm was given") as failure:
@@ -193,6 +193,14 @@ def test_huge_coordinates_are_refused() -> None:
     points[3] = 1e12
     with pytest.raises(ValueError, match="too far away"):
         fit_sphere(points, RADIUS)
+
+
+def test_a_ball_five_kilometres_away_is_refused_for_its_precision_and_one_near_is_not() -> None:
+    points, _ = cap()
+    away = np.array([5e6, 0.0, 0.0])
+    with pytest.raises(ValueError, match=r"single precision has steps of 0\.5 mm: too far away"):
+        fit_sphere(points.astype(np.float64) + away, RADIUS)
+    fit_sphere(points.astype(np.float64) + away / 20, RADIUS)
 
 
 @pytest.mark.parametrize("shot", [1, 2, 3, 4])
