@@ -150,19 +150,21 @@ def _share_holds(row: dict[str, Any], own: dict[str, float], kind: Kind) -> floa
 
 def best_lines(n_studies: int, seed: int) -> Iterator[str]:
     """Print how often the condition of the highest score is the best, beside the probability that is said of it."""
-    rng, settings = np.random.default_rng(seed), AnalysisSettings(by_dataset=False)
+    settings = AnalysisSettings(by_dataset=False)
     for people in (8, 22, 60):
-        kind = Kind(people=people, datasets=2)
-        said, right = [], []
-        for _ in range(n_studies):
-            drawn = 0.3 * rng.standard_normal(kind.conditions)
-            votes, _ = study(_Drawn(**{**vars(kind), "drawn": tuple(drawn)}), rng)
-            row = max(_scores(votes, settings), key=lambda row: row["score"] or 0.0)
-            if row["p_best"] is not None:
-                said.append(row["p_best"])
-                right.append(int(row["item"][1:]) == int(np.argmax(drawn)))
-        yield line(f"{people} people: probability said of the highest score to be the best", said)
-        yield line(f"{people} people: it is the best", np.array(right, float))
+        for spread in (0.1, 0.3, 0.6):
+            kind, rng = Kind(people=people, datasets=2), np.random.default_rng(seed)
+            said, right = [], []
+            for _ in range(n_studies):
+                drawn = spread * rng.standard_normal(kind.conditions)
+                votes, _ = study(_Drawn(**{**vars(kind), "drawn": tuple(drawn)}), rng)
+                row = max(_scores(votes, settings), key=lambda row: row["score"] or 0.0)
+                if row["p_best"] is not None:
+                    said.append(row["p_best"])
+                    right.append(int(row["item"][1:]) == int(np.argmax(drawn)))
+            where = f"{people} people, scores differ by {spread}"
+            yield line(f"{where}: probability said of the highest score to be the best", said)
+            yield line(f"{where}: it is the best", np.array(right, float))
 
 
 class _Drawn(Kind):

@@ -290,6 +290,7 @@ def _maximise_together(
         is_lost = np.logical_not(np.isfinite(newton).all(axis=1))  # it ran away until no vote could tell the next step
         newton = shorten(design, theta, np.where(is_lost[:, None], 0.0, newton))
         overshot = np.einsum("bp,bp->b", gradient, step) < -OVERSHOT * slope
+        overshot &= np.abs(step).max(axis=1) >= search.tolerance  # smaller ones are rounding, at the maximum
         newton_slope = np.einsum("bp,bp->b", gradient, newton)
         theta = theta + np.where(overshot[:, None], -step / 2, newton)
         step = np.where(overshot[:, None], step / 2, newton)

@@ -18,18 +18,17 @@ def estimates(values: list[float], sd: float, n_participants: int | None = None)
     return Estimates(tuple("abcdef")[: len(values)], np.array(values), covariance, clustered, n_participants, False)
 
 
-@pytest.mark.parametrize("spread", [0.1, 0.4])
-def test_the_highest_score_is_the_best_as_often_as_is_said(spread: float) -> None:
+def test_the_highest_score_is_the_best_as_often_as_is_said_where_any_spread_is_as_likely() -> None:
     rng, error = np.random.default_rng(1), 0.25
     said, right = [], []
     for _ in range(400):
-        truth = spread * rng.standard_normal(6)
+        truth = rng.uniform(0, 1) * rng.standard_normal(6)
         values = truth + error * rng.standard_normal(6)
         best = best_probabilities(estimates((values - values.mean()).tolist(), error))
         assert best is not None
         said.append(best.max())
         right.append(truth.argmax() == values.argmax())
-    assert np.mean(said) == pytest.approx(np.mean(right), abs=0.06)
+    assert np.mean(said) == pytest.approx(np.mean(right), abs=0.04)
 
 
 def test_a_clear_difference_makes_it_sure_and_none_makes_all_as_likely() -> None:
