@@ -124,6 +124,9 @@ ExcludeOption = Annotated[
 PlannedOption = Annotated[
     int | None, typer.Option(min=1, help="Participants that the study was planned for; results of fewer are interim.")
 ]
+AdaptiveOption = Annotated[
+    bool, typer.Option("--adaptive-pairs", help="The pairs were chosen from the votes so far; the report says so.")
+]
 ColumnsOption = Annotated[
     str | None,
     typer.Option(help="Names of the file's columns where they differ: participant=judge,item_a=type_a+level_a."),
@@ -173,6 +176,7 @@ def analyse(
     lapses: LapsesOption = False,
     exclude: ExcludeOption = None,
     planned: PlannedOption = None,
+    adaptive_pairs: AdaptiveOption = False,
     columns: ColumnsOption = None,
     choices: ChoicesOption = None,
     layout: FormatOption = "",
@@ -211,6 +215,7 @@ def analyse(
             by_dataset=by == "dataset",
             exclude=tuple(exclude or ()),
             planned_participants=planned,
+            adaptive_pairs=adaptive_pairs,
         )
     if out is None and not dry_run:
         raise typer.BadParameter("--out is missing: the folder for the results (or --dry-run, which writes nothing)")
