@@ -193,12 +193,13 @@ def analyse(
     from app.analysis.analyse_files import read_measures_of
     from app.analysis.drawing.charts_in_common import WIDTHS
     from app.analysis.ratings.reading import understand_ratings
-    from app.analysis.reading.description import Told
+    from app.analysis.reading.description import Told, pairs_of
 
     ends = _parse_scale(scale)
     _check_choice("--width", width, WIDTHS)
     _check_choice("--by", by, ("dataset", "none"))
-    mappings = _parse_mapping(columns, "--columns") or {}, _parse_mapping(choices, "--choices") or {}
+    with wrong_use():
+        mappings = pairs_of(columns or "", "--columns"), pairs_of(choices or "", "--choices")
     sources = _recognised(votes, Told(*mappings, format=layout, encoding=encoding, sheet=sheet), can_ask=not as_json)
     rated = _rated_source(context, sources)
     with wrong_use():
@@ -425,19 +426,6 @@ def _parse_scale(text: str | None) -> tuple[float, float] | None:
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise typer.BadParameter(f"--scale is {text!r}, expected its low end first, such as 1:5")
     return low, high
-
-
-def _parse_mapping(text: str | None, option: str) -> dict[str, str] | None:
-    """Read the pairs of "ours=theirs,ours=theirs"."""
-    if text is None:
-        return None
-    pairs = [pair.partition("=") for pair in text.split(",")]
-    if not all(ours.strip() and theirs.strip() for ours, _, theirs in pairs):
-        raise typer.BadParameter(f"{option} is {text!r}, expected ours=theirs, comma between")
-    names = [ours.strip() for ours, _, _ in pairs]
-    if repeated := [name for name in names if names.count(name) > 1]:
-        raise typer.BadParameter(f"{option} names {repeated[0]} twice; expected ours=theirs, each of ours once")
-    return {ours.strip(): theirs.strip() for ours, _, theirs in pairs}
 
 
 def _read_abilities(path: Path) -> dict[str, float]:

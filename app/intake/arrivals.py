@@ -14,11 +14,11 @@ from app.intake.captures import CAPTURE_FILE, missing_pictures, read_outline
 from app.intake.models import FOLDERS as MODEL_FOLDERS
 from app.intake.reports import REPORT, TABLE, read_report
 from app.intake.shelves import FOLDERS, SUFFIXES, free_path
-from app.intake.summaries import MODELS, PICTURES, SCENE_FILE, files_of, is_film
+from app.intake.summaries import MODELS, PICTURES, SCENE_FILE, TABLES, files_of, is_film
 from app.intake.zips import MB, check_file, check_zip, is_zip, unpack
 
 TEXTS = (".json", ".csv", ".txt", ".md", ".toml", ".yml", ".yaml", ".xml", ".ini", ".html", ".log")
-CAPTURED = (*PICTURES, ".ppm", ".pgm", *VIDEO_SUFFIXES, ".npy", ".exr", ".ply", ".bin", ".sfm", *TEXTS)
+CAPTURED = (*PICTURES, *VIDEO_SUFFIXES, ".npy", ".pfm", ".ply", ".bin", ".sfm", ".mat", ".camera", *TEXTS)
 BELONGING: Mapping[str, tuple[str, ...]] = {  # suffixes of files that may be in an upload
     "captures": CAPTURED,
     "calibration": (*PICTURES, *VIDEO_SUFFIXES, *TEXTS),
@@ -26,6 +26,7 @@ BELONGING: Mapping[str, tuple[str, ...]] = {  # suffixes of files that may be in
     "films": (*VIDEO_SUFFIXES, *TEXTS),
     "clouds": (".ply", *TEXTS),
     "measures": (".csv",),
+    "votes": tuple({f".{name.rpartition('.')[2]}" for name in TABLES}),
 }
 EXPECTED: Mapping[str, str] = {
     "captures": "a zip file of the recording's folder: pictures or videos, with capture.json where it has one",
@@ -34,6 +35,7 @@ EXPECTED: Mapping[str, str] = {
     "films": "a zip file of DATASET/CONDITION.mp4, with conditions.csv where conditions have factors",
     "clouds": "a PLY file, or a zip file of some",
     "measures": "a table in CSV, whose name ends in .csv",
+    "votes": f"a table of votes or ratings, from any program, whose name ends in {', '.join(TABLES)}",
 }
 RESULTS = (".ply", ".png", ".pdf", ".svg", ".json", ".csv", ".html", ".txt")  # a report's page is not kept
 UNPACKED = "unpacked"  # folder of what was in an upload of results
@@ -153,6 +155,7 @@ CHECKS: Mapping[str, Callable[[Path], None]] = {
     "films": _check_films,
     "clouds": _check_clouds,
     "measures": _check_measures,
+    "votes": lambda _path: None,  # it is read, or asked about, where it is shown
 }
 
 

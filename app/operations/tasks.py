@@ -87,7 +87,7 @@ def resume_tasks(
         assert lost.work is not None, "a task of a kind keeps it"
         function = works[str(lost.work[KIND])]
         actor = Actor(0, lost.actor, now)
-        log.warning("%s is taken up again: its server was stopped", lost.title)
+        log.warning("%s is taken up: its server was stopped, or a job has left it", lost.title)
         _start(database, actor, lost.title, lost.public_id, lambda tell, f=function, t=lost: f(t, tell))  # type: ignore[misc]
         titles.append(lost.title)
     return titles

@@ -144,7 +144,7 @@ def copy_study(source: Connection, target: Connection, values: Mapping[str, Any]
     for table in sorted(tables, key=lambda each: (each in LATE, each is not shown_texts)):
         rows = source.execute(select(table).order_by(*table.primary_key).execution_options(yield_per=ROWS_AT_ONCE))
         try:
-            copy.insert(table, (row._mapping for row in rows))
+            copy.insert(table, (dict(row._mapping) for row in rows))
         except IntegrityError as error:
             raise ValueError(f"its rows of {table.name} do not belong together: {error.orig}") from error
     return next(iter(copy.ids["study"].values()))

@@ -28,7 +28,6 @@ from recon.cli.options import (
     parse_pairs,
     parse_position,
     parse_size,
-    telling,
 )
 
 if TYPE_CHECKING:
@@ -101,7 +100,7 @@ def capture_import(asked: CaptureImport, *, as_json: bool) -> None:
     """Import a real recording into the capture format, and print the check of it; `capture check` tells its verdict."""
     from recon.capture.checking.check import check_capture
     from recon.capture.importing.formats import AUTO, FORMATS, find_format, import_recording
-    from recon.capture.importing.sources import ImportNotice, ImportOptions, parse_unit
+    from recon.capture.importing.sources import ImportOptions, parse_unit
 
     kind, source, out = asked.format, asked.source, asked.out
     if kind not in (AUTO, *FORMATS):
@@ -124,8 +123,7 @@ def capture_import(asked: CaptureImport, *, as_json: bool) -> None:
         pairs=parse_pairs(asked.pairs) if asked.pairs else None,
         shots=tuple(shot.strip() for shot in asked.shots.split(",")) if asked.shots else None,
     )
-    with telling(ImportNotice):
-        import_recording(kind, source, out, options)
+    import_recording(kind, source, out, options)
     report = check_capture(out)
     print_result(
         {"capture": str(out), "format": kind, **report.as_json()}, _check_sentences(out, report), as_json=as_json
@@ -226,13 +224,15 @@ def capture_check(asked: CaptureCheck, *, as_json: bool) -> None:
 
     if asked.report is not None:
         check_place(asked.report)
-    if asked.resample is not (asked.out is not None):
-        raise typer.BadParameter("--resample and --out belong together: what to put right, and the folder to make")
+    if (asked.resample or asked.correct) is not (asked.out is not None):
+        raise typer.BadParameter(
+            "--resample or --correct, and --out belong together: what to put right, and the folder to make"
+        )
     report = check_capture(asked.capture)
     written = "" if asked.report is None else f"\nReport: {write_check(report, asked.report)}"
     result, sentences = report.as_json(), _check_sentences(asked.capture, report) + written
     if asked.out is not None:
-        report = _mended(asked.capture, report, asked.out)
+        report = _mended(asked, report, asked.out)
         result |= {"mended": report.as_json()}
         sentences += f"\nWrote it anew, and checked that:\n{_check_sentences(asked.out, report)}"
     print_result(result, sentences, as_json=as_json)
@@ -240,15 +240,23 @@ def capture_check(asked: CaptureCheck, *, as_json: bool) -> None:
         raise typer.Exit(1)
 
 
-def _mended(folder: Path, report: CheckReport, out: Path) -> CheckReport:
+def _mended(asked: CaptureCheck, report: CheckReport, out: Path) -> CheckReport:
     """Write a recording anew with what was asked for put right, and check it."""
     from recon.capture.checking.check import check_capture
     from recon.capture.format import read_capture
+    from recon.capture.mending.calibration import corrected
+    from recon.capture.mending.files import copied
     from recon.capture.mending.resample import resample
 
-    progress = ProgressLine()
-    resample(read_capture(folder), report.lags, out, progress=progress)
-    progress.close()
+    capture = read_capture(asked.capture)
+    if asked.correct:
+        capture = corrected(capture, report.corrections)
+    if asked.resample:
+        progress = ProgressLine()
+        resample(capture, report.lags, out, progress=progress)
+        progress.close()
+    else:
+        copied(capture, out)
     return check_capture(out)
 
 

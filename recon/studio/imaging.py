@@ -136,15 +136,15 @@ def rolled(camera: Camera, moments: Sequence[Staged]) -> Staged:
     camera : whose rows are taken one after the other
     moments : when the first row is taken, the middle one and the last one
     """
-    first, middle, last = moments
+    _, middle, _ = moments
     middle_row = (camera.size[1] - 1) / 2
-    vertices = middle.vertices
+    vertices: NDArray[np.float64] = middle.vertices
     for _ in range(2):  # what moves up or down is taken at another row
         time = np.clip(camera.project(vertices)[:, 1] / middle_row - 1.0, -1.5, 1.5)[:, None]
         weights = time * (time - 1) / 2, 1 - time**2, time * (time + 1) / 2  # Lagrange's
-        vertices = sum(weight * moment.vertices for weight, moment in zip(weights, (first, middle, last), strict=True))
-    surface = sum(weight * moment.surface for weight, moment in zip(weights, (first, middle, last), strict=True))
-    return Staged(np.asarray(surface, np.float32), np.asarray(vertices), middle.looks)
+        vertices = np.sum([weight * each.vertices for weight, each in zip(weights, moments, strict=True)], axis=0)
+    surface = np.sum([weight * each.surface for weight, each in zip(weights, moments, strict=True)], axis=0)
+    return Staged(np.asarray(surface, np.float32), vertices, middle.looks)
 
 
 def averaged(windows: Sequence[Window]) -> Window:
@@ -157,7 +157,7 @@ def averaged(windows: Sequence[Window]) -> Window:
     for pixels, column, row in windows:
         part = total[row - low[1] :, column - low[0] :][: pixels.shape[0], : pixels.shape[1]]
         part += _weighed(pixels)
-    return _unweighed(total / len(windows)), int(low[0]), int(low[1])
+    return _unweighed(np.asarray(total / len(windows), np.float32)), int(low[0]), int(low[1])
 
 
 def defocused(window: Window, sigma: float, size: tuple[int, int]) -> Window:
@@ -170,7 +170,7 @@ def defocused(window: Window, sigma: float, size: tuple[int, int]) -> Window:
     """
     pixels, column, row = window
     edge = int(np.ceil(4 * sigma))  # as far as OpenCV blurs
-    padded = cv2.copyMakeBorder(_weighed(pixels), *[edge] * 4, cv2.BORDER_CONSTANT, value=(0, 0, 0, 0))
+    padded = np.pad(_weighed(pixels), ((edge, edge), (edge, edge), (0, 0)))
     blurred = _unweighed(np.asarray(cv2.GaussianBlur(padded, (0, 0), sigma)))
     left, top = max(0, edge - column), max(0, edge - row)
     right, bottom = size[0] - column + edge, size[1] - row + edge

@@ -21,7 +21,8 @@ form.addEventListener("input", () => {
   isChanged = true;
   choose();
   clearTimeout(waiting);
-  waiting = setTimeout(keep, way() === rendered ? WAITS_MS : 0);
+  form.inert = way() !== rendered; // until the page is there again: what is typed now would be lost
+  waiting = setTimeout(keep, form.inert ? 0 : WAITS_MS);
 });
 addEventListener("pagehide", () => isChanged && keep());
 form.addEventListener("submit", () => {
@@ -44,6 +45,7 @@ async function keep() {
     state.textContent = "Kept as you type.";
   } catch {
     isChanged = true;
+    form.inert = false;
     state.textContent = "Not kept: the server did not answer. It is tried again with your next change.";
   }
 }

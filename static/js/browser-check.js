@@ -26,7 +26,8 @@ function tell(list, technique) {
   for (const item of /** @type {NodeListOf<HTMLElement>} */ (list.querySelectorAll("[data-check]"))) {
     const { check = "", good, fair, bad } = item.dataset;
     item.classList.toggle("is-bad", !isGood[check]);
-    item.hidden = check === "refresh" && refresh_hz === null;
+    item.hidden = false;
+    item.classList.toggle("is-unknown", check === "refresh" && refresh_hz === null);
     const text = (isGood[check] ? good : technique && fair ? fair : bad) ?? "";
     if (item.textContent !== text) item.textContent = text;
   }

@@ -3,23 +3,27 @@
 import { startBreak } from "./break-clock.js";
 import { checkBrowser } from "./browser-check.js";
 import { FilmTrouble, Refusal, onTrouble, patiently } from "./connection.js";
+import { isAgreed, watchReading } from "./consent-form.js";
 import { display } from "./display.js";
 import { keepsCookies, obstacleOf } from "./door.js";
 import { byId, required } from "./elements.js";
 import { endingOnPage, showEnding } from "./ending.js";
+import { tellInvalidWhenTried } from "./invalid-fields.js";
 import { forgetDraft, keepDraft, readAnswers, restoreDraft } from "./interview.js";
+import { Begun, fillInCode, mayBeAnother, refuseCode, tellLost } from "./known-again.js";
 import { Outbox, openShelf, newId } from "./outbox.js";
 import { enterFullScreen, fill, stayOnSubmit } from "./page.js";
 import { OpenLook } from "./open-look.js";
 import { inBrowser, inTab } from "./remembered.js";
 import { takeScreening } from "./screening.js";
-import { beginSession, completeStage, eraseOwnData, markComprehension, readPractice, readSession, stayWith, tellTurnedAway, withdraw } from "./session.js";
+import { beginSession, completeStage, eraseOwnData, markComprehension, readPractice, readSession, resumeSession, stayWith, tellTurnedAway, withdraw } from "./session.js";
 import { claim, takeOver } from "./tabs.js";
 import { bestTechnique } from "./technique.js";
 import { minutesTogether, roughly } from "./time-left.js";
 import { Trials } from "./trials.js";
 import { listenForTries } from "./try-switch.js";
 import { openDialog, page, pressPrimary, show, showAtTheEnd, tell, viewOf } from "./views.js";
+import { offerWithdrawal } from "./withdrawal.js";
 
 /** @typedef {import("./session.js").Session} Session */
 
@@ -27,6 +31,7 @@ const VOTING_S = 5; // of a trial, roughly
 const SHORTEST_WAIT_S = 2; // that is announced
 const ON_THE_WAY = new Set(["introduction", "screening", "practice", "trial"]);
 const NO_SESSION = 401; // statuses of answers
+const NO_SUCH_CODE = new Set([404, 422]);
 const NOT_IN_THIS_STAGE = 409;
 const TEXTS_HAVE_CHANGED = 412;
 const MESSAGE_AT_THE_DOOR = new Map([[404, "unknown"], [410, "used"], [409, "used"], [422, "bad_link"]]);
@@ -36,8 +41,10 @@ const breakEvery = Number(page.dataset.breakEvery); // trials; 0: never
 const leastBreak_s = Number(page.dataset.breakS);
 const code = page.dataset.code ?? "";
 const outside = JSON.parse(page.dataset.outside ?? "{}"); // of a recruiting platform's link
-const beginKey = ["begin", code, ...Object.values(outside).slice(0, 1)].join(" "); // another id is another person
-const begunKey = `begun here: ${beginKey}`;
+const person = page.dataset.person ?? ""; // another id of a platform is another person
+const beginKey = `begin ${person}`;
+const begun = new Begun(person);
+const isAnother = new URLSearchParams(location.search).has("another"); // a new participant says so
 const shelf = openShelf(() => (byId("not-stored").hidden = false));
 const technique = await bestTechnique(byId("browser-check").dataset);
 const trials = new Trials(byId("trial"), technique, breakEvery);
@@ -87,7 +94,10 @@ window.addEventListener("pageshow", ({ persisted }) => persisted && location.rel
 for (const button of page.querySelectorAll("[data-reload]")) button.addEventListener("click", () => location.reload());
 listenForTries();
 for (const button of page.querySelectorAll("[data-step]")) button.addEventListener("click", turnInstructions);
-document.getElementById("consent")?.addEventListener("submit", consent);
+tellInvalidWhenTried(page);
+const consentForm = document.getElementById("consent");
+if (consentForm instanceof HTMLFormElement) watchReading(consentForm);
+consentForm?.addEventListener("submit", consent);
 document.getElementById("decline")?.addEventListener("click", decline);
 document.getElementById("comprehension")?.addEventListener("submit", checkComprehension);
 for (const id of ["practise", "practise-again"]) document.getElementById(id)?.addEventListener("click", goOnWithPractice);
@@ -95,8 +105,9 @@ document.getElementById("end-practice")?.addEventListener("click", endPractice);
 questionnaire?.addEventListener("submit", sendInterview);
 questionnaire?.addEventListener("keydown", stayOnEnter);
 questionnaire?.addEventListener("input", () => keepDraft(questionnaire, outbox.owner));
-for (const button of page.querySelectorAll("[data-withdraw]")) button.addEventListener("click", askToWithdraw);
-byId("withdraw-yes").addEventListener("click", leaveForGood);
+document.getElementById("begun")?.addEventListener("click", askForCode);
+byId("known").addEventListener("submit", goOnByCode);
+offerWithdrawal(leaveForGood, (isErasing) => (isErasing ? eraseOwnData() : withdraw()).catch(() => {}));
 
 const announced = JSON.parse(page.dataset.minutes ?? "{}"); // for the consent, before there is a session
 if ("trial" in announced) tellMinutes(announced);
@@ -119,9 +130,37 @@ function tellLack(what) {
 }
 
 function welcome() {
-  byId("moved").hidden = new URLSearchParams(location.search).has("another") || !inBrowser.get(begunKey);
   byId("begin").toggleAttribute("disabled", false);
-  show("welcome");
+  if (hasBegun()) askForCode();
+  else show("welcome");
+}
+
+/** Whether who sits here has begun already, in this tab or another: to begin again would make two people of one. */
+function hasBegun() {
+  return page.dataset.state === "open" && !isAnother && mayBeAnother() && begun.isBegun;
+}
+
+function askForCode() {
+  fillInCode(begun.resumeCode);
+  show("known");
+}
+
+/** Goes on with the session that this page has lost; at the door, where there is none yet, the form itself leads there. @param {Event} event */
+function goOnByCode(event) {
+  if (!outbox) return;
+  event.preventDefault();
+  const given = String(new FormData(/** @type {HTMLFormElement} */ (event.currentTarget)).get("resume_code"));
+  guarded(async () => {
+    try {
+      await patiently(() => resumeSession(given, newId()));
+    } catch (error) {
+      if (!(error instanceof Refusal) || !NO_SUCH_CODE.has(error.status)) throw error;
+      refuseCode();
+      return;
+    }
+    await outbox.emptied().catch(() => {}); // the code may be another session's
+    location.reload();
+  });
 }
 
 /**
@@ -136,6 +175,10 @@ function begin() {
 
 /** Uses the invitation up; should the answer be lost, the key leads to the same session again. */
 function beginNow() {
+  if (hasBegun()) {
+    location.reload(); // another tab has begun meanwhile, and the server knows how far it is
+    return;
+  }
   byId("begin").toggleAttribute("disabled", true);
   const key = inBrowser.get(beginKey) ?? newId();
   inBrowser.set(beginKey, key);
@@ -222,7 +265,7 @@ function introduce() {
 /** @param {Event} event */
 function consent(event) {
   const form = /** @type {HTMLFormElement} */ (event.currentTarget);
-  if (!form.reportValidity()) return;
+  if (!isAgreed(form)) return;
   agreedText = form.dataset.sha256 ?? "";
   if (!outbox) {
     beginNow();
@@ -394,17 +437,8 @@ function end(view) {
   showEnding(viewOf(view), ending);
 }
 
-/** Asks whether to withdraw; who has withdrawn already, whether to delete what was given. @param {Event} event */
-function askToWithdraw(event) {
-  const { withdraw: what } = /** @type {HTMLElement} */ (event.currentTarget).dataset;
-  required(HTMLInputElement, "#withdraw-erase").checked = what === "erase";
-  openDialog("withdraw");
-}
-
-/** Withdraws from the study, and deletes what was given where that was ticked; what was not sent is dropped. */
-function leaveForGood() {
-  const isErasing = required(HTMLInputElement, "#withdraw-erase").checked;
-  required(HTMLDialogElement, "#withdraw").close();
+/** Withdraws from the study, and deletes what was given where that is wanted; what was not sent is dropped. @param {boolean} isErasing */
+function leaveForGood(isErasing) {
   trials.abandon();
   leaveFullScreen();
   showAtTheEnd("leaving");
@@ -415,7 +449,7 @@ function leaveForGood() {
     .then(() => {
       byId("erased").hidden = !isErasing;
       byId("not-erased").hidden = isErasing;
-      if (isErasing) inBrowser.forget(begunKey);
+      if (isErasing) begun.forget();
       forgetDraft();
       openLook.forget();
       showAtTheEnd("withdrawn");
@@ -502,6 +536,13 @@ function explain(error, showView) {
     showView("withdrawn");
     return;
   }
+  if (!isAtTheDoor && error instanceof Refusal && error.status === NO_SESSION) {
+    leaveFullScreen();
+    tellLost();
+    fillInCode(begun.resumeCode);
+    showView("known");
+    return;
+  }
   const view = viewOf("problem");
   view.children[0].textContent = message?.heading ?? problem.heading;
   view.children[1].textContent = message?.body ?? sentence(error, problem);
@@ -515,14 +556,12 @@ function messageFor({ status, problem }) {
 
 /** @param {unknown} error @param {Record<string, string>} problem */
 function sentence(error, problem) {
-  if (!(error instanceof Refusal)) return problem.media;
-  return error.status === NO_SESSION ? problem.elsewhere : problem.refused;
+  return error instanceof Refusal ? problem.refused : problem.media;
 }
 
 /** @param {Session} session */
 async function enterSession(session) {
   inBrowser.forget(beginKey); // the server has answered; the next participant at this browser makes a new key
-  inBrowser.set(begunKey, "yes");
   stayWith(session.session);
   outbox = new Outbox(shelf, session.session);
   openLook = new OpenLook(session.session);
@@ -541,10 +580,15 @@ async function enterSession(session) {
       else clearInterval(timer);
     }, 1000);
   }
-  if (await claim(session.session, yieldToOther)) return;
+  if (isOver(session) || (await claim(session.session, yieldToOther))) return;
   show("elsewhere");
   await new Promise((resolve) => byId("here").addEventListener("click", resolve, { once: true }));
   await takeOver(session.session, yieldToOther);
+}
+
+/** Whether a session has come to an end of any kind, which any number of tabs may show. @param {Session} session */
+function isOver({ stage, stages }) {
+  return !stages.includes(stage) || stage === stages[stages.length - 1];
 }
 
 /** Stops this page: the session goes on in another tab. */
@@ -552,6 +596,14 @@ function yieldToOther() {
   trials.abandon();
   leaveFullScreen();
   showAtTheEnd("yielded");
+  document.addEventListener("visibilitychange", thankWhenOver);
+  window.addEventListener("focus", thankWhenOver);
+}
+
+/** Shows the end on a tab that is left over, once its session has ended in the other one. */
+async function thankWhenOver() {
+  const session = await readSession().catch(() => null); // somebody else may have begun since
+  if (session && isOver(session)) location.reload();
 }
 
 /** @param {import("./time-left.js").Minutes} minutes */
@@ -569,6 +621,7 @@ function tellSession({ study, stage, progress, resume_code, debriefing_html, ...
   ending = session.ending;
   trials.minutes = session.minutes;
   tellMinutes(session.minutes);
+  begun.keep(resume_code);
   tell({ ...progress, seconds: Math.max(1, Math.round(study.exposure_s)), resume_code });
   byId("debriefing").innerHTML = debriefing_html ?? ""; // the server has rendered it without raw HTML
 }

@@ -136,9 +136,14 @@ export function beginSession(slug, invitation, key, outside, texts) {
   return call("POST", `/studies/${encodeURIComponent(slug)}/sessions`, { invitation, key, outside, ...texts });
 }
 
+/** Goes on in this browser. @param {string} resume_code @param {string} key the same key leads to the same session @returns {Promise<Session>} */
+export function resumeSession(resume_code, key) {
+  return call("POST", "/session/resume", { resume_code, key });
+}
+
 /** @returns {Promise<Session>} */
 export function withdraw() {
-  return call("PUT", "/session/withdrawal");
+  return call("PUT", "/session/withdrawal", {}); // with a body, it survives the page
 }
 
 /** Withdraws, and has all that was given deleted for good. @returns {Promise<null>} */

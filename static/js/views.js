@@ -39,6 +39,7 @@ function change(name) {
     view.hidden = view.dataset.view !== name;
   }
   page.dataset.showing = name;
+  page.querySelector("#leave")?.toggleAttribute("hidden", !("mayLeave" in viewOf(name).dataset));
   const isDim = "dim" in viewOf(name).dataset; // no bright page between two films
   page.className = name === "trial" ? "dark" : isDim ? "light dim" : "light";
   window.scrollTo(0, 0);

@@ -72,14 +72,17 @@ def box_of(element: Locator) -> dict[str, Any]:
 
 @pytest.mark.parametrize("show_view", [{}, {"consent": ""}], indirect=True, ids=["consent", "no consent"])
 @pytest.mark.parametrize(("width", "height"), [(1366, 768), (1440, 900), (1920, 1080)])
-def test_every_page_but_the_questionnaire_is_seen_whole(show_view: ShowView, width: int, height: int) -> None:
+def test_every_page_but_the_questionnaire_and_the_consent_is_seen_whole(
+    show_view: ShowView, width: int, height: int
+) -> None:
     view = show_view("welcome", width, height)
     names = view.page.locator("[data-view]").evaluate_all("(views) => views.map((view) => view.dataset.view)")
     heights = {}
     for name in names:
         view.page.evaluate(SHOW, name)
         heights[name] = view.page.evaluate("document.documentElement.scrollHeight")
-    del heights["interview"]
+    for long in ("interview", "consent"):
+        heights.pop(long, None)
     assert {name: higher for name, higher in heights.items() if higher > height} == {}
 
 
@@ -91,7 +94,7 @@ def test_in_a_small_window_nothing_of_the_vote_lies_over_anything_else(
     """683 x 384 is a laptop's window of 1366 x 768 at a zoom of 200 %."""
     trial = show_view("trial", width, height)
     page.evaluate(SHOW_VOTE)
-    parts = trial.locator(".choice, .choose, .next, .progress > p:not(.corner), .corner button").locator("visible=true")
+    parts = trial.locator(".choice, .choose, .next, .progress > p, .foot-after button").locator("visible=true")
     boxes = [box_of(part) for part in parts.all()]
     for number, one in enumerate(boxes):
         assert one["left"] >= 0

@@ -6,7 +6,8 @@ from pathlib import Path
 from urllib.parse import quote
 
 from app.ffmpeg import Progress
-from app.operations.studies.create import create_study, new_slug, slugify
+from app.operations.studies.create import create_study, new_slug, read_options, slugify
+from app.operations.studies.stimulus_sets import set_called
 from app.operations.tasks import BACK, KIND, Kept, start_task
 from app.settings import Settings
 from app.store.database.engine import Database
@@ -14,10 +15,12 @@ from app.store.database.server_tasks import ServerTask
 from app.store.studies.audit import Actor
 from app.store.studies.drafts import drop_draft
 from app.store.studies.studies import study_by_slug
+from app.study.options.presets import QUICK
 from app.study.options.study_file import StudyFile, parse_study_file, write_study_file
 
 CREATION = "create study"
 DRAFT = "draft"  # names the form that a study is made of, among what a task keeps
+MOST_OF_A_NAME = 1000
 
 
 def begin_creation(
@@ -60,6 +63,25 @@ def go_on_creating(settings: Settings, database: Database, task: ServerTask, pro
     if made is not None and made.created_at >= task.started_at:  # the server stopped after the last step
         return _created(database, slug, task.work)
     return _create(settings, database, task.work, progress)
+
+
+def create_of_set(settings: Settings, database: Database, task: ServerTask, progress: Progress) -> str:
+    """Create the study at the end of a chain of jobs, under a free name, and return its page."""
+    assert task.work is not None, "the task of a chain keeps it"
+    with database.reading() as connection:
+        known = set_called(settings, connection, str(task.work["set"]))
+    options = read_options(None, {}, str(task.work.get("study_preset") or QUICK))
+    wished = str(task.work.get("study_name") or known.title)
+    for name in (f"{wished} {number}" if number > 1 else wished for number in range(1, MOST_OF_A_NAME)):
+        with database.reading() as connection:
+            there = study_by_slug(connection, slugify(name))
+        if there is None:
+            text = write_study_file(StudyFile(name=name, options=options))
+            kept = {"folder": str(known.folder), "study": text, "by": task.work["by"]}
+            return _create(settings, database, kept, progress)
+        if there.created_at >= task.started_at and there.manifest_sha256 == known.content.sha256:
+            return f"/admin/studies/{there.slug}"  # the server stopped after the last step
+    raise ValueError(f"there are {MOST_OF_A_NAME} studies called {wished!r}; make one by hand, under another name")
 
 
 def _create(settings: Settings, database: Database, kept: Kept, progress: Progress) -> str:

@@ -39,11 +39,48 @@ SUB_TABS: tuple[tuple[tuple[str, str, Role], ...], ...] = (  # the pages of one 
 )
 
 
+MANUAL = {  # where the manual speaks of a page, by its template; of others in its first page
+    "account": "experimenter#first-start",
+    "against_scores": "analysis#do-objective-measures-predict-the-scores",
+    "comments": "experimenter#while-it-runs",
+    "demographics": "experimenter#while-it-runs",
+    "design": "studies#orders",
+    "edit": "studies#options",
+    "file_entry": "intake",
+    "files": "intake",
+    "groups": "experimenter#results",
+    "invitations": "experimenter#invitations",
+    "models": "experimenter#results",
+    "new_study": "experimenter#a-study",
+    "new_study_settings": "experimenter#a-study",
+    "objective": "measures",
+    "overview": "experimenter#while-it-runs",
+    "participant": "experimenter#while-it-runs",
+    "participants": "experimenter#while-it-runs",
+    "results": "experimenter#results",
+    "set": "studies#stimulus-sets",
+    "sets": "studies#stimulus-sets",
+    "settings": "operations",
+    "stimuli": "formats",
+    "strokes": "intake#draw-strokes-for-masks",
+    "studies": "experimenter#a-study",
+    "task": "work",
+    "texts": "languages",
+    "tokens": "api#a-token",
+    "users": "experimenter#first-start",
+    "votes": "experimenter#while-it-runs",
+    "work": "work",
+    "work_job": "work",
+    "work_new": "work",
+}
+
+
 def page(
     request: Request, template: str, person: Experimenter, context: dict[str, Any], status_code: int = 200
 ) -> Response:
     """Render a page for the signed-in person; its forms carry the session's form token."""
-    frame = {"experimenter": person, "form_token": request.state.form_token, "now": now(request)}
+    manual = MANUAL.get(template, "experimenter")
+    frame = {"experimenter": person, "form_token": request.state.form_token, "now": now(request), "manual": manual}
     return render(request, f"admin/{template}.html", {**frame, **context}, status_code)
 
 

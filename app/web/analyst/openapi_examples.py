@@ -434,6 +434,13 @@ FILM_CHECK: dict[str, Any] = {
     "browser": "Chromium 140",
     "faults": {},
 }
+READ_VOTES: dict[str, Any] = {
+    "holds": "votes",
+    "columns": [{"column": "judge", "role": "participant"}, {"column": "age", "role": ""}],
+    "lists": ["votes.csv: text in UTF-8, commas between cells; 36 rows, 36 votes; not used: age"],
+    "warnings": [],
+    "analysis": {"scores": []},
+}
 EVERYTHING: dict[str, Any] = {"study": "temple", "label": "P007", "session": [{"stage": "finished"}], "vote": []}
 TEXTS: dict[str, Any] = {
     "revision": 4,

@@ -217,9 +217,9 @@ def _task(database: Database, name: str) -> TaskView:
     if known is None:
         raise NotFoundError("There is no such task.")
     made = RESULTS.fullmatch(known.result or "") if known.state == "done" else None
-    named = {kind: unquote(name) for kind, name in (made.groupdict() if made else {}).items() if name}
-    facts = {key: getattr(known, key) for key in ("state", "done", "total", "detail")}
-    return TaskView(task=name, **{"study": None, **named}, is_cancelled=known.cancelled_at is not None, **facts)
+    named: dict[str, Any] = {kind: unquote(name) for kind, name in (made.groupdict() if made else {}).items() if name}
+    facts: dict[str, Any] = {key: getattr(known, key) for key in ("state", "done", "total", "detail")}
+    return TaskView(task=name, is_cancelled=known.cancelled_at is not None, **{"study": None, **named}, **facts)
 
 
 @router.patch("/studies/{slug}", response_model=ManagedStudyView)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict, dataclass
 from pathlib import Path as FilePath
 from tempfile import TemporaryFile
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Query, Request
 from fastapi.responses import Response, StreamingResponse
@@ -13,8 +14,10 @@ from starlette.concurrency import run_in_threadpool
 
 from app.errors import ConflictError, InvalidError, NotFoundError
 from app.ffmpeg import Progress
-from app.files import private_folder
+from app.files import is_plain_name, private_folder
 from app.intake.stimuli import check_videos
+from app.intake.summaries import TABLES
+from app.operations.foreign_tables import Scale, analysed, understand
 from app.operations.studies.check_films import FilmCheck, films_of, last_check, start_film_check
 from app.operations.studies.stimulus_sets import (
     KnownSet,
@@ -27,25 +30,100 @@ from app.operations.studies.stimulus_sets import (
 )
 from app.operations.tasks import start_task
 from app.operations.upkeep.travel import export_study
-from app.store.access.tokens import PERSONAL, READ, STUDIES
+from app.store.access.tokens import JOBS, PERSONAL, READ, STUDIES
 from app.store.database.engine import Database, Transaction
 from app.store.studies.audit import Actor, Entry, record_alone
 from app.web.analyst import columns
 from app.web.analyst.compression import CompressedRoute
-from app.web.analyst.formats import ChosenFormat, json_object, parts_of, table
+from app.web.analyst.formats import ChosenFormat, json_bytes, json_object, parts_of, table
 from app.web.analyst.openapi import file_body, object_answers, table_answers
-from app.web.analyst.openapi_examples import FILM_CHECK, STIMULUS_SET
+from app.web.analyst.openapi_examples import FILM_CHECK, READ_VOTES, STIMULUS_SET
 from app.web.analyst.study_routes import WAIT_S, Body, StudyEditor, TaskView, Wait, accepted, waited_task
 from app.web.gates import Store, now, settings
-from app.web.roles import AStudy, Reader, may_read
-from app.web.uploads import begin_attaching, begin_importing, begin_installing
+from app.web.problems import problem
+from app.web.roles import AStudy, Reader, may_change, may_read
+from app.web.uploads import begin_attaching, begin_importing, begin_installing, receive
 
+if TYPE_CHECKING:
+    from app.analysis.reading.description import Told
+
+JOIN = "+"  # between columns that are one together
 ZIP = "application/zip"
 router = APIRouter(prefix="/api/v1", tags=["uploads"], route_class=CompressedRoute)
 
 READING = [Depends(may_read(READ))]
+Analysing = Annotated[Actor, Depends(may_change(JOBS))]
 Name = Annotated[str, Path(max_length=200)]
 ACCEPTED: dict[int | str, dict[str, Any]] = {202: {"model": TaskView, "description": "It goes on; ask for the task"}}
+
+
+Text = Annotated[str, Query(max_length=2000)]
+Word = Annotated[str, Query(max_length=200)]
+Words = Annotated[list[Annotated[str, Query(max_length=500)]], Query(max_length=400)]
+
+
+@dataclass(frozen=True)
+class Edits:
+    """What is said of a table.
+
+    Parameters
+    ----------
+    told : edits of its description
+    scale : ends of the scale of ratings; None: the usual ones
+    text : the same as fields of the page's forms
+    """
+
+    told: Told
+    scale: Scale
+    text: dict[str, str]
+
+
+def edits_of(
+    columns: Text = "",
+    choices: Text = "",
+    layout: Annotated[str, Query(alias="format", max_length=40)] = "",
+    encoding: Word = "",
+    sheet: Word = "",
+    scale: Word = "",
+    column: Words = [],  # noqa: B006 (as the framework has it)
+    role: Words = [],  # noqa: B006
+    was: Words = [],  # noqa: B006
+    a: Word = "",
+    b: Word = "",
+    none: Word = "",
+    by: Annotated[str, Query(max_length=4)] = "",
+) -> Edits:
+    """Read what a form or a link says of a table.
+
+    Parameters
+    ----------
+    columns, choices, layout, encoding, sheet, scale : as the options of `reconstudy analyse`
+    column, role, was : of each column its new role, and the one that the page showed
+    a, b, none : words of the file for these choices
+    by : item or side: what a cell names
+    """
+    from app.analysis.reading.description import Told, pairs_of, written
+
+    if not len(column) == len(role) == len(was):
+        raise InvalidError("The columns and their roles do not belong together. Load the page again.")
+    try:
+        told_columns = pairs_of(columns, "Columns")
+        words = {"a": a, "b": b, "none": none, "by": by}
+        told_choices = pairs_of(choices, "Choices") | {key: word.strip() for key, word in words.items() if word.strip()}
+        ends = _scale(scale)
+    except ValueError as error:
+        raise InvalidError(f"{error}.") from error
+    moved = [(new, old) for new, old in zip(role, was, strict=True) if new != old]
+    for each in {new for new, _ in moved if new} | {old for _, old in moved if old in told_columns}:
+        names = [name for name, new in zip(column, role, strict=True) if new == each]
+        told_columns |= {each: JOIN.join(names)}
+    told_columns = {ours: theirs for ours, theirs in told_columns.items() if theirs}
+    told = Told(told_columns, told_choices, layout.strip(), encoding.strip(), sheet.strip())
+    text = {"columns": written(told_columns), "choices": written(told_choices), "format": told.format}
+    return Edits(told, ends, text | {"encoding": told.encoding, "sheet": told.sheet, "scale": scale.strip()})
+
+
+Said = Annotated[Edits, Depends(edits_of)]
 
 
 class SetBody(Body):
@@ -211,6 +289,51 @@ def export_whole_study(
     return StreamingResponse(parts_of(content), media_type=ZIP, headers=headers)
 
 
+@router.post("/votes", responses=object_answers(READ_VOTES), openapi_extra=file_body())
+async def read_votes(
+    request: Request,
+    actor: Analysing,
+    database: Store,
+    said: Said,
+    name: Annotated[str, Query(max_length=200, description="of the file; its ending tells the format")] = "votes.csv",
+    analyse: Annotated[bool, Query(description="also analyse it; else only say how it is read")] = True,
+) -> Response:
+    """Read a table of votes or ratings from any program, and analyse it; nothing of it is kept.
+
+    Each column's role, what is not used, who and what is in it, and warnings come with it. Where several readings fit,
+    the answer is 409 with `readings`: each in words, with the `columns`, `choices` and `format` to send for it.
+    """
+    server = settings(request)
+    if not is_plain_name(name) or not name.lower().endswith(TABLES):
+        raise InvalidError(f"The name is {name[:80]!r}, expected a plain one that ends in {', '.join(TABLES)}.")
+    parent = server.data_dir / "uploads"
+    folder, received = await receive(request, actor, database, parent, server.largest_upload_mb, check_any)
+
+    def read() -> Response:
+        with folder:
+            path = received.rename(received.with_name(name if name != received.name else f"table-{name}"))
+            understood = understand(path, said.told, said.scale)
+            if understood.question:
+                readings = [{"text": text, **told} for text, told in understood.readings]
+                sentence = f"It can be read in several ways: {understood.question}. Say which is meant."
+                return problem(409, sentence, extra={"readings": readings})
+            if understood.refusal:
+                raise InvalidError(f"{understood.refusal.rstrip('.')}.")
+            out = FilePath(folder.name) / "analysis"
+            analysis = analysed(path, said.told, out, said.scale) if analyse else None
+        whole = asdict(understood)
+        whole["columns"] = [{"column": column, "role": role} for column, role in understood.columns]
+        for key in ("question", "readings", "refusal"):
+            whole.pop(key)
+        return Response(json_bytes({**whole, "analysis": analysis}), media_type="application/json")
+
+    return await run_in_threadpool(read)
+
+
+def check_any(_path: FilePath, _largest_mb: int) -> None:
+    """Take any file: a table is checked where it is read."""
+
+
 async def _answer(database: Database, task: str, wait_s: float, refusal: str) -> Response:
     return accepted(await run_in_threadpool(waited_task, database, task, wait_s, refusal))
 
@@ -227,3 +350,22 @@ def _row(connection: Transaction, known: KnownSet) -> dict[str, Any]:
         "is_here": known.is_here,
         "studies": [study.slug for study in studies_of(connection, known)],
     }
+
+
+def _scale(text: str) -> Scale:
+    """Read the ends of a scale, LOW:HIGH; empty: the usual ones.
+
+    Raises
+    ------
+    ValueError
+    """
+    if not text.strip():
+        return None
+    low, _, high = text.partition(":")
+    try:
+        ends = float(low), float(high)
+    except ValueError:
+        ends = (0.0, 0.0)
+    if not ends[0] < ends[1] or not all(abs(end) < 1e9 for end in ends):
+        raise ValueError(f"Scale is {text!r}, expected its two ends, such as 1:5")
+    return ends

@@ -82,7 +82,15 @@ def participant_page(request: Request, code: str, another: str = "") -> Response
         note_refusal(request, "not found" if state == "unknown" else "not taken in", f"invitation {state}")
         leads_to = study.full_url if study is not None and state in ("closed", "full", "used") else ""
         status = STATUS_OF_MESSAGE[state]
-        return _page(request, "participant/message.html", status, offered, message=state, leads_to=leads_to)
+        return _page(
+            request,
+            "participant/message.html",
+            status,
+            offered,
+            message=state,
+            leads_to=leads_to,
+            person=_person(code, study),
+        )
     language = study.language or ""
     language = language if language in offered else _language(request, offered)
     shown = wording(offered[language], study.options, study.title, study.images)
@@ -97,8 +105,14 @@ def participant_page(request: Request, code: str, another: str = "") -> Response
         markdown=render_markdown,
         study=study,
         code=code,
+        person=_person(code, study),
         second_type=FILM_TYPES.get(study.options.second_codec),
     )
+
+
+def _person(code: str, study: Entrance | None) -> str:
+    """Name whom a browser may have kept a code of: the invitation, and the id that a platform's link gives."""
+    return " ".join([code, *list(study.outside.values() if study else ())[:1]])
 
 
 @router.get("/s/{code}/privacy")
@@ -208,6 +222,7 @@ def _page(
             "direction": packs[language].direction,
             "languages": {tag: pack.name for tag, pack in packs.items()},
             "texts": nested_texts(packs[language].texts),
+            "person": "",
             **context,
         },
         status_code,

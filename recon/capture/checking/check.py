@@ -28,6 +28,7 @@ from recon.capture.checking.continuity import (
     glance_at,
     is_one_camera_twice,
 )
+from recon.capture.checking.diagnosis import Correction
 from recon.capture.checking.lag import Lag
 from recon.capture.checking.matches import Matches, match_pictures
 from recon.capture.checking.sensor import SensorCheck, brightness_ratios, check_sensor, measured_frames
@@ -60,6 +61,7 @@ class CheckReport:
     warnings : each costs accuracy or single frames; the capture can be used
     glances : thumbnails of all frames of every camera that could be read
     lags : how late the second of two neighbouring sensors is, by their ids, where silhouettes tell it
+    corrections : small ones of sensors whose rows are apart, by their ids
     """
 
     folder: str
@@ -69,6 +71,7 @@ class CheckReport:
     warnings: tuple[str, ...] = ()
     glances: Glances = field(default_factory=dict, repr=False, compare=False)
     lags: Mapping[tuple[str, str], Lag] = field(default_factory=dict)
+    corrections: Mapping[str, Correction] = field(default_factory=dict)
 
     @property
     def verdicts(self) -> tuple[str, ...]:
@@ -83,6 +86,7 @@ class CheckReport:
             "n_frames": self.n_frames,
             "sensors": [{**asdict(sensor), "texture": sensor.texture} for sensor in self.sensors],
             "lags": [{"sensors": list(names), **asdict(lag)} for names, lag in self.lags.items()],
+            "corrections": [{"sensor": name, **asdict(change)} for name, change in self.corrections.items()],
             "verdicts": list(self.verdicts),
             "problems": list(self.problems),
             "warnings": list(self.warnings),
@@ -121,9 +125,9 @@ def check_capture(capture_folder: Path) -> CheckReport:
     ]
     warnings += [warning for check in checks for warning in check.warnings]
     reports = tuple(check.report for check in checks)
-    return CheckReport(
-        str(capture_folder), draft.n_frames, reports, tuple(problems), tuple(warnings), glances, instants.decided
-    )
+    corrections = {check.report.id: check.correction for check in checks if check.correction is not None}
+    verdict = tuple(problems), tuple(warnings), glances, instants.decided, corrections
+    return CheckReport(str(capture_folder), draft.n_frames, reports, *verdict)
 
 
 def _other_instants(draft: Draft, glances: Glances, instants: SilhouetteFindings) -> Iterator[str]:

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from recon.capture.checking.agreement import FEWEST, LOWEST_SHARE, Agreement, agreeing, agreeing_with_each_other
 from recon.capture.checking.continuity import DARK_LEVELS
 from recon.capture.checking.depth import DepthCheck, bounds_area, check_depth_maps
-from recon.capture.checking.diagnosis import MIN_ERROR_PX, MIN_GAIN, MIN_MATCHES, diagnose
+from recon.capture.checking.diagnosis import MIN_ERROR_PX, MIN_GAIN, MIN_MATCHES, Correction, diagnose, small_correction
 from recon.capture.checking.matches import Matches, epipolar_errors, joined, match_pictures
+from recon.capture.checking.rows import OFF_PX, fit_rows, pivot_of
 from recon.capture.checking.sensor_report import Rows, SensorReport
 from recon.capture.checking.silhouettes import Silhouettes, check_masks, listed
 from recon.capture.format import CaptureError, SensorStream, frame_pictures, mask_pictures, read_mask, read_picture
@@ -67,12 +68,14 @@ class SensorCheck:
     ----------
     problems, warnings : one sentence for everything that spoils depth, and for everything that makes it worse
     matches : by the measured frame, points of the pictures as recorded
+    correction : of the calibration, where rows are apart and one helps
     """
 
     report: SensorReport
     problems: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     matches: dict[int, Matches] = field(default_factory=dict)
+    correction: Correction | None = None
 
 
 def check_sensor(
@@ -131,8 +134,11 @@ def _with_pair(
     agreement = Agreement(len(matches), len(matched))
     rows = _rows(joined([look.rectified for look in looks]), rectification)
     is_checked = agreement.is_enough or Agreement(rows.n_agreeing, rows.n_matches).is_enough
-    faults = diagnose(stream.sensor, matches) if agreement.is_enough else ()
     misfit = _misfit(stream.sensor, matches, rows)
+    correction = small_correction(stream.sensor, matches) if agreement.is_enough and misfit > OFF_PX else None
+    is_small = correction is not None and correction.is_small
+    faults = diagnose(stream.sensor, matches) if agreement.is_enough and not is_small else ()
+    row_faults = faults or tuple(_row_problems(rectification, rows, misfit))
     textured = [look.textured for look in looks if look.textured is not None]
     depth = rectification.left.points_in_camera(bounds.mean(axis=0, keepdims=True))[0, 2]
     per_pixel = float(depth**2 / (rectification.focal * rectification.baseline))
@@ -151,16 +157,18 @@ def _with_pair(
         (
             *check.problems,
             *_swapped_problems(stream.id, swapped, len(shots)),
-            *(faults or _row_problems(rectification, rows, misfit)),
+            *row_faults,
             *(list(_bounds_problems(stream, bounds, looks)) or _error_problems(report, bounds)),
         ),
         (
             *check.warnings,
             *(() if is_checked else (_unchecked(stream.id, agreement),)),
+            *_row_warnings(report, misfit, correction, is_told=bool(row_faults)),
             *_exposure_warnings(stream.id, looks),
             *_texture_warnings(report),
         ),
         {look.frame: look.matches for look in looks},
+        correction,
     )
 
 
@@ -291,7 +299,9 @@ def _rows(rectified: Matches, rectification: Rectification) -> Rows:
     disparities, differences = (kept.left - kept.right).T
     inside = (disparities >= 0) & (disparities < rectification.n_disparities)
     vertical_error, disparity = float(np.median(np.abs(differences))), float(np.median(disparities))
-    return Rows(len(rectified), vertical_error, disparity, float(np.mean(inside)), len(kept))
+    fit = fit_rows(rectified, pivot_of(rectification))
+    left = None if fit is None else fit.after_px
+    return Rows(len(rectified), vertical_error, disparity, float(np.mean(inside)), len(kept), left)
 
 
 def _misfit(sensor: Sensor, matches: Matches, rows: Rows) -> float:
@@ -320,6 +330,24 @@ def _row_problems(rectification: Rectification, rows: Rows, misfit: float) -> It
             f"{place} have a disparity of {rows.disparity_px:.1f} px (median), the bounds span 0 to "
             f"{rectification.n_disparities - 1}; the bounds, the baseline or the order of left and right are wrong"
         )
+
+
+def _row_warnings(
+    report: SensorReport, misfit: float, correction: Correction | None, *, is_told: bool
+) -> Iterator[str]:
+    """Say that rows are apart, and what a correction would gain; `is_told` of what is a problem already."""
+    if report.is_checked is False or misfit <= OFF_PX:
+        return
+    if not is_told:
+        left = (
+            "" if report.rows is None or report.rows.left_px is None else f", of which {report.rows.left_px:.2f} remain"
+        )
+        yield (
+            f"sensor {report.id}: rows are {misfit:.2f} px apart after rectification, expected at most a third of a "
+            f"pixel; `reconstruct` and `match` move them together{left}"
+        )
+    if correction is not None:
+        yield f"sensor {report.id}: {correction}; `capture check --correct` writes the recording with it"
 
 
 def _exposure_warnings(sensor_id: str, looks: list[_Look]) -> Iterator[str]:

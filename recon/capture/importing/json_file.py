@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from recon.capture.format import Capture, image_path
 from recon.capture.images import CaptureError, is_video
-from recon.capture.importing.lenses import NAME_KEYS, model_name, with_lens
+from recon.capture.importing.lenses import with_lens
 from recon.capture.importing.opencv import CAMERA_FROM_WORLD
 from recon.capture.importing.sources import (
     DepthSource,
@@ -39,6 +39,7 @@ from recon.capture.importing.sources import (
 from recon.capture.importing.views import tell_absent
 from recon.capture.pictures import Pictures, find_pictures
 from recon.capture.recording import FRAME_FIELD, SIDES, DepthFacts, check_facts, frames_after
+from recon.geometry.lens_names import NAME_KEYS, model_name
 from recon.geometry.rig import UNITS_MM, Camera, rigid
 from recon.runtime.files import allowed, read_json
 

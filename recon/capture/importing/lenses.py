@@ -6,33 +6,17 @@ a perspective camera's.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.images import CaptureError, Pixels
+from recon.geometry.lens_names import FISHEYE, PERSPECTIVE, plain_name
 from recon.geometry.rig import Camera
 
-NAME_KEYS = ("distortion_model", "distortionModel", "camera_model", "projection_model", "model")
-PERSPECTIVE = (
-    "plumb_bob",
-    "radtan",
-    "radial_tangential",
-    "brown_conrady",
-    "rational_polynomial",
-    "thin_prism",
-    "pinhole",
-    "perspective",
-    "opencv",
-    "full_opencv",
-    "none",
-)
-FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "kb4", "kannalabrandt8", "opencv_fisheye")
 N_FISHEYE = 4
 
 
@@ -80,11 +64,6 @@ class FisheyeCamera(Camera):
         return np.asarray(cv2.remap(picture, *self._maps, cv2.INTER_LANCZOS4), picture.dtype)
 
 
-def model_name(*entries: Mapping[str, Any]) -> str | None:
-    """Return the first name of a camera's model in parts of a calibration; None where nothing names it."""
-    return next((str(entry[key]) for entry in entries for key in NAME_KEYS if isinstance(entry.get(key), str)), None)
-
-
 def with_lens(camera: Camera, model: str | None, dist: NDArray[np.float64]) -> Camera:
     """Give a camera its lens: a `FisheyeCamera` if the model is one.
 
@@ -100,7 +79,7 @@ def with_lens(camera: Camera, model: str | None, dist: NDArray[np.float64]) -> C
     CaptureError
         If the model is not known, or four numbers have no name.
     """
-    name = None if model is None else model.lower().replace("-", "_").replace(" ", "_")
+    name = plain_name(model)
     if name in FISHEYE:
         lens = dist.ravel()
         if lens.size == N_FISHEYE + 1 and not lens[-1]:  # programs that write five numbers whatever the model

@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 
 from recon.capture.format import Capture
 from recon.capture.images import CaptureError
-from recon.capture.importing.lenses import model_name, with_lens
+from recon.capture.importing.lenses import with_lens
 from recon.capture.importing.sources import ImportOptions, Recording, SensorSource, faults_at, write_recording
 from recon.capture.importing.views import tell_absent
 from recon.capture.pictures import Pictures, find_pictures
+from recon.geometry.lens_names import model_name
 from recon.geometry.rig import Y_FROM, Camera, Rig, Sensor, rigid
 from recon.runtime.files import allowed, check_exists, check_suffix, whole_file
 

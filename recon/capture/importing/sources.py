@@ -37,16 +37,13 @@ from recon.capture.pictures import DEFAULT_FPS, Pictures, common_rate, copy_file
 from recon.capture.recording import DEPTH_SUFFIXES, MASK, SIDES, check_bounds
 from recon.geometry.rig import UNITS_MM, Y_FROM, Camera, rigid
 from recon.runtime.files import allowed, new_folder
+from recon.runtime.notices import Notice
 
 DEEP = 16  # bits
 MOST_STEPS = 2  # from a picture's number to the next one's, on average; above, the numbers are times or the like
 
 
-class ImportNotice(UserWarning):
-    """What an import had to leave out, or to change."""
-
-
-class GapWarning(ImportNotice):
+class GapWarning(Notice):
     """Numbers of pictures that leave out an instant, the same in all cameras, or do not begin alike."""
 
 
@@ -231,7 +228,7 @@ def _bits(recording: Recording) -> int:
     if bits < DEEP:
         warnings.warn(
             f"the pictures have 16 bits, of which their values fill {bits}; they are spread over all 16, all alike",
-            ImportNotice,
+            Notice,
             stacklevel=2,
         )
     return bits

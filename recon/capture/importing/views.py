@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.images import PICTURE_SUFFIXES, CaptureError
-from recon.capture.importing.sources import DepthSource, ImportNotice, Recording, SensorSource
+from recon.capture.importing.sources import DepthSource, Recording, SensorSource
 from recon.capture.pictures import Pictures, find_pictures
 from recon.capture.rectify import viewing_directions
 from recon.geometry.rig import Camera, transformed
+from recon.runtime.notices import Notice
 
 HALF_PIXEL = 0.5  # added to the principal point of programs whose pixel centres are at halves
 BOUNDS_SHARE = (0.02, 0.98)  # of the points, on each axis: reconstructions have stray ones
@@ -93,7 +94,7 @@ def tell_absent(source: Path, names: Sequence[str]) -> None:
         warnings.warn(
             f"{source}: lists {len(names)} pictures that are not there, and that are left out: "
             f"{', '.join(names[:MOST_NAMED])}{more}",
-            ImportNotice,
+            Notice,
             stacklevel=2,
         )
 

@@ -53,9 +53,9 @@ def way_between(first: NDArray[np.uint8], second: NDArray[np.uint8], share: floa
     first, second : uint8 (H, W, 3)
     share : of the time from the first to the second, 0 to 1
     """
-    grey = [np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)) for picture in (first, second)]
+    before, after = (np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)) for picture in (first, second))
     flow = cv2.DISOpticalFlow.create(FLOW)
-    onwards, back = flow.calc(*grey, None), flow.calc(*grey[::-1], None)
+    onwards, back = (np.asarray(flow.calc(*pair, None)) for pair in ((before, after), (after, before)))
     t = np.float32(share)
     to_first = -(1 - t) * t * onwards + t * t * back
     to_second = (1 - t) * (1 - t) * onwards - t * (1 - t) * back

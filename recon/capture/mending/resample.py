@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -29,6 +26,7 @@ from recon.capture.format import (
     write_capture,
 )
 from recon.capture.images import CaptureError, is_video, write_picture
+from recon.capture.mending.files import link
 from recon.capture.mending.interpolation import way_between
 from recon.runtime.files import new_folder
 from recon.runtime.workers import Progress, no_progress
@@ -84,11 +82,11 @@ def schedule(capture: Capture, lags: Mapping[tuple[str, str], Lag]) -> Schedule:
         raise CaptureError(f"{capture.folder}: no sensor is late; there is nothing to resample")
     clock = max(late.values(), key=lambda at: sum(_snapped(other - at).is_integer() for other in late.values()))
     late = {name: _snapped(value - clock) for name, value in late.items()}
-    first = int(np.ceil(max(0.0, *(-value for value in late.values()))))
-    last = int(np.floor(capture.n_frames - 1 - max(0.0, *late.values())))
-    if last - first + 1 < FEWEST_FRAMES:
-        raise CaptureError(f"{capture.folder}: its sensors have {max(last - first + 1, 0)} instants in common")
-    return Schedule(late, first, last - first + 1)
+    begin = int(np.ceil(max(0.0, *(-value for value in late.values()))))
+    n_frames = int(np.floor(capture.n_frames - 1 - max(0.0, *late.values()))) - begin + 1
+    if n_frames < FEWEST_FRAMES:
+        raise CaptureError(f"{capture.folder}: its sensors have {max(n_frames, 0)} instants in common")
+    return Schedule(late, begin, n_frames)
 
 
 def _snapped(late: float) -> float:
@@ -191,12 +189,3 @@ def _take(picture: Picture, target: Path) -> None:
 def _write(path: Path, picture: NDArray[np.uint8]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     write_picture(path, picture)
-
-
-def link(source: Path, target: Path) -> None:
-    """Let a file stand at a second place, without its bytes being copied where the disk allows that."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with suppress(OSError):
-        os.link(source, target)
-        return
-    shutil.copyfile(source, target)

@@ -125,7 +125,12 @@ class CaptureCheck(Command):
         "--out.",
         flags=("--resample",),
     )
-    out: Path | None = option(None, "Folder to make for --resample; must be empty or absent.", flags=OUT)
+    correct: bool = option(
+        False,
+        "Write the recording anew with a small correction of the sensors whose rows are apart; needs --out.",
+        flags=("--correct",),
+    )
+    out: Path | None = option(None, "Folder to make for --resample and --correct; must be empty or absent.", flags=OUT)
 
 
 class CaptureSynth(Command):
@@ -170,7 +175,9 @@ class CaptureTruth(Command):
 
     capture: Path = argument("Folder of a synthetic capture.")
     out: Path = option(..., "Folder of models to make; must be empty or absent.", flags=OUT)
-    frames: str | None = option(None, "A:B for the frames A to B-1, as the runs have them; default: all.")
+    frames: str | None = option(
+        None, "How many, from the first on, or A:B for A to B-1, as the runs have them; default: all."
+    )
 
 
 class CaptureExport(Command):

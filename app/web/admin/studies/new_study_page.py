@@ -32,7 +32,8 @@ from app.web.gates import Store, languages, settings
 from app.web.markdown import render_markdown
 from app.web.roles import Acting, Looking
 
-READ_FIRST = ("welcome", "instructions.see", "instructions.switch", "instructions.vote")
+CONSENT = "consent"
+READ_FIRST = ("welcome", CONSENT, "instructions.see", "instructions.switch", "instructions.vote")
 
 router = APIRouter(prefix="/admin/studies/new", include_in_schema=False)
 
@@ -202,9 +203,9 @@ def _plan(request: Request, known: KnownSet, draft: Draft) -> dict[str, Any]:
 def _read_first(request: Request, options: StudyOptions, n_trials: int) -> Iterator[tuple[str, Any]]:
     """Yield heading and text of the pages that participants read before the trials, in the first language."""
     texts: Any = wording(languages(request)[first_language(options)], options, "").texts
-    if options.consent:
-        yield texts["consent"]["heading"], render_markdown(texts["study"]["consent"])
     for key in READ_FIRST:
+        if key == CONSENT and options.consent:
+            yield texts[CONSENT]["heading"], render_markdown(texts["study"][CONSENT])
         group = texts
         for part in key.split("."):
             group = group.get(part, {})

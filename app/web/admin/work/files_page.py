@@ -45,6 +45,7 @@ TITLES = {
     "films": "Films",
     "clouds": "Clouds",
     "measures": "Tables of measures",
+    "votes": "Tables of votes and ratings",
     "runs": "What jobs made",
 }
 SHOWN_TYPES = {  # of files that a page may show; others are downloaded

@@ -13,10 +13,11 @@ import yaml
 from numpy.typing import NDArray
 
 from recon.capture.images import CaptureError
-from recon.capture.importing.lenses import model_name, with_lens
+from recon.capture.importing.lenses import with_lens
 from recon.capture.importing.sources import faults_at
 from recon.capture.importing.views import View
 from recon.capture.pictures import find_pictures
+from recon.geometry.lens_names import model_name
 from recon.geometry.rig import Y_FROM, Camera, rigid
 
 MOST_BYTES = 4_000_000  # of a calibration; those of thousands of board pictures have a tenth

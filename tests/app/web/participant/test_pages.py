@@ -58,7 +58,7 @@ def test_every_page_that_one_comes_back_to_asks_whether_it_is_somebody_else(
     """Whoever has just begun is not asked."""
     options = parse_options({"optional_stages": ["screening", "practice", "interview"], "consent": "We compare."})
     study = create_study(settings, stimulus_set, "Returning", exposure_s=0.4, options=options)
-    last = {"thanks", "withdrawn", "screened-out", "timed-out"}
+    last = {"known", "thanks", "withdrawn", "screened-out", "timed-out"}
     assert _views_with_another(client.get(study["path"]).text) == last
     client.post(f"/api/v1/studies/{study['slug']}/sessions", json={"invitation": study["invitation"]})
     instructions = {f"instructions-{number}" for number in (1, 2, 3)}

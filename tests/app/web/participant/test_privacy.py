@@ -178,7 +178,7 @@ def test_the_last_page_gives_the_data_and_deletes_them_when_it_is_ticked(
     expect(page.get_by_text("All that you gave was deleted.")).to_be_visible()
     page.goto(f"{server}/s/{study['invitation']}?PROLIFIC_PID=5f2a9c0d")
     expect(page.get_by_role("button", name="Begin", exact=True)).to_be_visible()
-    expect(page.locator("#moved")).to_be_hidden()  # the browser, too, has forgotten that they began here
+    expect(page.locator("[data-view=known]")).to_be_hidden()  # the browser, too, has forgotten that they began here
     context.close()
     assert holds(settings, SECRET) == []
 

@@ -18,7 +18,7 @@ from recon.capture.importing.colmap import import_colmap
 from recon.capture.importing.json_file import import_json
 from recon.capture.importing.nerfstudio import import_nerfstudio
 from recon.capture.importing.opencv import import_opencv
-from recon.capture.importing.sources import ImportNotice, ImportOptions
+from recon.capture.importing.sources import ImportOptions
 from recon.geometry.srgb import light_of
 from tests.recon.capture.importing.labelled_recording import (
     BOUNDS,
@@ -61,7 +61,7 @@ def test_bits_of_a_camera_are_spread_all_alike(tmp_path: Path, bits: int, suffix
     if bits == 16:
         capture = import_json(source, tmp_path / "out")
     else:
-        with pytest.warns(ImportNotice, match=f"have 16 bits, of which their values fill {bits}"):
+        with pytest.warns(match=f"have 16 bits, of which their values fill {bits}"):
             capture = import_json(source, tmp_path / "out")
     bright, dark = (read_frame(capture, "S1", frame)[0].astype(int) for frame in (1, 0))
     assert np.abs(bright - RAMP * 255).max() <= 1
@@ -189,6 +189,6 @@ def test_pictures_that_a_description_of_held_out_ones_lacks_are_named(tmp_path: 
     content = json.loads(path.read_text())
     content["held_out"] = [{**content["sensors"][0]["right"], "image": "gone.png"}]
     path.write_text(json.dumps(content))
-    with pytest.warns(ImportNotice, match=r"gone\.png"):
+    with pytest.warns(match=r"gone\.png"):
         capture = import_json(path, tmp_path / "out", OPTIONS)
     assert capture.held_out == ()

@@ -10,8 +10,8 @@ import pytest
 from recon.capture.checking.check import check_capture
 from recon.capture.format import CaptureError, read_capture, read_frame, read_held_out
 from recon.capture.importing.middlebury import import_middlebury
-from recon.capture.importing.sources import ImportNotice
 from recon.geometry.rig import bounds_corners, look_at
+from recon.runtime.notices import Notice
 from tests.command_line import Command
 
 SIZE = (40, 30)
@@ -122,11 +122,11 @@ def test_pictures_that_are_listed_and_absent_are_named_and_the_rest_is_imported(
     source = ring(tmp_path / "ring")
     for view in (7, 8):
         (source / f"ringR{view:04d}.png").unlink()
-    with pytest.warns(ImportNotice, match=r"2 pictures that are not there.*ringR0007\.png, ringR0008\.png"):
+    with pytest.warns(match=r"2 pictures that are not there.*ringR0007\.png, ringR0008\.png"):
         capture = import_middlebury(source, tmp_path / "out", pairs=PAIRS, n_frames=1)
     assert [photograph.image for photograph in capture.held_out] == ["held_out/ringR0003.png", "held_out/ringR0006.png"]
     with (
-        pytest.warns(ImportNotice),
+        pytest.warns(Notice),
         pytest.raises(CaptureError, match=r"need views \[7\], .* or whose pictures are not there"),
     ):
         import_middlebury(source, tmp_path / "again", pairs=[(6, 7)], n_frames=1)

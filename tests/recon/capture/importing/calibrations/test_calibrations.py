@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from recon.capture.format import Capture, CaptureError, read_capture, read_frame
 from recon.capture.importing.formats import AUTO, FORMATS, find_format, import_recording
-from recon.capture.importing.sources import ImportNotice, ImportOptions
+from recon.capture.importing.sources import ImportOptions
 from recon.cli.commands.recordings import IMPORTED
 from recon.geometry.rig import Camera, look_at, rigid
 from tests.recon.capture.importing.labelled_recording import (
@@ -433,7 +433,7 @@ def panorama(folder: Path) -> None:
         ("miv", panorama, "its projection is Equirectangular, expected Perspective"),
     ],
 )
-@pytest.mark.filterwarnings("ignore::recon.capture.importing.sources.ImportNotice")
+@pytest.mark.filterwarnings("ignore::recon.runtime.notices.Notice")
 def test_what_cannot_be_read_is_refused_by_name(
     tmp_path: Path, name: str, write: Callable[[Path], None], sentence: str
 ) -> None:
@@ -448,7 +448,7 @@ def test_absent_pictures_of_a_set_are_named_and_raw_video_is_told_how_to_convert
     strecha(tmp_path / "a")
     (tmp_path / "a/0002.png").unlink()
     options = ImportOptions(bounds=BOUNDS, pairs=[(0, 1)])
-    with pytest.warns(ImportNotice, match=r"1 pictures? that .* 0002\.png"):
+    with pytest.warns(match=r"1 pictures? that .* 0002\.png"):
         capture: Capture = import_recording(AUTO, tmp_path / "a", tmp_path / "out", options)
     assert len(capture.sensors) == 1
     miv(tmp_path / "b")
