@@ -130,7 +130,10 @@ def _below(p_value: float | None) -> float:
 
 
 def _fit(analysis: dict[str, Any]) -> float | None:
-    return next(row["p_value"] for row in analysis["models"] if row["comparison"] == row["dataset"] == ALL)
+    p_value: float | None = next(
+        row["p_value"] for row in analysis["models"] if row["comparison"] == row["dataset"] == ALL
+    )
+    return p_value
 
 
 def _ranks(own: dict[str, float], item: str) -> tuple[int, int]:
