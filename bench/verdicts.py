@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
-from app.analysis.analyse import factor_fits
 from app.analysis.comparisons.comparison import compare, tested_order, votes_on_dataset
 from app.analysis.comparisons.datasets_sample import factor_rows, interaction_rows, pair_p_values
+from app.analysis.comparisons.factor_fits import factor_fits
 from app.analysis.comparisons.factors import fit_additive, votes_with_levels
 from app.analysis.comparisons.homogeneity import Part
 from app.analysis.model.contrasts import scores_of, simultaneous_factor
