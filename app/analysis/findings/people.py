@@ -91,15 +91,15 @@ def _lapses(analysis: Mapping[str, Any]) -> str:
     high = [row for row in rates if row["lapse_rate"] >= LAPSES]
     named = listed([f"{row['participant']} ({percent(row['lapse_rate'])})" for row in high[:MOST_NAMED]])
     rest = f" and {len(high) - MOST_NAMED} more" if len(high) > MOST_NAMED else ""
-    who = f"lapse rates of {percent(LAPSES)} or more: {named}{rest}" if high else f"no lapse rate of {percent(LAPSES)}"
+    who = f"most those of {named}{rest}" if high else f"nobody's by a lapse rate of {percent(LAPSES)} or more"
     ordered = sorted(analysis["lapse_scores"], key=lambda row: -row["score"])
     first, last = (
         f"{row['item']}, {number_with_interval(row, 'score', show=signed)}" for row in (ordered[0], ordered[-1])
     )
     differs = analysis["disagreement"] and analysis["disagreement"]["heterogeneity"]
     opinions = (
-        " People disagree, and opinions unlike the others' look like lapses, too."
-        if differs and differs["p_value"] < SIGNIFICANT
+        " Such a rate is no flag: people disagree, and opinions unlike the others' look like lapses, too."
+        if high and differs and differs["p_value"] < SIGNIFICANT
         else ""
     )
     return (

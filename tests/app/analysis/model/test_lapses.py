@@ -81,6 +81,15 @@ def test_why_there_are_none_is_said() -> None:
     assert "there are no scores with lapse rates: they need 5 participants or more" in alone["warnings"]
 
 
+def test_two_camps_are_not_taken_for_careless_people() -> None:
+    votes = votes_with(0, spread=0.2)
+    choice = np.where((votes.participant % 2 == 1) & (votes.choice != NONE), 1 - votes.choice, votes.choice)
+    camps = VotesTable(**{**vars(votes), "choice": choice.astype(np.int8)})
+    why = fit_lapses(fit_scores(camps), camps)
+    assert isinstance(why, str)
+    assert "whose opinions differ rather" in why
+
+
 def test_an_analysis_has_them_where_they_are_asked_for() -> None:
     votes = votes_with(2)
     assert analyse(votes, AnalysisSettings(by_dataset=False))["lapse_scores"] == []
