@@ -178,7 +178,7 @@ SCORES: Columns = {
     "penalty": "estimate that stands in for a maximum of separated votes; else empty",
     "letters": "conditions that share a letter are not told apart (all pairs, on single datasets of all of them; Holm)",
     "no_limit": "above or below where all decided votes go one way, so that the score has no limit there; else empty",
-    "p_best": "probability to be the best, by these votes alone, if all scores were as likely before",
+    "p_best": "probability to have the highest true score, by these votes alone",
     "rank_low": "first rank that the tests of pairs leave the condition; all such intervals hold together with 95 %",
     "rank_high": "last rank",
     "quasi_se": "error whose squares add up to that of any difference (quasi-variance)",

@@ -19,7 +19,6 @@ LEADING = (
     "worst",
     "difference",
     "told apart",
-    "ranks",
     "limits",
     "missing",
     "disagreement",
