@@ -158,7 +158,8 @@ PLACES = """() => {
     for (const other of document.querySelectorAll("[data-view]")) other.hidden = other !== view;
     for (const button of view.querySelectorAll(".foot > .button")) {
       const { left, right, bottom } = button.getBoundingClientRect();
-      if (right > left) places.push({ view: view.dataset.view, middle: Math.round((left + right) / 2), bottom: Math.round(bottom) });
+      const middle = Math.round((left + right) / 2);
+      if (right > left) places.push({ view: view.dataset.view, middle, bottom: Math.round(bottom) });
     }
   }
   return places;

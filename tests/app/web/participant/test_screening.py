@@ -74,12 +74,14 @@ def test_artificial_participants_are_measured_as_they_are(
     session = begin(client, both_tests["slug"], both_tests["invitation"], observer, np.random.default_rng(2))
     assert session["stage"] == "trial"  # a failure is recorded; the experimenter decides
     acuity, colour = (row for row in rows(analyst, both_tests) if row["session"] == session["session"])
-    assert (acuity["test"], acuity["verdict"], acuity["n_answered"]) == ("acuity", "passed", 24)
+    assert (acuity["test"], acuity["verdict"]) == ("acuity", "passed")
+    assert 10 <= acuity["n_answered"] < 24  # it was certain before
     assert abs(acuity["logmar"]) <= 0.2
     assert acuity["low"] <= acuity["logmar"] <= acuity["high"]
     assert acuity["smallest"] <= acuity["limit"] == 0.18
     assert acuity["distance_source"] == "typed"
-    assert (colour["test"], colour["verdict"], colour["n_answered"]) == ("colour", "failed", 18)
+    assert (colour["test"], colour["verdict"]) == ("colour", "failed")
+    assert colour["n_answered"] < 18
     assert "deutan" in colour["details"]["failed_axes"]
     text = analyst.get(f"/api/v1/studies/{both_tests['slug']}/screening?format=csv").text
     assert text.startswith("participant,session,test,verdict,logmar,")
