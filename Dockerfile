@@ -8,6 +8,7 @@ RUN frontend/vendor.sh
 COPY LICENSE README.md pyproject.toml setup.py ./
 COPY migrations migrations
 COPY templates templates
+COPY docs docs
 COPY languages languages
 COPY static static
 COPY ground ground

@@ -39,8 +39,8 @@ demo: setup
 # The processes share the cores: more threads of linear algebra would wait for each other, and busily.
 test check: export OPENBLAS_NUM_THREADS = 1
 
-# R computes the same scores from the same votes.
-test: export TEST_PACKAGES = ?r-base-core
+# R computes the same scores from the same votes; two more browsers, one of which needs a display, take a whole study.
+test: export TEST_PACKAGES = ?r-base-core ?firefox-esr ?webkit2gtk-driver ?gstreamer1.0-libav ?xvfb
 test: setup
 	ruff format --check $(SOURCES)
 	ruff check $(SOURCES)

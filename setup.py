@@ -8,7 +8,7 @@ from pathlib import Path
 from setuptools import setup
 from setuptools.command.build_py import build_py
 
-FOLDERS = ("languages", "migrations", "static", "templates")
+FOLDERS = ("docs", "languages", "migrations", "static", "templates")
 
 
 class BuildWithFolders(build_py):
@@ -23,7 +23,7 @@ class BuildWithFolders(build_py):
         for name in FOLDERS:
             target = Path(self.build_lib, "app", name)
             shutil.rmtree(target, ignore_errors=True)
-            shutil.copytree(name, target, ignore=shutil.ignore_patterns("__pycache__"))
+            shutil.copytree(name, target, ignore=shutil.ignore_patterns("__pycache__", *("*.py",) * (name == "docs")))
 
 
 setup(cmdclass={"build_py": BuildWithFolders})

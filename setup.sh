@@ -113,7 +113,17 @@ check_browser() {
   echo "setup: skipped, until \`snap install chromium\` or an installed Google Chrome." >&2
 }
 
+# Say which packages of the tests this distribution has not, or that cannot be known here.
+tell_left_out() {
+  local entry
+  for entry in ${TEST_PACKAGES:-}; do
+    if command -v dpkg-query >/dev/null && installed "${entry#\?}"; then continue; fi
+    echo "setup: ${entry#\?} is not a package here; tests that need it are left out, and pytest says which."
+  done
+}
+
 install_system_packages
+tell_left_out
 install_python_packages
 install_browser_packages
 check_browser

@@ -35,8 +35,8 @@ FORMULA = tuple("=+-@\t\r\n＝＋－＠")  # first characters of a spreadsheet's
 def packaged(name: str) -> Path:
     """Find a file or folder of the program: inside the package, where a wheel has it, or beside it in a checkout.
 
-    `languages`, `migrations`, `static` and `templates` are the folders that a wheel has inside; setup.py puts them
-    there.
+    `docs`, `languages`, `migrations`, `static` and `templates` are the folders that a wheel has inside; setup.py puts
+    them there.
     """
     package = Path(str(files("app")))
     inside = package / name

@@ -31,17 +31,17 @@ from app.films.object_store import MediaStore
 from app.intake.bounds import end_with_parent
 from app.operations.database import open_store
 from app.operations.jobs.beside_server import worker_beside
-from app.operations.studies.creation import CREATION, go_on_creating
+from app.operations.jobs.chains import STUDY_OF_SET
+from app.operations.studies.creation import CREATION, create_of_set, go_on_creating
 from app.operations.studies.languages import read_languages
 from app.operations.tasks import resume_tasks
 from app.operations.upkeep.housekeeping import EVERY_S, Housekeeper
 from app.settings import Settings
 from app.store.database.engine import Database, open_database
 from app.store.database.keys import utc_now
-from app.store.database.server_tasks import BEATS_WITHIN
 from app.store.trials.vote_writer import VoteWriter
 from app.web import media
-from app.web.admin import background
+from app.web.admin import background, manual_page
 from app.web.admin.access import account_page, server_page, sign_in_page, users_page
 from app.web.admin.flags import Flags
 from app.web.admin.participants import (
@@ -59,12 +59,21 @@ from app.web.admin.studies import (
     edit_page,
     films_page,
     lifecycle_page,
+    new_study_page,
     overview_page,
     sets_page,
     texts_page,
 )
-from app.web.admin.work import file_uploads, files_page, jobs_page, strokes_page
-from app.web.analyst import api_page, job_routes, routes, study_routes
+from app.web.admin.work import file_uploads, files_page, jobs_page, strokes_page, tables_page
+from app.web.analyst import (
+    api_page,
+    job_routes,
+    material_routes,
+    people_routes,
+    routes,
+    study_routes,
+    upload_routes,
+)
 from app.web.analyst.openapi import describe
 from app.web.front import front_routes
 from app.web.gates import check_request_text
@@ -80,6 +89,7 @@ from app.web.problems import UnforeseenErrors, install_problems
 from app.web.security import BodyLimit, RenewedSession, SameOrigin, SecurityHeaders
 
 START_TIMEOUT_S = 30
+LOOKS_FOR_TASKS_EVERY_S = 5  # a worker leaves the study at the end of a chain of jobs
 FOR_OTHERS = 0o027  # what a server's new files do not allow: others nothing, the group (nginx) reading alone
 ROUTERS = (
     trials.router,
@@ -88,6 +98,9 @@ ROUTERS = (
     screening.router,
     routes.router,
     study_routes.router,
+    people_routes.router,
+    upload_routes.router,
+    material_routes.router,
     api_page.router,
     job_routes.router,
     media.router,
@@ -99,10 +112,13 @@ ROUTERS = (
     sets_page.router,
     file_uploads.router,  # before those of entries: "upload" is no kind
     strokes_page.router,
+    tables_page.router,
     files_page.router,
     background.router,
+    manual_page.router,
     jobs_page.router,
-    lifecycle_page.router,  # before those of one study: "new" is no study
+    new_study_page.router,  # before those of one study: "new" is no study
+    lifecycle_page.router,
     overview_page.router,
     comments_page.router,  # before those of one participant
     demographics_page.router,
@@ -223,13 +239,16 @@ def _set_state(app: FastAPI, settings: Settings, database: Database, writer: Vot
 def _take_up(app: FastAPI, *, is_alone: bool) -> None:
     """Take up what a stopped server was making."""
     server, database = app.state.settings, app.state.database
-    works = {CREATION: partial(go_on_creating, server, database)}
+    works = {
+        CREATION: partial(go_on_creating, server, database),
+        STUDY_OF_SET: partial(create_of_set, server, database),
+    }
     resume_tasks(database, works, app.state.clock(), is_alone=is_alone)
 
 
 async def _look_for_lost_tasks(app: FastAPI) -> None:
     while True:
-        await anyio.sleep(BEATS_WITHIN.total_seconds())
+        await anyio.sleep(LOOKS_FOR_TASKS_EVERY_S)
         with suppress(StudyError):  # logged where it happened; the next look may get through
             await run_in_threadpool(_take_up, app, is_alone=False)
 

@@ -32,7 +32,7 @@ from recon.pipeline.job import ReconstructOptions, planned_job
 from recon.pipeline.reconstruct import reconstruct
 from recon.pipeline.run import read_run
 from recon.pipeline.sources import run_source
-from recon.pipeline.stages import match_stretch
+from recon.pipeline.stages import match_stretch, measure_rows
 from recon.runtime.artefacts import file_digest
 from recon.runtime.workers import LocalProcesses, Pool, open_pool
 from recon.studio import SynthParameters, synthesise
@@ -62,6 +62,8 @@ POOLS = {"local processes": local, "Dask": dask}
 
 def matching(capture: Capture, folder: Path) -> list[partial[Any]]:
     job = planned_job(capture, folder, ReconstructOptions(depths=("id",)))
+    for sensor in job.matched_sensors:
+        measure_rows(job, sensor)
     return [partial(match_stretch, job, stretch) for stretch in job.stretches]
 
 

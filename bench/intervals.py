@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).parent.parent))
 from app.analysis.analyse import factor_results, group_comparisons
 from app.analysis.comparisons.comparison import compare
-from app.analysis.comparisons.power import StudyPlan, simulate_votes
+from app.analysis.comparisons.power import simulate_votes
 from app.analysis.comparisons.random_effect_rows import random_effect_tables
 from app.analysis.comparisons.result_rows import contrast_rows, score_rows
+from app.analysis.comparisons.vote_studies import StudyPlan
 from app.analysis.model.settings import AnalysisSettings
 from app.analysis.reading.votes_table import NONE, VotesTable, joined
 from app.analysis.screening.agreement import concordance_p_value

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.comparisons.comparison import Comparison, compare
-from app.analysis.comparisons.power import StudyPlan, simulate_votes
+from app.analysis.comparisons.power import simulate_votes
+from app.analysis.comparisons.vote_studies import StudyPlan
 from app.analysis.model.settings import AnalysisSettings
 from app.analysis.objective.comparison import comparison_rows
 from app.analysis.objective.permutation import condition_orders

@@ -27,7 +27,6 @@ import cv2
 import httpx
 import numpy as np
 from playing.chromium import ENTER, Chromium
-from playing.firefox import Firefox
 
 from app.main import running_server
 from app.operations.studies.create import create_study, read_options
@@ -42,6 +41,7 @@ from app.study.screening.pictures import MARGIN
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from tests.browser.numbered_films import squares, write_films
+from tests.browser.remote_browsers import Firefox
 
 DATASETS = ("ball", "box", "people", "standing", "face")
 CONDITIONS = ("civet", "heron", "otter", "zebra", "lynx", "wren")

@@ -68,6 +68,25 @@ def formats() -> str:
     return "\n".join(["| `--format` | what is in the file |", "|---|---|", *rows])
 
 
+def imports() -> str:
+    """Return the table of formats that `capture import` takes."""
+    from recon.capture.importing.formats import FORMATS
+    from recon.cli.commands.recordings import IMPORTED
+
+    rows = [
+        (
+            f"`{name}`",
+            words,
+            ", ".join(f"`{file}`" for file in dict.fromkeys(FORMATS[name].files[:3])),
+            FORMATS[name].means,
+            " ".join(f"`--{option}`" for option in FORMATS[name].takes),
+        )
+        for name, words in IMPORTED.items()
+        if name in FORMATS
+    ]
+    return _table(("format", "what", "known by", "meaning", "takes"), rows)
+
+
 def commands() -> str:
     """Return every command with its arguments and options, as `--help` prints them."""
     from app.cli import app
@@ -188,13 +207,13 @@ def tables() -> str:
     """Return the columns of every table of results that analysts fetch, and the tables of an analysis."""
     from app.analysis.report.write import COLUMNS
     from app.analysis.tables import TABLES as ANALYSIS
-    from app.web.analyst.columns import FURTHER, TABLES
+    from app.web.analyst.columns import FIGURES, FURTHER, OUTSIDE_IDS, SETS, TABLES
 
     parts = [
         "# Tables of results",
         "The columns of each table of [the REST interface](api.md#tables) and of a study's archive.",
     ]
-    for name, columns in TABLES.items():
+    for name, columns in {**TABLES, "outside-ids": OUTSIDE_IDS, "figures": FIGURES, "sets": SETS}.items():
         every = columns | FURTHER.get(name, {})
         rows = [(f"`{column}`", _sentence(meaning)) for column, meaning in every.items()]
         parts += [f"## {name.replace('_', ' ')}", _table(("column", "is"), rows)]

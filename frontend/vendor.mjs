@@ -17,11 +17,14 @@ const COPIED = {
   "three.core.min.js": "three/build/three.core.min.js",
   "three.module.min.js": "three/build/three.module.min.js",
   "three.LICENSE": "three/LICENSE",
+  "spark.LICENSE": "@sparkjsdev/spark/LICENSE",
 };
 
 // The interpreter takes from vega's own bundle what it would take from a package of it.
 const INTERPRETER = [/^import (\{[^}]*\}) from 'vega-util';/m, "const $1 = globalThis.vega;"];
 const THREE = [/from 'three'/g, 'from "./three.module.min.js"'];
+const SPARK = [/from "three"/g, 'from "./three.module.min.js"'];
+const PASS = [/from "three\/addons\/postprocessing\/Pass\.js"/g, 'from "./Pass.js"'];
 const UTILS = [/from '\.\.\/utils\/BufferGeometryUtils\.js'/g, 'from "./BufferGeometryUtils.js"'];
 
 const REWRITTEN = {
@@ -29,6 +32,8 @@ const REWRITTEN = {
   "OrbitControls.js": ["three/examples/jsm/controls/OrbitControls.js", THREE],
   "GLTFLoader.js": ["three/examples/jsm/loaders/GLTFLoader.js", THREE, UTILS],
   "PLYLoader.js": ["three/examples/jsm/loaders/PLYLoader.js", THREE],
+  "Pass.js": ["three/examples/jsm/postprocessing/Pass.js", THREE],
+  "spark.js": ["@sparkjsdev/spark/dist/spark.module.min.js", SPARK, PASS],
   "BufferGeometryUtils.js": ["three/examples/jsm/utils/BufferGeometryUtils.js", THREE],
 };
 

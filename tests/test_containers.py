@@ -93,6 +93,11 @@ def test_only_the_data_folder_is_kept_and_the_server_writes_there() -> None:
     assert set(COMPOSE["volumes"]) == {"data", "database"}
 
 
+def test_only_a_proxy_on_this_host_is_believed_who_asks() -> None:
+    (network,) = COMPOSE["networks"]["default"]["ipam"]["config"]
+    assert {service["environment"]["FORWARDED_ALLOW_IPS"] for service in OURS.values()} == {network["gateway"]}
+
+
 @pytest.mark.parametrize("name", OURS)
 def test_a_service_is_built_from_a_stage_and_has_known_settings(name: str) -> None:
     service = OURS[name]

@@ -77,7 +77,7 @@ HOMES = {
 PURE = {"numpy", "pydantic", "pydantic_core", "scipy"}
 PURE_EXCEPTIONS = {
     "app/analysis/report/charts.py": {"altair"},
-    "app/analysis/drawing/charts_in_common.py": {"altair", "vl_convert"},
+    "app/analysis/drawing/charts_in_common.py": {"PIL", "altair", "vl_convert"},
     "app/analysis/report/objective_charts.py": {"altair"},
     "app/analysis/report/rate_charts.py": {"altair"},
     "app/analysis/report/rating_charts.py": {"altair"},

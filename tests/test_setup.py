@@ -1,11 +1,15 @@
-"""Set-up says how far it is."""
+"""Set-up says how far it is; a forge runs what the Makefile has."""
 
 from __future__ import annotations
 
 import re
 import subprocess
+import tomllib
 from pathlib import Path
 
+import yaml
+
+ROOT = Path(__file__).parents[1]
 SETUP = Path(__file__).parents[1] / "setup.sh"
 
 
@@ -23,3 +27,13 @@ def test_set_up_counts_the_packages_that_pip_fetches() -> None:
         "setup: 20 of at most 21 packages fetched",
         "setup: 21 packages fetched; unpacking them",
     ]
+
+
+def test_the_forge_runs_commands_of_the_makefile_and_builds_every_extra_of_a_server() -> None:
+    jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "tests.yml").read_text(encoding="utf-8"))["jobs"]
+    commands = [step.get("run", "") for job in jobs.values() for step in job["steps"]]
+    made = {name for command in commands for name in re.findall(r"^make (\w+)", command)}
+    targets = re.findall(r"^([\w ]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    assert "test" in made <= {name for names in targets for name in names.split()}
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    assert set(jobs["wheel"]["strategy"]["matrix"]["extra"]) <= {"none", *extras}

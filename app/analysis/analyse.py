@@ -19,7 +19,6 @@ from app.analysis.comparisons.comparison import (
 )
 from app.analysis.comparisons.datasets_sample import factor_rows, interaction_rows, pair_p_values
 from app.analysis.comparisons.factors import (
-    Effect,
     ModelTest,
     coding,
     effects_of,
@@ -31,6 +30,7 @@ from app.analysis.comparisons.factors import (
 )
 from app.analysis.comparisons.groups import GroupComparison, check_groups, compare_groups
 from app.analysis.comparisons.homogeneity import Part, parts_differ
+from app.analysis.comparisons.lapse_rows import lapse_tables
 from app.analysis.comparisons.random_effect_rows import random_effect_tables
 from app.analysis.comparisons.result_rows import (
     contrast_rows,
@@ -45,7 +45,7 @@ from app.analysis.comparisons.result_rows import (
 )
 from app.analysis.findings.votes import vote_findings
 from app.analysis.model.bradley_terry import fit_scores
-from app.analysis.model.contrasts import holm, scores_of, simultaneous_factor
+from app.analysis.model.contrasts import Contrast, corrected_together, holm, scores_of, simultaneous_factor
 from app.analysis.model.settings import AnalysisSettings
 from app.analysis.objective.against_scores import compared_scores, measure_tables
 from app.analysis.objective.points import ScoreSet
@@ -94,12 +94,13 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
     tests += [group.test for group in groups if group.test is not None]
     by_dataset = _scores_by_dataset(compared)
     random_effects, why_no_random_effects = random_effect_tables(compared, settings.random_effects)
+    lapses, why_no_lapses = lapse_tables(compared if settings.lapses else ())
     measured = measure_tables(_measured_scores(used, settings, compared), settings)
     analysis: dict[str, Any] = {
         "schema_version": 1,
         "settings": settings.as_dict(),
         "votes": _tally(votes, used),
-        "scores": [row for comparison in compared for row in score_rows(comparison, settings.jod_prior)],
+        "scores": _score_rows(compared, settings),
         "scores_with_excluded": _scores_with_excluded(votes, used, settings),
         "models": [model_row(comparison) for comparison in compared],
         "tie_models": [row for comparison in compared for row in tie_model_rows(comparison)],
@@ -112,6 +113,7 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
         "triads": [triads_row(row) for row in screened],
         "triads_pooled": pooled_triads(screened),
         **random_effects,
+        **lapses,
         **measured,
         "rates": [],
         "rate_differences": rate_differences(compared, settings.as_dict()),
@@ -136,6 +138,7 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
             *_left_out(used, settings),
             *_without_results(used, settings, compared, effects),
             *why_no_random_effects,
+            *why_no_lapses,
         ],
     }
     analysis["rates"] = rate_rows(compared_scores(analysis), analysis["settings"])
@@ -154,8 +157,23 @@ def scored(votes: VotesTable, settings: AnalysisSettings | None = None) -> list[
     _check_names(votes, settings)
     used = used_votes(in_order(votes), settings)
     settings, _ = tested_order(used, settings)
-    compared = compare(used, settings)
-    return [row for comparison in compared for row in score_rows(comparison, settings.jod_prior)]
+    return _score_rows(list(compare(used, settings)), settings)
+
+
+def _score_rows(compared: Sequence[Comparison], settings: AnalysisSettings) -> list[dict[str, Any]]:
+    """Return the scores of all comparisons; letters of single datasets follow a correction over all of them."""
+    together = _corrected(compared)
+    return [
+        row
+        for each in compared
+        for row in score_rows(each, settings.jod_prior, together[each.comparison, each.dataset])
+    ]
+
+
+def _corrected(compared: Sequence[Comparison]) -> dict[tuple[str, str], Sequence[Contrast]]:
+    """Return the contrasts by comparison and dataset, those of single datasets corrected over all of these."""
+    contrasts = {(each.comparison, each.dataset): each.contrasts for each in compared}
+    return corrected_together(contrasts, lambda place: place[0] if place[1] != ALL else None)
 
 
 def _check_names(votes: VotesTable, settings: AnalysisSettings) -> None:
@@ -188,7 +206,6 @@ def factor_fits(
     ----------
     votes, settings, compared : as in `factor_results`
     """
-    effects: list[Effect] = []
     tests: list[ModelTest | None] = []
     additive: dict[str, Part] = {}
     with_levels = votes_with_levels(votes, settings.factors)
@@ -202,7 +219,6 @@ def factor_fits(
             if has_order:
                 without = fit_additive(part, settings.factors, ties=settings.ties, order_effect=False)
                 tests.append(None if without is None else order_test(fit, without, "additive", dataset))
-            effects += effects_of(fit, settings.factors, dataset)
             tests += model_tests(fit, part, settings.factors, dataset)
     for comparison in compared:
         if comparison.fit.design.has_order:
@@ -216,6 +232,7 @@ def factor_fits(
         }
         tests.append(_datasets_test(model, parts))
     tests.append(_datasets_test("additive", additive))
+    effects = effects_of({dataset: part.fit for dataset, part in additive.items()}, settings.factors)
     rows = [asdict(effect) | {"scope": _scope(effect.dataset, len(additive) - 1)} for effect in effects]
     return rows, [test for test in tests if test is not None], additive
 
@@ -279,12 +296,13 @@ def _island_tables(compared: Sequence[Comparison], settings: AnalysisSettings) -
 
 def _contrast_rows(compared: Sequence[Comparison], settings: AnalysisSettings) -> list[dict[str, Any]]:
     """Return all contrasts; those over all datasets also with the p-values for datasets like these."""
-    sampled = pair_p_values(compared)
+    sampled, together = pair_p_values(compared), _corrected(compared)
     rows = []
     for comparison in compared:
         is_whole = comparison.comparison == comparison.dataset == ALL
         wider = _simultaneous(comparison) if is_whole else None
-        for row in contrast_rows(comparison, settings.equivalence_margin):
+        corrected = together[comparison.comparison, comparison.dataset]
+        for row in contrast_rows(comparison, settings.equivalence_margin, corrected):
             known = sampled.get((row["item_a"], row["item_b"])) if is_whole else None
             p_value, p_holm = known or (None, None)
             rows.append(row | _wider(row, wider) | {"p_datasets": p_value, "p_datasets_holm": p_holm})
@@ -366,8 +384,7 @@ def _scores_with_excluded(votes: VotesTable, used: VotesTable, settings: Analysi
     everybody = replace(votes, excluded=votes.excluded & (votes.reason == WITHDRAWN)).used()
     if len(everybody) == len(used):
         return []
-    plain = replace(settings, bootstrap=0)
-    return [row for comparison in compare(everybody, plain) for row in score_rows(comparison, settings.jod_prior)]
+    return _score_rows(list(compare(everybody, replace(settings, bootstrap=0))), settings)
 
 
 def used_votes(votes: VotesTable, settings: AnalysisSettings) -> VotesTable:

@@ -26,6 +26,9 @@ TABLES: Mapping[str, Table] = {
             "score": "natural log-odds, with sum zero in each comparison and dataset",
             "wins": "among its `n_votes`, as `losses` and `ties`",
             "ci_method": "what the interval rests on",
+            "p_best": "probability to be the best, by these votes alone",
+            "rank_low": "first rank that the tests of pairs leave, as `rank_high` the last; together 95 %",
+            "quasi_se": "error whose squares add up to that of any difference",
         },
     ),
     "scores_with_excluded": Table("item, excluded participants counted; empty if there are none"),
@@ -33,6 +36,7 @@ TABLES: Mapping[str, Table] = {
         "fit",
         {
             "log_nu": "tie parameter, with errors (`…_se`, `…_se_participant`), as `log_theta` and `order_effect`",
+            "quasi_error": "largest relative error of a difference's error from `quasi_se`",
             "groups": "of items that votes separate or do not link",
             "bootstrap_replicates": "used; `bootstrap_without_maximum` were left out",
         },
@@ -43,6 +47,7 @@ TABLES: Mapping[str, Table] = {
         {
             "difference": "score of `item_a` less that of `item_b`",
             "ci_simultaneous_low": "with `…_high`, the interval that holds together with those of all pairs",
+            "p_holm_together": "corrected over all single datasets",
             "p_datasets": "for datasets like these, as a sample; `p_datasets_holm` is corrected",
         },
     ),
@@ -64,14 +69,26 @@ TABLES: Mapping[str, Table] = {
         },
     ),
     "groups": Table("group and item, as `scores`"),
-    "triads": Table("participant and dataset", {"n_items": "compared"}),
+    "triads": Table(
+        "participant and dataset",
+        {"n_items": "compared", "strict_by_chance": "strict triads of random votes, same ties"},
+    ),
     "random_effects": Table(
         "what differs: scores, or ties, between people, or datasets", {"sd": "standard deviation between them"}
     ),
     "random_effects_scores": Table("item"),
     "random_effects_contrasts": Table("two items", {"people_preferring": "share of people who prefer `item_a`"}),
+    "lapse_scores": Table("item, careless answers weighted down"),
+    "lapse_rates": Table("participant", {"lapse_rate": "share of answers given at random, as far as the votes tell"}),
     "triads_pooled": Table("participant", {"n_datasets": "that are combined"}),
-    "measures": Table("measure and dataset", {"n": "points", "n_conditions": "that permutations exchange"}),
+    "measures": Table(
+        "measure and dataset",
+        {
+            "n": "points",
+            "n_conditions": "that permutations exchange",
+            "logistic5_b1": "to `logistic5_b5`: b1 (1/2 - 1 / (1 + exp(b2 (value - b3)))) + b4 value + b5",
+        },
+    ),
     "measure_comparisons": Table("two measures", {"n": "points that both have"}),
     "rates": Table(
         "condition whose model's size is known",

@@ -23,6 +23,7 @@ from recon.cli.options import LocalPathsGroup
 from recon.runtime.remote import with_addresses
 
 GOING_ON = ("demo", "experiment", "reconstruct", "render")  # commands that keep what is done for a second start
+DONE_FILE = "RECONSTUDY_DONE_FILE"  # names a file that a command makes when it has done all, for who runs it
 INTERRUPTED = 130  # exit code, as shells have it
 ALMOST = 0.9  # likeness of two names: one or two letters of twenty differ
 
@@ -57,6 +58,8 @@ def main() -> None:
     except SystemExit as end:
         if end.code == INTERRUPTED:  # typer has taken the interrupt, and says nothing
             _fail(_interrupted(), code=INTERRUPTED)
+        if not end.code and (done := os.environ.get(DONE_FILE)):
+            Path(done).touch()
         raise
     except (ImportError, ValueError, OSError, RuntimeError) as error:
         advice = missing_extra(error)

@@ -111,6 +111,13 @@ RandomEffectsOption = Annotated[
     str,
     typer.Option(help="Fit the scores also with random effects: participants (other people) or participants,datasets."),
 ]
+LapsesOption = Annotated[
+    bool,
+    typer.Option(
+        "--lapses",
+        help="Fit the scores also with careless answers weighted down, by a lapse rate for each participant.",
+    ),
+]
 ExcludeOption = Annotated[
     list[str] | None, typer.Option(help="Participant to leave out; the report says so. May be repeated.")
 ]
@@ -140,7 +147,7 @@ RatingsOption = Annotated[
 ScaleOption = Annotated[
     str | None, typer.Option(help="Ends of the ratings' scale, e.g. 1:9 or 0:100; default: 1:5, compared -3:3.")
 ]
-WidthOption = Annotated[str, typer.Option(help="Width of the figures: one or two columns of a journal (89 or 183 mm).")]
+WidthOption = Annotated[str, typer.Option(help="Width of the figures: one or two columns of a journal (88 or 181 mm).")]
 DryRunOption = Annotated[bool, typer.Option("--dry-run", help="Only say how the files are understood; write nothing.")]
 
 
@@ -163,6 +170,7 @@ def analyse(
     equivalence: EquivalenceOption = None,
     jod_prior: JodPriorOption = "none",
     random_effects: RandomEffectsOption = "",
+    lapses: LapsesOption = False,
     exclude: ExcludeOption = None,
     planned: PlannedOption = None,
     columns: ColumnsOption = None,
@@ -181,12 +189,13 @@ def analyse(
     from app.analysis.analyse_files import read_measures_of
     from app.analysis.drawing.charts_in_common import WIDTHS
     from app.analysis.ratings.reading import understand_ratings
-    from app.analysis.reading.description import Told
+    from app.analysis.reading.description import Told, pairs_of
 
     ends = _parse_scale(scale)
     _check_choice("--width", width, WIDTHS)
     _check_choice("--by", by, ("dataset", "none"))
-    mappings = _parse_mapping(columns, "--columns") or {}, _parse_mapping(choices, "--choices") or {}
+    with wrong_use():
+        mappings = pairs_of(columns or "", "--columns"), pairs_of(choices or "", "--choices")
     sources = _recognised(votes, Told(*mappings, format=layout, encoding=encoding, sheet=sheet), can_ask=not as_json)
     rated = _rated_source(context, sources)
     with wrong_use():
@@ -199,6 +208,7 @@ def analyse(
             penalty=penalty,
             jod_prior=jod_prior,
             random_effects=random_effects,
+            lapses=lapses,
             by_dataset=by == "dataset",
             exclude=tuple(exclude or ()),
             planned_participants=planned,
@@ -259,31 +269,34 @@ def plan(
         ),
     ] = "told apart",
     spread: Annotated[
-        float,
-        typer.Option(min=0, help="How far people's opinions of a condition differ: standard deviation, log-odds."),
-    ] = 0.4,
+        float | None,
+        typer.Option(
+            min=0,
+            help="How far people's opinions of a condition differ: standard deviation, log-odds (0.4 by default), or "
+            "grades where rated (0).",
+        ),
+    ] = None,
     by_dataset: Annotated[
         float, typer.Option(min=0, help="The same of opinions that somebody has on one dataset only.")
     ] = 0.0,
     dataset_spread: Annotated[
-        float, typer.Option(min=0, help="How far datasets shift the scores: standard deviation, log-odds.")
+        float, typer.Option(min=0, help="How far datasets shift the scores: standard deviation, log-odds or grades.")
     ] = 0.0,
     drop_out: Annotated[float, typer.Option(min=0, max=0.99, help="Share of people who leave half-way.")] = 0.0,
-    careless: Annotated[float, typer.Option(min=0, max=0.99, help="Share of people who throw a coin.")] = 0.0,
+    careless: Annotated[float, typer.Option(min=0, max=0.99, help="Share of people who answer at random.")] = 0.0,
     inconsistency: Annotated[
         float, typer.Option(help="Standard deviation of somebody's ratings around the qualities, in grades.")
     ] = TYPICAL_INCONSISTENCY,
     exposure: Annotated[float, typer.Option(help="Seconds of a trial's film, for the minutes of a session.")] = 15.0,
-    replicates: Annotated[
-        int, typer.Option(min=10, max=10_000, help="Simulated studies for each power, where compared.")
-    ] = 400,
+    replicates: Annotated[int, typer.Option(min=10, max=10_000, help="Simulated studies for each power.")] = 400,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
-    """Find a study's power and sample size: by simulation for comparisons, by a paired t-test for ratings."""
+    """Find a study's power and sample size by simulation."""
     import numpy as np
 
-    from app.analysis.comparisons.power import StudyPlan, plan_study
+    from app.analysis.comparisons.power import plan_study
+    from app.analysis.comparisons.vote_studies import StudyPlan
     from app.analysis.ratings.planning import RatingPlan, plan_ratings
     from app.study.options.duration import trials_s
     from app.study.options.study_file import EXPOSURE_BOUNDS_S
@@ -298,23 +311,21 @@ def plan(
     if protocol not in PROTOCOLS:
         raise typer.BadParameter(f"protocol is {protocol!r}, expected one of {', '.join(PROTOCOLS)}")
     is_rated = protocol in RATED
-    if is_rated:
-        result = plan_ratings(RatingPlan(conditions, datasets, participants, inconsistency), effect)
-    else:
-        design = StudyPlan(
-            conditions, datasets, participants, tie_rate, spread, by_dataset, dataset_spread, drop_out, careless
-        )
-        progress = ProgressLine()
-        with wrong_use():
-            result = plan_study(
-                design,
-                np.random.default_rng(seed),
-                effect_jod=effect,
-                replicates=replicates,
-                progress=progress,
-                claim=claim,
-            )
-        progress.close()
+    people: dict[str, Any] = {
+        "by_dataset": by_dataset,
+        "dataset_spread": dataset_spread,
+        "drop_out": drop_out,
+        "careless": careless,
+    } | ({} if spread is None else {"spread": spread})
+    rng, progress = np.random.default_rng(seed), ProgressLine()
+    how: dict[str, Any] = {"replicates": replicates, "progress": progress, "claim": claim}
+    size = conditions, datasets, participants
+    with wrong_use():
+        if is_rated:
+            result = plan_ratings(RatingPlan(*size, inconsistency, **people), effect, rng, **how)
+        else:
+            result = plan_study(StudyPlan(*size, tie_rate, **people), rng, effect_jod=effect, **how)
+    progress.close()
     n_trials = result["votes_per_participant"]
     result |= {"protocol": protocol, "trials": n_trials, "minutes": max(1, round(trials_s(n_trials, exposure) / 60))}
     unit, suffix = ("grades", "") if is_rated else ("JOD", "_jod")
@@ -322,21 +333,15 @@ def plan(
     sentences = (
         f"{n_trials} trials for each of {participants} participants: about {result['minutes']} minutes.\n"
         f"A difference of {effect:g} {unit} is found with a power of {result['power_one_dataset']:.2f} in one dataset, "
-        f"{result['power_pooled']:.2f} over all{_of_claim(result)}.\n"
+        f"{result['power_pooled']:.2f} over all (claim: {claim}).\n"
         f"Found with a power of 0.8: {_detectable(single, unit)} in one dataset, {_detectable(pooled, unit)} over all."
     )
-    if not is_rated:
-        sentences = f"{sentences}\n{_claims(result)}"
-    print_result(result, sentences, as_json=as_json)
+    print_result(result, f"{sentences}\n{_claims(result, f'{effect:g} {unit}')}", as_json=as_json)
 
 
-def _of_claim(plan: dict[str, Any]) -> str:
-    return f" (claim: {plan['claim']})" if "claim" in plan else ""
-
-
-def _claims(plan: dict[str, Any]) -> str:
+def _claims(plan: dict[str, Any], effect: str) -> str:
     """Say how often each claim would be made, and how many participants the one asked for needs."""
-    lines = [f"Claims over all datasets, {plan['effect_jod']:g} JOD (± error of the simulation):"]
+    lines = [f"Claims over all datasets, {effect} (± error of the simulation):"]
     lines += [f"  {row['power']:.2f} ± {row['power_error']:.2f}  {row['what']}" for row in plan["claims"]]
     wanted = plan["participants_wanted"]
     number = (
@@ -416,19 +421,6 @@ def _parse_scale(text: str | None) -> tuple[float, float] | None:
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise typer.BadParameter(f"--scale is {text!r}, expected its low end first, such as 1:5")
     return low, high
-
-
-def _parse_mapping(text: str | None, option: str) -> dict[str, str] | None:
-    """Read the pairs of "ours=theirs,ours=theirs"."""
-    if text is None:
-        return None
-    pairs = [pair.partition("=") for pair in text.split(",")]
-    if not all(ours.strip() and theirs.strip() for ours, _, theirs in pairs):
-        raise typer.BadParameter(f"{option} is {text!r}, expected ours=theirs, comma between")
-    names = [ours.strip() for ours, _, _ in pairs]
-    if repeated := [name for name in names if names.count(name) > 1]:
-        raise typer.BadParameter(f"{option} names {repeated[0]} twice; expected ours=theirs, each of ours once")
-    return {ours.strip(): theirs.strip() for ours, _, theirs in pairs}
 
 
 def _read_abilities(path: Path) -> dict[str, float]:

@@ -158,18 +158,36 @@ def study_create(
 def study_import(
     file: Annotated[
         Path,
-        typer.Argument(help="TOML file: name, stimuli, exposure_s, seed and options; `study export` writes one."),
+        typer.Argument(
+            help="TOML file: name, stimuli, exposure_s, seed and options; or the zip file of a whole study. "
+            "`study export` writes both."
+        ),
     ],
-    stimuli: Annotated[Path | None, typer.Option(help="Folder of the stimulus set; default: the file's.")] = None,
+    stimuli: Annotated[
+        Path | None, typer.Option(help="Folder of the stimulus set of a TOML file; default: the file's.")
+    ] = None,
+    study_name: Annotated[
+        str, typer.Option("--name", help="Name of a study from a zip file; default: the one it had.")
+    ] = "",
     url: UrlOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Create a study from a study file, with an open invitation."""
+    """Create a study from a study file, or bring in a whole one with films, texts, votes and measures."""
+    from app.intake.zips import is_zip
     from app.operations.studies.create import import_study
+    from app.operations.upkeep.travel import import_file
     from app.settings import Settings
 
     progress = ProgressLine()
     settings = Settings()
+    if file.is_file() and is_zip(file):
+        made = import_file(settings, file, name=study_name, progress=by_step(progress))
+        progress.close()
+        whole = f"{counted(made['n_started'], 'participant')} and {counted(made['n_votes'], 'vote')}"
+        notes = [f"{note[0].upper()}{note[1:]}." for note in made["notes"]]
+        invite = f"It is {made['state']}, and nobody's code came with it: `reconstudy study invite {made['slug']}`."
+        print_result(made, "\n".join([f"{made['slug']} is here with {whole}.", invite, *notes]), as_json=as_json)
+        return
     study = import_study(settings, file, stimuli=stimuli, progress=by_step(progress))
     progress.close()
     _tell_of_study(study, settings, url, as_json=as_json)
@@ -178,14 +196,36 @@ def study_import(
 @study_app.command("export")
 def study_export(
     study: StudyArgument,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="File to write; default: standard output.")] = None,
+    package: Annotated[
+        Path | None,
+        typer.Argument(metavar="[FILE.zip]", help="Zip file of the whole study; default: its study file alone."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Study file to write; default: standard output.")
+    ] = None,
+    outside_ids: Annotated[
+        bool,
+        typer.Option(
+            "--outside-ids",
+            help="Zip file with outside ids, completion codes, addresses that lead back and names on invitations.",
+        ),
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a study file, from which `study import` makes the study again."""
+    """Write a study file, or a whole study with films, texts, votes and measures; `study import` takes both."""
     from app.files import write_text
     from app.operations.studies.manage import export_study
+    from app.operations.upkeep.travel import export_to_file
     from app.settings import Settings
 
+    if package is not None:
+        if package.suffix.lower() != ".zip" or out is not None:
+            raise typer.BadParameter(f"{package}: expected a name that ends in .zip, and no --out beside it")
+        made = export_to_file(Settings(), study, package, has_outside=outside_ids)
+        whole = f"{counted(made['participants'], 'participant')} and {counted(made['votes'], 'vote')}"
+        notes = [f"{note[0].upper()}{note[1:]}." for note in made["notes"]]
+        print_result(made, "\n".join([f"Wrote {package}: {study} with {whole}.", *notes]), as_json=as_json)
+        return
     text = export_study(Settings(), study)
     if out is not None:
         write_text(out, text)

@@ -85,14 +85,21 @@ def make_film(strips: Strips, path: Path) -> None:
         If it cannot be encoded, or does not decode to the expected frames.
     """
     with whole_file(path) as temporary:
-        _encode(strips, temporary)
+        encode(strips, temporary)
         _check_facts(decode(temporary), strips.facts, strips.name)
         for number, (strip, source) in enumerate(zip(strips.stimuli, strips.sources, strict=True)):
             least_db = LEAST_LIGHTER_PSNR_DB if strips.codec == LIGHTER else LEAST_PSNR_DB
             check_strip(temporary, number, strip, source, strips.name, least_db=least_db)
 
 
-def _encode(content: Strips, out: Path) -> None:
+def encode(content: Strips, out: Path, *, most_frames: int | None = None) -> None:
+    """Encode a film, or only its first frames; `make_film` checks it, too.
+
+    Raises
+    ------
+    StimuliError
+        If it cannot be encoded.
+    """
     n, half = len(content.sources), GUARD_ROWS // 2
     colours = [_colours(*strip) for strip in zip(content.stimuli, content.sources, strict=True)]
     strips = [_padded(number, colours[number], half * (number > 0), half * (number < n - 1)) for number in range(n)]
@@ -101,7 +108,8 @@ def _encode(content: Strips, out: Path) -> None:
     graph = "".join(strips) + f"{names}{stack}zscale=f=bicubic,format=yuv420p[film]"
     inputs = [part for source in content.sources for part in reading(source)]
     filtering = ["-filter_complex", graph, "-map", "[film]", "-fps_mode", "passthrough"]
-    encoding = [*ENCODERS[content.codec].split(), *CONTAINER.split(), "-f", "mp4"]
+    most = [] if most_frames is None else ["-frames:v", str(most_frames)]
+    encoding = [*most, *ENCODERS[content.codec].split(), *CONTAINER.split(), "-f", "mp4"]
     run_ffmpeg(
         ["-xerror", *inputs, *filtering, *encoding, "-y", str(out)],
         f"{' above '.join(map(str, content.sources))}: cannot be encoded as {content.codec}",

@@ -9,14 +9,16 @@ from pathlib import Path
 
 from app.errors import InvalidError
 from app.ffmpeg import VIDEO_SUFFIXES
+from app.intake.bounds import in_bounds
 from app.intake.captures import CAPTURE_FILE, missing_pictures, read_outline
-from app.intake.reports import read_report
+from app.intake.models import FOLDERS as MODEL_FOLDERS
+from app.intake.reports import REPORT, TABLE, read_report
 from app.intake.shelves import FOLDERS, SUFFIXES, free_path
-from app.intake.summaries import MODELS, PICTURES, SCENE_FILE, files_of, is_film
+from app.intake.summaries import MODELS, PICTURES, SCENE_FILE, TABLES, files_of, is_film
 from app.intake.zips import MB, check_file, check_zip, is_zip, unpack
 
 TEXTS = (".json", ".csv", ".txt", ".md", ".toml", ".yml", ".yaml", ".xml", ".ini", ".html", ".log")
-CAPTURED = (*PICTURES, ".ppm", ".pgm", *VIDEO_SUFFIXES, ".npy", ".exr", ".ply", ".bin", ".sfm", *TEXTS)
+CAPTURED = (*PICTURES, *VIDEO_SUFFIXES, ".npy", ".pfm", ".ply", ".bin", ".sfm", ".mat", ".camera", *TEXTS)
 BELONGING: Mapping[str, tuple[str, ...]] = {  # suffixes of files that may be in an upload
     "captures": CAPTURED,
     "calibration": (*PICTURES, *VIDEO_SUFFIXES, *TEXTS),
@@ -24,6 +26,7 @@ BELONGING: Mapping[str, tuple[str, ...]] = {  # suffixes of files that may be in
     "films": (*VIDEO_SUFFIXES, *TEXTS),
     "clouds": (".ply", *TEXTS),
     "measures": (".csv",),
+    "votes": tuple({f".{name.rpartition('.')[2]}" for name in TABLES}),
 }
 EXPECTED: Mapping[str, str] = {
     "captures": "a zip file of the recording's folder: pictures or videos, with capture.json where it has one",
@@ -32,7 +35,11 @@ EXPECTED: Mapping[str, str] = {
     "films": "a zip file of DATASET/CONDITION.mp4, with conditions.csv where conditions have factors",
     "clouds": "a PLY file, or a zip file of some",
     "measures": "a table in CSV, whose name ends in .csv",
+    "votes": f"a table of votes or ratings, from any program, whose name ends in {', '.join(TABLES)}",
 }
+RESULTS = (".ply", ".png", ".pdf", ".svg", ".json", ".csv", ".html", ".txt")  # a report's page is not kept
+UNPACKED = "unpacked"  # folder of what was in an upload of results
+UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # how such a text begins
 
 
 @dataclass(frozen=True)
@@ -148,6 +155,7 @@ CHECKS: Mapping[str, Callable[[Path], None]] = {
     "films": _check_films,
     "clouds": _check_clouds,
     "measures": _check_measures,
+    "votes": lambda _path: None,  # it is read, or asked about, where it is shown
 }
 
 
@@ -157,3 +165,69 @@ def _holds(path: Path, suffixes: tuple[str, ...]) -> bool:
 
 def _and_more(names: list[str]) -> str:
     return f" (and {len(names) - 1} more)" if len(names) > 1 else ""
+
+
+def arrived_results(received: Path, folder: Path, largest_mb: int) -> list[Path]:
+    """Unpack an upload that `check_results` has passed; return its folders and tables, as `attach` takes them.
+
+    Parameters
+    ----------
+    received : the upload, which is moved
+    folder : for what is unpacked
+    largest_mb : how much it may unpack to
+
+    Raises
+    ------
+    ValueError
+        If there is nothing to attach.
+    """
+    unpacked, table = folder / UNPACKED, folder / "table.csv"
+    if not is_zip(received):
+        received.rename(table)
+        return [table]
+    in_bounds(unpack, received, unpacked, largest_mb * MB, RESULTS, "reports or models")
+    return results_in(unpacked)
+
+
+def without_places(told: str, folder: Path) -> str:
+    """Return a sentence on an upload without the places on the server that it names."""
+    unpacked, table = folder / UNPACKED, folder / "table.csv"
+    return told.replace(f"{unpacked}/", "").replace(str(unpacked), "the zip file").replace(str(table), "the table")
+
+
+def check_results(path: Path, largest_mb: int) -> None:
+    """Check an upload of results before any of it is unpacked or read.
+
+    Raises
+    ------
+    InvalidError, TooLargeError
+        If it is neither a table nor a zip file of plain names that unpacks to less than the limit.
+    """
+    if is_zip(path):
+        check_zip(path, largest_mb)
+        return
+    with path.open("rb") as file:
+        head = file.read(1024)
+    if b"\0" in head and not head.startswith(UTF_16):
+        raise InvalidError("This is neither a zip file nor a table in CSV.")
+
+
+def results_in(folder: Path) -> list[Path]:
+    """Return the folders of reports and of models, and tables of measures outside them, at any depth of an upload.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or a folder holds both.
+    """
+    reports = {path.parent for path in folder.rglob(REPORT)}
+    tables = {path for path in folder.rglob(TABLE) if path.parent not in reports}
+    models = {path.parent for name in MODEL_FOLDERS.values() for path in folder.rglob(name) if path.is_dir()}
+    if both := reports & models:
+        raise ValueError(f"{min(both)}: holds a report and models; put them into two folders")
+    if not reports | models | tables:
+        raise ValueError(
+            f"{folder}: holds neither a report ({REPORT}), nor a table of measures ({TABLE}), nor models "
+            "(meshes/DATASET/CONDITION.ply); pack the folders that `reconstudy validate` and `reconstudy models` wrote"
+        )
+    return sorted(reports | models | tables)

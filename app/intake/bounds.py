@@ -31,6 +31,7 @@ READERS = (
     "app.intake.models",
     "app.intake.stimuli",
     "app.analysis.reading.measures_table",
+    "app.analysis.reading.read_votes",
 )
 
 Arguments = ParamSpec("Arguments")

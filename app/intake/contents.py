@@ -9,32 +9,32 @@ from pathlib import Path
 
 from app.ffmpeg import VIDEO_SUFFIXES
 from app.intake.import_videos import MASK, MASTER
-from app.intake.models import LARGEST_BYTES, LONGEST_HEADER
+from app.intake.models import FOLDERS, LARGEST_BYTES, LONGEST_HEADER, Kind
 from app.intake.summaries import files_of, is_readable
 
 PLAYABLE = (".mp4", ".webm")  # by browsers, mostly; of other films a preview is made
 SHOWN_PICTURES = (".png", ".jpg", ".jpeg", ".svg", ".webp")
-MODEL_FOLDERS = ("meshes", "clouds")
 MOST_SHOWN = 120  # films, pictures and reports on a page
 MOST_MODELS = 400
+SPLATS = re.compile(rb"property \w+ (f_dc_0|packed_position)\s")
 COUNT = re.compile(rb"element (vertex|face) (\d{1,18})\s")
 
 
 @dataclass(frozen=True)
 class ShownModel:
-    """A mesh or cloud as the page's viewer takes it; `place` is its path in the entry.
+    """A mesh, cloud or splats as the page's viewer takes it; `place` is its path in the entry.
 
     Parameters
     ----------
     dataset : the frame, or another name of what several approaches model
     condition : the approach, or where the file lies
-    kind : "mesh" where the file has triangles, else "cloud"
+    kind : by what the file has: properties of splats, triangles, or points
     """
 
     place: str
     dataset: str
     condition: str
-    kind: str
+    kind: Kind
     n_points: int
     n_faces: int
 
@@ -100,7 +100,8 @@ def _model(place: str, file: Path) -> ShownModel | None:
     if not header.startswith(b"ply") or not counts.get(b"vertex"):
         return None
     *folders, stem = Path(place).with_suffix("").parts
-    where = "/".join(folders[1:] if folders[:1] and folders[0] in MODEL_FOLDERS else folders)
+    where = "/".join(folders[1:] if folders[:1] and folders[0] in FOLDERS.values() else folders)
     dataset, condition = (stem, where) if where else ("all", stem)
     n_faces = counts.get(b"face", 0)
-    return ShownModel(place, dataset, condition, "mesh" if n_faces else "cloud", counts[b"vertex"], n_faces)
+    kind: Kind = "splat" if SPLATS.search(header) else "mesh" if n_faces else "cloud"
+    return ShownModel(place, dataset, condition, kind, counts[b"vertex"], n_faces)

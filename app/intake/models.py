@@ -1,7 +1,8 @@
-"""Check a folder of meshes and point clouds to attach to a study, from `reconstudy models` or of anybody's PLY files.
+"""Check a folder of meshes, clouds and splats to attach to a study, from `reconstudy models` or of anybody's PLY files.
 
-It holds `meshes/DATASET/CONDITION.ply` and `clouds/DATASET/CONDITION.ply`, binary and little endian. Points may have
-colours, normals, and `error`, their signed distance to the truth in mm. The content of a file counts, not its name.
+It holds `meshes/DATASET/CONDITION.ply`, `clouds/DATASET/CONDITION.ply` and `splats/DATASET/CONDITION.ply`, binary and
+little endian. Points may have colours, normals, and `error`, their signed distance to the truth in mm; splats have the
+properties of the original trainer (Kerbl et al. 2023). The content of a file counts, not its name.
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ from numpy.typing import NDArray
 
 from app.files import file_digest
 
-Kind = Literal["mesh", "cloud"]
-FOLDERS: dict[Kind, str] = {"mesh": "meshes", "cloud": "clouds"}
+Kind = Literal["mesh", "cloud", "splat"]
+FOLDERS: dict[Kind, str] = {"mesh": "meshes", "cloud": "clouds", "splat": "splats"}
+SPLAT = {"f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "rot_0", "rot_1", "rot_2", "rot_3"}
 LARGEST_BYTES = 256 * 1024 * 1024  # of a model; a browser holds two
 LONGEST_HEADER = 8192
 LIMIT_SHARE = 95  # percentile of the errors where the colour scale ends, as in the reports
@@ -45,7 +47,7 @@ TRIANGLE = np.dtype([("length", "<u1"), ("corners", "<i4", (3,))])
 
 @dataclass(frozen=True)
 class Model:
-    """A mesh or cloud of a condition in a dataset.
+    """A mesh, cloud or splats of a condition in a dataset.
 
     Parameters
     ----------
@@ -97,6 +99,8 @@ def read_model(path: Path, kind: Kind) -> Model:
         raise ValueError(f"{path}: {error}") from error
     if kind == "mesh" and not len(faces):
         raise ValueError(f"{path}: holds no faces; a cloud belongs into the folder {FOLDERS['cloud']}")
+    if kind == "splat" and (missing := sorted(SPLAT - set(points.dtype.names or ()))):
+        raise ValueError(f"{path}: its points are no splats: they lack {', '.join(missing)}")
     limit = _error_limit(path, points)
     digest = file_digest(path)
     return Model(path, path.parent.name, path.stem, kind, digest, len(points), len(faces), limit)

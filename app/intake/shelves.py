@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from app.errors import ForbiddenError, InvalidError
-from app.intake.summaries import SUMMARIES, is_readable, walk
+from app.intake.summaries import SUMMARIES, TABLES, is_readable, walk
 
 KINDS: tuple[str, ...] = tuple(SUMMARIES)
 PLAIN_NAME = re.compile(r"[^\W_](?:[\w .+-]{0,98}[\w+-])?")  # letters and digits of any script
@@ -25,6 +25,7 @@ LONGEST_NAME = 200  # bytes; leaves room for what is added to it
 SUFFIXES: Mapping[str, tuple[str, ...]] = {  # of entries that are files
     "clouds": (".ply",),
     "measures": (".csv",),
+    "votes": TABLES,
 }
 UNREADABLE = "cannot be read: give the server's user access to it"
 HIDDEN = ".uploads"  # folder of the intake folder for what is on its way in or out

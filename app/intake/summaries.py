@@ -19,9 +19,11 @@ from app.intake.stimuli import MANIFEST
 
 SCENE_FILE = "scene.json"
 RUN_FILE = "run.json"
-PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".pnm", ".exr")
+TABLES = (".csv", ".tsv", ".csv.gz", ".tsv.gz", ".xlsx", ".json", ".jsonl", ".ndjson", ".parquet")
 LONGEST_NAME = 100  # letters
-MODELS = (".ply", ".obj", ".glb", ".gltf", ".spz", ".splat", ".ksplat", ".sog")
+SCANS = (".pcd", ".las", ".laz", ".e57")
+MODELS = (".ply", ".obj", ".glb", ".gltf", ".stl", ".off", *SCANS, ".spz", ".splat", ".ksplat", ".sog")
 
 
 def files_of(path: Path) -> list[Path]:
@@ -115,6 +117,11 @@ def measures_summary(path: Path) -> str:
         return "not readable as a table in UTF-8"
 
 
+def votes_summary(path: Path) -> str:
+    """Say that a table is one; what its columns are is said where it is read."""
+    return f"table of votes or ratings, {path.stat().st_size / 1024:.0f} kB"
+
+
 def run_summary(folder: Path) -> str:
     """Say what a job made: a reconstruction, a stimulus set, a report, or files."""
     kinds: tuple[tuple[str, Callable[[dict[str, Any]], str]], ...] = (
@@ -148,6 +155,7 @@ SUMMARIES: Mapping[str, Callable[[Path], str]] = {
     "films": films_summary,
     "clouds": clouds_summary,
     "measures": measures_summary,
+    "votes": votes_summary,
     "runs": run_summary,
 }
 

@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 
 from app.errors import InvalidError, UnavailableError
 from app.intake.captures import CameraPictures
-from app.intake.strokes import STROKES_FILE
+from app.intake.strokes import STROKES_FILE, read_strokes
 from app.operations.extras import has_extra, install_command
 from app.operations.jobs.command import needed_environment
 
@@ -39,6 +39,11 @@ def try_strokes(folder: Path, camera: CameraPictures, frame: int) -> bytes:
     UnavailableError
         If the server cannot do it, or does it for others now.
     """
+    place = (camera.sensor, camera.side, frame)
+    if place not in {(stroke.sensor, stroke.side, stroke.frame) for stroke in read_strokes(folder)}:
+        raise InvalidError(
+            "There is no mask: nothing is drawn on this frame. Draw on the object, and a line around it."
+        )
     if not has_extra("recon"):
         raise UnavailableError(
             "Masks cannot be tried on this server, which has no reconstruction backend. The strokes are kept, and a "

@@ -34,6 +34,7 @@ from app.store.studies.audit import Actor, Entry, record_alone
 TELLS_EVERY_S = 0.5
 BEATS_EVERY_S = BEATS_WITHIN.total_seconds() / 4
 KIND = "kind"  # names the kind of a task that can be taken up again, among what it keeps
+BACK = "back"  # names the page to go back to, should it fail
 CANCELLED = "It was cancelled. What was finished is kept, and used when it is started again."
 
 Kept = Mapping[str, Any]
@@ -86,7 +87,7 @@ def resume_tasks(
         assert lost.work is not None, "a task of a kind keeps it"
         function = works[str(lost.work[KIND])]
         actor = Actor(0, lost.actor, now)
-        log.warning("%s is taken up again: its server was stopped", lost.title)
+        log.warning("%s is taken up: its server was stopped, or a job has left it", lost.title)
         _start(database, actor, lost.title, lost.public_id, lambda tell, f=function, t=lost: f(t, tell))  # type: ignore[misc]
         titles.append(lost.title)
     return titles

@@ -245,10 +245,27 @@ def tell_progress(database: Database, name: str, public_id: str, progress: JobPr
     _change(database, name, public_id, vars(progress) | {"step": progress.step[:LONGEST_STEP]})
 
 
-def end_job(database: Database, name: str, public_id: str, state: JobState, detail: str, now: datetime) -> None:
-    """Store how a worker's job ended; a job that was taken from the worker stays as it is."""
-    values = {"state": state, "detail": detail[:LONGEST_DETAIL], "ended_at": now, "is_cancelling": False}
-    _change(database, name, public_id, values)
+def end_job(
+    database: Database,
+    name: str,
+    public_id: str,
+    state: JobState,
+    detail: str,
+    now: datetime,
+    also: Callable[[Connection], str] = lambda _connection: "",
+) -> None:
+    """Store how a worker's job ended; a job that was taken from the worker stays as it is.
+
+    Parameters
+    ----------
+    also : what is done in the same transaction; it returns more of the detail
+    """
+    its = update(queued_job).where(queued_job.c.public_id == public_id, _runs_by(name))
+    ended = {"state": state, "detail": detail[:LONGEST_DETAIL], "ended_at": now, "is_cancelling": False}
+    with database.writing() as connection:
+        if connection.execute(its.values(**ended)).rowcount and (more := also(connection)):
+            this = update(queued_job).where(queued_job.c.public_id == public_id)
+            connection.execute(this.values(detail=f"{detail} {more}".strip()[:LONGEST_DETAIL]))
 
 
 def beat(database: Database, me: Worker, now: datetime) -> None:

@@ -79,6 +79,7 @@ class Setting:
     choices : of a choice, or of several: what they mean, by value
     step : of a number; "any": any number
     expected : what a refusal expects; empty: as type and bounds tell
+    is_basic : does nearly every study set it? The form shows it first, and the others folded
     name : key in the study file, within [options]; of a table of options "table.key"
     low, high : of a number
     longest : most characters of a text
@@ -93,6 +94,7 @@ class Setting:
     choices: Mapping[str, str] = field(default_factory=dict)
     step: str = ""
     expected: str = ""
+    is_basic: bool = False
     name: str = ""
     low: float | None = None
     high: float | None = None

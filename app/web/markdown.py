@@ -1,9 +1,9 @@
-"""Render the Markdown of a study's own texts as safe HTML: no raw HTML, no scripts, nothing loaded from elsewhere."""
+"""Render Markdown as safe HTML, of a study's texts and of the manual: no raw HTML, nothing loaded from elsewhere."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import Any
 
 from markdown_it import MarkdownIt
@@ -35,6 +35,25 @@ def render_markdown(text: str, images: Mapping[str, str] | None = None) -> Marku
     return Markup(parser.render(text, {"images": images or {}}))
 
 
+def render_manual(text: str, pages: Container[str]) -> Markup:
+    """Render a page of the manual; links to pages that are not `pages` leave their words.
+
+    Its headings have the names that the documentation's other home gives them, so that links to them work here, too.
+    """
+    parser = MarkdownIt("commonmark", {"html": False}).enable("table")
+    parser.add_render_rule("link_open", _open_manual_link)
+    parser.add_render_rule("heading_open", _named_heading)
+    parser.add_render_rule("image", _manual_image)
+    parser.add_render_rule("table_open", lambda *_: '<div class="scroll" tabindex="0" role="group"><table>')
+    parser.add_render_rule("table_close", lambda *_: "</table></div>")
+    return Markup(parser.render(text, {"pages": pages}))
+
+
+def heading_name(heading: str) -> str:
+    """Return the name by which links lead to a heading of the manual."""
+    return re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", heading.lower()).strip())
+
+
 def with_code(sentence: str) -> Markup:
     """Render a sentence of ours whose `commands` stand in backticks; anything else is shown as it is written."""
     return Markup(COMMAND.sub(r"<code>\1</code>", str(escape(sentence))))
@@ -59,6 +78,34 @@ def _smaller_heading(self: RendererHTML, tokens: Sequence[Token], index: int, op
     token = tokens[index]
     token.tag = f"h{min(int(token.tag[1]) + 1, SMALLEST_HEADING)}"
     return self.renderToken(tokens, index, options, env)
+
+
+def _open_manual_link(self: RendererHTML, tokens: Sequence[Token], index: int, options: Any, env: Any) -> str:
+    token = tokens[index]
+    page, hash_sign, place = str(token.attrGet("href")).partition("#")
+    name = page.removesuffix(".md")
+    if OUTWARD.match(page):
+        token.attrSet("target", "_blank")
+        token.attrSet("rel", "noopener noreferrer")
+    elif not page or (page.endswith(".md") and name in env["pages"]):
+        token.attrSet("href", f"{f'/admin/manual/{name}' if page else ''}{hash_sign}{place}")
+    else:
+        token.attrs.pop("href")  # a page of the documentation that the server does not have
+    return self.renderToken(tokens, index, options, env)
+
+
+def _named_heading(self: RendererHTML, tokens: Sequence[Token], index: int, options: Any, env: Any) -> str:
+    words = self.renderInlineAsText(tokens[index + 1].children or [], options, env)
+    tokens[index].attrSet("id", heading_name(words))
+    return self.renderToken(tokens, index, options, env)
+
+
+def _manual_image(self: RendererHTML, tokens: Sequence[Token], index: int, options: Any, env: Any) -> str:
+    token = tokens[index]
+    description = self.renderInlineAsText(token.children, options, env)
+    if not (source := re.fullmatch(r"pictures/([\w.-]+)", str(token.attrGet("src")))):
+        return str(Markup.escape(description))
+    return str(Markup('<img src="/admin/manual/pictures/{}" alt="{}" loading="lazy">').format(source[1], description))
 
 
 def _image(self: RendererHTML, tokens: Sequence[Token], index: int, options: Any, env: Any) -> str:

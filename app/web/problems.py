@@ -14,6 +14,7 @@ from fastapi.responses import JSONResponse, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
+from starlette.routing import Match
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.errors import ClosedError, StudyError, TooManyError, UnavailableError
@@ -38,6 +39,7 @@ PROGRAMS = (
 )  # prefixes of addresses that programs read
 FULL = (errno.ENOSPC, errno.EDQUOT)
 NOWHERE = (404, 410)  # forged ids, and invitations that are used up
+METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE")
 SECRET = ("form_token", "current", "password", "again")
 NOT_SHOWN = (*SECRET, "seen")  # fields that hold secrets, or that nobody typed
 FEWEST_TYPED = 20  # characters; shorter texts are soon typed again
@@ -55,7 +57,6 @@ HEADINGS = {  # of pages, for people; programs get the phrases of HTTP
 }
 SENTENCES = {
     404: "There is nothing at this address.",
-    405: "This address does not take that method.",
     413: "The request is too large.",
     507: "The server's disk is full. What came before is kept; an administrator has to make room, then repeat this.",
     500: "Something went wrong here. Nothing that was acknowledged is lost; please try again.",
@@ -135,8 +136,22 @@ def _refusal(request: Request, error: StudyError, typed: Typed) -> Response:
 
 async def _http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    sentence = SENTENCES.get(error.status_code, str(error.detail))
-    return await run_in_threadpool(_answer, request, error.status_code, sentence, error.headers)
+    sentence, headers = SENTENCES.get(error.status_code, str(error.detail)), dict(error.headers or {})
+    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+        allowed = _allowed(request)
+        headers["Allow"] = ", ".join(allowed)  # RFC 9110, 15.5.6; the framework names those of one route
+        sentence = f"This address does not take {request.method}; it takes {' and '.join(allowed)}."
+    return await run_in_threadpool(_answer, request, error.status_code, sentence, headers)
+
+
+def _allowed(request: Request) -> list[str]:
+    """Return the methods that some route at a request's address takes."""
+    routes = request.app.router.routes
+    return [
+        method
+        for method in METHODS
+        if any(route.matches({**request.scope, "method": method})[0] == Match.FULL for route in routes)
+    ]
 
 
 async def _validation_error(request: Request, error: Exception) -> Response:

@@ -17,11 +17,10 @@ from app.store.access.experimenters import SESSION_LASTS, Experimenter, Role, is
 from app.store.access.tokens import SCOPES_OF_ROLE, token_by_secret
 from app.store.studies.audit import STRANGER, Actor, Entry, record_alone
 from app.store.studies.studies import Study, study_by_slug
-from app.web.gates import address, bearer, cookie, database, now, set_cookie, settings, throttle
+from app.web.gates import UPLOAD_PATH, address, bearer, cookie, database, now, set_cookie, settings, throttle
 from app.web.limits.throttle import WRONG_TOKENS
 
 EXPERIMENTER_COOKIE = "experimenter"
-UPLOAD_PATH = re.compile(r"/admin/((stimuli|studies/[a-z0-9-]+)/upload|files/upload/[0-9a-f]{32})")
 DATA_PATHS = "/api/v1/"  # whole tables and archives
 NOT_SIGNED_IN = "You are not signed in. Use your password, or a sign-in link as `reconstudy admin add NAME` prints it."
 NO_TOKEN = (

@@ -17,8 +17,9 @@ from app.study.options.study_file import LONGEST_FILE
 from app.study.questions.questionnaire import LONGEST_ANSWER, LONGEST_QUESTION, MOST_QUESTIONS, MOST_SPOKEN_QUESTIONS
 from app.study.stages import INTERVIEW
 from app.study.trial.image import LARGEST_IMAGE
+from app.web.gates import UPLOAD_PATH
 from app.web.problems import problem
-from app.web.roles import UPLOAD_PATH, set_experimenter_cookie
+from app.web.roles import set_experimenter_cookie
 
 POLICY = (
     "default-src 'self'",
@@ -52,6 +53,8 @@ LONG_TEXTS = (  # addresses that take more, and how many characters; a note incl
     (re.compile(r"/admin/studies/[a-z0-9-]+/edit/file"), LONGEST_FILE),
     (re.compile(r"/admin/studies/[a-z0-9-]+/texts"), 5 * LONGEST_TEXT),  # two documents, and all of a language pack
     (re.compile(r"/admin/studies/[a-z0-9-]+/texts/images"), LARGEST_IMAGE // LARGEST_LETTER),
+    (re.compile(r"/api/v1/studies/[a-z0-9-]+/images/[^/]+"), LARGEST_IMAGE // LARGEST_LETTER),
+    (re.compile(r"/api/v1/studies/[a-z0-9-]+(/texts/[^/]+)?"), 5 * LONGEST_TEXT),
 )
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from playing.bars import both_strips, difference, goes_back
-from playing.firefox import Firefox
 from playing.in_chromium import TALL
 from playing.study import Study, dropped, last_viewing, summary
+from tests.browser.remote_browsers import Firefox
 
 PAUSE_S = 0.07  # between presses, besides what the protocol takes
 MOST_SHOTS = 80  # a picture of the tall window takes half a second

@@ -6,11 +6,8 @@ All that follows depth maps works on disparities, so given depth becomes the dis
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
-from contextlib import redirect_stdout
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -28,10 +25,11 @@ from recon.capture.rectify import (
     viewing_directions,
 )
 from recon.geometry.rig import Camera
+from recon.runtime.exr import exr_channels
 from recon.runtime.npy import read_npy
+from recon.runtime.pfm import read_pfm
 from recon.runtime.remote import fetched
 
-EXR_HEADER, EXR_LONGEST_LIST = 65536, 18432  # bytes; the list of a thousand channels
 EXR_CHANNELS = ("Z", "depth", "V", "Y", "R")  # in use for depth, alone or after a layer's name, the clearest first
 
 
@@ -98,7 +96,7 @@ def read_depth_map(folder: Path, stream: SensorStream, frame: int) -> NDArray[np
 
 
 def read_depth_values(path: Path) -> NDArray[np.float32]:
-    """Read the values of a PNG, EXR or NPY file, float32 (H, W), NaN where nothing was measured.
+    """Read the values of a PNG, EXR, NPY or PFM file, float32 (H, W), NaN where nothing was measured.
 
     A CaptureError says that the file is missing, unreadable or not a single channel of numbers.
     """
@@ -147,40 +145,31 @@ def _read_png(path: Path) -> NDArray[np.generic]:
     return values
 
 
-def _read_npy(path: Path) -> NDArray[np.generic]:
+def _read_array(path: Path) -> NDArray[np.generic]:
     try:
-        return read_npy(path)
+        return read_pfm(path) if path.suffix.lower() == ".pfm" else read_npy(path)
     except ValueError as error:
         raise CaptureError(str(error)) from error
 
 
 def _read_exr(path: Path) -> NDArray[np.generic]:
-    import OpenEXR
-
-    _check_channels(path)
     try:
-        # its warnings about damaged files go to standard output, where --json prints the result
-        with redirect_stdout(sys.stderr), OpenEXR.File(str(path), separate_channels=True) as file:
-            channels: dict[str, Any] = {name: channel.pixels for name, channel in file.channels().items()}
-    except (RuntimeError, ValueError, TypeError) as error:
-        raise CaptureError(f"{path}: is not readable as EXR: {error}") from error
+        channels = exr_channels(path)
+    except ValueError as error:
+        raise CaptureError(str(error)) from error
     for wanted in EXR_CHANNELS:
         for name, pixels in channels.items():
             if name.lower().split(".")[-1] == wanted.lower():
-                return np.asarray(pixels)
+                return pixels
     if len(channels) != 1:
         names = ", ".join(channels) or "none"
         raise CaptureError(f"{path}: holds the channels {names}, expected {', '.join(EXR_CHANNELS)} or only one")
-    return np.asarray(next(iter(channels.values())))
+    return next(iter(channels.values()))
 
 
-def _check_channels(path: Path) -> None:
-    """Refuse an EXR file whose header lists more channels than any camera writes: each takes time and memory."""
-    with path.open("rb") as file:
-        _, name, rest = file.read(EXR_HEADER).partition(b"channels\0chlist\0")
-    n_bytes = int.from_bytes(rest[:4], "little")
-    if name and n_bytes > EXR_LONGEST_LIST:
-        raise CaptureError(f"{path}: lists channels in {n_bytes} bytes, expected {EXR_LONGEST_LIST} at most")
-
-
-READERS: dict[str, Callable[[Path], NDArray[np.generic]]] = {".png": _read_png, ".npy": _read_npy, ".exr": _read_exr}
+READERS: dict[str, Callable[[Path], NDArray[np.generic]]] = {
+    ".png": _read_png,
+    ".npy": _read_array,
+    ".exr": _read_exr,
+    ".pfm": _read_array,
+}

@@ -27,6 +27,7 @@ __all__ = [
     "SensorStream",
     "depth_path",
     "expected_pictures",
+    "foreground",
     "frame_pictures",
     "image_path",
     "mask_pictures",
@@ -209,7 +210,12 @@ def read_picture(picture: Picture) -> NDArray[np.uint8]:
 
 def read_mask(picture: Picture) -> NDArray[np.bool_]:
     """Read a foreground mask, bool (H, W), as `read_picture` does."""
-    return np.asarray(read_picture(picture)[..., 1] >= HALF_BRIGHT)
+    return foreground(read_picture(picture))
+
+
+def foreground(pixels: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Return where a mask's image, uint8 (H, W, 3), is at least half bright, bool (H, W)."""
+    return np.asarray(pixels[..., 1] >= HALF_BRIGHT)
 
 
 def _picture(folder: Path, pattern: str, frame: int, camera: Camera) -> Picture:

@@ -7,17 +7,24 @@ import sys
 from functools import lru_cache
 from pathlib import Path
 from threading import Lock
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.geometry.srgb import srgb_bytes
+from recon.runtime.exr import exr_channels
 from recon.runtime.files import write_bytes
 
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")  # of a capture's pictures
+TIFF_SUFFIXES = (".tif", ".tiff")  # of 16 bits, OpenCV 5.0 turns to noise what it shall give as RGB
+PICTURE_SUFFIXES = (*IMAGE_SUFFIXES, ".bmp", *TIFF_SUFFIXES, ".pgm", ".ppm", ".pnm", ".exr")  # that are imported
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v")
 SPENT = sys.maxsize  # a decoder's next frame after a failure: every later call starts again
 MAX_OPEN_VIDEOS = 64  # decoders kept open per process: 32 sensors
+Pixels = NDArray[np.unsignedinteger[Any]]  # uint8 or uint16
+JPEG_START = b"\xff\xd8"
 JPEG_END = b"\xff\xd9"  # OpenCV fills what is missing of a cut-off JPEG with grey
 JPEG_SCAN = b"\xff\xda"
 SENSOR_BITS = 12  # that cameras give; some programs write them into the lower bits of 16
@@ -33,18 +40,43 @@ def is_video(path: str | Path) -> bool:
 
 
 def read_image(path: Path) -> NDArray[np.uint8]:
-    """Read a PNG or JPEG as RGB uint8 (H, W, 3), as the camera stored it: an EXIF orientation is not applied.
+    """Read a picture as RGB uint8 (H, W, 3), as the camera stored it: an EXIF orientation is not applied.
 
     Of 16 bits, the upper 8 are taken.
 
     A CaptureError says that the file is missing, is not an image, or is cut off; or that it has 16 bits with values of
     12 or fewer, of which the upper 8 show next to nothing.
     """
-    pixels = _decoded(path, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+    pixels = read_deep_image(path)
     if pixels.dtype == np.uint16:
         _check_upper_bits(path, pixels)
-        pixels = pixels >> 8
-    return np.asarray(pixels, np.uint8)
+    return np.asarray(pixels >> 8 if pixels.dtype == np.uint16 else pixels, np.uint8)
+
+
+def read_deep_image(path: Path) -> Pixels:
+    """Read a picture as RGB (H, W, 3) with the depth that it has, uint8 or uint16; the light of an EXR becomes sRGB.
+
+    A CaptureError says that the file is missing, is not a picture, or is cut off.
+    """
+    if path.suffix.lower() == ".exr":
+        return srgb_bytes(_light(path))
+    flags = cv2.IMREAD_COLOR if path.suffix.lower() in TIFF_SUFFIXES else cv2.IMREAD_COLOR_RGB
+    pixels: Pixels = np.asarray(_decoded(path, flags | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION))
+    if pixels.dtype not in (np.uint8, np.uint16):
+        raise CaptureError(f"{path}: holds {pixels.dtype}, expected whole numbers of 8 or 16 bits; or write it as EXR")
+    return pixels if flags == cv2.IMREAD_COLOR_RGB else np.ascontiguousarray(pixels[..., ::-1])
+
+
+def _light(path: Path) -> NDArray[np.floating]:
+    """Return the linear light (H, W, 3) of an EXR picture, whose channels may belong to a layer."""
+    try:
+        channels = {name.split(".")[-1].upper(): values for name, values in exr_channels(path).items()}
+    except (ValueError, OSError) as error:
+        raise CaptureError(str(error)) from error
+    chosen = [channels.get(name, channels.get("Y")) for name in "RGB"]
+    if any(values is None or values.dtype.kind != "f" for values in chosen):
+        raise CaptureError(f"{path}: holds the channels {', '.join(channels)}, expected light in R, G, B or Y")
+    return np.stack([np.nan_to_num(np.asarray(values, np.float32)) for values in chosen], axis=-1)
 
 
 def read_stored_image(path: Path) -> NDArray[np.generic]:
@@ -56,8 +88,8 @@ def read_stored_image(path: Path) -> NDArray[np.generic]:
     return np.ascontiguousarray(pixels if pixels.ndim == 2 else pixels[..., 2::-1])
 
 
-def write_picture(path: Path, picture: NDArray[np.uint8]) -> bytes:
-    """Write a picture, uint8 (H, W, 3) RGB or (H, W), as PNG or JPEG by its suffix, whole or not at all.
+def write_picture(path: Path, picture: Pixels) -> bytes:
+    """Write a picture, (H, W, 3) RGB or (H, W), as PNG or JPEG by its suffix, whole or not at all; 16 bits as PNG.
 
     Returns the file's bytes: a report's page holds them, too.
     """
@@ -153,13 +185,13 @@ def _check_upper_bits(path: Path, pixels: NDArray[np.integer]) -> None:
         )
 
 
-def _decoded(path: Path, flags: int) -> NDArray[np.integer]:
+def _decoded(path: Path, flags: int) -> NDArray[Any]:
     try:
         pixels = cv2.imdecode(_image_bytes(path), flags)
     except cv2.error as error:  # more pixels than OpenCV takes
         raise CaptureError(f"{path}: is not readable as an image: {error.err}") from error
     if pixels is None:
-        raise CaptureError(f"{path}: is not readable as an image (PNG or JPEG expected)")
+        raise CaptureError(f"{path}: is not readable as an image (expected {', '.join(PICTURE_SUFFIXES)})")
     return np.asarray(pixels)
 
 
@@ -170,7 +202,7 @@ def _image_bytes(path: Path) -> NDArray[np.uint8]:
         raise CaptureError(f"{path}: there is no such image") from error
     except OSError as error:
         raise CaptureError(f"{path}: cannot be read: {error.strerror}") from error
-    if path.suffix.lower() in (".jpg", ".jpeg") and is_cut_jpeg(content):
+    if content.startswith(JPEG_START) and is_cut_jpeg(content):
         raise CaptureError(f"{path}: is cut off after {len(content)} bytes, before the end of its JPEG data")
     if not content:
         raise CaptureError(f"{path}: is empty")

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from recon.capture.images import (
-    IMAGE_SUFFIXES,
+    PICTURE_SUFFIXES,
     VIDEO_SUFFIXES,
     CaptureError,
     is_video,
-    read_image,
+    read_deep_image,
     read_video_frame,
     video_times,
 )
@@ -51,7 +51,7 @@ class Pictures:
     def size(self) -> tuple[int, int]:
         """(width, height) of the first picture."""
         first = self.files[0]
-        height, width = (read_video_frame(first, 0) if self.is_video else read_image(first)).shape[:2]
+        height, width = (read_video_frame(first, 0) if self.is_video else read_deep_image(first)).shape[:2]
         return width, height
 
 
@@ -70,7 +70,7 @@ def find_pictures(base: Path, *, instead_of: Path | None = None) -> Pictures:
     CaptureError
         If there is none of them, or more than one.
     """
-    recordings = recordings_named(base, (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES))
+    recordings = recordings_named(base, (*PICTURE_SUFFIXES, *VIDEO_SUFFIXES))
     if len(recordings) > 1:
         recordings = [path for path in recordings if path != instead_of]
     if len(recordings) != 1:
@@ -94,7 +94,7 @@ def recordings_named(base: Path, suffixes: Collection[str]) -> list[Path]:
 
 def images_in(folder: Path) -> list[Path]:
     """Return the images of a folder, without files that the system hides, such as those of macOS for its own use."""
-    images = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+    images = (path for path in folder.iterdir() if path.suffix.lower() in PICTURE_SUFFIXES)
     return sorted((path for path in images if not path.name.startswith(".")), key=_by_number)
 
 
@@ -131,9 +131,9 @@ def _in_folder(folder: Path) -> Pictures:
     images = images_in(folder)
     frames = tuple(path for path in images if path.stem != PLATE_STEM)
     if not frames:
-        raise CaptureError(f"{folder}: holds no images ({', '.join(IMAGE_SUFFIXES)})")
-    if len({path.suffix for path in frames}) > 1:
-        raise CaptureError(f"{folder}: holds images of several formats, expected one")
+        raise CaptureError(f"{folder}: holds no images ({', '.join(PICTURE_SUFFIXES)})")
+    if len(kinds := {path.suffix for path in frames}) > 1:
+        raise CaptureError(f"{folder}: holds images of several formats, {', '.join(sorted(kinds))}, expected one")
     plate = next((path for path in images if path.stem == PLATE_STEM), None)
     return Pictures(frames, plate, is_folder=True)
 

@@ -27,6 +27,7 @@ from recon.runtime.files import check_safe_name
 GIVEN = "given"  # the depth method that takes the depth maps of the capture
 SIDES = ("left", "right")
 DEPTH_SUFFIXES = (".png", ".exr", ".npy")
+MASK = "{sensor}/mask/{side}/{{frame:04d}}.png"  # where masks are written
 STAND_IN_MM = 1.0  # from a camera with depth maps to the second one that stands in where only places matter
 FRAME_FIELD = re.compile(r"\{frame(:0\d+d)?\}")
 

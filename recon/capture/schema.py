@@ -28,6 +28,7 @@ from recon.capture.recording import (
     Size,
     check_bounds,
 )
+from recon.geometry.lens_names import NAME_KEYS, PERSPECTIVE, plain_name
 from recon.geometry.rig import Camera
 
 SCHEMA_VERSION = 1
@@ -50,6 +51,16 @@ def _corners(value: list[list[float]]) -> list[list[float]]:
     return value
 
 
+def _perspective(model: str | None) -> str | None:
+    """Refuse the name of a lens that `dist` cannot describe."""
+    if model is None or plain_name(model) in PERSPECTIVE:
+        return model
+    raise ValueError(
+        f"is {model}, which the numbers of a capture, OpenCV's perspective ones, do not mean; import the recording by "
+        "`capture import json`, which undistorts fisheyes, or undistort the pictures"
+    )
+
+
 Image = Annotated[str, Field(min_length=1), Expected("a text")]
 Row3 = Annotated[list[float], Field(min_length=3, max_length=3)]
 Row4 = Annotated[list[float], Field(min_length=4, max_length=4)]
@@ -69,6 +80,11 @@ class Calibration(FilePart):
         Field(description="its distortion: OpenCV's k1, k2, p1, p2, k3, ...; empty for none"),
         Expected("a list of numbers", is_whole=True),
     ] = Field(default_factory=list)
+    distortion_model: Annotated[
+        str | None,
+        AfterValidator(_perspective),
+        Field(description="its name: plumb_bob, rational_polynomial or another of OpenCV's perspective ones"),
+    ] = None
     size: Annotated[Size, Field(description="of the picture")]
     cam_from_world: Annotated[
         list[Row4],
@@ -216,7 +232,7 @@ def parse_capture(path: Path, content: Mapping[str, Any]) -> Draft:
     try:
         known = CaptureContent.model_validate(content)
     except ValidationError as error:
-        faults = faults_of(error, CaptureContent, content)
+        faults = [_lens_named_elsewhere(content, fault) for fault in faults_of(error, CaptureContent, content)]
         unknown = sorted((fault for fault in faults if fault.is_unknown), key=lambda fault: len(fault.place))
         if wrong := [fault for fault in faults if not fault.is_unknown]:
             return _sound_parts(path, content, wrong, unknown)
@@ -235,6 +251,20 @@ def parse_capture(path: Path, content: Mapping[str, Any]) -> Draft:
     return Draft(
         capture, known.n_frames, bounds, cameras, sensors, held_out, problems, _ignored(path, content, unknown)
     )
+
+
+def _lens_named_elsewhere(content: Mapping[str, Any], fault: Fault) -> Fault:
+    """Return the fault, as one that counts where an unknown key names a lens that a capture's numbers do not mean."""
+    if not fault.is_unknown or fault.place[-1] not in NAME_KEYS:
+        return fault
+    value: Any = content
+    for part in fault.place:
+        value = value[part]
+    try:
+        _perspective(str(value))
+    except ValueError as error:
+        return Fault(fault.place, str(error))
+    return fault
 
 
 def _sound_parts(path: Path, content: Mapping[str, Any], wrong: Sequence[Fault], unknown: Sequence[Fault]) -> Draft:

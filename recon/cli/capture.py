@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import typer
 
 from recon.cli.commands.recordings import (
-    TEMPLE_PAIRS,
     CaptureBoard,
     CaptureCalibrate,
     CaptureCheck,
@@ -22,21 +21,19 @@ from recon.cli.commands.recordings import (
 from recon.cli.console import ProgressLine, counted, print_result
 from recon.cli.flags import with_settings
 from recon.cli.kernels import STUDIO, tell_of_compiling
-from recon.cli.options import parse_bounds, parse_frames, parse_late, parse_pairs, parse_position, parse_size, telling
+from recon.cli.options import (
+    parse_bounds,
+    parse_by_sensor,
+    parse_frames,
+    parse_pairs,
+    parse_position,
+    parse_size,
+)
 
 if TYPE_CHECKING:
     from recon.capture.checking.check import CheckReport
 
 app = typer.Typer(no_args_is_help=True, help="Make, import, export, calibrate, segment and check recordings.")
-
-IMPORTED = {  # formats, and the options that not all of them take
-    "middlebury": ("pairs",),
-    "opencv": ("units", "up"),
-    "colmap": ("pairs", "units", "up"),
-    "nerfstudio": ("pairs", "units", "up"),
-    "meshroom": ("pairs", "units", "up"),
-    "json": ("units", "up", "shots"),
-}
 
 
 @app.command("synth")
@@ -56,11 +53,19 @@ def capture_synth(asked: CaptureSynth, *, as_json: bool) -> None:
         seed=asked.seed,
         fps=asked.fps,
         position=parse_position(asked.position),
-        late=parse_late(asked.late or ()),
+        late=parse_by_sensor(asked.late or (), "--late", "FRAMES"),
         exposure_spread=asked.exposure_spread,
         calibration_error_px=asked.calibration_error,
         distortion=asked.distortion,
         depth_maps=asked.depth_maps,
+        shutter_ms=asked.shutter,
+        rolling_shutter=asked.rolling_shutter,
+        colour_cast=asked.colour_cast,
+        vignetting=asked.vignetting,
+        flicker=asked.flicker,
+        compression=asked.compression,
+        defocus=parse_by_sensor(asked.defocus or (), "--defocus", "PIXELS"),
+        gloss=asked.gloss,
     )
     capture = synthesise(asked.out, parameters, progress=progress)
     progress.close()
@@ -94,39 +99,35 @@ def capture_truth(asked: CaptureTruth, *, as_json: bool) -> None:
 def capture_import(asked: CaptureImport, *, as_json: bool) -> None:
     """Import a real recording into the capture format, and print the check of it; `capture check` tells its verdict."""
     from recon.capture.checking.check import check_capture
-    from recon.capture.importing.colmap import import_colmap
-    from recon.capture.importing.json_file import import_json
-    from recon.capture.importing.meshroom import import_meshroom
-    from recon.capture.importing.middlebury import FPS, import_middlebury
-    from recon.capture.importing.nerfstudio import import_nerfstudio
-    from recon.capture.importing.opencv import import_opencv
-    from recon.capture.importing.sources import GapWarning, ImportOptions, parse_unit
+    from recon.capture.importing.formats import AUTO, FORMATS, find_format, import_recording
+    from recon.capture.importing.sources import ImportOptions, parse_unit
 
-    kind, source, out, pairs = asked.format, asked.source, asked.out, asked.pairs
-    if kind not in IMPORTED:
-        raise typer.BadParameter(f"{kind!r} is not a format that can be imported; expected {', '.join(IMPORTED)}")
+    kind, source, out = asked.format, asked.source, asked.out
+    if kind not in (AUTO, *FORMATS):
+        raise typer.BadParameter(
+            f"{kind!r} is not a format that can be imported; expected {', '.join((AUTO, *FORMATS))}"
+        )
+    kind = find_format(source) if kind == AUTO else kind
     for option in ("pairs", "units", "up", "shots"):
         value = getattr(asked, option)
         is_so_anyway = kind == "middlebury" and (option, value) in (("units", "m"), ("up", "y"))
-        if value is not None and option not in IMPORTED[kind] and not is_so_anyway:
+        if value is not None and option not in FORMATS[kind].takes and not is_so_anyway:
             raise typer.BadParameter(f"{kind} takes no --{option}; leave it out")
-    box, unit = parse_bounds(asked.bounds), parse_unit(asked.units) if asked.units else None
-    name, n_frames, fps = asked.name, asked.frames, asked.fps
-    options = ImportOptions(name=name, n_frames=n_frames, bounds=box, unit_mm=unit, fps=fps, up=asked.up)
-    with telling(GapWarning):
-        if kind == "middlebury":
-            views = parse_pairs(pairs or TEMPLE_PAIRS)
-            import_middlebury(source, out, pairs=views, n_frames=n_frames or 3, bounds=box, name=name, fps=fps or FPS)
-        elif kind == "opencv":
-            import_opencv(source, out, options)
-        elif kind in ("colmap", "nerfstudio", "meshroom"):
-            importers = {"colmap": import_colmap, "nerfstudio": import_nerfstudio, "meshroom": import_meshroom}
-            importers[kind](source, out, parse_pairs(pairs) if pairs else None, options)
-        else:
-            names = tuple(shot.strip() for shot in asked.shots.split(",")) if asked.shots else None
-            import_json(source, out, options, shots=names)
+    options = ImportOptions(
+        name=asked.name,
+        n_frames=asked.frames,
+        bounds=parse_bounds(asked.bounds),
+        unit_mm=parse_unit(asked.units) if asked.units else None,
+        fps=asked.fps,
+        up=asked.up,
+        pairs=parse_pairs(asked.pairs) if asked.pairs else None,
+        shots=tuple(shot.strip() for shot in asked.shots.split(",")) if asked.shots else None,
+    )
+    import_recording(kind, source, out, options)
     report = check_capture(out)
-    print_result({"capture": str(out), **report.as_json()}, _check_sentences(out, report), as_json=as_json)
+    print_result(
+        {"capture": str(out), "format": kind, **report.as_json()}, _check_sentences(out, report), as_json=as_json
+    )
 
 
 @app.command("export")
@@ -223,11 +224,40 @@ def capture_check(asked: CaptureCheck, *, as_json: bool) -> None:
 
     if asked.report is not None:
         check_place(asked.report)
+    if (asked.resample or asked.correct) is not (asked.out is not None):
+        raise typer.BadParameter(
+            "--resample or --correct, and --out belong together: what to put right, and the folder to make"
+        )
     report = check_capture(asked.capture)
     written = "" if asked.report is None else f"\nReport: {write_check(report, asked.report)}"
-    print_result(report.as_json(), _check_sentences(asked.capture, report) + written, as_json=as_json)
+    result, sentences = report.as_json(), _check_sentences(asked.capture, report) + written
+    if asked.out is not None:
+        report = _mended(asked, report, asked.out)
+        result |= {"mended": report.as_json()}
+        sentences += f"\nWrote it anew, and checked that:\n{_check_sentences(asked.out, report)}"
+    print_result(result, sentences, as_json=as_json)
     if report.problems:
         raise typer.Exit(1)
+
+
+def _mended(asked: CaptureCheck, report: CheckReport, out: Path) -> CheckReport:
+    """Write a recording anew with what was asked for put right, and check it."""
+    from recon.capture.checking.check import check_capture
+    from recon.capture.format import read_capture
+    from recon.capture.mending.calibration import corrected
+    from recon.capture.mending.files import copied
+    from recon.capture.mending.resample import resample
+
+    capture = read_capture(asked.capture)
+    if asked.correct:
+        capture = corrected(capture, report.corrections)
+    if asked.resample:
+        progress = ProgressLine()
+        resample(capture, report.lags, out, progress=progress)
+        progress.close()
+    else:
+        copied(capture, out)
+    return check_capture(out)
 
 
 def _check_sentences(folder: Path, report: CheckReport) -> str:

@@ -14,7 +14,8 @@ from pydantic.fields import FieldInfo
 from ground.file_models import faults_of
 from recon.cli.commands.setting import Command, Setting, bounds, settings_of
 from recon.cli.console import JsonOption
-from recon.cli.options import parse_place
+from recon.cli.options import parse_place, telling
+from recon.runtime.notices import Notice
 
 C = TypeVar("C", bound=Command)
 
@@ -33,7 +34,9 @@ def with_settings(
     def decorated(command: Callable[Concatenate[C, ...], None]) -> Callable[..., None]:
         @wraps(command)
         def with_flags(*, as_json: bool, **given: Any) -> None:
-            command(_checked(settings, given), as_json=as_json)
+            asked = _checked(settings, given)
+            with telling(Notice):
+                command(asked, as_json=as_json)
 
         parameters = [_parameter(*field, more.get(field[0], {})) for field in settings_of(settings)]
         parameters.append(Parameter("as_json", Parameter.KEYWORD_ONLY, default=False, annotation=JsonOption))

@@ -80,7 +80,9 @@ def reconstruct(asked: Reconstruct, *, as_json: bool) -> None:
         surface=SurfaceParameters(voxel_mm=asked.voxel, longest_rim_mm=asked.close_holes),
         cloud=CloudParameters(erode_px=asked.erode),
         balance_colours=asked.balance,
+        agreement=asked.agreement,
         outlines=asked.outlines == "masks",
+        fill_px=asked.fill,
         workers=asked.workers,
         cluster=asked.cluster,
         device=asked.device,
@@ -128,9 +130,9 @@ def fuse(asked: Fuse, *, as_json: bool) -> None:
 @app.command()
 @with_settings(Export)
 def export(asked: Export, *, as_json: bool) -> None:
-    """Convert a mesh; a GLB file opens in any 3D viewer."""
-    from recon.geometry.mesh import error_colours, error_limit
-    from recon.geometry.mesh_files import read_mesh, write_mesh
+    """Convert a model; a GLB file opens in any 3D viewer."""
+    from recon.geometry.mesh import Mesh, error_colours, error_limit
+    from recon.models.convert import read_as_it_stands, size_of, write_model
     from recon.runtime.files import check_not_read
     from recon.validation.clouds import read_shape
     from recon.validation.truth.evaluation import signed_distances_to
@@ -138,10 +140,13 @@ def export(asked: Export, *, as_json: bool) -> None:
     if asked.limit is not None and asked.truth is None:
         raise typer.BadParameter("--limit is about errors: it needs --truth")
     check_not_read(asked.out, [asked.mesh] if asked.truth is None else [asked.mesh, asked.truth])
-    model = read_mesh(asked.mesh)
-    result: dict[str, Any] = {"out": str(asked.out), "vertices": len(model.vertices), "faces": len(model.faces)}
+    read = read_as_it_stands(asked.mesh)
+    model, (n_vertices, n_faces) = read.model, size_of(read.model)
+    result: dict[str, Any] = {"out": str(asked.out), "vertices": n_vertices, "faces": n_faces}
     sentence = f"Wrote {result['vertices']} vertices and {result['faces']} faces: {asked.out}"
     if asked.truth is not None:
+        if not isinstance(model, Mesh):
+            raise ValueError(f"{asked.mesh}: holds no faces, on which errors could be shown; expected a mesh")
         true = read_shape(asked.truth)
         if not len(true.faces):
             raise ValueError(f"{asked.truth}: holds no faces, so that nothing is inside or outside; expected a mesh")
@@ -150,8 +155,10 @@ def export(asked: Export, *, as_json: bool) -> None:
         model = replace(model, colours=error_colours(errors, limit), texture=None)
         result |= {"mean_mm": float(abs(errors).mean()), "limit_mm": limit}
         sentence += f"; {result['mean_mm']:.3g} mm from the truth on average, full colour at {limit:.3g} mm"
-    write_mesh(asked.out, model)
-    print_result(result, sentence, as_json=as_json)
+    write_model(asked.out, model)
+    for warning in read.warnings:
+        typer.echo(f"warning: {asked.mesh}: {warning}", err=True)
+    print_result(result | {"warnings": list(read.warnings)}, sentence, as_json=as_json)
 
 
 @app.command()
@@ -211,7 +218,7 @@ def render(asked: Render, *, as_json: bool) -> None:
     for warning in content["provenance"]["warnings"]:
         typer.echo(f"warning: {warning}", err=True)
     faults = [f"{stimulus['video']}: {fault}" for stimulus in stimuli for fault in stimulus["quality"]["faults"]]
-    more = f", as {len(faults) - 1} more like it in `quality` of the manifest" if len(faults) > 1 else ""
-    below = [f"The encoder lost more than it should, so watch before you use: {faults[0]}{more}"] if faults else []
+    more = f" And {len(faults) - 1} more: the manifest lists them under `quality`." if len(faults) > 1 else ""
+    below = [f"The encoder lost more than it should, so watch before you use: {faults[0]}.{more}"] if faults else []
     sentences = [f"Rendered {len(stimuli)} videos: {address_of(manifest)}", *below]
     print_result({"manifest": address_of(manifest), "faults": faults}, "\n".join(sentences), as_json=as_json)

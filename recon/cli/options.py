@@ -99,12 +99,24 @@ def find_methods(path: Path | None) -> Methods:
 
 @contextmanager
 def telling(kind: type[Warning]) -> Iterator[None]:
-    """Print warnings on standard error once all is done, one a line."""
-    with warnings.catch_warnings(record=True) as caught:
+    """Print warnings of a kind on standard error once all is done or has failed, one a line, each once."""
+    told: list[str] = []
+    show = warnings.showwarning
+
+    def keep(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+        if not issubclass(category, kind):
+            show(message, category, *place, **more)
+        elif str(message) not in told:
+            told.append(str(message))
+
+    with warnings.catch_warnings():
         warnings.simplefilter("always", kind)
-        yield
-    for warning in caught:
-        typer.echo(f"warning: {warning.message}", err=True)
+        warnings.showwarning = keep
+        try:
+            yield
+        finally:
+            for message in told:
+                typer.echo(f"warning: {message}", err=True)
 
 
 def parse_size(text: str) -> tuple[int, int]:
@@ -126,12 +138,16 @@ def parse_approaches(text: str) -> tuple[Approach, ...]:
 
 
 def parse_frames(text: str | None) -> range | None:
-    """Read the frames of "A:B"; either end may be left out for the first or last."""
+    """Read the frames of "N", which are the first N, or of "A:B"; either end may be left out for the first or last."""
     if text is None:
         return None
+    if text.isascii() and text.isdigit() and int(text):
+        return range(int(text))
     ends = re.fullmatch(r"(\d*):(\d*)", text)
     if ends is None:
-        raise typer.BadParameter(f"{text!r} is not a range of frames; expected A:B, for example 0:25")
+        raise typer.BadParameter(
+            f"{text!r} are no frames; expected their number, for example 25, or A:B, for example 0:25"
+        )
     return range(int(ends[1] or 0), int(ends[2]) if ends[2] else sys.maxsize)
 
 
@@ -184,16 +200,16 @@ def parse_loops(texts: list[str], static: str) -> tuple[str, dict[str, str]]:
     return loops.pop("", "bounce"), loops
 
 
-def parse_late(texts: Sequence[str]) -> tuple[tuple[str, float], ...]:
-    """Parse SENSOR=FRAMES of `--late`, each once."""
-    late: dict[str, float] = {}
+def parse_by_sensor(texts: Sequence[str], flag: str, unit: str) -> tuple[tuple[str, float], ...]:
+    """Parse the SENSOR=NUMBER of a flag, each sensor once; `unit` is what the number counts."""
+    values: dict[str, float] = {}
     for text in texts:
-        name, _, frames = text.partition("=")
+        name, _, number = text.partition("=")
         try:
-            late[name] = float(frames)
+            values[name] = float(number)
         except ValueError as error:
-            raise typer.BadParameter(f"--late {text!r}: expected SENSOR=FRAMES, such as S3=0.5") from error
-    return tuple(late.items())
+            raise typer.BadParameter(f"{flag} {text!r}: expected SENSOR={unit}, such as S3=0.5") from error
+    return tuple(values.items())
 
 
 def parse_position(text: str) -> tuple[float, float, float]:

@@ -134,7 +134,8 @@ def validate_views(asked: ValidateViews, *, as_json: bool) -> None:
     from recon.validation.views.report import write_views_report
 
     progress = ProgressLine()
-    settings = ViewSettings(asked.capture, parse_frames(asked.frames), tuple(asked.models or ()), asked.threshold)
+    models = tuple(asked.models or ())
+    settings = ViewSettings(asked.capture, parse_frames(asked.frames), models, asked.threshold, asked.filled)
     report, shown = measure_views(asked.run, settings, progress)
     progress.close()
     page = write_views_report(report, shown, asked.out)
@@ -152,7 +153,9 @@ def validate_mesh(asked: ValidateMesh, *, as_json: bool) -> None:
     subject = Subject(asked.dataset, tuple(asked.approach or ()))
     place = None if asked.scanner is None else parse_position(asked.scanner)
     thresholds = parse_thresholds(asked.thresholds)
-    settings = MeshSettings(thresholds, asked.threshold, subject, asked.seed, asked.cell, asked.voxel, place)
+    settings = MeshSettings(
+        thresholds, asked.threshold, subject, asked.seed, asked.cell, asked.voxel, place, asked.filled
+    )
     report = measure_mesh(asked.mesh, asked.truth, settings)
     page = write_mesh_report(report, asked.out)
     print_report(report, page, mesh_sentences(report), as_json=as_json)

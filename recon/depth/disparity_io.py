@@ -9,7 +9,6 @@ PFM stores the bottom row first and its scale's sign gives the byte order (negat
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +18,8 @@ from numpy.typing import NDArray
 
 from recon.runtime.files import whole_file, why_no_file
 from recon.runtime.npy import read_npy
+from recon.runtime.pfm import read_pfm
 
-PFM_HEADER = re.compile(rb"\s*(\S+)\s+(\S+)\s+(\S+)\s+(\S+)\s?")  # one space ends it: floats may look like spaces
 SUFFIXES = (".pfm", ".npy", ".tiff", ".tif", ".png")
 PNG16_SCALE = 256  # KITTI's devkit, 2012
 SMALL = [cv2.IMWRITE_TIFF_COMPRESSION, cv2.IMWRITE_TIFF_COMPRESSION_ADOBE_DEFLATE]
@@ -115,7 +114,7 @@ def _pfm_bytes(values: NDArray[np.float32]) -> bytes:
 
 def _read_values(path: Path) -> NDArray[np.generic]:
     if path.suffix == ".pfm":
-        return _read_pfm(path)
+        return read_pfm(path)
     if path.suffix == ".npy":
         return read_npy(path)
     image = _read_image(path, "TIFF")
@@ -135,22 +134,3 @@ def _read_image(path: Path, kind: str) -> NDArray[Any]:
     if image is None:
         raise ValueError(f"{path}: is not readable as {kind}")
     return np.asarray(image)
-
-
-def _read_pfm(path: Path) -> NDArray[np.float32]:
-    content = path.read_bytes()
-    header = PFM_HEADER.match(content)
-    try:
-        if header is None:
-            raise ValueError("it has fewer than four fields")
-        kind, width, height, scale = header[1], int(header[2]), int(header[3]), float(header[4])
-    except ValueError as error:
-        raise ValueError(f"{path}: is not readable as PFM: the header is damaged") from error
-    if kind != b"Pf" or width < 1 or height < 1 or scale == 0:
-        raise ValueError(f"{path}: is not a one-channel PFM: its header says {kind!r} {width}x{height}, scale {scale}")
-    n_bytes = 4 * width * height
-    body = content[header.end() :]
-    if len(body) != n_bytes:
-        raise ValueError(f"{path}: holds {len(body)} bytes of disparities, {width}x{height} needs {n_bytes}")
-    values = np.frombuffer(body, dtype="<f4" if scale < 0 else ">f4").reshape(height, width)
-    return values[::-1].astype(np.float32)

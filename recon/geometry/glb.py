@@ -20,11 +20,16 @@ GLB_MAGIC, GLB_JSON, GLB_BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942  # glTF 2.0
 GENERATOR = "reconstudy"
 COMPONENTS = {5123: "<u2", 5125: "<u4", 5126: "<f4"}  # section 3.6.2
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+FILLED = "_FILLED"  # names that begin so are an application's own, section 3.7.2.1
 METRES_PER_MM = 0.001  # glTF's unit of length is the metre
 
 
 def glb_bytes(
-    vertices: NDArray[np.float32], faces: NDArray[np.int32], normals: NDArray[np.float32], colours: NDArray[np.uint8]
+    vertices: NDArray[np.float32],
+    faces: NDArray[np.int32],
+    normals: NDArray[np.float32],
+    colours: NDArray[np.uint8],
+    filled: NDArray[np.bool_] | None = None,
 ) -> bytes:
     """Encode a mesh with a colour on every vertex as binary glTF 2.0, unlit and visible from both sides.
 
@@ -34,10 +39,11 @@ def glb_bytes(
     faces : int32 (M, 3)
     normals : float32 (N, 3), unit length
     colours : uint8 (N, 3), sRGB
+    filled : bool (N,), as of `Mesh`
     """
     linear = np.full((len(colours), 4), 65535, dtype="<u2")
     linear[:, :3] = _linear_from_srgb()[colours]
-    return _glb(vertices, faces, normals, ("COLOR_0", linear, 5123, "VEC4"))
+    return _glb(vertices, faces, normals, ("COLOR_0", linear, 5123, "VEC4"), filled=filled)
 
 
 def textured_glb_bytes(
@@ -46,6 +52,7 @@ def textured_glb_bytes(
     normals: NDArray[np.float32],
     uv: NDArray[np.float32],
     png: bytes,
+    filled: NDArray[np.bool_] | None = None,
 ) -> bytes:
     """Encode a textured mesh as binary glTF 2.0, unlit and visible from both sides.
 
@@ -56,9 +63,10 @@ def textured_glb_bytes(
     normals : float32 (N, 3), unit length
     uv : float32 (N, 2), (0, 0) is the lower left corner of the picture; glTF counts from the upper left one
     png : the picture, sRGB, which glTF expects in textures
+    filled : bool (N,), as of `Mesh`
     """
     places = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1).astype("<f4")
-    return _glb(vertices, faces, normals, ("TEXCOORD_0", places, 5126, "VEC2"), png)
+    return _glb(vertices, faces, normals, ("TEXCOORD_0", places, 5126, "VEC2"), png, filled)
 
 
 def _glb(
@@ -67,12 +75,14 @@ def _glb(
     normals: NDArray[np.float32],
     colouring: tuple[str, NDArray[Any], int, str],
     png: bytes = b"",
+    filled: NDArray[np.bool_] | None = None,
 ) -> bytes:
     """Encode a mesh whose vertices carry linear colours, or places in a picture."""
     arrays = [
         ("POSITION", vertices.astype("<f4"), 5126, "VEC3", 34962),
         ("NORMAL", normals.astype("<f4"), 5126, "VEC3", 34962),
         (*colouring, 34962),
+        *([] if filled is None else [(FILLED, filled.astype("<f4"), 5126, "SCALAR", 34962)]),
         ("indices", faces.astype("<u4").ravel(), 5125, "SCALAR", 34963),
     ]
     views: list[dict[str, Any]] = []
@@ -94,7 +104,7 @@ def _glb(
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0, "scale": [METRES_PER_MM] * 3}],
-        "meshes": [{"primitives": [{"attributes": attributes, "indices": 3, "material": 0, "mode": 4}]}],
+        "meshes": [{"primitives": [{"attributes": attributes, "indices": len(attributes), "material": 0, "mode": 4}]}],
         "materials": [
             {"doubleSided": True, "pbrMetallicRoughness": surface, "extensions": {"KHR_materials_unlit": {}}}
         ],
@@ -117,7 +127,14 @@ def _glb(
 
 def read_glb(
     content: bytes,
-) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float32], NDArray[np.uint8] | NDArray[np.float32], bytes]:
+) -> tuple[
+    NDArray[np.float32],
+    NDArray[np.int32],
+    NDArray[np.float32],
+    NDArray[np.uint8] | NDArray[np.float32],
+    bytes,
+    NDArray[np.bool_] | None,
+]:
     """Decode what `glb_bytes` or `textured_glb_bytes` encoded: the files of a run.
 
     Returns
@@ -127,6 +144,7 @@ def read_glb(
     normals : float32 (N, 3)
     colours or uv : uint8 (N, 3), sRGB, or float32 (N, 2) as encoded
     png : the picture, empty where vertices have colours
+    filled : bool (N,), None where the file does not say
 
     Raises
     ------
@@ -155,7 +173,8 @@ def read_glb(
             png = content[start : start + picture["byteLength"]]
     except (ValueError, KeyError, IndexError, struct.error, TypeError) as error:
         raise ValueError(f"is no whole GLB that reconstudy wrote: {error}; expected a mesh of a run") from error
-    return vertices, faces.astype(np.int32), normals, colouring, png
+    filled = arrays[FILLED][:, 0] > 0 if FILLED in arrays else None
+    return vertices, faces.astype(np.int32), normals, colouring, png, filled
 
 
 def _linear_from_srgb() -> NDArray[np.uint16]:

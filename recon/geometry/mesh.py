@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -104,6 +104,8 @@ class Mesh:
     normals : float32 (N, 3), unit length, outwards
     colours : uint8 (N, 3), sRGB
     texture : of the same N vertices, shown instead of their colours; None for none
+    filled : bool (N,), where a hole was filled and nothing measured; None where that is not known. What is made of the
+        mesh does not inherit it
 
     Raises
     ------
@@ -117,11 +119,14 @@ class Mesh:
     normals: NDArray[np.float32]
     colours: NDArray[np.uint8]
     texture: Texture | None = None
+    filled: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         vertices = finite_rows(self.vertices, "vertices")
         if self.texture is not None and len(self.texture.uv) != len(vertices):
             raise ValueError(f"the texture has places for {len(self.texture.uv)} vertices, expected {len(vertices)}")
+        if self.filled is not None and self.filled.shape != (len(vertices),):
+            raise ValueError(f"filled has shape {self.filled.shape}, expected ({len(vertices)},)")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "normals", finite_rows(self.normals, "normals", len(vertices)))
         object.__setattr__(self, "colours", colour_rows(self.colours, len(vertices)))
@@ -170,6 +175,13 @@ class Discs:
 
 
 Model = Mesh | Discs | Splats  # what can be filmed
+
+
+def measured_part(mesh: Mesh) -> Mesh:
+    """Leave out the faces of a mesh that lie on filled vertices alone; its vertices stay."""
+    if mesh.filled is None:
+        return mesh
+    return replace(mesh, faces=mesh.faces[~mesh.filled[mesh.faces].all(axis=1)])
 
 
 def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:

@@ -29,6 +29,8 @@ from recon.geometry.ply import (
 )
 from recon.runtime.files import check_suffix, why_no_file, write_bytes
 
+FILLED = "filled"  # a property of vertices, 1 where nothing was measured
+
 
 def write_cloud(path: Path, cloud: Cloud) -> Path:
     """Write a cloud as binary PLY (little endian), whole or not at all; the same cloud gives the same bytes.
@@ -64,7 +66,8 @@ def holds_points(path: Path) -> bool:
 def write_mesh(path: Path, mesh: Mesh) -> Path:
     """Write a mesh as binary PLY or GLB, a textured one as GLB or OBJ; the same mesh gives the same bytes.
 
-    Every file is whole or absent. Beside a.obj come its material a.mtl and its picture a.png.
+    Every file is whole or absent. Vertices where a hole was filled carry a 1, in PLY as `filled`, in GLB as `_FILLED`;
+    OBJ cannot say so. Beside a.obj come its material a.mtl and its picture a.png.
 
     Convention
     ----------
@@ -85,7 +88,8 @@ def write_mesh(path: Path, mesh: Mesh) -> Path:
     if path.suffix.lower() == ".glb":
         return write_bytes(path, _glb_of(mesh))
     _check_no_texture(path, mesh)
-    return write_bytes(path, ply_bytes(_oriented(mesh.vertices, mesh.normals, mesh.colours), mesh.faces))
+    filled = {} if mesh.filled is None else {FILLED: mesh.filled.astype(np.uint8)}
+    return write_bytes(path, ply_bytes(_oriented(mesh.vertices, mesh.normals, mesh.colours) | filled, mesh.faces))
 
 
 def write_measured(path: Path, model: Mesh | Cloud, errors: NDArray[np.floating]) -> Path:
@@ -163,7 +167,8 @@ def read_mesh(path: Path) -> Mesh:
     ply = read_ply(path)
     with _named(path):
         points, normals, colours = (point_columns(path, ply, names) for names in ("xyz", FLOAT_NORMAL, UINT8_COLOUR))
-        return Mesh(points, face_indices(triangles(path, ply), len(points)), normals, colours)
+        filled = point_columns(path, ply, (FILLED,))[:, 0] > 0 if FILLED in ply.columns("vertex") else None
+        return Mesh(points, face_indices(triangles(path, ply), len(points)), normals, colours, filled=filled)
 
 
 def read_points(path: Path) -> NDArray[np.float32]:
@@ -216,14 +221,14 @@ def read_ply_shape(path: Path) -> Shape:
 def _mesh_of_glb(path: Path) -> Mesh:
     if not path.is_file():
         raise ValueError(why_no_file(path))
-    vertices, faces, normals, colours, png = read_glb(path.read_bytes())
+    vertices, faces, normals, colours, png, filled = read_glb(path.read_bytes())
     if not png:
-        return Mesh(vertices, faces, normals, colours.astype(np.uint8))
+        return Mesh(vertices, faces, normals, colours.astype(np.uint8), filled=filled)
     pixels = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR_RGB)
     if pixels is None:
         raise ValueError("its texture is not readable as PNG")
     texture = Texture(np.asarray(pixels, np.uint8), colours.astype(np.float32))
-    return Mesh(vertices, faces, normals, texture.at_vertices(), texture)
+    return Mesh(vertices, faces, normals, texture.at_vertices(), texture, filled)
 
 
 def _check_points(path: Path, points: NDArray[np.floating]) -> None:
@@ -250,8 +255,9 @@ def _oriented(
 
 def _glb_of(mesh: Mesh) -> bytes:
     if mesh.texture is None:
-        return glb_bytes(mesh.vertices, mesh.faces, mesh.normals, mesh.colours)
-    return textured_glb_bytes(mesh.vertices, mesh.faces, mesh.normals, mesh.texture.uv, _png(mesh.texture))
+        return glb_bytes(mesh.vertices, mesh.faces, mesh.normals, mesh.colours, mesh.filled)
+    uv, png = mesh.texture.uv, _png(mesh.texture)
+    return textured_glb_bytes(mesh.vertices, mesh.faces, mesh.normals, uv, png, mesh.filled)
 
 
 def _write_obj(path: Path, mesh: Mesh) -> Path:

@@ -37,6 +37,19 @@ READ_EXTENSIONS = {
     INSTANCES,
     VISIBILITY,
 }
+WAYS_OUT = {  # of extensions that a file needs and that are not read, by a part of their names
+    "draco": "a compression that is not read; export it without",
+    "meshopt": "a compression that is not read; export it without",
+    "basisu": "textures as KTX2, which are not read; export them as PNG, JPEG or WebP",
+    "gaussian": "splats in glTF, which are not read; save them as PLY, SPZ, .splat, .ksplat or SOG",
+    "pbrSpecularGlossiness": "a material that is not read; export it with metal and roughness",
+}
+LEFT_OUT = {  # extensions that change what is seen, and that a file does not need to have read
+    "MSFT_lod": "has levels of detail, of which the finest is shown",
+    "KHR_materials_variants": "has variants of its materials, of which the first is shown",
+    "KHR_lights_punctual": "has lights, which are not taken",
+    "KHR_animation_pointer": "animates more than its nodes, which is not shown",
+}
 BROKEN = (  # what reading raises where the document says something else than the standard
     KeyError,
     IndexError,
@@ -84,6 +97,12 @@ def read_gltf_model(path: Path, vertex_colours: VertexColours | None = None) -> 
     return contents
 
 
+def _way_out(extension: str) -> str:
+    """Return what to do about an extension that is not read."""
+    ways = (way for part, way in WAYS_OUT.items() if part.lower() in extension.lower())
+    return next(ways, "an extension of glTF that is not read; export it without")
+
+
 def _chunks(content: bytes) -> tuple[bytes, bytes | None]:
     """Return the JSON and the binary part of a GLB."""
     if len(content) < 20:
@@ -128,7 +147,9 @@ class _Reader:
             raise ValueError("is not glTF of version 2")
         unknown = set(self._document.get("extensionsRequired", ())) - READ_EXTENSIONS
         if unknown:
-            raise ValueError(f"it needs {', '.join(sorted(unknown))}, which is not read; export it without compression")
+            raise ValueError(" and ".join(f"it needs {name}, {_way_out(name)}" for name in sorted(unknown)))
+        for name in sorted({*self._document.get("extensionsUsed", ())} & set(LEFT_OUT)):
+            self._contents.warn(LEFT_OUT[name])
         if self._document.get("animations"):
             self._contents.warn("is animated; only the pose of its nodes is shown")
 

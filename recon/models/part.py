@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from recon.capture.images import is_cut_jpeg
+from recon.capture.images import JPEG_START, is_cut_jpeg
 
-JPEG_START = b"\xff\xd8"
 NEUTRAL = 170  # sRGB grey of what has no colour
 FARTHEST = 1e12  # of a coordinate; beyond it is no scene, and areas would overflow
 PNG_START, PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"

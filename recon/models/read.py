@@ -18,16 +18,34 @@ from recon.models.gltf_model import VertexColours, read_gltf_model
 from recon.models.obj_model import read_obj_model
 from recon.models.part import NEUTRAL, Contents, Part
 from recon.models.ply_model import read_ply_model
+from recon.models.scans import read_e57_model, read_las_model, read_pcd_model
 from recon.models.splats.read import SPLAT_READERS, holds_splats, read_with_warnings
+from recon.models.stl_model import read_off_model, read_stl_model
 from recon.runtime.artefacts import file_digest
-from recon.runtime.files import refused
+from recon.runtime.files import refused, why_no_file
 
-READERS: dict[str, Callable[[Path], Contents]] = {
-    ".ply": read_ply_model,
-    ".obj": read_obj_model,
-}
+Reader = Callable[[Path, VertexColours | None], Contents]
 GLTF_SUFFIXES = (".glb", ".gltf")
-MODEL_SUFFIXES = tuple(dict.fromkeys([*READERS, *GLTF_SUFFIXES, *SPLAT_READERS]))
+
+
+def _sure(read: Callable[[Path], Contents]) -> Reader:
+    """Return the reader of a format that leaves nobody in doubt of what its colours are."""
+    return lambda path, _colours: read(path)
+
+
+READERS: dict[str, Reader] = {
+    ".ply": _sure(read_ply_model),
+    ".obj": _sure(read_obj_model),
+    ".glb": read_gltf_model,
+    ".gltf": read_gltf_model,
+    ".stl": _sure(read_stl_model),
+    ".off": _sure(read_off_model),
+    ".pcd": _sure(read_pcd_model),
+    ".las": _sure(read_las_model),
+    ".laz": _sure(read_las_model),
+    ".e57": _sure(read_e57_model),
+}
+MODEL_SUFFIXES = tuple(dict.fromkeys([*READERS, *SPLAT_READERS]))
 MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 Matrix = tuple[tuple[float, ...], ...]
 
@@ -121,9 +139,11 @@ def read_contents(path: Path, vertex_colours: VertexColours | None = None) -> Co
         If a file is missing or damaged; the message begins with the path.
     """
     try:
-        if path.suffix.lower() in GLTF_SUFFIXES:
-            return read_gltf_model(path, vertex_colours)
-        return READERS[path.suffix.lower()](path)
+        if not path.is_file():
+            raise ValueError(why_no_file(path))
+        if path.suffix.lower() not in READERS:
+            raise ValueError(f"ends in {path.suffix or 'nothing'!r}, expected one of {', '.join(READERS)}")
+        return READERS[path.suffix.lower()](path, vertex_colours)
     except OSError as error:
         raise refused(path, error) from error
     except ValueError as error:

@@ -43,7 +43,10 @@ class ReconstructOptions:
     cloud, surface : parameters of these stages; without a voxel size, each depth method gets one
         that suits its error and the density of its points
     balance_colours : whether to make the sensors' colours agree, as estimated from what several of them saw
+    agreement : whether the sensors' points are held against each other before they are fused
     outlines : whether the surfaces' outlines follow the masks, where the capture has masks
+    fill_px : how far surfaces are continued where a mask shows the object and nothing was measured, pixels of the
+        photographs; 0 for not at all, as without outlines
     workers : local processes, each on one thread; 1 works in this process with all threads
     cluster : address of a Dask scheduler whose workers do the work instead; None for none
     device : where our depth methods match, of `recon.depth.DEVICES`; each worker opens the GPU of its machine
@@ -60,7 +63,9 @@ class ReconstructOptions:
     cloud: CloudParameters = field(default_factory=CloudParameters)
     surface: SurfaceParameters = field(default_factory=SurfaceParameters)
     balance_colours: bool = False
+    agreement: bool = True
     outlines: bool = True
+    fill_px: int = 16
     workers: int = 1
     cluster: str | None = None
     device: str = CPU
@@ -115,6 +120,12 @@ class Job:
             for method in self.options.depth_methods
             for stream in self.capture.sensors_for(method)
         ]
+
+    @property
+    def matched_sensors(self) -> list[str]:
+        """The ids of the sensors whose pairs are matched by some depth method."""
+        is_matched = any(method != GIVEN for method in self.options.depth_methods)
+        return [stream.id for stream in self.capture.sensors if is_matched and stream.right is not None]
 
     def frames_of(self, method: str) -> Sequence[int]:
         """Return the frames that a depth method is to match: all, or the first where PM is to stand still."""
@@ -191,8 +202,7 @@ def planned_job(capture: Capture, run: Path, options: ReconstructOptions) -> Job
         check_device(options.device)
     check_sensors(capture, options.depth_methods)
     options = replace(options, outlines=options.outlines and any(stream.mask for stream in capture.sensors))
-    if options.outlines:
-        options = replace(options, surface=widened(options.surface))
+    options = replace(options, surface=widened(options.surface)) if options.outlines else replace(options, fill_px=0)
     frames = chosen_frames(capture.folder, range(capture.n_frames), options.frames)
     return Job(capture, frames, options, Artefacts(run))
 

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from recon.capture.checking.rows import aligned, rows_of
 from recon.capture.format import Capture, read_capture
 from recon.capture.images import read_stored_image
 from recon.depth import CPU, StereoPair, check_device
@@ -26,9 +27,11 @@ from recon.geometry.mesh import Cloud, Mesh
 from recon.methods.approaches import VERTICES
 from recon.pipeline.film import WHERE
 from recon.pipeline.job import Job, ReconstructOptions, planned_job, with_voxels
+from recon.pipeline.meshes import make_mesh
 from recon.pipeline.methods import Methods, depth_key, fuse, fusion_key, match, with_limit
 from recon.pipeline.preview import make_preview
 from recon.pipeline.run import (
+    ROWS_NAME,
     RUN_FILE,
     Run,
     address_from,
@@ -44,8 +47,8 @@ from recon.pipeline.stages import (
     filter_sequence,
     frames_without_points,
     make_cloud,
-    make_mesh,
     match_stretch,
+    measure_rows,
 )
 from recon.pipeline.textures import compare_photographs, make_textured
 from recon.render.camera_path import NoPathError
@@ -90,9 +93,13 @@ def match_files(
     check_not_read(out, (left, right))
     images = [np.asarray(read_stored_image(path)) for path in (left, right)]
     pair = StereoPair(images[0], images[1], n_disparities, min_disparity)  # which refuses what is not 8 bits
+    fit = rows_of([(pair.left, pair.right, None)], ((pair.width - 1) / 2, (pair.height - 1) / 2))
+    if fit is not None and fit.is_off:
+        pair = replace(pair, right=aligned(pair.right, fit))
     started = time.perf_counter()
     with _program_folder(method) as folder:
         disparity, warnings = match(methods.depth[method], pair, folder, device)
+    warnings = [*warnings, *([str(fit)] if fit is not None and fit.is_off else [])]
     seconds = time.perf_counter() - started
     write_disparity(out, disparity)
     described = with_limit(depth_key(methods.depth[method]), methods.depth[method])
@@ -188,6 +195,7 @@ def _made(job: Job, progress: Progress) -> dict[str, Any]:
         def make(stage: str, tasks: Sequence[partial[list[str]]]) -> None:
             timings[stage] = _run_stage(stage, tasks, job.artefacts, pool, progress)
 
+        make("rows", [partial(measure_rows, job, sensor) for sensor in job.matched_sensors])
         make("matching", [partial(match_stretch, job, stretch) for stretch in job.stretches])
         make("depth maps", [partial(filter_sequence, job, sequence) for sequence in job.sequences])
         make("clouds", [partial(make_cloud, job, view) for view in views])
@@ -204,7 +212,8 @@ def _made(job: Job, progress: Progress) -> dict[str, Any]:
     recording = address_from(run, job.capture.folder)
     still = tuple(str(approach) for approach in options.models if len(job.frames_of(approach.depth)) < len(job.frames))
     finished = Run(run, job.capture, names, tuple(job.frames), versions(), recording, still)
-    files = [view.cloud for view in views] + [mesh_name(str(approach), frame) for approach, frame in job.surfaces]
+    files = [ROWS_NAME.format(sensor=sensor) for sensor in job.matched_sensors]
+    files += [view.cloud for view in views] + [mesh_name(str(approach), frame) for approach, frame in job.surfaces]
     warnings = job.artefacts.warnings(files)
     try:
         make_preview(finished, job.frames[0])

@@ -37,6 +37,7 @@ from recon.runtime.remote import address_of, fetched, is_copy, is_there, place, 
 SCHEMA_VERSION = 1
 RUN_FILE = "run.json"
 LOG_FILE = "log.jsonl"
+ROWS_NAME = "rows/{sensor}.json"  # how far the rows of a sensor's rectified pictures are apart
 COLOURS_NAME = "colours.json"  # gains and offsets of the sensors' colours
 EXPOSURES_NAME = "exposures.json"  # gains of the cameras' photographs
 

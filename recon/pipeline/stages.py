@@ -15,31 +15,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.capture.checking.rows import RowFit, pivot_of, rows_of, with_rows
 from recon.capture.depth_maps import depth_view, given_disparity, read_depth_map
-from recon.capture.format import Capture, mask_pictures, read_frame, read_masks
-from recon.capture.recording import GIVEN
+from recon.capture.format import Capture, read_frame, read_masks
+from recon.capture.recording import GIVEN, evenly_chosen
 from recon.capture.rectify import Rectification, rectify, rectify_left, rectify_left_mask
 from recon.cloud import NothingSeenError, cloud_from_disparity, crop_cloud
-from recon.depth import Past, rectified_pair
+from recon.depth import Past, StereoPair, rectified_pair
 from recon.depth.disparity_io import read_disparity, write_disparity
 from recon.depth.temporal import TemporalParameters, filtered
-from recon.fusion import DepthView, view_of_cloud
-from recon.geometry.mesh import Cloud, Mesh
-from recon.geometry.mesh_files import no_cloud_digest, write_cloud, write_mesh, write_no_cloud
-from recon.methods.approaches import Approach
+from recon.geometry.mesh_files import no_cloud_digest, write_cloud, write_no_cloud
 from recon.methods.plugins import PluginError
 from recon.pipeline.job import Job
-from recon.pipeline.keys import camera_key, digest_once, picture_key
-from recon.pipeline.methods import DepthMethod, depth_key, fuse, fusion_key, is_pm, match, needs_views
-from recon.pipeline.run import COLOURS_NAME, View, fusion_folder, mesh_name, read_clouds
+from recon.pipeline.keys import picture_key
+from recon.pipeline.methods import DepthMethod, depth_key, is_pm, match
+from recon.pipeline.run import COLOURS_NAME, ROWS_NAME, View, read_clouds
 from recon.runtime.artefacts import code_version, key_of
 from recon.runtime.files import read_json, write_json
 from recon.runtime.programs import LOG, ProgramError
-from recon.runtime.remote import fetched, stored
-from recon.surface import NoSurfaceError
-from recon.surface.colours import SensorColours, balance_colours, estimate_colours
-from recon.surface.outlines import read_sights, with_outlines
+from recon.runtime.remote import stored
+from recon.surface.colours import estimate_colours
 
+ROWS_FRAMES = 3  # first, middle, last
 PLACE_VOXELS = 3  # width of the places where sensors' colours are compared
 
 
@@ -52,7 +49,7 @@ def take_frame(job: Job, view: View) -> list[str]:
     }
 
     def write(path: Path) -> None:
-        rectification = _rectification(job.capture, view)
+        rectification = rectified_view(job.capture, view)
         disparity = given_disparity(read_depth_map(job.capture.folder, stream, view.frame), stream, rectification)
         masks = read_masks(job.capture, view.sensor_id, view.frame)
         if masks:
@@ -60,6 +57,26 @@ def take_frame(job: Job, view: View) -> list[str]:
         write_disparity(path, disparity)
 
     return job.artefacts.make(view.matched, key, write)
+
+
+def measure_rows(job: Job, sensor_id: str) -> list[str]:
+    """Measure on a few frames how far the rows of a sensor's rectified pictures are apart, to match them so."""
+    capture = job.capture
+    frames = evenly_chosen(capture.n_frames, ROWS_FRAMES)
+    key = {
+        "pictures": [picture_key(capture, View("", sensor_id, frame)) for frame in frames],
+        "code": code_version("capture/checking", "capture/rectify.py"),
+    }
+
+    def write(path: Path) -> list[str]:
+        rectification = rectify(capture.stream(sensor_id).sensor, capture.bounds)
+        pairs = (rectified_pair(capture, rectification, frame) for frame in frames)
+        pictures = ((pair.left, pair.right, _masks(pair)) for pair in pairs if pair is not None)
+        fit = rows_of(pictures, pivot_of(rectification))
+        write_json(path, {"rows": None if fit is None else asdict(fit)})
+        return [f"sensor {sensor_id}: {fit}"] if fit is not None and fit.is_off else []
+
+    return job.artefacts.make(ROWS_NAME.format(sensor=sensor_id), key, write)
 
 
 def match_stretch(job: Job, views: Sequence[View]) -> list[str]:
@@ -77,6 +94,7 @@ def match_stretch(job: Job, views: Sequence[View]) -> list[str]:
         keys[view] = {
             "pictures": picture_key(job.capture, view),
             "method": depth_key(method),
+            "rows": _rows_key(job, view.sensor_id),
             "code": code_version("depth", "capture/noise.py", "capture/rectify.py"),
         } | ({} if past is None else {"before": before})
         before = key_of(keys[view])
@@ -102,7 +120,7 @@ def _matched_before(job: Job, view: View, key: dict[str, Any]) -> NDArray[np.flo
 
 def _matched(job: Job, method: DepthMethod, view: View, past: Past | None) -> tuple[NDArray[np.float32], list[str]]:
     """Match the pictures of a view; returns the disparities, and a sentence for each warning."""
-    rectification = _rectification(job.capture, view)
+    rectification = with_rows(rectified_view(job.capture, view), _rows(job, view.sensor_id))
     pair = rectified_pair(job.capture, rectification, view.frame)
     if pair is None:
         if past:
@@ -113,7 +131,7 @@ def _matched(job: Job, method: DepthMethod, view: View, past: Past | None) -> tu
     try:
         disparity, warnings = match(method, pair, job.artefacts.folder / view.program, job.options.device, past)
     except (ProgramError, PluginError) as error:
-        _store_log(job, view.program)
+        store_program_log(job, view.program)
         raise type(error)(f"{where}: {error}") from error
     return disparity, [f"{where}: {warning}" for warning in warnings]
 
@@ -161,7 +179,7 @@ def make_cloud(job: Job, view: View) -> list[str]:
     }
 
     def write(path: Path) -> list[str]:
-        rectification = _rectification(capture, view)
+        rectification = rectified_view(capture, view)
         left = rectify_left(rectification, read_frame(capture, sensor_id, frame)[0])
         disparity = read_disparity(job.artefacts.path(view.depth))
         try:
@@ -186,12 +204,19 @@ def frames_without_points(job: Job, method: str) -> list[int]:
     ]
 
 
+def store_program_log(job: Job, folder: str) -> None:
+    """Put the log of a program that failed where the run is."""
+    log = job.artefacts.folder / folder / LOG
+    if log.is_file():
+        stored(log)
+
+
 def compare_colours(job: Job) -> list[str]:
     """Estimate once for a run what makes the sensors' colours agree, so that all approaches get the same colours.
 
-    The clouds of the first frame by `_compared_method` are compared, in places a few voxels wide.
+    The clouds of the first frame by `compared_method` are compared, in places a few voxels wide.
     """
-    method = _compared_method(job)
+    method = compared_method(job)
     clouds = job.clouds(method, job.frames[0])
     voxel = job.surface(method).voxel_mm
     assert voxel is not None
@@ -209,84 +234,12 @@ def compare_colours(job: Job) -> list[str]:
     return job.artefacts.make(COLOURS_NAME, key, write)
 
 
-def make_mesh(job: Job, approach: Approach, frame: int) -> list[str]:
-    """Fuse the clouds of all sensors into one mesh.
-
-    Parameters
-    ----------
-    job : whose clouds are finished, and whose colours are compared if they are to be balanced
-    approach, frame : which clouds, and how to fuse them
-    """
-    balanced, fusion = job.options.balance_colours, job.options.methods.fusion[approach.fusion]
-    clouds, surface = job.clouds(approach.depth, frame), job.surface(approach.depth)
-    key = {
-        "clouds": job.artefacts.digests(clouds),
-        "colours": job.artefacts.digest(COLOURS_NAME) if balanced else None,
-        "fusion": fusion_key(fusion, surface),
-        "outlines": _outlines_key(job, approach.depth, frame) if job.options.outlines else None,
-        "code": code_version("surface", "fusion", "geometry"),
-    }
-    folder = fusion_folder(str(approach), frame)
-
-    def made_of(sensors: Sequence[Cloud]) -> tuple[Mesh, list[str]]:
-        views = _depth_views(job.capture, sensors, approach.depth, frame) if needs_views(fusion) else None
-        return fuse(fusion, sensors, surface, views=views, folder=job.artefacts.folder / folder)
-
-    def write(path: Path) -> list[str]:
-        sensors = read_clouds(job.artefacts, clouds)
-        if balanced:
-            sensors = balance_colours(sensors, _colours(job, approach.depth))
-        try:
-            if job.options.outlines:
-                sights = read_sights(job.capture, job.capture.sensors_for(approach.depth), sensors, frame)
-                mesh, left_out = with_outlines(sights, job.step_mm, made_of)
-                if not len(mesh.faces):
-                    raise NoSurfaceError(
-                        "nothing of its surface lies inside the sensors' masks; expected coordinates of the clouds, in "
-                        "mm, and masks that are white on the object"
-                    )
-            else:
-                mesh, left_out = made_of(sensors)
-        except NoSurfaceError as error:
-            raise NoSurfaceError(f"{approach}: frame {frame} has no model: {error}") from error
-        except (ProgramError, PluginError) as error:
-            _store_log(job, folder)
-            raise type(error)(f"{approach}: frame {frame}: {error}") from error
-        write_mesh(path, mesh)
-        return [f"{approach}: frame {frame}: {reason}" for reason in left_out]
-
-    return job.artefacts.make(mesh_name(str(approach), frame), key, write)
-
-
-def _outlines_key(job: Job, method: str, frame: int) -> dict[str, Any]:
-    """Describe what outlines depend on beside the clouds: the masks of the sensors, their cameras and the voxel."""
-    streams = job.capture.sensors_for(method)
-    masks = [mask.path for stream in streams for mask in mask_pictures(job.capture.folder, stream, frame)]
-    return {
-        "masks": [digest_once(fetched(path)) for path in masks],
-        "cameras": [camera_key(side.camera) for stream in streams for side in stream.cameras],
-        "frame": frame,
-        "voxel_mm": job.step_mm,
-    }
-
-
-def _store_log(job: Job, folder: str) -> None:
-    """Put the log of a program that failed where the run is."""
-    log = job.artefacts.folder / folder / LOG
-    if log.is_file():
-        stored(log)
-
-
-def _depth_views(capture: Capture, clouds: Sequence[Cloud], method: str, frame: int) -> list[DepthView]:
-    """Return the clouds of all sensors that a depth method uses as depth maps of their rectified left pictures."""
-    views = [View(method, stream.id, frame) for stream in capture.sensors_for(method)]
-    return [view_of_cloud(cloud, _rectification(capture, view).left) for cloud, view in zip(clouds, views, strict=True)]
-
-
 def _filtered(job: Job, views: Sequence[View]) -> Iterator[tuple[View, NDArray[np.float32]]]:
     """Yield the filtered disparity maps; the filter forgets everything where the sensor sees nothing."""
-    rectification = _rectification(job.capture, views[0])
+    rectification = rectified_view(job.capture, views[0])
     parameters = _temporal(job, views)
+    if parameters is not None:
+        rectification = with_rows(rectification, _rows(job, views[0].sensor_id))
 
     def matched(view: View) -> NDArray[np.float32]:
         return read_disparity(job.artefacts.path(view.matched))
@@ -302,25 +255,33 @@ def _filtered(job: Job, views: Sequence[View]) -> Iterator[tuple[View, NDArray[n
         yield from zip(stretch, filtered(pairs, disparities, parameters), strict=True)
 
 
-def _compared_method(job: Job) -> str:
+def _masks(pair: StereoPair) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
+    return None if pair.left_mask is None or pair.right_mask is None else (pair.left_mask, pair.right_mask)
+
+
+def _rows(job: Job, sensor_id: str) -> RowFit | None:
+    content = read_json(job.artefacts.path(ROWS_NAME.format(sensor=sensor_id)))["rows"]
+    return None if content is None else RowFit(**content | {"pivot": tuple(content["pivot"])})
+
+
+def _rows_key(job: Job, sensor_id: str) -> dict[str, Any] | None:
+    """Describe for a key how a sensor's right pictures are moved; None where they are not."""
+    fit = _rows(job, sensor_id)
+    return asdict(fit) if fit is not None and fit.is_off else None
+
+
+def compared_method(job: Job) -> str:
     """Choose the depth method whose clouds tell the sensors' colours: the last of those that use the most sensors."""
     methods = (*reversed(job.options.depths), *job.options.depth_methods)
     return max(methods, key=lambda method: len(job.capture.sensors_for(method)))
-
-
-def _colours(job: Job, method: str) -> SensorColours:
-    """Read the correction of the sensors that a depth method uses."""
-    content = read_json(job.artefacts.path(COLOURS_NAME))
-    known = [stream.id for stream in job.capture.sensors_for(_compared_method(job))]
-    rows = [known.index(stream.id) for stream in job.capture.sensors_for(method)]
-    return SensorColours(np.array(content["gain"])[rows], np.array(content["offset"])[rows])
 
 
 def _temporal(job: Job, views: Sequence[View]) -> TemporalParameters | None:
     return None if views[0].method == GIVEN else job.temporal(views[0].method)
 
 
-def _rectification(capture: Capture, view: View) -> Rectification:
+def rectified_view(capture: Capture, view: View) -> Rectification:
+    """Return the rectified pair of a view, the imagined one where its depth was given."""
     stream = capture.stream(view.sensor_id)
     return depth_view(stream, capture.bounds) if view.method == GIVEN else rectify(stream.sensor, capture.bounds)
 

@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from recon.capture.format import read_frame, read_masks
-from recon.capture.rectify import undistort
 from recon.geometry.mesh_files import read_mesh, write_mesh
 from recon.methods.approaches import VERTICES, Approach
 from recon.pipeline.job import Job
@@ -17,7 +15,7 @@ from recon.pipeline.keys import files_key
 from recon.pipeline.run import EXPOSURES_NAME, View, mesh_name
 from recon.runtime.artefacts import code_version
 from recon.runtime.files import read_json, write_json
-from recon.surface.photographs import Photograph, compare_exposures, exposed
+from recon.surface.photographs import Photograph, compare_exposures, exposed, read_photographs
 from recon.surface.texturing import textured
 
 TOLERANCE_STEPS = 3  # a step is a third of the depth of a pixel of disparity
@@ -69,12 +67,7 @@ def make_textured(job: Job, approach: Approach, frame: int) -> list[str]:
 
 def _photographs(job: Job, frame: int) -> list[Photograph]:
     """Read what all cameras saw, those of sensors without depth maps included."""
-    photographs = []
-    for stream in job.capture.sensors:
-        pictures, masks = read_frame(job.capture, stream.id, frame), read_masks(job.capture, stream.id, frame)
-        for camera, picture, mask in zip(stream.cameras, pictures, masks or [None] * len(pictures), strict=True):
-            photographs.append(Photograph(*undistort(camera.camera, picture, mask)))
-    return photographs
+    return [photograph for stream in job.capture.sensors for photograph in read_photographs(job.capture, stream, frame)]
 
 
 def _tolerance(job: Job) -> float:

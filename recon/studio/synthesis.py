@@ -18,6 +18,7 @@ from recon.geometry.rig import Camera, Rig, Sensor
 from recon.runtime.files import new_folder, write_json
 from recon.runtime.workers import Progress, no_progress
 from recon.studio import truth
+from recon.studio.imaging import Imaging, Window, averaged, defocused, defocused_plate, rolled
 from recon.studio.light.appearance import shade
 from recon.studio.light.exposure import display_curve, expose
 from recon.studio.light.lighting import lit
@@ -35,6 +36,7 @@ CELLS_MM = (8.0, 13.0)  # and its limits
 SMALLEST_PX = 32
 STRONGEST_DISTORTION = 0.3  # beyond, lenses are fisheyes, and the polynomial folds back inside the picture
 WORKING_HALF_MM = 300.0  # a validation object's middle may be this far from that of the field on each axis
+SHINE = 6  # the column of `lighting.lit`'s result
 VALIDATION_SCENES = ("sphere", "cuboid")
 HELD_OUT_FRAME = 0
 DEPTH_MAPS = "{sensor}/depth/{{frame:04d}}.png"
@@ -45,8 +47,8 @@ NOISY_PNG = (cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY,
 
 
 @dataclass(frozen=True)
-class SynthParameters:
-    """The parameters of a synthetic recording.
+class SynthParameters(Imaging):
+    """The parameters of a synthetic recording; those of `Imaging` are given by name.
 
     Parameters
     ----------
@@ -108,6 +110,7 @@ class SynthParameters:
                 raise ValueError(
                     f"late is {name}={frames:g}, expected one of {', '.join(sensors)} and fewer frames than all"
                 )
+        self.check(self.fps, sensors)
         self._check_position()
 
     def _check_position(self) -> None:
@@ -189,58 +192,83 @@ class _Recording:
     def _empty_view(self, named: tuple[str, Camera]) -> View:
         name, camera = named
         index = list(self._cameras()).index(name)
-        view = empty_view(name, camera, self._noise, self._rng(3, index), spread=self._parameters.exposure_spread)
+        view = empty_view(
+            name, camera, self._noise, self._rng(3, index),
+            spread=self._parameters.exposure_spread, cast=self._parameters.cast(self._rng(7, index)),
+        )  # fmt: skip
+        if sigma := self._defocus(view):
+            view = replace(view, plate=defocused_plate(view.plate, sigma))
         if not name.startswith("held_out"):
-            self._expose(view, np.zeros((0, 0, 4), np.float32), (0, 0), None, self._key(index, 0), "plate")
+            self._expose(view, (np.zeros((0, 0, 4), np.float32), 0, 0), None, (index, -1, 0.0))
         return view
 
     def _record_frame(self, frame: int) -> NDArray[np.float64]:
         """Write all that belongs to a frame; return the actors' extent (2, 3), mm."""
-        moments: dict[float, tuple[Staged, NDArray[np.float32]]] = {}
+        moments = _Moments(self._stage, self._parameters.n_frames, self._towards_key)
+        offsets = self._parameters.offsets(self._parameters.fps, self._speed(frame, moments))
         late = dict(self._parameters.late)
         for index, view in enumerate(self._views):
             if view.name.startswith("held_out") and frame != HELD_OUT_FRAME:
                 continue
             instant = frame - late.get(view.name.partition("/")[0], 0.0)
-            if instant not in moments:
-                at_instant = self._stage.at(instant / self._parameters.n_frames % 1.0)
-                moments[instant] = at_instant, floor_shade(at_instant.vertices, FLOOR_Y_MM, self._towards_key)
-            staged, floor = moments[instant]
-            seen = see(view.camera, staged.vertices, self._stage.faces)
-            actors = self._shade(view, seen, staged)
-            self._expose(view, actors, (seen.column, seen.row), floor, self._key(index, frame + 1), f"{frame:04d}")
+            shots = [self._shot(view, instant + offset, moments) for offset in offsets]
+            actors, seen = averaged([window for window, _ in shots]), shots[len(shots) // 2][1]
+            if sigma := self._defocus(view):
+                actors = defocused(actors, sigma, view.camera.size)
+            self._expose(view, actors, moments.floor(instant), (index, frame, instant))
             truth.write_view(self._folder, view.name, frame, view.camera.size, seen)
             if self._parameters.depth_maps and not view.name.startswith("held_out"):
                 path = image_path(self._folder, DEPTH_MAPS.format(sensor=PurePosixPath(view.name).parent), frame)
                 truth.write_depth_map(path, view.camera.size, seen)
-        staged = self._stage.at(frame / self._parameters.n_frames)
+        staged = moments.at(frame)
         write_mesh(self._folder / truth.MESH.format(frame=frame), self._stage.mesh(staged))
         return np.stack([staged.vertices.min(axis=0), staged.vertices.max(axis=0)])
 
+    def _speed(self, frame: int, moments: _Moments) -> float:
+        """Return the largest motion within a frame, pixels; 0 where no shutter is open so that nobody asks."""
+        if not self._parameters.shutter_ms:
+            return 0.0
+        way = moments.at(frame + 0.25).vertices - moments.at(frame - 0.25).vertices
+        return 2 * float(np.linalg.norm(way, axis=1).max()) / _pixel(self.rig)
+
+    def _shot(self, view: View, instant: float, moments: _Moments) -> tuple[Window, Visibility]:
+        """Return what a camera sees at one instant."""
+        readout = self._parameters.readout(self._parameters.fps)
+        staged = moments.at(instant)
+        if readout:
+            around = moments.at(instant - readout / 2), staged, moments.at(instant + readout / 2)
+            staged = rolled(view.camera, around)
+        seen = see(view.camera, staged.vertices, self._stage.faces)
+        return (self._shade(view, seen, staged), seen.column, seen.row), seen
+
+    def _defocus(self, view: View) -> float:
+        return dict(self._parameters.defocus).get(view.name.partition("/")[0], 0.0)
+
     def _shade(self, view: View, seen: Visibility, staged: Staged) -> NDArray[np.float32]:
+        light = lit(staged.surface, self._lights, view.camera.centre)
+        light[:, SHINE] *= np.float32(self._parameters.gloss)
         actors: NDArray[np.float32] = shade(
             seen.column, seen.row, seen.faces, seen.nearness, self._stage.faces, seen.pixels,
-            lit(staged.surface, self._lights, view.camera.centre), self._stage.owners, staged.looks, self._noise,
-            1.0 / view.camera.K[0, 0],
+            light, self._stage.owners, staged.looks, self._noise, 1.0 / view.camera.K[0, 0],
         )  # fmt: skip
         return actors
 
     def _expose(
-        self,
-        view: View,
-        actors: NDArray[np.float32],
-        corner: tuple[int, int],
-        floor: NDArray[np.float32] | None,
-        key: np.uint64,
-        name: str,
+        self, view: View, actors: Window, floor: NDArray[np.float32] | None, shot: tuple[int, int, float]
     ) -> None:
-        floor = np.ones((FLOOR_CELLS, FLOOR_CELLS), np.float32) if floor is None else floor
+        """Write the picture of a camera; `shot` is the camera's number, the frame (-1: the plate) and the instant."""
+        index, frame, instant = shot
+        parameters, (pixels, column, row) = self._parameters, actors
+        dimming = parameters.dimming(view.camera.size, instant / parameters.fps, parameters.fps)
         picture = expose(
-            view.plate, actors, *corner, view.gains, self._curve, view.floor_cells, floor, self._parameters.noise, key
-        )
-        path = self._folder / f"{view.name}/{name}.png"
+            view.plate, pixels, column, row, view.gains, self._curve, view.floor_cells,
+            np.ones((FLOOR_CELLS, FLOOR_CELLS), np.float32) if floor is None else floor,
+            np.ones((0, 0), np.float32) if dimming is None else dimming,
+            parameters.noise, self._key(index, frame + 1),
+        )  # fmt: skip
+        path = self._folder / f"{view.name}/{'plate' if frame < 0 else f'{frame:04d}'}{parameters.suffix}"
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(cv2.imencode(".png", picture, NOISY_PNG)[1].tobytes())
+        path.write_bytes(parameters.encoded(picture, NOISY_PNG))
 
     def _key(self, view: int, picture: int) -> np.uint64:
         return np.uint64(self._rng(4, view, picture).integers(0, 2**64, dtype=np.uint64))
@@ -263,9 +291,10 @@ class _Recording:
             rig = disturbed(rig, parameters.calibration_error_px, self._rng(5))
         capture = Capture(
             self._folder, scene.name, scene.kind, parameters.fps, parameters.n_frames, bounds, scene.object,
-            tuple(map(_depth_stream if parameters.depth_maps else _stream, rig.sensors)),
+            tuple((_depth_stream if parameters.depth_maps else _stream)(sensor, parameters.suffix)
+                  for sensor in rig.sensors),
             tuple(
-                HeldOut(view.camera, f"{view.name}/{HELD_OUT_FRAME:04d}.png", HELD_OUT_FRAME)
+                HeldOut(view.camera, f"{view.name}/{HELD_OUT_FRAME:04d}{parameters.suffix}", HELD_OUT_FRAME)
                 for view in self._views
                 if view.name.startswith("held_out")
             ),
@@ -274,15 +303,39 @@ class _Recording:
         return capture
 
 
-def _stream(sensor: Sensor) -> SensorStream:
-    left, right = (CameraStream(getattr(sensor, side), f"{sensor.id}/{side}/{{frame:04d}}.png") for side in SIDES)
-    return SensorStream(sensor.id, left, right, plate=(f"{sensor.id}/left/plate.png", f"{sensor.id}/right/plate.png"))
+class _Moments:
+    """The bodies and the floor's shade at the instants of a frame, each made once."""
+
+    def __init__(self, stage: Stage, n_frames: int, towards_key: NDArray[np.float64]) -> None:
+        self._stage, self._n_frames, self._towards_key = stage, n_frames, towards_key
+        self._staged: dict[float, Staged] = {}
+        self._floors: dict[float, NDArray[np.float32]] = {}
+
+    def at(self, instant: float) -> Staged:
+        """Return the bodies at an instant, frames."""
+        key = round(instant, 6)
+        if key not in self._staged:
+            self._staged[key] = self._stage.at(key / self._n_frames % 1.0)
+        return self._staged[key]
+
+    def floor(self, instant: float) -> NDArray[np.float32]:
+        """Return how much the bodies darken the floor at an instant, as in `floor_shade`."""
+        key = round(instant, 6)
+        if key not in self._floors:
+            self._floors[key] = floor_shade(self.at(instant).vertices, FLOOR_Y_MM, self._towards_key)
+        return self._floors[key]
 
 
-def _depth_stream(sensor: Sensor) -> SensorStream:
-    camera = CameraStream(sensor.left, f"{sensor.id}/left/{{frame:04d}}.png")
+def _stream(sensor: Sensor, suffix: str) -> SensorStream:
+    left, right = (CameraStream(getattr(sensor, side), f"{sensor.id}/{side}/{{frame:04d}}{suffix}") for side in SIDES)
+    plates = f"{sensor.id}/left/plate{suffix}", f"{sensor.id}/right/plate{suffix}"
+    return SensorStream(sensor.id, left, right, plate=plates)
+
+
+def _depth_stream(sensor: Sensor, suffix: str) -> SensorStream:
+    camera = CameraStream(sensor.left, f"{sensor.id}/left/{{frame:04d}}{suffix}")
     depth = DepthMaps(DEPTH_MAPS.format(sensor=sensor.id), truth.DEPTH_MAP_STEP_MM)
-    return SensorStream(sensor.id, camera, None, plate=(f"{sensor.id}/left/plate.png",), depth=depth)
+    return SensorStream(sensor.id, camera, None, plate=(f"{sensor.id}/left/plate{suffix}",), depth=depth)
 
 
 def _pixel(rig: Rig) -> float:

@@ -78,8 +78,12 @@ def _textured(capture: Capture, recorded: dict[int, Path]) -> Iterator[tuple[int
 
 def _parameters(capture: Capture) -> SynthParameters:
     values: dict[str, Any] = read_json(capture.folder / FACTS)["parameters"]
-    arrays = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
+    arrays = {name: _tuples(value) for name, value in values.items() if isinstance(value, list)}
     return SynthParameters(**(values | arrays))
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
 def _scene(capture: Capture, out: Path) -> dict[str, object]:

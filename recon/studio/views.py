@@ -52,7 +52,13 @@ class View:
 
 
 def empty_view(
-    name: str, camera: Camera, noise: NDArray[np.float32], rng: np.random.Generator, *, spread: float
+    name: str,
+    camera: Camera,
+    noise: NDArray[np.float32],
+    rng: np.random.Generator,
+    *,
+    spread: float,
+    cast: NDArray[np.float64],
 ) -> View:
     """Make a camera with its own exposure and white balance, and its picture of the empty studio.
 
@@ -63,9 +69,10 @@ def empty_view(
     noise : float32 (S, S, S), for the room's texture
     rng : draws exposure and white balance
     spread : standard deviation of the exposure, share; a quarter of it for the white balance
+    cast : float64 (3,), further gains
     """
     exposure, red, blue = np.maximum(1.0 + spread * rng.normal(size=3) * (1.0, 0.25, 0.25), LEAST_GAIN)
-    gains = exposure * np.array([red, 1.0, blue])
+    gains = exposure * np.array([red, 1.0, blue]) * cast
     slopes = pixel_slopes(camera)
     axes = np.ascontiguousarray(camera.rotation.T)
     plate = room_plate(

@@ -18,6 +18,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from recon.capture.format import Capture, SensorStream, read_frame, read_masks
+from recon.capture.rectify import undistort
 from recon.geometry.mesh import Mesh
 from recon.geometry.rig import Camera
 from recon.surface.colours import MAD_TO_SIGMA, MIN_SHARED_PLACES, SATURATED
@@ -82,6 +84,15 @@ class View:
     coarse: NDArray[np.uint8]
     trust: NDArray[np.float32]
     nearness: NDArray[np.float32]
+
+
+def read_photographs(capture: Capture, stream: SensorStream, frame: int) -> list[Photograph]:
+    """Read what the cameras of a sensor saw at a frame."""
+    pictures, masks = read_frame(capture, stream.id, frame), read_masks(capture, stream.id, frame)
+    return [
+        Photograph(*undistort(side.camera, picture, mask))
+        for side, picture, mask in zip(stream.cameras, pictures, masks or [None] * len(pictures), strict=True)
+    ]
 
 
 def draw(mesh: Mesh, camera: Camera) -> Drawn:

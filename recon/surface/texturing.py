@@ -56,7 +56,15 @@ def textured(mesh: Mesh, photographs: Sequence[Photograph], tolerance_mm: float)
     starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
     faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)])
     kept = np.concatenate([numbers for _, numbers in laid_out])
-    return Mesh(mesh.vertices[kept], faces.astype(np.int32), mesh.normals[kept], mesh.colours[kept], one_texture(parts))
+    filled = None if mesh.filled is None else mesh.filled[kept]
+    return Mesh(
+        mesh.vertices[kept],
+        faces.astype(np.int32),
+        mesh.normals[kept],
+        mesh.colours[kept],
+        one_texture(parts),
+        filled,
+    )
 
 
 def _layout(mesh: Mesh, views: Sequence[View], tolerance_mm: float) -> NDArray[np.intp]:

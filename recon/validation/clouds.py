@@ -1,4 +1,4 @@
-"""Clouds to be measured, from this backend or from anything else: PLY, OBJ, glTF, or text with x, y, z in front."""
+"""Clouds to be measured, from this backend or from anything else: models, or text with x, y, z in front."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.geometry.mesh import Shape, check_resolved
-from recon.geometry.mesh_files import read_ply_shape, read_points
+from recon.geometry.mesh import Shape, check_resolved, measured_part
+from recon.geometry.mesh_files import read_mesh
 from recon.geometry.rig import UNITS_MM
 from recon.models.read import GLTF_SUFFIXES
-from recon.models.shape import SHAPE_SUFFIXES, read_model_shape
+from recon.models.shape import read_model_shape
 from recon.runtime.files import why_no_file
 from recon.validation.measures import COMBINED
 
@@ -86,8 +86,7 @@ def read_measured(path: Path, unit: str = "mm") -> NDArray[np.float32]:
     suffix, scale = path.suffix.lower(), unit_mm(path, unit)
     if suffix in TEXT_SUFFIXES:
         return np.asarray(_read_text(path) * scale, dtype=np.float32)
-    points = read_model_shape(path).points if suffix in SHAPE_SUFFIXES else read_points(path)
-    return np.asarray(points * scale, dtype=np.float32)
+    return np.asarray(read_model_shape(path).points * scale, dtype=np.float32)
 
 
 def read_shape(path: Path) -> Shape:
@@ -100,9 +99,15 @@ def read_shape(path: Path) -> Shape:
     if suffix in TEXT_SUFFIXES:
         shape = Shape(_read_text(path).astype(np.float32), np.zeros((0, 3), np.int32))
     else:
-        shape = read_model_shape(path) if suffix in SHAPE_SUFFIXES else read_ply_shape(path)
+        shape = read_model_shape(path)
     check_resolved(shape.points, f"{path}: ")
     return shape
+
+
+def read_measured_shape(path: Path) -> Shape:
+    """Read a mesh of a run as `read_shape` does, but for the faces where holes were filled and nothing was measured."""
+    mesh = measured_part(read_mesh(path))
+    return Shape(mesh.vertices, mesh.faces, mesh.normals, mesh.colours)
 
 
 def unit_mm(path: Path, unit: str) -> float:

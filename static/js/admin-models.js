@@ -13,6 +13,7 @@ import {
   Points,
   PointsMaterial,
   Scene,
+  Sphere,
   Vector3,
   WebGLRenderer,
 } from "/static/vendor/three.module.min.js";
@@ -22,10 +23,11 @@ import { byId, required } from "./elements.js";
 
 /**
  * @import {BufferGeometry, Camera, Material} from "/static/vendor/three.module.min.js"
+ * @import {SparkRenderer, SplatMesh} from "/static/vendor/spark.js"
  * @typedef {object} Model
  * @property {string} dataset
  * @property {string} condition
- * @property {"mesh" | "cloud"} kind
+ * @property {"mesh" | "cloud" | "splat"} kind
  * @property {number} n_points
  * @property {number} n_faces
  * @property {number | null} error_limit_mm within which 95 % of the points are; null where the truth is not known
@@ -54,7 +56,7 @@ const PLAIN = "#b9b4a8";
 const TURN = Math.PI / 36; // radians for each press of an arrow key
 const STEP = 0.9; // factor of the distance for each press of +
 const FIELD_OF_VIEW = 35; // degrees
-const UNITS = { mesh: "triangles", cloud: "points" };
+const UNITS = { mesh: "triangles", cloud: "points", splat: "splats" };
 /** @type {Partial<Record<string, [number, number]>>} to the right and down */
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 /** @type {Partial<Record<string, number>>} factors of the distance */
@@ -81,8 +83,12 @@ class View {
     this.camera.add(lamp);
     this.scene.add(this.camera, new AmbientLight("#ffffff", 0.9));
     this.controls = new OrbitControls(this.camera, this.canvas);
-    /** @type {Mesh<BufferGeometry, Material> | Points<BufferGeometry, Material> | null} */
+    /** @type {Mesh<BufferGeometry, Material> | Points<BufferGeometry, Material> | SplatMesh | null} */
     this.object = null;
+    /** @type {Sphere | null} around the object */
+    this.around = null;
+    /** @type {SparkRenderer | null} what draws splats, once there were any */
+    this.spark = null;
     this.isRequested = false; // to be drawn at the next animation frame
     this.controls.addEventListener("change", () => {
       link(this);
@@ -117,9 +123,9 @@ class View {
     this.figure.classList.toggle("is-loading", Boolean(model));
     if (!model) return;
     try {
-      const geometry = await read(model.url);
+      const shown = model.kind === "splat" ? await this.splats(model.url) : await read(model.url);
       if (this.wanted !== model.url) return; // another model was chosen meanwhile
-      this.put(geometry);
+      this.put(shown);
       const limit = model.error_limit_mm;
       const n = model.kind === "mesh" ? model.n_faces : model.n_points;
       const near = limit === null ? "" : `, 95 % within ${limit.toFixed(1)} mm`;
@@ -132,19 +138,33 @@ class View {
     }
   }
 
-  /** Puts a geometry in place of the present one. @param {BufferGeometry | null} geometry */
-  put(geometry) {
+  /** Fetches splats, and what draws them. @param {string} url */
+  async splats(url) {
+    const { SparkRenderer, SplatFileType, SplatMesh } = await import("/static/vendor/spark.js");
+    if (!this.spark) {
+      this.spark = new SparkRenderer({ renderer: this.renderer, onDirty: () => this.draw() });
+      this.scene.add(this.spark);
+    }
+    return new SplatMesh({ url, fileType: SplatFileType.PLY }).initialized;
+  }
+
+  /** Puts a model in place of the present one. @param {BufferGeometry | SplatMesh | null} shown */
+  put(shown) {
     if (this.object) {
       this.scene.remove(this.object);
-      this.object.material.dispose();
+      if (isSplats(this.object)) this.object.dispose();
+      else this.object.material.dispose();
     }
-    this.object = geometry && (geometry.index ? new Mesh(geometry) : new Points(geometry));
+    if (!shown) this.object = null;
+    else if (isSplats(shown)) this.object = shown;
+    else this.object = shown.index ? new Mesh(shown) : new Points(shown);
+    if (shown) this.around = isSplats(shown) ? shown.getBoundingBox(true).getBoundingSphere(new Sphere()) : shown.boundingSphere;
     if (this.object) this.scene.add(this.object);
     this.paint();
   }
 
   paint() {
-    if (!this.object) return this.draw();
+    if (!this.object || isSplats(this.object)) return this.draw();
     const { geometry } = this.object;
     const wanted = controls.colours.value;
     const values = wanted === "error" ? errorColours(geometry) : geometry.userData.recordedColours;
@@ -160,7 +180,7 @@ class View {
 
   /** Looks at the middle of the model from the front. */
   reset() {
-    const sphere = (this.object ?? other(this).object)?.geometry.boundingSphere;
+    const sphere = this.object ? this.around : other(this).around;
     if (!sphere) return;
     const { clientWidth, clientHeight } = this.canvas;
     const half = Math.tan((FIELD_OF_VIEW * Math.PI) / 360) * Math.min(1, clientWidth / clientHeight);
@@ -173,6 +193,9 @@ class View {
     this.draw();
   }
 }
+
+/** @param {object} shown @returns {shown is SplatMesh} */
+const isSplats = (shown) => "packedSplats" in shown;
 
 /** @type {Map<string, Promise<BufferGeometry>>} */
 const geometries = new Map();
@@ -222,7 +245,8 @@ function limitMm() {
 
 /** The models to choose from, of the chosen dataset and kind. */
 function offered() {
-  return models.filter(({ dataset, kind }) => dataset === controls.dataset.value && kind === controls.kind.value);
+  const isCloud = controls.kind.value === "cloud";
+  return models.filter(({ dataset, kind }) => dataset === controls.dataset.value && (kind === "cloud") === isCloud);
 }
 
 function chosen() {
@@ -323,9 +347,9 @@ function tellScale() {
 }
 
 function start() {
-  const kinds = new Set(models.map((model) => model.kind));
-  for (const option of controls.kind.options) option.disabled = !kinds.has(/** @type {Model["kind"]} */ (option.value));
-  controls.kind.value = kinds.has("mesh") ? "mesh" : "cloud";
+  const kinds = new Set(models.map(({ kind }) => (kind === "cloud" ? "cloud" : "surface")));
+  for (const option of controls.kind.options) option.disabled = !kinds.has(/** @type {"cloud" | "surface"} */ (option.value));
+  controls.kind.value = kinds.has("surface") ? "surface" : "cloud";
   form.addEventListener("submit", (event) => event.preventDefault());
   form.addEventListener("reset", (event) => {
     event.preventDefault(); // the choices stay

@@ -3,20 +3,20 @@
 import { reasonIn } from "./admin-refusal.js";
 import { byId, required } from "./elements.js";
 
-/** @param {HTMLFormElement} form */
-function sendFile(form) {
+/** @param {HTMLFormElement} form @param {Blob} file */
+export function sendFile(form, file) {
   const state = byId("upload-state");
   const bar = required(HTMLProgressElement, "progress", state);
   const words = required(HTMLElement, "span", state);
-  const button = required(HTMLButtonElement, "button", form);
+  const button = form.querySelector("button");
   const request = new XMLHttpRequest(); // fetch reports no progress of an upload
   state.hidden = false;
   words.textContent = "";
-  button.disabled = true;
+  if (button) button.disabled = true;
   const fail = (/** @type {string} */ reason) => {
     bar.value = 0;
     words.textContent = reason;
-    button.disabled = false;
+    if (button) button.disabled = false;
   };
   request.upload.addEventListener("progress", (sent) => (bar.value = sent.loaded / sent.total));
   request.addEventListener("load", () => {
@@ -27,7 +27,7 @@ function sendFile(form) {
   request.open("PUT", `${form.dataset.to ?? ""}${queryOf(form)}`);
   request.setRequestHeader("X-CSRF-Token", form.dataset.formToken ?? "");
   request.setRequestHeader("Content-Type", "application/octet-stream");
-  request.send(new FormData(form).get("file"));
+  request.send(file);
 }
 
 /** What fields of a form say beside the file. @param {HTMLFormElement} form */
@@ -43,6 +43,7 @@ const form = document.getElementById("upload-form"); // absent for those who may
 if (form instanceof HTMLFormElement) {
   form.addEventListener("submit", (event) => {
     event.preventDefault();
-    sendFile(form);
+    const file = new FormData(form).get("file");
+    if (file instanceof File) sendFile(form, file);
   });
 }

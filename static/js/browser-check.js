@@ -22,7 +22,7 @@ function tell(list, technique) {
   const { window_width, window_height, refresh_hz } = display();
   const isLarge = window_width >= SMALLEST_WINDOW.width && window_height >= SMALLEST_WINDOW.height;
   /** @type {Record<string, boolean>} */
-  const isGood = { codec: technique !== null && technique !== "two videos", window: isLarge, refresh: refresh_hz === null || refresh_hz >= SLOWEST_REFRESH_HZ };
+  const isGood = { codec: technique !== null, window: isLarge, refresh: refresh_hz === null || refresh_hz >= SLOWEST_REFRESH_HZ };
   for (const item of /** @type {NodeListOf<HTMLElement>} */ (list.querySelectorAll("[data-check]"))) {
     const { check = "", good, fair, bad } = item.dataset;
     item.classList.toggle("is-bad", !isGood[check]);

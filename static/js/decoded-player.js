@@ -2,12 +2,11 @@
 
 import { fitToPage, stripsOf } from "./film-window.js";
 import { readTrack } from "./mp4.js";
-import { FilmClock, Stillness } from "./playback.js";
+import { FIRST_PICTURE_MS, FilmClock, Stillness } from "./playback.js";
 
 /** @typedef {import("./session.js").Shown} Shown */
 
 const AHEAD = 8; // pictures decoded before they are due
-const FIRST_PICTURE_MS = 10_000; // patience with a decoder that gives out nothing
 const LONGEST_STEP_MS = 100; // of the film's clock at a refresh: after a hidden tab or a busy moment the film goes on where it was
 
 export class DecodedPlayer {
@@ -119,6 +118,11 @@ export class DecodedPlayer {
       this.show(this.shown);
     }
     return due - this.current <= 1;
+  }
+
+  /** Pictures drawn in the exposure. */
+  get n_presented() {
+    return this.counts.n_frames - this.counts.n_dropped;
   }
 
   /** The exposure's counts, for the viewing record. */

@@ -1,6 +1,7 @@
 /** Keeps votes and reports of interrupted trials in this browser until the server has stored them. */
 
 import { Refusal, patiently } from "./connection.js";
+import { TooLong, within } from "./patience.js";
 import { sendVoid, sendVote } from "./session.js";
 
 /**
@@ -72,25 +73,35 @@ function letGo(error) {
  * @property {(id: string) => Promise<unknown>} remove
  */
 
-/** @returns {Promise<Shelf>} on disk and in memory; in memory alone where the browser refuses storage */
-export async function openShelf() {
+/**
+ * Opens the shelf on disk and in memory, where what this page adds stays, too: a browser may refuse its storage, lose it at
+ * any time, or never answer. It is waited for once, for `PATIENCE_MS`.
+ * @param {() => void} [onLost] told when something is in memory alone
+ * @returns {Shelf}
+ */
+export function openShelf(onLost = () => {}) {
   const memory = shelfInMemory();
-  try {
-    return shelfInBoth(shelfOnDisk(await openDatabase()), memory);
-  } catch {
-    return memory;
-  }
-}
-
-/** What this page adds stays in memory, too: a browser may lose its database at any time. @param {Shelf} disk @param {Shelf} memory @returns {Shelf} */
-function shelfInBoth(disk, memory) {
+  /** @type {Promise<Shelf> | null} */
+  let disk = within(openDatabase()).then(shelfOnDisk);
+  const lose = (/** @type {unknown} */ error) => {
+    if (error instanceof TooLong) disk = null;
+    onLost();
+  };
+  disk.catch((error) => {
+    disk = null;
+    lose(error);
+  });
+  /** @template T @param {(shelf: Shelf) => Promise<T>} action @returns {Promise<T | void>} */
+  const onDisk = async (action) => {
+    if (disk) return within(disk.then(action)).catch(lose);
+  };
   return {
-    add: (pending) => Promise.all([memory.add(pending), disk.add(pending).catch(() => {})]),
+    add: (pending) => Promise.all([memory.add(pending), onDisk((shelf) => shelf.add(pending))]),
     list: async (owner) => {
-      const both = [...(await disk.list(owner).catch(() => [])), ...(await memory.list(owner))];
+      const both = [...((await onDisk((shelf) => shelf.list(owner))) ?? []), ...(await memory.list(owner))];
       return [...new Map(both.map((pending) => [pending.id, pending])).values()];
     },
-    remove: (id) => Promise.all([memory.remove(id), disk.remove(id).catch(() => {})]),
+    remove: (id) => Promise.all([memory.remove(id), onDisk((shelf) => shelf.remove(id))]),
   };
 }
 
@@ -126,7 +137,7 @@ function shelfInMemory() {
 }
 
 /** @returns {Promise<IDBDatabase>} */
-function openDatabase() {
+async function openDatabase() {
   const opening = indexedDB.open(DATABASE, 1);
   opening.onupgradeneeded = () => opening.result.createObjectStore(STORE, { keyPath: "id" });
   return answer(opening);

@@ -46,7 +46,7 @@ const person = page.dataset.person ?? ""; // another id of a platform is another
 const beginKey = `begin ${person}`;
 const begun = new Begun(person);
 const isAnother = new URLSearchParams(location.search).has("another"); // a new participant says so
-const shelf = await openShelf();
+const shelf = openShelf(() => (byId("not-stored").hidden = false));
 const technique = await bestTechnique(byId("browser-check").dataset);
 const trials = new Trials(byId("trial"), technique, breakEvery);
 const questionnaire = /** @type {HTMLFormElement | null} */ (document.getElementById("questionnaire"));
@@ -90,7 +90,7 @@ byId("no-codec").hidden = lack !== "films";
 byId("no-cookies").hidden = lack !== "cookies";
 byId("begin").hidden = lack !== null;
 if (lack) tellLack(lack);
-for (const id of ["continue", "after-interruption", "after-break"]) byId(id).addEventListener("click", goOnWithTrials);
+for (const id of ["continue", "after-interruption", "after-suspension", "after-slowness", "after-break"]) byId(id).addEventListener("click", goOnWithTrials);
 window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload()); // back to a page that was put aside
 for (const button of page.querySelectorAll("[data-reload]")) button.addEventListener("click", () => location.reload());
 listenForTries();

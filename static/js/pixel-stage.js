@@ -1,5 +1,7 @@
 /** A canvas whose pixels are those of the display, however the page is zoomed: a picture is neither scaled nor smoothed. */
 
+import { within } from "./patience.js";
+
 const MIDDLE = { x: 0.5, y: 0.4 }; // where pictures stand, above the answers
 
 /** @param {number} length CSS pixels @param {number} [exact] as the browser tells it, except where a display is emulated */
@@ -25,7 +27,7 @@ export class PixelStage {
 
   /** @param {Blob} picture */
   async show(picture) {
-    this.#picture = await createImageBitmap(picture);
+    this.#picture = await within(createImageBitmap(picture));
     this.#draw();
   }
 

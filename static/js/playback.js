@@ -1,37 +1,34 @@
-/** Plays video elements for an exposure: their clock, a film that stands still, and the browser's counts of frames. */
+/** Plays a video element for an exposure: its clock, a film that stands still, and the browser's counts of frames. */
 
+import { after } from "./page.js";
+
+export const FIRST_PICTURE_MS = 10_000; // patience with a decoder that gives out nothing
 const SHORTEST_LOOP_S = 0.25; // least rest of an exposure for which the film begins again: a shorter one would only flash
 
 /**
- * Plays elements together, over and over if they are shorter than the exposure; the first one's clock is the exposure's.
- * @param {HTMLVideoElement[]} videos
+ * Plays a film, over and over if it is shorter than the exposure.
+ * @param {HTMLVideoElement} video
  * @param {number} exposure_s of film; Infinity: until the signal comes
  * @param {AbortSignal} signal
- * @param {() => void} [onRefresh] told at every refresh of the display
  * @returns {Promise<void>} when that much was shown; rejects when the film stands still
  */
-export function playFor(videos, exposure_s, signal, onRefresh = () => {}) {
-  const [lead] = videos;
-  const clock = new FilmClock(lead.duration, exposure_s);
+export function playFor(video, exposure_s, signal) {
+  const clock = new FilmClock(video.duration, exposure_s);
   return new Promise((resolve, reject) => {
     const stillness = new Stillness();
-    const repeat = () => videos.forEach((video) => (video.loop = clock.comesAgain));
     const tick = (/** @type {number} */ now) => {
       if (signal.aborted) return;
-      clock.advance(lead.currentTime);
-      repeat();
-      onRefresh();
+      clock.advance(video.currentTime);
+      video.loop = clock.comesAgain;
       if (clock.isOver) resolve();
-      else if (stillness.lasts(now, lead.currentTime)) reject(new Error("the film stands still"));
+      else if (stillness.lasts(now, video.currentTime)) reject(new Error("the film stands still"));
       else requestAnimationFrame(tick);
     };
-    repeat();
-    lead.addEventListener("ended", () => resolve(), { signal });
-    for (const video of videos) {
-      video.addEventListener("error", () => reject(video.error), { signal });
-      video.addEventListener("pause", () => video.ended || signal.aborted || video.play().catch(reject), { signal }); // a media key
-      video.play().catch(reject);
-    }
+    video.loop = clock.comesAgain;
+    video.addEventListener("ended", () => resolve(), { signal });
+    video.addEventListener("error", () => reject(video.error), { signal });
+    video.addEventListener("pause", () => video.ended || signal.aborted || video.play().catch(reject), { signal }); // a media key
+    video.play().catch(reject);
     requestAnimationFrame(tick);
   });
 }
@@ -82,16 +79,11 @@ export class Stillness {
 
 /** Frames and stalls since the exposure began; the browser itself counts since the element was made. */
 export class PlaybackCount {
-  /** @param {HTMLVideoElement[]} videos @param {AbortSignal} signal the end of the exposure */
-  constructor(videos, signal) {
-    this.videos = videos;
-    this.before = this.#now();
+  /** @param {HTMLVideoElement} video @param {AbortSignal} signal the end of the exposure */
+  constructor(video, signal) {
+    this.video = video;
+    this.before = video.getVideoPlaybackQuality();
     this.n_stalls = 0;
-    for (const video of videos) this.#countStalls(video, signal);
-  }
-
-  /** @param {HTMLVideoElement} video @param {AbortSignal} signal */
-  #countStalls(video, signal) {
     let isStalled = false;
     const resumes = () => (isStalled = false);
     video.addEventListener("waiting", () => {
@@ -102,20 +94,12 @@ export class PlaybackCount {
     for (const name of ["playing", "timeupdate"]) video.addEventListener(name, resumes, { signal });
   }
 
-  #now() {
-    const counts = this.videos.map((video) => video.getVideoPlaybackQuality());
-    return {
-      frames: counts.reduce((sum, count) => sum + count.totalVideoFrames, 0),
-      dropped: counts.reduce((sum, count) => sum + count.droppedVideoFrames, 0),
-    };
-  }
-
   /** Frames decoded, frames not shown, and waits for data. */
   get quality() {
-    const { frames, dropped } = this.#now();
+    const { totalVideoFrames, droppedVideoFrames } = this.video.getVideoPlaybackQuality();
     return {
-      n_frames: Math.max(0, frames - this.before.frames),
-      n_dropped: Math.max(0, dropped - this.before.dropped),
+      n_frames: Math.max(0, totalVideoFrames - this.before.totalVideoFrames),
+      n_dropped: Math.max(0, droppedVideoFrames - this.before.droppedVideoFrames),
       n_stalls: this.n_stalls,
     };
   }
@@ -124,15 +108,16 @@ export class PlaybackCount {
 /** Resolves when an element can show its film, all of which is in memory: not every browser says by itself that it can play it through. @param {HTMLVideoElement} video @param {AbortSignal} signal */
 export function readiness(video, signal) {
   return new Promise((resolve, reject) => {
+    after(FIRST_PICTURE_MS, signal, () => reject(new Error("the browser does not say that the film can play")));
     video.addEventListener("canplay", resolve, { once: true, signal });
     video.addEventListener("error", () => reject(video.error), { once: true, signal });
   });
 }
 
-/** Tells of every frame that an element gives to the screen, in seconds of its film: Firefox counts on when a film begins again. @param {HTMLVideoElement} video @param {AbortSignal} signal @param {(time_s: number) => void} tell */
+/** Tells of a frame that an element gives to the screen, in seconds of its film (Firefox counts on when it begins again), and how many it has given in all: a busy page is not told of each. @param {HTMLVideoElement} video @param {AbortSignal} signal @param {(time_s: number, n_presented: number) => void} tell */
 export function followFrames(video, signal, tell) {
   const follow = (/** @type {number} */ _now, /** @type {VideoFrameCallbackMetadata} */ frame) => {
-    tell((microseconds(frame.mediaTime) % microseconds(video.duration)) / 1e6);
+    tell((microseconds(frame.mediaTime) % microseconds(video.duration)) / 1e6, frame.presentedFrames);
     if (!signal.aborted) video.requestVideoFrameCallback(follow);
   };
   video.requestVideoFrameCallback?.(follow);

@@ -16,6 +16,7 @@ export class StackedPlayer {
     this.shown = "a";
     this.loaded = new AbortController();
     this.frameTime = NaN; // of the frame that was last given to the screen
+    this.presented = 0; // frames given to the screen in the present exposure
     /** @type {PlaybackCount | null} */
     this.count = null;
   }
@@ -58,13 +59,26 @@ export class StackedPlayer {
   /** Plays the film until that much was shown. @param {number} exposure_s @param {AbortSignal} signal */
   play(exposure_s, signal) {
     this.frameTime = NaN;
-    followFrames(this.video, signal, (time_s) => (this.frameTime = time_s));
-    this.count = new PlaybackCount([this.video], signal);
-    return playFor([this.video], exposure_s, signal);
+    this.presented = 1; // the first one is on the screen
+    let before = NaN;
+    followFrames(this.video, signal, (time_s, n_presented) => {
+      this.frameTime = time_s;
+      this.presented += before < n_presented ? n_presented - before : 1;
+      before = n_presented;
+    });
+    this.count = new PlaybackCount(this.video, signal);
+    return playFor(this.video, exposure_s, signal);
   }
 
-  /** The exposure's counts, for the viewing record. */
+  /** Frames that the display got in the exposure; by the browser's count where it does not tell of frames. */
+  get n_presented() {
+    if (this.presented > 1 || !this.count) return this.presented;
+    const { n_frames, n_dropped } = this.count.quality;
+    return 1 + n_frames - n_dropped;
+  }
+
+  /** The exposure's counts, for the viewing record; both strips come from one frame. */
   get quality() {
-    return this.count?.quality ?? {};
+    return { ...this.count?.quality, n_mismatches: 0 };
   }
 }

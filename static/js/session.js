@@ -51,6 +51,7 @@ import { Unreachable, request } from "./connection.js";
  * @property {boolean} free_exposure the participant ends it
  * @property {boolean} see_both the vote waits until A and B were both on screen
  * @property {number} minimum_viewing_s the vote waits until A and B were each on screen as long
+ * @property {number} longest_gap_ms between two frames; a longer one interrupts a look, too: suspended
  * @property {Reason[]} void_on what interrupts a look
  * @property {"asked" | "required"} full_screen required: nothing is shown without it
  * @property {number[]} minimum_window width and height, CSS pixels; empty: any
@@ -59,9 +60,9 @@ import { Unreachable, request } from "./connection.js";
  * @property {string | null} [next_media]
  * @property {TrialDescription | null} [following] the next trial, for as long as the connection is gone
  *
- * @typedef {"stacked" | "webcodecs" | "two videos"} Technique how A and B are kept in step
+ * @typedef {"stacked" | "webcodecs"} Technique how A and B are kept in step
  *
- * @typedef {"full screen" | "hidden" | "blur" | "resize" | "left the page"} Reason why an attempt was interrupted
+ * @typedef {"full screen" | "hidden" | "blur" | "resize" | "left the page" | "suspended"} Reason why an attempt was interrupted
  * @typedef {"hidden" | "visible" | "full screen left" | "full screen" | "blur" | "focus" | "resize" | "shown again"} Happening what happened to the page
  *
  * @typedef {object} Viewing times in ms of performance.now() since the first shown frame
@@ -72,12 +73,13 @@ import { Unreachable, request } from "./connection.js";
  * @property {number} shown_ms
  * @property {number} response_ms from the voting screen to Next
  * @property {{to: Shown, at_ms: number, media_time_s: number, frame: number, frame_ms?: number, presented_ms?: number}[]} switches press, frame of the film, the animation frame that drew it, and the refresh at which the display had it
- * @property {{a: number, b: number, reference?: number}} [dwell_ms] how long each was on screen
+ * @property {{a: number, b: number, reference?: number}} [dwell_ms] how long each was on screen and ran
  * @property {number} [n_changes] of the choice, before Next
  * @property {number} [n_frames] decoded
  * @property {number} [n_dropped]
  * @property {number} [n_mismatches] refreshes of the display at which A and B were different frames
  * @property {number} [n_stalls]
+ * @property {{longest_gap_ms: number, n_presented: number, n_refreshes: number}} [smoothness] how the film ran on the display
  * @property {{what: Happening, at_ms: number}[]} happened until Next; before the first frame the times are negative
  * @property {Reason} [interruption] of a repetition
  * @property {{window_width: number, window_height: number, device_pixel_ratio: number, full_screen: boolean}} [display]

@@ -1,4 +1,8 @@
-/** Lets one tab at a time have a session: two would send two votes for a trial. */
+/**
+ * Lets one tab at a time have a session: two would send two votes for a trial. A browser that does not answer lets any.
+ */
+
+import { within } from "./patience.js";
 
 const PATIENCE_MS = 800; // a page that is being reloaded still holds the session for a moment
 const ANSWER_MS = 300; // for other tabs to say that they have it
@@ -11,12 +15,12 @@ const ANSWER_MS = 300; // for other tabs to say that they have it
  * @returns {Promise<boolean>} whether this tab has the session now
  */
 export function claim(session, onLost) {
-  return hold(session, { signal: AbortSignal.timeout(PATIENCE_MS) }, onLost);
+  return within(hold(session, { signal: AbortSignal.timeout(PATIENCE_MS) }, onLost)).catch(() => true);
 }
 
 /** Takes the session away from the tab that has it. @param {string} session @param {() => void} onLost */
 export function takeOver(session, onLost) {
-  return hold(session, { steal: true }, onLost);
+  return within(hold(session, { steal: true }, onLost)).catch(() => true);
 }
 
 /** @param {string} session @param {LockOptions} options @param {() => void} onLost @returns {Promise<boolean>} */

@@ -1,20 +1,19 @@
 /** Chooses, before the study, the best way to show A and B in step that the browser has and the study allows. */
 
 import { DecodedPlayer } from "./decoded-player.js";
+import { within } from "./patience.js";
 import { StackedPlayer } from "./player.js";
-import { TwinPlayer } from "./twin-player.js";
 
 /**
  * @typedef {import("./session.js").Technique} Technique
- * @typedef {StackedPlayer | DecodedPlayer | TwinPlayer} Player
+ * @typedef {StackedPlayer | DecodedPlayer} Player
  */
 
 const H264 = 'video/mp4; codecs="avc1.640032"'; // high profile, level 5.0: two stimuli of 1920x1080, one above the other
 const SINGLE_CODEC = "avc1.640028"; // level 4.0: one stimulus
-const SINGLE_H264 = `video/mp4; codecs="${SINGLE_CODEC}"`;
 
 /** @type {Record<Technique, new (film: HTMLElement) => Player>} */
-const PLAYERS = { stacked: StackedPlayer, webcodecs: DecodedPlayer, "two videos": TwinPlayer };
+const PLAYERS = { stacked: StackedPlayer, webcodecs: DecodedPlayer };
 
 /**
  * @param {{second?: string, fallback?: string}} offered second: type of the films besides H.264; fallback: technique that the study allows where neither plays
@@ -22,8 +21,7 @@ const PLAYERS = { stacked: StackedPlayer, webcodecs: DecodedPlayer, "two videos"
  */
 export async function bestTechnique({ second, fallback }) {
   if (plays(H264) || (second && plays(second))) return "stacked";
-  if (fallback && (await decodes())) return "webcodecs";
-  return fallback === "two videos" && plays(SINGLE_H264) ? "two videos" : null;
+  return fallback && (await decodes()) ? "webcodecs" : null;
 }
 
 /**
@@ -51,6 +49,6 @@ function plays(type) {
 /** Whether the browser decodes picture by picture, which browsers do on https and localhost only. */
 async function decodes() {
   if (!("VideoDecoder" in window)) return false;
-  const { supported } = await VideoDecoder.isConfigSupported({ codec: SINGLE_CODEC });
-  return supported === true;
+  const told = await within(VideoDecoder.isConfigSupported({ codec: SINGLE_CODEC })).catch(() => null);
+  return told?.supported === true;
 }

@@ -26,7 +26,7 @@ import { askForAnswer } from "./vote-form.js";
  * @typedef {import("./session.js").Happening} Happening
  * @typedef {import("./outbox.js").Interruption} Interruption
  * @typedef {"loading" | "unready" | "fixation" | "exposure" | "unseen" | "voting" | "done" | "interrupted" | "failed"} State
- * @typedef {{vote?: Vote, interruption?: Interruption}} Outcome a vote or an interruption
+ * @typedef {{vote?: Vote, interruption?: Interruption, isRough?: boolean}} Outcome a vote or an interruption; isRough: the film did not run as it should
  */
 
 const FIXATION_MS = 500;
@@ -101,7 +101,7 @@ export class Trial {
   get look() {
     const { hasBegun, viewing } = this.record;
     if (!hasBegun || this.state === "done") return null;
-    const seen = this.state === "exposure" ? this.record.seen(this.player.quality) : {};
+    const seen = this.state === "exposure" ? this.record.seen(this.player) : {};
     return { reason: "left the page", viewing: { ...viewing, ...seen } };
   }
 
@@ -189,10 +189,21 @@ export class Trial {
     if (document.visibilityState === "hidden") this.#note("hidden");
     if (!document.hasFocus()) this.#note("blur");
     if (signal.aborted) return;
+    this.#watchFrames(signal);
     this.player.play(free_exposure ? Infinity : exposure_s, signal).then(
       () => this.#endExposure(),
       (error) => signal.aborted || this.#go("failed", error),
     );
+  }
+
+  /** Looks at every refresh whether the film runs; where no frame came for long, as when the computer slept, the look ends. @param {AbortSignal} signal */
+  #watchFrames(signal) {
+    const look = (/** @type {number} */ now) => {
+      if (signal.aborted) return;
+      if (this.record.refresh(now, this.player.n_presented)) this.#interrupt("suspended");
+      requestAnimationFrame(look);
+    };
+    requestAnimationFrame(look);
   }
 
   /** Mouse and keys, as long as the film is shown. @param {AbortSignal} signal */
@@ -235,8 +246,8 @@ export class Trial {
       this.record.viewing.interruption = reason;
       return;
     }
-    this.record.close(this.player.quality);
-    this.#go("interrupted", { interruption: { reason, viewing: this.record.viewing } });
+    this.record.close(this.player);
+    this.#go("interrupted", { interruption: { reason, viewing: this.record.viewing }, isRough: this.record.isRough });
   }
 
   /** Whether the pair is about to be shown again: meanwhile the clock of the record stands. */
@@ -245,14 +256,15 @@ export class Trial {
   }
 
   #endExposure() {
-    this.record.close(this.player.quality);
+    if (this.record.close(this.player)) this.#interrupt("suspended");
+    if (this.state !== "exposure") return;
     this.#go(this.record.lack ? "unseen" : "voting");
     this.player.pause();
   }
 
   /** Shows the pair again once the participant is ready. @param {AbortSignal} signal */
   #offerAgain(signal) {
-    this.record.keepCounts(this.player.quality);
+    this.record.keepCounts(this.player);
     const text = required(HTMLElement, "#unseen", this.screen);
     text.textContent = fill(text.dataset[this.record.lack || "unseen"], { seconds: this.description.minimum_viewing_s });
     settle(); // a press meant to switch comes too late
@@ -301,7 +313,7 @@ export class Trial {
     viewing.response_ms = tenths(response_ms);
     viewing.n_changes = n_changes;
     if (this.description.following) enterFullScreen(); // Esc may have ended it, and this is a press
-    this.#go("done", { vote: { id: newId(), ...answer, viewing } });
+    this.#go("done", { vote: { id: newId(), ...answer, viewing }, isRough: this.record.isRough });
   }
 }
 

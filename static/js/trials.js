@@ -19,6 +19,7 @@ import { tell } from "./views.js";
 const SYNC_PATIENCE_MS = 1500; // before the study goes on without the server, with what is already here
 const FEWEST_AFTER_BREAK = 5;
 const NOT_FOUND = 404; // status of an answer: the film is missing
+const ROUGH_LOOKS = 2; // after which a computer is taken for too slow
 const MOST_BETWEEN = 100; // happenings between two trials; a record has room for 500
 const NOTED_EVERY_MS = 500; // what a browser that crashes loses of a look
 /** @type {Promise<never>} for what was under way when the study was abandoned */
@@ -41,6 +42,7 @@ export class Trials {
     /** @type {Trial | null} */
     this.current = null;
     this.isAbandoned = false;
+    this.n_rough = 0; // looks at films that did not run as they should
     this.n_fetches = 0; // calls of `fetchAhead`, of which the last goes on
     this.between = new AbortController(); // ends when the next trial begins
     /** What happened to the page since the last trial. @type {import("./session.js").Viewing["happened"]} */
@@ -51,7 +53,7 @@ export class Trials {
 
   /**
    * Asks for a trial when the server has every vote before it; while the server cannot be reached, shows the one fetched ahead.
-   * @param {Outbox} outbox @param {OpenLook} openLook @returns {Promise<"over" | "break" | "interrupted">} why it stopped
+   * @param {Outbox} outbox @param {OpenLook} openLook @returns {Promise<"over" | "break" | "slow" | "interrupted" | "suspended">} why it stopped
    */
   async run(outbox, openLook) {
     for (;;) {
@@ -63,7 +65,10 @@ export class Trials {
       tell({ left: minutesLeft(this.minutes, description), quarter });
       if (this.#isTimeForBreak(description)) return "break";
       this.ahead = description.following ?? null;
-      if (!(await this.#take(description, askedAt, outbox, openLook))) return "interrupted";
+      const { interruption, isRough } = await this.#take(description, askedAt, outbox, openLook);
+      if (isRough) this.n_rough += 1;
+      if (isRough && this.n_rough === ROUGH_LOOKS) return "slow"; // told once
+      if (interruption) return interruption.reason === "suspended" ? "suspended" : "interrupted";
     }
   }
 
@@ -173,17 +178,17 @@ export class Trials {
     return following;
   }
 
-  /** @param {TrialDescription} description @param {number} askedAt @param {Outbox} outbox @param {OpenLook} openLook @returns {Promise<boolean>} false when it was interrupted */
+  /** @param {TrialDescription} description @param {number} askedAt @param {Outbox} outbox @param {OpenLook} openLook @returns {Promise<import("./trial.js").Outcome>} */
   async #take(description, askedAt, outbox, openLook) {
     const { following } = description;
     this.fetchAhead([description, following].flatMap((trial) => (trial ? [trial.media] : [])));
     const outcome = await this.#showNoted(description, askedAt, openLook);
     const { vote, interruption } = outcome;
-    openLook.note(description.trial, outcome); // until the outbox has it
+    openLook.note(description.trial, { vote, interruption }); // until the outbox has it
     if (vote) await outbox.putVote(description.trial, vote);
     if (interruption) await outbox.putInterruption(description.trial, interruption);
     openLook.forget();
-    return !interruption;
+    return outcome;
   }
 
   /** Shows a trial; the look is noted meanwhile, and reported when the page is left. @param {TrialDescription} description @param {number} askedAt @param {OpenLook} openLook */

@@ -1,11 +1,16 @@
 /** The record of how a pair was looked at. Times are milliseconds of performance.now(), to a tenth. */
 
+import { Smoothness } from "./smoothness.js";
+
 /**
  * @typedef {import("./session.js").Viewing} Viewing
  * @typedef {import("./session.js").Happening} Happening
  * @typedef {import("./session.js").Shown} Shown
  */
 
+/** @typedef {Pick<import("./technique.js").Player, "n_presented" | "quality">} Played what a player has shown */
+
+const FEWEST_FRAMES = 0.5; // of a film's, as the server judges a look
 const MOST_HAPPENINGS = 500; // in a record
 const RESIZING_MS = 500; // the same resizing, if its events are not farther apart
 const LONGEST_MS = 24 * 3600 * 1000; // the server's limit: a vote from a tab left open over a weekend still counts
@@ -21,6 +26,7 @@ export class ViewingRecord {
     /** @type {Viewing} */
     this.viewing = { first_shown: description.first_shown, shown_ms: 0, response_ms: 0, switches: [], ...facts };
     this.firstShownAt = NaN; // performance.now() of the first frame on screen; moved on by pauses in which no film was shown
+    this.smoothness = new Smoothness(description.media.fps);
     /** @type {Record<string, number>} of frames and stalls in earlier exposures */
     this.counts = {};
   }
@@ -41,6 +47,7 @@ export class ViewingRecord {
     if (this.hasBegun) happened.push({ what: "shown again", at_ms: shown_ms });
     else for (const event of happened) event.at_ms = tenths(event.at_ms - now);
     this.firstShownAt = now - shown_ms;
+    this.smoothness.begin(shown_ms, Date.now());
     this.viewing.display = display();
   }
 
@@ -49,6 +56,7 @@ export class ViewingRecord {
     const { happened, shown_ms } = this.viewing;
     const last = happened.at(-1);
     const at_ms = isPaused ? shown_ms : tenths(performance.now() - (this.firstShownAt || 0));
+    if (what === "hidden") this.smoothness.isHidden = true;
     const isSameResizing = what === "resize" && last?.what === what && at_ms - last.at_ms < RESIZING_MS;
     if (!isSameResizing && happened.length < MOST_HAPPENINGS) happened.push({ what, at_ms });
   }
@@ -67,21 +75,47 @@ export class ViewingRecord {
     });
   }
 
-  /** What was seen until now. @param {Record<string, number>} counts of the present exposure @returns {Partial<Viewing>} */
-  seen(counts) {
+  /** Notes a refresh of the display. @param {number} now @param {number} n_presented frames in the present exposure @returns {boolean} whether none came for so long that it was no viewing */
+  refresh(now, n_presented) {
+    const isSuspended = this.#isSuspended(now, n_presented);
+    this.smoothness.refresh(this.#since(now), n_presented, Date.now());
+    return isSuspended;
+  }
+
+  /** What was seen until now. @param {Played} played of the present exposure @returns {Partial<Viewing>} */
+  seen(played) {
     const shown_ms = this.#since(performance.now());
-    const dwell_ms = dwell({ ...this.viewing, shown_ms }, this.description.media.reference);
-    return { shown_ms, dwell_ms, ...this.#together(counts) };
+    const dwell_ms = dwell({ ...this.viewing, shown_ms }, this.smoothness, this.description.media.reference);
+    const gap_ms = this.smoothness.gap(shown_ms, played.n_presented, Date.now());
+    const { longest_gap_ms, n_presented, n_refreshes } = this.smoothness;
+    const smoothness = { longest_gap_ms: tenths(Math.max(longest_gap_ms, gap_ms)), n_presented, n_refreshes };
+    return { shown_ms, dwell_ms, smoothness, ...this.#together(played.quality) };
   }
 
-  /** Ends an exposure. @param {Record<string, number>} counts of it */
-  close(counts) {
-    Object.assign(this.viewing, this.seen(counts));
+  /** Ends an exposure. @param {Played} played in it @returns {boolean} as `refresh` */
+  close(played) {
+    const isSuspended = this.#isSuspended(performance.now(), played.n_presented);
+    this.smoothness.end(this.#since(performance.now()), played.n_presented, Date.now());
+    Object.assign(this.viewing, this.seen(played));
+    return isSuspended;
   }
 
-  /** Keeps the counts of an exposure that another follows. @param {Record<string, number>} counts */
-  keepCounts(counts) {
-    this.counts = this.#together(counts);
+  /** Has there been no frame for longer than a look may have none? In a page that is hidden nothing is painted, which is a reason of its own. @param {number} now @param {number} n_presented */
+  #isSuspended(now, n_presented) {
+    const gap_ms = this.smoothness.gap(this.#since(now), n_presented, Date.now());
+    return gap_ms > this.description.longest_gap_ms && !this.smoothness.isHidden;
+  }
+
+  /** Did half of the film's frames not come, or the page not paint so often, or was it suspended? */
+  get isRough() {
+    const { n_presented, n_refreshes, longest_gap_ms, step_ms } = this.smoothness;
+    const isFewer = Math.min(n_presented, n_refreshes) < (FEWEST_FRAMES * this.viewing.shown_ms) / step_ms;
+    return isFewer || longest_gap_ms > this.description.longest_gap_ms;
+  }
+
+  /** Keeps the counts of an exposure that another follows. @param {Played} played in it */
+  keepCounts(played) {
+    this.counts = this.#together(played.quality);
   }
 
   /** Why the pair is to be shown again before the vote; empty when it is not. @returns {"" | "unseen" | "brief"} */
@@ -114,14 +148,14 @@ function display() {
   };
 }
 
-/** @param {Viewing} viewing @param {boolean} hasReference @returns {NonNullable<Viewing["dwell_ms"]>} how long each was on screen */
-function dwell({ first_shown, shown_ms, switches }, hasReference) {
+/** @param {Viewing} viewing @param {Smoothness} smoothness @param {boolean} hasReference @returns {NonNullable<Viewing["dwell_ms"]>} how long each was on screen and ran: nobody looks at a film that stands still */
+function dwell({ first_shown, shown_ms, switches }, smoothness, hasReference) {
   const looks = { a: 0, b: 0, reference: 0 };
   /** @type {Shown} */
   let shown = first_shown;
   let since = 0;
   for (const { to, at_ms } of [...switches, { to: shown, at_ms: shown_ms }]) {
-    looks[shown] += Math.max(0, at_ms - since);
+    looks[shown] += Math.max(0, at_ms - since - smoothness.stillBetween(since, at_ms));
     [shown, since] = [to, at_ms];
   }
   return { a: tenths(looks.a), b: tenths(looks.b), ...(hasReference && { reference: tenths(looks.reference) }) };

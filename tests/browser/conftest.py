@@ -19,10 +19,12 @@ from app.store.database.engine import Database
 from app.store.trials import vote_writer
 from app.store.trials.vote_records import KeptVote, Vote, keep_votes
 from app.study.options.options import StudyOptions
+from app.study.trial import smoothness
 from tests.browser.numbered_films import squares, write_films
 from tests.browser.study_visitor import MakeFilms, NewStudy, Study, Visitor
 from tests.conftest import BROWSER_TIMEOUT_MS
 
+BUSY_S = 60.0
 VIEWPORT = {"width": 960, "height": 540}  # three times a film, so that it fills the window
 
 
@@ -54,8 +56,11 @@ def votes_kept() -> Iterator[Condition]:
 
 @pytest.fixture(scope="session")
 def server(settings: Settings) -> Iterator[str]:
-    with running_server(settings) as url:
-        yield url
+    """A server whose looks stand any gap: pages of a busy machine are often late, which but some tests are about."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(smoothness, "LONGEST_GAP_S", BUSY_S)
+        with running_server(settings) as url:
+            yield url
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,7 @@ without a level of every factor, such as the models of another program, take no 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,10 +16,18 @@ from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from app.analysis.model.bradley_terry import fit_scores
-from app.analysis.model.contrasts import Estimates, contrasts_of, half_widths, has_few_participants, letters
+from app.analysis.model.contrasts import (
+    Contrast,
+    Estimates,
+    contrasts_of,
+    corrected_together,
+    half_widths,
+    has_few_participants,
+    letters,
+)
 from app.analysis.model.likelihood.fit import Fit
 from app.analysis.model.likelihood.participant_errors import ALIKE
-from app.analysis.reading.votes_table import VotesTable
+from app.analysis.reading.votes_table import ALL, VotesTable
 
 Array = NDArray[np.float64]
 Factors = Mapping[str, Mapping[str, str]]  # factor -> item -> level
@@ -165,28 +173,36 @@ def fit_additive(votes: VotesTable, factors: Factors, *, ties: str, order_effect
     return fit_scores(votes, ties=ties, order_effect=order_effect, levels=levels) if columns else None
 
 
-def effects_of(fit: Fit, factors: Factors, dataset: str) -> list[Effect]:
-    """Return the effect of every level with its standard errors.
+def effects_of(fits: Mapping[str, Fit], factors: Factors) -> list[Effect]:
+    """Return the effect of every level on every dataset with its standard errors.
 
     Parameters
     ----------
-    fit : Fit of the additive model, with status `ok`
+    fits : dataset -> fit of the additive model, with status `ok`; letters of single datasets are corrected over all
     factors : factor -> item -> level, as fitted
-    dataset : name for the result
     """
+    levels = {(dataset, factor): part for dataset, fit in fits.items() for factor, part in _levels_of(fit, factors)}
+    contrasts = {place: contrasts_of(part) for place, part in levels.items()}
+    together = corrected_together(contrasts, lambda place: place[1] if place[0] != ALL else None)
+    return [
+        effect
+        for place, part in levels.items()
+        for effect in _effects(part, place[1], place[0], _letters(part, together[place]))
+    ]
+
+
+def _levels_of(fit: Fit, factors: Factors) -> Iterator[tuple[str, Estimates]]:
+    """Yield each factor and the effects of its levels."""
     if fit.theta is None or fit.covariance is None:
-        return []
-    effects: list[Effect] = []
+        return
     column = 0
     for factor, names in coding(factors, fit.items)[1]:
         size = len(names) - 1
         to_levels = np.zeros((len(names), len(fit.theta)))
         to_levels[:size, column : column + size] = np.eye(size)
         to_levels[size, column : column + size] = -1
-        levels = _levels(fit, names, to_levels)
-        effects += _effects(levels, factor, dataset, _letters(levels))
+        yield factor, _levels(fit, names, to_levels)
         column += size
-    return effects
 
 
 def _effects(levels: Estimates, factor: str, dataset: str, shown: Mapping[str, str]) -> Iterator[Effect]:
@@ -222,8 +238,7 @@ def _levels(fit: Fit, names: tuple[str, ...], to_levels: Array) -> Estimates:
     )
 
 
-def _letters(levels: Estimates) -> dict[str, str]:
-    compared = contrasts_of(levels)
+def _letters(levels: Estimates, compared: Sequence[Contrast]) -> dict[str, str]:
     best_first = [levels.names[index] for index in np.argsort(-levels.values)]
     return letters(best_first, compared) if compared else {}
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from itertools import count
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.comparisons.claims import CLAIMS, People, claim_power
-from app.analysis.model.scales import LOG_ODDS_PER_JOD
+from app.analysis.comparisons.claims import CLAIMS, claim_power
+from app.analysis.comparisons.study_plan import PlannedStudy
+from app.analysis.comparisons.vote_studies import StudyPlan
 from app.analysis.reading.votes_table import VotesTable, votes_from_indices
 from ground.progress import Progress, no_progress
 
@@ -21,67 +22,9 @@ Tell = Callable[[], None]
 WANTED_POWER = 0.8
 REPORTED = "told apart"  # the claim that a report makes of two conditions
 MOST_PARTICIPANTS = 512
-LARGEST_EFFECT_JOD = 4.0
-HALVINGS = 9  # of the largest effect: to 0.01 JOD
-DEFAULT_SPREAD = 0.4  # log-odds; makes clustered errors about 1.4 times the naive ones, as on real panels
-DEFAULT_TIE_RATE = 0.2
-
-
-@dataclass(frozen=True)
-class StudySize:
-    """Numbers of conditions, datasets and participants of a study."""
-
-    conditions: int
-    datasets: int
-    participants: int
-
-    def __post_init__(self) -> None:
-        for name, fewest in (("conditions", 2), ("datasets", 1), ("participants", 2)):
-            if getattr(self, name) < fewest:
-                raise ValueError(f"{name} is {getattr(self, name)}, expected {fewest} or more")
-
-
-@dataclass(frozen=True)
-class StudyPlan(StudySize):
-    """A study in which every participant judges every pair of conditions on every dataset once.
-
-    Parameters
-    ----------
-    tie_rate : share of "no preference" between equal conditions
-    spread : standard deviation over participants of their opinion of a condition, log-odds
-    by_dataset : the same of an opinion on each dataset apart
-    dataset_spread : standard deviation over datasets of a condition's score
-    drop_out : share of the participants who leave half-way
-    careless : share of the participants who throw a coin
-    """
-
-    tie_rate: float = DEFAULT_TIE_RATE
-    spread: float = DEFAULT_SPREAD
-    by_dataset: float = 0.0
-    dataset_spread: float = 0.0
-    drop_out: float = 0.0
-    careless: float = 0.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 0 <= self.tie_rate < 1:
-            raise ValueError(f"tie_rate is {self.tie_rate}, expected 0 or more and less than 1")
-        for name in ("spread", "by_dataset", "dataset_spread"):
-            if not 0 <= getattr(self, name) < np.inf:
-                raise ValueError(f"{name} is {getattr(self, name)}, expected 0 or more")
-        for name in ("drop_out", "careless"):
-            if not 0 <= getattr(self, name) < 1:
-                raise ValueError(f"{name} is {getattr(self, name)}, expected 0 or more and less than 1")
-
-    @property
-    def pairs(self) -> int:
-        """Number of pairs of each dataset."""
-        return self.conditions * (self.conditions - 1) // 2
-
-    @property
-    def people(self) -> People:
-        """Who judges what."""
-        return People(**asdict(self))
+LARGEST_EFFECT = 4.0  # JOD, or grades
+PLACES = {"one_dataset": "one dataset", "pooled": "all datasets"}  # part of a key -> what is simulated
+HALVINGS = 9  # of the largest effect: to 0.01
 
 
 def plan_study(
@@ -93,6 +36,29 @@ def plan_study(
     progress: Progress = no_progress,
     claim: str = REPORTED,
 ) -> dict[str, Any]:
+    """Return the plan of a study of votes: as `planned`, with `effect_jod`, `detectable_jod_…` and the ties.
+
+    Parameters
+    ----------
+    plan, rng, replicates, progress, claim : as in `planned`
+    effect_jod : true difference of two conditions; the others lie halfway between them
+    """
+    if not 0 < effect_jod < np.inf:
+        raise ValueError(f"effect_jod is {effect_jod}, expected a difference above 0")
+    result = planned(plan, rng, effect_jod, replicates=replicates, progress=progress, claim=claim)
+    in_jod = {"effect": "effect_jod"} | {f"detectable_{where}": f"detectable_jod_{where}" for where in PLACES}
+    return {in_jod.get(name, name): value for name, value in result.items()}
+
+
+def planned(
+    plan: PlannedStudy,
+    rng: np.random.Generator,
+    effect: float,
+    *,
+    replicates: int = 400,
+    progress: Progress = no_progress,
+    claim: str = REPORTED,
+) -> dict[str, Any]:
     """Return the power for a claim, the difference claimed with 80 % power, the power of every claim, and the number of
     participants for 80 %.
 
@@ -100,7 +66,7 @@ def plan_study(
     ----------
     plan : the study
     rng : Generator
-    effect_jod : true difference of two conditions; the others lie halfway between them
+    effect : true difference of two conditions, JOD or grades; the others lie halfway between them
     replicates : simulated studies for each power; its standard error is at most 0.5 / sqrt(replicates)
     progress : told what is simulated, how many studies are, and how many will be at most
     claim : key of `CLAIMS`; by default what the report says of two conditions
@@ -110,61 +76,58 @@ def plan_study(
     dict, with powers and detectable differences for one dataset and for all datasets pooled (None where the power stays
     below 80 % even at the largest difference), `claims` (what, power and its error) and `participants_wanted`
     """
-    if not 0 < effect_jod < np.inf:
-        raise ValueError(f"effect_jod is {effect_jod}, expected a difference above 0")
+    if not 0 < effect < np.inf:
+        raise ValueError(f"effect is {effect}, expected a difference above 0")
     if claim not in CLAIMS:
         raise ValueError(f"claim is {claim!r}, expected one of {', '.join(CLAIMS)}")
-    sizes = {"one dataset": replace(plan, datasets=1), "all datasets": plan}
-    results = []
+    powers, differences = {}, {}
+    sizes = dict(zip(PLACES, (replace(plan, datasets=1), plan), strict=True))
     for (where, size), seed in zip(sizes.items(), rng.integers(0, 2**63, 2).tolist(), strict=True):
-        tell = _teller(progress, f"studies of {where} simulated", replicates * (HALVINGS + 2))
-        share_found = power(size, effect_jod, seed, replicates, tell, claim=claim)
-        results.append((share_found, detectable_jod(size, seed, replicates, tell, claim=claim)))
-    (power_single, detectable_single), (power_pooled, detectable_pooled) = results
+        tell = _teller(progress, f"studies of {PLACES[where]} simulated", replicates * (HALVINGS + 2))
+        powers[f"power_{where}"] = power(size, effect, seed, replicates, tell, claim=claim)
+        differences[f"detectable_{where}"] = detectable(size, seed, replicates, tell, claim=claim)
     return {
         **asdict(plan),
-        "votes_per_participant": plan.pairs * plan.datasets,
-        "votes": plan.pairs * plan.datasets * plan.participants,
+        "votes_per_participant": plan.trials * plan.datasets,
+        "votes": plan.trials * plan.datasets * plan.participants,
         "replicates": replicates,
-        "effect_jod": effect_jod,
-        "power_one_dataset": power_single,
-        "power_pooled": power_pooled,
-        "detectable_jod_one_dataset": detectable_single,
-        "detectable_jod_pooled": detectable_pooled,
+        "effect": effect,
+        **powers,
+        **differences,
         "claim": claim,
-        "claims": claim_rows(plan, effect_jod, seed, replicates),
-        "participants_wanted": participants_wanted(plan, effect_jod, seed, replicates, claim=claim),
+        "claims": claim_rows(plan, effect, seed, replicates),
+        "participants_wanted": participants_wanted(plan, effect, seed, replicates, claim=claim),
     }
 
 
-def claim_rows(plan: StudyPlan, effect_jod: float, seed: int, replicates: int) -> list[dict[str, Any]]:
+def claim_rows(plan: PlannedStudy, effect: float, seed: int, replicates: int) -> list[dict[str, Any]]:
     """Return the power of every claim over all datasets, with its Monte Carlo error.
 
     Parameters
     ----------
     plan : the study
-    effect_jod : what is true, as in `claim_power`, in JOD
-    seed : for the simulated votes
+    effect : what is true, as in `claim_power`
+    seed : for the simulated studies
     replicates : simulated studies
     """
     rows = []
     for claim, (what, _, _) in CLAIMS.items():
-        share = claim_power(plan.people, claim, effect_jod * LOG_ODDS_PER_JOD, seed, replicates)
+        share = claim_power(plan, claim, effect, seed, replicates)
         error = float(np.sqrt(max(share * (1 - share), 0.25 / replicates) / replicates))
         rows.append({"claim": claim, "what": what, "power": share, "power_error": error})
     return rows
 
 
 def participants_wanted(
-    plan: StudyPlan, effect_jod: float, seed: int, replicates: int, *, claim: str = REPORTED
+    plan: PlannedStudy, effect: float, seed: int, replicates: int, *, claim: str = REPORTED
 ) -> dict[str, int] | None:
     """Return how many participants make a claim with 80 % power, with limits for the error of the simulation.
 
     Parameters
     ----------
     plan : the study; its number of participants does not count
-    effect_jod : true difference, JOD
-    seed : for the simulated votes
+    effect : true difference, JOD or grades
+    seed : for the simulated studies
     replicates : simulated studies for each number
     claim : key of `CLAIMS`
 
@@ -189,8 +152,7 @@ def participants_wanted(
 
     def power_of(n: int) -> float:
         if n not in powers:
-            people = replace(plan.people, participants=n)
-            powers[n] = claim_power(people, claim, effect_jod * LOG_ODDS_PER_JOD, seed, replicates)
+            powers[n] = claim_power(replace(plan, participants=n), claim, effect, seed, replicates)
         return powers[n]
 
     numbers = [fewest(min(wanted, 0.999)) for wanted in (WANTED_POWER, WANTED_POWER - error, WANTED_POWER + error)]
@@ -207,8 +169,8 @@ def _teller(progress: Progress, what: str, total: int) -> Tell:
 
 
 def power(
-    plan: StudyPlan,
-    effect_jod: float,
+    plan: PlannedStudy,
+    effect: float,
     seed: int,
     replicates: int,
     tell: Tell = no_progress,
@@ -220,13 +182,13 @@ def power(
     Parameters
     ----------
     plan : the study
-    effect_jod : true difference, JOD, as in `claim_power`
-    seed : for the simulated votes
+    effect : true difference, as in `claim_power`
+    seed : for the simulated studies
     replicates : simulated studies
     tell : called after each
     claim : key of `CLAIMS`; by default that two conditions are told apart, as the report says it
     """
-    share = claim_power(plan.people, claim, effect_jod * LOG_ODDS_PER_JOD, seed, replicates)
+    share = claim_power(plan, claim, effect, seed, replicates)
     for _ in range(replicates):
         tell()
     return share
@@ -245,17 +207,17 @@ def simulate_votes(plan: StudyPlan, abilities: Array, rng: np.random.Generator) 
     personal = abilities + plan.spread * rng.standard_normal((people, n))
     personal -= personal.mean(axis=1, keepdims=True) - abilities.mean()
     low, high = np.triu_indices(n, 1)
-    d = np.broadcast_to((personal[:, low] - personal[:, high])[:, None], (people, plan.datasets, plan.pairs)).ravel()
+    d = np.broadcast_to((personal[:, low] - personal[:, high])[:, None], (people, plan.datasets, plan.trials)).ravel()
     weights = np.stack([np.exp(d / 2), np.exp(-d / 2), np.full(len(d), 2 * plan.tie_rate / (1 - plan.tie_rate))])
     drawn = rng.random(len(d)) * weights.sum(axis=0)
     choice = (drawn > weights[0]).astype(np.int8) + (drawn > weights[0] + weights[1])
-    who, dataset, pair = (part.ravel() for part in np.indices((people, plan.datasets, plan.pairs)))
+    who, dataset, pair = (part.ravel() for part in np.indices((people, plan.datasets, plan.trials)))
     names = tuple(map(str, range(people))), tuple(map(str, range(plan.datasets))), tuple(map(str, range(n)))
     return votes_from_indices(who, dataset, low[pair], high[pair], choice, names=names)
 
 
-def detectable_jod(
-    plan: StudyPlan, seed: int, replicates: int, tell: Tell = no_progress, *, claim: str = REPORTED
+def detectable(
+    plan: PlannedStudy, seed: int, replicates: int, tell: Tell = no_progress, *, claim: str = REPORTED
 ) -> float | None:
     """Return the difference detected with 80 % power; None if it is larger than any considered.
 
@@ -264,12 +226,12 @@ def detectable_jod(
     Parameters
     ----------
     plan : the study
-    seed : for the simulated votes
+    seed : for the simulated studies
     replicates : simulated studies for each difference
     tell : called after each study
     claim : key of `CLAIMS`
     """
-    low, high = 0.0, LARGEST_EFFECT_JOD
+    low, high = 0.0, LARGEST_EFFECT
     if power(plan, high, seed, replicates, tell, claim=claim) < WANTED_POWER:
         return None
     for _ in range(HALVINGS):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,11 +12,13 @@ from app.analysis.comparisons.comparison import Comparison
 from app.analysis.comparisons.groups import GroupComparison
 from app.analysis.model.bootstrap import Bootstrap
 from app.analysis.model.bradley_terry import fit_pairs, fit_scores
-from app.analysis.model.contrasts import half_widths, has_few_participants, letters, scores_of
+from app.analysis.model.contrasts import Contrast, half_widths, has_few_participants, letters, scores_of
 from app.analysis.model.distance_prior import fit_with_prior
 from app.analysis.model.likelihood.counts import count_pairs
 from app.analysis.model.likelihood.fit import Fit
 from app.analysis.model.likelihood.ties import TIE_MODELS
+from app.analysis.model.quasi_variances import quasi_errors
+from app.analysis.model.ranks import best_probabilities, rank_intervals
 from app.analysis.model.scales import LOG_ODDS_PER_JOD, equivalence_columns, preference_columns
 from app.analysis.model.separation import votes_within_groups
 from app.analysis.model.thurstone import JOD, fit_thurstone
@@ -30,11 +32,23 @@ PERCENTILES = "participant bootstrap"
 WIDER_INTERVAL = "wider of t on participant errors and normal on information"  # where participants are few
 
 
-def score_rows(comparison: Comparison, jod_prior: str = "none") -> Iterator[dict[str, Any]]:
-    """Return a row per item with its score, errors, interval and votes; `jod_prior` is as in the settings."""
+def score_rows(
+    comparison: Comparison, jod_prior: str = "none", corrected: Sequence[Contrast] | None = None
+) -> Iterator[dict[str, Any]]:
+    """Return a row per item with its score, errors, interval and votes.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    jod_prior : as in the settings
+    corrected : contrasts of all pairs that the letters follow; by default those of this comparison and dataset alone
+    """
     fit, n = comparison.fit, len(comparison.fit.items)
     wins, losses, ties = _outcomes(comparison.votes)
-    shown, limits = _letters(comparison), score_intervals(comparison)
+    compared = comparison.contrasts if corrected is None else corrected
+    shown, ranks = _letters(fit, compared), rank_intervals(fit.items, compared)
+    best, quasi = _alone(fit)
+    limits, without_limit = score_intervals(comparison), unlimited(comparison.fit)
     thurstone = _thurstone_columns(comparison, jod_prior)
     scores = [None] * n if fit.scores is None else fit.scores.tolist()
     to_mean = preference_columns(
@@ -61,6 +75,11 @@ def score_rows(comparison: Comparison, jod_prior: str = "none") -> Iterator[dict
             "status": fit.status,
             "penalty": fit.penalty,
             "letters": shown.get(item),
+            "no_limit": without_limit.get(item),
+            "p_best": best[index],
+            "rank_low": ranks.get(item, (None, None))[0],
+            "rank_high": ranks.get(item, (None, None))[1],
+            "quasi_se": quasi[index],
             "jod_low": _as_jod(interval.low),
             "jod_high": _as_jod(interval.high),
             **to_mean[index],
@@ -104,12 +123,36 @@ def group_rows(comparison: GroupComparison, jod_prior: str) -> Iterator[dict[str
             yield named | row
 
 
-def _letters(comparison: Comparison) -> dict[str, str]:
-    fit = comparison.fit
-    if not comparison.contrasts or fit.scores is None:
+def _letters(fit: Fit, compared: Sequence[Contrast]) -> dict[str, str]:
+    if not compared or fit.scores is None:
         return {}
-    best_first = [fit.items[index] for index in np.argsort(-fit.scores)]
-    return letters(best_first, comparison.contrasts)
+    return letters([fit.items[index] for index in np.argsort(-fit.scores)], compared)
+
+
+def _alone(fit: Fit) -> tuple[list[float | None], list[float | None]]:
+    """Return each item's probability to be the best, and its quasi standard error; None where there is none."""
+    unknown: list[float | None] = [None] * len(fit.items)
+    if fit.status != "ok" or fit.scores is None or fit.covariance is None:
+        return unknown, unknown
+    best, quasi = best_probabilities(scores_of(fit)), quasi_errors(scores_of(fit))
+    errors = unknown if quasi is None else [None if np.isnan(error) else error for error in quasi[0].tolist()]
+    return unknown if best is None else best.tolist(), errors
+
+
+def unlimited(fit: Fit) -> dict[str, str]:
+    """Return the items whose scores the votes set no limit `above` or `below`: all decided votes between their group
+    and others go one way.
+    """
+    if fit.status != "separated":
+        return {}
+    group = {item: number for number, items in enumerate(fit.groups) for item in items}
+    of_item = np.array([group[item] for item in fit.items])
+    first, second = of_item[fit.counts.first], of_item[fit.counts.second]
+    won, lost = (fit.counts.wins > 0) & (first != second), (fit.counts.losses > 0) & (first != second)
+    winners, losers = {*first[won], *second[lost]}, {*second[won], *first[lost]}
+    return {item: "above" for item in fit.items if group[item] in winners - losers} | {
+        item: "below" for item in fit.items if group[item] in losers - winners
+    }
 
 
 class Interval(NamedTuple):
@@ -182,12 +225,16 @@ def _outcomes(votes: VotesTable) -> tuple[list[int], list[int], list[int]]:
     return by_item(wins, losses), by_item(losses, wins), by_item(ties, ties)
 
 
-def contrast_rows(comparison: Comparison, margin_jod: float | None = None) -> Iterator[dict[str, Any]]:
+def contrast_rows(
+    comparison: Comparison, margin_jod: float | None = None, corrected: Sequence[Contrast] | None = None
+) -> Iterator[dict[str, Any]]:
     """Return a row per pair of items with the difference of their scores, and the test of equivalence within a margin.
 
     Parameters
     ----------
+    comparison : Comparison
     margin_jod : JOD; None: no test of equivalence
+    corrected : as in `score_rows`
     """
     rows = comparison.contrasts
     preferences = preference_columns(
@@ -196,8 +243,9 @@ def contrast_rows(comparison: Comparison, margin_jod: float | None = None) -> It
     fits = comparison.groups or [comparison.fit]  # separated conditions are compared within their group
     equivalences = equivalence_columns(fits, rows, margin_jod)
     where = {"comparison": comparison.comparison, "dataset": comparison.dataset}
-    for row, *scales in zip(rows, preferences, equivalences, strict=True):
-        yield where | vars(row) | scales[0] | scales[1]
+    together = [row.p_holm for row in (rows if corrected is None else corrected)]
+    for row, p_together, *scales in zip(rows, together, preferences, equivalences, strict=True):
+        yield where | vars(row) | {"p_holm_together": p_together} | scales[0] | scales[1]
 
 
 def islands(comparison: Comparison) -> list[Comparison]:
@@ -261,6 +309,7 @@ def model_row(comparison: Comparison) -> dict[str, Any]:
         row[parameter] = fit.tie_parameter
         row[f"{parameter}_se"] = fit.error(-1) if has_error else None
         row[f"{parameter}_se_participant"] = fit.error(-1, by_participant=True) if has_error else None
+    known = quasi_errors(scores_of(fit)) if fit.status == "ok" and fit.covariance is not None else None
     order = fit.design.n_effects
     has_order = fit.design.has_order and fit.theta is not None
     return row | {
@@ -280,6 +329,7 @@ def model_row(comparison: Comparison) -> dict[str, Any]:
         "penalty": fit.penalty,
         "n_votes": comparison.votes.n_votes,
         "n_participants": fit.n_participants,
+        "quasi_error": None if known is None else known[1],
         "few_participants": has_few_participants(fit),
         "bootstrap_replicates": None if comparison.bootstrap is None else len(comparison.bootstrap.scores),
         "bootstrap_without_maximum": None if comparison.bootstrap is None else comparison.bootstrap.n_without_maximum,
@@ -321,6 +371,7 @@ def pooled_triads(rows: list[Triads]) -> list[dict[str, Any]]:
             "circular": sum(row.circular for row in by_dataset),
             "circular_expected_ties": sum(row.circular_expected_ties for row in by_dataset),
             "circular_by_chance": sum(row.circular_by_chance for row in by_dataset),
+            "strict_by_chance": sum(row.strict_by_chance for row in by_dataset),
             "p_value": pooled_p_value(by_dataset),
         }
         for participant, by_dataset in by_participant(rows).items()

@@ -40,7 +40,17 @@ def figure_rows(name: str, analysis: Mapping[str, Any]) -> list[Mapping[str, Any
     name, analysis : as in `figure_code`
     """
     drawn = _drawn(name, analysis)
+    if drawn.table == "effects":
+        return level_rows(analysis, drawn.rows["factor"])
     return [row for row in analysis[drawn.table] if drawn.rows.items() <= row.items()]
+
+
+def level_rows(analysis: Mapping[str, Any], factor: str) -> list[Mapping[str, Any]]:
+    """Return the effects of a factor's levels, all else equal, as rows of scores; its scores where there are none."""
+    effects = [row for row in analysis["effects"] if row["factor"] == factor]
+    return [{**row, "item": row["level"], "score": row["effect"]} for row in effects] or [
+        row for row in analysis["scores"] if row["comparison"] == factor and row["score"] is not None
+    ]
 
 
 def figure_code(name: str, analysis: Mapping[str, Any]) -> dict[str, str]:
@@ -62,6 +72,8 @@ def _drawn(name: str, analysis: Mapping[str, Any]) -> Drawn:
     kind, _, which = name.partition("_")
     if kind in ("scores", "levels"):
         comparison = names_by_file(analysis["scores"], "comparison").get(which, ALL)
+        if kind == "levels" and any(row["factor"] == comparison for row in analysis["effects"]):
+            return Drawn("effects", {"factor": comparison}, "level", "effect", ends, "dataset")
         return Drawn("scores", {"comparison": comparison}, "item", "score", ends, "dataset")
     if kind == "group":
         grouping = names_by_file(analysis["groups"], "grouping")[which]
@@ -126,7 +138,7 @@ def _r(drawn: Drawn) -> str:
         "library(ggplot2)\nlibrary(jsonlite)\n\n"
         f'rows <- fromJSON("analysis.json")${drawn.table}\n{rows}'
         f"ggplot(rows, aes({drawn.x}, reorder({drawn.y}, {drawn.x}){ends})) +\n  {mark}(){panels}\n"
-        'ggsave("figure.png", width = 183, height = 120, units = "mm")\n'
+        'ggsave("figure.png", width = 181, height = 120, units = "mm")\n'
     )
 
 

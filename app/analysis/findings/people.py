@@ -18,9 +18,13 @@ from app.analysis.reading.phrases import (
     number_with_interval,
     outstanding,
     p_phrase,
+    percent,
+    signed,
     unsigned,
 )
 from app.analysis.screening.observers import CARELESS, FEWEST_FOR_FENCES
+
+LAPSES = 0.2  # lapse rate from which on a sentence names somebody
 
 
 def limit_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
@@ -71,6 +75,31 @@ def people_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     yield from _agreement(analysis)
     yield from _fit(analysis)
     yield from _outstanding(analysis)
+    if analysis["lapse_scores"]:
+        yield finding("lapses", _lapses(analysis))
+
+
+def _lapses(analysis: Mapping[str, Any]) -> str:
+    """Say what the scores are with careless answers weighted down, and who was."""
+    rates = sorted(analysis["lapse_rates"], key=lambda row: -row["lapse_rate"])
+    high = [row for row in rates if row["lapse_rate"] >= LAPSES]
+    named = listed([f"{row['participant']} ({percent(row['lapse_rate'])})" for row in high[:MOST_NAMED]])
+    rest = f" and {len(high) - MOST_NAMED} more" if len(high) > MOST_NAMED else ""
+    who = f"lapse rates of {percent(LAPSES)} or more: {named}{rest}" if high else f"no lapse rate of {percent(LAPSES)}"
+    ordered = sorted(analysis["lapse_scores"], key=lambda row: -row["score"])
+    first, last = (
+        f"{row['item']}, {number_with_interval(row, 'score', show=signed)}" for row in (ordered[0], ordered[-1])
+    )
+    differs = analysis["disagreement"] and analysis["disagreement"]["heterogeneity"]
+    opinions = (
+        " People disagree, and opinions unlike the others' look like lapses, too."
+        if differs and differs["p_value"] < SIGNIFICANT
+        else ""
+    )
+    return (
+        f"With careless answers weighted down ({who}) the highest score is that of {first}, the lowest that of {last}."
+        f"{opinions}"
+    )
 
 
 def _agreement(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
@@ -160,8 +189,8 @@ def _outstanding(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
 
 
 def _circles_by_chance(pooled: Sequence[Mapping[str, Any]]) -> str:
-    expected = sum(row["circular_by_chance"] for row in pooled)
-    return f"; votes at random would make {expected:.0f}" if expected else ""
+    expected = sum(row["strict_by_chance"] for row in pooled)
+    return f"; votes at random with the same ties would make {expected:.0f}" if expected else ""
 
 
 def _evidence(row: Mapping[str, Any], n_people: int) -> str:

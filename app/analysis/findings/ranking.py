@@ -24,6 +24,7 @@ Row = Mapping[str, Any]
 
 MOST_IN_GROUPS = 12  # conditions whose groups a sentence can name; the table has the letters of more
 SMALL, LARGE = 0.634, 0.75  # shares of decided votes: half a JOD, and one
+LIKELY = 0.05  # probability to be the best, from which on a sentence names a condition
 EQUAL = 1e-9  # log-odds; scores that differ by less are the same
 LETTER = re.compile(r"\(\d+\)|.")
 
@@ -102,9 +103,31 @@ def _best_and_worst(analysis: Mapping[str, Any], scored: Sequence[Row], model: R
         where=_among_several(analysis),
         beyond=_over_datasets(contrasts),
     )
+    if len(scored) > 2 and scored[0]["p_best"] is not None:
+        yield finding("ranks", _ranks(scored, _among_several(analysis)))
     margin = analysis["settings"]["equivalence_margin"]
     if margin is not None:
         yield finding("equivalent", _equivalent(contrasts, margin))
+
+
+def _ranks(scored: Sequence[Row], where: str) -> str:
+    """Say how probable it is that each condition is the best, and which ranks the tests leave open."""
+    likely = sorted((row for row in scored if row["p_best"] >= LIKELY), key=lambda row: -row["p_best"])
+    named = [f"{row['item']} ({percent(row['p_best'])})" for row in likely]
+    rest = f"; each other less than {percent(LIKELY)}" if len(likely) < len(scored) else ""
+    text = (
+        f"Probability to have the highest true score{where}, by these votes alone: {listed(named, len(named))}{rest}."
+    )
+    ranks: dict[tuple[int, int], list[str]] = {}
+    for row in scored:
+        ranks.setdefault((row["rank_low"], row["rank_high"]), []).append(row["item"])
+    if len(ranks) == 1 or len(scored) > MOST_IN_GROUPS:
+        return text
+    places = [
+        f"{listed(items, len(items))} {low if low == high else f'{low} to {high}'}"
+        for (low, high), items in ranks.items()
+    ]
+    return f"{text} Possible ranks, together with 95 % confidence: {'; '.join(places)}."
 
 
 def _equivalent(contrasts: Sequence[Row], margin: float) -> str:

@@ -22,7 +22,8 @@ def vote_findings(analysis: Mapping[str, Any]) -> list[dict[str, str]]:
     Returns
     -------
     list of dict, `about` (ranking, best, worst, difference, told apart, equivalent, missing, limits, factors, datasets,
-    groups, order, ties, measures, random effects, agreement, fit, participants, settings) and `text`
+    groups, order, ties, measures, random effects, agreement, fit,
+    participants, lapses, settings) and `text`
     """
     if not overall(analysis["models"]):
         return [finding("ranking", "No vote counts, so nothing can be concluded.")]

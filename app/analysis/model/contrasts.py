@@ -4,9 +4,9 @@ group those without significant difference.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +18,12 @@ from app.analysis.model.likelihood.participant_errors import ALIKE
 from app.analysis.model.settings import LEVEL
 
 Array = NDArray[np.float64]
+Place = TypeVar("Place", bound=Hashable)
 
 MOST_ITEMS = 40  # 780 contrasts
 SIGNIFICANT = 0.05
 DRAWN = 4000  # vectors of scores; the limit of simultaneous intervals is exact to about 2 %
+NEVER_COMPARED = "never compared"
 BY_SCORES, ALL_ALIKE = "difference of scores", "all participants voted alike"  # methods of a contrast
 FEWEST_PARTICIPANTS = 12  # clusters; with fewer, a clustered error is too small by chance (Cameron and Miller 2015)
 
@@ -169,15 +171,27 @@ def simultaneous_factor(estimates: Estimates) -> float:
     known = errors > 0
     if n < 3 or not known.any():
         return 1.0
+    drawn = drawn_errors(estimates, covariance)
+    largest = (np.abs(drawn[:, first[known]] - drawn[:, second[known]]) / errors[known]).max(axis=1)
+    return float(np.quantile(largest, LEVEL)) / critical_value(estimates.n_participants)
+
+
+def drawn_errors(estimates: Estimates, covariance: Array) -> Array:
+    """Draw errors of estimates (fixed seed), float64 (DRAWN, K): t(J - 1), or normal without participants.
+
+    Parameters
+    ----------
+    estimates : Estimates
+    covariance : float64 (K, K), of the estimates
+    """
+    n = len(covariance)
     rng = np.random.default_rng(n)
     values, vectors = np.linalg.eigh(covariance)
     drawn = (rng.standard_normal((DRAWN, n)) * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
-    ratios = np.abs(drawn[:, first[known]] - drawn[:, second[known]]) / errors[known]
-    largest = ratios.max(axis=1)
     if estimates.n_participants is not None:
         df = estimates.n_participants - 1
-        largest = largest / np.sqrt(rng.chisquare(df, DRAWN) / df)
-    return float(np.quantile(largest, LEVEL)) / critical_value(estimates.n_participants)
+        drawn /= np.sqrt(rng.chisquare(df, DRAWN) / df)[:, None]
+    return np.asarray(drawn)
 
 
 def half_widths(estimates: Estimates) -> Array | None:
@@ -248,6 +262,37 @@ def holm(p_values: Array) -> Array:
     stepped = np.maximum.accumulate(p_values[order] * np.arange(len(p_values), 0, -1))
     result = np.empty_like(p_values)
     result[order] = np.minimum(stepped, 1.0)
+    return result
+
+
+def corrected_together(
+    contrasts: Mapping[Place, Sequence[Contrast]], family: Callable[[Place], Hashable | None]
+) -> dict[Place, Sequence[Contrast]]:
+    """Return contrasts of several fits corrected over each family of fits, by Holm's method.
+
+    Panels of datasets stand side by side, and a reader looks for differences in each of them.
+
+    Parameters
+    ----------
+    contrasts : of each fit
+    family : function of a fit's key; fits without one, None, keep their own correction
+    """
+    result = dict(contrasts)
+    members: dict[Hashable, list[Place]] = {}
+    for place in contrasts:
+        members.setdefault(family(place), []).append(place)
+    members.pop(None, None)
+    for places in members.values():
+        rows = [row for place in places for row in contrasts[place]]
+        tested = [row.method != NEVER_COMPARED for row in rows]
+        corrected = iter(holm(np.array([row.p_value for row, is_it in zip(rows, tested, strict=True) if is_it])))
+        together = [
+            replace(row, p_holm=float(next(corrected))) if is_it else row
+            for row, is_it in zip(rows, tested, strict=True)
+        ]
+        for place in places:
+            size = len(contrasts[place])
+            result[place], together = together[:size], together[size:]
     return result
 
 

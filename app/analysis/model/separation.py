@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from scipy.stats import binomtest
 
 from app.analysis.model.bradley_terry import fit_scores
-from app.analysis.model.contrasts import BY_SCORES, MOST_ITEMS, Contrast, contrasts, holm
+from app.analysis.model.contrasts import BY_SCORES, MOST_ITEMS, NEVER_COMPARED, Contrast, contrasts, holm
 from app.analysis.model.likelihood.fit import Fit
 from app.analysis.model.settings import LEVEL
 from app.analysis.reading.votes_table import NONE, VotesTable, only_compared
@@ -25,7 +25,6 @@ Counts = NDArray[np.int64]
 
 IN_THE_GROUP = "difference of scores in the group"
 SIGN_TEST = {True: "sign test over participants", False: "sign test over votes"}  # are participants known?
-NEVER_COMPARED = "never compared"
 FARTHEST = 50.0  # log-odds, between which limits are searched
 
 

@@ -33,6 +33,7 @@ class AnalysisSettings:
     equivalence_margin : JOD; pairs of items are tested for differing by less than this
     jod_prior : `pwcmp` fits the JOD of Thurstone's Case V with the prior on distances of that package
     random_effects : fit the scores also with `participants`, or with `participants,datasets`, as random effects
+    lapses : fit the scores also with careless answers weighted down, by a lapse rate for each participant
     by_dataset : also analyse every dataset alone
     planned_participants : how many the study is planned for; results of fewer are interim
     exclude : participants left out by a recorded decision; the results with them are given too
@@ -51,6 +52,7 @@ class AnalysisSettings:
     equivalence_margin: float | None = None
     jod_prior: str = "none"
     random_effects: str = ""
+    lapses: bool = False
     by_dataset: bool = True
     exclude: tuple[str, ...] = ()
     planned_participants: int | None = None

@@ -10,7 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.objective.correlations import kendalls, monotones, pearsons, spearmans
-from app.analysis.objective.logistic import PARAMETERS, fit_logistic, grid_correlations
+from app.analysis.objective.logistic import (
+    PARAMETERS,
+    PARAMETERS_WITH_LINE,
+    fit_logistic,
+    fit_logistic_with_line,
+    grid_correlations,
+)
 from app.analysis.objective.pair_order import better_worse, different_similar, pair_differences, share_in_order
 from app.analysis.objective.permutation import chance, condition_orders
 from app.analysis.objective.points import Indices, Points, ScoreSet, matched
@@ -21,7 +27,7 @@ Array = NDArray[np.float64]
 Measures = Mapping[str, Mapping[str, Mapping[str, float]]]  # measure -> dataset -> item -> value
 
 SIGNS = {"higher": 1.0, "lower": -1.0}
-CORRELATIONS = ("pearson", "pearson_logistic", "pearson_monotone", "spearman", "kendall")
+CORRELATIONS = ("pearson", "pearson_logistic", "pearson_logistic5", "pearson_monotone", "spearman", "kendall")
 SHARES = ("pairs_correct", "auc_better_worse", "auc_different_similar")  # 1/2 without information
 
 
@@ -45,10 +51,19 @@ def directed(row: Mapping[str, Any], name: str) -> float | None:
 
 @dataclass(frozen=True)
 class Reached:
-    """A correlation or a share, and what every order of the conditions reaches."""
+    """A correlation or a share, and what every order of the conditions reaches.
+
+    Parameters
+    ----------
+    observed : value that is reported
+    by_order : float64 (P,), the observed order first
+    is_searched : are the orders' values searched less closely than the observed one, so much that tests must compare
+        like with like?
+    """
 
     observed: float
-    by_order: Array  # float64 (P,), the observed order first
+    by_order: Array
+    is_searched: bool = False
 
 
 def prediction_rows(
@@ -104,7 +119,7 @@ def describe(points: Points, orders: Indices, better: str | None) -> dict[str, A
     ranks = spearmans(values, scores, orders) if can_tell else np.zeros(1)
     signs = np.full(len(ranks), SIGNS[better]) if better else np.sign(ranks)
     reached: dict[str, Reached] = {}
-    curve: dict[str, Any] = dict.fromkeys(CURVE)
+    curve: dict[str, Any] = dict.fromkeys((*CURVE, *CURVE_WITH_LINE))
     if can_tell:
         reached, curve = _correlations(points, orders, ranks)
         reached |= _shares(points, orders, signs)
@@ -126,6 +141,8 @@ CURVE = (
     *("logistic_bottom", "logistic_top", "logistic_middle", "logistic_width", "logistic_status"),
     *("rmse", "rmse_epsilon", "outlier_ratio"),
 )
+COEFFICIENTS = ("b1", "b2", "b3", "b4", "b5")
+CURVE_WITH_LINE = (*(f"logistic5_{name}" for name in COEFFICIENTS), "logistic5_status", "rmse_logistic5")
 
 
 def _correlations(points: Points, orders: Indices, ranks: Array) -> tuple[dict[str, Reached], dict[str, Any]]:
@@ -140,7 +157,8 @@ def _correlations(points: Points, orders: Indices, ranks: Array) -> tuple[dict[s
     }
     reached = {name: Reached(float(part[0]), part) for name, part in everywhere.items()}
     if len(points) <= PARAMETERS:
-        return reached, dict.fromkeys(CURVE) | {"logistic_status": "too few points"}
+        nothing = dict.fromkeys((*CURVE, *CURVE_WITH_LINE))
+        return reached, nothing | dict.fromkeys(("logistic_status", "logistic5_status"), "too few points")
     fit = fit_logistic(values, scores)
     reached["pearson_logistic"] = Reached(fit.correlation, grid_correlations(values, by_order))
     curve = {
@@ -150,7 +168,18 @@ def _correlations(points: Points, orders: Indices, ranks: Array) -> tuple[dict[s
         "logistic_width": fit.width,
         "logistic_status": fit.status,
     }
-    return reached, curve | _errors(scores - fit(values), points.half_widths)
+    curve |= _errors(scores - fit(values), points.half_widths)
+    if len(points) <= PARAMETERS_WITH_LINE:
+        return reached, curve | dict.fromkeys(CURVE_WITH_LINE) | {"logistic5_status": "too few points"}
+    with_line = fit_logistic_with_line(values, scores)
+    by_curve = grid_correlations(values, by_order, with_line=True)
+    reached["pearson_logistic5"] = Reached(with_line.correlation, by_curve, is_searched=True)
+    residuals = scores - with_line(values)
+    return reached, curve | {
+        **{f"logistic5_{name}": getattr(with_line, name) for name in COEFFICIENTS},
+        "logistic5_status": with_line.status,
+        "rmse_logistic5": float(np.sqrt(residuals @ residuals / (len(residuals) - PARAMETERS_WITH_LINE))),
+    }
 
 
 def _errors(residuals: Array, half_widths: Array) -> dict[str, float | None]:
@@ -190,7 +219,8 @@ def _judged(name: str, reached: Reached | None, points: Points) -> dict[str, flo
     """Return a correlation with its interval and p-value."""
     if reached is None:
         return {name: None, f"{name}_low": None, f"{name}_high": None, f"{name}_p": None}
-    low, high, p_value = chance(reached.by_order, reached.observed, points.n_conditions)
+    tested = float(reached.by_order[0]) if reached.is_searched else reached.observed
+    low, high, p_value = chance(reached.by_order, tested, points.n_conditions)
     return {name: reached.observed, f"{name}_low": low, f"{name}_high": high, f"{name}_p": p_value}
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from app.analysis.comparisons.comparison import Comparison
 from app.analysis.comparisons.result_rows import intervals
-from app.analysis.model.separation import NEVER_COMPARED
+from app.analysis.model.contrasts import NEVER_COMPARED
 from app.analysis.objective.points import ScoreSet, score_set
 from app.analysis.reading.votes_table import ALL
 

@@ -1,20 +1,25 @@
-"""Plan the number of participants who rate: power and detectable differences of mean opinion scores."""
+"""Plan a study in which films are rated, and simulate hundreds of such studies in one batch."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.stats import ncf, t
+from numpy.typing import NDArray
+from scipy.stats import t as student
 
-from app.analysis.comparisons.power import WANTED_POWER, StudySize
-from app.analysis.model.contrasts import SIGNIFICANT
+from app.analysis.comparisons.power import REPORTED, planned
+from app.analysis.comparisons.study_plan import PlannedStudy, Studies
+from ground.progress import Progress, no_progress
+
+Array = NDArray[np.float64]
+
+GRADES = 5  # from which careless people take one at random
 
 
 @dataclass(frozen=True)
-class RatingPlan(StudySize):
+class RatingPlan(PlannedStudy):
     """A study in which every participant rates every condition on every dataset once.
 
     A hidden reference is a condition, too.
@@ -32,57 +37,105 @@ class RatingPlan(StudySize):
             raise ValueError(f"inconsistency is {self.inconsistency}, expected more than 0")
 
     @property
-    def difference_se(self) -> float:
-        """Standard error of the difference of two conditions' means over all datasets; biases cancel out."""
-        return self.inconsistency * float(np.sqrt(2 / (self.datasets * self.participants)))
+    def trials(self) -> int:
+        """Number of films of each dataset."""
+        return self.conditions
+
+    def simulated(self, scores: Array, n_studies: int, rng: np.random.Generator) -> Studies:
+        """Simulate ratings; the participants' biases, which cancel out in differences, are left out.
+
+        Parameters
+        ----------
+        scores, n_studies, rng : as in `PlannedStudy.simulated`; float64 (n,), grades
+        """
+        ratings = self.shifted(scores, n_studies, rng)
+        careless = self.are_careless(n_studies, rng)
+        ratings += self.inconsistency * rng.standard_normal(ratings.shape)
+        if careless is not None:
+            clicked = rng.integers(1, GRADES + 1, ratings.shape)
+            ratings = np.where(careless[..., None, None], clicked, ratings)
+        left = self.are_left(ratings.shape, rng)
+        return RatingStudies(ratings if left is None else np.where(left, np.nan, ratings))
 
 
-def plan_ratings(plan: RatingPlan, effect: float) -> dict[str, Any]:
-    """Return the power for a difference of two conditions, and the difference detected with 80 % power.
+@dataclass(frozen=True)
+class RatingStudies:
+    """Simulated studies by their ratings, float64 (R, J, D, n), NaN where a participant left before."""
+
+    ratings: Array
+
+    @property
+    def scores(self) -> Array:
+        """Mean ratings, float64 (R, n), grades."""
+        return np.asarray(np.nanmean(self.ratings, axis=(1, 2)))
+
+    @property
+    def has_scores(self) -> NDArray[np.bool_]:
+        """Has every condition a rating? bool (R,)."""
+        return np.asarray(~np.isnan(self.scores).any(axis=1))
+
+    def p_values(self, directions: Array) -> Array:
+        """Return p-values of paired t-tests over participants, directions float64 (K, n); float64 (R, K).
+
+        A participant counts with the mean over the datasets on which all that is compared was rated.
+        """
+        columns = []
+        for direction in directions:
+            compared = np.flatnonzero(direction)
+            columns.append(self._p_value(_means(self.ratings[..., compared] @ direction[compared], axis=2)))
+        return np.stack(columns, axis=1)
+
+    def p_over_datasets(self) -> Array:
+        """Return p-values of the first pair with datasets as a sample, float64 (R,)."""
+        differences = self.ratings[..., 0] - self.ratings[..., 1]  # (R, J, D)
+        of_people, of_datasets = _means(differences, axis=2), _means(differences, axis=1)
+        people, datasets, cells = (_variance_of_mean(part) for part in (of_people, of_datasets, _flat(differences)))
+        shared = np.maximum(people - cells, 0.0)
+        n_people, n_datasets = differences.shape[1:]
+        df = (datasets + shared) ** 2 / (datasets**2 / (n_datasets - 1) + shared**2 / (n_people - 1))
+        ratio = np.abs(np.nanmean(of_datasets, axis=1)) / np.sqrt(datasets + shared)
+        return np.asarray(2 * student.sf(ratio, df))
+
+    def _p_value(self, differences: Array) -> Array:
+        """Return the p-value of a mean over participants, (R, J), float64 (R,)."""
+        n = (~np.isnan(differences)).sum(axis=1)
+        ratio = np.abs(np.nanmean(differences, axis=1)) / np.sqrt(_variance_of_mean(differences))
+        return np.asarray(2 * student.sf(ratio, n - 1))
+
+
+def _flat(differences: Array) -> Array:
+    return differences.reshape(len(differences), -1)
+
+
+def _means(values: Array, axis: int) -> Array:
+    """Return means over what is there, NaN where nothing is."""
+    there = ~np.isnan(values)
+    n = there.sum(axis=axis)
+    return np.where(n > 0, np.where(there, values, 0.0).sum(axis=axis) / np.maximum(n, 1), np.nan)
+
+
+def _variance_of_mean(values: Array) -> Array:
+    """Return the variance of means over the second axis, of what is there, float64 (R,)."""
+    return np.asarray(np.nanvar(values, axis=1, ddof=1) / (~np.isnan(values)).sum(axis=1))
+
+
+def plan_ratings(
+    plan: RatingPlan,
+    effect: float,
+    rng: np.random.Generator | None = None,
+    *,
+    replicates: int = 400,
+    progress: Progress = no_progress,
+    claim: str = REPORTED,
+) -> dict[str, Any]:
+    """Return the plan of a study of ratings, as `planned`; effects and differences are in grades.
 
     Parameters
     ----------
     plan : the study
     effect : true difference of two conditions, grades
-
-    Returns
-    -------
-    dict, with powers and detectable differences for one dataset and over all datasets
+    rng : Generator; by default of a fixed seed
+    replicates, progress, claim : as in `planned`
     """
-    if not 0 < effect < np.inf:
-        raise ValueError(f"effect is {effect}, expected a difference above 0")
-    single, n_trials = replace(plan, datasets=1), plan.conditions * plan.datasets
-    return {
-        "conditions": plan.conditions,
-        "datasets": plan.datasets,
-        "participants": plan.participants,
-        "inconsistency": plan.inconsistency,
-        "votes_per_participant": n_trials,
-        "votes": n_trials * plan.participants,
-        "effect": effect,
-        "power_one_dataset": rating_power(single, effect),
-        "power_pooled": rating_power(plan, effect),
-        "detectable_one_dataset": detectable_difference(single),
-        "detectable_pooled": detectable_difference(plan),
-    }
-
-
-def rating_power(plan: RatingPlan, effect: float) -> float:
-    """Return the power of a paired t-test over participants, two-sided at 5 %.
-
-    Parameters
-    ----------
-    plan : the study
-    effect : true difference of two conditions, grades
-    """
-    df, shift = plan.participants - 1, effect / plan.difference_se
-    limit = float(t.ppf(1 - SIGNIFICANT / 2, df))
-    return float(ncf.sf(limit**2, 1, df, shift**2))  # of T squared, as the tails of scipy's nct may be NaN
-
-
-def detectable_difference(plan: RatingPlan) -> float:
-    """Return the difference that is detected with 80 % power, grades."""
-    high = plan.difference_se
-    while rating_power(plan, high) < WANTED_POWER:
-        high *= 2
-    return float(brentq(lambda effect: rating_power(plan, effect) - WANTED_POWER, 0.0, high, xtol=1e-4))
+    rng = np.random.default_rng(1) if rng is None else rng
+    return planned(plan, rng, effect, replicates=replicates, progress=progress, claim=claim)

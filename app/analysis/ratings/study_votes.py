@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.ratings.table import ComparisonTable, RatingTable, numbered_names
 from app.analysis.reading.votes_table import VotesTable
+from app.analysis.screening.observers import NOT_SMOOTH, n_without
 
 Float = NDArray[np.float64]
 Names = tuple[tuple[str, str], ...]
@@ -53,6 +57,24 @@ def comparison_table(votes: VotesTable, rating: Float) -> ComparisonTable:
     participants, person = _participants(votes)
     items, both = _stimuli(votes, np.stack([votes.item_a, votes.item_b], axis=1).ravel())
     return ComparisonTable(participants, items, person, both[::2], both[1::2], rating, votes.first_shown == 0)
+
+
+def with_films(raters: Sequence[Mapping[str, Any]], votes: VotesTable) -> list[dict[str, Any]]:
+    """Return participants' rows with what the votes tell of their films, and a flag where these did not run.
+
+    Parameters
+    ----------
+    raters : of `analyse_ratings`
+    votes : those that count
+    """
+    parts = {votes.participants[index]: part for index, part in votes.by_participant().items()}
+    rows = []
+    for row in raters:
+        part = parts[row["participant"]]
+        n = n_without(part, part.shown_smoothly)
+        flags = [*row["flags"], *([NOT_SMOOTH.format(n, part.n_votes)] if n else [])]
+        rows.append({**row, "not_smooth": n, "flags": flags})
+    return rows
 
 
 def _participants(votes: VotesTable) -> tuple[tuple[str, ...], NDArray[np.intp]]:

@@ -46,11 +46,31 @@ class Told:
     def __str__(self) -> str:
         """Write it as the options of a command."""
         mappings = (("--columns", self.columns), ("--choices", self.choices))
-        words = [
-            f"{name} {_quoted(','.join(f'{k}={v}' for k, v in pairs.items()))}" for name, pairs in mappings if pairs
-        ]
+        words = [f"{name} {_quoted(written(pairs))}" for name, pairs in mappings if pairs]
         single = (("--format", self.format), ("--encoding", self.encoding), ("--sheet", self.sheet))
         return " ".join([*words, *(f"{name} {_quoted(value)}" for name, value in single if value)])
+
+
+def pairs_of(text: str, option: str) -> dict[str, str]:
+    """Read "ours=theirs,ours=theirs"; empty: nothing.
+
+    Raises
+    ------
+    ValueError
+        If a part is no such pair, or names one of ours twice: names the option.
+    """
+    pairs = [pair.partition("=") for pair in text.split(",")] if text.strip() else []
+    if not all(ours.strip() and theirs.strip() for ours, _, theirs in pairs):
+        raise ValueError(f"{option} is {text!r}, expected ours=theirs, comma between")
+    names = [ours.strip() for ours, _, _ in pairs]
+    if repeated := [name for name in names if names.count(name) > 1]:
+        raise ValueError(f"{option} names {repeated[0]} twice; expected ours=theirs, each of ours once")
+    return {ours.strip(): theirs.strip() for ours, _, theirs in pairs}
+
+
+def written(pairs: Mapping[str, str]) -> str:
+    """Write pairs as `pairs_of` reads them."""
+    return ",".join(f"{ours}={theirs}" for ours, theirs in pairs.items())
 
 
 def _quoted(text: str) -> str:

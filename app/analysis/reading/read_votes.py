@@ -316,6 +316,7 @@ def _votes(rows: LongTable, description: Description) -> VotesTable:
         choice=_choice(rows, description, problems),
         first_shown=_first_shown(rows, item_a, item_b, items, problems),
         both_seen=_flags(rows, "both_seen", problems, empty=-1, kind=np.int8, absent=-1),
+        shown_smoothly=_flags(rows, "shown_smoothly", problems, empty=-1, kind=np.int8, absent=-1),
         count=_counts(rows, problems),
         response_ms=_numbers(rows, "response_ms", problems),
         press_to_picture_ms=_numbers(rows, "press_to_picture_ms", problems),

@@ -34,6 +34,7 @@ class VotesTable:
     choice : int8 (N,), 0 = `item_a` preferred, 1 = `item_b` preferred, 2 = no preference
     first_shown : int8 (N,), 0 = `item_a` was shown first, 1 = `item_b`, -1 = not recorded
     both_seen : int8 (N,), 1 = both items were on screen, 0 = one was not, -1 = not recorded
+    shown_smoothly : int8 (N,), 1 = the frames support the viewing, 0 = they do not, -1 = not recorded
     count : int64 (N,), number of votes that the row stands for
     response_ms : float64 (N,), NaN where not recorded
     press_to_picture_ms : float64 (N,), median of the vote's switches, NaN where not recorded
@@ -53,6 +54,7 @@ class VotesTable:
     choice: NDArray[np.int8]
     first_shown: NDArray[np.int8]
     both_seen: NDArray[np.int8]
+    shown_smoothly: NDArray[np.int8]
     count: NDArray[np.int64]
     response_ms: NDArray[np.float64]
     press_to_picture_ms: NDArray[np.float64]
@@ -228,6 +230,7 @@ def votes_from_indices(
         choice=choice.astype(np.int8, copy=False),
         first_shown=constant(-1, np.int8, n) if first_shown is None else first_shown.astype(np.int8, copy=False),
         both_seen=constant(-1, np.int8, n),
+        shown_smoothly=constant(-1, np.int8, n),
         count=constant(1, np.int64, n) if count is None else count.astype(np.int64, copy=False),
         response_ms=constant(np.nan, np.float64, n),
         press_to_picture_ms=constant(np.nan, np.float64, n),

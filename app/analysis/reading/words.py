@@ -10,7 +10,7 @@ from app.analysis.reading.votes_table import NONE, A, B
 VOTE_ROLES = ("participant", "dataset", "item_a", "item_b", "choice")
 OPTIONAL = (
     *("first_shown", "trial", "response_ms", "practice", "excluded", "reason", "count", "role"),
-    *("both_seen", "press_to_picture_ms"),
+    *("both_seen", "press_to_picture_ms", "shown_smoothly"),
 )
 RATING_ROLES = ("participant", "dataset", "condition", "rating")
 RATING_OPTIONAL = ("protocol", "reference", "first_shown", "practice", "excluded", "reason", "role")

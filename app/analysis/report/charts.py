@@ -25,6 +25,7 @@ from app.analysis.drawing.charts_in_common import (
     shape_by,
     text_width,
 )
+from app.analysis.drawing.figure_code import level_rows
 from app.analysis.findings.ranking import overall
 from app.analysis.reading.votes_table import ALL
 
@@ -38,7 +39,7 @@ AXIS_TITLE = 16  # pixels
 
 
 def scores_chart(analysis: Mapping[str, Any], comparison: str = ALL, width: int = FULL) -> Any:
-    """Draw the scores with their intervals, a panel per dataset, conditions ordered by their overall score.
+    """Draw the scores with their intervals and letters, a panel per dataset, conditions ordered by their overall score.
 
     Parameters
     ----------
@@ -55,49 +56,101 @@ def scores_chart(analysis: Mapping[str, Any], comparison: str = ALL, width: int 
         return None
     items = _by_score(rows)
     labels = labels_of(items, width)
+    title = title_of if analysis["votes"]["datasets"] else lambda _: ""
+    panels = [(title(name), [row for row in rows if row["dataset"] == name]) for name in _datasets(analysis, rows)]
+    reach = _reach([row for _, part in panels for row in part])
+    points = {name: [_drawn(row, reach) for row in part] for name, part in panels}
+    kinds = [kind for kind in KINDS if any(row["kind"] == kind for part in points.values() for row in part)]
+    letters = max((text_width(row["letters"]) for part in points.values() for row in part), default=0.0)
 
-    def panel(dataset: str, axis: alt.Axis) -> Any:
-        chart = _scores_panel([row for row in rows if row["dataset"] == dataset], axis, alt.Scale(domain=items))
-        title = title_of(dataset) if analysis["votes"]["datasets"] else ""
-        return chart.properties(height=alt.Step(labels.step(18)), title=title)
+    def panel(axis: alt.Axis, panel_width: float) -> Any:
+        chart = _scores_panel(axis, alt.Scale(domain=items), kinds, _room(reach, letters, panel_width), panel_width)
+        return chart.properties(height=alt.Step(labels.step(18)))
 
-    return panels_in_rows(_datasets(analysis, rows), labels, width, panel)
+    return panels_in_rows(list(points.items()), labels, width, panel)
 
 
 def title_of(dataset: str) -> str:
-    """Return the title of a panel for a dataset, or for all together."""
-    return "all datasets" if dataset == ALL else dataset
+    """Return the title of a panel for a dataset, or for one fit to the votes on all of them."""
+    return "all votes together" if dataset == ALL else dataset
 
 
-def _scores_panel(rows: Sequence[Row], axis: alt.Axis, conditions: alt.Scale) -> Any:
-    values = [
-        {name: row[name] for name in ("item", "score", "ci_low", "ci_high")}
-        | {"estimate": "penalised" if row["penalty"] else "maximum likelihood"}
-        for row in rows
-    ]
-    base = alt.Chart(alt.Data(values=values))
-    y = alt.Y("item:N", scale=conditions, sort=None, title=None, axis=axis)
-    x = alt.X("score:Q", title=SCORE, scale=alt.Scale(nice=True, zero=True), axis=FEW_TICKS)
-    bars = base.mark_rule(strokeWidth=1.6, color=INK).encode(y=y, x=alt.X("ci_low:Q", title=SCORE), x2="ci_high:Q")
+def _is_open(row: Row) -> bool:
+    """Do the votes set a score neither a limit nor an interval within a group?"""
+    return bool(row.get("no_limit")) and row["ci_low"] is None
+
+
+def _reach(rows: Sequence[Row]) -> tuple[float, float]:
+    """Return the ends of the axis: zero, all scores and intervals, and room for arrows of what has no limit."""
+    finite = [row for row in rows if not _is_open(row)]
+    ends = [0.0, *(row[name] for row in finite for name in ("score", "ci_low", "ci_high") if row[name] is not None)]
+    sides = {row["no_limit"] for row in rows if _is_open(row)}
+    size = max(ends) - min(ends) or 1.0
+    below, above = ((ARROW if side in sides else 0.0) + 0.05 for side in ("below", "above"))
+    return min(ends) - below * size, max(ends) + above * size
+
+
+def _room(reach: tuple[float, float], letters: float, panel_width: float) -> tuple[float, float]:
+    """Return the ends of an axis with room for letters of a width in pixels."""
+    low, high = reach
+    share = min(0.4, (letters + 10) / panel_width) if letters else 0.0
+    return low, high + (high - low) * share / (1 - share)
+
+
+def _drawn(row: Row, reach: tuple[float, float]) -> dict[str, Any]:
+    """Return what is drawn of a score: a point with its interval; an arrow where the votes set it no limit."""
+    drawn = {name: row[name] for name in ("item", "score", "ci_low", "ci_high")} | {"letters": row["letters"] or ""}
+    if not _is_open(row):
+        kind = PENALISED if row["penalty"] else MAXIMUM
+        return drawn | {"x": row["score"], "low": row["ci_low"], "high": row["ci_high"], "kind": kind}
+    is_above, length = row["no_limit"] == "above", ARROW * (reach[1] - reach[0])
+    end = reach[1] - 0.15 * length if is_above else reach[0] + 0.15 * length
+    tail = end - length if is_above else end + length
+    return drawn | {"x": end, "low": tail, "high": end, "kind": ABOVE if is_above else BELOW}
+
+
+def _scores_panel(
+    axis: alt.Axis, conditions: alt.Scale, kinds: Sequence[str], ends: tuple[float, float], panel_width: float
+) -> Any:
+    """Return a panel without its data, the rows of `_drawn`."""
+    base = alt.Chart().encode(y=alt.Y("item:N", scale=conditions, sort=None, title=None, axis=axis))
+    scale = alt.Scale(domain=list(ends), nice=False, zero=False)
+    x, low = (alt.X(f"{name}:Q", title=SCORE, scale=scale, axis=FEW_TICKS) for name in ("x", "low"))
+    bars = base.mark_rule(strokeWidth=1.6, color=INK).encode(x=low, x2=alt.X2("high:Q"))
+    legend = alt.Legend(orient="bottom", title=None, columns=1, labelLimit=0) if kinds != [MAXIMUM] else None
+    looks = {"fill": [KINDS[kind][0] for kind in kinds], "shape": [KINDS[kind][1] for kind in kinds]}
+    colours, shapes = (alt.Scale(domain=list(kinds), range=look) for look in looks.values())
     points = base.mark_point(size=46, opacity=1, strokeWidth=1.6, color=INK).encode(
-        y=y,
         x=x,
-        fill=alt.Fill(
-            "estimate:N",
-            scale=alt.Scale(domain=["maximum likelihood", "penalised"], range=[PALETTE[1], "#ffffff"]),
-            legend=None,
-        ),
-        tooltip=["item:N", *(alt.Tooltip(f"{name}:Q", format="+.2f") for name in ("score", "ci_low", "ci_high"))],
+        fill=alt.Fill("kind:N", scale=colours, legend=legend),
+        shape=alt.Shape("kind:N", scale=shapes, legend=legend),
+        tooltip=[
+            alt.Tooltip("item:N"),
+            *(alt.Tooltip(f"{name}:Q", format="+.2f") for name in ("score", "ci_low", "ci_high")),
+        ],
     )
-    return alt.layer(dashed_line("x", 0), bars, points)
+    letters = base.mark_text(align="right", fontSize=FONT_SIZE, color=INK)
+    return alt.layer(
+        dashed_line("x", 0), bars, points, letters.encode(x=alt.XValue(panel_width - 5), text=alt.Text("letters:N"))
+    )
 
 
+ARROW = 0.12  # of the axis, the length of an arrow
+MAXIMUM, PENALISED = "maximum likelihood", "penalised, as some votes all go one way"
+ABOVE, BELOW = "no upper limit: all decided votes are for it", "no lower limit: all decided votes are against it"
+KINDS = {  # what a point is -> its fill and its shape
+    MAXIMUM: (PALETTE[1], "circle"),
+    PENALISED: ("#ffffff", "circle"),
+    ABOVE: (INK, "triangle-right"),
+    BELOW: (INK, "triangle-left"),
+}
 SCORE = "score (log-odds)"
 FEW_TICKS = alt.Axis(tickCount=4)
 
 
 def levels_chart(analysis: Mapping[str, Any], factor: str, width: int = FULL) -> Any:
-    """Draw the scores of a factor's levels side by side on each dataset, as figures 7 and 8 of the paper do.
+    """Draw the levels of a factor side by side on each dataset, as figures 7 and 8 of the paper do: their effects, all
+    else equal, from the fit that tells which of them differ; or their scores where there are no effects.
 
     Parameters
     ----------
@@ -108,7 +161,7 @@ def levels_chart(analysis: Mapping[str, Any], factor: str, width: int = FULL) ->
     -------
     altair chart, or None if no dataset has scores
     """
-    rows = [row for row in analysis["scores"] if row["comparison"] == factor and row["score"] is not None]
+    rows = level_rows(analysis, factor)
     if not rows:
         return None
     levels = _by_score(rows)
@@ -127,12 +180,13 @@ def levels_chart(analysis: Mapping[str, Any], factor: str, width: int = FULL) ->
         xOffset=alt.XOffset("item:N", sort=levels, scale=alt.Scale(paddingOuter=0.5)),
         color=colour_by("item", factor, levels, width),
     )
-    bars = base.mark_rule(strokeWidth=1.6).encode(y=alt.Y("ci_low:Q", title=SCORE), y2="ci_high:Q")
+    title = f"effect of {factor} (log-odds)" if "effect" in rows[0] else SCORE
+    bars = base.mark_rule(strokeWidth=1.6).encode(y=alt.Y("ci_low:Q", title=title), y2=alt.Y2("ci_high:Q"))
     points = base.mark_point(size=52, opacity=1, filled=True).encode(
-        y=alt.Y("score:Q", title=SCORE, scale=alt.Scale(nice=True, zero=True)),
+        y=alt.Y("score:Q", title=title, scale=alt.Scale(nice=True, zero=True)),
         shape=shape_by("item", factor, levels, width),
     )
-    return alt.layer(dashed_line("y", 0), bars, points).properties(width=width - MARGIN - 45, height=230)
+    return alt.layer(dashed_line("y", 0), bars, points).properties(width=width - MARGIN - 35, height=230)
 
 
 def groups_chart(analysis: Mapping[str, Any], grouping: str, width: int = FULL) -> Any:
@@ -162,7 +216,7 @@ def groups_chart(analysis: Mapping[str, Any], grouping: str, width: int = FULL) 
         yOffset=alt.YOffset("group:N", sort=groups),
         color=colour_by("group", grouping, groups, width),
     )
-    bars = base.mark_rule(strokeWidth=1.6).encode(x=alt.X("ci_low:Q", title=SCORE), x2="ci_high:Q")
+    bars = base.mark_rule(strokeWidth=1.6).encode(x=alt.X("ci_low:Q", title=SCORE), x2=alt.X2("ci_high:Q"))
     points = base.mark_point(size=46, opacity=1, filled=True).encode(
         x=alt.X("score:Q", title=SCORE, scale=alt.Scale(nice=True, zero=True)),
         shape=shape_by("group", grouping, groups, width),
@@ -200,7 +254,7 @@ def preference_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
     )
     values = [cell for row in pairs for cell in _cells(row)]
     dark = "abs(datum.share - 0.5) > 0.3"
-    return _matrix(values, items, color, "label:N", dark, width).properties(title=title)
+    return _matrix(values, items, color, alt.Text("label:N"), dark, width).properties(title=title)
 
 
 def _pairs_and_items(analysis: Mapping[str, Any]) -> tuple[list[Row], list[str]]:
@@ -227,7 +281,7 @@ def _unordered(pairs: Sequence[Row]) -> list[Row]:
 
 
 def _matrix(
-    values: Sequence[Row], items: Sequence[str], color: alt.Color, text: str | alt.Text, is_dark: str, width: int
+    values: Sequence[Row], items: Sequence[str], color: alt.Color, text: alt.Text, is_dark: str, width: int
 ) -> Any:
     """Draw a coloured cell with a text for each pair of conditions; the text is white where `is_dark` holds.
 
@@ -249,7 +303,9 @@ def _matrix(
             axis=labels.axis(has_grid=False),
         ),
     )
-    cells = base.mark_rect(stroke="#ffffff").encode(color=color, tooltip=["item:N", "other:N", text])
+    cells = base.mark_rect(stroke="#ffffff").encode(
+        color=color, tooltip=[alt.Tooltip("item:N"), alt.Tooltip("other:N"), text]
+    )
     texts = base.mark_text(fontSize=min(11, cell * 0.55)).encode(
         text=text, color=alt.condition(is_dark, alt.value("#ffffff"), alt.value(INK))
     )
@@ -320,15 +376,14 @@ def triads_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
     labels = labels_of((row["participant"] for row in values), width)
     y = alt.Y("participant:N", title=None, sort=None, axis=labels.axis())
     strict = base.mark_bar(color=PALETTE[1], height=8).encode(y=y, x=alt.X("circular:Q", title="circular triads"))
-    ties = base.mark_tick(color=INK, thickness=2, size=12).encode(y=y, x="circular_expected_ties:Q")
-    chance = base.mark_point(shape="diamond", size=36, color=PALETTE[2], filled=True).encode(
-        y=y, x="circular_by_chance:Q"
+    chance = base.mark_point(shape="diamond", size=36, color=PALETTE[2], filled=True, opacity=1).encode(
+        y=y, x=alt.X("strict_by_chance:Q")
     )
     title = alt.TitleParams(
         "Contradictory preferences",
-        subtitle=["bar: strict cycles; tick: expected if ties are broken", "at random; diamond: random votes"],
+        subtitle=["bar: circular triads; diamond: expected from votes", "at random with the same ties"],
     )
-    return (strict + ties + chance).properties(width=_panel_width(labels, width), height=alt.Step(15), title=title)
+    return (strict + chance).properties(width=_panel_width(labels, width), height=alt.Step(15), title=title)
 
 
 def response_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
@@ -345,8 +400,10 @@ def response_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
     labels = labels_of((row["participant"] for row in values), width)
     y = alt.Y("participant:N", title=None, sort=None, axis=labels.axis())
     x = alt.X("fastest_decile_ms:Q", title="response time (ms)", scale=alt.Scale(zero=True))
-    reach = base.mark_rule(strokeWidth=1.6, color=INK).encode(y=y, x=x, x2="median_response_ms:Q")
-    median = base.mark_point(filled=True, size=48, opacity=1, color=PALETTE[1]).encode(y=y, x="median_response_ms:Q")
+    reach = base.mark_rule(strokeWidth=1.6, color=INK).encode(y=y, x=x, x2=alt.X2("median_response_ms:Q"))
+    median = base.mark_point(filled=True, size=48, opacity=1, color=PALETTE[1]).encode(
+        y=y, x=alt.X("median_response_ms:Q")
+    )
     title = alt.TitleParams("Response times", subtitle="point: median; line: down to the fastest tenth")
     return (reach + median).properties(width=_panel_width(labels, width), height=alt.Step(15), title=title)
 

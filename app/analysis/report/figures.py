@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from app.analysis.drawing.charts_in_common import FULL, chart_svg, drawn_width, letters_without_font
-from app.analysis.drawing.figure_code import figure_code, names_by_file
+from app.analysis.drawing.figure_code import figure_code, level_rows, names_by_file
 from app.analysis.objective.prediction import measures_by_rank
 from app.analysis.reading.votes_table import ALL
 from app.analysis.report.charts import (
@@ -49,7 +49,7 @@ def drawn_figures(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[Fi
     """Draw every figure that there is something in, so many pixels wide."""
     for name, caption, chart in named_charts(analysis, width):
         if chart is not None:
-            yield Figure(name, caption, chart_svg(chart), figure_code(name, analysis))
+            yield Figure(name, caption, chart_svg(chart, width), figure_code(name, analysis))
 
 
 def named_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tuple[str, str, Any]]:
@@ -65,8 +65,15 @@ def named_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tup
         if comparison == ALL:
             yield "scores", f"Scores of all conditions {_ends(rows)}", scores_chart(analysis, comparison, width)
             continue
-        what = f"Scores by {comparison}"
-        yield f"levels_{name}", f"{what} on each dataset {_ends(rows)}", levels_chart(analysis, comparison, width)
+        levels = level_rows(analysis, comparison)
+        what = "Effects of {}, all else equal," if any("effect" in row for row in levels) else "Scores by {}"
+        chart = levels_chart(analysis, comparison, width)
+        yield (
+            f"levels_{name}",
+            f"{what.format(comparison)} on each dataset {_intervals(levels)}.{_together(rows)}",
+            chart,
+        )
+        what = f"Scores by {comparison}, from pairs that differ in nothing else,"
         yield f"scores_{name}", f"{what} {_ends(rows)}", scores_chart(analysis, comparison, width)
     preferences = "Votes for the row's condition against the column's; columns have the numbers of the rows."
     yield "preferences", preferences, preference_chart(analysis, width=width)
@@ -78,7 +85,7 @@ def named_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tup
     yield "rates", "Score against the size of the models, with 95 % intervals.", rates_chart(analysis, width)
     for name, grouping in names_by_file(analysis["groups"], "grouping").items():
         rows = [row for row in analysis["groups"] if row["grouping"] == grouping]
-        caption = f"Scores by {grouping}, all datasets, {_intervals(rows)}."
+        caption = f"Scores by {grouping}, all votes together, {_intervals(rows)}."
         yield f"group_{name}", caption, groups_chart(analysis, grouping, width)
     yield "response_times", "Response times of each participant.", response_chart(analysis, width)
     yield "triads", "Circular triads of each participant over all datasets.", triads_chart(analysis, width)
@@ -86,10 +93,21 @@ def named_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tup
 
 
 def _ends(rows: Sequence[Row]) -> str:
-    """End a caption: are there intervals, are there penalised estimates, and how are datasets ordered?"""
+    """End a caption: are there intervals, letters and penalised estimates, and what are the panels?"""
+    letters = (
+        " Conditions that share a letter are not told apart (Holm over all pairs; of datasets, over all of them)."
+        if any(row["letters"] for row in rows)
+        else ""
+    )
     penalised = " Hollow points are penalised estimates." if any(row["penalty"] for row in rows) else ""
-    several = " Datasets in alphabetical order." if len({row["dataset"] for row in rows} - {ALL}) > 1 else ""
-    return f"{_intervals(rows)}.{penalised}{several}"
+    return f"{_intervals(rows)}.{penalised}{letters}{_together(rows)}"
+
+
+def _together(rows: Sequence[Row]) -> str:
+    """Say in which order datasets stand, and that all votes together are one fit, not a mean."""
+    if len({row["dataset"] for row in rows} - {ALL}) < 2:
+        return ""
+    return " All votes together: one fit to them, not the mean of the datasets. Datasets in alphabetical order."
 
 
 def _intervals(rows: Sequence[Row]) -> str:

@@ -78,7 +78,7 @@ def measure_chart(analysis: Mapping[str, Any], measure: str, width: int = FULL) 
     color, shape = colour_by("dataset", "dataset", names, width), shape_by("dataset", "dataset", names, width)
     base = alt.Chart(alt.Data(values=rows)).encode(x=x)
     bars = base.mark_rule(opacity=0.45).encode(
-        y=alt.Y("low:Q", title=y_title, scale=y_scale, axis=y_axis), y2="high:Q", color=color
+        y=alt.Y("low:Q", title=y_title, scale=y_scale, axis=y_axis), y2=alt.Y2("high:Q"), color=color
     )
     points = base.mark_point(size=60, filled=True, opacity=1).encode(
         y=alt.Y("y:Q", title=y_title, scale=y_scale, axis=y_axis), color=color, shape=shape
@@ -130,7 +130,7 @@ def _one_to_one(points: Sequence[Row], domain: Sequence[float]) -> Any:
     means = [float(np.mean([point[side] for point in points])) for side in ("x", "y")]
     values = [{"x": x, "y": x - means[0] + means[1]} for x in domain]
     line = alt.Chart(alt.Data(values=values)).mark_line(color="#777777", strokeDash=[4, 3], strokeWidth=1, clip=True)
-    return line.encode(x="x:Q", y="y:Q")
+    return line.encode(x=alt.X("x:Q"), y=alt.Y("y:Q"))
 
 
 def _domain(values: Sequence[float]) -> list[float]:
@@ -153,7 +153,7 @@ def _curve(row: Row, points: Sequence[Row], domain: Sequence[float], per_unit: f
     return [
         alt.Chart(alt.Data(values=values))
         .mark_line(color="#777777", strokeWidth=1.4, clip=True)
-        .encode(x="x:Q", y="y:Q")
+        .encode(x=alt.X("x:Q"), y=alt.Y("y:Q"))
     ]
 
 
@@ -163,8 +163,8 @@ def _label_layers(labels: Sequence[Row]) -> list[Any]:
     far = [label for label in labels if label["is_far"]]
     lines = alt.Chart(alt.Data(values=far)).mark_rule(color="#999999", strokeWidth=0.7)
     return [
-        *([lines.encode(x="x:Q", y="y:Q", x2="near_x:Q", y2="near_y:Q")] if far else []),
-        *([texts.encode(x="label_x:Q", y="label_y:Q", text="text:N")] if labels else []),
+        *([lines.encode(x=alt.X("x:Q"), y=alt.Y("y:Q"), x2=alt.X2("near_x:Q"), y2=alt.Y2("near_y:Q"))] if far else []),
+        *([texts.encode(x=alt.X("label_x:Q"), y=alt.Y("label_y:Q"), text=alt.Text("text:N"))] if labels else []),
     ]
 
 
@@ -185,7 +185,7 @@ def _key(items: Sequence[str], width: float) -> Any:
     return chart.mark_text(fontSize=LABEL_SIZE, color=INK, limit=0, align="left", baseline="top").encode(
         x=alt.X("x:Q", axis=None, scale=alt.Scale(domain=[0, width], nice=False)),
         y=alt.Y("y:Q", axis=None, scale=alt.Scale(domain=[n_rows * LINE, 0], nice=False)),
-        text="line:N",
+        text=alt.Text("line:N"),
     )
 
 
@@ -250,7 +250,7 @@ def _ranking_panel(rows: Sequence[Row], axis: alt.Axis, names: Sequence[str], ti
     scale = alt.Scale(domain=[0, 1] if neutral else [-1, 1], nice=False)
     base = alt.Chart(alt.Data(values=there))
     bars = base.mark_rule(strokeWidth=1.6, color=INK).encode(
-        y=y, x=alt.X("low:Q", title=title, scale=scale), x2="high:Q"
+        y=y, x=alt.X("low:Q", title=title, scale=scale), x2=alt.X2("high:Q")
     )
     fill = alt.Fill(
         "chance:N", scale=alt.Scale(domain=["excluded", "possible"], range=[PALETTE[1], "#ffffff"]), legend=None

@@ -19,6 +19,7 @@ from app.analysis.reading.phrases import TIES, counted
 from app.analysis.reading.votes_table import ALL
 from app.analysis.report.figures import Figure
 from app.analysis.report.sections import sections
+from app.analysis.report.tables import best_share, ranks
 from app.files import page_templates
 
 ITEMS_IN_A_TABLE = 60
@@ -45,6 +46,7 @@ def _environment(name: str) -> Environment:
     environment = page_templates("templates/analysis", autoescape=is_html, finalize=finalize, **spaces)
     environment.filters["number"] = _number
     environment.filters["unbroken"] = _unbroken
+    environment.filters |= {"ranks": ranks, "best_share": best_share}
     environment.globals["is_name"] = _is_name
     return environment
 
@@ -111,7 +113,8 @@ def _scores_note(analysis: Mapping[str, Any]) -> str:
         f"(one JOD) means that one condition is preferred {_times_of_one_jod(analysis)} as often as the other. "
         f"Intervals: {'95 %, ' + ' or '.join(methods) if methods else 'none'}. Overlapping intervals are no test of a "
         "difference: conditions of one panel that share a letter in the column group are not told apart (5 %, all "
-        "pairs, Holm). "
+        "pairs, on single datasets of all of them, Holm). Best is the probability to have the highest true score, by "
+        "these votes alone; ranks are those that the tests leave open. "
         f"{'Datasets stand in alphabetical order.' if len(analysis['votes']['datasets']) > 1 else ''}"
     ).rstrip()
 

@@ -90,7 +90,7 @@ def _panel(
     rings = front.mark_point(size=RING, color=INK, filled=False, strokeWidth=0.8, opacity=1).encode(x=x, y=y)
     curves = base.mark_line(strokeWidth=1.2, opacity=0.6).encode(y=y, color=shades[0])
     bars = base.mark_rule(opacity=0.5).encode(
-        y=alt.Y("low:Q", title=title, scale=alt.Scale(zero=False)), y2="high:Q", color=shades[0]
+        y=alt.Y("low:Q", title=title, scale=alt.Scale(zero=False)), y2=alt.Y2("high:Q"), color=shades[0]
     )
     points = base.mark_point(size=50, filled=True, opacity=1).encode(y=y, color=shades[0], shape=shades[1])
     return alt.layer(curves, bars, points, rings).properties(title="all datasets" if dataset == ALL else dataset)

@@ -20,7 +20,7 @@ from app.analysis.drawing.charts_in_common import (
     panels_in_rows,
 )
 from app.analysis.reading.votes_table import ALL
-from app.analysis.report.charts import MOST_PARTICIPANTS_IN_A_CHART, title_of
+from app.analysis.report.charts import MOST_PARTICIPANTS_IN_A_CHART
 
 Row = Mapping[str, Any]
 
@@ -131,26 +131,26 @@ def _panels(
     labels = labels_of(order, width)
     horizontal = {"title": title, "scale": scale, "axis": alt.Axis(tickCount=4)}
 
-    def panel(dataset: str, axis: alt.Axis) -> Any:
+    def panel(axis: alt.Axis, _width: float) -> Any:
         y = alt.Y("condition:N", scale=alt.Scale(domain=order), sort=None, title=None, axis=axis)
-        chart = _panel([row for row in values if row["dataset"] == dataset], y, horizontal, line, several)
-        return chart.properties(height=_height(labels, len(several)), title=title_of(dataset))
+        return _panel(y, horizontal, line, several).properties(height=_height(labels, len(several)))
 
-    return panels_in_rows(names, labels, width, panel)
+    titles = {name: "all datasets" if name == ALL else name for name in names}
+    panels = [(titles[name], [row for row in values if row["dataset"] == name]) for name in names]
+    return panels_in_rows(panels, labels, width, panel)
 
 
 def _height(labels: Labels, n_estimates: int) -> alt.Step:
     return alt.Step(max(labels.step(18) / n_estimates, 13)) if n_estimates else alt.Step(labels.step(18))
 
 
-def _panel(
-    values: Sequence[Row], y: alt.Y, horizontal: Mapping[str, Any], line: float | None, several: Sequence[str]
-) -> Any:
-    base = alt.Chart(alt.Data(values=list(values))).encode(y=y)
+def _panel(y: alt.Y, horizontal: Mapping[str, Any], line: float | None, several: Sequence[str]) -> Any:
+    """Return a panel without its data."""
+    base = alt.Chart().encode(y=y)
     if several:
         base = base.encode(yOffset=alt.YOffset("estimate:N", sort=list(several)))
     low, x = (alt.X(f"{end}:Q", **horizontal) for end in ("low", "value"))
-    bars = base.mark_rule(strokeWidth=1.6, color=INK).encode(x=low, x2="high:Q")
+    bars = base.mark_rule(strokeWidth=1.6, color=INK).encode(x=low, x2=alt.X2("high:Q"))
     points = base.mark_point(size=46, opacity=1, filled=True, color=PALETTE[1]).encode(x=x)
     if several:
         names = alt.Scale(domain=list(several), range=[PALETTE[1], PALETTE[2]])
@@ -193,7 +193,7 @@ def raters_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
         )
         ticks = alt.Axis(tickCount=5, title=f"{name} (units of the scale)")
         x, low = (alt.X(f"{end}:Q", axis=ticks) for end in ("value", "low"))
-        bars = base.mark_rule(strokeWidth=1.6, color=INK).encode(x=low, x2="high:Q")
+        bars = base.mark_rule(strokeWidth=1.6, color=INK).encode(x=low, x2=alt.X2("high:Q"))
         fill = alt.Fill(
             "named:N", scale=alt.Scale(domain=["by a rule", "no"], range=[PALETTE[2], "#ffffff"]), legend=None
         )

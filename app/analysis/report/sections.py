@@ -39,6 +39,8 @@ def sections(analysis: Analysis, figures: Figures) -> Iterator[dict[str, Any]]:
         yield _contrasts(analysis)
     if analysis["random_effects"]:
         yield _random_effects(analysis)
+    if analysis["lapse_scores"]:
+        yield _lapses(analysis)
     if analysis["measures"]:
         yield _measures(analysis, figures)
     if analysis["rates"]:
@@ -156,11 +158,30 @@ def _random_effects(analysis: Analysis) -> dict[str, Any]:
     return {"title": "Random effects", "paragraphs": [text], "figures": [], "tables": tables}
 
 
+def _lapses(analysis: Analysis) -> dict[str, Any]:
+    """Return scores with careless answers weighted down, and everybody's lapse rate."""
+    text = (
+        "Everybody gives a share of answers at random, the lapse rate, and votes count by how probable it is that they "
+        "are no lapses; how rates vary over people is estimated with the scores. Intervals are t on a jackknife over "
+        "participants. Honest people whose opinions are unlike the others' look careless here, too."
+    )
+    ordered = sorted(analysis["lapse_scores"], key=lambda row: -row["score"])
+    rates = sorted(analysis["lapse_rates"], key=lambda row: -row["lapse_rate"])
+    tables = [
+        table("Scores", ["item", "score", "se", "ci_low", "ci_high"], ordered),
+        table("Lapse rates", ["participant", "lapse_rate"], rates, is_folded=True),
+    ]
+    return {"title": "Careless answers weighted down", "paragraphs": [text], "figures": [], "tables": tables}
+
+
 def _measures(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     ranked = [_with_intervals(row) for row in measures_by_rank(analysis["measures"]).values()]
     single = [_with_intervals(row) for row in analysis["measures"] if row["dataset"] != ALL]
     single = single if ranked[0]["dataset"] == ALL else []
-    correlations = ("pearson_logistic", "pearson", "pearson_monotone", "spearman", "spearman_p", "kendall")
+    correlations = (
+        *("pearson_logistic", "pearson_logistic5", "pearson", "pearson_monotone"),
+        *("spearman", "spearman_p", "kendall"),
+    )
     shares = ("pairs_correct", "auc_better_worse", "auc_different_similar")
     drawn = [figure for name, figure in figures.items() if name.startswith("measure_")]
     shown = [figures["measures"]] if "measures" in figures else []
@@ -190,12 +211,12 @@ def _measures(analysis: Analysis, figures: Figures) -> dict[str, Any]:
 
 
 MEASURES_TEXT = (
-    "PLCC is Pearson's correlation of the scores with a logistic curve of the measure (VQEG 2000); monotone is the "
-    "same with the best monotone curve. A pair is different if the answers tell its conditions apart (5 %, Holm), else "
-    "similar: “in order” is the share of different pairs that the measure orders as people do, the areas are those "
-    "of Krasula and others (2016). RMSE is in {unit}, RMSE* counts only what exceeds a score's 95 % interval, "
-    "outliers are the points beyond it (ITU-T P.1401). Over all datasets, measure and score are relative to their "
-    "dataset's mean."
+    "PLCC is Pearson's correlation of the scores with a logistic curve of the measure (VQEG 2000), PLCC5 with one of "
+    "five parameters, a linear term beside it (Sheikh and others 2006), monotone with the best monotone curve. A pair "
+    "is different if the answers tell its conditions apart (5 %, Holm), else similar: “in order” is the share of "
+    "different pairs that the measure orders as people do, the areas are those of Krasula and others (2016). RMSE is "
+    "in {unit}, RMSE* counts only what exceeds a score's 95 % interval, outliers are the points beyond it (ITU-T "
+    "P.1401). Over all datasets, measure and score are relative to their dataset's mean."
 )
 
 

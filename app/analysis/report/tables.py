@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from app.analysis.reading.phrases import LOWEST_P
+from app.analysis.reading.phrases import LOWEST_P, percent
 from app.analysis.report.figures import Figure
 
 Analysis = Mapping[str, Any]
@@ -35,6 +35,7 @@ HEADINGS = {  # of columns; others have their name in analysis.json
     "g2": "G2",
     "jod": "JOD",
     "kendall": "KRCC",
+    "lapse_rate": "lapse rate",
     "log_nu": "tie parameter",
     "log_theta": "tie parameter",
     "loglik": "log-likelihood",
@@ -75,6 +76,7 @@ HEADINGS = {  # of columns; others have their name in analysis.json
     "pearson_a": "Pearson of it",
     "pearson_b": "of the other",
     "pearson_logistic": "PLCC",
+    "pearson_logistic5": "PLCC5",
     "pearson_monotone": "monotone",
     "pearson_x2": "Pearson X2",
     "rmse": "RMSE",
@@ -115,6 +117,17 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Row], *, is_folded:
     headings = [HEADINGS.get(column, column) for column in columns]
     cells = [[_cell(column, row[column]) for column in columns] for row in rows[:ROWS]]
     return {"title": title, "columns": headings, "rows": cells, "is_folded": is_folded}
+
+
+def ranks(row: Mapping[str, Any]) -> str:
+    """Return the ranks that the tests of pairs leave a condition, a dash where nothing is known."""
+    low, high = row.get("rank_low"), row.get("rank_high")
+    return "–" if low is None else str(low) if low == high else f"{low} to {high}"
+
+
+def best_share(row: Mapping[str, Any]) -> str:
+    """Return the probability that a condition is the best, in percent, a dash where it is not known."""
+    return "–" if row.get("p_best") is None else percent(row["p_best"])
 
 
 def _cell(column: str, value: Any) -> Any:

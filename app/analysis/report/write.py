@@ -33,6 +33,8 @@ COLUMNS = {
     "random_effects": ("level", "sd", "sd_low", "sd_high"),
     "random_effects_scores": ("item", "score", "se", "ci_low", "ci_high"),
     "random_effects_contrasts": ("item_a", "item_b", "difference", "se", "p_value", "p_holm"),
+    "lapse_scores": ("item", "score", "se", "ci_low", "ci_high"),
+    "lapse_rates": ("participant", "lapse_rate"),
     "models": ("comparison", "dataset", "ties", "status", "n_votes", "n_participants"),
     "agreement": ("dataset", "u", "chi2", "df", "p_value"),
     "pairs": ("comparison", "dataset", "item_a", "item_b", "a", "b", "none"),

@@ -38,6 +38,7 @@ FEWEST_FOR_FENCES = 5  # participants; quartiles of fewer mean nothing
 FEWEST_VOTES = 10  # votes before rates and times are compared; a tie rate then has a standard error of 0.13
 MOST_REFITS = 20_000  # participants times items up to which each participant is left out in turn
 CARELESS = "answers carelessly"
+NOT_SMOOTH = "films not shown smoothly in {} of {} votes"
 FASTEST_MS = 500.0  # nobody judges two videos in less than half a second
 
 
@@ -113,7 +114,8 @@ def _measures(
         "flags": [],
         "remarks": ["no more consistent than chance"] if _is_like_chance(triads) else [],
         "n_votes": n,
-        "one_side_unseen": _one_side_unseen(votes),
+        "one_side_unseen": n_without(votes, votes.both_seen),
+        "not_smooth": n_without(votes, votes.shown_smoothly),
         "tie_rate": int(votes.count[votes.choice == NONE].sum()) / n if n else None,
         "side_a_rate": side[0],
         "side_a_expected": side[1],
@@ -131,10 +133,15 @@ def _measures(
     }
 
 
-def _one_side_unseen(votes: VotesTable) -> int | None:
-    """Count the votes on pairs of which only one was on screen; None where no record says what was."""
-    is_recorded = votes.both_seen >= 0
-    return int(votes.count[votes.both_seen == 0].sum()) if is_recorded.any() else None
+def n_without(votes: VotesTable, fact: NDArray[np.int8]) -> int | None:
+    """Count the votes of which a fact does not hold; None where no record says it.
+
+    Parameters
+    ----------
+    votes : VotesTable
+    fact : int8 (N,), one for each row: 1, 0, or -1 where it is not recorded
+    """
+    return int(votes.count[fact == 0].sum()) if (fact >= 0).any() else None
 
 
 def _is_like_chance(triads: Sequence[Triads]) -> bool:
@@ -296,6 +303,8 @@ def _flag(rows: list[dict[str, Any]], careless: Mapping[str, Careless]) -> None:
             row["flags"].append("answers faster than looking")
         if row["one_side_unseen"]:
             row["flags"].append(f"only one side seen in {row['one_side_unseen']} of {row['n_votes']} votes")
+        if row["not_smooth"]:
+            row["flags"].append(NOT_SMOOTH.format(row["not_smooth"], row["n_votes"]))
 
 
 def _remark(rows: list[dict[str, Any]]) -> None:

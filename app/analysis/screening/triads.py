@@ -43,6 +43,8 @@ class Triads:
     p_value : probability that random votes on the same pairs, with the ties where they are, have as few expected cycles
         or fewer; None if no triple of the pairs can tell, or with more than 60 items
     circular_by_chance : expected number of cycles under random votes, a quarter of the triples with three votes
+    strict_by_chance : expected number of strict cycles under random votes with the ties where they are, a quarter of
+        the triples with three preferences
     half_cycles : twice the expected number of cycles of the triples with at most one tie
     chance : probabilities of 0, 1, 2, … of these half cycles under random votes; empty if no triple can tell
     """
@@ -57,6 +59,7 @@ class Triads:
     zeta: float | None
     p_value: float | None
     circular_by_chance: float = 0.0
+    strict_by_chance: float = 0.0
     half_cycles: int = 0
     chance: tuple[float, ...] = ()
 
@@ -142,6 +145,7 @@ def _triads_of(preferred: NDArray[np.float64], n_samples: int) -> Triads:
         zeta=1 - expected / maximum if maximum else None,
         p_value=tail([observed], [chance]) if len(chance) else None,
         circular_by_chance=_undirected_triangles(~np.isnan(preferred)) / 4,
+        strict_by_chance=_undirected_triangles((preferred == 0) | (preferred == 1)) / 4,
         half_cycles=observed,
         chance=tuple(chance.tolist()),
     )
@@ -212,6 +216,7 @@ def _triads_of_few(
         zeta=None,
         p_value=None,
         circular_by_chance=_sparse_triangles(chance + chance.T) / 8,  # each triple is found in both directions
+        strict_by_chance=_sparse_triangles(strict + strict.T) / 8,
     )
 
 

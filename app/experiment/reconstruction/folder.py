@@ -53,7 +53,8 @@ class Experiment:
             depths=DEPTH_METHODS,
             further=self.further,
             colours=self.colours,
-            outlines=False,  # as the paper
+            agreement=False,  # as the paper, and without outlines, too
+            outlines=False,
             workers=self.workers,
             cluster=self.cluster,
             device=self.device,

@@ -78,6 +78,7 @@ def _object_clouds(experiment: Experiment, kind: str, n: int, progress: Progress
         options = ReconstructOptions(
             (OBJECT_METHOD,),
             ("fb",),
+            agreement=False,
             outlines=False,
             workers=experiment.workers,
             cluster=experiment.cluster,

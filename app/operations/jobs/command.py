@@ -1,8 +1,8 @@
 """The command of a job: a process group of its own, its log, and how far it is.
 
 A job's folder, `work/ID` in the data folder, holds `log.txt`, `progress.json`, `steps.json` (when each step ended, in
-seconds since the command began) and `lock`. The command keeps the lock for as long as it lives, also when its worker
-dies: nobody begins the job again beside it.
+seconds since the command began), `lock`, and `done` once the command has done all. The command keeps the lock for as
+long as it lives, also when its worker dies: nobody begins the job again beside it.
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ from app.settings import Settings
 from app.store.queue import JobProgress
 
 PROGRAM = (sys.executable, "-m", "app.cli")
-LOG, PROGRESS, STEPS, LOCK = "log.txt", "progress.json", "steps.json", "lock"
+LOG, PROGRESS, STEPS, LOCK, DONE = "log.txt", "progress.json", "steps.json", "lock", "done"
 PROGRESS_FILE = "RECONSTUDY_PROGRESS_FILE"  # as recon/cli/console.py reads it
+DONE_FILE = "RECONSTUDY_DONE_FILE"  # as app/cli reads it
 FILES_BELOW = "RECONSTUDY_FILES_BELOW"  # as recon/runtime/files.py reads it
 THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 LOWEST_PRIORITY = 19  # whatever else runs here, such as the server, comes first
@@ -72,6 +73,11 @@ def step_ends(folder: Path) -> dict[str, float]:
     except ValueError:
         return {}
     return ends
+
+
+def was_done(folder: Path) -> bool:
+    """Say whether the command of an earlier attempt, whose worker died meanwhile, did all that it was to do."""
+    return (folder / DONE).is_file()
 
 
 class Command:
@@ -173,8 +179,11 @@ class Command:
 
 
 def needed_environment() -> dict[str, str]:
-    """Return what a program that reads people's files needs of the environment: no setting or secret of a server."""
-    return {name: value for name, value in os.environ.items() if NEEDED.fullmatch(name)}
+    """Return what a program that reads people's files needs of the environment: no setting or secret of a server.
+
+    What a picture or film may make OpenCV do is limited in it.
+    """
+    return {name: value for name, value in os.environ.items() if NEEDED.fullmatch(name)} | IMAGES
 
 
 def _environment(folder: Path, threads: int, below: Sequence[Path]) -> dict[str, str]:
@@ -183,11 +192,12 @@ def _environment(folder: Path, threads: int, below: Sequence[Path]) -> dict[str,
     ours = {
         "RECONSTUDY_DATA_DIR": str(folder / "none"),
         PROGRESS_FILE: str(folder / PROGRESS),
+        DONE_FILE: str(folder / DONE),
         FILES_BELOW: os.pathsep.join(map(str, below)),
         "PYTHONUNBUFFERED": "1",
         "TYPER_USE_RICH": "0",  # what the command line refuses is a sentence then, not a frame around one
     }
-    return limits | IMAGES | needed_environment() | ours
+    return limits | needed_environment() | ours
 
 
 def _limit_memory(process: int) -> None:

@@ -9,6 +9,7 @@ from app.operations.jobs.shared_fields import CAPTURE
 FILMS = (
     JobKind(
         name="reconstruct",
+        then=("render",),
         command="reconstruct",
         title="Reconstruct",
         help="Makes depth maps, clouds and models of a capture by every approach, a depth method with a fusion.",
@@ -23,6 +24,7 @@ FILMS = (
     ),
     JobKind(
         name="render",
+        then=(),
         command="render",
         title="Render films",
         help="Films every approach of runs and models by the same camera and light: a stimulus set for studies.",
@@ -38,6 +40,7 @@ FILMS = (
     ),
     JobKind(
         name="import-films",
+        then=(),
         title="Import films",
         help="Makes a stimulus set of films that were made elsewhere, DATASET/CONDITION.mp4.",
         command="stimuli import",

@@ -10,6 +10,7 @@ from typing import Any
 from app.errors import InvalidError
 from app.operations.jobs.fields import Entry, Field, NewName, Values, place
 from app.operations.jobs.forms import fields_of, out_option
+from app.operations.jobs.shared_fields import chain_fields
 from app.settings import Settings
 from app.store.queue import NewJob
 
@@ -28,6 +29,7 @@ class JobKind:
     changes : the shelf and name of what the job changes; without it, it makes what its form has a name for
     more : further arguments that follow from the values
     needs_recon : whether it takes the extra `recon`
+    then : the kinds of jobs that can follow by themselves, a study at their end; None: nothing can
     """
 
     name: str
@@ -39,11 +41,13 @@ class JobKind:
     out_file: str = ""
     more: Callable[[Values, Settings], list[str]] = lambda _values, _settings: []
     needs_recon: bool = True
+    then: tuple[str, ...] | None = None
 
     @cached_property
     def fields(self) -> tuple[Field, ...]:
         """In the order of the form, which is that of the command's help."""
-        return fields_of(self.command, self.places)
+        chained = () if self.then is None else chain_fields(self.then)
+        return (*fields_of(self.command, self.places), *chained)
 
     @cached_property
     def out_option(self) -> str | None:

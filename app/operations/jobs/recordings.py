@@ -89,6 +89,7 @@ RECORDINGS = (
     ),
     JobKind(
         name="import-recording",
+        then=("reconstruct", "render"),
         title="Import a recording",
         help="Makes a capture of a recording with a calibration of OpenCV, COLMAP, nerfstudio, Meshroom or others.",
         command="capture import",
@@ -102,6 +103,7 @@ RECORDINGS = (
     ),
     JobKind(
         name="segment",
+        then=("reconstruct", "render"),
         title="Segment a capture",
         help="Writes masks of the foreground into the capture.",
         command="capture segment",

@@ -17,11 +17,12 @@ from datetime import datetime
 from app.errors import StudyError, UnavailableError
 from app.operations.database import open_store
 from app.operations.extras import has_extra
-from app.operations.jobs.command import Command, job_folder
+from app.operations.jobs.chains import go_on
+from app.operations.jobs.command import Command, job_folder, was_done
 from app.operations.jobs.kinds import KINDS, job_kind
 from app.operations.jobs.queueing import must_wait
 from app.settings import Settings
-from app.store.database.engine import Database
+from app.store.database.engine import Database, Transaction
 from app.store.database.keys import utc_now
 from app.store.queue import (
     JobProgress,
@@ -125,6 +126,9 @@ class JobWorker:
 
     def _begin(self, job: QueuedJob) -> None:
         folder = job_folder(self._settings, job.public_id)
+        if job.attempt > 1 and was_done(folder):
+            self._end_done(job)
+            return
         try:
             arguments = job_kind(job.kind).argv(job.arguments, self._settings)
             below = [path.resolve() for path in (self._settings.intake_dir, self._settings.sets_dir)]
@@ -167,7 +171,7 @@ class JobWorker:
         if is_cancelling:
             command.kill()  # what is left of its processes
         if status == 0:
-            self._end_done(running)
+            self._end_done(job, command)
         elif is_cancelling:
             self._end(job, "cancelled", "")
         else:
@@ -177,9 +181,17 @@ class JobWorker:
     def _is_too_long(self, command: Command) -> bool:
         return command.took_s > 3600 * self._settings.longest_job_h
 
-    def _end_done(self, running: _Running) -> None:
-        tell_progress(self._database, self._me.name, running.job.public_id, running.command.progress())
-        self._end(running.job, "done", "")
+    def _end_done(self, job: QueuedJob, command: Command | None = None) -> None:
+        """Store that a job is done, and how far its command said it is; None: that of an earlier attempt did all."""
+        if command is not None:
+            tell_progress(self._database, self._me.name, job.public_id, command.progress())
+        now = self._clock()
+
+        def goes_on(connection: Transaction) -> str:
+            return go_on(self._settings, connection, job, now)
+
+        end_job(self._database, self._me.name, job.public_id, "done", "", now, goes_on)
+        log.info("job %s is done", job.public_id)
 
     def _end(self, job: QueuedJob, state: JobState, detail: str) -> None:
         end_job(self._database, self._me.name, job.public_id, state, detail, self._clock())
@@ -203,7 +215,7 @@ class JobWorker:
         with suppress(UnavailableError):  # else they are queued again when this worker is found to be silent
             for running in self._running.values():
                 if running.command.status == 0:  # since the last look
-                    self._end_done(running)
+                    self._end_done(running.job, running.command)
             leave(self._database, self._me.name, self._clock())
 
 

@@ -15,9 +15,11 @@ from app.ffmpeg import Progress, decode, in_parallel, no_progress
 from app.files import file_digest, read_json, write_json
 from app.operations.database import open_store
 from app.operations.studies.play_films import PlayedFilm, browser_version, find_browser, play_films
+from app.operations.tasks import start_task
 from app.settings import Settings
-from app.store.database.engine import Transaction
+from app.store.database.engine import Database, Transaction
 from app.store.database.keys import utc_now
+from app.store.studies.audit import Actor
 from app.store.studies.studies import Study, study_by_slug
 from app.store.trials.designs import ShownFilm, shown_films
 from app.study.options.options import parse_options
@@ -102,6 +104,22 @@ def check_films(
     path.parent.mkdir(parents=True, exist_ok=True)
     write_json(path, asdict(played))
     return played
+
+
+def start_film_check(settings: Settings, database: Database, study: Study, actor: Actor) -> str:
+    """Begin to check a study's films in the background; return the task's id."""
+
+    def work(progress: Progress) -> str:
+        with database.reading() as connection:
+            films = films_of(connection, study)
+        check = check_films(settings, study, films, actor.now, progress=progress)
+        with database.writing() as connection:
+            facts = {"files": check.n_films, "faults": len(check.faults), "played": check.n_played}
+            actor.note(connection, "films checked", study, study.slug, **facts)
+        return f"/admin/studies/{study.slug}/stimuli"
+
+    title = f"Checking the films of {study.name}"
+    return start_task(database, actor, title, work, subject=f"films of {study.slug}")
 
 
 def last_check(settings: Settings, study: Study, films: Sequence[ShownFilm]) -> FilmCheck | None:

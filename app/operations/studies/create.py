@@ -77,8 +77,8 @@ def create_study(
     with open_store(settings) as database:
         slug = new_slug(database, name)
         packs = read_languages(settings)
-        if not any(stimulus.renderer for stimulus in read_manifest(manifest_path).stimuli):
-            wanted = neutral_words(wanted)  # films of anything: nobody knows whether they show models
+        if shows_anything(read_manifest(manifest_path)):
+            wanted = neutral_words(wanted)
         check_languages(wanted, packs)
         made = prepare_study(settings, manifest_path, wanted, exposure_s, progress)
         notes = [*made.notes, *_telling_names(name, made.shown)]
@@ -256,6 +256,11 @@ def _read_toml(path: Path, expected: str) -> str:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: is no text in UTF-8; expected {expected}") from error
+
+
+def shows_anything(stimulus_set: StimulusSet) -> bool:
+    """Is a set of films of anything, of which nobody knows whether they show models?"""
+    return not any(stimulus.renderer for stimulus in stimulus_set.stimuli)
 
 
 def _noted(notes: Sequence[str]) -> dict[str, list[str]]:

@@ -21,6 +21,7 @@ from app.store.database.engine import Database, Transaction
 from app.store.database.keys import utc_now
 from app.store.participants.recruits import renew_codes
 from app.store.studies.audit import Actor
+from app.store.studies.images import image_digests, keep_image, remove_image
 from app.store.studies.studies import Study, edit_study, lock_study, progress_of
 from app.store.trials.deletion import delete_previews
 from app.store.trials.designs import conditions_of, datasets_of, practice_pairs, replace_design
@@ -36,6 +37,7 @@ from app.study.options.privacy import check_days_left, forgets_at
 from app.study.options.study_file import StudyFile
 from app.study.options.wording import check_languages
 from app.study.stages import PRACTICE
+from app.study.trial.image import MOST_IMAGES, check_image
 
 LONGEST_NOTE = 200  # characters of a value in the audit log
 
@@ -218,3 +220,39 @@ def _short(value: Any) -> Any:
 
 def _flat(study: StudyFile) -> dict[str, Any]:
     return {"name": study.name, "exposure_s": study.exposure_s, "seed": study.seed, **study.options.as_json()}
+
+
+def keep_study_image(database: Database, study: Study, name: str, content: bytes, actor: Actor) -> None:
+    """Keep an image for a study's texts to show, in place of one of the same name.
+
+    Raises
+    ------
+    InvalidError
+        If it is no image that browsers show, or one too many.
+    ConflictError
+        If participants have begun.
+    """
+    try:
+        check_image(name, content)
+    except ValueError as error:
+        raise InvalidError(f"The image was not kept: {error}.") from error
+    with database.writing() as connection:
+        _refuse_once_begun(connection, study)
+        if len({*image_digests(connection, study.id), name}) > MOST_IMAGES:
+            raise InvalidError(f"The image was not kept: a study has at most {MOST_IMAGES}.")
+        keep_image(connection, study.id, name, content)
+        actor.note(connection, "image kept", study, study.slug, image=name)
+
+
+def remove_study_image(database: Database, study: Study, name: str, actor: Actor) -> None:
+    """Remove an image of a study's texts; ConflictError if participants have begun."""
+    with database.writing() as connection:
+        _refuse_once_begun(connection, study)
+        remove_image(connection, study.id, name)
+        actor.note(connection, "image removed", study, study.slug, image=name)
+
+
+def _refuse_once_begun(connection: Transaction, study: Study) -> None:
+    lock_study(connection, study.id)  # nobody begins between the check and the change
+    if progress_of(connection, study.id).n_started:
+        raise ConflictError("Participants have begun, so images cannot change. Duplicate the study instead.")

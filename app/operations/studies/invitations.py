@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from app.errors import NotFoundError
 from app.store.database.engine import Database
-from app.store.participants.invitations import end_invitation, insert_invitation
+from app.store.participants.invitations import end_invitation, insert_invitation, label_invitation
 from app.store.studies.audit import Actor
 from app.store.studies.studies import Study
 
@@ -29,6 +29,20 @@ def make_invitations(
         codes = {insert_invitation(connection, study.id, places, actor.now, label) for label in labels}
         actor.note(connection, "invitations made", study, study.slug, number=len(labels), places=places)
     return codes
+
+
+def name_invitation(database: Database, study: Study, code: str, label: str, actor: Actor) -> None:
+    """Say whom an invitation is for.
+
+    Raises
+    ------
+    NotFoundError
+        If the study has none with this code.
+    """
+    with database.writing() as connection:
+        if not label_invitation(connection, study.id, code, " ".join(label.split())):
+            raise NotFoundError("This study has no such invitation.")
+        actor.note(connection, "invitation labelled", study, code[:CODE_SHOWN])
 
 
 def stop_invitation(database: Database, study: Study, code: str, actor: Actor) -> None:

@@ -84,9 +84,9 @@ def prepare_study(
     """
     useless = without_effect(options)
     options = parse_options({**options.as_json(), **dict.fromkeys(useless, 0)})
-    stimulus_set = _left_out(read_stimulus_set(manifest_path, progress), options.without)
+    stimulus_set = left_out(read_stimulus_set(manifest_path, progress), options.without)
     practice = _practice(stimulus_set, options)
-    exposure = _exposure(practice.compared, exposure_s)
+    exposure = chosen_exposure(practice.compared, exposure_s)
     check_minimum_viewing(options, exposure)
     check_groups(options.groups, practice.compared.datasets)
     with one_by_one_in(settings.media_dir):  # studies of one set share films, which are removed once padded
@@ -116,7 +116,7 @@ def prepared_columns(made: PreparedStudy) -> dict[str, Any]:
     }
 
 
-def _left_out(stimulus_set: StimulusSet, conditions: Sequence[str]) -> StimulusSet:
+def left_out(stimulus_set: StimulusSet, conditions: Sequence[str]) -> StimulusSet:
     """Return the set without conditions that a study neither shows nor compares.
 
     Raises
@@ -191,7 +191,7 @@ def _prepare_films(
     return shown, pairs, practised
 
 
-def _exposure(stimulus_set: StimulusSet, wanted_s: float | None) -> float:
+def chosen_exposure(stimulus_set: StimulusSet, wanted_s: float | None) -> float:
     """Return how long a pair is shown, s: the wanted time, or the length of the shortest video."""
     shortest_s = min(round(stimulus.n_frames / stimulus.fps, 3) for stimulus in stimulus_set.stimuli)
     exposure_s = float(shortest_s if wanted_s is None else wanted_s)

@@ -16,7 +16,7 @@ from app.intake.part_uploads import remove_expired, remove_killed
 from app.settings import Settings
 
 LEFT_FOR = timedelta(days=1)
-# names that ground/files.py, app/files.py, app/web/admin/uploads.py and app/operations/studies/stimulus_sets.py give
+# names that ground/files.py, app/files.py, app/web/uploads.py and app/operations/studies/stimulus_sets.py give
 FILES, UPLOADS, DELETED = ".*.part*", ".upload-*", ".*.deleted"
 BEGUN = ".*.*-*.part"  # what recon/runtime/files.py calls a folder that a job begins
 

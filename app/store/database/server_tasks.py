@@ -38,6 +38,11 @@ class ServerTask:
     work: Mapping[str, Any] | None
     cancelled_at: datetime | None
 
+    @property
+    def goes_on(self) -> bool:
+        """Is it taken up after a restart of the server?"""
+        return self.work is not None and "kind" in self.work
+
     def is_lost(self, now: datetime) -> bool:
         """Whether the process that ran the task has died."""
         return self.state == "running" and now - self.beat_at > BEATS_WITHIN
@@ -96,19 +101,29 @@ def claim_lost_task(database: Database, kinds: Sequence[str], now: datetime, *, 
     is_alone : is there no other process that could run one?
     """
     columns = [job.c[name] for name in ServerTask.__dataclass_fields__]
-    with database.writing() as connection:
+    with database.reading() as connection:  # who only looks takes no write lock
         rows = connection.execute(
             select(*columns).where(job.c.state == "running", job.c.work.is_not(None)).order_by(job.c.id)
-        )
-        for row in rows.all():
-            lost = ServerTask(**row._mapping)
-            is_of_kind = lost.work is not None and lost.work.get("kind") in kinds
-            if not is_of_kind or not (lost.is_lost(now) or (is_alone and lost.beat_at < now)):
-                continue
-            taken = update(job).where(job.c.public_id == lost.public_id, job.c.beat_at == lost.beat_at)
+        ).all()
+    for row in rows:
+        lost = ServerTask(**row._mapping)
+        is_of_kind = lost.work is not None and lost.work.get("kind") in kinds
+        if not is_of_kind or not (lost.is_lost(now) or (is_alone and lost.beat_at < now)):
+            continue
+        taken = update(job).where(job.c.public_id == lost.public_id, job.c.beat_at == lost.beat_at)
+        with database.writing() as connection:
             if connection.execute(taken.values(beat_at=now)).rowcount:
                 return lost
     return None
+
+
+def leave_task(
+    connection: Connection, actor: str, title: str, now: datetime, subject: str, work: Mapping[str, Any]
+) -> bool:
+    """Leave a task for the server to take up, which looks every few seconds; False: one of its subject runs."""
+    values = {"public_id": new_opaque_id(), "actor": actor, "title": title, "subject": subject, "work": work}
+    counts = {"done": 0, "total": 0, "detail": "", "started_at": now, "beat_at": now - 2 * BEATS_WITHIN}
+    return bool(insert_or_ignore(connection, job, [values | counts | {"state": "running"}], job.c.id))
 
 
 def cancel_task(connection: Connection, public_id: str, now: datetime) -> bool:

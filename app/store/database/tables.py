@@ -144,7 +144,7 @@ model = Table(  # the file lies in the data folder, under its digest
     Column("error_limit_mm", Float),  # NULL: the truth is not known
     required("attached_at", UtcDateTime),
     UniqueConstraint("dataset_id", "condition_id", "kind"),
-    CheckConstraint("kind in ('mesh', 'cloud')", name="kind"),
+    CheckConstraint("kind in ('mesh', 'cloud', 'splat')", name="kind"),
 )
 
 practice_pair = Table(
@@ -452,6 +452,7 @@ vote = Table(
     required("received_at", UtcDateTime, index=True),
     Column("both_seen", Boolean),  # of the viewing record; NULL: one film alone
     Column("press_to_picture_ms", Float),  # of the viewing record; NULL: it does not tell
+    Column("shown_smoothly", Boolean),  # of the viewing record; NULL: it does not tell
     UniqueConstraint("session_id", "trial_id"),
     ForeignKeyConstraint(["session_id", "trial_id"], ["trial.session_id", "trial.id"]),  # by one index for both columns
     # without `in`: SQLite builds a table of three values and more for every row that it checks
@@ -557,6 +558,17 @@ audit_entry = Table(
     Column("study_id", ForeignKey("study.id"), index=True),  # NULL: of no study
     required("subject", String(200)),
     required("detail", JSON),
+)
+
+study_draft = Table(  # the form of a study that is not created yet, as it was typed
+    "study_draft",
+    metadata,
+    key(),
+    required("actor", String(120)),
+    required("stimulus_set", String(200)),
+    required("content", JSON),
+    required("changed_at", UtcDateTime),
+    UniqueConstraint("actor", "stimulus_set"),
 )
 
 job = Table(  # a task that the server does in a thread of its own

@@ -18,7 +18,20 @@ from typing import Any
 from zipfile import ZipFile
 
 from alembic.migration import MigrationContext
-from sqlalchemy import JSON, Connection, DateTime, LargeBinary, MetaData, Table, func, insert, inspect, select, text
+from sqlalchemy import (
+    JSON,
+    Connection,
+    DateTime,
+    LargeBinary,
+    MetaData,
+    Select,
+    Table,
+    func,
+    insert,
+    inspect,
+    select,
+    text,
+)
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.types import TypeEngine
 
@@ -31,6 +44,8 @@ from app.store.trials.trials import is_voted_on
 from app.study.stages import FINISHED
 
 FACTS = "backup.json"
+STUDY_FACTS = "study.json"  # of the archive of one study, which app/store/travel.py writes
+WRITERS = {FACTS: "reconstudy backup", STUDY_FACTS: "reconstudy study export"}
 SCHEMA_VERSION = 1
 ROWS_AT_ONCE = 500
 LOCK_ATTEMPT_MS = 500  # PostgreSQL looks for a deadlock after 1 s
@@ -58,19 +73,24 @@ def write_tables(database: Database, archive: ZipFile, now: datetime) -> dict[st
     facts: dict[str, Any] = {}
     with database.snapshot() as connection:
         for table in metadata.sorted_tables:
-            facts[table.name] = _write_table(connection, table, archive)
-    content = {
-        "schema_version": SCHEMA_VERSION,
-        "revision": newest_version(),
-        "created_at": now.isoformat(),
-        "tables": facts,
-    }
-    archive.writestr(FACTS, json.dumps(content, indent=2))
+            facts[table.name] = write_rows(connection, select(table).order_by(*table.primary_key), table.name, archive)
+    write_facts(archive, FACTS, {"created_at": now.isoformat(), "tables": facts})
     return {name: table["rows"] for name, table in facts.items()}
 
 
+def write_facts(archive: ZipFile, name: str, facts: Mapping[str, Any]) -> None:
+    """Write what `read_tables` needs to know of an archive's rows, and more."""
+    content = {"schema_version": SCHEMA_VERSION, "revision": newest_version(), **facts}
+    archive.writestr(name, json.dumps(content, indent=2))
+
+
 def read_tables(
-    database: Database, archive: ZipFile, *, replace: bool = False, before_commit: Callable[[Connection], None]
+    database: Database,
+    archive: ZipFile,
+    *,
+    replace: bool = False,
+    before_commit: Callable[[Connection], None],
+    facts_name: str = FACTS,
 ) -> dict[str, int]:
     """Fill a database with the rows of an archive, all or none; returns the number of rows by table.
 
@@ -80,13 +100,14 @@ def read_tables(
     ----------
     replace : drop what the database holds; otherwise it must hold no studies, people, tokens or entries of its log
     before_commit : called with the transaction when all rows are there; where it raises, nothing has changed
+    facts_name : of the file in the archive that says what it holds
 
     Raises
     ------
     ValueError
         If the archive is not whole or of a newer version, or the database holds these or tables of another program.
     """
-    facts = _facts(archive)
+    facts = read_facts(archive, facts_name)
     for name, table_facts in facts["tables"].items():  # before anybody has to wait
         _check_rows(archive, name, table_facts)
     with database.writing() as connection:
@@ -97,20 +118,28 @@ def read_tables(
         reflected = MetaData()
         reflected.reflect(connection, only=list(facts["tables"]))
         for table in reflected.sorted_tables:
-            with archive.open(_file_of(table.name)) as lines:
+            with archive.open(file_of(table.name)) as lines:
                 _fill(connection, table, map(json.loads, lines))
         upgrade_within(connection, newest_version())
         before_commit(connection)
     return {name: table["rows"] for name, table in facts["tables"].items()}
 
 
-def _write_table(connection: Connection, table: Table, archive: ZipFile) -> dict[str, Any]:
+def write_rows(
+    connection: Connection, query: Select[Any], name: str, archive: ZipFile, shown: Callable[[Any], Any] = dict
+) -> dict[str, Any]:
+    """Write rows of a table into an archive; returns how many, and their digest.
+
+    Parameters
+    ----------
+    query : of the rows, in order
+    name : of the table
+    shown : makes of a row what is written of it
+    """
     digest, n_rows = hashlib.sha256(), 0
-    with archive.open(_file_of(table.name), "w", force_zip64=True) as file:
-        for row in connection.execute(
-            select(table).order_by(*table.primary_key).execution_options(yield_per=ROWS_AT_ONCE)
-        ):
-            line = json.dumps(dict(row._mapping), default=_as_text).encode() + b"\n"
+    with archive.open(file_of(name), "w", force_zip64=True) as file:
+        for row in connection.execute(query.execution_options(yield_per=ROWS_AT_ONCE)):
+            line = json.dumps(shown(row._mapping), default=_as_text).encode() + b"\n"
             digest.update(line)
             file.write(line)
             n_rows += 1
@@ -122,23 +151,32 @@ def _as_text(value: datetime | bytes) -> str:
     return b64encode(value).decode() if isinstance(value, bytes) else value.isoformat()
 
 
-def _file_of(table_name: str) -> str:
+def file_of(table_name: str) -> str:
+    """Return the name of a table's rows in an archive."""
     return f"tables/{table_name}.jsonl"
 
 
-def _facts(archive: ZipFile) -> dict[str, Any]:
-    if FACTS not in archive.namelist():
-        raise ValueError(f"{archive.filename}: holds no {FACTS}; expected a file that `reconstudy backup` wrote")
+def read_facts(archive: ZipFile, name: str = FACTS) -> dict[str, Any]:
+    """Read what an archive says of its rows.
+
+    Raises
+    ------
+    ValueError
+        If it says nothing, or is of a version that is not known here.
+    """
+    writer = WRITERS[name]
+    if name not in archive.namelist():
+        raise ValueError(f"{archive.filename}: holds no {name}; expected a file that `{writer}` wrote")
     try:
-        facts = json.loads(archive.read(FACTS))
+        facts = json.loads(archive.read(name))
     except ValueError as error:
-        raise ValueError(f"{archive.filename}: {FACTS} is not readable as JSON: {error}") from error
+        raise ValueError(f"{archive.filename}: {name} is not readable as JSON: {error}") from error
     if not isinstance(facts, dict) or not isinstance(facts.get("tables"), dict):
-        raise ValueError(f"{archive.filename}: {FACTS} lists no tables; expected a file that `reconstudy backup` wrote")
+        raise ValueError(f"{archive.filename}: {name} lists no tables; expected a file that `{writer}` wrote")
     if facts.get("schema_version") != SCHEMA_VERSION or facts.get("revision") not in revisions():
         raise ValueError(
             f"{archive.filename}: is of version {facts.get('revision')}, which this program does not know; "
-            "restore it with the version of reconstudy that wrote it, or a newer one"
+            "take the version of reconstudy that wrote it, or a newer one"
         )
     return facts
 
@@ -231,10 +269,10 @@ def _held(connection: Connection, present: MetaData) -> str:
 
 def _check_rows(archive: ZipFile, name: str, facts: Any) -> None:
     """Raise unless the rows of a table are those that were written."""
-    if _file_of(name) not in archive.namelist():
+    if file_of(name) not in archive.namelist():
         raise ValueError(f"{archive.filename}: the rows of {name} are missing; it is damaged")
     digest, n_rows = hashlib.sha256(), 0
-    with archive.open(_file_of(name)) as file:
+    with archive.open(file_of(name)) as file:
         for line in file:
             digest.update(line)
             n_rows += 1

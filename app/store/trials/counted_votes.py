@@ -8,12 +8,19 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import Connection, case, func, select
+from sqlalchemy import ColumnElement, Connection, case, func, select
 
 from app.store.database.tables import assignment, exclusion, participant, session, trial, vote
 from app.store.participants.exclusions import in_force, sessions_in, takes_part_in
 
 ROWS_AT_ONCE = 200_000
+
+
+def _told(column: ColumnElement[bool]) -> ColumnElement[int]:
+    """Say a truth value as 1 or 0, and -1 where it is not recorded."""
+    return case((column.is_(True), 1), (column.is_(False), 0), else_=-1)
+
+
 READ: Mapping[str, tuple[Any, type[np.generic]]] = {  # the columns of `VoteColumns`: what is selected, and dtype
     "vote": (vote.c.id, np.int64),
     "session": (vote.c.session_id, np.int64),
@@ -26,7 +33,8 @@ READ: Mapping[str, tuple[Any, type[np.generic]]] = {  # the columns of `VoteColu
     "choice": (case({"a": 0, "b": 1, "none": 2}, value=vote.c.choice, else_=-1), np.int8),
     "response_ms": (vote.c.response_ms, np.float64),
     "press_to_picture_ms": (vote.c.press_to_picture_ms, np.float64),
-    "both_seen": (case((vote.c.both_seen.is_(True), 1), (vote.c.both_seen.is_(False), 0), else_=-1), np.int8),
+    "both_seen": (_told(vote.c.both_seen), np.int8),
+    "shown_smoothly": (_told(vote.c.shown_smoothly), np.int8),
     "rating": (vote.c.rating, np.float64),
 }
 
@@ -43,7 +51,7 @@ class VoteColumns:
     role : int8 (N,), as in `VotesTable`
     choice : int8 (N,), as in `VotesTable`; -1 where the vote is a rating
     response_ms, press_to_picture_ms : float64 (N,), NaN where not recorded
-    both_seen : int8 (N,), -1 where not recorded
+    both_seen, shown_smoothly : int8 (N,), -1 where not recorded
     rating : float64 (N,), NaN where the vote is a choice
     """
 
@@ -59,6 +67,7 @@ class VoteColumns:
     response_ms: NDArray[np.float64]
     press_to_picture_ms: NDArray[np.float64]
     both_seen: NDArray[np.int8]
+    shown_smoothly: NDArray[np.int8]
     rating: NDArray[np.float64]
 
     def __len__(self) -> int:

@@ -18,6 +18,7 @@ from sqlalchemy import (
     insert,
     literal,
     select,
+    true,
     union_all,
     update,
 )
@@ -25,6 +26,7 @@ from sqlalchemy import (
 from app.films.pairs import FilmFile, PairVideo
 from app.films.strips import H264, LIGHTER, SINGLE
 from app.intake.stimuli import StimulusSet
+from app.store.database.belonging import rows_of_study
 from app.store.database.keys import new_opaque_id
 from app.store.database.tables import (
     assignment,
@@ -258,13 +260,18 @@ def largest_film(connection: Connection, study_id: int) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def film_files(connection: Connection) -> dict[str, str]:
-    """Return the SHA-256 of every film's file by its name in the media folder."""
+def film_files(connection: Connection, study_id: int | None = None) -> dict[str, str]:
+    """Return the SHA-256 of every film's file by its name in the media folder, of one study or of all."""
     return {
         row.file: row.sha256
         for table in (*PAIRS, *OTHER_FILMS)
-        for row in connection.execute(select(table.c.file, table.c.sha256))
+        for row in connection.execute(select(table.c.file, table.c.sha256).where(_of_study(table, study_id)))
     }
+
+
+def _of_study(table: Table, study_id: int | None) -> ColumnElement[bool]:
+    belongs = None if study_id is None else rows_of_study(table, study_id)
+    return true() if belongs is None else belongs
 
 
 def _film(connection: Connection, video: PairVideo) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from sqlalchemy import Connection, Row, Select, func, select
@@ -26,6 +26,7 @@ from app.store.database.tables import (
 from app.store.participants.exclusions import in_force, sessions_in, takes_part_in
 from app.store.trials.trials import is_voted_on
 from app.study.protocols import PC, SHOWN_ALONE, WITH_REFERENCE
+from app.study.trial.smoothness import smoothness
 from app.study.trial.technique import is_frame_locked
 from app.study.trial.trial import reveal
 from app.study.trial.valid_vote import has_seen_both, press_to_picture_ms
@@ -180,6 +181,7 @@ def described(row: Row[Any], protocol: str, reference: str) -> dict[str, Any]:
         "frame_locked": is_frame_locked(technique),
         "lighter_film": bool((viewing or {}).get("lighter_film")),
         "n_mismatches": (viewing or {}).get("n_mismatches"),
+        **asdict(smoothness(viewing, row.fps)),
         "viewing": viewing,
         "withdrawn": row.withdrawn_at is not None,
         "exclusion": row.exclusion,
@@ -203,6 +205,7 @@ def all_records() -> Select[Any]:
             assignment.c.a_half,
             assignment.c.first_shown,
             assignment.c.role,
+            pair.c.fps,
             trial.c.served_at,
             trial.c.voided_at,
             trial.c.void_reason,

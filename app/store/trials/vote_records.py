@@ -12,11 +12,12 @@ from sqlalchemy import Connection, Row, bindparam, exists, select
 from app.errors import ConflictError, GoneError, InvalidError, NoSessionError, NotFoundError, StudyError
 from app.store.database.engine import Database, insert_or_ignore
 from app.store.database.keys import digest
-from app.store.database.tables import assignment, participant, session, study, trial, vote
+from app.store.database.tables import assignment, pair, participant, session, study, trial, vote
 from app.store.trials.sessions import end_trials, session_by_token
 from app.store.trials.trial_records import trial_records
 from app.store.trials.trials import is_voted_on
 from app.study.protocols import PC, SHOWN_ALONE, WITH_REFERENCE, grades_of, stored_scale
+from app.study.trial.smoothness import smoothness
 from app.study.trial.valid_vote import (
     Choice,
     InvalidVoteError,
@@ -29,7 +30,7 @@ from app.study.trial.valid_vote import (
 OF_TRIAL = (  # columns of a table of votes that a table of trials has, too
     *("participant", "dataset", "item_a", "item_b", "choice", "first_shown", "trial", "response_ms", "role"),
     *("technique", "frame_locked", "both_seen", "looks_before", "press_to_picture_ms", "protocol", "rating"),
-    *("reference", "lighter_film"),
+    *("reference", "lighter_film", "longest_gap_ms", "frame_share", "mismatch_share", "shown_smoothly"),
 )
 
 
@@ -80,9 +81,16 @@ _TRIALS = (
         session.c.withdrawn_at,
         assignment.c.position,
         assignment.c.first_shown,
+        pair.c.fps,
         *(study.c.options[name].as_string().label(name) for name in ("reference", "protocol", "scale")),
     )
-    .select_from(trial.join(assignment).join(session, trial.c.session_id == session.c.id).join(participant).join(study))
+    .select_from(
+        trial.join(assignment)
+        .join(pair)
+        .join(session, trial.c.session_id == session.c.id)
+        .join(participant)
+        .join(study, participant.c.study_id == study.c.id)
+    )
     .where(trial.c.public_id.in_(bindparam("trials", expanding=True)))
     .order_by(session.c.id, trial.c.id)
     .with_for_update(of=[session, trial], key_share=True)
@@ -181,6 +189,7 @@ def _row(sent: Vote, row: Row[Any]) -> dict[str, Any]:
         "received_at": sent.received_at,
         "both_seen": None if (row.protocol or PC) in SHOWN_ALONE else has_seen_both(sent.viewing),
         "press_to_picture_ms": press_to_picture_ms(sent.viewing),
+        "shown_smoothly": smoothness(sent.viewing, row.fps).shown_smoothly,
     }
 
 

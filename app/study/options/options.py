@@ -49,16 +49,22 @@ from app.study.questions.questionnaire import (
 )
 from app.study.screening.screening import ScreeningOptions
 from app.study.stages import INTERVIEW, OptionalStage, way_through
+from app.study.trial.technique import TWO_VIDEOS
 from app.study.trial.trial import Disturbance
 
 VOID_ON: tuple[Disturbance, ...] = ("full screen", "hidden")
 Pixels = Literal["fit", "1:1"]
 FullScreen = Literal["asked", "required"]
 SecondCodec = Literal["", "vp9", "av1"]  # besides H.264
-Fallback = Literal["", "webcodecs", "two videos"]
+Fallback = Literal["", "webcodecs"]
 RandomEffects = Literal["", "participants", "participants,datasets"]
 RANDOM_EFFECTS: tuple[RandomEffects, ...] = get_args(RandomEffects)
 LongText = Annotated[str, StringConstraints(strip_whitespace=True, max_length=LONGEST_TEXT)]
+
+
+def _without_two_videos(given: object) -> object:
+    """Read an older choice: nothing keeps two players at the same frame, or tells how far apart they are."""
+    return "webcodecs" if given == TWO_VIDEOS else given
 
 
 def _in_order(disturbances: tuple[Disturbance, ...]) -> tuple[Disturbance, ...]:
@@ -97,6 +103,7 @@ class StudyOptions(Options):
             "in this order",
             section="stages",
             choices={"screening": "screening", "practice": "practice", "interview": "interview (written questions)"},
+            is_basic=True,
             expected="a list of screening, practice, interview",
         ),
     ] = ()
@@ -108,6 +115,7 @@ class StudyOptions(Options):
             "Markdown that participants agree to; an empty line separates paragraphs; empty: no consent is asked for",
             section="stages",
             kind="document",
+            is_basic=True,
         ),
     ] = ""
     consent_version: Annotated[
@@ -147,6 +155,7 @@ class StudyOptions(Options):
             "how participants judge",
             section="protocol",
             change=WITH_FILMS,
+            is_basic=True,
             choices={
                 "PC": "pair comparison: which of two is better, or neither",
                 "CCR": "comparison category rating: how much better or worse B is than A, in seven grades",
@@ -243,7 +252,7 @@ class StudyOptions(Options):
             expected="[width, height] in CSS pixels, or [] for any window",
         ),
     ] = ()
-    phones: Annotated[bool, Setting("Phones and tablets", "are let in", section="viewing")] = True
+    phones: Annotated[bool, Setting("Phones and tablets", "are let in", section="viewing", is_basic=True)] = True
     pixels: Annotated[
         Pixels,
         Setting(
@@ -261,6 +270,7 @@ class StudyOptions(Options):
             section="practice",
             change=WITH_FILMS,
             kind="dataset",
+            is_basic=True,
         ),
     ] = ""
     practice_pairs: Annotated[
@@ -284,6 +294,7 @@ class StudyOptions(Options):
             section="protocol",
             change=WITH_FILMS,
             kind="condition",
+            is_basic=True,
         ),
     ] = ""
     without: Annotated[
@@ -294,6 +305,7 @@ class StudyOptions(Options):
             section="protocol",
             change=WITH_FILMS,
             kind="conditions",
+            is_basic=True,
         ),
     ] = ()
     lighter_films: Annotated[
@@ -317,6 +329,7 @@ class StudyOptions(Options):
     ] = ""
     fallback: Annotated[
         Fallback,
+        BeforeValidator(_without_two_videos),
         Setting(
             "Fallback",
             "how to show a pair where its film does not play",
@@ -324,14 +337,13 @@ class StudyOptions(Options):
             change=WITH_FILMS,
             choices={
                 "webcodecs": "decode both films picture by picture (WebCodecs)",
-                "two videos": "if need be two players, which may be a frame apart; such votes are flagged",
                 "": "none: such browsers are turned away",
             },
         ),
     ] = "webcodecs"
-    break_every: Annotated[int, Setting("Break after so many trials", "0: no breaks", section="breaks")] = Field(
-        default=25, ge=0, le=10_000
-    )
+    break_every: Annotated[
+        int, Setting("Break after so many trials", "0: no breaks", section="breaks", is_basic=True)
+    ] = Field(default=25, ge=0, le=10_000)
     break_s: Annotated[int, Setting("Shortest break, s", "0: as long as the participant likes", section="breaks")] = (
         Field(default=0, ge=0, le=3600)
     )
@@ -349,6 +361,15 @@ class StudyOptions(Options):
             },
         ),
     ] = ""
+    lapses: Annotated[
+        bool,
+        Setting(
+            "Lapse rates",
+            "fit the scores with careless answers weighted down, too",
+            section="analysis",
+            change=ANY_TIME,
+        ),
+    ] = False
     planned_participants: Annotated[
         int,
         Setting(

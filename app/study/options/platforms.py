@@ -1,4 +1,4 @@
-"""Fill in how people come from well-known recruiting platforms, and make the link that each platform is given."""
+"""Say where people take part, and fill in how a recruiting platform sends them here, and how they go back to it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from app.study.options.recruiting import OutsideOptions
+from app.study.options.presets import ONLINE, PAPER, QUICK
+from app.study.options.recruiting import ENDINGS, LEFT_TO_FILL, OutsideOptions
 
 # What platforms put in the place of a parameter's value when they send somebody; from their manuals.
 FILLED_BY_PLATFORM: Mapping[str, str] = {
@@ -29,11 +30,51 @@ class Platform:
     title : its name
     help : what is left to fill in
     outside : the options that it fills in; YOUR-… is left to fill in
+    asks : what the platform shows you, by the YOUR-… that it is put in the place of, or by the option
     """
 
     title: str
     help: str
     outside: Mapping[str, Any] = field(default_factory=dict)
+    asks: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def needed(self) -> frozenset[str]:
+        """Which answers the way back of who has finished needs."""
+        return frozenset((*LEFT_TO_FILL.findall(self.outside.get("complete_url", "")), *(self.asks.keys() & {"code"})))
+
+    def filled(self, answers: Mapping[str, str]) -> dict[str, Any]:
+        """Return the options with answers in their places; an address that lacks one is empty.
+
+        Raises
+        ------
+        ValueError
+            If the address at the end of the study lacks one.
+        """
+        given = {name: text.strip() for name, text in answers.items() if name in self.asks and text.strip()}
+        if missing := sorted(self.needed - given.keys()):
+            raise ValueError(
+                f"{self.title}: {self.asks[missing[0]]} is empty; put in what {self.title} shows you, as who has "
+                "finished goes back with it"
+            )
+        filled = {**self.outside, **({"code": given["code"]} if "code" in given else {})}
+        for ending in ENDINGS:
+            address = str(filled.get(f"{ending}_url", ""))
+            for name in LEFT_TO_FILL.findall(address):
+                address = address.replace(name, given[name]) if name in given else ""
+            if f"{ending}_url" in filled:
+                filled[f"{ending}_url"] = address
+        return filled
+
+
+@dataclass(frozen=True)
+class Way:
+    """Where people take part, which chooses a preset and a platform."""
+
+    title: str
+    help: str
+    preset: str
+    platform: str = ""
 
 
 PLATFORMS: Mapping[str, Platform] = {
@@ -51,6 +92,13 @@ PLATFORMS: Mapping[str, Platform] = {
             "timed_out_url": f"{PROLIFIC}YOUR-TIMED-OUT-CODE",
             "failed_url": f"{PROLIFIC}YOUR-TECHNICAL-PROBLEM-CODE",
         },
+        {
+            "code": "Code of a completed study",
+            "YOUR-SCREENED-OUT-CODE": "Code after screening out",
+            "YOUR-NO-CONSENT-CODE": "Code without consent, or after withdrawing",
+            "YOUR-TIMED-OUT-CODE": "Code when the time has run out",
+            "YOUR-TECHNICAL-PROBLEM-CODE": "Code when a film cannot be shown",
+        },
     ),
     "sona": Platform(
         "SONA",
@@ -60,6 +108,11 @@ PLATFORMS: Mapping[str, Platform] = {
             "resume": "same browser",
             "complete_url": "https://YOUR-SCHOOL.sona-systems.com/webstudy_credit.aspx?experiment_id=YOUR-EXPERIMENT"
             "&credit_token=YOUR-TOKEN&survey_code={id}",
+        },
+        {
+            "YOUR-SCHOOL": "School, as in SCHOOL.sona-systems.com",
+            "YOUR-EXPERIMENT": "Number of the experiment",
+            "YOUR-TOKEN": "Credit token",
         },
     ),
     "mturk": Platform(
@@ -79,7 +132,18 @@ PLATFORMS: Mapping[str, Platform] = {
             "failed_url": f"{CINT}20&RID={{id}}",
             "full_url": f"{CINT}40&RID={{id}}",
         },
+        {"YOUR-CINT-REDIRECT": "Redirect of your account, without https:// and without /?RIS"},
     ),
+}
+WAYS: Mapping[str, Way] = {  # in the order of the page; a way's name is that of its platform, if it has one
+    "laboratory": Way("In the laboratory", "consent, screening, practice, questions; you invite people", PAPER),
+    "home": Way("At home, by your link", "the same without spoken questions; you send the link", ONLINE),
+    **{
+        name: Way(platform.title, f"as at home; {platform.help}", ONLINE, name)
+        for name, platform in PLATFORMS.items()
+        if name
+    },
+    "quick": Way("Only a first look", "instructions and votes, nothing else", QUICK),
 }
 
 

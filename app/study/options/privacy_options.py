@@ -13,9 +13,9 @@ class PrivacyOptions(Options):
     """Who answers for participants' data, and when their personal data are deleted."""
 
     responsible: Annotated[
-        Note, Setting("Responsible", "for participants’ data: a person or an institution", ANY_TIME)
+        Note, Setting("Responsible", "for participants’ data: a person or an institution", ANY_TIME, is_basic=True)
     ] = ""
-    contact: Annotated[Note, Setting("Contact", "such as an address of mail", ANY_TIME)] = ""
+    contact: Annotated[Note, Setting("Contact", "such as an address of mail", ANY_TIME, is_basic=True)] = ""
     keep_days: Annotated[
         int,
         Setting(

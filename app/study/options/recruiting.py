@@ -198,9 +198,9 @@ def _moment(value: Any) -> Any:
 class LimitOptions(Options):
     """How many are taken in, until when, and how long each may take."""
 
-    finished: Annotated[int, Setting("Most who finish", "those under way count; 0: any number", ANY_TIME)] = Field(
-        default=0, ge=0, le=1_000_000
-    )
+    finished: Annotated[
+        int, Setting("Most who finish", "those under way count; 0: any number", ANY_TIME, is_basic=True)
+    ] = Field(default=0, ge=0, le=1_000_000)
     under_way: Annotated[int, Setting("Most at the same time", "0: any number", ANY_TIME)] = Field(
         default=0, ge=0, le=1_000_000
     )

@@ -32,7 +32,14 @@ class StudyFile(Options):
 
     name: Annotated[
         str,
-        Setting("Name", "shown to participants and experimenters", ANY_TIME, "study", expected="the study's name"),
+        Setting(
+            "Name",
+            "shown to participants and experimenters",
+            ANY_TIME,
+            "study",
+            expected="the study's name",
+            is_basic=True,
+        ),
     ]
     stimuli: Annotated[
         str | None,
@@ -48,6 +55,7 @@ class StudyFile(Options):
             "Seconds a pair or film is shown",
             "empty in a new study: as long as the shortest video",
             section="study",
+            is_basic=True,
             expected="seconds from {:g} to {:g}".format(*EXPOSURE_BOUNDS_S),
         ),
     ] = Field(default=None, ge=EXPOSURE_BOUNDS_S[0], le=EXPOSURE_BOUNDS_S[1])

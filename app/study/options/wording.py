@@ -61,8 +61,13 @@ def wording(pack: LanguagePack, options: StudyOptions, name: str, images: Mappin
         "images": dict(images or {}),
     }
     texts[QUESTIONS] = {question.name: _asked(question, pack, said) for question in options.questions}
-    content = json.dumps([pack.tag, texts], ensure_ascii=False, sort_keys=True)
-    return Wording(pack.tag, texts, hashlib.sha256(content.encode()).hexdigest())
+    return Wording(pack.tag, texts, texts_digest(pack.tag, texts))
+
+
+def texts_digest(language: str, texts: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of a language and the texts of a study in it."""
+    content = json.dumps([language, texts], ensure_ascii=False, sort_keys=True)
+    return hashlib.sha256(content.encode()).hexdigest()
 
 
 def protocol_texts(pack: LanguagePack, protocol: Protocol) -> dict[str, Text]:

@@ -8,7 +8,7 @@ from typing import Literal
 Half = Literal["top", "bottom"]
 Label = Literal["a", "b"]
 Disturbance = Literal["full screen", "hidden", "blur", "resize"]  # full screen left; blur: another window in front
-Interruption = Disturbance | Literal["left the page"]  # reloaded, closed, back or forward
+Interruption = Disturbance | Literal["left the page", "suspended"]  # reloaded, closed, back or forward; no frame came
 Role = Literal["main", "repeat", "identical"]  # only main trials are scored; the others check the participant
 
 MAIN: Role = "main"

@@ -94,6 +94,8 @@ def without_unknowns(viewing: dict[str, Any]) -> dict[str, Any]:
     known["switches"] = [_without_nulls(switch) for switch in viewing["switches"]]
     if "dwell_ms" in known:
         known["dwell_ms"] = _without_nulls(known["dwell_ms"])
+    if "smoothness" in known:
+        known["smoothness"] = _without_nulls(known["smoothness"])
     return known
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 from urllib.parse import quote
 
@@ -12,6 +13,7 @@ from app.store.access.experimenters import Experimenter, Role
 from app.store.studies.studies import Study, progress_of
 from app.web.admin.alarms import alarm_in
 from app.web.gates import database, now, render
+from app.web.security import policy
 
 TABS: tuple[tuple[str, str, Role], ...] = (
     ("", "Overview", "viewer"),
@@ -37,11 +39,48 @@ SUB_TABS: tuple[tuple[tuple[str, str, Role], ...], ...] = (  # the pages of one 
 )
 
 
+MANUAL = {  # where the manual speaks of a page, by its template; of others in its first page
+    "account": "experimenter#first-start",
+    "against_scores": "analysis#do-objective-measures-predict-the-scores",
+    "comments": "experimenter#while-it-runs",
+    "demographics": "experimenter#while-it-runs",
+    "design": "studies#orders",
+    "edit": "studies#options",
+    "file_entry": "intake",
+    "files": "intake",
+    "groups": "experimenter#results",
+    "invitations": "experimenter#invitations",
+    "models": "experimenter#results",
+    "new_study": "experimenter#a-study",
+    "new_study_settings": "experimenter#a-study",
+    "objective": "measures",
+    "overview": "experimenter#while-it-runs",
+    "participant": "experimenter#while-it-runs",
+    "participants": "experimenter#while-it-runs",
+    "results": "experimenter#results",
+    "set": "studies#stimulus-sets",
+    "sets": "studies#stimulus-sets",
+    "settings": "operations",
+    "stimuli": "formats",
+    "strokes": "intake#draw-strokes-for-masks",
+    "studies": "experimenter#a-study",
+    "task": "work",
+    "texts": "languages",
+    "tokens": "api#a-token",
+    "users": "experimenter#first-start",
+    "votes": "experimenter#while-it-runs",
+    "work": "work",
+    "work_job": "work",
+    "work_new": "work",
+}
+
+
 def page(
     request: Request, template: str, person: Experimenter, context: dict[str, Any], status_code: int = 200
 ) -> Response:
     """Render a page for the signed-in person; its forms carry the session's form token."""
-    frame = {"experimenter": person, "form_token": request.state.form_token, "now": now(request)}
+    manual = MANUAL.get(template, "experimenter")
+    frame = {"experimenter": person, "form_token": request.state.form_token, "now": now(request), "manual": manual}
     return render(request, f"admin/{template}.html", {**frame, **context}, status_code)
 
 
@@ -89,6 +128,14 @@ def _sub_tabs(path: str, person: Experimenter, base: str) -> list[dict[str, Any]
         if len(shown) > 1 and path in dict(shown):
             return [{"address": address, "name": name, "is_current": path == address} for address, name in shown]
     return []
+
+
+def viewing(answer: Response, models: Sequence[Mapping[str, Any]]) -> Response:
+    """Let a page of models draw its splats: Spark orders them by WebAssembly, in a worker made of its own text."""
+    if any(model["kind"] == "splat" for model in models):
+        more = "script-src 'self' 'wasm-unsafe-eval'; worker-src 'self' blob:"
+        answer.headers["Content-Security-Policy"] = f"{policy(None)}; {more}"
+    return answer
 
 
 def attachment(name: str) -> str:

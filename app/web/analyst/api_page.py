@@ -15,6 +15,9 @@ JSON = "application/json"
 TAGS = {  # in this order
     "studies": "Manage studies",
     "results": "Fetch results",
+    "material": "Texts, design and figures",
+    "people": "Look after participants",
+    "uploads": "Send films, results and studies",
     "jobs": "Work on the server",
     "participants": "Take part in a study",
 }
@@ -59,8 +62,9 @@ def operations(described: Mapping[str, Any], server: str) -> Iterator[dict[str, 
                 "parameters": [_parameter(row) for row in operation.get("parameters", ())],
                 "body": list(_fields(body.get("schema", {}), schemas)),
                 "body_example": _as_text(body.get("example")),
+                "takes": [kind for kind in content if kind != JSON],
                 "answers": [_answer(status, row, schemas) for status, row in operation["responses"].items()],
-                "curl": _curl(method, path, server, body.get("example")),
+                "curl": _curl(method, path, server, body.get("example"), is_file=bool(content) and not body),
             }
 
 
@@ -121,9 +125,11 @@ def _as_text(example: Any) -> str:
     return "" if example is None else json.dumps(example, indent=2, ensure_ascii=False)
 
 
-def _curl(method: str, path: str, server: str, example: Any) -> str:
+def _curl(method: str, path: str, server: str, example: Any, *, is_file: bool) -> str:
     parts = ["curl"] + ([f"-X {method.upper()}"] if method != "get" else [])
     parts.append('-H "Authorization: Bearer $TOKEN"')
     if example is not None:
         parts.append(f"-H 'Content-Type: {JSON}' -d '{json.dumps(example, ensure_ascii=True)}'")
+    if is_file:
+        parts.append("--data-binary @FILE")
     return f"{' '.join(parts)} {server}{path.replace('{slug}', 'temple')}"

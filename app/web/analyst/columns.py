@@ -18,6 +18,11 @@ CHOICE = "a, b or none; in CCR by the rating's sign; empty in ACR, ACR-HR and DC
 RATING = "grade that was given to item_b; in CCR how much better it is than item_a, -3 to 3; empty in PC"
 REFERENCE = "true if item_b is the study's reference, which ACR-HR hides among the films"
 PROTOCOL = "PC, ACR, ACR-HR, DCR or CCR"
+LONGEST_GAP = "longest time between two frames on the display, milliseconds; empty where not recorded"
+FRAME_SHARE = "frames presented, of those that a film without drops presents in the time; empty where not recorded"
+MISMATCH_SHARE = "share of the display's refreshes at which A and B were different frames; empty where not recorded"
+SHOWN_SMOOTHLY = "false if half of the frames were missing, or none came for more than a second; empty: not recorded"
+NOT_SMOOTH = "votes whose films were not shown smoothly; empty where that was not recorded"
 FRAME_LOCKED = "false if A and B may have been a frame apart at times (two videos)"
 
 VOTES: Columns = {
@@ -42,6 +47,10 @@ VOTES: Columns = {
     "rating": RATING,
     "reference": REFERENCE,
     "lighter_film": LIGHTER_FILM,
+    "longest_gap_ms": LONGEST_GAP,
+    "frame_share": FRAME_SHARE,
+    "mismatch_share": MISMATCH_SHARE,
+    "shown_smoothly": SHOWN_SMOOTHLY,
 }
 TRIALS: Columns = {
     "trial": "id of the trial",
@@ -57,7 +66,7 @@ TRIALS: Columns = {
     "role": "main, or what the trial checks about the participant",
     "served_at": "when it was sent to the participant",
     "voided_at": "when it was interrupted",
-    "void_reason": "full screen (was left), hidden, blur (another window in front), resize, or left the page",
+    "void_reason": "full screen (was left), hidden, blur (other window in front), resize, suspended, or left the page",
     "voted_at": "when the vote arrived",
     "protocol": PROTOCOL,
     "choice": CHOICE,
@@ -72,6 +81,10 @@ TRIALS: Columns = {
     "frame_locked": FRAME_LOCKED,
     "lighter_film": LIGHTER_FILM,
     "n_mismatches": "display refreshes at which A and B were seen to be different frames",
+    "longest_gap_ms": LONGEST_GAP,
+    "frame_share": FRAME_SHARE,
+    "mismatch_share": MISMATCH_SHARE,
+    "shown_smoothly": SHOWN_SMOOTHLY,
     "viewing": "the whole viewing record, as JSON",
 }
 PARTICIPANTS: Columns = {
@@ -161,7 +174,12 @@ SCORES: Columns = {
     "ci_method": "what the interval rests on; empty where there is none",
     "win_probability": "probability of being preferred to another condition at random, given a preference",
     "penalty": "estimate that stands in for a maximum of separated votes; else empty",
-    "letters": "conditions that share a letter are not told apart (all pairs, Holm)",
+    "letters": "conditions that share a letter are not told apart (all pairs, on single datasets of all of them; Holm)",
+    "no_limit": "above or below where all decided votes go one way, so that the score has no limit there; else empty",
+    "p_best": "probability to be the best, by these votes alone, if all scores were as likely before",
+    "rank_low": "first rank that the tests of pairs leave the condition; all such intervals hold together with 95 %",
+    "rank_high": "last rank",
+    "quasi_se": "error whose squares add up to that of any difference (quasi-variance)",
 }
 RATINGS: Columns = {
     "dataset": DATASET,
@@ -202,6 +220,7 @@ TRIADS: Columns = {
     "zeta": "coefficient of consistence, 1 - circular_expected_ties / circular_max",
     "p_value": "probability of as few circular triads under random votes on the same pairs, ties in the same places",
     "circular_by_chance": "expected circular triads under random votes",
+    "strict_by_chance": "expected circular triads of strict preferences under random votes, ties in the same places",
 }
 OBSERVERS: Columns = {
     "participant": PARTICIPANT,
@@ -214,6 +233,7 @@ OBSERVERS_OF_PAIRS: Columns = {
     "careless_evidence": "what speaks for careless answers, in words",
     "n_votes": "votes that count",
     "one_side_unseen": "votes given although A or B was never on screen; empty where that was not recorded",
+    "not_smooth": NOT_SMOOTH,
     "tie_rate": "share of votes without preference",
     "side_a_rate": "share of decided votes for A",
     "side_a_expected": "the same as everybody's scores explain it",
@@ -246,6 +266,7 @@ OBSERVERS_OF_RATINGS: Columns = {
     "bt500_imbalance": "how one-sided these are, 0 to 1; empty where there are none",
     "is_bt500_outlier": "true if ITU-R BT.500 names the participant",
     "is_correlation_low": "true if the correlation is below 0.75",
+    "not_smooth": NOT_SMOOTH,
 }
 MEASUREMENTS: Columns = {
     "dataset": DATASET,
@@ -332,24 +353,50 @@ FAILURES: Columns = {
     "happened_at": "when it was told",
     "noted_at": "when an experimenter took note, or the study was opened again; empty: not yet",
 }
+SETS: Columns = {
+    "name": "in addresses",
+    "title": "name",
+    "sha256": "digest of its manifest",
+    "n_films": "films",
+    "conditions": "names of its conditions, as JSON",
+    "datasets": "names of its datasets, as JSON",
+    "factors": "levels by factor, as JSON",
+    "is_here": "true if it lies in the server's folder of stimulus sets",
+    "studies": "names of the studies made of it, as JSON",
+}
+OUTSIDE_IDS: Columns = {
+    "participant": PARTICIPANT,
+    "outside_id": "id on the recruiting platform; empty: came without one",
+    "state": "how far the participant is",
+    "completion_code": "that the participant was given; empty before the end",
+}
+FIGURES: Columns = {"figure": "name in addresses", "caption": "what it shows"}
 KINDS = {  # of columns that are no text: a Parquet file needs them for long tables, and where there are no values
     **dict.fromkeys((*OBSERVERS_OF_PAIRS, *OBSERVERS_OF_RATINGS), "float"),  # but those below
     **dict.fromkeys(("remarks", "careless_evidence"), "text"),
     **dict.fromkeys(("practice", "excluded", "frame_locked", "both_seen", "reference", "lighter_film"), "bool"),
+    **dict.fromkeys(("shown_smoothly",), "bool"),
     **dict.fromkeys(
-        ("is_reference", "complete", "is_bound", "is_cancelling", "is_bt500_outlier", "is_correlation_low"), "bool"
+        ("is_reference", "complete", "is_bound", "is_cancelling", "is_here", "is_bt500_outlier", "is_correlation_low"),
+        "bool",
     ),
-    **dict.fromkeys(("one_side_unseen", "repeated_pairs", "repeats_consistent", "bt500_above", "bt500_below"), "int"),
-    **dict.fromkeys(("n_datasets", "n_conditions", "n_pairs", "n_started", "n_finished", "done", "total"), "int"),
+    **dict.fromkeys(
+        ("one_side_unseen", "not_smooth", "repeated_pairs", "repeats_consistent", "bt500_above", "bt500_below"), "int"
+    ),
+    **dict.fromkeys(("n_datasets", "n_conditions", "n_pairs", "n_started", "n_finished", "n_films"), "int"),
+    **dict.fromkeys(("done", "total"), "int"),
     **dict.fromkeys(("looks_before", "rating", "number", "attempt", "n_switches", "n_mismatches", "entry"), "int"),
     **dict.fromkeys(("n_trials", "n_votes", "n_voided", "n_comments", "n_participants", "n_ratings", "n"), "int"),
     **dict.fromkeys(("wins", "losses", "ties", "n_items", "circular", "circular_max", "n_answered"), "int"),
     **dict.fromkeys(("response_ms", "press_to_picture_ms", "shown_ms", "mean_response_ms"), "float"),
+    **dict.fromkeys(("longest_gap_ms", "frame_share", "mismatch_share"), "float"),
     **dict.fromkeys(("score", "se", "se_participant", "ci_low", "ci_high", "jod", "jod_low", "jod_high"), "float"),
     **dict.fromkeys(("jod_thurstone", "jod_thurstone_low", "jod_thurstone_high", "preference_to_mean"), "float"),
     **dict.fromkeys(("preference_to_mean_low", "preference_to_mean_high", "mos", "sd", "dmos", "dmos_sd"), "float"),
     **dict.fromkeys(("dmos_low", "dmos_high", "quality", "quality_se", "quality_low", "quality_high"), "float"),
     **dict.fromkeys(("circular_expected_ties", "zeta", "p_value", "circular_by_chance", "share", "mean"), "float"),
+    **dict.fromkeys(("strict_by_chance", "p_best", "quasi_se"), "float"),
+    **dict.fromkeys(("rank_low", "rank_high"), "int"),
     **dict.fromkeys(("minimum", "maximum", "value", "logmar", "low", "high", "limit", "smallest"), "float"),
     **dict.fromkeys(("pixel_mm", "distance_mm", "win_probability", "exposure_s", "left_s"), "float"),
     **dict.fromkeys(("served_at", "voided_at", "voted_at", "started_at", "finished_at"), "time"),
@@ -377,7 +424,11 @@ TABLES: dict[str, Columns] = {
 FURTHER: dict[str, Columns] = {  # columns that the study's protocol decides about
     "observers": OBSERVERS_OF_PAIRS | OBSERVERS_OF_RATINGS
 }
-DOCUMENTED = {name for columns in (*TABLES.values(), *FURTHER.values(), STUDIES, JOBS) for name in columns}
+DOCUMENTED = {
+    name
+    for columns in (*TABLES.values(), *FURTHER.values(), STUDIES, JOBS, SETS, OUTSIDE_IDS, FIGURES)
+    for name in columns
+}
 
 
 def with_others(columns: Iterable[str], rows: Iterable[Mapping[str, Any]]) -> list[str]:

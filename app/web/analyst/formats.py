@@ -184,7 +184,7 @@ def _parquet_parts(rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) ->
                 pyarrow.array([_nested_as_text(row.get(field.name)) for row in batch], field.type) for field in schema
             ]
             writer.write_table(pyarrow.table(arrays, schema=schema))
-    yield from _parts(content)
+    yield from parts_of(content)
 
 
 def _batches(rows: Iterable[Mapping[str, Any]], size: int) -> Iterator[list[Mapping[str, Any]]]:
@@ -217,7 +217,7 @@ def streamed(
         return unchanged(digest)
     size = {"Content-Length": str(content.tell())}
     return StreamingResponse(
-        _parts(content), media_type=media_type, headers={**size, **_own_headers(digest), **headers}
+        parts_of(content), media_type=media_type, headers={**size, **_own_headers(digest), **headers}
     )
 
 
@@ -244,7 +244,8 @@ def _own_headers(digest: str) -> dict[str, str]:
     return {"ETag": f'W/"{digest[:TAG_LENGTH]}"', "Cache-Control": "no-store", "Vary": "Accept, Authorization, Cookie"}
 
 
-def _parts(content: IO[bytes]) -> Iterator[bytes]:
+def parts_of(content: IO[bytes]) -> Iterator[bytes]:
+    """Yield a file part by part, and close it at the end."""
     with content:
         content.seek(0)
         while part := content.read(PART):
@@ -357,6 +358,8 @@ def _plain(value: Any) -> Any:
 def _cell(value: Any) -> Any:
     if value is None:
         return ""
+    if isinstance(value, bool):
+        return "TRUE" if value else "FALSE"  # R reads no other words as logical, and pandas reads these, too
     return without_formula(value) if isinstance(value, str) else _written(value)
 
 

@@ -54,6 +54,11 @@ def object_answers(example: Mapping[str, Any], *, tables_too: bool = False) -> A
     return {200: {"description": "The object", "content": content}, 304: {"description": "Unchanged (If-None-Match)"}}
 
 
+def file_body() -> dict[str, Any]:
+    """Return the description of a body that is a file."""
+    return {"requestBody": {"required": True, "content": {"application/octet-stream": BINARY}}}
+
+
 def describe(app: FastAPI) -> None:
     """Add problems and tokens to the app's OpenAPI description."""
 

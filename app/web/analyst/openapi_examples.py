@@ -195,7 +195,19 @@ EXAMPLES |= {
         "detail": "encoding ball/approach_1 above ball/approach_2",
         "is_cancelled": False,
         "study": None,
+        "stimulus_set": None,
     },
+    "SetBody": {"name": "Temple, first light", "levels": {"approach_1": {"light": "side"}}},
+    "TextsBody": {"revision": 4, "texts": {"study.consent": "I take part of my own free will."}},
+    "LabelBody": {"label": "Ada Example <ada@example.org>"},
+    "EnteredBody": {
+        "test": "acuity",
+        "instrument": "Landolt C chart at 4 m",
+        "result": "0.1 logMAR, both eyes",
+        "verdict": "passed",
+        "logmar": 0.1,
+    },
+    "CodeView": {"participant": "P007", "code": "k7m2p9xq4wva"},
     "NewStudyBody": {
         "name": "Temple",
         "stimulus_set": "temple",
@@ -208,8 +220,8 @@ EXAMPLES |= {
     "StateBody": {"state": "open"},
     "CopyBody": {"name": "Temple, again"},
     "ManagedStudyView": STUDY_VIEW,
-    "InvitationsBody": {"places": 1, "number": 20},
-    "InvitationView": {"code": "k7m2p9xq4wva", "places": 1, "n_used": 0, "path": "/s/k7m2p9xq4wva"},
+    "InvitationsBody": {"places": 1, "number": 20, "label": ""},
+    "InvitationView": {"code": "k7m2p9xq4wva", "places": 1, "n_used": 0, "path": "/s/k7m2p9xq4wva", "label": ""},
     "ExclusionBody": {"reason": "looked away from the screen"},
     "ExclusionView": {
         "participant": "P007",
@@ -319,6 +331,11 @@ ROW: dict[str, Any] = {  # of any table, by column
     "win_probability": 0.75,
     "penalty": None,
     "letters": "a",
+    "no_limit": None,
+    "p_best": 0.83,
+    "rank_low": 1,
+    "rank_high": 2,
+    "quasi_se": 0.13,
     "n_items": 6,
     "complete": True,
     "circular": 1,
@@ -326,6 +343,7 @@ ROW: dict[str, Any] = {  # of any table, by column
     "circular_max": 8,
     "zeta": 0.844,
     "circular_by_chance": 5.0,
+    "strict_by_chance": 3.25,
     "p_value": 0.021,
     "flags": ["unusually many ties"],
     "approach": "approach_2",
@@ -373,6 +391,82 @@ ROW: dict[str, Any] = {  # of any table, by column
     "result_source": "entered",
     "instrument": "Landolt C chart at 4 m",
     "result": "0.1 logMAR, both eyes",
+}
+ROW |= {
+    "title": "Temple",
+    "sha256": "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08",
+    "n_films": 36,
+    "conditions": ["approach_1", "approach_2"],
+    "datasets": ["ball", "box"],
+    "factors": {"light": ["front", "side"]},
+    "is_here": True,
+    "studies": ["temple"],
+    "outside_id": "5f1e0c9d8b7a",
+    "completion_code": "C1X2Y3",
+    "figure": "scores_all",
+    "caption": "Scores of all conditions.",
+}
+STIMULUS_SET: dict[str, Any] = {
+    **{name: ROW[name] for name in ("name", "title", "sha256", "n_films", "conditions", "datasets", "factors")},
+    **{name: ROW[name] for name in ("is_here", "studies")},
+    "levels": {"approach_1": {"light": "front"}, "approach_2": {"light": "side"}},
+    "stimuli": [
+        {
+            "dataset": "ball",
+            "approach": "approach_1",
+            "video": "ball/approach_1.mp4",
+            "sha256": ROW["sha256"],
+            "width": 1920,
+            "height": 1080,
+            "fps": 25.0,
+            "n_frames": 375,
+            "codec": "h264",
+            "model_bytes": None,
+            "renderer": "",
+        }
+    ],
+}
+FILM_CHECK: dict[str, Any] = {
+    "checked_at": "2026-03-02T09:00:00+00:00",
+    "films": ROW["sha256"],
+    "n_films": 90,
+    "n_played": 90,
+    "browser": "Chromium 140",
+    "faults": {},
+}
+READ_VOTES: dict[str, Any] = {
+    "holds": "votes",
+    "columns": [{"column": "judge", "role": "participant"}, {"column": "age", "role": ""}],
+    "lists": ["votes.csv: text in UTF-8, commas between cells; 36 rows, 36 votes; not used: age"],
+    "warnings": [],
+    "analysis": {"scores": []},
+}
+EVERYTHING: dict[str, Any] = {"study": "temple", "label": "P007", "session": [{"stage": "finished"}], "vote": []}
+TEXTS: dict[str, Any] = {
+    "revision": 4,
+    "first_language": "en",
+    "languages": {"en": "offered", "de": "the study's consent is missing"},
+    "texts": {"en": {"study.consent": "I take part of my own free will."}},
+    "images": {"room.png": ROW["sha256"]},
+}
+DESIGN: dict[str, Any] = {
+    "conditions": {"approach_1": {"light": "front"}, "approach_2": {"light": "side"}},
+    "factors": {"light": ["front", "side"]},
+    "pairs": [{"dataset": "ball", "top": "approach_1", "bottom": "approach_2"}],
+    "n_trials": 90,
+    "minutes": {"introduction": 2.2, "trial": 33.8},
+    "balance": None,
+}
+PLAN: dict[str, Any] = {
+    "conditions": 6,
+    "datasets": 6,
+    "participants": 22,
+    "effect": 0.5,
+    "spread": 0.4,
+    "is_rated": False,
+    "power": {"one_dataset": 0.42, "all_datasets": 0.97},
+    "claims": [],
+    "participants_wanted": None,
 }
 MEASURED_BY = "validate mesh"  # the source of a measure; that of an answer is another
 STUDY = {

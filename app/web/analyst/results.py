@@ -1,25 +1,28 @@
-"""A study's results: the votes so far through the analysis, with the charts of it, made once for the same inputs."""
+"""A study's results, made once for the same inputs: the analysis of its votes, its charts, balance and power."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from functools import cached_property
+from dataclasses import asdict, dataclass, field, replace
+from datetime import datetime
+from functools import cached_property, lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 from app.intake.reports import better_by_measure, by_measure
 from app.store.database.engine import Database, Transaction
 from app.store.participants.interviews import questionnaire_records
-from app.store.participants.participants import assigned_groups, counted_voters
+from app.store.participants.participants import assigned_groups, counted_voters, session_state
 from app.store.studies.measurements import measurement_records
 from app.store.studies.studies import Study, study_by_id
 from app.store.trials.counted_votes import VoteState, vote_state
 from app.store.trials.designs import conditions_of
+from app.store.trials.orders import study_plan, taken_orders
+from app.study.design.balance import balance_report
 from app.study.design.groupings import groupings, without_small_groups
 from app.study.options.options import StudyOptions, parse_options
-from app.study.protocols import CCR, PC, RATED, WITH_REFERENCE
+from app.study.protocols import CCR, PC, RATED, TYPICAL_INCONSISTENCY, WITH_REFERENCE
 from app.web.analyst.columns import with_others
 from app.web.analyst.formats import csv_text
 from app.web.analyst.study_votes import read_votes_table
@@ -33,6 +36,8 @@ if TYPE_CHECKING:
 
 RESULTS_KEPT = 16  # the latest; one of a study with 100 participants takes some MB
 ASSIGNED = "assigned group"  # beside the questions that participants are grouped by
+REPLICATES = 200  # simulated studies; gives the power to about 3 %
+PATIENCE_S = 0.4  # checking the orders of 10 000 participants takes minutes
 TABLE_NAMES = {"ratings": "rating_items", "comparisons": "comparison_items"}  # in analysis.json
 FIGURE_TYPES = {"svg": "image/svg+xml", "png": "image/png", "pdf": "application/pdf", "csv": "text/csv; charset=utf-8"}
 
@@ -61,6 +66,8 @@ class Results:
 
 _results: Shared[Results] = Shared(RESULTS_KEPT)
 _latest: Latest[Results] = Latest("reconstudy-results")
+_reports: Shared[dict[str, Any]] = Shared(16)
+_latest_report: Latest[dict[str, Any]] = Latest("reconstudy-balance")
 
 
 @dataclass(frozen=True)
@@ -180,6 +187,7 @@ def inputs_of(
         "better": better_by_measure(measured),
         "groups": groups or {},
         "random_effects": options.random_effects,
+        "lapses": options.lapses,
         "planned_participants": options.planned_participants or None,
     }
     counted = asdict(state) | ({"excluded": {}} if with_excluded else {})
@@ -238,7 +246,7 @@ def _analysed_ratings(votes: VotesTable, rating: NDArray[np.float64], inputs: In
     from app.analysis.ratings.comparisons import analyse_comparisons
     from app.analysis.ratings.content import NO_VOTES, with_measures, with_tables
     from app.analysis.ratings.score_sets import opinion_score_sets
-    from app.analysis.ratings.study_votes import comparison_table, counted_ratings, rating_table
+    from app.analysis.ratings.study_votes import comparison_table, counted_ratings, rating_table, with_films
 
     options = inputs.options
     counted, ratings = counted_ratings(votes, rating)
@@ -249,7 +257,9 @@ def _analysed_ratings(votes: VotesTable, rating: NDArray[np.float64], inputs: In
         scale = (options.grades.low, options.grades.high)
         table = rating_table(counted, ratings, options.protocol, scale, reference)
         settings = {"protocol": options.protocol, "scale": options.scale}
-        rated = with_tables(NO_VOTES | {"settings": settings}, analyse_ratings(table))
+        tables = analyse_ratings(table)
+        tables["raters"] = with_films(tables["raters"], counted)
+        rated = with_tables(NO_VOTES | {"settings": settings}, tables)
         chosen = AnalysisSettings(measures=inputs.settings["measures"], better=inputs.settings["better"])
         return with_measures(rated, opinion_score_sets(table), chosen)
     analysis = _analysed(votes, inputs)
@@ -304,3 +314,62 @@ def figure(results: Results, name: str, kind: str) -> bytes | None:
         return chart_vega(chart).encode()
     svg = chart_svg(chart)
     return svg.encode() if kind == "svg" else svg_png(svg) if kind == "png" else svg_pdf(svg)
+
+
+def balance_soon(
+    database: Database, study: Study, now: datetime, patience_s: float = PATIENCE_S
+) -> tuple[dict[str, Any] | None, bool]:
+    """Return the balance of a study's orders and True, or the latest that is known and False if it takes longer."""
+    key = (str(database.engine.url), study.id)
+    return _latest_report.get(key, partial(_checked_orders, database, study, now), patience_s)
+
+
+def _checked_orders(database: Database, study: Study, now: datetime) -> dict[str, Any]:
+    """Check the balance of a study's orders, once for the same participants in the same stages."""
+    with database.reading() as connection:
+        people = session_state(connection, study.id), sorted(vote_state(connection, study.id).excluded)
+    known = json.dumps([str(database.engine.url), study.id, study.revision, people, now.date(), now.hour], default=str)
+
+    def check() -> dict[str, Any]:
+        with database.reading() as connection:
+            return balance_report(study_plan(connection, study), taken_orders(connection, study, now))
+
+    return _reports.get(known, check)
+
+
+@lru_cache(maxsize=64)
+def plan_of(
+    conditions: int, datasets: int, participants: int, effect: float, spread: float | None, *, is_rated: bool
+) -> Mapping[str, Any]:
+    """Return what a study can show: the power in one dataset and over all, of every claim, and the participants wanted
+    for what a report says.
+
+    Parameters
+    ----------
+    conditions, datasets, participants : numbers
+    effect : true difference of two conditions, JOD, or grades where rated
+    spread : how far people's opinions differ, log-odds, or grades where rated; None: the default
+    is_rated : ratings of single films rather than choices between two
+    """
+    from app.analysis.comparisons.power import claim_rows, participants_wanted, power
+    from app.analysis.comparisons.vote_studies import StudyPlan
+    from app.analysis.ratings.planning import RatingPlan
+
+    differ = {} if spread is None else {"spread": spread}
+    plan = (
+        RatingPlan(conditions, datasets, participants, TYPICAL_INCONSISTENCY, **differ)
+        if is_rated
+        else StudyPlan(conditions, datasets, participants, **differ)
+    )
+    single, pooled = (power(each, effect, 1, REPLICATES) for each in (replace(plan, datasets=1), plan))
+    return {
+        "conditions": conditions,
+        "datasets": datasets,
+        "participants": participants,
+        "effect": effect,
+        "spread": plan.spread,
+        "is_rated": is_rated,
+        "power": {"one_dataset": single, "all_datasets": pooled},
+        "claims": claim_rows(plan, effect, 1, REPLICATES),
+        "participants_wanted": participants_wanted(plan, effect, 1, REPLICATES),
+    }

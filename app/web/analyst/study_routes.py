@@ -1,8 +1,10 @@
-"""Create, edit, open, close, archive, duplicate and delete studies over REST; invite; exclude participants."""
+"""Create, edit, open, close, archive, duplicate and delete studies over REST, and invite to them."""
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any
+from urllib.parse import unquote
 
 from fastapi import APIRouter, Depends, Path, Query, Request
 from fastapi.responses import JSONResponse, Response
@@ -13,16 +15,21 @@ from app.ffmpeg import no_progress
 from app.operations.studies.create import duplicate_study, read_options
 from app.operations.studies.creation import begin_creation
 from app.operations.studies.edit import check_edit, remake_films, save_edit
-from app.operations.studies.invitations import MOST_AT_ONCE, MOST_PLACES, make_invitations, stop_invitation
+from app.operations.studies.invitations import (
+    MOST_AT_ONCE,
+    MOST_PLACES,
+    make_invitations,
+    name_invitation,
+    stop_invitation,
+)
 from app.operations.studies.manage import study_file_of, study_summary
 from app.operations.studies.standing import change_standing, delete_study
 from app.operations.studies.stimulus_sets import set_called
 from app.operations.tasks import wait_for_task
-from app.store.access.tokens import PEOPLE, STUDIES
-from app.store.database.engine import Database, Transaction
+from app.store.access.tokens import STUDIES
+from app.store.database.engine import Database
 from app.store.database.server_tasks import cancel_task, task_by_id
 from app.store.participants.invitations import Invitation, invitations_of
-from app.store.participants.participants import exclude, exclusion_records, participant_labelled, undo_exclusion
 from app.store.studies.audit import Actor
 from app.store.studies.studies import Standing, Study, StudyCounts, progress_of, study_by_slug
 from app.study.options.option_table import COLUMNS
@@ -41,15 +48,20 @@ LOW_S, HIGH_S = EXPOSURE_BOUNDS_S
 router = APIRouter(prefix="/api/v1", tags=["studies"], route_class=CompressedRoute)
 
 StudyEditor = Annotated[Actor, Depends(may_change(STUDIES))]
-Excluder = Annotated[Actor, Depends(may_change(PEOPLE))]
 Name = Annotated[str, Field(min_length=1, max_length=LONGEST_NAME, description="as participants read it")]
 Exposure = Annotated[float, Field(ge=LOW_S, le=HIGH_S, allow_inf_nan=False, description="how long a pair is shown, s")]
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1, description="of all participants' orders")]
 Options = Annotated[dict[str, Any], Field(description="as in the table [options] of a study file")]
-Label = Annotated[str, Path(max_length=40)]
+InvitationLabel = Annotated[
+    str, StringConstraints(strip_whitespace=True, max_length=200), Field(description="whom it is for; empty: nobody")
+]
 Code = Annotated[str, Path(max_length=40)]
 TaskId = Annotated[str, Path(max_length=32, description="id of the task")]
+Wait = Annotated[float, Query(ge=0, le=600, description="longest wait for the end, s")]
 WAIT_S = 15.0
+RESULTS = re.compile(
+    r"/admin/(studies/(?P<study>[^/]+)(/.*)?|sets/(?P<stimulus_set>[^/]+))"
+)  # pages that tasks lead to
 
 
 class Body(BaseModel):
@@ -86,10 +98,11 @@ class CopyBody(Body):
 class InvitationsBody(Body):
     places: Annotated[int | None, Field(ge=1, le=MOST_PLACES, description="null: as many as come")] = None
     number: Annotated[int, Field(ge=1, le=MOST_AT_ONCE, description="how many invitations to make")] = 1
+    label: InvitationLabel = ""
 
 
-class ExclusionBody(Body):
-    reason: Annotated[str, StringConstraints(strip_whitespace=True, min_length=3, max_length=500)]
+class LabelBody(Body):
+    label: InvitationLabel
 
 
 class ManagedStudyView(BaseModel):
@@ -110,7 +123,7 @@ class ManagedStudyView(BaseModel):
 
 
 class TaskView(BaseModel):
-    """The making of a study."""
+    """What the server makes or checks in the background."""
 
     task: str
     state: str = Field(description="running, done or failed")
@@ -118,7 +131,8 @@ class TaskView(BaseModel):
     total: int = Field(description="how much the step is")
     detail: str = Field(description="what is being done, or why it failed")
     is_cancelled: bool
-    study: str | None = Field(description="the study's name in addresses, once it is made")
+    study: str | None = Field(description="the study's name in addresses, once it is made or checked")
+    stimulus_set: str | None = Field(default=None, description="name of the stimulus set that was uploaded")
 
 
 class InvitationView(BaseModel):
@@ -126,13 +140,7 @@ class InvitationView(BaseModel):
     places: int | None
     n_used: int
     path: str
-
-
-class ExclusionView(BaseModel):
-    participant: str
-    reason: str
-    excluded_by: str
-    excluded_at: str
+    label: str = ""
 
 
 @router.post(
@@ -146,7 +154,7 @@ def create(
     request: Request,
     actor: StudyEditor,
     database: Store,
-    wait_s: Annotated[float, Query(ge=0, le=600, description="longest wait for the films")] = WAIT_S,
+    wait_s: Wait = WAIT_S,
 ) -> Response:
     """Create a study of a stimulus set on the server; it stays paused until opened.
 
@@ -163,39 +171,55 @@ def create(
         name = begin_creation(server, database, folder, wanted, actor)
     except (ValueError, TypeError) as error:
         raise InvalidError(f"The study was not created: {error}.") from error
-    wait_for_task(name, wait_s)
-    begun = _task(database, name)
-    if begun.state == "failed":
-        raise InvalidError(f"The study was not created: {begun.detail}.")
-    if begun.study is not None:
-        return _created(database, begun.study)
-    address = f"{router.prefix}/tasks/{name}"
-    return JSONResponse(begun.model_dump(), 202, headers={"Location": address})
+    begun = waited_task(database, name, wait_s, "The study was not created")
+    return accepted(begun) if begun.study is None else _created(database, begun.study)
 
 
 @router.get("/tasks/{task}", response_model=TaskView)
 def task(task: TaskId, _actor: StudyEditor, database: Store) -> TaskView:
-    """Say how far the making of a study is."""
+    """Say how far a task is: the making of a study, an upload, or a check."""
     return _task(database, task)
 
 
 @router.delete("/tasks/{task}", response_model=TaskView)
 def cancel(task: TaskId, actor: StudyEditor, database: Store) -> TaskView:
-    """Stop the making of a study, as soon as the step is done that runs now."""
+    """Stop a task, as soon as the step is done that runs now."""
     with database.writing() as connection:
         if cancel_task(connection, task, actor.now):
             actor.note(connection, "work cancelled", subject=task)
     return _task(database, task)
 
 
+def waited_task(database: Database, name: str, longest_s: float, refusal: str) -> TaskView:
+    """Wait for a task, but not long, and say how far it is.
+
+    Raises
+    ------
+    InvalidError
+        If it has failed: `refusal`, and why.
+    """
+    wait_for_task(name, longest_s)
+    begun = _task(database, name)
+    if begun.state == "failed":
+        raise InvalidError(f"{refusal}: {begun.detail.rstrip('.')}.")
+    return begun
+
+
+def accepted(task: TaskView) -> Response:
+    """Answer that a task goes on, or has ended, and where to ask for it."""
+    headers = {"Location": f"{router.prefix}/tasks/{task.task}"}
+    return JSONResponse(task.model_dump(), 200 if task.state == "done" else 202, headers=headers)
+
+
 def _task(database: Database, name: str) -> TaskView:
     with database.reading() as connection:
         known = task_by_id(connection, name)
-    if known is None or known.work is None:
+    if known is None:
         raise NotFoundError("There is no such task.")
-    study = known.result.rpartition("/")[2] if known.state == "done" and known.result else None
-    facts = {key: getattr(known, key) for key in ("state", "done", "total", "detail")}
-    return TaskView(task=name, study=study, is_cancelled=known.cancelled_at is not None, **facts)
+    made = RESULTS.fullmatch(known.result or "") if known.state == "done" else None
+    named: dict[str, Any] = {kind: unquote(name) for kind, name in (made.groupdict() if made else {}).items() if name}
+    facts: dict[str, Any] = {key: getattr(known, key) for key in ("state", "done", "total", "detail")}
+    return TaskView(task=name, is_cancelled=known.cancelled_at is not None, **{"study": None, **named}, **facts)
 
 
 @router.patch("/studies/{slug}", response_model=ManagedStudyView)
@@ -256,9 +280,16 @@ def invitations(_actor: StudyEditor, study: AStudy, database: Store) -> list[dic
 @router.post("/studies/{slug}/invitations", status_code=201, response_model=list[InvitationView])
 def invite(body: InvitationsBody, actor: StudyEditor, study: AStudy, database: Store) -> list[dict[str, Any]]:
     """Make invitations, each for so many participants."""
-    codes = make_invitations(database, study, body.places, [""] * body.number, actor)
+    codes = make_invitations(database, study, body.places, [body.label] * body.number, actor)
     with database.reading() as connection:
         return [_invitation(row) for row in invitations_of(connection, study.id) if row.code in codes]
+
+
+@router.patch("/studies/{slug}/invitations/{code}", status_code=204, response_class=Response)
+def label(body: LabelBody, code: Code, actor: StudyEditor, study: AStudy, database: Store) -> Response:
+    """Say whom an invitation is for; participants do not read it."""
+    name_invitation(database, study, code, body.label, actor)
+    return Response(status_code=204)
 
 
 @router.delete("/studies/{slug}/invitations/{code}", status_code=204, response_class=Response)
@@ -268,44 +299,8 @@ def end(code: Code, actor: StudyEditor, study: AStudy, database: Store) -> Respo
     return Response(status_code=204)
 
 
-@router.put("/studies/{slug}/participants/{label}/exclusion", response_model=ExclusionView)
-def exclude_participant(
-    body: ExclusionBody, label: Label, actor: Excluder, study: AStudy, database: Store
-) -> dict[str, Any]:
-    """Leave a participant's votes out of the analysis, for a reason.
-
-    Sent again with the same reason, it changes nothing; with another one it is refused (409).
-    """
-    with database.writing() as connection:
-        person = participant_labelled(connection, study.id, label)
-        held = _exclusion_of(connection, person.id)
-        if held is None or held["reason"] != body.reason:
-            exclude(connection, person, body.reason, actor.name, actor.now)
-            actor.note(connection, "participant excluded", study, label)
-            held = _exclusion_of(connection, person.id)
-    assert held is not None, "it was just inserted"
-    shown = {name: held[name] for name in ("reason", "excluded_by")}
-    return {"participant": label, **shown, "excluded_at": held["excluded_at"].isoformat()}
-
-
-@router.delete("/studies/{slug}/participants/{label}/exclusion", status_code=204, response_class=Response)
-def include_participant(label: Label, actor: Excluder, study: AStudy, database: Store) -> Response:
-    """Count a participant's votes again; sent again, it changes nothing."""
-    with database.writing() as connection:
-        person = participant_labelled(connection, study.id, label)
-        if _exclusion_of(connection, person.id) is not None:
-            undo_exclusion(connection, person, actor.name, actor.now)
-            actor.note(connection, "exclusion undone", study, label)
-    return Response(status_code=204)
-
-
-def _exclusion_of(connection: Transaction, participant_id: int) -> dict[str, Any] | None:
-    """Return the exclusion of a participant that holds."""
-    return next((row for row in exclusion_records(connection, participant_id) if row["undone_at"] is None), None)
-
-
 def _invitation(row: Invitation) -> dict[str, Any]:
-    return {"code": row.code, "places": row.places, "n_used": row.n_used, "path": f"/s/{row.code}"}
+    return {"code": row.code, "places": row.places, "n_used": row.n_used, "path": f"/s/{row.code}", "label": row.label}
 
 
 def _created(database: Database, slug: str) -> Response:

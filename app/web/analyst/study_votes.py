@@ -121,6 +121,7 @@ def votes_table(
         choice=votes.choice,
         first_shown=np.where(votes.a_is_first | (item_a == item_b), 0, 1).astype(np.int8),
         both_seen=votes.both_seen,
+        shown_smoothly=votes.shown_smoothly,
         count=np.ones(len(votes), np.int64),
         response_ms=votes.response_ms,
         press_to_picture_ms=votes.press_to_picture_ms,

@@ -13,6 +13,7 @@ from app.store.trials.sessions import Done, Session
 from app.store.trials.trials import MOST_ATTEMPTS, NextTrial
 from app.study.options.options import FullScreen, Pixels, StudyOptions
 from app.study.protocols import CCR, Protocol
+from app.study.trial.smoothness import allowed_gap_ms
 from app.study.trial.technique import Technique
 from app.study.trial.trial import Disturbance, Half, Interruption, Label
 from app.study.trial.valid_vote import without_unknowns
@@ -82,6 +83,7 @@ class OneTrialView(BaseModel):
     )
     protocol: Protocol = Field(description="how to judge; in DCR A is the reference and B is rated")
     grades: GradesView | None = Field(description="null in PC, where the vote is a choice and not a rating")
+    longest_gap_ms: float = Field(description="between two frames; after a longer one the look is void: suspended")
     void_on: list[Disturbance] = Field(description="what interrupts a look; whatever else happens is recorded only")
     full_screen: FullScreen = Field(description="required: the film is shown in full screen only")
     minimum_window: list[int] = Field(description="width and height of the smallest window, CSS pixels; empty: any")
@@ -124,6 +126,13 @@ class DisplayBody(TypedDict):
 
 
 @with_config(Strict.model_config)
+class SmoothnessBody(TypedDict):
+    longest_gap_ms: Annotated[Milliseconds, Field(description="between two frames on the display, or until the end")]
+    n_presented: NotRequired[Annotated[Count | None, Field(description="frames that the display got")]]
+    n_refreshes: NotRequired[Annotated[Count | None, Field(description="of the display, as far as the page was told")]]
+
+
+@with_config(Strict.model_config)
 class HappeningBody(TypedDict):
     what: Happening
     at_ms: Annotated[
@@ -152,6 +161,7 @@ class ViewingBody(TypedDict):
     n_mismatches: NotRequired[
         Annotated[Count | None, Field(description="refreshes at which A and B were different frames")]
     ]
+    smoothness: NotRequired[Annotated[SmoothnessBody | None, Field(description="how the film ran on the display")]]
     n_stalls: NotRequired[Annotated[Count | None, Field(description="how often the film waited for data")]]
     happened: NotRequired[
         Annotated[
@@ -205,6 +215,7 @@ def trial_view(session: Session, current: NextTrial, done: Done, ahead: int) -> 
         first_shown="a" if current.first_shown == "a" else "b",
         see_both=session.options.see_both and not session.options.is_shown_alone,
         minimum_viewing_s=0.0 if session.options.is_shown_alone else session.options.minimum_viewing_s,
+        longest_gap_ms=allowed_gap_ms(current.fps),
         media=trial_media(session, current),
         **_same_in_every_trial(session),
     )
@@ -237,6 +248,7 @@ def practice_view(session: Session, pair: PracticePair, total: int) -> OneTrialV
         first_shown="b" if turn else "a",
         see_both=False,  # the page shows a pair of the practice again by itself
         minimum_viewing_s=0.0,
+        longest_gap_ms=allowed_gap_ms(pair.fps),
         media=_media_view(options, pair, a_half, has_reference=False, name=pair.media),
         **_same_in_every_trial(session),
     )

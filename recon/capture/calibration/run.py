@@ -25,7 +25,7 @@ from recon.capture.calibration.solve import (
     calibrate_rig,
 )
 from recon.capture.images import (
-    IMAGE_SUFFIXES,
+    PICTURE_SUFFIXES,
     VIDEO_SUFFIXES,
     CaptureError,
     is_video,
@@ -201,7 +201,7 @@ def _shots(source: Path, n_frames: int) -> dict[str, _Shot]:
 def _look(source: Path, board: Board, n_frames: int) -> _Camera:
     shots = _shots(source, n_frames)
     if not shots:
-        raise CaptureError(f"{source}: holds no images ({', '.join(IMAGE_SUFFIXES)})")
+        raise CaptureError(f"{source}: holds no images ({', '.join(PICTURE_SUFFIXES)})")
     views, rejected, size = dict[str, Corners](), dict[str, str](), (0, 0)
     for name, shot in shots.items():
         picture = shot.read()

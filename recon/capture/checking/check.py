@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -28,11 +28,22 @@ from recon.capture.checking.continuity import (
     glance_at,
     is_one_camera_twice,
 )
+from recon.capture.checking.diagnosis import Correction
+from recon.capture.checking.lag import Lag
 from recon.capture.checking.matches import Matches, match_pictures
 from recon.capture.checking.sensor import SensorCheck, brightness_ratios, check_sensor, measured_frames
 from recon.capture.checking.sensor_report import SensorReport
+from recon.capture.checking.silhouettes import Silhouette, Silhouettes, silhouette_of
 from recon.capture.checking.synchrony import SilhouetteFindings, silhouette_findings, synchrony_problems
-from recon.capture.format import CaptureError, expected_pictures, frame_pictures, read_draft, read_picture
+from recon.capture.format import (
+    CaptureError,
+    expected_pictures,
+    foreground,
+    frame_pictures,
+    mask_pictures,
+    read_draft,
+    read_picture,
+)
 from recon.capture.recording import SensorStream
 from recon.capture.schema import Draft
 
@@ -49,6 +60,8 @@ class CheckReport:
     problems : each makes the capture unusable or its depths wrong
     warnings : each costs accuracy or single frames; the capture can be used
     glances : thumbnails of all frames of every camera that could be read
+    lags : how late the second of two neighbouring sensors is, by their ids, where silhouettes tell it
+    corrections : small ones of sensors whose rows are apart, by their ids
     """
 
     folder: str
@@ -57,6 +70,8 @@ class CheckReport:
     problems: tuple[str, ...]
     warnings: tuple[str, ...] = ()
     glances: Glances = field(default_factory=dict, repr=False, compare=False)
+    lags: Mapping[tuple[str, str], Lag] = field(default_factory=dict)
+    corrections: Mapping[str, Correction] = field(default_factory=dict)
 
     @property
     def verdicts(self) -> tuple[str, ...]:
@@ -70,24 +85,27 @@ class CheckReport:
             "folder": self.folder,
             "n_frames": self.n_frames,
             "sensors": [{**asdict(sensor), "texture": sensor.texture} for sensor in self.sensors],
+            "lags": [{"sensors": list(names), **asdict(lag)} for names, lag in self.lags.items()],
+            "corrections": [{"sensor": name, **asdict(change)} for name, change in self.corrections.items()],
             "verdicts": list(self.verdicts),
             "problems": list(self.problems),
             "warnings": list(self.warnings),
         }
 
     def as_text(self) -> str:
-        """Say two lines for each sensor; problems and warnings are left to the caller."""
-        return "\n".join(f"{sensor.as_line()}\n{sensor.verdict()}" for sensor in self.sensors)
+        """Say two lines for each sensor, and their lags; problems and warnings are left to the caller."""
+        lags = [f"{second} is {lag} behind {first}" for (first, second), lag in self.lags.items()]
+        return "\n".join([*(f"{sensor.as_line()}\n{sensor.verdict()}" for sensor in self.sensors), *lags])
 
 
 def check_capture(capture_folder: Path) -> CheckReport:
     """Read all of a capture and list everything that is wrong with it."""
     draft = read_draft(capture_folder)
     n_frames = draft.n_frames or 0
-    glances, unreadable = _look_through(capture_folder, draft)
-    checks = [check_sensor(capture_folder, stream, n_frames, draft.bounds) for stream in draft.sensors]
-    silhouettes = silhouette_findings(capture_folder, draft)
-    problems = [*draft.problems, *unreadable, *frozen_cameras(glances), *_other_instants(draft, glances, silhouettes)]
+    glances, silhouettes, unreadable = _look_through(capture_folder, draft)
+    checks = [check_sensor(capture_folder, stream, n_frames, draft.bounds, silhouettes) for stream in draft.sensors]
+    instants = silhouette_findings(draft, silhouettes)
+    problems = [*draft.problems, *unreadable, *frozen_cameras(glances), *_other_instants(draft, glances, instants)]
     doubled = [stream.id for stream in draft.sensors if is_one_camera_twice(stream, glances)]
     problems += [
         f"sensor {name}: its left and right pictures are the same, one camera's; give each camera its own"
@@ -101,18 +119,20 @@ def check_capture(capture_folder: Path) -> CheckReport:
         *_without_masks(draft.sensors),
         *(() if problems else _bounds_beside_pictures(draft)),
         *unlike_exposures(comparisons),
-        *silhouettes.warnings,
+        *instants.warnings,
         *count_warnings(capture_folder, draft.cameras, n_frames),
         *continuity_warnings(glances),
     ]
     warnings += [warning for check in checks for warning in check.warnings]
     reports = tuple(check.report for check in checks)
-    return CheckReport(str(capture_folder), draft.n_frames, reports, tuple(problems), tuple(warnings), glances)
+    corrections = {check.report.id: check.correction for check in checks if check.correction is not None}
+    verdict = tuple(problems), tuple(warnings), glances, instants.decided, corrections
+    return CheckReport(str(capture_folder), draft.n_frames, reports, *verdict)
 
 
-def _other_instants(draft: Draft, glances: Glances, silhouettes: SilhouetteFindings) -> Iterator[str]:
-    yield from synchrony_problems(draft.sensors, glances, silhouettes.decided)
-    yield from silhouettes.problems
+def _other_instants(draft: Draft, glances: Glances, instants: SilhouetteFindings) -> Iterator[str]:
+    yield from synchrony_problems(draft.sensors, glances, instants.decided)
+    yield from instants.problems
 
 
 def _without_masks(sensors: Sequence[SensorStream]) -> Iterator[str]:
@@ -162,17 +182,20 @@ def _look_between(
     return shared, brightness_ratios(right, left, Matches(shared.first.right, shared.second.left))
 
 
-def _look_through(folder: Path, draft: Draft) -> tuple[Glances, list[str]]:
-    """Read every picture once: glances at the sound sensors' frames, and what is wrong with the files."""
-    patterns = {
-        picture.path: side.image
-        for frame in range(draft.n_frames or 0)
-        for stream in draft.sensors
-        for side, picture in zip(stream.cameras, frame_pictures(folder, stream, frame), strict=True)
-    }
+def _look_through(folder: Path, draft: Draft) -> tuple[Glances, Silhouettes, list[str]]:
+    """Read every picture once: glances at the sound sensors' frames, silhouettes, and what is wrong with the files."""
+    patterns: dict[Path, str] = {}
+    mask_patterns: dict[Path, str] = {}
+    for stream in draft.sensors:
+        for frame in range(draft.n_frames or 0):
+            for side, picture in zip(stream.cameras, frame_pictures(folder, stream, frame), strict=True):
+                patterns[picture.path] = side.image
+            for pattern, picture in zip(stream.mask or (), mask_pictures(folder, stream, frame), strict=True):
+                mask_patterns[picture.path] = pattern
     broken: set[Path] = set()
     problems: list[str] = []
     glances: dict[str, dict[int, Glance]] = {}
+    silhouettes: dict[str, dict[int, Silhouette]] = {}
     for picture in expected_pictures(folder, draft):
         if picture.path in broken:
             continue  # a later frame of a video fails for the same reason
@@ -184,4 +207,7 @@ def _look_through(folder: Path, draft: Draft) -> tuple[Glances, list[str]]:
             continue
         if picture.path in patterns:
             glances.setdefault(patterns[picture.path], {})[picture.frame] = glance_at(pixels)
-    return glances, problems
+        elif picture.path in mask_patterns:
+            silhouette = silhouette_of(foreground(pixels))
+            silhouettes.setdefault(mask_patterns[picture.path], {})[picture.frame] = silhouette
+    return glances, silhouettes, problems

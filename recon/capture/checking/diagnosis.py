@@ -16,6 +16,7 @@ from recon.geometry.rig import Sensor, rigid
 
 MIN_MATCHES = 20  # fewer say nothing about a calibration
 MIN_ERROR_PX = 0.15  # median; features are found to about 0.1 px, and a smaller error does no harm
+LARGE_ERROR_PX, LARGE_TURN_DEG = 1.0, 0.2  # what a mount that has settled may come to
 MIN_GAIN = 0.65  # of the error is left by an explanation that is believed
 SAME_GAIN = 1.5  # times the best explanation's error: the one with fewer unknowns is taken
 MIN_TURN_DEG = 0.1
@@ -60,6 +61,76 @@ def diagnose(sensor: Sensor, matches: Matches) -> tuple[str, ...]:
         f"sensor {sensor.id}: {likely.sentence} ({len(matches)} matched points are {error:.2f} px off their epipolar "
         f"lines, {likely.error_px:.2f} px with that undone)",
     )
+
+
+@dataclass(frozen=True)
+class Correction:
+    """What the right camera of a sensor would have to be like for rows to agree.
+
+    Parameters
+    ----------
+    turn_deg : about the axis across its view and rows, which shifts rows
+    roll_deg : about its view, which turns them
+    scale : of its focal lengths, which stretches them
+    before_px, after_px : median distance of matched points from their epipolar lines, without and with it
+    n_matches : how many points
+    """
+
+    turn_deg: float
+    roll_deg: float
+    scale: float
+    before_px: float
+    after_px: float
+    n_matches: int
+
+    def __str__(self) -> str:
+        """Say what it changes, and what it gains."""
+        return (
+            f"the right camera turned by {self.turn_deg:+.3f} degrees, rolled by {self.roll_deg:+.3f}, with "
+            f"{self.scale:.4f} times its focal lengths brings {self.n_matches} matched points from "
+            f"{self.before_px:.2f} to {self.after_px:.2f} px off their epipolar lines"
+        )
+
+    @property
+    def is_small(self) -> bool:
+        """True if it is what mounts do over a day, and leaves nothing that asks for another reason."""
+        turns = max(abs(self.turn_deg), abs(self.roll_deg))
+        is_little = self.before_px < LARGE_ERROR_PX and turns < LARGE_TURN_DEG
+        return is_little and abs(self.scale - 1) < MIN_FOCAL_CHANGE and self.after_px < MIN_ERROR_PX
+
+    def applied(self, sensor: Sensor) -> Sensor:
+        """Return a sensor with it."""
+        return _small_change(sensor, np.array([*np.deg2rad([self.turn_deg, self.roll_deg]), np.log(self.scale)]))
+
+
+def small_correction(sensor: Sensor, matches: Matches) -> Correction | None:
+    """Fit a small correction of a sensor; None if its rows are well without one, or remain as wrong with it.
+
+    Parameters
+    ----------
+    sensor : as its calibration says
+    matches : that agree on some geometry of two cameras
+    """
+    if len(matches) < MIN_MATCHES or _median(epipolar_errors(sensor, matches)) < MIN_ERROR_PX:
+        return None
+    before = _median(epipolar_errors(sensor, matches))
+    unknown, after = _fit(lambda change: _small_change(sensor, change), 3, matches)
+    if after > MIN_GAIN * before:
+        return None
+    turn, roll = np.rad2deg(unknown[:2])
+    return Correction(float(turn), float(roll), float(np.exp(unknown[2])), before, after, len(matches))
+
+
+def _small_change(sensor: Sensor, change: NDArray[np.float64]) -> Sensor:
+    """Turn a sensor's right camera about the baseline's axis across its view, roll it, and scale its focal lengths."""
+    turn, roll, scale = change
+    camera = sensor.right
+    along = camera.rotation @ (sensor.right.centre - sensor.left.centre)
+    along -= along[2] * np.array([0.0, 0.0, 1.0])
+    axis = along / np.linalg.norm(along)
+    rotation = cv2.Rodrigues(turn * axis)[0] @ cv2.Rodrigues(np.array([0.0, 0.0, roll]))[0]
+    turned = replace(camera, cam_from_world=rigid(rotation, np.zeros(3)) @ camera.cam_from_world)
+    return replace(sensor, right=with_focal(turned, float(np.exp(scale))))
 
 
 def _aspect(sensor: Sensor, side: str) -> float:

@@ -11,11 +11,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from recon.capture.checking.silhouettes import Silhouette
 from recon.capture.rectify import viewing_directions
 from recon.geometry.rig import Camera
 
@@ -23,7 +23,7 @@ LARGEST_FRAMES = 3.5  # that are searched
 STEP = 0.025  # frames
 FEWEST_FRAMES = 10
 NEAREST_TO_BASELINE = 0.4  # sine of the angle between the baseline and the way to the object; below, planes graze it
-MOST_UNSURE = 1.0  # frames, of the interval's width
+HALF_FRAME = 0.5  # of lag; more spoils fusion, less costs accuracy
 LEAST_EVIDENCE = 2.0  # as of the interval: twice that is chi-square with one degree of freedom
 LEAST_FRAMES = 0.2  # that matter
 CORRELATED = 6.0  # residuals of neighbouring frames, and of both cameras of a sensor, are alike: as many count as one
@@ -46,10 +46,14 @@ class Lag:
     high: float
     evidence: float
 
+    def __str__(self) -> str:
+        """Say it with its interval."""
+        return f"{self.frames:.2f} frames ({self.low:.2f} to {self.high:.2f} with 95 %)"
+
     @property
     def is_known(self) -> bool:
-        """True if it is known to half a frame."""
-        return self.high - self.low <= MOST_UNSURE and self.low > -LARGEST_FRAMES and self.high < LARGEST_FRAMES
+        """True if the sensors are certain to be late, or certain to be less than half a frame apart."""
+        return self.is_late or max(-self.low, self.high) < HALF_FRAME
 
     @property
     def is_late(self) -> bool:
@@ -92,20 +96,19 @@ class TangentPlanes:
         self._across = across / max(float(np.linalg.norm(across)), 1e-9)
         self._up = np.cross(baseline, self._across)
 
-    def tangents(self, camera: Camera, masks: Sequence[NDArray[np.bool_] | None]) -> Tangents:
-        """Find the planes that touch a camera's silhouettes, bool (H, W) each; None for what is not known."""
-        angles = [(np.nan, np.nan) if mask is None else self._angles(camera, mask) for mask in masks]
+    def tangents(self, camera: Camera, silhouettes: Sequence[Silhouette | None]) -> Tangents:
+        """Find the planes that touch a camera's silhouettes; None for what is not known."""
+        angles = [(np.nan, np.nan) if shape is None else self._angles(camera, shape) for shape in silhouettes]
         return Tangents(np.array(angles), 1.0 / float(camera.K[0, 0]))
 
-    def _angles(self, camera: Camera, mask: NDArray[np.bool_]) -> tuple[float, float]:
-        """Return the lowest and the highest angle of a silhouette, bool (H, W); NaN where the edge cuts it."""
-        outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        if not outlines:
+    def _angles(self, camera: Camera, silhouette: Silhouette) -> tuple[float, float]:
+        """Return the lowest and the highest angle of a silhouette; NaN where the picture's edge cuts it."""
+        pixels = silhouette.outline.astype(np.float64)
+        if not len(pixels):
             return np.nan, np.nan
-        pixels = np.concatenate(outlines)[:, 0].astype(np.float64)
         rays = viewing_directions(camera, pixels) @ camera.rotation
         angle = np.arctan2(rays @ self._up, rays @ self._across)
-        height, width = mask.shape
+        width, height = silhouette.size
         ends = (int(angle.argmin()), int(angle.argmax()))
         is_cut = [not (0 < pixels[end][0] < width - 1 and 0 < pixels[end][1] < height - 1) for end in ends]
         low, high = (float(np.nan if cut else angle[end]) for end, cut in zip(ends, is_cut, strict=True))

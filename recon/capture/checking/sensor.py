@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import cv2
 import numpy as np
@@ -14,11 +15,12 @@ from numpy.typing import NDArray
 from recon.capture.checking.agreement import FEWEST, LOWEST_SHARE, Agreement, agreeing, agreeing_with_each_other
 from recon.capture.checking.continuity import DARK_LEVELS
 from recon.capture.checking.depth import DepthCheck, bounds_area, check_depth_maps
-from recon.capture.checking.diagnosis import MIN_ERROR_PX, MIN_GAIN, MIN_MATCHES, diagnose
+from recon.capture.checking.diagnosis import MIN_ERROR_PX, MIN_GAIN, MIN_MATCHES, Correction, diagnose, small_correction
 from recon.capture.checking.matches import Matches, epipolar_errors, joined, match_pictures
+from recon.capture.checking.rows import OFF_PX, fit_rows, pivot_of
 from recon.capture.checking.sensor_report import Rows, SensorReport
+from recon.capture.checking.silhouettes import Silhouettes, check_masks, listed
 from recon.capture.format import CaptureError, SensorStream, frame_pictures, mask_pictures, read_mask, read_picture
-from recon.capture.masks.outline import edge_share
 from recon.capture.noise import noise_deviation
 from recon.capture.recording import evenly_chosen
 from recon.capture.rectify import Rectification, rectify, rectify_images, rectify_masks
@@ -30,12 +32,10 @@ MOST_SHOTS = 12  # frames of a recording that is one of shots, not a film
 MIRRORED = 0.5  # of the disparities of swapped pictures lie within the bounds with their sign changed
 MIN_INSIDE = 0.05  # of the matched points have a disparity of the bounds, or of the masks lie in them
 MIN_BOUNDS_PX = 256  # of a picture that show the bounds; an object of fewer has no shape
-MAX_EDGE = 0.9  # of the picture's edge that masks cover; an object fills less, its background all
 MATCHED_PX = 0.25  # what disparities are good to: root mean square on benchmarks with known truth
 TEXTURE_WINDOW = 9  # pixels, about a matcher's
 MIN_TEXTURE = 2.5  # grey levels of local standard deviation, the noise's taken off
 MAX_LEFT_TO_RIGHT = 1.15  # of the brightness of matched points
-MOST_LISTED = 5  # frames in a sentence
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,15 +68,23 @@ class SensorCheck:
     ----------
     problems, warnings : one sentence for everything that spoils depth, and for everything that makes it worse
     matches : by the measured frame, points of the pictures as recorded
+    correction : of the calibration, where rows are apart and one helps
     """
 
     report: SensorReport
     problems: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     matches: dict[int, Matches] = field(default_factory=dict)
+    correction: Correction | None = None
 
 
-def check_sensor(folder: Path, stream: SensorStream, n_frames: int, bounds: NDArray[np.float64] | None) -> SensorCheck:
+def check_sensor(
+    folder: Path,
+    stream: SensorStream,
+    n_frames: int,
+    bounds: NDArray[np.float64] | None,
+    silhouettes: Silhouettes = MappingProxyType({}),
+) -> SensorCheck:
     """Measure one sensor: its pair, its depth maps, or both.
 
     Parameters
@@ -85,9 +93,10 @@ def check_sensor(folder: Path, stream: SensorStream, n_frames: int, bounds: NDAr
     stream : the sensor and its images
     n_frames : of the capture
     bounds : float64 (2, 3), mm, of the capture; None if they are unknown
+    silhouettes : of its masks
     """
     baseline = None if stream.right is None else stream.sensor.baseline
-    coverage, problems, warnings = _check_masks(folder, stream, n_frames)
+    coverage, problems, warnings = check_masks(stream, silhouettes)
     check = SensorCheck(SensorReport(stream.id, baseline, mask_coverage=coverage), tuple(problems), tuple(warnings))
     if bounds is not None and stream.depth is not None:
         check = _with_depth_maps(check, check_depth_maps(folder, stream, n_frames, bounds))
@@ -125,8 +134,11 @@ def _with_pair(
     agreement = Agreement(len(matches), len(matched))
     rows = _rows(joined([look.rectified for look in looks]), rectification)
     is_checked = agreement.is_enough or Agreement(rows.n_agreeing, rows.n_matches).is_enough
-    faults = diagnose(stream.sensor, matches) if agreement.is_enough else ()
     misfit = _misfit(stream.sensor, matches, rows)
+    correction = small_correction(stream.sensor, matches) if agreement.is_enough and misfit > OFF_PX else None
+    is_small = correction is not None and correction.is_small
+    faults = diagnose(stream.sensor, matches) if agreement.is_enough and not is_small else ()
+    row_faults = faults or tuple(_row_problems(rectification, rows, misfit))
     textured = [look.textured for look in looks if look.textured is not None]
     depth = rectification.left.points_in_camera(bounds.mean(axis=0, keepdims=True))[0, 2]
     per_pixel = float(depth**2 / (rectification.focal * rectification.baseline))
@@ -145,16 +157,18 @@ def _with_pair(
         (
             *check.problems,
             *_swapped_problems(stream.id, swapped, len(shots)),
-            *(faults or _row_problems(rectification, rows, misfit)),
+            *row_faults,
             *(list(_bounds_problems(stream, bounds, looks)) or _error_problems(report, bounds)),
         ),
         (
             *check.warnings,
             *(() if is_checked else (_unchecked(stream.id, agreement),)),
+            *_row_warnings(report, misfit, correction, is_told=bool(row_faults)),
             *_exposure_warnings(stream.id, looks),
             *_texture_warnings(report),
         ),
         {look.frame: look.matches for look in looks},
+        correction,
     )
 
 
@@ -191,7 +205,7 @@ def _is_swapped(sensor: Sensor, look: _Look, rectification: Rectification) -> bo
 def _swapped_problems(sensor_id: str, swapped: Sequence[int], n_shots: int) -> Iterator[str]:
     if swapped:
         yield (
-            f"sensor {sensor_id}: left and right are swapped in {_listed(swapped)}, but not in the other "
+            f"sensor {sensor_id}: left and right are swapped in {listed(swapped)}, but not in the other "
             f"{n_shots - len(swapped)} that were measured; exchange these pictures"
         )
 
@@ -222,37 +236,6 @@ def _bounds_problems(stream: SensorStream, bounds: NDArray[np.float64], looks: S
             f"sensor {stream.id}: {np.mean(inside):.0%} of what the left masks show lies within the bounds; check the "
             "bounds, their unit (mm) and the masks"
         )
-
-
-def _check_masks(
-    folder: Path, stream: SensorStream, n_frames: int
-) -> tuple[tuple[float, ...] | None, list[str], list[str]]:
-    """Return the mean share of foreground in each camera's masks, None without masks; problems and warnings."""
-    shares, edges = {}, []
-    for frame in range(n_frames if stream.mask else 0):
-        with suppress(CaptureError):  # listed already
-            masks = [read_mask(picture) for picture in mask_pictures(folder, stream, frame)]
-            shares[frame] = [float(mask.mean()) for mask in masks]
-            edges.append([edge_share(mask) for mask in masks])
-    if not shares:
-        return None, [], []
-    coverage = tuple(map(float, np.mean(list(shares.values()), axis=0)))
-    if min(coverage) == 0:
-        return coverage, [f"sensor {stream.id}: the masks of a camera are empty in all frames"], []
-    warnings = []
-    if empty := [frame for frame, share in shares.items() if min(share) == 0]:
-        warnings.append(f"sensor {stream.id}: a mask is empty in {_listed(empty)}; the sensor sees nothing there")
-    if (edge := float(np.mean(edges, axis=0).max())) > MAX_EDGE:
-        warnings.append(
-            f"sensor {stream.id}: the masks of a camera cover {edge:.0%} of the pictures' edges; white is the object, "
-            "black the background: are they the other way round?"
-        )
-    return coverage, [], warnings
-
-
-def _listed(frames: Sequence[int]) -> str:
-    more = f" and {len(frames) - MOST_LISTED} more" if len(frames) > MOST_LISTED else ""
-    return f"frame{'s' * (len(frames) > 1)} {', '.join(map(str, frames[:MOST_LISTED]))}{more}"
 
 
 def measured_frames(n_frames: int) -> list[int]:
@@ -316,7 +299,9 @@ def _rows(rectified: Matches, rectification: Rectification) -> Rows:
     disparities, differences = (kept.left - kept.right).T
     inside = (disparities >= 0) & (disparities < rectification.n_disparities)
     vertical_error, disparity = float(np.median(np.abs(differences))), float(np.median(disparities))
-    return Rows(len(rectified), vertical_error, disparity, float(np.mean(inside)), len(kept))
+    fit = fit_rows(rectified, pivot_of(rectification))
+    left = None if fit is None else fit.after_px
+    return Rows(len(rectified), vertical_error, disparity, float(np.mean(inside)), len(kept), left)
 
 
 def _misfit(sensor: Sensor, matches: Matches, rows: Rows) -> float:
@@ -345,6 +330,24 @@ def _row_problems(rectification: Rectification, rows: Rows, misfit: float) -> It
             f"{place} have a disparity of {rows.disparity_px:.1f} px (median), the bounds span 0 to "
             f"{rectification.n_disparities - 1}; the bounds, the baseline or the order of left and right are wrong"
         )
+
+
+def _row_warnings(
+    report: SensorReport, misfit: float, correction: Correction | None, *, is_told: bool
+) -> Iterator[str]:
+    """Say that rows are apart, and what a correction would gain; `is_told` of what is a problem already."""
+    if report.is_checked is False or misfit <= OFF_PX:
+        return
+    if not is_told:
+        left = (
+            "" if report.rows is None or report.rows.left_px is None else f", of which {report.rows.left_px:.2f} remain"
+        )
+        yield (
+            f"sensor {report.id}: rows are {misfit:.2f} px apart after rectification, expected at most a third of a "
+            f"pixel; `reconstruct` and `match` move them together{left}"
+        )
+    if correction is not None:
+        yield f"sensor {report.id}: {correction}; `capture check --correct` writes the recording with it"
 
 
 def _exposure_warnings(sensor_id: str, looks: list[_Look]) -> Iterator[str]:

@@ -18,6 +18,7 @@ class Rows:
     disparity_px : their median disparity
     inside : share of them whose disparity is one of the bounds
     n_agreeing : how many they are
+    left_px : what is left of the median where the rows' shift, turn and stretch are undone, None without any
     """
 
     n_matches: int
@@ -25,6 +26,7 @@ class Rows:
     disparity_px: float | None
     inside: float | None = None
     n_agreeing: int = 0
+    left_px: float | None = None
 
 
 @dataclass(frozen=True)

@@ -8,19 +8,17 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.checking.continuity import Glance, Glances
-from recon.capture.checking.lag import TangentPlanes, Tangents, lag_between
-from recon.capture.format import CaptureError, mask_pictures, read_mask
+from recon.capture.checking.lag import HALF_FRAME, Lag, TangentPlanes, Tangents, lag_between
+from recon.capture.checking.silhouettes import Silhouette, Silhouettes
 from recon.capture.recording import SensorStream
 from recon.capture.schema import Draft
 
 MAX_LAG = 3  # frames
-HALF_FRAME = 0.5  # of lag; more spoils fusion, less costs accuracy
 MIN_FRAMES = 10  # that both cameras have at the largest lag, plus MAX_LAG
 MIN_LIKE = 0.85  # correlation at the lag that is believed; cameras of a sensor reach 0.92 to 1 in the studio's scenes
 MIN_MARGIN = 0.15  # above the correlation without lag
@@ -63,16 +61,22 @@ class SilhouetteFindings:
     Parameters
     ----------
     problems, warnings : of lags from half a frame on; of smaller ones, and where the masks cannot tell
-    decided : ids of two neighbours each, of which they can
+    decided : how late the second of two neighbours is, by their ids, of those of which they can
     """
 
     problems: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
-    decided: set[tuple[str, str]] = field(default_factory=set)
+    decided: dict[tuple[str, str], Lag] = field(default_factory=dict)
 
 
-def silhouette_findings(folder: Path, draft: Draft) -> SilhouetteFindings:
-    """Say which neighbouring sensors recorded other instants, to parts of a frame, by the masks of their cameras."""
+def silhouette_findings(draft: Draft, silhouettes: Silhouettes) -> SilhouetteFindings:
+    """Say which neighbouring sensors recorded other instants, to parts of a frame, by the masks of their cameras.
+
+    Parameters
+    ----------
+    draft : the capture
+    silhouettes : of its masks
+    """
     n_frames, findings = draft.n_frames or 0, SilhouetteFindings()
     if n_frames < MIN_FRAMES + MAX_LAG or draft.bounds is None or len(draft.sensors) < 2:
         return findings
@@ -82,50 +86,39 @@ def silhouette_findings(folder: Path, draft: Draft) -> SilhouetteFindings:
             "no masks; make them by `capture segment`, then check again"
         )
         return findings
-    masks = {stream.id: _all_masks(folder, stream, n_frames) for stream in draft.sensors}
     middle = draft.bounds.mean(axis=0)
     for first, second in pairwise(draft.sensors):
-        late = lag_between(list(_tangent_pairs(first, second, (masks[first.id], masks[second.id]), middle)))
+        late = lag_between(list(_tangent_pairs((first, second), silhouettes, n_frames, middle)))
         names = f"sensors {first.id} and {second.id}"
-        if late is None or not (late.is_known or late.is_late):
+        if late is None or not late.is_known:
             between = "" if late is None else f" ({late.low:+.1f} to {late.high:+.1f} frames are possible)"
             findings.warnings.append(
                 f"whether {names} recorded the same instants could not be checked: their silhouettes move too little"
                 f"{between}"
             )
             continue
-        findings.decided.add((first.id, second.id))
+        findings.decided[first.id, second.id] = late
         if late.is_late:
             side = "behind" if late.frames > 0 else "ahead of"
             likely = sorted((abs(late.low), abs(late.high)))
             sentence = (
                 f"{names} are not synchronised, {second.id} is {abs(late.frames):.2f} frames {side} {first.id} by "
-                f"their silhouettes ({likely[0]:.2f} to {likely[1]:.2f} with 95 %); start all by one trigger"
+                f"their silhouettes ({likely[0]:.2f} to {likely[1]:.2f} with 95 %); start all by one trigger, or write "
+                "the recording anew by `capture check --resample`"
             )
             (findings.problems if abs(late.frames) >= HALF_FRAME else findings.warnings).append(sentence)
     return findings
 
 
-def _all_masks(folder: Path, stream: SensorStream, n_frames: int) -> list[list[NDArray[np.bool_] | None]]:
-    """Read all masks of a sensor, by camera and frame; None where one cannot be read, which is listed elsewhere."""
-    read: list[list[NDArray[np.bool_] | None]] = [[] for _ in stream.cameras]
-    for frame in range(n_frames):
-        for side, picture in zip(read, mask_pictures(folder, stream, frame), strict=True):
-            try:
-                side.append(read_mask(picture))
-            except CaptureError:
-                side.append(None)
-    return read
-
-
 def _tangent_pairs(
-    first: SensorStream,
-    second: SensorStream,
-    masks: tuple[list[list[NDArray[np.bool_] | None]], ...],
-    middle: NDArray[np.float64],
+    sensors: tuple[SensorStream, SensorStream], silhouettes: Silhouettes, n_frames: int, middle: NDArray[np.float64]
 ) -> Iterator[tuple[Tangents, Tangents]]:
-    for camera, its in zip(first.cameras, masks[0], strict=True):
-        for other, others in zip(second.cameras, masks[1], strict=True):
+    def over_time(pattern: str) -> list[Silhouette | None]:
+        return [silhouettes.get(pattern, {}).get(frame) for frame in range(n_frames)]
+
+    first, second = ([*zip(each.cameras, map(over_time, each.mask or ()), strict=True)] for each in sensors)
+    for camera, its in first:
+        for other, others in second:
             planes = TangentPlanes(camera.camera, other.camera, middle)
             if planes.is_usable:
                 yield planes.tangents(camera.camera, its), planes.tangents(other.camera, others)

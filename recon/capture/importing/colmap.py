@@ -28,7 +28,8 @@ def import_colmap(
     Parameters
     ----------
     source : folder with `cameras`, `images` and perhaps `points3D`, from which the bounds come, all `.bin` or `.txt`,
-        in itself or in `sparse/0`; the images lie in `images` in it or above the model, or in itself. A folder or a
+        in itself or in `sparse/0`; the images lie in `images` in it or above the model, or in itself, their masks in
+        `masks` beside these. A folder or a
         video named as an image without its suffix holds the frames that this camera recorded; else the image is the
         only frame, and images that no pair uses are held out
     out : the capture's folder, absent or empty
@@ -46,11 +47,13 @@ def import_colmap(
     folder = find_model(source)
     model = read_model(folder)
     images = _image_folder(source, folder)
+    masks = images.with_name("masks")
     views = {}
     for number, image in model.images.items():
         pose = rigid(image.pose[:3, :3], image.pose[:3, 3] * options.unit_mm)
         camera = replace(model.cameras[image.camera], cam_from_world=pose)
-        views[number] = View(image.name, camera, images / image.name)
+        mask = masks / f"{image.name}.png"
+        views[number] = View(image.name, camera, images / image.name, mask=mask if mask.is_file() else None)
     bounds = bounds_of_points(model.points * options.unit_mm)
     return write_recording(out, choose_sensors(source, views, pairs or (), bounds), options)
 

@@ -22,7 +22,13 @@ from recon.capture.importing.sources import faults_at
 from recon.capture.importing.views import HALF_PIXEL
 from recon.geometry.rig import Camera, rigid
 
-FOLDERS = (".", "sparse/0", "sparse")  # of a model, below the folder that COLMAP worked in
+FOLDERS = (  # of a model, below the folder that COLMAP worked in; the last ones are ETH3D's
+    ".",
+    "sparse/0",
+    "sparse",
+    "dslr_calibration_undistorted",
+    "rig_calibration_undistorted",
+)
 MODELS: dict[str, tuple[int, tuple[int, ...]]] = {
     "SIMPLE_PINHOLE": (1, ()),
     "PINHOLE": (2, ()),

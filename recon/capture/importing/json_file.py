@@ -5,9 +5,9 @@ The full form lists `sensors`, each with `id`, `left` and `right`; a camera has 
 one pose out of POSES, a 4x4 transform or {"R": 3x3, "t": [x, y, z]}. Instead of `right` or beside it, a sensor may have
 `depth` as in `capture.json`, its `image` a pattern or a list. The short form is for one sensor: `K_left`,
 `K_right`, `dist_left`, `dist_right`, a pose as `R_left_from_right` with `t_left_from_right` (or `_right_from_left`),
-and `left_file`, `right_file`: lists of files, or objects from the shot's name to its file. Both may have `units`,
-`name`, `kind`, `fps`, `bounds`, `radius`, `size` and `up`; keys of lengths may end in _mm or _m instead of following
-`units`.
+and `left_file`, `right_file`: lists of files, or objects from the shot's name to its file. Both may have `held_out`, a
+list of cameras with an `image` each that no sensor uses, and `units`, `name`, `kind`, `fps`, `bounds`, `radius`, `size`
+and `up`; keys of lengths may end in _mm or _m instead of following `units`.
 
 Convention: X_a = R_a_from_b X_b + t_a_from_b; pixel centres at integers; camera frames as OpenCV. Without a pose the
 world is the first left camera's frame turned by half a circle about x: x right, y up, the camera looks along -z.
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from recon.capture.format import Capture, image_path
 from recon.capture.images import CaptureError, is_video
-from recon.capture.importing.lenses import NAME_KEYS, model_name, with_lens
+from recon.capture.importing.lenses import with_lens
 from recon.capture.importing.opencv import CAMERA_FROM_WORLD
 from recon.capture.importing.sources import (
     DepthSource,
@@ -36,10 +36,12 @@ from recon.capture.importing.sources import (
     parse_unit,
     write_recording,
 )
+from recon.capture.importing.views import tell_absent
 from recon.capture.pictures import Pictures, find_pictures
 from recon.capture.recording import FRAME_FIELD, SIDES, DepthFacts, check_facts, frames_after
+from recon.geometry.lens_names import NAME_KEYS, model_name
 from recon.geometry.rig import UNITS_MM, Camera, rigid
-from recon.runtime.files import read_json
+from recon.runtime.files import allowed, read_json
 
 DIST_KEYS = ("dist", "dist_left", "dist_right")
 POSES = ("cam_from_world", "world_from_cam", "right_from_left", "left_from_right")
@@ -94,6 +96,7 @@ def import_json(
             object=_object(described),
             fps=content.get("fps"),
             bounds=described.length("bounds"),
+            held_out=_held_out(described),
             up=str(content.get("up", "y")),
         )
     return write_recording(out, recording, options)
@@ -158,6 +161,21 @@ def _sensor(described: _Description, entry: Mapping[str, Any], number: int) -> S
         )
         depth = _depth(described.path.parent, entry["depth"]) if "depth" in entry else None
         return SensorSource(name, left, right[0] if right else None, pictures, depth)
+
+
+def _held_out(described: _Description) -> tuple[tuple[Camera, Path], ...]:
+    """Return the photographs that no sensor uses, without those that are not there."""
+    held_out, absent = [], []
+    for entry in described.content.get("held_out", ()):
+        path = allowed(described.path.parent / str(entry["image"]))
+        if not path.is_file():
+            absent.append(str(entry["image"]))
+            continue
+        with faults_at(f"held_out {entry['image']}"):
+            camera = Camera(_numbers(entry, "K"), Pictures((path,)).size, _pose(described, entry, None))
+            held_out.append((with_lens(camera, model_name(entry, described.content), _dist(entry, "dist")), path))
+    tell_absent(described.path, absent)
+    return tuple(held_out)
 
 
 def _depth(folder: Path, entry: Mapping[str, Any]) -> DepthSource:

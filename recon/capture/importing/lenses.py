@@ -6,35 +6,17 @@ a perspective camera's.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.capture.images import CaptureError, is_video, read_image, read_video_frame, write_picture
-from recon.capture.pictures import copy_file
+from recon.capture.images import CaptureError, Pixels
+from recon.geometry.lens_names import FISHEYE, PERSPECTIVE, plain_name
 from recon.geometry.rig import Camera
-from recon.runtime.files import allowed
 
-NAME_KEYS = ("distortion_model", "distortionModel", "camera_model", "projection_model", "model")
-PERSPECTIVE = (
-    "plumb_bob",
-    "radtan",
-    "brown_conrady",
-    "rational_polynomial",
-    "thin_prism",
-    "pinhole",
-    "perspective",
-    "opencv",
-    "full_opencv",
-    "none",
-)
-FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "kb4", "kannalabrandt8", "opencv_fisheye")
 N_FISHEYE = 4
 
 
@@ -74,17 +56,12 @@ class FisheyeCamera(Camera):
         )
         return columns, rows
 
-    def undistorted(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def undistorted(self, picture: Pixels) -> Pixels:
         """Resample a picture (H, W) or (H, W, 3) as the pinhole camera would have taken it."""
         if picture.shape[1::-1] != self.size:
             width, height = picture.shape[1::-1]
             raise CaptureError(f"a picture is {width}x{height}, its camera {self.size[0]}x{self.size[1]}")
-        return np.asarray(cv2.remap(picture, *self._maps, cv2.INTER_LANCZOS4), np.uint8)
-
-
-def model_name(*entries: Mapping[str, Any]) -> str | None:
-    """Return the first name of a camera's model in parts of a calibration; None where nothing names it."""
-    return next((str(entry[key]) for entry in entries for key in NAME_KEYS if isinstance(entry.get(key), str)), None)
+        return np.asarray(cv2.remap(picture, *self._maps, cv2.INTER_LANCZOS4), picture.dtype)
 
 
 def with_lens(camera: Camera, model: str | None, dist: NDArray[np.float64]) -> Camera:
@@ -102,7 +79,7 @@ def with_lens(camera: Camera, model: str | None, dist: NDArray[np.float64]) -> C
     CaptureError
         If the model is not known, or four numbers have no name.
     """
-    name = None if model is None else model.lower().replace("-", "_").replace(" ", "_")
+    name = plain_name(model)
     if name in FISHEYE:
         lens = dist.ravel()
         if lens.size == N_FISHEYE + 1 and not lens[-1]:  # programs that write five numbers whatever the model
@@ -120,29 +97,3 @@ def with_lens(camera: Camera, model: str | None, dist: NDArray[np.float64]) -> C
             "`distortion_model: plumb_bob` to the calibration"
         )
     return replace(camera, dist=dist)
-
-
-def stored(camera: Camera) -> Camera:
-    """Return the camera of the pictures that `copy_picture` writes."""
-    return camera.pinhole if isinstance(camera, FisheyeCamera) else camera
-
-
-def copied_suffix(camera: Camera, path: Path) -> str:
-    """Return the suffix of the file that `copy_picture` writes."""
-    return ".png" if isinstance(camera, FisheyeCamera) else path.suffix.lower()
-
-
-def copy_picture(camera: Camera, source: Path, target: Path, frame: int | None = None) -> None:
-    """Copy a picture as it is; of a fisheye, write it undistorted.
-
-    Parameters
-    ----------
-    frame : of a video, which one to write; None for a picture, or to copy a whole video of no fisheye
-    """
-    if not isinstance(camera, FisheyeCamera):
-        copy_file(source, target)
-        return
-    allowed(source)
-    picture = read_image(source) if frame is None or not is_video(source) else read_video_frame(source, frame)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    write_picture(target, camera.undistorted(picture))

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from recon.capture.format import Capture, CaptureError
-from recon.capture.images import read_image
 from recon.capture.importing.sources import ImportOptions, Recording, SensorSource, faults_at, write_recording
+from recon.capture.importing.views import tell_absent
 from recon.capture.pictures import Pictures
 from recon.capture.recording import check_bounds
 from recon.geometry.rig import Camera, bounds_corners, rigid, transformed
@@ -108,16 +108,18 @@ def _read_views(listing: Path) -> dict[int, _View]:
     rows = [(number, line.split()) for number, line in enumerate(lines[1:], start=2) if line.strip()]
     if lines[0].strip() != str(len(rows)) or not rows:
         raise CaptureError(f"{listing}, line 1: announces {lines[0].strip()!r} views, {len(rows)} lines follow")
-    views: dict[int, _View] = {}
+    listed: dict[int, _View | None] = {}
     for line, row in rows:
         number, view = _read_view(listing, line, row)
-        if number in views:
+        if number in listed:
             raise CaptureError(f"{listing}, line {line}: view {number} is listed twice")
-        views[number] = view
-    return views
+        listed[number] = view
+    tell_absent(listing, [row[0] for (_, row), view in zip(rows, listed.values(), strict=True) if view is None])
+    return {number: view for number, view in listed.items() if view is not None}
 
 
-def _read_view(listing: Path, line: int, row: list[str]) -> tuple[int, _View]:
+def _read_view(listing: Path, line: int, row: list[str]) -> tuple[int, _View | None]:
+    """Return a view's number, and None instead of the view whose picture is not there."""
     ending = re.search(r"(\d+)\.\w+$", row[0])
     if ending is None:
         raise CaptureError(f"{listing}, line {line}: the name {row[0]!r} does not end with the view's number")
@@ -126,11 +128,11 @@ def _read_view(listing: Path, line: int, row: list[str]) -> tuple[int, _View]:
             f"{listing}, line {line}: {len(row) - 1} numbers after the name, expected {VALUES_PER_VIEW}: K, R and t"
         )
     path = listing.parent / row[0]
-    height, width = read_image(path).shape[:2]
+    size = Pictures((path,)).size if path.is_file() else None
     with faults_at(f"{listing}, line {line}"):
         values = np.array(row[1:], dtype=np.float64)
         pose = rigid(values[9:18].reshape(3, 3), values[18:21] * MM_PER_METRE)
-        return int(ending[1]), _View(path, Camera(values[:9].reshape(3, 3), (width, height), pose))
+        return int(ending[1]), None if size is None else _View(path, Camera(values[:9].reshape(3, 3), size, pose))
 
 
 def _check_listed(listing: Path, views: Mapping[int, _View], pairs: Sequence[tuple[int, int]], n_frames: int) -> None:
@@ -139,7 +141,8 @@ def _check_listed(listing: Path, views: Mapping[int, _View], pairs: Sequence[tup
     missing = sorted({view + k for pair in pairs for view in pair for k in range(n_frames)} - views.keys())
     if missing:
         raise CaptureError(
-            f"{listing}: {n_frames} frames of the pairs {list(pairs)} need views {missing}, which it does not list"
+            f"{listing}: {n_frames} frames of the pairs {list(pairs)} need views {missing}, which it does not list, "
+            "or whose pictures are not there"
         )
 
 

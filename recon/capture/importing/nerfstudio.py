@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from glob import escape
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,10 @@ from numpy.typing import NDArray
 
 from recon.capture.depth_maps import read_depth_values
 from recon.capture.format import Capture
-from recon.capture.images import IMAGE_SUFFIXES, CaptureError
+from recon.capture.images import PICTURE_SUFFIXES, CaptureError
 from recon.capture.importing.lenses import FisheyeCamera
 from recon.capture.importing.sources import DepthSource, ImportOptions, faults_at, parse_unit, write_recording
-from recon.capture.importing.views import HALF_PIXEL, View, bounds_of_points, choose_sensors, pictures_of
+from recon.capture.importing.views import HALF_PIXEL, View, bounds_of_points, choose_sensors, pictures_of, tell_absent
 from recon.geometry.mesh_files import read_points
 from recon.geometry.rig import OPENGL, Camera, rigid
 from recon.runtime.files import allowed, read_json
@@ -82,7 +83,10 @@ def import_nerfstudio(
         raise CaptureError(f"{path}: the scale is arbitrary; give the length of its unit in mm by --units")
     with faults_at(path):
         dataset = _dataset(path.parent, content, options.unit_mm)
-        views = {number: _view(dataset, frame, number) for number, frame in enumerate(_frames(content), start=1)}
+        frames = dict(enumerate(_frames(content), start=1))
+        absent = {number for number, frame in frames.items() if not _can_be_placed(dataset, frame)}
+        tell_absent(path, [str(frames[number]["file_path"]) for number in absent])
+        views = {number: _view(dataset, frame, number) for number, frame in frames.items() if number not in absent}
         bounds = _bounds(dataset)
     return write_recording(out, choose_sensors(source, views, pairs or (), bounds, dataset.up), options)
 
@@ -105,6 +109,14 @@ def _frames(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return frames
 
 
+def _can_be_placed(dataset: _Dataset, frame: Mapping[str, Any]) -> bool:
+    """Tell whether the size of a frame's picture can be known: it is said, or the picture is there."""
+    name = str(frame.get("file_path", ""))
+    image = dataset.folder / name
+    is_said = all(key in {**dataset.content, **frame} for key in "wh")
+    return is_said or not name or image.exists() or any(image.parent.glob(f"{escape(image.stem)}*"))
+
+
 def _view(dataset: _Dataset, frame: Mapping[str, Any], number: int) -> View:
     name = str(frame.get("file_path", ""))
     with faults_at(f"frame {number} {name}"):
@@ -112,11 +124,12 @@ def _view(dataset: _Dataset, frame: Mapping[str, Any], number: int) -> View:
             raise CaptureError("file_path is missing")
         image = dataset.folder / name
         if not image.suffix and not image.exists():  # as in the synthetic scenes of NeRF
-            image = next((file for file in map(image.with_suffix, IMAGE_SUFFIXES) if file.is_file()), image)
+            image = next((file for file in map(image.with_suffix, PICTURE_SUFFIXES) if file.is_file()), image)
         camera = _camera({**dataset.content, **frame}, image, _pose(dataset, frame))
         is_test = name in dataset.content.get("test_filenames", ())
         depth = None if is_test else _depth(dataset, frame, camera)
-        return View(name, camera, image, depth, is_test)
+        mask = allowed(dataset.folder / str(frame["mask_path"])) if "mask_path" in frame else None
+        return View(name, camera, image, depth, is_test, mask)
 
 
 def _pose(dataset: _Dataset, frame: Mapping[str, Any]) -> NDArray[np.float64]:

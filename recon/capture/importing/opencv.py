@@ -2,8 +2,9 @@
 
 Convention: as `cv2.stereoCalibrate`: X_right = R X_left + T, pixel centres at integers, distortion k1, k2, p1, p2,
 k3, ... A file of one sensor has the keys of KEYS at its top; a file of several has `sensors`, a list of maps with
-`id`, the same keys and `cam_from_world` (4x4, of the left camera), lengths in the unit of T. Without a pose the world
-is the left camera's frame turned by half a circle about x: x right, y up, the camera looks along -z.
+`id`, the same keys and `cam_from_world` (4x4, of the left camera), lengths in the unit of T. Either may have
+`held_out`, a list of maps with `image`, `K`, `D` and `cam_from_world` of photographs that no sensor uses. Without a
+pose the world is the left camera's frame turned by half a circle about x: x right, y up, the camera looks along -z.
 """
 
 from __future__ import annotations
@@ -18,11 +19,13 @@ from numpy.typing import NDArray
 
 from recon.capture.format import Capture
 from recon.capture.images import CaptureError
-from recon.capture.importing.lenses import model_name, with_lens
+from recon.capture.importing.lenses import with_lens
 from recon.capture.importing.sources import ImportOptions, Recording, SensorSource, faults_at, write_recording
-from recon.capture.pictures import find_pictures
+from recon.capture.importing.views import tell_absent
+from recon.capture.pictures import Pictures, find_pictures
+from recon.geometry.lens_names import model_name
 from recon.geometry.rig import Y_FROM, Camera, Rig, Sensor, rigid
-from recon.runtime.files import check_exists, check_suffix, whole_file
+from recon.runtime.files import allowed, check_exists, check_suffix, whole_file
 
 SUFFIXES = (".yml", ".yaml", ".xml")
 KEYS: dict[str, tuple[str, ...]] = {
@@ -60,7 +63,8 @@ def import_opencv(source: Path, out: Path, options: ImportOptions | None = None)
         _source(folder if len(entries) == 1 and not (folder / name).is_dir() else folder / name, name, entry, options)
         for name, entry in entries.items()
     )
-    return write_recording(out, Recording(folder.name, sensors), options)
+    held_out = _held_out(folder, files, options.unit_mm or 1.0)
+    return write_recording(out, Recording(folder.name, sensors, held_out=held_out), options)
 
 
 def write_calibration(path: Path, rig: Rig) -> None:
@@ -142,8 +146,9 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _value(node: Any) -> Any:
     if node.isMap():
-        matrix = node.mat() if "data" in node.keys() and "rows" in node.keys() else None  # noqa: SIM118
-        return {key: _value(node.getNode(key)) for key in node.keys()} if matrix is None else matrix  # noqa: SIM118
+        keys = node.keys()
+        is_matrix = "data" in keys and ("rows" in keys or "sizes" in keys)  # sizes of one with one dimension
+        return node.mat() if is_matrix else {key: _value(node.getNode(key)) for key in keys}
     if node.isSeq():
         return [_value(node.at(number)) for number in range(node.size())]
     return node.string() if node.isString() else node.real()
@@ -167,6 +172,23 @@ def _sensor(name: str, entry: Mapping[str, Any], size: tuple[int, int], unit_mm:
         left = with_lens(Camera(matrices["K1"], told, pose), model, matrices["D1"])
         right = with_lens(Camera(matrices["K2"], told, right_from_left @ pose), model, matrices["D2"])
         return Sensor(name, left, right)
+
+
+def _held_out(folder: Path, files: Sequence[Path], unit_mm: float) -> tuple[tuple[Camera, Path], ...]:
+    """Return the photographs that no sensor uses, without those that are not there."""
+    held_out, absent = [], []
+    for entry in (entry for file in files for entry in _read(file).get("held_out", ())):
+        with faults_at(f"{folder}: held_out"):
+            path = allowed(folder / str(entry["image"]))
+            if not path.is_file():
+                absent.append(str(entry["image"]))
+                continue
+            pose = np.array(entry["cam_from_world"], np.float64)
+            pose[:3, 3] *= unit_mm
+            camera = Camera(entry["K"], Pictures((path,)).size, pose)
+            held_out.append((with_lens(camera, model_name(entry), np.asarray(entry.get("D", ()), np.float64)), path))
+    tell_absent(folder, absent)
+    return tuple(held_out)
 
 
 def _matrix(entry: Mapping[str, Any], key: str) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from recon.capture.depth_maps import read_depth_values
 from recon.capture.format import (
     CameraStream,
     Capture,
@@ -30,16 +31,19 @@ from recon.capture.format import (
     write_capture,
 )
 from recon.capture.images import is_video, video_times
-from recon.capture.importing.lenses import FisheyeCamera, copied_suffix, copy_picture, stored
+from recon.capture.importing.copies import copied_suffix, copy_mask, copy_picture, stored, used_bits
+from recon.capture.importing.lenses import FisheyeCamera
 from recon.capture.pictures import DEFAULT_FPS, Pictures, common_rate, copy_file
-from recon.capture.recording import SIDES, check_bounds
+from recon.capture.recording import DEPTH_SUFFIXES, MASK, SIDES, check_bounds
 from recon.geometry.rig import UNITS_MM, Y_FROM, Camera, rigid
-from recon.runtime.files import new_folder
+from recon.runtime.files import allowed, new_folder
+from recon.runtime.notices import Notice
 
+DEEP = 16  # bits
 MOST_STEPS = 2  # from a picture's number to the next one's, on average; above, the numbers are times or the like
 
 
-class GapWarning(UserWarning):
+class GapWarning(Notice):
     """Numbers of pictures that leave out an instant, the same in all cameras, or do not begin alike."""
 
 
@@ -55,6 +59,8 @@ class ImportOptions:
     unit_mm : length of the source's unit, mm, None for the importer's default
     fps : frames per second
     up : axis of the source's world that points upwards, a key of Y_FROM; None for the importer's default
+    pairs : of views that become stereo sensors, (left, right) by the numbers that the source gives them
+    shots : names of those to take, where the source has several; None for all
     """
 
     name: str | None = None
@@ -63,6 +69,8 @@ class ImportOptions:
     unit_mm: float | None = None
     fps: float | None = None
     up: str | None = None
+    pairs: Sequence[tuple[int, int]] | None = None
+    shots: Sequence[str] | None = None
 
     def __post_init__(self) -> None:
         _check_up(self.up or "y")
@@ -72,23 +80,41 @@ class ImportOptions:
 
 @dataclass(frozen=True)
 class DepthSource:
-    """Depth maps of the source in the order of time, and what they mean; see `DepthMaps`."""
+    """Depth maps of the source in the order of time, and what they mean; see `DepthMaps`.
+
+    Parameters
+    ----------
+    depth_of : z in units of `scale_mm` from the values of a file; None where they are that
+    """
 
     files: tuple[Path, ...]
     scale_mm: float
     kind: str = "z"
     size: tuple[int, int] | None = None
+    depth_of: Callable[[NDArray[np.float32]], NDArray[np.float32]] | None = None
+
+    @property
+    def suffix(self) -> str:
+        """Of the files in a capture."""
+        suffix = self.files[0].suffix.lower()
+        return suffix if suffix in DEPTH_SUFFIXES and self.depth_of is None else ".npy"
 
 
 @dataclass(frozen=True, eq=False)
 class SensorSource:
-    """A sensor of the source, a stereo pair or a camera with depth maps; poses are in mm, in the source's world."""
+    """A sensor of the source, a stereo pair or a camera with depth maps; poses are in mm, in the source's world.
+
+    Parameters
+    ----------
+    masks : files of each camera in the order of time; empty for none
+    """
 
     id: str
     left: Camera
     right: Camera | None
     pictures: tuple[Pictures, ...]
     depth: DepthSource | None = None
+    masks: tuple[tuple[Path, ...], ...] = ()
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
@@ -185,12 +211,27 @@ def write_recording(out: Path, recording: Recording, options: ImportOptions) -> 
             sensors=sensors,
             held_out=held_out,
         )
+        bits = _bits(recording)
         for source, stream in zip(recording.sensors, sensors, strict=True):
-            _copy_sensor(capture, source, stream)
+            _copy_sensor(capture, source, stream, bits)
         for (camera, path), photograph in zip(recording.held_out, held_out, strict=True):
-            copy_picture(camera, path, folder / photograph.image)
+            copy_picture(camera, path, folder / photograph.image, bits=bits)
         write_capture(capture)
     return replace(capture, folder=out)
+
+
+def _bits(recording: Recording) -> int:
+    """Return how many bits the values of all pictures with 16 fill, as all are spread alike, and say so."""
+    pictures = [path for _, side in _all_pictures(recording) for path in side.files if not side.is_video]
+    plates = [side.plate for _, side in _all_pictures(recording) if side.plate]
+    bits = used_bits([*pictures, *plates, *(path for _, path in recording.held_out)])
+    if bits < DEEP:
+        warnings.warn(
+            f"the pictures have 16 bits, of which their values fill {bits}; they are spread over all 16, all alike",
+            Notice,
+            stacklevel=2,
+        )
+    return bits
 
 
 def _check_up(up: str) -> None:
@@ -214,17 +255,20 @@ def _stream(source: SensorSource, turn: NDArray[np.float64]) -> SensorStream:
         for side, camera, plate in zip(sides, source.cameras, plates, strict=True)
         if plate
     ]
+    masks = tuple(MASK.format(sensor=source.id, side=side) for side in sides) if source.masks else None
     return SensorStream(
-        source.id, left, right[0] if right else None, tuple(names) or None, depth=_depth_maps(source.id, source.depth)
+        source.id,
+        left,
+        right[0] if right else None,
+        tuple(names) or None,
+        masks,
+        depth=_depth_maps(source.id, source.depth),
     )
 
 
 def _held_out_names(held_out: Sequence[tuple[Camera, Path]]) -> list[str]:
     """Return names of the copies, numbered where two files have the same: each camera's folder may hold a 0001.png."""
-    names = [
-        path.stem + copied_suffix(camera, path) if isinstance(camera, FisheyeCamera) else path.name
-        for camera, path in held_out
-    ]
+    names = [path.stem + copied_suffix(camera, path) for camera, path in held_out]
     is_unique = len({name.lower() for name in names}) == len(names)
     return names if is_unique else [f"{number:04d}_{name}" for number, name in enumerate(names, start=1)]
 
@@ -232,7 +276,7 @@ def _held_out_names(held_out: Sequence[tuple[Camera, Path]]) -> list[str]:
 def _depth_maps(sensor_id: str, source: DepthSource | None) -> DepthMaps | None:
     if source is None:
         return None
-    pattern = f"{sensor_id}/depth/{{frame:04d}}{source.files[0].suffix.lower()}"
+    pattern = f"{sensor_id}/depth/{{frame:04d}}{source.suffix}"
     return DepthMaps(pattern, source.scale_mm, source.kind, source.size)
 
 
@@ -343,15 +387,28 @@ def _bounds(
     )
 
 
-def _copy_sensor(capture: Capture, source: SensorSource, stream: SensorStream) -> None:
+def _copy_sensor(capture: Capture, source: SensorSource, stream: SensorStream, bits: int) -> None:
     if source.depth is not None and stream.depth is not None:
         for frame, path in enumerate(source.depth.files[: capture.n_frames]):
-            copy_file(path, depth_path(capture.folder, stream.depth, frame))
+            _copy_depth(source.depth, path, depth_path(capture.folder, stream.depth, frame))
     for side, camera, pictures in zip(stream.cameras, source.cameras, source.pictures, strict=True):
         is_decoded = pictures.is_video and not is_video(side.image)
         files = pictures.files * capture.n_frames if is_decoded else pictures.files[: capture.n_frames]
         for frame, path in enumerate(files):
-            copy_picture(camera, path, image_path(capture.folder, side.image, frame), frame)
+            copy_picture(camera, path, image_path(capture.folder, side.image, frame), frame, bits=bits)
+    for pattern, camera, masks in zip(stream.mask or (), source.cameras, source.masks, strict=bool(stream.mask)):
+        for frame, path in enumerate(masks[: capture.n_frames]):
+            copy_mask(camera, path, image_path(capture.folder, pattern, frame))
     for name, camera, pictures in zip(stream.plate or (), source.cameras, source.pictures, strict=bool(stream.plate)):
         assert pictures.plate is not None, "both cameras have a plate, or none"
-        copy_picture(camera, pictures.plate, capture.folder / name)
+        copy_picture(camera, pictures.plate, capture.folder / name, bits=bits)
+
+
+def _copy_depth(source: DepthSource, path: Path, target: Path) -> None:
+    """Copy a depth map, or write what its values say where they are no depths."""
+    if path.suffix.lower() == target.suffix and source.depth_of is None:
+        copy_file(path, target)
+        return
+    values = read_depth_values(allowed(path))
+    target.parent.mkdir(parents=True, exist_ok=True)
+    np.save(target, values if source.depth_of is None else source.depth_of(values))

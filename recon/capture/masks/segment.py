@@ -49,6 +49,7 @@ from recon.capture.masks.outline import (
 )
 from recon.capture.masks.scribbles import Strokes, mask_of_key_frame, propagated, read_scribbles
 from recon.capture.noise import largest_channel
+from recon.capture.recording import MASK
 from recon.runtime.files import check_not_read, check_suffix, read_json, write_json
 from recon.runtime.workers import Progress, no_progress
 
@@ -281,7 +282,7 @@ def _without_small_parts(mask: NDArray[np.uint8], min_area: int, *, connectivity
 
 
 def _mask_patterns(stream: SensorStream) -> tuple[str, ...]:
-    return tuple(f"{stream.id}/mask/{side}/{{frame:04d}}.png" for side in stream.sides)
+    return tuple(MASK.format(sensor=stream.id, side=side) for side in stream.sides)
 
 
 def _write_mask(path: Path, mask: NDArray[np.bool_]) -> None:

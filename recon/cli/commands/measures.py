@@ -43,14 +43,15 @@ THRESHOLDS = option(
     example="5:100",
     is_blank=True,
 )
+FILLED = option(True, "Count the surfaces that were filled where nothing was measured.", label="Count filled holes")
 SEED = option(1, "Seed of the random samples; the same seed gives the same report.", ge=0)
-UNIT = option("mm", "Unit of PLY, OBJ and text: mm, cm, m or in.", label="Unit", choices=UNITS)
+UNIT = option("mm", "Unit of all files but glTF: mm, cm, m or in.", label="Unit", choices=UNITS)
 
 
 class ValidateSphere(Command):
     """Of `validate sphere`."""
 
-    clouds: list[Path] = argument("PLY, OBJ, glTF, or text with x y z; one file per sensor and placed ball.")
+    clouds: list[Path] = argument("Models, or text with x y z; one file per sensor and placed ball.")
     radius: float = option(..., "Radius of the ball, mm.", label="Radius", low=0.001, high=1e6)
     out: Path = REPORT
     sensors: list[str] | None = SENSORS
@@ -79,7 +80,7 @@ class ValidateSphere(Command):
 class ValidateCuboid(Command):
     """Of `validate cuboid`."""
 
-    clouds: list[Path] = argument("PLY, OBJ, glTF, or text with x y z; one file per sensor and placed cuboid.")
+    clouds: list[Path] = argument("Models, or text with x y z; one file per sensor and placed cuboid.")
     size: str = option(
         ...,
         "The cuboid's edges in mm, AxBxC.",
@@ -100,8 +101,8 @@ class ValidateCuboid(Command):
 class ValidateObject(Command):
     """Of `validate object`."""
 
-    model: Path = argument("The known object's mesh: PLY, OBJ or glTF.")
-    cloud: Path = argument("Reconstruction of the object: PLY, OBJ, glTF, or text with x y z.")
+    model: Path = argument("The known object's mesh.")
+    cloud: Path = argument("Reconstruction of the object: a model, or text with x y z.")
     out: Path = REPORT
     thresholds: str = THRESHOLDS
     delta: float | None = option(
@@ -121,7 +122,9 @@ class ValidateViews(Command):
     run: Path = argument("Folder of a run.")
     out: Path = REPORT
     capture: Path | None = option(None, "Folder of the recording; default: where the run says it was.")
-    frames: str | None = option(None, "A:B for the frames A to B-1; default: all of the run.", **FRAMES)
+    frames: str | None = option(
+        None, "How many, from the first on, or A:B for A to B-1; default: all of the run.", **FRAMES
+    )
     models: list[Path] | None = option(
         None, "Folder of models of the scene by another program, with a scene.json; once for each."
     )
@@ -132,13 +135,14 @@ class ValidateViews(Command):
         low=0.001,
         high=10_000,
     )
+    filled: bool = FILLED
 
 
 class ValidateMesh(Command):
     """Of `validate mesh`."""
 
-    mesh: Path = argument("Mesh or cloud: PLY, OBJ or glTF; mm.")
-    truth: Path = option(..., "True mesh or cloud, in the same coordinates: PLY, OBJ or glTF.")
+    mesh: Path = argument("Mesh or cloud; mm.")
+    truth: Path = option(..., "True mesh or cloud, in the same coordinates.")
     out: Path = REPORT
     thresholds: str = option("1:20:1", "Thresholds of the F-score, mm: FROM:TO or FROM:TO:STEP.")
     threshold: float | None = option(None, "The threshold whose F-score counts as a measure; default: the middle one.")
@@ -149,22 +153,23 @@ class ValidateMesh(Command):
     scanner: str | None = option(
         None, "x,y,z in mm from where the truth was scanned; ETH3D then counts what was visible from there."
     )
+    filled: bool = FILLED
     seed: int = SEED
 
 
 class ValidateCloud(Command):
     """Of `validate cloud`."""
 
-    clouds: list[Path] = argument(
-        "For each approach a cloud or mesh (PLY, OBJ, glTF), or a folder of one for every frame; or a run."
-    )
-    reference: Path = option(..., "The reference (PLY, OBJ, glTF), or its folder of frames, such as CAPTURE/truth.")
+    clouds: list[Path] = argument("For each approach a cloud or mesh, or a folder of one for every frame; or a run.")
+    reference: Path = option(..., "The reference, or its folder of frames, such as CAPTURE/truth.")
     out: Path = REPORT
     approach: list[str] | None = option(
         None, "Approach that a cloud belongs to, once for each in order; default: the cloud's name."
     )
     dataset: str | None = option(None, "Scene of a study that the clouds show; default: the run's, else all.")
-    frames: str | None = option(None, "A:B for the frames A to B-1; default: all that are shared.", **FRAMES)
+    frames: str | None = option(
+        None, "How many, from the first on, or A:B for A to B-1; default: all that are shared.", **FRAMES
+    )
     measures: str | None = option(
         None, "Only these: d1, d2, chamfer, f_score, colour, pointssim, or one of --methods; with commas."
     )

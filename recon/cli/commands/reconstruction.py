@@ -72,7 +72,7 @@ class Reconstruct(Command):
     )
     approach: str = APPROACHES
     methods: Path | None = METHODS
-    frames: str | None = option(None, "A:B for the frames A to B-1; default: all.", **FRAMES)
+    frames: str | None = option(None, "How many, from the first on, or A:B for A to B-1; default: all.", **FRAMES)
     voxel: float | None = option(
         None,
         "Voxel size, mm, the same for all depth methods; default: each gets one from its depth error and the points' "
@@ -108,6 +108,20 @@ class Reconstruct(Command):
     outlines: Literal["masks", "off"] = option(
         "masks", "masks: surfaces end where the masks of all sensors do; off: where their points do."
     )
+    agreement: bool = option(
+        True,
+        "Hold the sensors' points against each other before they are fused: what others contradict goes, what they "
+        "measured, too, is averaged.",
+        label="Let sensors agree",
+    )
+    fill: int = option(
+        16,
+        "Continue surfaces where a mask shows the object and nothing was measured, up to so many pixels; 0: leave "
+        "such holes. Their vertices are marked. Needs --outlines masks.",
+        ge=0,
+        label="Fill holes",
+        high=200,
+    )
     workers: int = WORKERS
     cluster: str | None = CLUSTER
     device: Literal["cpu", "gpu"] = DEVICE
@@ -131,11 +145,9 @@ class Fuse(Command):
 class Export(Command):
     """Of `export`."""
 
-    mesh: Path = argument("A mesh of a run, such as RUN/meshes/pm_fb/0000.ply, or a PLY with normals and colours.")
+    mesh: Path = argument("A mesh of a run, such as RUN/meshes/pm_fb/0000.ply, or any model that `render` reads.")
     out: Path = argument("File to write: .glb for viewers and the web, .ply, or .obj of a mesh with a texture.")
-    truth: Path | None = option(
-        None, "The true mesh, PLY, OBJ or glTF; colours then show the error, red outside, blue inside."
-    )
+    truth: Path | None = option(None, "The true mesh; colours then show the error, red outside, blue inside.")
     limit: float | None = option(None, "Error that gets the full colour, mm; default: 95 % of the vertices have less.")
 
 

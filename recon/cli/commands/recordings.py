@@ -8,21 +8,32 @@ from recon.cli.commands.setting import NUMBER, OUT, Command, argument, option
 
 TEMPLE_PAIRS = "13-14,20-21,27-28"  # three sensors on one joint spot in Middlebury's templeRing
 
+IMPORTED = {  # what each format is called, for people; `recon.capture.importing.formats` reads them
+    "auto": "whatever its files say",
+    "opencv": "pictures or videos with a calibration.yml",
+    "colmap": "COLMAP's model",
+    "nerfstudio": "nerfstudio's transforms.json",
+    "meshroom": "Meshroom's cameras",
+    "ros": "ROS's camera_info, left.yaml and right.yaml",
+    "kalibr": "Kalibr's camchain",
+    "euroc": "EuRoC's mav0/cam0/sensor.yaml",
+    "matlab": "MATLAB's stereoParameters as a struct",
+    "middlebury": "Middlebury's multi-view data sets",
+    "middlebury-pair": "Middlebury's and ETH3D's stereo pairs with calib.txt",
+    "eth3d": "ETH3D's multi-view data sets",
+    "kitti": "KITTI's recordings",
+    "strecha": "Strecha's .camera files",
+    "mvsnet": "MVSNet's and DTU's cam.txt",
+    "miv": "MPEG's MIV content",
+    "json": "a JSON file of cameras",
+}
+
 
 class CaptureImport(Command):
     """Of `capture import`."""
 
     format: str = argument(
-        "Format of the source: middlebury, opencv, colmap, nerfstudio, meshroom or json.",
-        label="Format",
-        choices={
-            "opencv": "pictures or videos with a calibration.yml",
-            "colmap": "COLMAP's model",
-            "nerfstudio": "nerfstudio's transforms.json",
-            "meshroom": "Meshroom's cameras",
-            "middlebury": "Middlebury's multi-view data sets",
-            "json": "a JSON file of cameras",
-        },
+        f"Format of the source: {', '.join(IMPORTED)}; auto finds it by its files.", label="Format", choices=IMPORTED
     )
     source: Path = argument("Folder of the recording, or its calibration or JSON file.")
     out: Path = argument("Folder to make; must be empty or absent.")
@@ -108,6 +119,18 @@ class CaptureCheck(Command):
 
     capture: Path = argument("Folder of the capture.")
     report: Path | None = option(None, "Folder for report.html (with thumbnails) and report.json.")
+    resample: bool = option(
+        False,
+        "Write the recording anew with late sensors put right: by whole frames, or by pictures made between two; needs "
+        "--out.",
+        flags=("--resample",),
+    )
+    correct: bool = option(
+        False,
+        "Write the recording anew with a small correction of the sensors whose rows are apart; needs --out.",
+        flags=("--correct",),
+    )
+    out: Path | None = option(None, "Folder to make for --resample and --correct; must be empty or absent.", flags=OUT)
 
 
 class CaptureSynth(Command):
@@ -130,6 +153,20 @@ class CaptureSynth(Command):
     late: list[str] | None = option(
         None, "SENSOR=FRAMES, such as S3=0.5: its pictures show what was so many frames earlier; may be repeated."
     )
+    shutter: float = option(
+        0.0, "MS that the shutter is open: what moves is blurred.", ge=0, metavar="MS", flags=("--shutter",)
+    )
+    rolling_shutter: bool = option(
+        False, "Take the rows of a picture one after the other, within 20 ms.", flags=("--rolling-shutter",)
+    )
+    colour_cast: float = option(0.0, "How much the cameras' red, green and blue differ, as a share; 0.1 shows.", ge=0)
+    vignetting: float = option(0.0, "Share of the light that the pictures' corners lack.", ge=0)
+    flicker: float = option(0.0, "How much the light flickers, as a share of it.", ge=0)
+    compression: int | None = option(None, "Store JPEG of this quality, 1 to 100, instead of PNG.", ge=1, le=100)
+    defocus: list[str] | None = option(
+        None, "SENSOR=PIXELS, such as S1=1.5: it is out of focus by so much; may be repeated."
+    )
+    gloss: float = option(1.0, "How many times as much all surfaces shine.", ge=0)
     seed: int = option(1, "Seed; the same seed gives the same bytes.", ge=0)
 
 
@@ -138,7 +175,9 @@ class CaptureTruth(Command):
 
     capture: Path = argument("Folder of a synthetic capture.")
     out: Path = option(..., "Folder of models to make; must be empty or absent.", flags=OUT)
-    frames: str | None = option(None, "A:B for the frames A to B-1, as the runs have them; default: all.")
+    frames: str | None = option(
+        None, "How many, from the first on, or A:B for A to B-1, as the runs have them; default: all."
+    )
 
 
 class CaptureExport(Command):

@@ -11,7 +11,7 @@ from pydantic.fields import FieldInfo
 
 from ground.fields import taken
 
-FRAME_RANGE = r"\d*:\d*"
+FRAME_RANGE = r"\d*:\d*|[1-9]\d*"
 NAME = r"[^\W_][\w .+-]*"  # of datasets and approaches
 NAMES = rf"{NAME}(?:, *{NAME})*"
 NUMBER = r"-?\d+(?:\.\d+)?"

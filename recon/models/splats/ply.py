@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.geometry.ply import ply_bytes, vector_columns
 from recon.geometry.ply_elements import Elements, Lists, read_elements
+from recon.geometry.splats import Splats
 from recon.models.splats.raw import (
     N_RESTS,
     RawSplats,
@@ -19,12 +21,14 @@ from recon.models.splats.raw import (
     sigmoid,
     smallest_three,
 )
+from recon.runtime.files import check_suffix, write_bytes
 
 ROWS_AT_ONCE = 8192  # the columns of a row lie beside each other in the file: so many rows stay in the cache
 HEADER = 64 * 1024
 SIGNS = (b" f_dc_0", b" packed_position")  # properties that points of splats alone have
 CHUNK = 256  # splats of a compressed file that share bounds
 AXES = ("x", "y", "z")
+LEAST_LOGARITHM = -40.0  # of a scale or opacity that is 0
 
 
 def is_splat_ply(path: Path) -> bool:
@@ -45,6 +49,27 @@ def read_splat_ply(path: Path) -> RawSplats:
     ply = read_elements(path)
     check_count(ply.n_rows("vertex"))
     return _compressed(ply) if "packed_position" in ply.columns("vertex") else _plain(ply.columns("vertex"))
+
+
+def write_splat_ply(path: Path, splats: Splats) -> Path:
+    """Write splats as the PLY of the original trainer, whole or not at all; `read_splat_ply` reads it.
+
+    A ValueError says that the name does not end in .ply.
+    """
+    check_suffix(path, (".ply",))
+    with np.errstate(divide="ignore"):
+        scales = np.maximum(np.log(splats.scales), LEAST_LOGARITHM)
+        opacities = np.clip(np.log(splats.opacities) - np.log1p(-splats.opacities), LEAST_LOGARITHM, -LEAST_LOGARITHM)
+    rest = splats.harmonics[:, 1:].transpose(0, 2, 1).reshape(len(scales), -1)  # channel by channel
+    columns = (
+        vector_columns("xyz", splats.centres)
+        | vector_columns([f"f_dc_{number}" for number in range(3)], splats.harmonics[:, 0])
+        | vector_columns([f"f_rest_{number}" for number in range(rest.shape[1])], rest)
+        | {"opacity": opacities.astype(np.float32)}
+        | vector_columns([f"scale_{number}" for number in range(3)], scales.astype(np.float32))
+        | vector_columns([f"rot_{number}" for number in range(4)], splats.rotations)
+    )
+    return write_bytes(path, ply_bytes(columns))
 
 
 def _plain(columns: Mapping[str, NDArray[Any] | Lists]) -> RawSplats:

@@ -31,6 +31,7 @@ def expose(
     curve: NDArray[np.float32],
     floor_cells: NDArray[np.float32],
     floor_shade: NDArray[np.float32],
+    dimming: NDArray[np.float32],
     noise: float,
     key: np.uint64,
 ) -> NDArray[np.uint8]:
@@ -44,6 +45,7 @@ def expose(
     curve : `display_curve()`
     floor_cells : float32 (H, W, 2), column and row in `floor_shade` of each pixel, -1 where it shows no floor
     floor_shade : float32 (S, S), factor on the floor's display values
+    dimming : float32 (H, W), share of the light that reaches each pixel; (0, 0) for all of it
     noise : standard deviation, grey levels
     key : uint64, makes the noise of this picture
     """
@@ -63,6 +65,8 @@ def expose(
                 top = floor_shade[i, j] + tj * (floor_shade[i, j + 1] - floor_shade[i, j])
                 low = floor_shade[i + 1, j] + tj * (floor_shade[i + 1, j + 1] - floor_shade[i + 1, j])
                 factor = top + ti * (low - top)
+            if len(dimming) > 0:
+                factor *= dimming[y, x] ** np.float32(1 / 2.2)
             values[x, 0] = plate[y, x, 0] * factor
             values[x, 1] = plate[y, x, 1] * factor
             values[x, 2] = plate[y, x, 2] * factor
@@ -71,8 +75,9 @@ def expose(
                 share = actors[y - row, i, 3]
                 if share == 0.0:
                     continue
+                share_lit = dimming[y, column + i] if len(dimming) > 0 else np.float32(1.0)
                 for c in range(3):
-                    light = actors[y - row, i, c] * gains[c]
+                    light = actors[y - row, i, c] * gains[c] * share_lit
                     if share < 1.0:
                         light = share * light + (1.0 - share) * (values[column + i, c] / 255.0) ** 2.2
                     place = min(light, 1.0) * 4096.0

@@ -8,14 +8,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from recon.models.shape import SHAPE_SUFFIXES
+from recon.models.read import READERS
 from recon.pipeline.run import RUN_FILE, mesh_name, read_run
 from recon.runtime.files import check_exists
 from recon.validation.clouds import TEXT_SUFFIXES
 from recon.validation.measures import EVERY_DATASET, Subject
 
 MOST_TOLD = 10  # frames, in a sentence
-SUFFIXES = (".ply", *SHAPE_SUFFIXES, *TEXT_SUFFIXES)
+SUFFIXES = (*READERS, *TEXT_SUFFIXES)
 REFERENCE_FOLDERS = (".", "mesh", "truth/mesh")  # where a synthetic capture has its true meshes
 
 Files = Mapping[int | None, Path]  # by number of the frame; None for a single cloud without number

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Shape
-from recon.validation.clouds import read_shape, size_remarks
+from recon.validation.clouds import read_measured_shape, read_shape, size_remarks
 from recon.validation.measures import LESS, MORE, Subject, check_thresholds, measure_rows
 from recon.validation.sampling import between_corners, cell_means, order_by_cells, search_tree, spread_over_triangles
 from recon.validation.triangles import TriangleTree
@@ -110,6 +110,7 @@ class MeshSettings:
         Temples does with half its threshold; None for the points themselves
     voxel : mm, over which ETH3D averages
     scanner : mm, where the truth was scanned from: ETH3D counts only what that scanner observed; None where unknown
+    filled : whether filled holes of a mesh of ours count
     """
 
     thresholds: tuple[float, ...]
@@ -119,6 +120,7 @@ class MeshSettings:
     cell: float | None = None
     voxel: float = VOXEL_MM
     scanner: tuple[float, float, float] | None = None
+    filled: bool = True
 
     @property
     def chosen(self) -> float:
@@ -148,7 +150,7 @@ def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, A
         if width is not None and not 0 < width < math.inf:
             raise ValueError(f"the {name} are {width:g} mm wide, expected a positive length")
     rng = np.random.default_rng(settings.seed)
-    shapes = read_shape(mesh), read_shape(truth)
+    shapes = (read_shape if settings.filled else read_measured_shape)(mesh), read_shape(truth)
     measured, real = (_points(path, shape, rng) for path, shape in zip((mesh, truth), shapes, strict=True))
     remarks = size_remarks((str(mesh), str(truth)), measured, real)
     exact = compared(distances_to(shapes[1], measured), distances_to(shapes[0], real), thresholds)
@@ -169,6 +171,7 @@ def measure_mesh(mesh: Path, truth: Path, settings: MeshSettings) -> dict[str, A
             "cell_mm": settings.cell,
             "voxel_mm": settings.voxel,
             "scanner_mm": settings.scanner,
+            "filled": settings.filled,
         },
         "remarks": remarks,
         **exact,

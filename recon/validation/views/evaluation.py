@@ -14,7 +14,7 @@ import numpy as np
 from recon.capture.format import Capture, read_capture
 from recon.capture.recording import chosen_frames
 from recon.cloud import CloudParameters
-from recon.geometry.mesh import Discs, Mesh
+from recon.geometry.mesh import Discs, Mesh, measured_part
 from recon.geometry.mesh_files import read_mesh
 from recon.geometry.splats import Splats
 from recon.methods.approaches import FUSION_METHODS, parse_approach
@@ -59,12 +59,14 @@ class ViewSettings:
     frames : of the run; None for all
     models : folders of models of the same scene by other programs, each with a scene.json
     threshold : mm, within which two sensors' depths agree; None for the depth of one pixel of disparity
+    filled : whether filled holes of the run's models count
     """
 
     capture: Path | None = None
     frames: range | None = None
     models: tuple[Path, ...] = ()
     threshold: float | None = None
+    filled: bool = True
 
     def __post_init__(self) -> None:
         if self.threshold is not None and not 0 < self.threshold < math.inf:
@@ -105,7 +107,7 @@ def measure_views(
     wanted = list(photographs(capture, frames))
     for done, photograph in enumerate(wanted):
         progress("views", done, len(wanted))
-        pictures = dict(_renderings(run, others, capture, photograph))
+        pictures = dict(_renderings(run, others, capture, photograph, filled=settings.filled))
         for approach, rendering in pictures.items():
             place = {"approach": approach, "view": photograph.name, "kind": photograph.kind, "frame": photograph.frame}
             rows += [place | row for row in view_rows(rendering, photograph)]
@@ -122,6 +124,7 @@ def measure_views(
             "dataset": run.dataset,
             "frames": frames,
             "threshold_mm": threshold,
+            "filled": settings.filled,
             "has_floor": any(row["approach"] == FLOOR for row in rows),
         },
         "sensors": sensors,
@@ -157,17 +160,18 @@ def _capture(run: Run, settings: ViewSettings) -> Capture:
 
 
 def _renderings(
-    run: Run, others: Mapping[str, ModelSequence], capture: Capture, photograph: Photograph
+    run: Run, others: Mapping[str, ModelSequence], capture: Capture, photograph: Photograph, *, filled: bool
 ) -> Iterator[tuple[str, Rendering]]:
     for approach in run.approaches:
         if photograph.frame not in run.frames_of(approach):
             continue
-        yield approach, rendered(_mesh(run.folder / mesh_name(approach, photograph.frame)), photograph.camera)
+        mesh = _mesh(run.folder / mesh_name(approach, photograph.frame))
+        yield approach, rendered(mesh if filled else measured_part(mesh), photograph.camera)
     for approach, sequence in others.items():
         number = 0 if sequence.is_still else run.frames.index(photograph.frame)
-        mesh = _other_model(sequence, number)
-        rendering = rendered(mesh, photograph.camera)
-        inside_out = isinstance(mesh, Mesh) and _is_inside_out(mesh, capture)
+        model = _other_model(sequence, number)
+        rendering = rendered(model, photograph.camera)
+        inside_out = isinstance(model, Mesh) and _is_inside_out(model, capture)
         yield approach, rendering.turned() if inside_out else rendering
     if has_truth(capture, photograph.frame):
         yield FLOOR, rendered(_floor(run.folder, capture, photograph.frame), photograph.camera)

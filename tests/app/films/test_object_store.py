@@ -53,8 +53,10 @@ def nginx(folder: Path, settings: Settings, server: str) -> Iterator[str]:
         "listen 443 ssl http2;": f"listen 127.0.0.1:{port};",
         "listen 80 default_server;": f"listen 127.0.0.1:{free_port()} default_server;",
         "listen 443 ssl default_server;": f"listen 127.0.0.1:{port} default_server;",
-        "    ssl_certificate /etc/ssl/study.example.org.pem;\n": "",
-        "    ssl_certificate_key /etc/ssl/study.example.org.key;\n": "",
+        "listen [::]:": "# an IPv6 address that this machine may not have: ",
+        "    ssl_certificate ": "    # ",
+        "    ssl_certificate_key ": "    # ",
+        "/var/www/html": str(folder / "acme"),
         "server 127.0.0.1:8000;": f"server {server.removeprefix('http://')};",
         "/var/lib/reconstudy/pairs/": f"{settings.media_dir.absolute()}/",
     }
@@ -115,6 +117,10 @@ def test_nginx_sends_the_videos_and_keeps_the_inner_addresses_inside(stimulus_se
             httpx.get(f"http://{plain[1]}{path}", headers=AS_NAMED) for path in ("/admin", "/api/v1/studies")
         ]
         assert [answer.status_code for answer in in_the_clear] == [301, 403]
+        challenge = ".well-known/acme-challenge/token"
+        (tmp_path / "acme" / challenge).parent.mkdir(parents=True)
+        (tmp_path / "acme" / challenge).write_text("proof", encoding="utf-8")
+        assert httpx.get(f"http://{plain[1]}/{challenge}", headers=AS_NAMED).text == "proof"
 
 
 @pytest.fixture

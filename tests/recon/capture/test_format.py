@@ -29,6 +29,7 @@ from recon.capture.format import (
 )
 from recon.geometry.rig import Camera
 from tests.recon.capture.calibration.board_geometry import SIZE, board_camera, record_board
+from tests.recon.capture.importing.labelled_recording import from_opencv
 
 Content = dict[str, Any]
 
@@ -253,3 +254,21 @@ def test_cameras_of_different_sizes_cannot_be_put_into_a_sensor(board: Capture) 
 
 def test_the_rig_has_the_sensors_in_their_order(board: Capture) -> None:
     assert [sensor.id for sensor in board.rig.sensors] == ["S1", "S2"]
+
+
+@pytest.mark.parametrize("place", ["camera", "sensor", "file"])
+@pytest.mark.parametrize("key", ["distortion_model", "camera_model"])
+def test_a_lens_that_the_numbers_of_a_capture_do_not_mean_is_refused_by_name(
+    tmp_path: Path, place: str, key: str
+) -> None:
+    from_opencv(tmp_path)
+    path = tmp_path / "out/capture.json"
+    content = json.loads(path.read_text())
+    part = {"camera": content["sensors"][0]["left"], "sensor": content["sensors"][0], "file": content}[place]
+    part[key] = "equidistant"
+    path.write_text(json.dumps(content))
+    with pytest.raises(CaptureError, match=f"{key}:? is equidistant, which the numbers of a capture"):
+        read_capture(tmp_path / "out")
+    part[key] = "plumb_bob"
+    path.write_text(json.dumps(content))
+    assert read_capture(tmp_path / "out").n_frames == 2

@@ -93,7 +93,7 @@ def test_an_unknown_suffix_is_refused_and_nothing_is_written(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("name", "content", "sentence"),
     [
-        ("map.pfm", b"Pf\n2 2\n-1.0\n" + bytes(15), "holds 15 bytes of disparities, 2x2 needs 16"),
+        ("map.pfm", b"Pf\n2 2\n-1.0\n" + bytes(15), "holds 15 bytes of numbers, 2x2 needs 16"),
         ("map.pfm", b"PF\n2 2\n-1.0\n" + bytes(48), "is not a one-channel PFM"),
         ("map.pfm", b"Pf\n2 x\n", "the header is damaged"),
         ("map.npy", b"something", "is not readable as NPY"),

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.intake.summaries import MODELS
 from recon.models.folder import find_models
 from recon.models.inspection import Facts, check_sizes, union
+from recon.models.read import MODEL_SUFFIXES
 from recon.models.scene_file import Orbit, orbit_rig, read_scene_file
 from recon.runtime.files import check_safe_name, write_json
 
@@ -76,7 +78,7 @@ def test_a_link_to_nowhere_is_a_frame_that_reading_refuses(tmp_path: Path) -> No
         (("a.ply", "a/0.ply"), "a.ply: "),
         (("a.ply", "a.obj"), "a.ply: "),
         (("b.fbx",), "b.fbx: is no model that can be read; expected .ply, .obj, .glb, .gltf"),
-        (("a/0.stl",), "a: holds no model that can be read; expected numbered files with .ply"),
+        (("a/0.fbx",), "a: holds no model that can be read; expected numbered files with .ply"),
         ((), ": holds no model; expected APPROACH/FRAME"),
         (("all.ply",), "all.ply: 'all' is what results call everything together"),
         (("a.master.ply",), "a.master.ply: 'a.master' is no name for files"),
@@ -224,3 +226,7 @@ def test_the_union_holds_every_model_and_is_never_flat() -> None:
     flat = Facts("0", ((0, 0, 0), (100, 50, 0)))
     assert union([facts(10, at=-20), facts(10, at=200)]).tolist() == [[-20] * 3, [210] * 3]
     assert union([flat]).tolist() == [[0, 0, -0.5], [100, 50, 0.5]]
+
+
+def test_the_server_takes_what_is_read() -> None:
+    assert set(MODELS) == set(MODEL_SUFFIXES)

@@ -346,3 +346,24 @@ def test_colours_that_a_program_writes_as_srgb_are_warned_of_and_right_where_sce
     told = replace(IN_MM, vertex_colours="srgb")
     assert mesh_from(path, told).colours.tolist() == bytes_written[:, :3].tolist()
     assert read_model(path, told).warnings == read_model(path, replace(IN_MM, vertex_colours="linear")).warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("extension", "way"),
+    [
+        ("KHR_texture_basisu", "textures as KTX2, which are not read; export them as PNG"),
+        ("KHR_gaussian_splatting", "splats in glTF, which are not read; save them as PLY"),
+        ("VENDOR_unheard_of", "an extension of glTF that is not read; export it without"),
+    ],
+)
+def test_an_extension_that_is_needed_and_not_read_has_its_own_sentence(
+    tmp_path: Path, extension: str, way: str
+) -> None:
+    (tmp_path / "a.gltf").write_text(json.dumps({"asset": {"version": "2.0"}, "extensionsRequired": [extension]}))
+    with pytest.raises(ValueError, match=f"it needs {extension}, {way}"):
+        read_contents(tmp_path / "a.gltf")
+
+
+def test_levels_of_detail_are_pointed_out(tmp_path: Path) -> None:
+    (tmp_path / "a.gltf").write_text(json.dumps({"asset": {"version": "2.0"}, "extensionsUsed": ["MSFT_lod"]}))
+    assert read_contents(tmp_path / "a.gltf").warnings == ["has levels of detail, of which the finest is shown"]

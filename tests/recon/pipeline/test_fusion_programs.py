@@ -22,7 +22,7 @@ from recon.runtime.files import read_json
 from recon.runtime.programs import LOG, ProgramError
 from recon.studio import SynthParameters, synthesise
 from tests.command_line import Command
-from tests.recon.test_fusion import three_views
+from tests.recon.fusion.test_orders import three_views
 
 pytestmark = pytest.mark.slow
 

@@ -24,7 +24,7 @@ from recon.methods.approaches import parse_approach
 from recon.pipeline.job import ReconstructOptions, planned_job
 from recon.pipeline.methods import Methods, OurDepth, OurFusion, depth_key, read_methods
 from recon.pipeline.reconstruct import match_files, reconstruct
-from recon.pipeline.stages import filter_sequence, match_stretch
+from recon.pipeline.stages import filter_sequence, match_stretch, measure_rows
 from recon.runtime.files import read_json
 from recon.runtime.programs import ProgramError
 from recon.studio import SynthParameters, synthesise
@@ -213,7 +213,8 @@ def test_a_failure_names_its_frame_and_the_run_is_resumed(capture: Capture, tmp_
         reconstruct(capture.folder, run, options)
     assert "out of memory" in Path(str(error.value).split("its log is ")[1]).read_text()
     assert not (run / "run.json").exists()
-    assert made(run) == [f"matched/mine/{view}.tiff" for view in ("S1/0000", "S2/0000", "S1/0001")]
+    rows = [f"rows/{sensor}.json" for sensor in ("S1", "S2")]
+    assert made(run) == [*rows, *(f"matched/mine/{view}.tiff" for view in ("S1/0000", "S2/0000", "S1/0001"))]
     busy.unlink()
     reconstruct(capture.folder, run, replace(options, methods=read_methods(path)))
     assert [name for name in made(run) if name.startswith("matched")].count("matched/mine/S1/0000.tiff") == 1
@@ -230,6 +231,7 @@ def test_pictures_that_change_are_filtered_in_time_again_though_they_match_as_be
     def filtered(run: str) -> NDArray[np.float32]:
         job = planned_job(recording, tmp_path / run, ReconstructOptions(("mine",), ("fb",), methods=methods))
         sequence = job.sequences[0]
+        measure_rows(job, sequence[0].sensor_id)
         for view in sequence:
             match_stretch(job, [view])
         filter_sequence(job, sequence)

@@ -24,7 +24,7 @@ from recon.surface import SurfaceParameters
 from tests.command_line import Command
 from tests.installed_package import install
 from tests.recon.depth.test_matchers import shifted_pair
-from tests.recon.test_fusion import three_views
+from tests.recon.fusion.test_orders import three_views
 
 ENTRY_POINTS = """
 [reconstudy.depth]

@@ -475,6 +475,19 @@ def test_frames_that_a_capture_does_not_have_are_named(capture: Capture, tmp_pat
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize(
+    ("text", "frames"), [("3", range(3)), ("2:5", range(2, 5)), (":4", range(4)), ("1:", range(1, sys.maxsize))]
+)
+def test_frames_are_counted_from_the_first_or_named_from_one_to_the_next(text: str, frames: range) -> None:
+    assert parse_frames(text) == frames
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "a:b", "1.5", ""])
+def test_what_names_no_frames_is_refused(text: str) -> None:
+    with pytest.raises(BadParameter, match=re.escape(f"{text!r} are no frames; expected their number")):
+        parse_frames(text)
+
+
 def test_a_loop_is_for_all_approaches_or_for_one_and_is_told_once() -> None:
     assert parse_loops(["a=repeat", "static", "b = bounce"], "c, d") == (
         "static",
@@ -561,6 +574,8 @@ def test_a_frame_with_the_pictures_of_the_one_before_is_taken_as_it_was_matched(
 
     monkeypatch.setattr(stages, "match", counting)
     job = planned_job(read_capture(still), tmp_path / "run", ReconstructOptions(depths=("id", "dr")))
+    for sensor in job.matched_sensors:
+        stages.measure_rows(job, sensor)
     for stretch in job.stretches:
         stages.match_stretch(job, stretch)
     assert [folder.name for folder in matched] == ["0000"] * 4

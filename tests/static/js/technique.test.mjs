@@ -19,7 +19,7 @@ function beBrowser({ plays = [], decodes = null }) {
 }
 
 const subsets = (values) => values.reduce((sets, value) => sets.flatMap((set) => [set, [...set, value]]), [[]]);
-const OFFERS = [undefined, SECOND].flatMap((second) => [undefined, "webcodecs", "two videos"].map((fallback) => ({ second, fallback })));
+const OFFERS = [undefined, SECOND].flatMap((second) => [undefined, "webcodecs"].map((fallback) => ({ second, fallback })));
 
 test("the best technique that browser and study share is chosen", async () => {
   for (const plays of subsets([PAIR, SECOND, SINGLE])) {
@@ -29,9 +29,8 @@ test("the best technique that browser and study share is chosen", async () => {
         const possible = {
           stacked: plays.includes(PAIR) || plays.includes(offer.second),
           webcodecs: decodes === true && offer.fallback !== undefined,
-          "two videos": plays.includes(SINGLE) && offer.fallback === "two videos",
         };
-        const best = ["stacked", "webcodecs", "two videos"].find((technique) => possible[technique]) ?? null;
+        const best = ["stacked", "webcodecs"].find((technique) => possible[technique]) ?? null;
         assert.equal(await bestTechnique(offer), best, JSON.stringify({ plays, decodes, offer }));
       }
     }
@@ -57,18 +56,16 @@ test("the film for slow lines is fetched where it is wanted, exists and plays", 
   assert.deepEqual(filmsOf("stacked", media, true), ["/pair.webm"]);
 });
 
-test("the fallbacks fetch a film of each stimulus, and say when there is none", () => {
-  for (const technique of ["webcodecs", "two videos"]) {
-    assert.deepEqual(filmsOf(technique, MEDIA), MEDIA.singles);
-    assert.throws(() => filmsOf(technique, { ...MEDIA, singles: null }), /no film of each stimulus/);
-  }
+test("the fallback fetches a film of each stimulus, and says when there is none", () => {
+  assert.deepEqual(filmsOf("webcodecs", MEDIA), MEDIA.singles);
+  assert.throws(() => filmsOf("webcodecs", { ...MEDIA, singles: null }), /no film of each stimulus/);
 });
 
 test("every technique has a player that shows one of the strips", () => {
   globalThis.HTMLVideoElement = class {};
   globalThis.document = { createElement: () => ({}) };
   const film = { querySelector: () => new HTMLVideoElement() };
-  const players = ["stacked", "webcodecs", "two videos"].map((technique) => newPlayer(technique, film));
-  assert.equal(new Set(players.map((player) => player.constructor)).size, 3);
+  const players = ["stacked", "webcodecs"].map((technique) => newPlayer(technique, film));
+  assert.equal(new Set(players.map((player) => player.constructor)).size, 2);
   for (const player of players) assert.equal(player.shown, "a");
 });

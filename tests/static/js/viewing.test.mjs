@@ -14,7 +14,7 @@ test("what happened before a break over a weekend is in the record, within the t
     { what: "hidden", at_ms: 1000 },
     { what: "visible", at_ms: 3 * DAY_MS },
   ];
-  const record = new ViewingRecord({ first_shown: "a" }, { happened });
+  const record = new ViewingRecord({ first_shown: "a", media: { fps: 25 } }, { happened });
   record.begin(3 * DAY_MS + 500);
   assert.deepEqual(
     record.viewing.happened.map(({ at_ms }) => at_ms),

@@ -245,7 +245,7 @@ def maximise(
     ----------
     design : Design of the pairs
     wins, losses, ties : float32 or float64 (B, C), votes after `TieModel.counted`
-    start : float64 (P,), start parameters; by default equal scores and the overall share of ties
+    start : float64 (P,) or (B, P), start parameters; by default equal scores and the overall share of ties
     search : tolerance, limits and penalty
 
     Returns
@@ -254,13 +254,15 @@ def maximise(
     dropped
     """
     start = start_parameters(design, wins, losses, ties) if start is None else start
+    starts = np.broadcast_to(start, (len(wins), design.n_parameters))
     size = max(1, IN_CACHE // max(1, wins.shape[1]))
     parts = []
     for first in range(0, len(wins), size):
         some_wins, some_losses, some_ties = (
             part[first : first + size].astype(np.float64) for part in (wins, losses, ties)
         )
-        parts.append(_maximise_together(design, some_wins, some_losses, some_ties, start, search or Search()))
+        some_starts = starts[first : first + size]
+        parts.append(_maximise_together(design, some_wins, some_losses, some_ties, some_starts, search or Search()))
     return Maximum(
         np.concatenate([part.theta for part in parts]),
         np.concatenate([part.converged for part in parts]),
@@ -269,11 +271,11 @@ def maximise(
 
 
 def _maximise_together(
-    design: Design, wins: Array, losses: Array, ties: Array, start: Array, search: Search
+    design: Design, wins: Array, losses: Array, ties: Array, starts: Array, search: Search
 ) -> Maximum:
     """Take Newton steps on all tables together until each has converged or is abandoned."""
     n_tables = len(wins)
-    theta = np.tile(start, (n_tables, 1))
+    theta = starts.copy()
     result, converged = theta.copy(), np.zeros(n_tables, bool)
     active = np.arange(n_tables)
     step, slope = np.zeros_like(theta), np.zeros(n_tables)

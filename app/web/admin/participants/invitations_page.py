@@ -12,9 +12,15 @@ from fastapi import APIRouter, Form, Path, Request
 from fastapi.responses import Response
 
 from app.errors import InvalidError, NotFoundError
-from app.operations.studies.invitations import CODE_SHOWN, MOST_AT_ONCE, MOST_PLACES, make_invitations, stop_invitation
+from app.operations.studies.invitations import (
+    MOST_AT_ONCE,
+    MOST_PLACES,
+    make_invitations,
+    name_invitation,
+    stop_invitation,
+)
 from app.operations.studies.manage import study_file_of
-from app.store.participants.invitations import Invitation, invitations_of, label_invitation
+from app.store.participants.invitations import Invitation, invitations_of
 from app.store.participants.participants import group_counts
 from app.store.studies.audit import Entry, record
 from app.store.studies.studies import Study, progress_of
@@ -172,10 +178,7 @@ def print_sheet(request: Request, person: Looking, study: AStudy, database: Stor
 
 @router.post("/{code}/label")
 def change_label(actor: Acting, study: AStudy, code: Code, database: Store, label: Label = "") -> Response:
-    with database.writing() as connection:
-        if not label_invitation(connection, study.id, code, _tidy(label)):
-            raise NotFoundError("This study has no such invitation.")
-        actor.note(connection, "invitation labelled", study, code[:CODE_SHOWN])
+    name_invitation(database, study, code, label, actor)
     return _seen(study.slug)
 
 

@@ -13,35 +13,37 @@ from fastapi.responses import JSONResponse, Response
 from pydantic import StringConstraints
 
 from app.errors import InvalidError
-from app.operations.upkeep.erasure import erase_participant as erase_for_good
+from app.operations.upkeep.people import (
+    enter_screening,
+    erase_person,
+    exclude_person,
+    include_person,
+    renew_code,
+    withdraw_person,
+)
 from app.store.access.experimenters import Experimenter
 from app.store.participants.comments import SoughtComments, comment_records
 from app.store.participants.participants import (
     SORTABLE,
     SoughtPeople,
-    check_not_erased,
     everything_of,
-    exclude,
     exclusion_records,
     n_participants,
     participant_labelled,
     participant_record,
     participant_records,
     stage_records,
-    undo_exclusion,
-    withdraw_participant,
 )
 from app.store.participants.recruits import outside_ids_of, recruit_of, recruit_records
-from app.store.participants.screening import enter_result, screening_records, screening_verdicts
+from app.store.participants.screening import screening_records, screening_verdicts
 from app.store.studies.audit import Entry, record
 from app.store.studies.film_failures import failures_by_person
 from app.store.studies.studies import Study
 from app.store.trials.counted_votes import vote_state
-from app.store.trials.sessions import new_resume_code
 from app.study.options.options import parse_options
 from app.study.options.wording import asked_questions
 from app.study.questions.answers import WordedAnswer, worded_answers
-from app.study.screening.screening import EnteredResult, TestName, check_entered
+from app.study.screening.screening import EnteredResult, TestName
 from app.study.screening.verdicts import worded_result, worded_verdicts
 from app.study.stages import ENDS, INTERVIEW, SCREENING
 from app.web.admin.flags import PATIENCE_S, Flags
@@ -121,9 +123,7 @@ def renew_resume_code(
     request: Request, person: Looking, actor: Acting, study: AStudy, label: Label, database: Store
 ) -> Response:
     """Make a new resume code for a participant who lost theirs, shown only once."""
-    with database.writing() as connection:
-        code = new_resume_code(connection, participant_labelled(connection, study.id, label).id)
-        actor.note(connection, "new code to go on", study, label)
+    code = renew_code(database, study, label, actor)
     return _participant_page(request, person, study, label, code)
 
 
@@ -141,31 +141,19 @@ def enter_screening_result(
 ) -> Response:
     """Enter the result of a test beside the screen, such as a printed chart; earlier ones stay."""
     entered = EnteredResult(test, instrument.strip(), result.strip(), verdict, logmar)
-    try:
-        check_entered(entered, parse_options(study.options).screening)
-    except ValueError as error:
-        raise InvalidError(f"Nothing was entered: {error}.") from error
-    with database.writing() as connection:
-        participant = participant_labelled(connection, study.id, label)
-        check_not_erased(connection, participant.id)
-        enter_result(connection, participant.id, entered, actor.name, actor.now)
-        actor.note(connection, "screening result entered", study, label, test=test)  # the log outlives an erasure
+    enter_screening(database, study, label, entered, actor)
     return see(_address(study, label))
 
 
 @router.post("/{label}/exclude")
 def exclude_participant(actor: Acting, study: AStudy, label: Label, reason: Reason, database: Store) -> Response:
-    with database.writing() as connection:
-        exclude(connection, participant_labelled(connection, study.id, label), reason, actor.name, actor.now)
-        actor.note(connection, "participant excluded", study, label)  # the reason stands where an erasure takes it
+    exclude_person(database, study, label, reason, actor)
     return see(_address(study, label))
 
 
 @router.post("/{label}/include")
 def include_again(actor: Acting, study: AStudy, label: Label, database: Store) -> Response:
-    with database.writing() as connection:
-        undo_exclusion(connection, participant_labelled(connection, study.id, label), actor.name, actor.now)
-        actor.note(connection, "exclusion undone", study, label)
+    include_person(database, study, label, actor)
     return see(_address(study, label))
 
 
@@ -173,9 +161,7 @@ def include_again(actor: Acting, study: AStudy, label: Label, database: Store) -
 def withdraw_for_participant(actor: Acting, study: AStudy, label: Label, again: Again, database: Store) -> Response:
     """Withdraw a participant, which nothing undoes; typing the label again prevents accidents."""
     _check_typed("withdraw", label, again)
-    with database.writing() as connection:
-        withdraw_participant(connection, participant_labelled(connection, study.id, label), actor.now)
-        actor.note(connection, "participant withdrawn", study, label)
+    withdraw_person(database, study, label, actor)
     return see(_address(study, label))
 
 
@@ -185,9 +171,7 @@ def erase_participant(
 ) -> Response:
     """Erase a participant's data; typing the label again prevents accidents."""
     _check_typed("erase", label, again)
-    with database.reading() as connection:
-        person = participant_labelled(connection, study.id, label)
-    erase_for_good(settings(request), database, study, person, actor)
+    erase_person(settings(request), database, study, label, actor)
     return see(_address(study, label))
 
 

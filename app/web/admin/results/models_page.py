@@ -10,7 +10,7 @@ from fastapi.responses import FileResponse, Response
 from app.errors import NotFoundError
 from app.operations.studies.attach import model_file
 from app.store.studies.attached_models import model_records
-from app.web.admin.layout import study_page
+from app.web.admin.layout import study_page, viewing
 from app.web.gates import Store, settings
 from app.web.media import FOREVER, SANDBOX, is_known
 from app.web.roles import AStudy, Looking
@@ -25,7 +25,7 @@ def models_page(request: Request, person: Looking, study: AStudy, database: Stor
     shown = [_shown(row, f"/admin/studies/{study.slug}/models") for row in models]
     datasets = list(dict.fromkeys(row["dataset"] for row in models))
     context = {"models": shown, "datasets": datasets, "largest_mb": settings(request).largest_upload_mb}
-    return study_page(request, "models", person, study, context)
+    return viewing(study_page(request, "models", person, study, context), models)
 
 
 @router.get("/{sha256}.ply")

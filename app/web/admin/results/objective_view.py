@@ -14,7 +14,7 @@ from app.operations.studies.attach import listed
 from app.web.admin.results.scores_view import MINUS, NOTHING, by_dataset, decimal, p_value, unique
 
 SHOWN = (  # of a measure, with intervals
-    *("pearson_logistic", "pearson", "spearman", "kendall"),
+    *("pearson_logistic", "pearson_logistic5", "pearson", "spearman", "kendall"),
     *("pairs_correct", "auc_better_worse", "auc_different_similar"),
 )
 MOST_COMPARED = 10  # pairs of measures on the page

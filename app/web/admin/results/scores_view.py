@@ -12,7 +12,18 @@ from app.web.admin.listing import listed
 MINUS = "−"
 NOTHING = "–"
 # Findings that everybody needs. What is told apart is among them: without a difference, it is the result.
-LEADING = ("interim", "ranking", "best", "worst", "difference", "told apart", "limits", "missing", "disagreement")
+LEADING = (
+    "interim",
+    "ranking",
+    "best",
+    "worst",
+    "difference",
+    "told apart",
+    "ranks",
+    "limits",
+    "missing",
+    "disagreement",
+)
 
 TRIADS_SORTABLE = ("participant", "circular", "p_value", "n_flags")
 
@@ -23,6 +34,7 @@ def results_view(request: Request, analysis: Mapping[str, Any]) -> dict[str, Any
     """Return what the results page shows besides the rows of analysis.json."""
     from app.analysis.model.contrasts import SIGNIFICANT
     from app.analysis.report.sections import clearest_contrasts
+    from app.analysis.report.tables import best_share, ranks
 
     pairs, triads = clearest_contrasts(analysis), _triads(analysis)
     return {
@@ -44,6 +56,8 @@ def results_view(request: Request, analysis: Mapping[str, Any]) -> dict[str, Any
         "circular": {(row["participant"], row["dataset"]): row["circular"] for row in analysis["triads"]},
         "tables": _tables(analysis),
         "decimal": decimal,
+        "ranks": ranks,
+        "best_share": best_share,
         "p_value": p_value,
     }
 

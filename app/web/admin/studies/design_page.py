@@ -2,35 +2,25 @@
 
 from __future__ import annotations
 
-import json
-from datetime import datetime
-from functools import lru_cache, partial
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import Response
 
-from app.store.database.engine import Database
-from app.store.participants.participants import session_state
-from app.store.studies.studies import Study
-from app.store.trials.counted_votes import vote_state
+from app.analysis.comparisons.study_plan import DEFAULT_SPREAD
 from app.store.trials.designs import conditions_of
-from app.store.trials.orders import most_trials, study_plan, taken_orders
-from app.study.design.balance import balance_report, holds
+from app.store.trials.orders import most_trials, study_plan
+from app.study.design.balance import holds
 from app.study.options.duration import stage_minutes
 from app.study.options.options import parse_options
 from app.study.protocols import TYPICAL_INCONSISTENCY
 from app.web.admin.layout import study_page
 from app.web.admin.listing import listed
+from app.web.analyst.results import balance_soon, plan_of
 from app.web.gates import Now, Store
-from app.web.once import Latest, Shared
 from app.web.roles import AStudy, Person
 
 PAIR_COLUMNS = ("dataset", "item_1", "item_2", "n_shown", "n_1_is_a", "n_1_is_first")
-REPLICATES = 200  # simulated studies; gives the power to about 3 %
-PATIENCE_S = 0.4  # checking the orders of 10 000 participants takes minutes
-_reports: Shared[dict[str, Any]] = Shared(16)
-_latest_report: Latest[dict[str, Any]] = Latest("reconstudy-balance")
 
 router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
 
@@ -44,20 +34,18 @@ def design_page(
     now: Now,
     participants: Annotated[int | None, Query(ge=2, le=500)] = None,
     effect: Annotated[float, Query(ge=0.05, le=4, allow_inf_nan=False)] = 0.5,
-    spread: Annotated[float, Query(ge=0, le=3, allow_inf_nan=False)] = 0.4,
+    spread: Annotated[float | None, Query(ge=0, le=3, allow_inf_nan=False)] = None,
 ) -> Response:
     with database.reading() as connection:
         plan = study_plan(connection, study)
         n_trials = most_trials(connection, study)
         conditions = conditions_of(connection, study.id)
-    report, _ = _latest_report.get(
-        (str(database.engine.url), study.id), partial(_checked_orders, database, study, now), PATIENCE_S
-    )
+    report, _ = balance_soon(database, study, now)
     minutes = stage_minutes(parse_options(study.options), n_trials, study.exposure_s)
     n_datasets = len({pair.dataset for pair in plan.pairs})
-    size = (len(conditions), n_datasets, participants or 22, effect)
-    power = _power(*size, spread, is_rated=plan.is_rated) if participants else None
-    claims, wanted = _claims(*size, spread) if participants and not plan.is_rated else ([], None)
+    size = (len(conditions), n_datasets, participants or 22, effect, spread)
+    planned = plan_of(*size, is_rated=plan.is_rated) if participants else None
+    usual = 0.0 if plan.is_rated else DEFAULT_SPREAD
     context = {
         "report": report,
         "holds": holds,
@@ -68,51 +56,11 @@ def design_page(
         "is_rated": plan.is_rated,
         "inconsistency": TYPICAL_INCONSISTENCY,
         "minutes": round(sum(minutes.values())),
-        "power": power,
-        "claims": claims,
-        "wanted": wanted,
-        "asked": {"participants": participants or 22, "effect": effect, "spread": spread},
+        "planned": planned,
+        "asked": {
+            "participants": participants or 22,
+            "effect": effect,
+            "spread": usual if spread is None else spread,
+        },
     }
     return study_page(request, "design", person, study, context)
-
-
-def _checked_orders(database: Database, study: Study, now: datetime) -> dict[str, Any]:
-    """Check the balance of a study's orders, once for the same participants in the same stages."""
-    with database.reading() as connection:
-        people = session_state(connection, study.id), sorted(vote_state(connection, study.id).excluded)
-    known = json.dumps([str(database.engine.url), study.id, study.revision, people, now.date(), now.hour], default=str)
-
-    def check() -> dict[str, Any]:
-        with database.reading() as connection:
-            return balance_report(study_plan(connection, study), taken_orders(connection, study, now))
-
-    return _reports.get(known, check)
-
-
-@lru_cache(maxsize=64)
-def _power(
-    conditions: int, datasets: int, participants: int, effect: float, spread: float, *, is_rated: bool
-) -> tuple[float, float]:
-    """Return the power in one dataset and over all, as shares of studies; the effect is in JOD, or in grades."""
-    from app.analysis.comparisons.power import StudyPlan, power
-    from app.analysis.ratings.planning import RatingPlan, rating_power
-
-    if is_rated:
-        plans = (RatingPlan(conditions, n, participants, TYPICAL_INCONSISTENCY) for n in (1, datasets))
-        single, pooled = (rating_power(plan, effect) for plan in plans)
-        return single, pooled
-
-    sizes = (StudyPlan(conditions, n, participants, spread=spread) for n in (1, datasets))
-    single, pooled = (power(size, effect, 1, REPLICATES) for size in sizes)
-    return single, pooled
-
-
-@lru_cache(maxsize=64)
-def _claims(
-    conditions: int, datasets: int, participants: int, effect: float, spread: float
-) -> tuple[list[dict[str, Any]], dict[str, int] | None]:
-    """Return the power of each claim over all datasets, and the participants wanted for the one a report makes."""
-    from app.analysis.comparisons.power import StudyPlan, claim_rows, participants_wanted
-
-    plan = StudyPlan(conditions, datasets, participants, spread=spread)
-    return claim_rows(plan, effect, 1, REPLICATES), participants_wanted(plan, effect, 1, REPLICATES)

@@ -8,10 +8,8 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import FileResponse, Response
 
 from app.errors import NotFoundError
-from app.ffmpeg import Progress
 from app.films.strips import write_still
-from app.operations.studies.check_films import check_films, films_of, in_words, last_check
-from app.operations.tasks import start_task
+from app.operations.studies.check_films import films_of, in_words, last_check, start_film_check
 from app.store.access.experimenters import Experimenter
 from app.store.studies.studies import Study
 from app.store.trials.designs import STRIPS, pair_records, stimulus_records
@@ -34,18 +32,7 @@ def stimuli_page(request: Request, person: Person, study: AStudy) -> Response:
 @router.post("")
 def check_stimuli(request: Request, actor: Acting, study: AStudy, store: Store) -> Response:
     """Decode every film to its end, and play it in a browser where one is installed, in the background."""
-    server = settings(request)
-
-    def work(progress: Progress) -> str:
-        with store.reading() as connection:
-            films = films_of(connection, study)
-        check = check_films(server, study, films, actor.now, progress=progress)
-        with store.writing() as connection:
-            facts = {"files": check.n_films, "faults": len(check.faults), "played": check.n_played}
-            actor.note(connection, "films checked", study, study.slug, **facts)
-        return f"/admin/studies/{study.slug}/stimuli"
-
-    task = start_task(store, actor, f"Checking the films of {study.name}", work, subject=f"films of {study.slug}")
+    task = start_film_check(settings(request), store, study, actor)
     return see(f"/admin/jobs/{task}")
 
 

@@ -28,7 +28,8 @@ QUESTION_PARTS = ("name", "kind", "text", "options", "labels", "minimum", "maxim
 FILMS_PARTS = ("dataset", "a", "b")
 PARTS = {"questions": QUESTION_PARTS, "practice_pairs": FILMS_PARTS}
 WAS = "was"  # names the field that says what the settings were when the page was opened
-IN_EVERY_FORM = ("form_token", "revision", "stimulus_set", "preset", MARK, WAS)
+WAY, ANSWERS = "way", "answer."  # where people take part, and what begins the names of answers of a platform
+IN_EVERY_FORM = ("form_token", "revision", "stimulus_set", "preset", "platform", WAY, MARK, WAS)
 LONGEST = {"name": 200, "consent_version": 200, "outside.keep": 500}  # characters in a field; of others as declared
 LONGEST_TYPED = 1000  # where nothing is declared
 
@@ -61,11 +62,17 @@ class StudyForm:
     longest_text = LONGEST_TEXT
 
     @property
+    def basic(self) -> list[Setting]:
+        """The settings that come first."""
+        return [setting for setting in SETTINGS if setting.is_basic]
+
+    @property
     def sections(self) -> dict[str, tuple[str, str, list[Setting]]]:
-        """Title, note and settings of each section, by its key."""
+        """Title, note and further settings of each section, by its key."""
         return {
-            key: (title, SECTION_NOTES.get(key, ""), [setting for setting in SETTINGS if setting.section == key])
+            key: (title, SECTION_NOTES.get(key, ""), settings)
             for key, title in SECTIONS.items()
+            if (settings := [each for each in SETTINGS if each.section == key and not each.is_basic])
         }
 
     @property
@@ -132,6 +139,15 @@ def digests_of(values: Mapping[str, Any]) -> str:
     return json.dumps({setting.name: _digest(values.get(setting.name)) for setting in SETTINGS}, separators=(",", ":"))
 
 
+def changed_since(was: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings that were changed since a page was opened; all of them where its digests are not known."""
+    try:
+        before = dict(json.loads(was)) if was else {}
+    except (ValueError, TypeError):
+        before = {}
+    return {name: value for name, value in given.items() if _digest(value) != before.get(name)}
+
+
 def merged(was: str, given: Mapping[str, Any], now: Mapping[str, Any]) -> StudyForm:
     """Return a form that keeps what somebody typed although somebody else has changed the study meanwhile.
 
@@ -191,7 +207,8 @@ def read_values(fields: FormData) -> dict[str, Any]:
     InvalidError
         If it holds a field that is no setting.
     """
-    given = {*fields.keys(), *map(str, fields.getlist(MARK))} - set(IN_EVERY_FORM)
+    named = {name for name in fields if not name.startswith(ANSWERS)}
+    given = {*named, *map(str, fields.getlist(MARK))} - set(IN_EVERY_FORM)
     known = {setting.name: setting for setting in SETTINGS}
     names = {name if name in known else name.partition(".")[0] for name in given}
     if unknown := sorted(names - known.keys()):

@@ -5,20 +5,16 @@ A name from outside never becomes a path: sets are chosen from the list, and nam
 
 from __future__ import annotations
 
-from pathlib import Path as FilePath
-from typing import Annotated
+from typing import Annotated, Literal
 from urllib.parse import quote
 
 from fastapi import APIRouter, Depends, Form, Path, Query, Request
 from fastapi.responses import FileResponse, JSONResponse, Response
-from starlette.concurrency import run_in_threadpool
 
 from app.errors import InvalidError, NotFoundError, StimuliError
-from app.ffmpeg import Progress
 from app.intake.contents import PLAYABLE
 from app.intake.treatment import preview_of
-from app.intake.zips import check_zip
-from app.operations.studies.receive_films import found_and_done, install_set
+from app.operations.studies.receive_films import found_and_done
 from app.operations.studies.stimulus_sets import (
     delete_set,
     known_sets,
@@ -27,12 +23,10 @@ from app.operations.studies.stimulus_sets import (
     set_called,
     studies_of,
 )
-from app.operations.tasks import start_task
-from app.store.studies.audit import Entry, record_alone
 from app.web.admin.layout import page, see
-from app.web.admin.uploads import UploadingActor, receive
 from app.web.gates import Store, settings
 from app.web.roles import Acting, Person, experimenter
+from app.web.uploads import UploadingActor, begin_installing
 
 PREVIEW = "preview"
 
@@ -136,17 +130,14 @@ async def upload(
     database: Store,
     name: Annotated[str, Query(max_length=200)] = "",
     conform: bool = False,
+    then: Literal["", "study"] = "",
 ) -> Response:
-    """Take a zip file of films, or of a stimulus set; it is unpacked, looked at and checked in the background."""
+    """Take a zip file of films, or of a stimulus set; it is unpacked, looked at and checked in the background.
+
+    `then=study` leads on to the form of a study of it.
+    """
     server = settings(request)
-    folder, packed = await receive(request, actor, database, server.sets_dir, server.largest_upload_mb, check_zip)
-
-    def work(progress: Progress) -> str:
-        with folder:
-            unpacked = FilePath(folder.name) / "unpacked"
-            made = install_set(server, packed, unpacked, progress, name=name, is_conformed=conform)
-        record_alone(database, actor.name, Entry("stimulus set uploaded", subject=made), actor.now)
-        return f"/admin/sets/{quote(made)}"
-
-    task = await run_in_threadpool(start_task, database, actor, "Looking at the uploaded films", work)
+    task = await begin_installing(
+        request, server, actor, database, name, is_conformed=conform, is_for_study=then == "study"
+    )
     return JSONResponse({"job": f"/admin/jobs/{task}"}, 202)

@@ -9,11 +9,11 @@ from typing import Annotated, Any
 from fastapi import APIRouter, File, Form, Path, Request, UploadFile
 from fastapi.responses import Response
 
-from app.errors import ConflictError, InvalidError, NotFoundError
+from app.errors import InvalidError, NotFoundError
+from app.operations.studies.edit import keep_study_image, remove_study_image
 from app.operations.studies.manage import study_file_of
-from app.store.database.engine import Transaction
-from app.store.studies.images import image_digests, keep_image, remove_image
-from app.store.studies.studies import Study, lock_study, progress_of
+from app.store.studies.images import image_digests
+from app.store.studies.studies import progress_of
 from app.study.languages.language_pack import BY, PLURALS, LanguagePack, Text
 from app.study.options.options import StudyOptions, parse_options
 from app.study.options.own_texts import CONSENT, DEBRIEFING, LONGEST_TEXT, NAME
@@ -26,7 +26,7 @@ from app.study.options.wording import (
     wording,
 )
 from app.study.questions.answers import QUESTIONS, pack_labels
-from app.study.trial.image import LARGEST_IMAGE, MOST_IMAGES, check_image
+from app.study.trial.image import LARGEST_IMAGE
 from app.web.admin.layout import see, study_page, unix
 from app.web.admin.studies.edit_page import Revision, save_study
 from app.web.gates import Store, languages
@@ -127,33 +127,14 @@ def save_texts(
 @router.post("/images")
 def upload_image(actor: Acting, study: AStudy, database: Store, image: Annotated[UploadFile, File()]) -> Response:
     """Keep an image, in place of one of the same name, for texts to show."""
-    name, content = image.filename or "", image.file.read(LARGEST_IMAGE + 1)
-    try:
-        check_image(name, content)
-    except ValueError as error:
-        raise InvalidError(f"The image was not kept: {error}.") from error
-    with database.writing() as connection:
-        _refuse_once_begun(connection, study)
-        if len({*image_digests(connection, study.id), name}) > MOST_IMAGES:
-            raise InvalidError(f"The image was not kept: a study has at most {MOST_IMAGES}.")
-        keep_image(connection, study.id, name, content)
-        actor.note(connection, "image kept", study, study.slug, image=name)
+    keep_study_image(database, study, image.filename or "", image.file.read(LARGEST_IMAGE + 1), actor)
     return see(f"/admin/studies/{study.slug}/texts")
 
 
 @router.post("/images/{name}/remove")
 def remove(actor: Acting, study: AStudy, database: Store, name: Annotated[str, Path(max_length=80)]) -> Response:
-    with database.writing() as connection:
-        _refuse_once_begun(connection, study)
-        remove_image(connection, study.id, name)
-        actor.note(connection, "image removed", study, study.slug, image=name)
+    remove_study_image(database, study, name, actor)
     return see(f"/admin/studies/{study.slug}/texts")
-
-
-def _refuse_once_begun(connection: Transaction, study: Study) -> None:
-    lock_study(connection, study.id)  # nobody begins between the check and the change
-    if progress_of(connection, study.id).n_started:
-        raise ConflictError("Participants have begun, so images cannot change. Duplicate the study instead.")
 
 
 def _save(

@@ -44,9 +44,9 @@ from app.store.database.engine import Database
 from app.store.studies.audit import Actor, Entry, record_alone
 from app.web.admin.background import UPLOAD
 from app.web.admin.layout import see
-from app.web.admin.uploads import UploadingActor
 from app.web.gates import Store, settings
 from app.web.roles import Acting, Looking
+from app.web.uploads import UploadingActor
 
 UploadId = Annotated[str, Path(max_length=40)]
 

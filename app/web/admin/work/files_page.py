@@ -33,7 +33,7 @@ from app.settings import Settings
 from app.store.database.engine import Database
 from app.store.queue import OPEN, QueuedJob, list_jobs
 from app.store.studies.studies import Study, all_studies
-from app.web.admin.layout import page, see
+from app.web.admin.layout import page, see, viewing
 from app.web.gates import Store, settings
 from app.web.media import SANDBOX
 from app.web.roles import Acting, Person, study_called
@@ -45,6 +45,7 @@ TITLES = {
     "films": "Films",
     "clouds": "Clouds",
     "measures": "Tables of measures",
+    "votes": "Tables of votes and ratings",
     "runs": "What jobs made",
 }
 SHOWN_TYPES = {  # of files that a page may show; others are downloaded
@@ -116,7 +117,7 @@ def entry_page(request: Request, person: Person, kind: Kind, name: Name, store: 
         "film_address": lambda place: _film_address(base, place),
         "preview_address": lambda place: f"{base}/preview/{quote(place)}",
     }
-    return page(request, "file_entry", person, context)
+    return viewing(page(request, "file_entry", person, context), models)
 
 
 @router.get("/{kind}/{name}/file/{place:path}")

@@ -15,10 +15,10 @@ from app.intake.captures import CameraPictures, read_outline
 from app.intake.strokes import Stroke, read_strokes, replace_strokes
 from app.operations.mask_trial import try_strokes
 from app.web.admin.layout import page
-from app.web.admin.uploads import UploadingActor
 from app.web.admin.work.files_page import Name, entry_address, entry_of
 from app.web.gates import Store
 from app.web.roles import Looking
+from app.web.uploads import UploadingActor
 
 PICTURE = "/{sensor}/{side}/{frame}"
 

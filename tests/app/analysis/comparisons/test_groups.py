@@ -12,7 +12,8 @@ from scipy.stats import friedmanchisquare, kendalltau, spearmanr, ttest_ind
 from app.analysis import AnalysisSettings, VotesError, analyse, analyse_file
 from app.analysis.comparisons.factors import ModelTest
 from app.analysis.comparisons.homogeneity import Part, parts_differ
-from app.analysis.comparisons.power import StudyPlan, simulate_votes
+from app.analysis.comparisons.power import simulate_votes
+from app.analysis.comparisons.vote_studies import StudyPlan
 from app.analysis.model.bradley_terry import fit_scores
 from app.analysis.reading.attributes import read_participants
 from app.analysis.reading.read_votes import votes_from_rows

@@ -7,15 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.analysis.comparisons.claims import CLAIMS, contrast_p_values, fitted_together, pair_directions, simulated_votes
-from app.analysis.comparisons.power import (
-    StudyPlan,
-    detectable_jod,
-    participants_wanted,
-    plan_study,
-    power,
-    simulate_votes,
-)
+from app.analysis.comparisons.claims import CLAIMS, claim_power, pair_directions
+from app.analysis.comparisons.power import detectable, participants_wanted, plan_study, power, simulate_votes
+from app.analysis.comparisons.vote_studies import StudyPlan, VoteStudies, simulated_votes
 from app.analysis.model.bradley_terry import fit_scores
 from app.analysis.model.contrasts import contrasts
 from app.analysis.ratings.planning import RatingPlan, plan_ratings
@@ -85,7 +79,7 @@ def test_few_people_who_agree_by_chance_are_no_finding() -> None:
 
 @pytest.mark.slow
 def test_a_plan_without_a_chance_has_no_detectable_difference() -> None:
-    assert detectable_jod(StudyPlan(2, 1, 2, tie_rate=0.5), 1, 100) is None
+    assert detectable(StudyPlan(2, 1, 2, tie_rate=0.5), 1, 100) is None
 
 
 @pytest.mark.parametrize("effect", [0.0, -1.0, float("nan"), float("inf")])
@@ -112,9 +106,8 @@ def test_a_claim_of_nothing_is_made_as_often_as_its_level_says(claim: str) -> No
 
 
 def test_batches_have_the_p_values_of_the_analysis() -> None:
-    people = StudyPlan(4, 2, 14).people
-    votes = simulated_votes(people, np.array([0.6, 0.0, -0.2, -0.4]), 3, np.random.default_rng(1))
-    together = contrast_p_values(fitted_together(votes.sum(axis=2)), votes.sum(axis=2), pair_directions(4))
+    votes = simulated_votes(StudyPlan(4, 2, 14), np.array([0.6, 0.0, -0.2, -0.4]), 3, np.random.default_rng(1))
+    together = VoteStudies(votes).p_values(pair_directions(4))
     for study, of_batch in zip(votes, together, strict=True):
         j, d, kind, pair = (part.ravel() for part in np.indices(study.shape))
         cast = study.ravel() > 0
@@ -147,3 +140,8 @@ def test_the_number_of_participants_comes_with_the_error_of_its_simulation() -> 
 def test_an_unknown_claim_is_refused() -> None:
     with pytest.raises(ValueError, match="claim is 'all', expected one of told apart, pair"):
         plan_study(StudyPlan(3, 1, 4), np.random.default_rng(1), claim="all")
+
+
+def test_a_measure_is_not_shown_by_scores_that_are_all_equal() -> None:
+    """Two people and three conditions: in some simulated studies nothing differs, and no correlation is there."""
+    assert claim_power(StudyPlan(3, 1, 2, spread=0.0), "measure", 0.05, 1, 200) < 0.2

@@ -12,8 +12,9 @@ import pytest
 
 from app.analysis import AnalysisSettings, VotesTable, analyse, votes_from_rows
 from app.analysis.comparisons.comparison import compare
-from app.analysis.comparisons.power import StudyPlan, simulate_votes
+from app.analysis.comparisons.power import simulate_votes
 from app.analysis.comparisons.random_effect_rows import random_effect_tables
+from app.analysis.comparisons.vote_studies import StudyPlan
 from app.analysis.model.bradley_terry import fit_scores
 from app.analysis.model.random_effects import fit_random_effects, mixture_interval
 from app.analysis.reading.votes_table import votes_from_indices

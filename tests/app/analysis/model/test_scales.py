@@ -13,7 +13,8 @@ from scipy.stats import t as student
 
 from app.analysis import AnalysisSettings, analyse, votes_from_rows
 from app.analysis.analyse import scored
-from app.analysis.comparisons.power import StudyPlan, simulate_votes
+from app.analysis.comparisons.power import simulate_votes
+from app.analysis.comparisons.vote_studies import StudyPlan
 from app.analysis.model.distance_prior import fit_with_prior
 from app.analysis.model.thurstone import JOD, THURSTONE, fit_thurstone
 

@@ -8,7 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import curve_fit
 
-from app.analysis.objective.logistic import Logistic, fit_logistic, grid_correlations
+from app.analysis.objective.logistic import (
+    Logistic,
+    fit_logistic,
+    fit_logistic_with_line,
+    grid_correlations,
+)
 
 
 def logistic(x: np.ndarray, bottom: float, top: float, middle: float, width: float) -> np.ndarray:
@@ -60,3 +65,36 @@ def test_the_grid_of_the_orders_never_beats_the_fit_and_comes_close_on_average()
 def test_the_curve_has_its_ends_and_its_middle() -> None:
     curve = Logistic(-1.0, 3.0, 10.0, 0.5, 1.0, "ok")
     assert curve(np.array([-1000.0, 10.0, 1000.0])).tolist() == [-1.0, 1.0, 3.0]
+
+
+def with_line(x: np.ndarray, b1: float, b2: float, b3: float, b4: float, b5: float) -> np.ndarray:
+    return b1 * (0.5 - 1 / (1 + np.exp(b2 * (x - b3)))) + b4 * x + b5
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_least_squares_of_five_parameters_are_those_of_scipy(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    x = np.sort(rng.uniform(25, 40, 40))
+    y = with_line(x, 2.0, 0.9, 32.0, 0.1, -3.0) + 0.1 * rng.normal(size=40)
+    theirs, _ = curve_fit(with_line, x, y, p0=(2.0, 0.9, 32.0, 0.1, -3.0))
+    fit = fit_logistic_with_line(x, y)
+    assert np.sum((y - fit(x)) ** 2) == pytest.approx(np.sum((y - with_line(x, *theirs)) ** 2), rel=1e-4)
+    assert fit(x) == pytest.approx(with_line(x, fit.b1, fit.b2, fit.b3, fit.b4, fit.b5))
+    assert fit.correlation == pytest.approx(np.corrcoef(y, fit(x))[0, 1], abs=1e-9)
+
+
+def test_five_parameters_are_never_farther_from_the_scores_than_four_and_have_the_direction_of_the_line() -> None:
+    for seed in range(30):
+        x, y = np.random.default_rng(seed).normal(size=(2, 8 + seed))
+        four, five = fit_logistic(x, y), fit_logistic_with_line(x, y)
+        assert abs(five.correlation) >= abs(four.correlation) - 1e-9
+        assert np.sign(five.correlation) == np.sign(np.corrcoef(x, y)[0, 1])
+        (by_grid,) = grid_correlations(x, y[None], with_line=True)
+        assert abs(by_grid) <= abs(five.correlation) + 1e-12
+        assert by_grid == pytest.approx(five.correlation, abs=0.1)
+
+
+def test_a_curve_that_turns_is_named() -> None:
+    x = np.linspace(0, 10, 40)
+    assert fit_logistic_with_line(x, with_line(x, 6.0, 2.0, 5.0, -0.4, 0.0)).status == "not monotone"
+    assert fit_logistic_with_line(x, with_line(x, 6.0, 2.0, 5.0, 0.4, 0.0)).status == "ok"

@@ -12,7 +12,8 @@ import pytest
 from scipy import stats
 
 from app.analysis import AnalysisSettings, VotesError, analyse, analyse_file
-from app.analysis.comparisons.power import StudyPlan, simulate_votes
+from app.analysis.comparisons.power import simulate_votes
+from app.analysis.comparisons.vote_studies import StudyPlan
 from app.analysis.objective.logistic import fit_logistic
 from app.analysis.objective.points import ScoreSet, matched
 from app.analysis.objective.prediction import SHARES, prediction_rows

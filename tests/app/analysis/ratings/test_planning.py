@@ -1,33 +1,87 @@
+"""Planning a study of ratings by simulating it."""
+
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import ttest_rel
+from scipy.stats import ncf, t
 
-from app.analysis.ratings.planning import RatingPlan, detectable_difference, plan_ratings, rating_power
+from app.analysis.comparisons.claims import CLAIMS, pair_directions
+from app.analysis.comparisons.power import detectable, participants_wanted, power
+from app.analysis.ratings.contrasts import rating_contrasts
+from app.analysis.ratings.planning import RatingPlan, RatingStudies, plan_ratings
+from app.analysis.ratings.table import RatingTable
 
 PLAN = RatingPlan(conditions=6, datasets=3, participants=12, inconsistency=0.8)
 
 
-@pytest.mark.parametrize("effect", [0.2, 0.5])
-def test_the_power_is_the_share_of_simulated_studies_that_find_the_difference(effect: float) -> None:
-    rng = np.random.default_rng(5)
-    shape = (4000, PLAN.participants, PLAN.datasets)
-    bias = rng.normal(size=shape[:2])
-    a, b = (rng.normal(scale=PLAN.inconsistency, size=shape).mean(axis=2) + bias for _ in range(2))
-    share = float(np.mean(ttest_rel(a + effect, b, axis=1).pvalue < 0.05))
-    assert rating_power(PLAN, effect) == pytest.approx(share, abs=0.03)
+def exact_power(plan: RatingPlan, effect: float) -> float:
+    """Return the power of a paired t-test over participants, from the noncentral distribution."""
+    variance = 2 * (plan.spread**2 + (plan.inconsistency**2 + plan.by_dataset**2) / plan.datasets) / plan.participants
+    limit = float(t.ppf(0.975, plan.participants - 1))
+    return float(ncf.sf(limit**2, 1, plan.participants - 1, effect**2 / variance))
+
+
+@pytest.mark.parametrize("people", [{}, {"spread": 0.4}, {"by_dataset": 0.6}])
+def test_the_power_for_a_pair_is_that_of_the_paired_t_test(people: dict[str, float]) -> None:
+    for effect in (0.2, 0.5):
+        plan = replace(PLAN, **people)
+        assert power(plan, effect, 1, 2000, claim="pair") == pytest.approx(exact_power(plan, effect), abs=0.035)
 
 
 def test_the_detectable_difference_has_a_power_of_80_percent() -> None:
-    assert rating_power(PLAN, detectable_difference(PLAN)) == pytest.approx(0.8, abs=0.001)
+    found = detectable(PLAN, 1, 800, claim="pair")
+    assert found is not None
+    assert exact_power(PLAN, found) == pytest.approx(0.8, abs=0.05)
 
 
 def test_a_plan_counts_ratings_and_more_datasets_find_more() -> None:
-    result = plan_ratings(PLAN, 0.5)
+    result = plan_ratings(PLAN, 0.5, replicates=200)
     assert (result["votes_per_participant"], result["votes"]) == (18, 216)
     assert result["power_pooled"] > result["power_one_dataset"]
     assert result["detectable_pooled"] < result["detectable_one_dataset"]
+    assert result["claim"] == "told apart"
+    assert {row["claim"] for row in result["claims"]} == set(CLAIMS)
+
+
+def test_simulated_ratings_have_the_p_values_of_the_analysis() -> None:
+    studies = PLAN.simulated(np.array([0.6, 0.0, 0.2, -0.4, 0.0, 0.1]), 2, np.random.default_rng(3))
+    assert isinstance(studies, RatingStudies)
+    for ratings, of_batch in zip(studies.ratings, studies.p_values(pair_directions(6)), strict=True):
+        assert [row.p_value for row in rating_contrasts(table_of(ratings))] == pytest.approx(of_batch.tolist())
+
+
+def table_of(ratings: np.ndarray) -> RatingTable:
+    person, dataset, condition = (part.ravel() for part in np.indices(ratings.shape))
+    items = tuple((f"d{d}", f"c{c}") for d in range(ratings.shape[1]) for c in range(ratings.shape[2]))
+    people = tuple(f"P{j:02d}" for j in range(len(ratings)))
+    none = np.zeros(len(items), bool)
+    item = dataset * ratings.shape[2] + condition
+    return RatingTable(people, items, person, item, ratings.ravel(), none, "acr", -9.0, 9.0)
+
+
+@pytest.mark.parametrize("claim", CLAIMS)
+def test_a_claim_of_nothing_is_made_as_often_as_its_level_says(claim: str) -> None:
+    assert power(replace(PLAN, datasets=5, spread=0.3), 1e-9, 3, 400, claim=claim) < 0.09
+
+
+def test_who_leaves_clicks_or_differs_costs_power() -> None:
+    full = power(PLAN, 0.4, 1, 400)
+    for people in ({"drop_out": 0.5}, {"careless": 0.3}, {"spread": 0.8}, {"by_dataset": 1.0}):
+        assert power(replace(PLAN, **people), 0.4, 1, 400) < full
+
+
+def test_datasets_that_differ_cost_the_claim_over_datasets() -> None:
+    alike, unlike = (replace(PLAN, datasets=5, dataset_spread=spread) for spread in (0.0, 0.5))
+    assert power(unlike, 0.5, 1, 400, claim="datasets") < power(alike, 0.5, 1, 400, claim="datasets")
+
+
+def test_the_participants_for_80_percent_suffice() -> None:
+    wanted = participants_wanted(PLAN, 0.4, 1, 400, claim="pair")
+    assert wanted is not None
+    assert exact_power(replace(PLAN, participants=wanted["participants"]), 0.4) > 0.74
 
 
 def test_numbers_that_make_no_study_are_named() -> None:
@@ -35,13 +89,3 @@ def test_numbers_that_make_no_study_are_named() -> None:
         RatingPlan(6, 3, 12, 0)
     with pytest.raises(ValueError, match="effect is -1"):
         plan_ratings(PLAN, -1)
-
-
-def test_power_rises_to_one_with_the_effect_for_few_and_for_many() -> None:
-    for participants in (2, 3, 5, 10, 100, 1000):
-        plan = RatingPlan(2, 1, participants, 0.7)
-        powers = np.array([rating_power(plan, float(effect)) for effect in np.geomspace(1e-3, 1e4, 150)])
-        assert powers[0] == pytest.approx(0.05, abs=1e-3)
-        assert powers[-1] == pytest.approx(1)
-        assert (np.diff(powers) > -1e-9).all()
-        assert rating_power(plan, detectable_difference(plan)) == pytest.approx(0.8, abs=1e-3)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from app.analysis import AnalysisSettings, analyse
-from app.analysis.comparisons.power import StudyPlan, simulate_votes
+from app.analysis.comparisons.power import simulate_votes
+from app.analysis.comparisons.vote_studies import StudyPlan
 from app.analysis.drawing.charts_in_common import chart_svg, labels_of, text_width
 from app.analysis.objective.labels import LABEL_SIZE, LETTER_HEIGHT, Box, Frame, place_names
 from app.analysis.report.objective_charts import measure_chart, ranking_chart

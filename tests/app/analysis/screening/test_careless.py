@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from app.analysis import analyse, read_votes
-from app.analysis.comparisons.power import StudyPlan, simulate_votes
+from app.analysis.comparisons.power import simulate_votes
+from app.analysis.comparisons.vote_studies import StudyPlan
 from app.analysis.reading.votes_table import VotesTable
 from app.analysis.report.page import report_page
 from app.analysis.report.write import table_csv

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from app.analysis import analyse, read_votes
-from app.analysis.comparisons.power import StudyPlan, simulate_votes
+from app.analysis.comparisons.power import simulate_votes
+from app.analysis.comparisons.vote_studies import StudyPlan
 from app.analysis.reading.votes_table import VotesTable
 from app.analysis.screening.agreement import agreement_rows
 from app.analysis.screening.disagreement import disagreement, heterogeneity, krippendorff_alpha

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from app.analysis import analyse
-from app.analysis.comparisons.power import StudyPlan, simulate_votes
+from app.analysis.comparisons.power import simulate_votes
+from app.analysis.comparisons.vote_studies import StudyPlan
 from app.analysis.model.likelihood.counts import count_pairs
 from app.analysis.reading.read_votes import read_votes, votes_from_rows
 from app.analysis.reading.votes_table import VotesError, VotesTable, only_compared, votes_from_indices
@@ -69,6 +70,15 @@ def test_votes_with_one_side_unseen_are_flagged_where_it_is_known() -> None:
     assert (unknown["one_side_unseen"], unknown["flags"]) == (None, [])
     with pytest.raises(VotesError, match="both_seen is 'perhaps', expected true or false"):
         votes_from_rows([row | {"both_seen": "perhaps"}])
+
+
+def test_votes_on_films_that_did_not_run_are_flagged_where_it_is_known() -> None:
+    row = {"participant": "P1", "dataset": "d", "item_a": "x", "item_b": "y", "choice": "a"}
+    ran = [row | {"shown_smoothly": smooth} for smooth in (True, False, None)]
+    (judged,) = observer_rows(votes_from_rows(ran), [], ties="rao-kupper")
+    assert (judged["not_smooth"], judged["flags"]) == (1, ["films not shown smoothly in 1 of 3 votes"])
+    (unknown,) = observer_rows(votes_from_rows([row, row]), [], ties="rao-kupper")
+    assert (unknown["not_smooth"], unknown["flags"]) == (None, [])
 
 
 def test_the_time_from_press_to_picture_is_told_where_it_was_recorded() -> None:

@@ -18,12 +18,13 @@ import pytest
 from app.errors import UnavailableError
 from app.files import write_json
 from app.operations.jobs import command, worker
-from app.operations.jobs.command import STEPS, Command, job_folder, log_tail, step_ends
+from app.operations.jobs.command import STEPS, Command, job_folder, log_tail, needed_environment, step_ends, was_done
 from app.operations.jobs.estimate import whole_left_s
 from app.operations.jobs.kinds import KINDS, job_kind
 from app.operations.jobs.worker import JobWorker
 from app.settings import Settings
 from app.store.database.engine import Database
+from app.store.database.keys import utc_now
 from app.store.queue import QueuedJob, cancel_job, enqueue, job_by_id, leave, retry_job
 from tests.seeded_studies import NOW
 
@@ -226,6 +227,19 @@ def test_the_command_of_a_worker_that_was_killed_ends_before_the_job_begins_agai
         time.sleep(0.02)
 
 
+def test_a_job_whose_command_did_all_while_its_worker_died_is_done_and_not_begun_again(
+    here: Settings, database: Database, runs: Callable[[str], None]
+) -> None:
+    public_id = queued(here, database)
+    runs("import os, pathlib; pathlib.Path(os.environ['RECONSTUDY_DONE_FILE']).touch()")
+    dying = JobWorker(here, database)
+    dying.look()
+    dying._running[public_id].command._process.wait(TIMEOUT_S)
+    runs("raise SystemExit('a set is not made into a folder that is not empty')")
+    JobWorker(here, database, clock=lambda: utc_now() + timedelta(hours=1)).work(threading.Event(), once=True)
+    assert (job(database, public_id).state, job(database, public_id).attempt) == ("done", 2)
+
+
 def test_a_job_that_was_given_to_another_worker_is_stopped(
     here: Settings, database: Database, runs: Callable[[str], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -282,6 +296,18 @@ def test_a_command_of_a_job_is_told_no_secret_of_its_surroundings(
     said = (tmp_path / "job" / "log.txt").read_text()
     assert "planted" not in said
     assert "'NUMBA_CACHE_DIR': 'kept'" in said
+
+
+@pytest.mark.parametrize(("arguments", "is_done"), [(["--version"], True), (["stimuli", "check", "nowhere"], False)])
+def test_a_command_leaves_a_note_when_it_has_done_all(tmp_path: Path, arguments: list[str], is_done: bool) -> None:
+    ran = Command(tmp_path / "job", arguments, 1, NOW)
+    ran._process.wait(TIMEOUT_S)
+    assert was_done(tmp_path / "job") is is_done
+
+
+def test_no_surrounding_lets_a_program_read_larger_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPENCV_IO_MAX_IMAGE_PIXELS", str(2**40))
+    assert needed_environment()["OPENCV_IO_MAX_IMAGE_PIXELS"] == str(2**27)
 
 
 def test_a_job_that_takes_too_long_is_ended(here: Settings, database: Database, runs: Callable[[str], None]) -> None:

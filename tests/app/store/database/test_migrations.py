@@ -173,6 +173,34 @@ def test_who_was_excluded_twice_is_so_once_by_the_first_reason(new_database_url:
     database.dispose()
 
 
+def test_older_votes_on_films_that_did_not_run_are_found_by_their_counts_of_frames(
+    new_database_url: Callable[[], str],
+) -> None:
+    slept = {"shown_ms": 15_915.0, "n_frames": 28, "n_dropped": 0, "n_stalls": 0, "switches": []}
+    looks = {1: slept, 2: slept | {"shown_ms": 4000.0, "n_frames": 100}, 3: {"shown_ms": 4000.0, "switches": []}}
+    database = open_database(new_database_url())
+    with database.writing() as connection:
+        upgrade_within(connection, "0032")
+        tables = {table.name: table for table in tables_of(connection)}
+        rows = {name: insert_some_row(connection, table) for name, table in tables.items()}
+        connection.execute(tables["pair"].update().values(fps=25.0))
+        connection.execute(tables["vote"].update().values(viewing=looks[1]))
+        for key in (2, 3):
+            new = {"id": key, "trial_id": key, "viewing": looks[key], "client_id": f"{key}"}
+            trial = {"id": key, "public_id": f"{key}", "attempt": key}
+            connection.execute(insert(tables["trial"]).values(**rows["trial"] | trial))
+            connection.execute(insert(tables["vote"]).values(**rows["vote"] | new))
+    upgrade(database)
+    with database.reading() as connection:
+        judged = {row[0]: row[1] for row in connection.execute(text("SELECT id, shown_smoothly FROM vote"))}
+    assert {key: None if value is None else bool(value) for key, value in judged.items()} == {
+        1: False,
+        2: True,
+        3: None,
+    }
+    database.dispose()
+
+
 def tables_of(connection: Connection) -> list[Table]:
     """The tables that are there, each after those it refers to."""
     found = MetaData()

@@ -326,7 +326,7 @@ def test_an_invitation_is_copied_by_its_button_and_printed_with_its_code(page: P
 def test_a_row_keeps_the_focus_while_its_keys_move_it_and_gives_it_on_when_deleted(
     page: Page, new_study: Callable[[], dict[str, Any]]
 ) -> None:
-    page.goto(f"/admin/studies/{new_study()['slug']}/edit")
+    page.goto(f"/admin/studies/{new_study()['slug']}/edit#section-questions")
     names = page.locator("#setting-questions [data-row] [name='questions.name']")
     add = page.locator("#setting-questions").get_by_role("button", name="Add a row")
     for name in ("one", "two", "three"):

@@ -78,7 +78,7 @@ def set_up(page: Page, path: str) -> None:
 
 def create(page: Page) -> None:
     page.get_by_role("link", name="New study").click()
-    page.get_by_role("button", name="Next: all settings").click()
+    page.get_by_role("link", name="tiny").click()
     page.get_by_label("Name shown to participants").fill("Spring")
     page.get_by_label("Seconds a pair or film is shown").fill("0.4")
     page.get_by_role("button", name="Create").click()

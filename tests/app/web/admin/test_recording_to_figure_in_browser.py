@@ -149,8 +149,7 @@ def render(page: Page) -> None:
 
 def make_study(page: Page) -> str:
     """Create a study of the set that was rendered, and open it; return the part of its addresses."""
-    assert page.locator("[name=stimulus_set]:checked").input_value() == "sphere"
-    page.get_by_role("button", name="Next: all settings").click()
+    assert page.locator("[name=stimulus_set]").first.input_value() == "sphere"
     page.get_by_label("Name shown to participants").fill("Spheres")
     page.get_by_role("button", name="Create").click()
     page.get_by_role("button", name="Open to participants").click()

@@ -210,7 +210,7 @@ def test_a_token_opens_its_scopes_only(own: Settings, own_server: str, taken: di
 
 NEEDED = {  # the role that each route of the dashboard takes
     r"/admin/(users|tokens|settings)(/.*)?": "owner",
-    r"/admin/(audit|studies/new(/file)?|stimuli/upload)": "experimenter",
+    r"/admin/(audit|studies/new(/(file|draft|drop))?|studies/import|stimuli/upload)": "experimenter",
     r"/admin/work(/.*)?": "experimenter",
     r"/admin/studies/\{slug\}/(participants|votes|invitations|edit|models|texts)(/.*)?": "experimenter",
     r"/admin/studies/\{slug\}/(state|duplicate|preview|upload|results/groups(/.*)?)": "experimenter",

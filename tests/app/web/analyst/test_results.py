@@ -85,13 +85,14 @@ def test_a_long_table_is_compressed_unless_its_format_is(
 
 
 LATER = "press_to_picture_ms,protocol,rating,reference,lighter_film"
+RAN = "longest_gap_ms,frame_share,mismatch_share,shown_smoothly"
 
 
 def test_votes_have_the_agreed_columns(analyst: httpx.Client, taken: dict[str, Any]) -> None:
     votes = rows(analyst, taken, "votes")
     assert len(votes) == 30
     columns = "participant,dataset,item_a,item_b,choice,first_shown,trial,response_ms,practice,excluded,reason"
-    assert ",".join(votes[0]) == f"{columns},role,technique,frame_locked,both_seen,looks_before,{LATER}"
+    assert ",".join(votes[0]) == f"{columns},role,technique,frame_locked,both_seen,looks_before,{LATER},{RAN}"
     for vote in votes:
         assert vote["choice"] in ("a", "b", "none")
         assert vote["first_shown"] in (vote["item_a"], vote["item_b"])

@@ -142,6 +142,7 @@ def test_the_next_trial_is_as_agreed(participant: httpx.Client) -> None:
         "minimum_viewing_s",
         "protocol",
         "grades",
+        "longest_gap_ms",
         "void_on",
         "full_screen",
         "minimum_window",

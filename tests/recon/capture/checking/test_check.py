@@ -13,6 +13,7 @@ from recon.capture.checking.consistency import Shared, compared
 from recon.capture.checking.diagnosis import MIN_MATCHES
 from recon.capture.checking.matches import Matches, epipolar_errors
 from recon.capture.format import Capture, image_path, read_frame, write_capture
+from recon.capture.images import read_image
 from recon.geometry.rig import rigid
 from recon.studio import SynthParameters, synthesise
 from tests.command_line import Command
@@ -172,6 +173,17 @@ def test_masks_are_measured_and_empty_ones_are_a_problem(board: Capture) -> None
     report = check_capture(board.folder)
     assert [sensor.mask_coverage for sensor in report.sensors] == [(0.5, 0.5), (0.0, 0.0)]
     assert report.problems == ("sensor S2: the masks of a camera are empty in all frames",)
+
+
+def test_a_mask_of_a_frame_that_is_not_measured_closely_is_read_once(
+    board: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("recon.capture.checking.sensor.measured_frames", lambda _n: [0])
+    read: list[str] = []
+    monkeypatch.setattr("recon.capture.format.read_image", lambda path: read.append(path.name) or read_image(path))
+    write_capture(masked(board, SIZE[1] // 3))
+    check_capture(board.folder)
+    assert read.count("mask1.png") == 4  # it is that of four cameras
 
 
 def test_frames_with_empty_masks_and_sensors_without_masks_are_named(board: Capture) -> None:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from recon.capture.checking.check import check_capture
 from recon.capture.checking.lag import TangentPlanes, Tangents, lag_between
+from recon.capture.checking.silhouettes import silhouette_of
 from recon.capture.format import write_capture
 from recon.geometry.rig import Camera, look_at
 from recon.studio import SynthParameters, synthesise
@@ -73,7 +74,7 @@ def test_both_cameras_see_a_ball_between_the_same_planes() -> None:
         mask = np.zeros((480, 640), bool)
         columns, rows = np.rint(camera.project(on_ball)).astype(int).T
         mask[rows, columns] = True
-        angles.append(planes.tangents(camera, [mask]).angles[0])
+        angles.append(planes.tangents(camera, [silhouette_of(mask)]).angles[0])
     np.testing.assert_allclose(angles[0], angles[1], atol=1.5e-3)  # a pixel and a half
     assert not TangentPlanes(first, second, first.centre + 10 * (first.centre - second.centre)).is_usable
 

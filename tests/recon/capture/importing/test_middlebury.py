@@ -11,6 +11,7 @@ from recon.capture.checking.check import check_capture
 from recon.capture.format import CaptureError, read_capture, read_frame, read_held_out
 from recon.capture.importing.middlebury import import_middlebury
 from recon.geometry.rig import bounds_corners, look_at
+from recon.runtime.notices import Notice
 from tests.command_line import Command
 
 SIZE = (40, 30)
@@ -94,7 +95,6 @@ def test_views_whose_relative_poses_differ_are_no_rig(tmp_path: Path) -> None:
         ("scaled", "line 3: cam_from_world is not a rigid transform"),
         ("twice", "line 3: view 1 is listed twice"),
         ("unnumbered", "line 3: the name 'ring.png' does not end with the view's number"),
-        ("absent", "ringR0099.png: there is no such image"),
     ],
 )
 def test_a_wrong_calibration_file_is_named_with_the_line(tmp_path: Path, change: str, message: str) -> None:
@@ -110,13 +110,26 @@ def test_a_wrong_calibration_file_is_named_with_the_line(tmp_path: Path, change:
             "scaled": [*words[:10], "3.0", *words[11:]],
             "twice": ["ringR0001.png", *words[1:]],
             "unnumbered": ["ring.png", *words[1:]],
-            "absent": ["ringR0099.png", *words[1:]],
         }.get(change, words)
     )
     path.write_text("\n".join(lines))
     with pytest.raises(CaptureError, match=re.escape(message)):
         import_middlebury(source, tmp_path / "capture", pairs=PAIRS, n_frames=1)
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["ring"]
+
+
+def test_pictures_that_are_listed_and_absent_are_named_and_the_rest_is_imported(tmp_path: Path) -> None:
+    source = ring(tmp_path / "ring")
+    for view in (7, 8):
+        (source / f"ringR{view:04d}.png").unlink()
+    with pytest.warns(match=r"2 pictures that are not there.*ringR0007\.png, ringR0008\.png"):
+        capture = import_middlebury(source, tmp_path / "out", pairs=PAIRS, n_frames=1)
+    assert [photograph.image for photograph in capture.held_out] == ["held_out/ringR0003.png", "held_out/ringR0006.png"]
+    with (
+        pytest.warns(Notice),
+        pytest.raises(CaptureError, match=r"need views \[7\], .* or whose pictures are not there"),
+    ):
+        import_middlebury(source, tmp_path / "again", pairs=[(6, 7)], n_frames=1)
 
 
 def test_the_unit_and_the_axis_that_it_has_may_be_named(command: Command, tmp_path: Path) -> None:

@@ -227,7 +227,7 @@ def test_a_cloud_of_odd_size_or_place_is_remarked(command: Command, tmp_path: Pa
     assert "lies wholly beside its reference" in remarks[1]
 
 
-def test_values_that_are_no_numbers_and_empty_files_are_refused_by_place(command: Command, tmp_path: Path) -> None:
+def test_points_that_are_no_numbers_are_counted_and_empty_files_refused(command: Command, tmp_path: Path) -> None:
     truth = write(tmp_path / "truth.ply", ball())
     out = tmp_path / "report"
     rows = "1 2 3\n4 5 6\n7 nan 9\n"
@@ -235,8 +235,10 @@ def test_values_that_are_no_numbers_and_empty_files_are_refused_by_place(command
     (tmp_path / "nan.ply").write_text(header.format(n=3) + "end_header\n" + rows)
     (tmp_path / "empty.ply").write_text(header.format(n=0) + "end_header\n")
     (tmp_path / "no.ply").write_text("")
-    nan = refusal(command, out, tmp_path / "nan.ply", "--reference", truth)
-    assert "nan.ply: points hold values that are not finite numbers: row 2 is [7.0, nan, 9.0]" in nan
+    told = command(
+        "validate", "cloud", tmp_path / "nan.ply", "--reference", tmp_path / "nan.ply", "-o", tmp_path / "counted"
+    )
+    assert "nan.ply: has 1 of 3 points without finite coordinates, left out" in told.err
     assert "empty.ply: holds no points" in refusal(command, out, tmp_path / "empty.ply", "--reference", truth)
     assert "no.ply: is not a whole PLY file" in refusal(command, out, tmp_path / "no.ply", "--reference", truth)
     assert "there is no such file" in refusal(command, out, tmp_path / "gone.ply", "--reference", truth)

@@ -30,6 +30,12 @@ pytestmark = [
 VENDOR = Path(__file__).parents[5] / "static" / "vendor"
 GROUND = (241, 239, 233)  # --paper-sunken
 DRAWN = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+SPLATS_ARE_DRAWN = """() => {
+    const canvas = document.querySelector("[data-side=right] canvas");
+    const { width, height } = canvas, context = canvas.getContext("webgl2"), middle = new Uint8Array(4);
+    context.readPixels(width / 2, height / 2, 1, 1, context.RGBA, context.UNSIGNED_BYTE, middle);
+    return middle[2] > middle[0] + 80;
+}"""  # the drawing order comes from a worker
 PIXELS = "(canvas) => canvas.toDataURL()"
 Look = Callable[[str], NDArray[np.int16]]
 
@@ -55,7 +61,8 @@ def graphics(browser: Browser, request: pytest.FixtureRequest) -> Iterator[Brows
 def path(settings: Settings, new_study: Callable[[], dict[str, Any]], tmp_path_factory: pytest.TempPathFactory) -> str:
     study = new_study()
     folder = small_models.write_folder(tmp_path_factory.mktemp("models"))
-    manage.attach_results(settings, [folder, small_models.write_plain(folder, "box")], study["slug"])
+    small_models.write_splats(small_models.write_plain(folder, "box"), "box")
+    manage.attach_results(settings, [folder], study["slug"])
     return f"/admin/studies/{study['slug']}/models"
 
 
@@ -106,6 +113,22 @@ def test_two_conditions_are_shown_side_by_side_in_their_own_colours(look: Look) 
     assert np.abs(colour(left) - small_models.RED).max() < 6
     assert np.abs(colour(right) - small_models.GREEN).max() < 6
     assert (drawn(left) != drawn(right)).mean() > 0.05
+
+
+def test_splats_are_shown_beside_meshes_and_turn_with_them(page: Page, look: Look) -> None:
+    page.get_by_label("Dataset").select_option("box")
+    expect(page.locator("[data-side=right] [data-facts]")).to_have_text("200 splats", timeout=30_000)
+    page.wait_for_function(SPLATS_ARE_DRAWN, timeout=30_000)
+    splats = look("right")
+    assert np.abs(colour(splats) - small_models.BLUE).max() < 12
+    assert 0.05 < drawn(splats).mean() < 0.8
+    middle = np.argwhere(drawn(splats)).mean(axis=0) / splats.shape[:2]
+    assert np.abs(middle - 0.5).max() < 0.05  # where the mesh is, too
+    page.locator("[data-side=left] canvas").focus()
+    for _ in range(3):
+        page.keyboard.press("+")
+    page.wait_for_timeout(300)
+    assert drawn(look("right")).mean() > 1.2 * drawn(splats).mean()
 
 
 def test_both_turn_together_until_they_are_let_apart(page: Page, look: Look) -> None:

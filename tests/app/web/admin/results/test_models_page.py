@@ -113,6 +113,14 @@ def test_a_triangle_by_hand_is_taken(tmp_path: Path) -> None:
     assert (read_model(path, "mesh").n_points, read_model(path, "mesh").n_faces) == (3, 1)
 
 
+def test_splats_have_a_folder_and_what_has_no_properties_of_theirs_is_refused(tmp_path: Path) -> None:
+    (splats,) = read_models(small_models.write_splats(tmp_path))
+    assert (splats.kind, splats.n_points, splats.n_faces) == ("splat", 200, 0)
+    splats.path.write_bytes(HEADER.format(points=FLOATS, faces="").replace("face 1", "face 0").encode() + TRIANGLE)
+    with pytest.raises(ValueError, match=r"no splats: they lack f_dc_0, .*scale_1"):
+        read_models(tmp_path)
+
+
 def test_what_the_study_does_not_compare_is_named_and_left_out(
     settings: Settings, new_study: Callable[[], dict[str, Any]], tmp_path: Path
 ) -> None:

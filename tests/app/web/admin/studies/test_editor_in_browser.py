@@ -42,6 +42,8 @@ def test_a_page_whose_text_is_not_saved_asks_before_it_is_left(
     page.get_by_role("link", name="Deutsch").click()
     page.wait_for_url("**language=de")
     page.goto(f"/admin/studies/{study['slug']}/edit")
+    page.get_by_role("searchbox", name="Find a setting").fill("written")
+    expect(page.get_by_text("1 found")).to_be_visible()
     page.get_by_role("group", name="Written questions").get_by_role("button", name="Add a row").click()
     page.get_by_role("link", name="Overview").click()
     expect(page.get_by_role("button", name="Save", exact=True)).to_be_visible()
@@ -68,6 +70,7 @@ def test_a_study_is_made_edited_and_previewed_without_a_file(browser: Browser, o
     page.wait_for_load_state()
     assert parse_study_file(manage.export_study(own, "by-hand")).options == before
 
+    page.get_by_role("heading", name="Questions").click()  # which stays open when the page is loaded again
     questions = page.get_by_role("group", name="Written questions")
     questions.get_by_role("button", name="Add a row").click()
     new = questions.get_by_role("group", name="new question")

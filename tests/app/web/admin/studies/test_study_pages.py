@@ -27,8 +27,9 @@ from app.store.participants.invitations import invitation_by_code
 from app.store.studies.studies import lock_study
 from app.store.trials import admission
 from app.study.options.own_texts import LONGEST_TEXT
+from app.study.options.platforms import WAYS
 from app.study.options.practice import PracticeFilms
-from app.study.options.presets import PAPER, PRESETS
+from app.study.options.presets import PAPER
 from app.study.options.study_file import LONGEST_FILE, parse_study_file
 from app.web.admin.layout import unix
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in
@@ -82,8 +83,8 @@ def test_a_study_is_created_from_a_stimulus_set_and_pauses_until_it_is_opened(ow
 @pytest.mark.slow
 def test_a_study_starts_from_a_preset_which_the_form_changes(own_server: str, own: Settings) -> None:
     with signed_in(own_server, own, "Eva") as eva:
-        page = eva.get("/admin/studies/new").text
-        assert all(f'name="preset" value="{name}"' in page for name in PRESETS)
+        offered = eva.get("/admin/studies/new", params={"stimulus_set": "tiny"}).text
+        assert all(f'name="way" value="{name}"' in offered for name in WAYS)
         filled = eva.get("/admin/studies/new", params={"stimulus_set": "tiny", "preset": "paper"}).text
         assert 'value="preset paper 3"' in filled
         refused = eva.act("/admin/studies/new", name="Second", stimulus_set="tiny", preset="papr")

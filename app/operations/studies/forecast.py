@@ -1,0 +1,155 @@
+"""Say beforehand what a study will be: its pairs and trials, the films to make, their time and size, minutes a person.
+
+How long an encoder takes here, and what it makes of such films, is measured on the first second of two of them.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import combinations
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+
+from app.errors import StimuliError
+from app.ffmpeg import WORKERS
+from app.films.strips import GUARD_ROWS, H264, LIGHTER, SINGLE, Strips, encode
+from app.intake.stimuli import Stimulus, StimulusSet, read_manifest
+from app.operations.studies.prepare import chosen_exposure, left_out
+from app.settings import Settings
+from app.study.design.adaptive import adaptive_pairs
+from app.study.design.balance import OrderPlan
+from app.study.options.duration import stage_minutes
+from app.study.options.options import StudyOptions
+from app.study.protocols import DCR, WITH_REFERENCE
+from app.study.stages import PRACTICE
+from app.study.trial.trial import PlannedPair
+
+SAMPLED_FRAMES = 25  # a second, as a rule
+CHECKING = 1.8  # seconds of a film from its encoding to its check, by those of its encoding: measured, 320x180 to 4K
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What a study will be.
+
+    Parameters
+    ----------
+    n_pairs : to compare; 0: films are shown one by one
+    n_trials : of a participant, without practice
+    n_films : files to make
+    n_bytes, seconds : of these files, about; NaN where no film could be encoded to measure it
+    minutes : of a session, by stage
+    free_bytes : that the disk has
+    """
+
+    n_pairs: int
+    n_trials: int
+    n_films: int
+    n_bytes: float
+    seconds: float
+    minutes: dict[str, float]
+    free_bytes: int
+
+    @property
+    def is_too_large(self) -> bool:
+        """Do the films need more than the disk has?"""
+        return self.n_bytes > 0.9 * self.free_bytes
+
+
+def forecast(
+    settings: Settings, stimulus_set: StimulusSet, options: StudyOptions, exposure_s: float | None
+) -> Forecast:
+    """Say what a study of a stimulus set will be, without making it.
+
+    Raises
+    ------
+    ValueError
+        If an option does not fit the set.
+    """
+    kept = left_out(stimulus_set, options.without)
+    compared = kept.without_dataset(options.practice_dataset) if options.practice_dataset else kept
+    exposure = chosen_exposure(compared, exposure_s)
+    films = list(_films(compared, options))
+    pairs = _planned(compared, films)
+    plan = _order_plan(compared, pairs, options)
+    shown = adaptive_pairs(pairs, {}, options.adaptive_pairs, 0, 0) if options.adaptive_pairs else pairs
+    n_trials = plan.most_trials(shown)
+    practised = compared.of_dataset(compared.datasets[0])[:2]
+    n_practised = options.n_practice if PRACTICE in options.way else 0
+    codecs = (H264, *filter(None, [options.second_codec]), *([LIGHTER] if options.lighter_films else []))
+    files = [(film, codec) for film in (*films, *[practised] * n_practised) for codec in codecs]
+    if options.fallback:
+        files += [((stimulus,), SINGLE) for stimulus in compared.stimuli]
+    costs = {codec: _cost(compared, tuple(practised), codec) for codec in {codec for _, codec in files}}
+    return Forecast(
+        n_pairs=sum(not pair.is_identical for pair in pairs),
+        n_trials=n_trials,
+        n_films=len(files),
+        n_bytes=sum(_pixels(film) * costs[codec][0] for film, codec in files),
+        seconds=sum(_pixels(film) * costs[codec][1] for film, codec in files) * CHECKING / WORKERS,
+        minutes=stage_minutes(options, n_trials, exposure),
+        free_bytes=shutil.disk_usage(settings.data_dir).free,
+    )
+
+
+def _films(compared: StimulusSet, options: StudyOptions) -> Iterator[Sequence[Stimulus]]:
+    """Yield what each film of the trials holds, from the top."""
+    for dataset in compared.datasets:
+        stimuli = compared.of_dataset(dataset)
+        reference = [stimulus for stimulus in stimuli if options.reference and stimulus.approach == options.reference]
+        others = [stimulus for stimulus in stimuli if stimulus not in reference]
+        if options.is_shown_alone:
+            yield from ((stimulus,) for stimulus in stimuli)
+        elif options.protocol == DCR:
+            yield from ((*reference, stimulus) for stimulus in others)
+            yield from ((film, film) for film in reference if options.identical_pairs)
+        else:
+            below = [] if options.protocol in WITH_REFERENCE else reference
+            yield from ((*two, *below) for two in combinations(others, 2))
+            yield from ((film, film, *below) for film in others if options.identical_pairs)
+
+
+def _planned(compared: StimulusSet, films: Sequence[Sequence[Stimulus]]) -> list[PlannedPair]:
+    keys = {stimulus.name: key for key, stimulus in enumerate(compared.stimuli)}
+    datasets = {name: key for key, name in enumerate(compared.datasets)}
+    return [
+        PlannedPair(key, datasets[film[0].dataset], keys[film[0].name], keys[film[min(1, len(film) - 1)].name])
+        for key, film in enumerate(films)
+    ]
+
+
+def _order_plan(compared: StimulusSet, pairs: Sequence[PlannedPair], options: StudyOptions) -> OrderPlan:
+    names = {number: (stimulus.dataset, stimulus.approach) for number, stimulus in enumerate(compared.stimuli)}
+    plan = OrderPlan(pairs, 0, options.repetition, names, protocol=options.protocol)
+    return replace(plan, is_adaptive=options.adaptive_pairs > 0, groups=options.groups)
+
+
+def _pixels(film: Sequence[Stimulus]) -> int:
+    first, n = film[0], len(film)
+    return first.width * (n * first.height + (n - 1) * GUARD_ROWS) * first.n_frames
+
+
+def _cost(compared: StimulusSet, stimuli: Sequence[Stimulus], codec: str) -> tuple[float, float]:
+    """Return the bytes and the seconds that a pixel takes in a codec, by a first second of these films."""
+    names = tuple(stimulus.name for stimulus in stimuli[: 1 if codec == SINGLE else None])
+    return _measured(compared.folder, compared.sha256, names, codec)
+
+
+@lru_cache(maxsize=256)
+def _measured(folder: Path, _sha256: str, names: Sequence[str], codec: str) -> tuple[float, float]:
+    """Measure it once for each set, which its manifest's digest tells apart from what the folder held before."""
+    known = read_manifest(folder)
+    shown = tuple(stimulus for stimulus in known.stimuli if stimulus.name in names)
+    strips = Strips(shown, tuple(known.source(stimulus) for stimulus in shown), codec)
+    with TemporaryDirectory() as work:
+        out, begun_s = Path(work) / "sample.mp4", perf_counter()
+        try:
+            encode(strips, out, most_frames=SAMPLED_FRAMES)
+        except StimuliError:  # every film is checked when it is made, and refused then in words
+            return float("nan"), float("nan")
+        n_pixels = _pixels(shown) * min(1.0, SAMPLED_FRAMES / shown[0].n_frames)
+        return out.stat().st_size / n_pixels, (perf_counter() - begun_s) / n_pixels

@@ -1,0 +1,76 @@
+"""Change what is kept of a participant: exclude, withdraw, erase, give a new code; the audit log says who did."""
+
+from __future__ import annotations
+
+from app.errors import InvalidError
+from app.operations.upkeep.erasure import erase_participant
+from app.settings import Settings
+from app.store.database.engine import Database
+from app.store.participants.participants import (
+    check_not_erased,
+    exclude,
+    participant_labelled,
+    undo_exclusion,
+    withdraw_participant,
+)
+from app.store.participants.screening import enter_result
+from app.store.studies.audit import Actor
+from app.store.studies.studies import Study
+from app.store.trials.sessions import new_resume_code
+from app.study.options.options import parse_options
+from app.study.screening.screening import EnteredResult, check_entered
+
+
+def exclude_person(database: Database, study: Study, label: str, reason: str, actor: Actor) -> None:
+    """Leave a participant's votes out of the analysis; ConflictError where they are left out already."""
+    with database.writing() as connection:
+        exclude(connection, participant_labelled(connection, study.id, label), reason, actor.name, actor.now)
+        actor.note(connection, "participant excluded", study, label)  # the reason stands where an erasure takes it
+
+
+def include_person(database: Database, study: Study, label: str, actor: Actor) -> None:
+    """Count a participant's votes again; ConflictError where they count."""
+    with database.writing() as connection:
+        undo_exclusion(connection, participant_labelled(connection, study.id, label), actor.name, actor.now)
+        actor.note(connection, "exclusion undone", study, label)
+
+
+def withdraw_person(database: Database, study: Study, label: str, actor: Actor) -> None:
+    """Withdraw a participant, which nothing undoes."""
+    with database.writing() as connection:
+        withdraw_participant(connection, participant_labelled(connection, study.id, label), actor.now)
+        actor.note(connection, "participant withdrawn", study, label)
+
+
+def erase_person(settings: Settings, database: Database, study: Study, label: str, actor: Actor) -> None:
+    """Delete what a participant gave, for good; ConflictError where they were erased before."""
+    with database.reading() as connection:
+        person = participant_labelled(connection, study.id, label)
+    erase_participant(settings, database, study, person, actor)
+
+
+def renew_code(database: Database, study: Study, label: str, actor: Actor) -> str:
+    """Make a new code by which a participant goes on, and return it; it is kept nowhere."""
+    with database.writing() as connection:
+        code = new_resume_code(connection, participant_labelled(connection, study.id, label).id)
+        actor.note(connection, "new code to go on", study, label)
+    return code
+
+
+def enter_screening(database: Database, study: Study, label: str, entered: EnteredResult, actor: Actor) -> None:
+    """Keep the result of a test beside the screen, such as a printed chart; earlier ones stay.
+
+    Raises
+    ------
+    InvalidError
+        If the study's screening takes no such result.
+    """
+    try:
+        check_entered(entered, parse_options(study.options).screening)
+    except ValueError as error:
+        raise InvalidError(f"Nothing was entered: {error}.") from error
+    with database.writing() as connection:
+        participant = participant_labelled(connection, study.id, label)
+        check_not_erased(connection, participant.id)
+        enter_result(connection, participant.id, entered, actor.name, actor.now)
+        actor.note(connection, "screening result entered", study, label, test=entered.test)

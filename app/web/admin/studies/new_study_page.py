@@ -1,0 +1,215 @@
+"""Make a study on one page: take films, show what was understood and what the study will be, keep the form, create."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Annotated, Any
+from urllib.parse import quote
+
+from fastapi import APIRouter, Form, Query, Request
+from fastapi.responses import Response
+
+from app.errors import InvalidError, StudyError
+from app.intake.bounds import typed_in_bounds
+from app.operations.studies.create import new_slug, shows_anything
+from app.operations.studies.creation import begin_creation
+from app.operations.studies.forecast import forecast
+from app.operations.studies.receive_films import found_and_done
+from app.operations.studies.stimulus_sets import KnownSet, known_sets, set_called
+from app.store.access.experimenters import Experimenter
+from app.store.studies.drafts import draft_of, drafts_of, drop_draft, keep_draft
+from app.study.options.neutral_words import neutral_words
+from app.study.options.options import StudyOptions
+from app.study.options.platforms import PLATFORMS, WAYS
+from app.study.options.presets import PRESETS, QUICK
+from app.study.options.study_file import LONGEST_FILE, parse_study_file, with_line
+from app.study.options.wording import check_languages, first_language, wording
+from app.web.admin.layout import page, see, unix
+from app.web.admin.studies.drafts import Draft
+from app.web.admin.studies.form import Fields, StudyForm, digests_of
+from app.web.gates import Store, languages, settings
+from app.web.markdown import render_markdown
+from app.web.roles import Acting, Looking
+
+CONSENT = "consent"
+READ_FIRST = ("welcome", CONSENT, "instructions.see", "instructions.switch", "instructions.vote")
+
+router = APIRouter(prefix="/admin/studies/new", include_in_schema=False)
+
+SetName = Annotated[str, Form(max_length=200)]
+Preset = Annotated[str, Form(max_length=20)]
+
+
+@router.get("")
+def new_study_page(
+    request: Request,
+    person: Looking,
+    database: Store,
+    stimulus_set: Annotated[str, Query(max_length=200)] = "",
+    chosen_set: Annotated[str, Query(alias="set", max_length=200)] = "",
+    preset: Annotated[str, Query(max_length=20)] = "",
+    platform: Annotated[str, Query(max_length=20)] = "",
+) -> Response:
+    """Ask for films; with a stimulus set, show its form as it was last typed, or as preset and platform fill it in.
+
+    Parameters
+    ----------
+    stimulus_set, chosen_set : the set
+    preset, platform : instead of the ways that the page offers
+    """
+    with database.reading() as connection:
+        known = known_sets(settings(request), connection)
+        drafts = drafts_of(connection, person.name)
+    chosen = next((each for each in known if each.name == (stimulus_set or chosen_set)), None)
+    if chosen is None:
+        names = {each.name: each.title for each in known}
+        context = {
+            "sets": known,
+            "drafts": [draft for draft in drafts if draft.stimulus_set in names],
+            "titles": names,
+            "longest_file": LONGEST_FILE,
+            "largest_mb": settings(request).largest_upload_mb,
+        }
+        return page(request, "new_study", person, context)
+    kept = next((draft.content for draft in drafts if draft.stimulus_set == chosen.name), {})
+    draft = Draft.kept(kept)
+    if preset in PRESETS or (platform in PLATFORMS and platform):
+        draft = Draft(preset if preset in PRESETS else QUICK, platform if platform in PLATFORMS else "")
+    return _form_page(request, person, chosen, draft)
+
+
+@router.post("")
+def create(
+    request: Request,
+    person: Looking,
+    actor: Acting,
+    database: Store,
+    fields: Fields,
+    stimulus_set: SetName,
+    preset: Preset = QUICK,
+    platform: Preset = "",
+) -> Response:
+    """Create a study in the background; the task's page shows the progress. What is not right is shown again."""
+    with database.reading() as connection:
+        known = set_called(settings(request), connection, stimulus_set)
+    draft = Draft.sent(fields, preset, platform)
+    try:
+        wanted = draft.study()
+        new_slug(database, wanted.name)
+        check_languages(wanted.options, languages(request))
+    except ValueError as error:
+        shown = draft if preset in PRESETS else replace(draft, preset=QUICK)
+        return _form_page(request, person, known, shown, str(error))
+    with database.writing() as connection:
+        keep_draft(connection, actor.name, known.name, draft.as_json(), actor.now)  # until the study is there
+    task = begin_creation(settings(request), database, known.folder, wanted, actor, drawn_from=known.name)
+    return see(f"/admin/jobs/{task}")
+
+
+@router.post("/draft")
+def keep(
+    request: Request,
+    person: Looking,
+    actor: Acting,
+    database: Store,
+    fields: Fields,
+    stimulus_set: SetName,
+    preset: Preset = QUICK,
+    platform: Preset = "",
+) -> Response:
+    """Keep the form as it is typed, and answer with what the study would be now."""
+    with database.reading() as connection:
+        known = set_called(settings(request), connection, stimulus_set)
+    draft = Draft.sent(fields, preset, platform)
+    with database.writing() as connection:
+        keep_draft(connection, actor.name, known.name, draft.as_json(), actor.now)
+    return page(request, "_new_study_plan", person, _plan(request, known, draft))
+
+
+@router.post("/drop")
+def drop(actor: Acting, database: Store, stimulus_set: SetName) -> Response:
+    """Drop a form that nobody wants any more."""
+    with database.writing() as connection:
+        if draft_of(connection, actor.name, stimulus_set):
+            drop_draft(connection, actor.name, stimulus_set)
+    return see("/admin/studies/new")
+
+
+@router.post("/file")
+def create_from_file(
+    request: Request,
+    actor: Acting,
+    database: Store,
+    text: Annotated[str, Form(max_length=LONGEST_FILE)],
+    stimulus_set: SetName,
+) -> Response:
+    """Create a study from a study file, in the background."""
+    with database.reading() as connection:
+        known = set_called(settings(request), connection, stimulus_set)
+    try:
+        wanted = typed_in_bounds(parse_study_file, unix(text))
+        new_slug(database, wanted.name)
+        check_languages(wanted.options, languages(request))
+        if wanted.manifest_sha256 not in (None, known.content.sha256):
+            raise ValueError(
+                f"manifest_sha256 is that of another stimulus set than {known.title}, whose is {known.content.sha256}; "
+                "choose the set that the file was written for, or delete this line"
+            )
+    except ValueError as error:
+        raise InvalidError(f"No study was created: {with_line(unix(text), str(error))}.") from error
+    task = begin_creation(settings(request), database, known.folder, wanted, actor)
+    return see(f"/admin/jobs/{task}")
+
+
+def _form_page(request: Request, person: Experimenter, known: KnownSet, draft: Draft, error: str = "") -> Response:
+    """Show the form, filled with what its way says and what was typed, and why it was refused."""
+    base = draft.base(is_neutral=shows_anything(known.content))
+    form = StudyForm(
+        base | dict(draft.typed),
+        datasets=known.datasets,
+        conditions=known.conditions,
+        error=error,
+        was=digests_of(base),
+    )
+    looks = found_and_done(known.content)
+    context = {
+        "form": form,
+        "stimulus_set": known,
+        "draft": draft,
+        "ways": WAYS,
+        "platforms": PLATFORMS,
+        "done": {name: look["done"] for name, look in looks.items() if look["done"]},
+        "n_sound": sum(bool(look["found"].get("sound")) for look in looks.values()),
+        "address": f"/admin/studies/new?stimulus_set={quote(known.name)}",
+        **_plan(request, known, draft),
+    }
+    return page(request, "new_study_settings", person, context, 422 if error else 200)
+
+
+def _plan(request: Request, known: KnownSet, draft: Draft) -> dict[str, Any]:
+    """Return what the study would be, and the first that its participants read; or why it cannot be made yet."""
+    try:
+        wanted = replace(draft, typed={"name": "New study", **draft.typed}).study()
+        outlook = forecast(settings(request), known.content, wanted.options, wanted.exposure_s)
+        check_languages(wanted.options, languages(request))
+    except (ValueError, StudyError) as error:
+        said = StudyForm({}, error=str(error)).said
+        return {"outlook": None, "hindrance": said, "pages": []}
+    options = neutral_words(wanted.options) if shows_anything(known.content) else wanted.options
+    return {"outlook": outlook, "hindrance": "", "pages": list(_read_first(request, options, outlook.n_trials))}
+
+
+def _read_first(request: Request, options: StudyOptions, n_trials: int) -> Iterator[tuple[str, Any]]:
+    """Yield heading and text of the pages that participants read before the trials, in the first language."""
+    texts: Any = wording(languages(request)[first_language(options)], options, "").texts
+    for key in READ_FIRST:
+        if key == CONSENT and options.consent:
+            yield texts[CONSENT]["heading"], render_markdown(texts["study"][CONSENT])
+        group = texts
+        for part in key.split("."):
+            group = group.get(part, {})
+        body = group.get("body", "")
+        body = body.get("one" if n_trials == 1 else "other", "") if isinstance(body, dict) else body
+        if body:
+            yield group.get("heading", ""), body.replace("{total}", str(n_trials))

@@ -1,0 +1,163 @@
+"""Calibrations of multi-view sets: Strecha's `.camera`, MVSNet's and DTU's `cam.txt`, and MPEG's MIV (JSON).
+
+Convention: Strecha: x = K [R^T | -R^T t] X, metres, pixel centres at integers. MVSNet: `extrinsic` is the camera from
+the world, pixel centres as its matrices have them. MIV: metres; a camera looks along x with y to the left and z up,
+turned by yaw, pitch and roll about z, y and x; pixel centres at halves.
+
+Source: Strecha et al., "On benchmarking camera calibration and multi-view stereo", CVPR 2008; Yao et al., "MVSNet",
+ECCV 2018; ISO/IEC 23090-12 and its test model's manual.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from recon.capture.images import PICTURE_SUFFIXES, CaptureError
+from recon.capture.importing.calibrations.placed import Placed, find_view, numbers, pinhole, read_text
+from recon.capture.importing.sources import DepthSource, faults_at
+from recon.capture.importing.views import HALF_PIXEL, View, bounds_of_depths, pictures_of, tell_absent
+from recon.geometry.rig import Camera, rigid
+from recon.runtime.files import read_json
+
+STRECHA_NUMBERS = 26  # K, three of distortion, R, t and the size
+STRECHA_IMAGES = ("", "images", "../images")
+MVSNET_IMAGES = ("images", "blended_images", "../images", "../Rectified")
+MVSNET_DEPTHS = ("rendered_depth_maps", "depths", "depth_est")
+OFF_MIDDLE = 0.25  # of the picture's size; cameras of another resolution have their principal point farther off
+MOST_DEEP = 20.0  # times the least depth; sets write 1000 m where they mean no end
+MIV_VIEW = ("{name}", "{name}_texture", "textures/{name}")
+OPENCV_FROM_MIV = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
+
+
+def read_strecha(source: Path, unit_mm: float) -> Placed:
+    """Read `0000.jpg.camera` and so on; their pictures are beside them or in `images`."""
+    folder = source if source.is_dir() else source.parent
+    paths = sorted([*folder.glob("*.camera"), *folder.glob("cameras/*.camera")])
+    views, absent = {}, []
+    for number, path in enumerate(paths):
+        with faults_at(path):
+            values = numbers(read_text(path))
+            if len(values) != STRECHA_NUMBERS:
+                raise CaptureError(
+                    f"holds {len(values)} numbers, expected {STRECHA_NUMBERS}: K, distortion, R, t, size"
+                )
+            if values[9:12].any():
+                raise CaptureError("has distortion, whose model the format does not tell; undistort the pictures")
+            K, R, t = values[:9].reshape(3, 3), values[12:21].reshape(3, 3), values[21:24] * unit_mm
+            camera = Camera(K, (int(values[24]), int(values[25])), rigid(R.T, -R.T @ t))
+        name = path.name.removesuffix(".camera")
+        image = _first(folder, STRECHA_IMAGES, name)
+        if image is None:
+            absent.append(name)
+            continue
+        views[_number(name, number)] = View(name, camera, image)
+    tell_absent(folder, absent)
+    return Placed(views, is_rig=False)
+
+
+def read_mvsnet(source: Path, unit_mm: float | None) -> Placed:
+    """Read `cams/00000000_cam.txt` and so on, with `images` and perhaps depth maps beside `cams`."""
+    folder = source if source.is_dir() else source.parent
+    cams = folder / "cams" if (folder / "cams").is_dir() else folder
+    root = folder if cams != folder else folder.parent
+    paths = sorted(cams.glob("*_cam.txt"))
+    if unit_mm is None:
+        raise CaptureError(f"{cams}: nothing tells the unit; give its length in mm by --units (mm for DTU)")
+    views, ranges, absent = {}, [], []
+    for place, path in enumerate(paths):
+        stem = path.name.removesuffix("_cam.txt")
+        image = find_view(root, tuple(f"{name}/{stem}" for name in MVSNET_IMAGES), 0)
+        if image is None:
+            absent.append(stem)
+            continue
+        with faults_at(path):
+            camera, depths = _mvsnet_camera(path, pictures_of(image).size, unit_mm)
+        if len(depths) >= 2:
+            far = depths[3] if len(depths) > 3 else depths[0] + depths[1] * (depths[2] if len(depths) > 2 else 192)
+            ranges.append((camera, depths[0] * unit_mm, far * unit_mm))
+        truth = next((path for name in MVSNET_DEPTHS if (path := root / name / f"{stem}.pfm").is_file()), None)
+        depth = None if truth is None else DepthSource((truth,), unit_mm)
+        views[_number(stem, place)] = View(stem, camera, image, depth)
+    tell_absent(cams, absent)
+    return Placed(views, bounds_of_depths(ranges), is_rig=False)
+
+
+def _mvsnet_camera(path: Path, size: tuple[int, int], unit_mm: float) -> tuple[Camera, list[float]]:
+    """Return a camera, and the line of depths: the least, the step, their number, the largest."""
+    words = read_text(path).split()
+    start, middle = words.index("extrinsic") + 1, words.index("intrinsic") + 1
+    pose = np.array(words[start : start + 16], np.float64).reshape(4, 4)
+    K = np.array(words[middle : middle + 9], np.float64).reshape(3, 3)
+    if (np.abs(K[:2, 2] / np.array(size) - 0.5) > OFF_MIDDLE).any():
+        raise CaptureError(
+            f"its principal point {K[:2, 2].tolist()} is far from the middle of pictures of {size[0]}x{size[1]} "
+            "pixels: the cameras are of another resolution; take the pictures that belong to them"
+        )
+    camera = Camera(K, size, rigid(pose[:3, :3], pose[:3, 3] * unit_mm))
+    return camera, [float(word) for word in words[middle + 9 :]]
+
+
+def read_miv(source: Path, unit_mm: float) -> Placed:
+    """Read the cameras of an MIV content's JSON; pictures or a video of each have its name, v0 and so on."""
+    path = source if source.is_file() else next(iter(sorted(source.glob("*.json"))))
+    content, views, ranges, absent = read_json(path), {}, [], []
+    with faults_at(path):
+        entries = list(enumerate(content["cameras"]))
+    for place, entry in entries:
+        with faults_at(f"{path}: camera {place}"):
+            name = str(entry["Name"])
+            image = find_view(path.parent, MIV_VIEW, place, {"name": name})
+            if image is None:
+                _refuse_raw(path.parent, name)
+                absent.append(name)
+                continue
+            camera = _miv_camera(entry, unit_mm)
+            if "Depth_range" in entry:
+                near, far = (float(end) * unit_mm for end in entry["Depth_range"])
+                ranges.append((camera, near, min(far, near * MOST_DEEP)))
+        views[_number(name, place)] = View(name, camera, image)
+    tell_absent(path, absent)
+    return Placed(views, bounds_of_depths(ranges), "z", content.get("Fps"), is_rig=False)
+
+
+def _miv_camera(entry: Mapping[str, Any], unit_mm: float) -> Camera:
+    if (projection := entry.get("Projection", "Perspective")) != "Perspective":
+        raise CaptureError(f"its projection is {projection}, expected Perspective")
+    turn = Rotation.from_euler("ZYX", entry["Rotation"], degrees=True).as_matrix()
+    rotation = OPENCV_FROM_MIV @ turn.T
+    (fx, fy), (cx, cy) = entry["Focal"], entry["Principle_point"]
+    pose = rigid(rotation, -rotation @ np.array(entry["Position"], np.float64) * unit_mm)
+    width, height = entry["Resolution"]
+    return Camera(pinhole((fx, fy, cx - HALF_PIXEL, cy - HALF_PIXEL)), (int(width), int(height)), pose)
+
+
+def _refuse_raw(folder: Path, name: str) -> None:
+    """Say how to bring in raw YUV, which says nothing of itself."""
+    raw = next(iter(sorted(folder.glob(f"{name}_*.yuv"))), None)
+    if raw is not None:
+        raise CaptureError(
+            f"{raw.name} is raw; convert it: ffmpeg -f rawvideo -pix_fmt yuv420p10le -s WIDTHxHEIGHT -r FPS -i "
+            f"{raw.name} -c:v ffv1 {name}.mkv"
+        )
+
+
+def _first(folder: Path, places: tuple[str, ...], name: str) -> Path | None:
+    """Return the picture of a name, which may have got another suffix."""
+    for place in places:
+        if (path := folder / place / name).is_file():
+            return path
+        stem = folder / place / Path(name).stem
+        if paths := [path for path in map(stem.with_suffix, PICTURE_SUFFIXES) if path.is_file()]:
+            return paths[0]
+    return None
+
+
+def _number(name: str, place: int) -> int:
+    """Return the number that a name holds, else its place."""
+    digits = "".join(letter for letter in Path(name).stem if letter.isdecimal())
+    return int(digits) if digits else place

@@ -1,0 +1,135 @@
+"""Calibrations of robots: ROS camera_info, Kalibr's camchain, and EuRoC's sensor.yaml, all in metres.
+
+Convention: pixel centres at integers. ROS: R turns a camera into the rectified one, whose P[:, 3] = P[:, :3] t places
+it beside the left one. Kalibr: T_cn_cnm1 is camera n from camera n - 1. EuRoC: T_BS is the body from the camera.
+
+Source: `sensor_msgs/CameraInfo.msg`; Kalibr's wiki "YAML formats"; Burri et al., "The EuRoC micro aerial vehicle
+datasets", 2016.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.capture.images import CaptureError
+from recon.capture.importing.calibrations.placed import (
+    CAMERA_FROM_WORLD,
+    Placed,
+    lens_camera,
+    needed_view,
+    pinhole,
+    read_yaml,
+)
+from recon.capture.importing.sources import faults_at
+from recon.capture.importing.views import View
+from recon.geometry.rig import rigid
+
+ROS_KEYS = {
+    "K": ("camera_matrix", "K", "k"),
+    "D": ("distortion_coefficients", "D", "d"),
+    "R": ("rectification_matrix", "R", "r"),
+    "P": ("projection_matrix", "P", "p"),
+}
+SMALLEST_SHIFT = 1e-9  # of P's last column: a left camera has 0
+KALIBR_PLACES = ("cam{number}", "cam{number}/data", "cam{number}/image_raw", "mav0/cam{number}/data")
+SIDE_PLACES = (("left", "cam0"), ("right", "cam1"))
+
+
+def read_ros(source: Path, unit_mm: float) -> Placed:
+    """Read a pair of ROS's camera_info, `left.yaml` and `right.yaml`, or two messages as `rostopic echo` prints them.
+
+    Which is the left one, the projection matrices say. Each camera's pictures have its file's name, or `left`, `right`.
+    """
+    folder = source if source.is_dir() else source.parent
+    infos = {
+        path: content
+        for path in sorted([*folder.glob("*.yaml"), *folder.glob("*.yml")])
+        if any(key in (content := read_yaml(path)) for key in ROS_KEYS["P"])
+    }
+    if len(infos) != 2:
+        raise CaptureError(f"{folder}: holds {len(infos)} files of camera_info, expected two: left.yaml and right.yaml")
+    facts = {path: _ros_facts(path, content) for path, content in infos.items()}
+    left, right = sorted(facts, key=lambda path: bool(np.abs(facts[path]["shift"]).max() > SMALLEST_SHIFT))
+    shifts = [facts[path]["shift"] for path in (left, right)]
+    if not np.abs(shifts[1] - shifts[0]).max() > SMALLEST_SHIFT:
+        raise CaptureError(
+            f"{right}: the projection matrices of both cameras are alike, so that nothing tells the baseline; "
+            "calibrate them as a stereo pair, which writes it into the right one's"
+        )
+    right_from_left = np.linalg.inv(rigid(facts[right]["R"], np.zeros(3))) @ rigid(
+        facts[left]["R"], (shifts[1] - shifts[0]) * unit_mm
+    )
+    poses = {left: CAMERA_FROM_WORLD, right: right_from_left @ CAMERA_FROM_WORLD}
+    views = {}
+    for number, (path, pose) in enumerate(poses.items()):
+        content, fact = infos[path], facts[path]
+        size = (content.get(f"image_{name}", content.get(name)) for name in ("width", "height"))
+        camera = lens_camera(path, content, fact["K"], size, pose, fact["D"])
+        views[number] = View(path.name, camera, needed_view(folder, (path.stem, *SIDE_PLACES[number]), number))
+    return Placed(views)
+
+
+def _ros_facts(path: Path, content: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
+    """Return K, D, R and where the rectified camera stands, in its own unit, relative to the left one."""
+    facts = {}
+    with faults_at(path):
+        for name, keys in ROS_KEYS.items():
+            value = next(content[key] for key in (*keys, "") if key in content or not key)
+            facts[name] = np.array(value["data"] if isinstance(value, Mapping) else value, np.float64)
+        facts["K"], facts["R"] = facts["K"].reshape(3, 3), facts["R"].reshape(3, 3)
+        P = facts["P"].reshape(3, 4)
+        facts["shift"] = np.asarray(np.linalg.solve(P[:, :3], P[:, 3]), np.float64)
+    return facts
+
+
+def read_kalibr(source: Path, unit_mm: float) -> Placed:
+    """Read a camchain of Kalibr: cam0, cam1 and so on, each placed from the one before; neighbours are pairs."""
+    path = source if source.is_file() else next(iter(sorted(source.glob("*camchain*.yaml"))))
+    chain, folder = read_yaml(path), path.parent
+    pose, views = CAMERA_FROM_WORLD, {}
+    for number in range(len(chain)):
+        with faults_at(f"{path}: cam{number}"):
+            entry = chain[f"cam{number}"]
+            if number:
+                pose = _scaled(entry["T_cn_cnm1"], unit_mm) @ pose
+            places = (*KALIBR_PLACES, *(SIDE_PLACES[number][:1] if number < len(SIDE_PLACES) else ()))
+            views[number] = _view(f"{path}: cam{number}", entry, pose, needed_view(folder, places, number), "coeffs")
+    return Placed(views)
+
+
+def read_euroc(source: Path, unit_mm: float) -> Placed:
+    """Read EuRoC's `mav0/cam0/sensor.yaml` and so on, with the pictures in `data`; neighbours are pairs."""
+    base = source.parent.parent if source.is_file() else source / "mav0" if (source / "mav0").is_dir() else source
+    views: dict[int, View] = {}
+    first, fps = np.eye(4), None
+    for path in sorted(base.glob("cam[0-9]/sensor.yaml")):
+        number, entry = int(path.parent.name.removeprefix("cam")), read_yaml(path)
+        with faults_at(path):
+            body_from_camera = _scaled(np.array(entry["T_BS"]["data"], np.float64).reshape(4, 4), unit_mm)
+            fps = float(entry["rate_hz"]) if "rate_hz" in entry else fps
+            first = first if views else body_from_camera
+            pose = np.linalg.inv(body_from_camera) @ first @ CAMERA_FROM_WORLD
+            views[number] = _view(path, entry, pose, needed_view(path.parent, ("data",), number), "coefficients")
+    return Placed(views, fps=fps)
+
+
+def _view(place: object, entry: Mapping[str, Any], pose: NDArray[np.float64], image: Path, lens: str) -> View:
+    """Return the view of a camera of Kalibr or EuRoC, who call all but the lens's numbers alike."""
+    if (model := entry.get("camera_model", "pinhole")) != "pinhole":
+        raise CaptureError(f"the camera model is {model}, expected pinhole; undistort the pictures, or calibrate so")
+    lens_name = {"distortion_model": entry["distortion_model"]}
+    camera = lens_camera(
+        place, lens_name, pinhole(entry["intrinsics"]), entry["resolution"], pose, entry[f"distortion_{lens}"]
+    )
+    return View(image.name, camera, image)
+
+
+def _scaled(transform: Any, unit_mm: float) -> NDArray[np.float64]:
+    matrix = np.array(transform, np.float64).reshape(4, 4)
+    matrix[:3, 3] *= unit_mm
+    return matrix

@@ -1,0 +1,265 @@
+"""The formats that `capture import` takes: by which files each is known, and what reads it.
+
+The words of each for people stand in `recon.cli.commands.recordings`, which must not load what reads.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from difflib import SequenceMatcher
+from pathlib import Path
+
+from recon.capture.format import CAPTURE_FILE, Capture, CaptureError
+from recon.capture.importing.calibrations.benchmarks import read_kitti, read_middlebury_pair
+from recon.capture.importing.calibrations.matlab import read_matlab
+from recon.capture.importing.calibrations.multi_view import read_miv, read_mvsnet, read_strecha
+from recon.capture.importing.calibrations.placed import Placed
+from recon.capture.importing.calibrations.robots import read_euroc, read_kalibr, read_ros
+from recon.capture.importing.colmap import import_colmap
+from recon.capture.importing.colmap_model import FOLDERS
+from recon.capture.importing.json_file import import_json
+from recon.capture.importing.meshroom import SFM_FILES, import_meshroom
+from recon.capture.importing.middlebury import FPS, TEMPLE_PAIRS, import_middlebury
+from recon.capture.importing.nerfstudio import TRANSFORMS, import_nerfstudio
+from recon.capture.importing.opencv import import_opencv
+from recon.capture.importing.sources import ImportOptions, write_recording
+from recon.capture.importing.views import choose_sensors
+
+AUTO = "auto"
+LOOKED_AT = 65536  # bytes of a file
+MM, METRE = 1.0, 1000.0
+TEMPLE_FRAMES = 3
+PLACED = ("pairs", "units", "up")  # options of most formats
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format of recordings.
+
+    Parameters
+    ----------
+    run : imports from a source into a folder
+    files : patterns of the files it is known by, below the source
+    holds : regular expression of what such a file says; empty: anything
+    means : unit, conventions, and what else comes in: for the manual
+    takes : options that not all formats take
+    """
+
+    run: Callable[[Path, Path, ImportOptions], Capture]
+    files: tuple[str, ...]
+    means: str
+    holds: str = ""
+    takes: tuple[str, ...] = PLACED
+
+    def is_in(self, source: Path) -> bool:
+        """Tell whether a source has such a file."""
+        return any(re.search(self.holds, _beginning(path)) for path in self._candidates(source))
+
+    def _candidates(self, source: Path) -> Iterator[Path]:
+        for pattern in self.files:
+            if source.is_dir():
+                yield from (path for path in sorted(source.glob(pattern)) if path.is_file())
+            elif source.is_file() and source.match(Path(pattern).name):
+                yield source
+
+
+def import_recording(name: str, source: Path, out: Path, options: ImportOptions) -> Capture:
+    """Import a recording by the reader of its format.
+
+    Parameters
+    ----------
+    name : of the format, a key of FORMATS, or AUTO to find it
+    source : file or folder
+    out : the capture's folder, absent or empty
+    options : what the importing person said
+
+    Raises
+    ------
+    CaptureError
+        Naming what is wrong, and the format that the source looks like, if it is another one.
+    """
+    if name == AUTO:
+        return FORMATS[find_format(source)].run(source, out, options)
+    try:
+        return FORMATS[name].run(source, out, options)
+    except ValueError as error:
+        likely = [] if FORMATS[name].is_in(source) else _known(source)
+        if not likely:
+            raise
+        raise CaptureError(f"{error}; the source looks like {' or '.join(likely)}") from error
+
+
+def find_format(source: Path) -> str:
+    """Return the name of a source's format, or raise a CaptureError that names the nearest one."""
+    if not source.exists():
+        raise CaptureError(f"{source}: there is no such file or folder")
+    if (source / CAPTURE_FILE).is_file():
+        raise CaptureError(f"{source}: is a capture already, with a {CAPTURE_FILE}; nothing is to be imported")
+    if known := _known(source):
+        return known[0]
+    names = [path.name for path in source.iterdir()] if source.is_dir() else [source.name]
+    near, file = max(
+        ((name, file) for name, kind in FORMATS.items() for file in kind.files),
+        key=lambda pair: max((_likeness(Path(pair[1]).name, name) for name in names), default=0.0),
+    )
+    raise CaptureError(
+        f"{source}: is in no format that is known; the nearest is {near}, which has {file}"
+        f"{f' with {FORMATS[near].holds!r} in it' if FORMATS[near].holds else ''}. Expected one of {', '.join(FORMATS)}"
+    )
+
+
+def _known(source: Path) -> list[str]:
+    return [name for name, kind in FORMATS.items() if kind.is_in(source)]
+
+
+def _likeness(pattern: str, name: str) -> float:
+    return SequenceMatcher(None, pattern.replace("*", "").lower(), name.lower()).ratio()
+
+
+def _beginning(path: Path) -> str:
+    with path.open("rb") as file:
+        return file.read(LOOKED_AT).decode("utf-8", "replace")
+
+
+def _placed(read: Callable[[Path, float], Placed], unit_mm: float) -> Callable[[Path, Path, ImportOptions], Capture]:
+    """Return an importer of a calibration's views: pairs as they are said, or neighbours where these are a rig."""
+
+    def run(source: Path, out: Path, options: ImportOptions) -> Capture:
+        placed = read(source, options.unit_mm or unit_mm)
+        if not placed.views:
+            raise CaptureError(f"{source}: no camera of it has pictures")
+        recording = choose_sensors(source, placed.views, options.pairs or placed.pairs, placed.bounds, placed.up)
+        return write_recording(out, replace(recording, fps=placed.fps), options)
+
+    return run
+
+
+def _asking(read: Callable[[Path, float | None], Placed]) -> Callable[[Path, Path, ImportOptions], Capture]:
+    """Return such an importer of files that may tell their unit themselves."""
+
+    def run(source: Path, out: Path, options: ImportOptions) -> Capture:
+        return _placed(lambda path, _: read(path, options.unit_mm), MM)(source, out, options)
+
+    return run
+
+
+def _temple(source: Path, out: Path, options: ImportOptions) -> Capture:
+    return import_middlebury(
+        source,
+        out,
+        pairs=options.pairs or TEMPLE_PAIRS,
+        n_frames=options.n_frames or TEMPLE_FRAMES,
+        bounds=options.bounds,
+        name=options.name,
+        fps=options.fps or FPS,
+    )
+
+
+def _eth3d(source: Path, out: Path, options: ImportOptions) -> Capture:
+    return import_colmap(source, out, options.pairs, replace(options, unit_mm=options.unit_mm or METRE))
+
+
+FORMATS: dict[str, Format] = {  # the first of those that know a source reads it
+    "middlebury": Format(
+        _temple,
+        ("*_par.txt",),
+        "P = K [R t], metres, y up, 3 frames; the bounds stand in its README",
+        takes=("pairs",),
+    ),
+    "middlebury-pair": Format(
+        _placed(read_middlebury_pair, MM),
+        ("calib.txt",),
+        "`im0.png`, `im1.png`, mm; true disparities `disp0.pfm` or `disp0GT.pfm` become depth maps of the left camera",
+        r"cam0\s*=\s*\[",
+    ),
+    "kitti": Format(
+        _placed(read_kitti, METRE),
+        ("calib_cam_to_cam.txt", "calib.txt", "../calib_cam_to_cam.txt", "*.txt"),
+        "metres; raw recordings before or after rectification by the size of their pictures, odometry, or the file of "
+        "one pair of the stereo benchmarks with its `disp_occ_0`",
+        r"(?m)^P(0|2|_rect_0[0-3]): ",
+    ),
+    "euroc": Format(
+        _placed(read_euroc, METRE),
+        ("mav0/cam0/sensor.yaml", "cam0/sensor.yaml"),
+        "`T_BS`, metres, pictures in `cam0/data`",
+        r"(?m)^T_BS:",
+    ),
+    "kalibr": Format(
+        _placed(read_kalibr, METRE),
+        ("*camchain*.yaml", "*.yaml"),
+        "`T_cn_cnm1`, metres, pictures in `cam0`, `cam1`, ...",
+        r"(?m)^cam0:",
+    ),
+    "ros": Format(
+        _placed(read_ros, METRE),
+        ("*.yaml", "*.yml"),
+        "two files of camera_info, metres: which is the left one, P says; pictures in folders of their names",
+        r"(?m)^(projection_matrix:|(K|k): ?\[|(P|p): ?\[|(K|k):\s*\n- )",
+    ),
+    "eth3d": Format(
+        _eth3d,
+        ("dslr_calibration_undistorted/cameras.txt", "rig_calibration_undistorted/cameras.txt"),
+        "as `colmap`, metres; the undistorted set",
+    ),
+    "colmap": Format(
+        lambda source, out, options: import_colmap(source, out, options.pairs, options),
+        tuple((Path(folder) / f"cameras{suffix}").as_posix() for suffix in (".bin", ".txt") for folder in FOLDERS),
+        "pairs are IMAGE_IDs, any unit; `images/`, and `masks/NAME.png`, black off the object; bounds from the points",
+    ),
+    "nerfstudio": Format(
+        lambda source, out, options: import_nerfstudio(source, out, options.pairs, options),
+        (TRANSFORMS,),
+        "pairs count `frames` from 1, any unit, z up; `applied_transform` and `applied_scale` are undone; `mask_path`; "
+        "views with `depth_file_path` become sensors, `test_filenames` are held out",
+        r'"frames"|"camera_angle_x"|"fl_x"',
+    ),
+    "meshroom": Format(
+        lambda source, out, options: import_meshroom(source, out, options.pairs, options),
+        (*SFM_FILES, "*.sfm"),
+        "pairs are viewIds, any unit; AliceVision's versions 1.0 to 1.2.x; for Alembic, add the node ConvertSfMFormat",
+        r'"intrinsics"',
+    ),
+    "matlab": Format(
+        _asking(read_matlab),
+        ("*.mat", "*.json"),
+        "`s = toStruct(stereoParams); save('stereo.mat', '-struct', 's', '-v7')`, or `jsonencode(s)`; pictures in "
+        "`left`, `right`",
+        r'^MATLAB|"CameraParameters1"',
+        ("units", "up"),
+    ),
+    "miv": Format(
+        _placed(read_miv, METRE),
+        ("*.json",),
+        "metres, z up, perspective; a folder or video of each camera's name; bounds from `Depth_range`",
+        r'"Projection"',
+    ),
+    "strecha": Format(
+        _placed(read_strecha, METRE),
+        ("*.camera", "cameras/*.camera"),
+        "x = K [R^T, -R^T t], metres; pairs count from 0",
+    ),
+    "mvsnet": Format(
+        _asking(read_mvsnet),
+        ("cams/*_cam.txt", "*_cam.txt"),
+        "any unit (mm of DTU), `images/`; `rendered_depth_maps/*.pfm`; bounds from the depths",
+        r"^\s*extrinsic",
+    ),
+    "opencv": Format(
+        lambda source, out, options: import_opencv(source, out, options),
+        ("*.yml", "*.yaml", "*.xml"),
+        "as `cv2.stereoCalibrate`, mm: `K1 D1 K2 D2 R T` (or `M1`, `cameraMatrix1`, ...), in one file or two; several "
+        "`sensors`, each with `id` and `cam_from_world`; `left`, `right`, or `S1/left` and so on; `held_out`",
+        r"^%YAML|opencv_storage|opencv-matrix",
+        ("units", "up"),
+    ),
+    "json": Format(
+        lambda source, out, options: import_json(source, out, options, shots=options.shots),
+        ("*.json",),
+        "[for everything else](capture.md#the-json), also `held_out`",
+        r'"sensors"|"K_left"',
+        ("units", "up", "shots"),
+    ),
+}

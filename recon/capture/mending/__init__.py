@@ -1,0 +1,1 @@
+"""A recording anew, with what the check found put right: instants and calibrations."""

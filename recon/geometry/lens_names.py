@@ -1,0 +1,32 @@
+"""The names that programs give to the models of lenses, and the keys at which calibrations have them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+NAME_KEYS = ("distortion_model", "distortionModel", "camera_model", "projection_model", "model")
+PERSPECTIVE = (
+    "plumb_bob",
+    "radtan",
+    "radial_tangential",
+    "brown_conrady",
+    "rational_polynomial",
+    "thin_prism",
+    "pinhole",
+    "perspective",
+    "opencv",
+    "full_opencv",
+    "none",
+)
+FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "kb4", "kannalabrandt8", "opencv_fisheye")
+
+
+def plain_name(model: str | None) -> str | None:
+    """Return a model's name in the spelling of PERSPECTIVE and FISHEYE."""
+    return None if model is None else model.lower().replace("-", "_").replace(" ", "_")
+
+
+def model_name(*entries: Mapping[str, Any]) -> str | None:
+    """Return the first name of a camera's model in parts of a calibration; None where nothing names it."""
+    return next((str(entry[key]) for entry in entries for key in NAME_KEYS if isinstance(entry.get(key), str)), None)

@@ -1,0 +1,142 @@
+"""Clouds of scanners: PCD by Open3D, LAS and LAZ by laspy, E57 by pye57, which read what their files announce.
+
+What a file announces is held against its bytes first, and against what was read afterwards, as Open3D answers a damaged
+file with an empty cloud.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.models.part import Contents, cloud_part, colours_from
+
+HEADER_BYTES = 4096
+PCD_KEYS = ("FIELDS", "SIZE", "COUNT", "POINTS", "DATA")
+SHORTEST_LINE = 6  # bytes of a point as text
+MOST_PACKED = 264  # times that LZF can shrink
+POINTS_A_BYTE = 8  # of LAZ and E57 at their best, far beyond that of any scan
+
+
+def read_pcd_model(path: Path) -> Contents:
+    """Read the points of a PCD file of any kind of data, with normals and colours where it has them.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing or damaged, or has no x, y, z.
+    """
+    import open3d
+
+    n_points = _announced_pcd(path)
+    with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
+        cloud = open3d.io.read_point_cloud(path, format="pcd")
+    points = np.asarray(cloud.points)
+    if len(points) != n_points:
+        raise ValueError(f"announces {n_points} points, {len(points)} could be read; it is damaged")
+    normals = np.asarray(cloud.normals) if cloud.has_normals() else None
+    colours = colours_from(np.asarray(cloud.colors)) if cloud.has_colors() else None
+    return _cloud(path, points, normals, colours)
+
+
+def _announced_pcd(path: Path) -> int:
+    """Return how many points a PCD's header announces, if its bytes can hold them."""
+    with path.open("rb") as file:
+        head = file.read(HEADER_BYTES)
+    header: dict[str, list[str]] = {}
+    place = 0
+    while "DATA" not in header:
+        line, end, _ = head[place:].partition(b"\n")
+        if not end:
+            raise ValueError("is no PCD: its header has no line DATA")
+        place += len(line) + 1
+        keyword, *words = line.decode("ascii", "replace").split() or [""]
+        header[keyword] = words
+    header.setdefault("COUNT", ["1"] * len(header.get("FIELDS", ())))
+    if any(key not in header for key in PCD_KEYS) or not {"x", "y", "z"} <= {*header["FIELDS"]}:
+        raise ValueError(f"is no PCD of points: its header lacks {', '.join(PCD_KEYS)}, or x, y, z among its fields")
+    n_points, body = int(header["POINTS"][0]), path.stat().st_size - place
+    stride = sum(int(size) * int(count) for size, count in zip(header["SIZE"], header["COUNT"], strict=True))
+    kind = header["DATA"][0]
+    needed = {"ascii": n_points * SHORTEST_LINE, "binary": n_points * stride}.get(kind, n_points * stride / MOST_PACKED)
+    if n_points < 0 or needed > body + 1:
+        raise ValueError(f"announces {n_points} points, more than its {body} bytes of data can hold; is it cut off?")
+    return n_points
+
+
+def read_las_model(path: Path) -> Contents:
+    """Read the points of a LAS or LAZ file, in its own unit, with colours where it has them.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing or damaged, or laspy is not installed.
+    """
+    laspy = _library("laspy", "LAS and LAZ")
+    try:
+        with laspy.open(path) as file:
+            _check_announced(path, file.header.point_count)
+            las = file.read()
+        points = np.column_stack([las.x, las.y, las.z]).astype(np.float64)
+        has_colours = {"red", "green", "blue"} <= {*las.point_format.dimension_names}
+        values = np.column_stack([las.red, las.green, las.blue]) if has_colours else np.zeros((0, 3))
+    except (laspy.LaspyException, RuntimeError, ValueError, OverflowError, EOFError, MemoryError) as error:
+        raise ValueError(f"is not readable as LAS: {error}") from error
+    return _cloud(path, points, None, colours_from(values) if values.any() else None)
+
+
+def read_e57_model(path: Path) -> Contents:
+    """Read the points of all scans of an E57 file, each where its pose puts it, metres, with colours where all have.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing or damaged, or pye57 is not installed.
+    """
+    pye57 = _library("pye57", "E57")
+    try:
+        file = pye57.E57(str(path))
+        numbers = range(file.scan_count)
+        _check_announced(path, sum(file.get_header(number).point_count for number in numbers))
+        scans = [file.read_scan(number, colors=True, ignore_missing_fields=True) for number in numbers]
+    except (RuntimeError, ValueError, KeyError, TypeError, pye57.libe57.E57Exception, MemoryError) as error:
+        raise ValueError(f"is not readable as E57: {error}") from error
+    if not scans:
+        raise ValueError("holds no scan")
+    points = np.concatenate([_columns(scan, ("cartesianX", "cartesianY", "cartesianZ")) for scan in scans])
+    names = ("colorRed", "colorGreen", "colorBlue")
+    has_colours = all(name in scan for scan in scans for name in names)
+    colours = colours_from(np.concatenate([_columns(scan, names) for scan in scans])) if has_colours else None
+    return _cloud(path, points, None, colours)
+
+
+def _columns(scan: Mapping[str, NDArray[Any]], names: tuple[str, ...]) -> NDArray[Any]:
+    return np.column_stack([scan[name] for name in names])
+
+
+def _check_announced(path: Path, n_points: int) -> None:
+    n_bytes = path.stat().st_size
+    if n_points > POINTS_A_BYTE * n_bytes:
+        raise ValueError(f"it announces {n_points} points, more than its {n_bytes} bytes can hold")
+
+
+def _library(name: str, formats: str) -> Any:
+    """Import a library of the extra `recon` when a file asks for it."""
+    from importlib import import_module
+
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise ValueError(f"{formats} needs {name}: pip install 'reconstudy[recon]'") from error
+
+
+def _cloud(
+    path: Path, points: NDArray[np.float64], normals: NDArray[np.float64] | None, colours: NDArray[np.uint8] | None
+) -> Contents:
+    contents = Contents([path])
+    contents.parts.append(cloud_part(contents, points, normals, colours))
+    return contents

@@ -1,0 +1,51 @@
+// A new study's form: it is kept as it is typed, and what the study would be is shown anew. Another way of taking part fills
+// in other settings, so that the page is loaded again.
+
+import { byId, required } from "./elements.js";
+
+const WAITS_MS = 600;
+const form = required(HTMLFormElement, "form[data-draft]");
+const plan = byId("plan");
+let waiting = 0;
+let [n_sent, isChanged] = [0, false];
+
+const way = () => /** @type {HTMLInputElement | null} */ (form.querySelector("[name=way]:checked"))?.value;
+const rendered = way();
+const answers = /** @type {HTMLFieldSetElement[]} */ ([...form.querySelectorAll("[data-way]")]);
+
+/** Lets only the chosen platform's answers be asked for. */
+const choose = () => answers.forEach((each) => (each.disabled = each.hidden = each.dataset.way !== way()));
+choose();
+
+form.addEventListener("input", () => {
+  isChanged = true;
+  choose();
+  clearTimeout(waiting);
+  form.inert = way() !== rendered; // until the page is there again: what is typed now would be lost
+  waiting = setTimeout(keep, form.inert ? 0 : WAITS_MS);
+});
+addEventListener("pagehide", () => isChanged && keep());
+form.addEventListener("submit", () => {
+  clearTimeout(waiting);
+  isChanged = false; // it is sent, and kept with that
+});
+
+async function keep() {
+  const number = ++n_sent;
+  isChanged = false;
+  const state = byId("draft-state");
+  try {
+    const body = new URLSearchParams(/** @type {any} */ (new FormData(form, null)));
+    const answer = await fetch(form.dataset.draft ?? "", { method: "POST", body, keepalive: true });
+    if (!answer.ok) throw new Error(String(answer.status));
+    const text = await answer.text();
+    if (number !== n_sent) return; // a later one is on its way
+    if (way() !== rendered) location.replace(form.dataset.again ?? "");
+    else plan.innerHTML = text;
+    state.textContent = "Kept as you type.";
+  } catch {
+    isChanged = true;
+    form.inert = false;
+    state.textContent = "Not kept: the server did not answer. It is tried again with your next change.";
+  }
+}

@@ -1,0 +1,94 @@
+"""Scores in which careless answers are weighted down, by a lapse rate for each participant."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.analysis import AnalysisSettings, VotesTable, analyse
+from app.analysis.comparisons.power import simulate_votes
+from app.analysis.comparisons.vote_studies import StudyPlan
+from app.analysis.model.bradley_terry import fit_scores
+from app.analysis.model.lapses import Lapses, fit_lapses
+from app.analysis.reading.votes_table import NONE
+
+SCORES = np.linspace(-1.6, 1.6, 6)
+
+
+def votes_with(clickers: int, *, seed: int = 1, spread: float = 0.3, scores: np.ndarray = SCORES) -> VotesTable:
+    """Twenty-two people, of whom the last ones click at random."""
+    rng = np.random.default_rng(seed)
+    votes = simulate_votes(StudyPlan(6, 5, 22, spread=spread), scores, rng)
+    at_random = rng.choice(3, len(votes), p=(0.4, 0.4, 0.2)).astype(np.int8)
+    choice = np.where(votes.participant >= 22 - clickers, at_random, votes.choice)
+    return VotesTable(**{**vars(votes), "choice": choice})
+
+
+def fitted(votes: VotesTable, ties: str = "davidson") -> Lapses:
+    lapses = fit_lapses(fit_scores(votes, ties=ties), votes)
+    assert isinstance(lapses, Lapses)
+    return lapses
+
+
+@pytest.mark.parametrize("ties", ["davidson", "rao-kupper", "drop"])
+def test_clickers_get_high_rates_and_scores_are_no_longer_shrunk(ties: str) -> None:
+    votes = votes_with(4)
+    lapses, shrunk = fitted(votes, ties), fit_scores(votes, ties=ties).scores
+    assert shrunk is not None
+    assert lapses.rates[-4:].min() > 0.7
+    assert lapses.rates[:-4].max() < 0.3
+    truth = fit_scores(votes.where(votes.participant < 18), ties=ties).scores
+    assert np.abs(lapses.scores - truth).max() < 0.15 < np.abs(shrunk - truth).max()
+
+
+def test_of_honest_people_scores_and_errors_hardly_change() -> None:
+    votes = votes_with(0)
+    lapses, fit = fitted(votes), fit_scores(votes)
+    assert fit.scores is not None
+    assert fit.participant_covariance is not None
+    assert lapses.scores == pytest.approx(fit.scores, abs=0.1)
+    assert lapses.errors == pytest.approx(np.sqrt(np.diag(fit.participant_covariance)[:6]), rel=0.25)
+    assert lapses.rates.max() < 0.3
+
+
+def test_the_maximum_is_one_of_the_likelihood_of_all_rates() -> None:
+    """No small change of the scores makes the votes likelier, rates being distributed as they were found."""
+    votes = votes_with(3, seed=4)
+    lapses = fitted(votes, "drop")
+    decided = votes.where(votes.choice != NONE)
+    rates, people = lapses.rates, decided.participant
+
+    def loglik(scores: np.ndarray) -> float:
+        d = scores[decided.item_a] - scores[decided.item_b]
+        p = 1 / (1 + np.exp(np.where(decided.choice == 0, -d, d)))
+        return float(np.log((1 - rates[people]) * p + rates[people] / 2).sum())
+
+    slopes = [
+        loglik(lapses.scores + 1e-4 * (np.arange(6) == item)) - loglik(lapses.scores - 1e-4 * (np.arange(6) == item))
+        for item in range(6)
+    ]
+    assert np.abs(np.array(slopes) / 2e-4).max() < 3  # votes; with rates of their means, not all that are likely
+    shrunk = fit_scores(votes, ties="drop").scores
+    assert shrunk is not None
+    assert loglik(lapses.scores) > loglik(shrunk)
+
+
+def test_why_there_are_none_is_said() -> None:
+    few = votes_with(0)
+    assert fit_lapses(fit_scores(few), few.where(few.participant < 3)) == "they need 5 participants or more"
+    alone = analyse(few.where(few.participant < 3), AnalysisSettings(lapses=True, by_dataset=False))
+    assert "there are no scores with lapse rates: they need 5 participants or more" in alone["warnings"]
+
+
+def test_an_analysis_has_them_where_they_are_asked_for() -> None:
+    votes = votes_with(2)
+    assert analyse(votes, AnalysisSettings(by_dataset=False))["lapse_scores"] == []
+    analysis = analyse(votes, AnalysisSettings(by_dataset=False, lapses=True))
+    assert len(analysis["lapse_scores"]) == 6
+    rates = {row["participant"]: row["lapse_rate"] for row in analysis["lapse_rates"]}
+    (text,) = (row["text"] for row in analysis["findings"] if row["about"] == "lapses")
+    high = sorted(name for name, rate in rates.items() if rate >= 0.2)
+    assert {"20", "21"} <= set(high)
+    assert all(f"{name} (" in text for name in high)
+    best = max(analysis["lapse_scores"], key=lambda row: row["score"])
+    assert f"the highest score is that of {best['item']}," in text

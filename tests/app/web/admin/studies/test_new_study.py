@@ -1,0 +1,121 @@
+"""The form of a new study is kept as it is typed, follows the way in which people take part, and is lost by nothing."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import time
+from collections.abc import Iterator
+from html import unescape
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from app.operations.studies import creation, manage
+from app.settings import Settings
+from app.study.options.study_file import parse_study_file
+from tests.app.tiny_stimuli import write_set
+from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in
+from tests.study_server import StudyServer
+
+NEW = "/admin/studies/new"
+FORM = f"{NEW}?stimulus_set=tiny"
+
+
+@pytest.fixture
+def eva(own_server: str, own: Settings) -> Iterator[Dashboard]:
+    with signed_in(own_server, own, "Eva") as dashboard:
+        yield dashboard
+
+
+def value_of(page: str, name: str) -> str:
+    found = re.search(rf'name="{re.escape(name)}"[^>]*? value="([^"]*)"', page)
+    assert found, name
+    return unescape(found[1])
+
+
+def typed(page: str, **changes: Any) -> dict[str, Any]:
+    """The page's form as a browser would send it, with some fields changed."""
+    hidden = {name: value_of(page, name) for name in ("stimulus_set", "preset", "platform", "was")}
+    chosen = re.search(r'name="way" value="(\w+)" checked', page)
+    return {**hidden, "way": chosen[1] if chosen else "", **changes}
+
+
+def test_what_was_typed_is_kept_and_stays_when_people_take_part_elsewhere(eva: Dashboard) -> None:
+    plan = eva.act(f"{NEW}/draft", **typed(eva.get(FORM).text, name="Kept", break_every="7")).text
+    assert "What it will be" in plan
+    assert "Kept" in eva.get(NEW).text
+    page = eva.get(FORM).text
+    assert (value_of(page, "name"), value_of(page, "break_every")) == ("Kept", "7")
+    eva.act(f"{NEW}/draft", **typed(page, name="Kept", break_every="7", way="home"))
+    page = eva.get(FORM).text
+    assert re.search(r'name="way" value="home" checked', page)
+    assert value_of(page, "break_every") == "7"
+    assert "checked" in re.findall(r'name="optional_stages" value="screening"([^>]*)>', page)[0]
+    eva.act(f"{NEW}/drop", stimulus_set="tiny")
+    assert value_of(eva.get(FORM).text, "name") == ""
+
+
+def test_nobody_sees_the_form_of_somebody_else(eva: Dashboard, own_server: str, own: Settings) -> None:
+    eva.act(f"{NEW}/draft", **typed(eva.get(FORM).text, name="Only mine"))
+    with signed_in(own_server, own, "Ada") as ada:
+        assert "Only mine" not in ada.get(NEW).text
+        assert value_of(ada.get(FORM).text, "name") == ""
+
+
+def test_the_answers_of_a_platform_fill_the_link_and_every_way_back(eva: Dashboard, own: Settings) -> None:
+    page = eva.get(FORM, params={"stimulus_set": "tiny", "preset": "quick", "platform": "prolific"}).text
+    fields = typed(page, name="Paid", preset="quick", platform="prolific")
+    refused = eva.act(NEW, **fields)
+    assert refused.status_code == 422
+    assert "Prolific: Code of a completed study is empty" in refused.text
+    answers = {"answer.prolific.code": "DONE1", "answer.prolific.YOUR-SCREENED-OUT-CODE": "OUT2"}
+    assert ends(eva, eva.act(NEW, **fields, **answers).url.path).url.path == "/admin/studies/paid"
+    outside = parse_study_file(manage.export_study(own, "paid")).options.outside
+    assert (outside.id, outside.keep, outside.code) == ("PROLIFIC_PID", ("STUDY_ID", "SESSION_ID"), "DONE1")
+    assert outside.address("complete", None, outside.code).endswith("cc=DONE1")
+    assert outside.screened_out_url.endswith("cc=OUT2")
+    assert outside.timed_out_url == ""  # its code was left empty
+    assert "not created yet" not in eva.get("/admin").text
+
+
+def test_a_study_that_could_not_be_made_leads_back_to_its_form(eva: Dashboard, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise ValueError("the disk is full")
+
+    monkeypatch.setattr(creation, "create_study", fail)
+    failed = ends(eva, eva.act(NEW, **typed(eva.get(FORM).text, name="Unlucky", break_every="9")).url.path).text
+    assert "the disk is full" in failed
+    back = re.search(r'href="([^"]+)">Back to the form', failed)
+    assert back
+    page = eva.get(unescape(back[1])).text
+    assert (value_of(page, "name"), value_of(page, "break_every")) == ("Unlucky", "9")
+
+
+def test_what_cannot_be_made_is_said_in_the_words_of_the_form_while_it_is_typed(eva: Dashboard) -> None:
+    plan = eva.act(f"{NEW}/draft", **typed(eva.get(FORM).text, protocol="ACR-HR")).text
+    assert "It cannot be created yet" in plan
+    assert "reference" in plan
+
+
+@pytest.mark.slow
+def test_a_server_that_is_killed_while_it_makes_a_study_makes_it_without_a_click(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    write_set(settings.sets_dir / "tiny", ["ball", "box"], ["id_fa", "id_fb", "pm_fa", "pm_fb"])
+    with (
+        StudyServer(tmp_path, log=subprocess.DEVNULL) as server,
+        signed_in(server.base_url, settings, "Eva") as eva,
+    ):
+        task = eva.act(NEW, **typed(eva.get(FORM).text, name="Killed", break_every="9")).url.path
+        while len(list(settings.media_dir.glob("[!.]*.mp4"))) < 2:  # of 20 films
+            time.sleep(0.01)
+        server.kill()
+        assert len(list(settings.media_dir.glob("[!.]*.mp4"))) < 20, "it was killed too late"
+        while (page := eva.get(task)).url.path == task:
+            assert 'role="alert"' not in page.text
+            time.sleep(0.1)
+        assert page.url.path == "/admin/studies/killed"
+        kept = {path.name for path in settings.media_dir.glob("[!.]*.mp4")}  # not what was half written
+        assert len(kept) == 20
+    assert parse_study_file(manage.export_study(settings, "killed")).options.break_every == 9

@@ -1,0 +1,97 @@
+"""Participants are looked after over REST as on the dashboard."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+from uuid import uuid4
+
+import httpx
+import pytest
+
+from app.operations.studies import manage
+from app.settings import Settings
+from app.simulation.participants import begin, simulate
+from app.store.access.tokens import SCOPES
+from tests.app.conftest import ABILITIES
+from tests.app.web.http_checks import is_problem
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def lent(server: str, token: str, new_study: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """A study with two participants who have finished, and one who has begun."""
+    study = new_study()
+    simulate(server, study["slug"], study["invitation"], token, 2, ABILITIES, 0.2, seed=4)
+    with httpx.Client(base_url=server) as client:
+        begin(client, study["slug"], study["invitation"])
+    return study
+
+
+def with_scopes(server: str, settings: Settings, *scopes: str) -> httpx.Client:
+    token = manage.add_token(settings, f"people {uuid4()}", scopes)["token"]
+    return httpx.Client(base_url=f"{server}/api/v1/", headers={"Authorization": f"Bearer {token}"}, timeout=60)
+
+
+@pytest.fixture
+def manager(server: str, settings: Settings) -> Iterator[httpx.Client]:
+    with with_scopes(server, settings, *SCOPES) as client:
+        yield client
+
+
+def test_who_withdraws_counts_no_more_and_who_is_erased_is_gone(manager: httpx.Client, lent: dict[str, Any]) -> None:
+    base = f"studies/{lent['slug']}"
+    assert [manager.put(f"{base}/participants/P001/withdrawal").status_code for _ in range(2)] == [204, 204]
+    assert {row["reason"] for row in manager.get(f"{base}/votes").json() if row["participant"] == "P001"} == {
+        "withdrawn"
+    }
+    assert manager.get(f"{base}/participants/P001").json()["label"] == "P001"
+    assert manager.put(f"{base}/participants/P001/erasure").status_code == 204
+    assert is_problem(manager.put(f"{base}/participants/P001/erasure"), 409)
+    assert "P001" not in {row["participant"] for row in manager.get(f"{base}/votes").json()}
+    assert is_problem(manager.put(f"{base}/participants/P099/erasure"), 404)
+
+
+@pytest.mark.parametrize("what", ["withdrawal", "erasure"])
+def test_what_cannot_be_undone_takes_a_scope_of_its_own(
+    server: str, settings: Settings, lent: dict[str, Any], what: str
+) -> None:
+    with with_scopes(server, settings, "read", "personal", "participants:write", "studies:write") as client:
+        answer = client.put(f"studies/{lent['slug']}/participants/P002/{what}")
+    assert is_problem(answer, 403)
+    assert "participants:erase" in answer.json()["detail"]
+
+
+def test_a_new_code_lets_a_participant_go_on(server: str, manager: httpx.Client, lent: dict[str, Any]) -> None:
+    made = manager.post(f"studies/{lent['slug']}/participants/P003/resume-code")
+    assert (made.status_code, made.json()["participant"]) == (201, "P003")
+    with httpx.Client(base_url=server) as browser:
+        assert browser.post("/api/v1/session/resume", json={"resume_code": made.json()["code"]}).status_code == 200
+    assert is_problem(manager.post(f"studies/{lent['slug']}/participants/P002/resume-code"), 409)
+
+
+def test_a_result_of_a_printed_chart_is_entered(manager: httpx.Client, lent: dict[str, Any]) -> None:
+    path = f"studies/{lent['slug']}/participants/P002/screening"
+    body = {"test": "acuity", "instrument": "Landolt C at 4 m", "result": "0.1", "verdict": "passed", "logmar": 0.1}
+    assert manager.post(path, json=body).status_code == 204
+    (row,) = manager.get(f"studies/{lent['slug']}/screening").json()
+    assert (row["participant"], row["instrument"], row["logmar"]) == ("P002", "Landolt C at 4 m", 0.1)
+    assert manager.post(path, json={**body, "verdict": "perhaps"}).status_code == 422
+
+
+def test_outside_ids_take_the_scope_that_gives_out_codes(
+    server: str, settings: Settings, manager: httpx.Client, lent: dict[str, Any]
+) -> None:
+    assert manager.get(f"studies/{lent['slug']}/outside-ids").json() == []
+    with with_scopes(server, settings, "read", "personal") as client:
+        assert is_problem(client.get(f"studies/{lent['slug']}/outside-ids"), 403)
+
+
+def test_an_invitation_is_labelled_over_rest(manager: httpx.Client, lent: dict[str, Any]) -> None:
+    path = f"studies/{lent['slug']}/invitations"
+    (made,) = manager.post(path, json={"places": 1, "label": "Ada"}).json()
+    assert made["label"] == "Ada"
+    assert manager.patch(f"{path}/{made['code']}", json={"label": "Ada  Example"}).status_code == 204
+    assert {row["label"] for row in manager.get(path).json() if row["code"] == made["code"]} == {"Ada Example"}
+    assert is_problem(manager.patch(f"{path}/nosuchcode", json={"label": ""}), 404)

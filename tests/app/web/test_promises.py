@@ -1,0 +1,155 @@
+"""What docs/security.md says of every page and script, asked of a server with the settings of production."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+
+from app.main import UVICORN_OPTIONS, create_app, running_server
+from app.operations.studies import manage
+from app.settings import Settings
+from app.web.admin.layout import attachment
+from tests.app.web.admin.dashboard_client import PASSWORD, Dashboard
+from tests.app.web.http_checks import all_routes
+
+ROOT = Path(__file__).parents[3]
+PUBLIC_URL = "http://study.example.org"  # by https a client of tests would send no cookie back
+EVIL = "https://evil.example"
+
+
+@pytest.fixture(scope="module")
+def in_production(tmp_path_factory: pytest.TempPathFactory) -> Settings:
+    return Settings(data_dir=tmp_path_factory.mktemp("production"), public_url=PUBLIC_URL)
+
+
+@pytest.fixture(scope="module")
+def server(in_production: Settings) -> Iterator[str]:
+    with running_server(in_production) as url:
+        yield url
+
+
+@pytest.fixture(scope="module")
+def owner(server: str, in_production: Settings) -> Iterator[Dashboard]:
+    """Somebody with a password, signed in."""
+    with Dashboard(server) as dashboard:
+        dashboard.enter(manage.add_experimenter(in_production, "Olga Owner")["path"])
+        dashboard.act("/admin/account/password", password=PASSWORD, again=PASSWORD)
+        yield dashboard
+
+
+def pages(settings: Settings) -> list[str]:
+    """The dashboard's pages that need no name of anything."""
+    app = create_app(settings)
+    app.state.database.dispose()
+    routes = [route for route in all_routes(app.routes) if "GET" in route.methods and "{" not in route.path]
+    return sorted({route.path for route in routes if route.path.startswith("/admin")})
+
+
+def test_every_page_of_the_dashboard_offers_to_sign_out(owner: Dashboard, in_production: Settings) -> None:
+    shown = {}
+    for path in pages(in_production):
+        with owner.stream("GET", path) as answer:  # some never end: events
+            if answer.headers["content-type"].startswith("text/html"):
+                shown[path] = answer.read().decode()
+    assert len(shown) > 8
+    assert [path for path, text in shown.items() if 'action="/admin/logout"' not in text] == []
+
+
+def test_every_field_of_a_password_is_masked_and_may_be_filled_in_by_a_password_manager(owner: Dashboard) -> None:
+    with Dashboard(str(owner.base_url)) as nobody:
+        shown = owner.get("/admin/account").text + nobody.get("/admin").text
+    fields = re.findall(r'<input[^>]*name="(?:password|again|current)"[^>]*>', shown)
+    assert len(fields) >= 4
+    assert [field for field in fields if 'type="password"' not in field or "autocomplete=" not in field] == []
+
+
+@pytest.mark.parametrize("password", ["qvzjwxkpt" * 14, "  Ψ correct horse 🎈 battery  "])
+def test_a_password_is_any_text_up_to_128_letters_and_counts_as_it_was_typed(
+    owner: Dashboard, password: str, in_production: Settings
+) -> None:
+    with Dashboard(str(owner.base_url)) as person:
+        name = f"Person of {len(password)}"
+        person.enter(manage.add_experimenter(in_production, name)["path"])
+        assert person.act("/admin/account/password", password=password, again=password).status_code == 200
+    with Dashboard(str(owner.base_url)) as person:
+        assert person.enter("/admin/sign-in", name=name, password=password.strip() + "x").status_code == 401
+        assert person.enter("/admin/sign-in", name=name, password=password).status_code == 200
+
+
+@pytest.mark.parametrize("path", ["/", "/admin", "/api/v1/studies", "/static/js/participant.js", "/healthz"])
+def test_no_answer_lets_another_origin_read_it(owner: Dashboard, path: str) -> None:
+    asks = {"Origin": EVIL, "Access-Control-Request-Method": "GET"}
+    for answer in (owner.get(path, headers=asks), owner.options(path, headers=asks)):
+        assert [name for name in answer.headers if name.startswith("access-control-")] == []
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/.git/config", "/.env", "/static/", "/static/js/", "/static/js", "/static/%2e%2e/app/main.py", "/app/main.py"],
+)
+def test_neither_lists_of_files_nor_what_lies_beside_them_are_served(server: str, path: str) -> None:
+    assert httpx.get(server + path).status_code == 404
+
+
+@pytest.mark.parametrize("path", ["/admin", "/admin/account", "/", "//evil.example/admin/", "/admin/"])
+def test_no_redirect_leads_where_a_request_says(server: str, path: str) -> None:
+    params = dict.fromkeys(("next", "return", "url", "redirect", "return_to"), EVIL)
+    answer = httpx.get(server + path, params=params, headers={"Referer": EVIL}, follow_redirects=False)
+    host = httpx.URL(PUBLIC_URL).join(answer.headers.get("Location", "/")).host
+    assert host in (httpx.URL(PUBLIC_URL).host, httpx.URL(server).host)
+
+
+def test_only_this_machine_is_believed_who_asks_and_nginx_says_so_itself() -> None:
+    assert not {"forwarded_allow_ips", "proxy_headers"} & UVICORN_OPTIONS.keys()  # uvicorn's own: 127.0.0.1 alone
+    nginx = (ROOT / "deploy" / "nginx.conf").read_text(encoding="utf-8")
+    assert re.findall(r"X-Forwarded-For (\S+);", nginx) == ["$remote_addr"]
+
+
+@pytest.mark.parametrize("name", ['a"b\r\nSet-Cookie: x=1', "größe.csv", "../../etc/passwd", "plain.csv"])
+def test_the_name_of_a_download_stays_in_its_header(name: str) -> None:
+    header = attachment(name)
+    assert header.isascii()
+    assert not set("\r\n") & set(header)
+    assert header.count('"') in (0, 2)
+
+
+def test_scripts_run_no_text_and_make_html_of_the_debriefing_alone() -> None:
+    scripts = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "static" / "js").glob("*.js")}
+    running = re.compile(r"\beval\(|new Function\(|set(?:Timeout|Interval)\(\s*[\"'`]|document\.write|javascript:")
+    html = re.compile(r"\b(?:inner|outer)HTML\b|insertAdjacentHTML|createContextualFragment|parseFromString")
+    messages = re.compile(
+        r"window\.(?:onmessage|postMessage)|window\.addEventListener\(\s*[\"']message|parent\.postMessage"
+    )
+    assert len(scripts) > 30
+    assert [name for name, text in scripts.items() if running.search(text) or messages.search(text)] == []
+    assert [(name, len(html.findall(text))) for name, text in scripts.items() if html.search(text)] == [
+        ("participant.js", 1)
+    ]
+
+
+def test_no_pattern_is_made_of_what_people_send() -> None:
+    """Patterns of the server are written in the code; what varies in one is a constant or escaped."""
+    found = []
+    for path in sorted(file for part in ("web", "store", "intake") for file in (ROOT / "app" / part).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            is_pattern = isinstance(node, ast.Call) and ast.unparse(node.func).startswith("re.") and node.args
+            if is_pattern and not _is_written(node.args[0]):  # type: ignore[attr-defined]  # a Call, as was asked
+                found.append(f"{path.name}:{node.lineno}")  # type: ignore[attr-defined]
+    assert found == []
+
+
+def _is_written(pattern: ast.expr) -> bool:
+    if isinstance(pattern, ast.JoinedStr):
+        return all(_is_written(part.value) for part in pattern.values if isinstance(part, ast.FormattedValue))
+    if isinstance(pattern, ast.BinOp):
+        return _is_written(pattern.left) and _is_written(pattern.right)
+    return (
+        isinstance(pattern, ast.Constant)
+        or ast.unparse(pattern).isupper()
+        or ast.unparse(pattern).startswith("re.escape(")
+    )

@@ -1,0 +1,457 @@
+"""Calibrations in the shape that each program writes put the cameras where OpenCV projects to."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from numpy.typing import NDArray
+from scipy.io import savemat
+from scipy.spatial.transform import Rotation
+
+from recon.capture.format import Capture, CaptureError, read_capture, read_frame
+from recon.capture.importing.formats import AUTO, FORMATS, find_format, import_recording
+from recon.capture.importing.sources import ImportOptions
+from recon.cli.commands.recordings import IMPORTED
+from recon.geometry.rig import Camera, look_at, rigid
+from tests.recon.capture.importing.labelled_recording import (
+    BOUNDS,
+    OPTIONS,
+    POINTS,
+    RIG,
+    SIZE,
+    TURNED,
+    seen,
+    write_picture,
+)
+
+LEFT, RIGHT = RIG.sensors[0].left, RIG.sensors[0].right
+RELATIVE = RIGHT.cam_from_world @ np.linalg.inv(LEFT.cam_from_world)
+AHEAD = np.array([[0.1, 0.05, 1.5], [-0.2, 0.1, 1.2], [0.15, -0.12, 1.8]]) * 1000  # mm, before the left camera
+
+
+def rectified(x: float) -> Camera:
+    """The camera of a rectified pair, x mm to the right."""
+    return Camera(
+        np.array([[400.0, 0, 150.5 + x / 20], [0, 400, 118.25], [0, 0, 1]]), SIZE, rigid(np.eye(3), (-x, 0, 0))
+    )
+
+
+PAIR = (rectified(0.0), rectified(120.0))
+
+
+def pictures(folder: Path, *names: str) -> None:
+    for number, name in enumerate(names):
+        write_picture(folder / name, 40 + 20 * number)
+
+
+def dump(path: Path, content: object) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(yaml.safe_dump(content, default_flow_style=None))
+
+
+def matrix(values: NDArray[np.float64], rows: int) -> dict[str, object]:
+    return {"rows": rows, "cols": values.size // rows, "data": values.ravel().tolist()}
+
+
+def rectification() -> tuple[NDArray[np.float64], ...]:
+    metres = RELATIVE[:3, 3:] / 1000
+    dist = (np.append(LEFT.dist, 0), np.append(RIGHT.dist, 0))
+    return cv2.stereoRectify(LEFT.K, dist[0], RIGHT.K, dist[1], SIZE, RELATIVE[:3, :3], metres)[:4]
+
+
+def ros(folder: Path) -> list[Camera]:
+    R1, R2, P1, P2 = rectification()
+    for side, camera, R, P in (("left", LEFT, R1, P1), ("right", RIGHT, R2, P2)):
+        content = {
+            "image_width": SIZE[0],
+            "image_height": SIZE[1],
+            "camera_name": f"narrow_stereo/{side}",
+            "camera_matrix": matrix(camera.K, 3),
+            "distortion_model": "plumb_bob",
+            "distortion_coefficients": matrix(np.append(camera.dist, 0), 1),
+            "rectification_matrix": matrix(R, 3),
+            "projection_matrix": matrix(P, 3),
+        }
+        dump(folder / f"{side}.yaml", content)
+        pictures(folder, f"{side}/0.png", f"{side}/1.png")
+    return [LEFT, RIGHT]
+
+
+def ros_messages(folder: Path) -> list[Camera]:
+    """As `ros2 topic echo` prints them, by other names and without order."""
+    R1, R2, P1, P2 = rectification()
+    for name, camera, R, P in (("b_first", LEFT, R1, P1), ("a_second", RIGHT, R2, P2)):
+        content = {
+            "header": {"frame_id": name},
+            "height": SIZE[1],
+            "width": SIZE[0],
+            "distortion_model": "rational_polynomial",
+            "d": [*camera.dist.tolist(), 0, 0, 0, 0],
+            "k": camera.K.ravel().tolist(),
+            "r": R.ravel().tolist(),
+            "p": P.ravel().tolist(),
+        }
+        (folder / name).mkdir(parents=True)
+        (folder / f"{name}.yaml").write_text(yaml.safe_dump(content) + "---\n")
+        pictures(folder, f"{name}/0.png")
+    return [LEFT, RIGHT]
+
+
+def in_metres(transform: NDArray[np.float64]) -> list[list[float]]:
+    return [[*row[:3], row[3] / 1000] if number < 3 else row for number, row in enumerate(transform.tolist())]
+
+
+def kalibr(folder: Path) -> list[Camera]:
+    chain = {}
+    for number, camera in enumerate((LEFT, RIGHT)):
+        chain[f"cam{number}"] = {
+            "cam_overlaps": [1 - number],
+            "camera_model": "pinhole",
+            "distortion_coeffs": camera.dist.tolist(),
+            "distortion_model": "radtan",
+            "intrinsics": [camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]],
+            "resolution": list(SIZE),
+            "rostopic": f"/cam{number}/image_raw",
+        }
+        pictures(folder, f"cam{number}/1403636579763555584.png")
+    chain["cam1"]["T_cn_cnm1"] = in_metres(RELATIVE)
+    dump(folder / "log-camchain.yaml", json.loads(json.dumps(chain)))
+    return [LEFT, RIGHT]
+
+
+def euroc(folder: Path) -> list[Camera]:
+    body = rigid(Rotation.from_euler("xyz", (10, 80, -30), degrees=True).as_matrix(), (30.0, -20, 9))
+    for number, camera in enumerate((LEFT, RIGHT)):
+        from_camera = body @ np.linalg.inv(rigid(np.eye(3), np.zeros(3)) if number == 0 else RELATIVE)
+        content = {
+            "sensor_type": "camera",
+            "T_BS": matrix(np.array(in_metres(from_camera)), 4),
+            "rate_hz": 20,
+            "resolution": list(SIZE),
+            "camera_model": "pinhole",
+            "intrinsics": [camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]],
+            "distortion_model": "radial-tangential",
+            "distortion_coefficients": camera.dist.tolist(),
+        }
+        base = folder / f"mav0/cam{number}"
+        dump(base / "sensor.yaml", json.loads(json.dumps(content, default=float)))
+        (base / "sensor.yaml").write_text("#Default camera\n" + (base / "sensor.yaml").read_text())
+        pictures(base, "data/1403636579763555584.png", "data/1403636579813555456.png")
+    return [LEFT, RIGHT]
+
+
+def matlab_struct(is_new: bool) -> dict[str, object]:
+    struct: dict[str, object] = {}
+    for number, camera in ((1, LEFT), (2, RIGHT)):
+        K = camera.K + np.array([[0, 0, 1], [0, 0, 1], [0, 0, 0]])
+        struct[f"CameraParameters{number}"] = {
+            "RadialDistortion": camera.dist[:2].tolist(),
+            "TangentialDistortion": camera.dist[2:].tolist(),
+            "ImageSize": [SIZE[1], SIZE[0]],
+            "WorldUnits": "millimeters",
+            **({"K": K.tolist()} if is_new else {"IntrinsicMatrix": K.T.tolist()}),
+        }
+    if is_new:
+        pose = {"Dimensionality": 3, "R": RELATIVE[:3, :3].tolist(), "Translation": RELATIVE[:3, 3].tolist()}
+        return struct | {"PoseCamera2": pose}
+    return struct | {
+        "RotationOfCamera2": RELATIVE[:3, :3].T.tolist(),
+        "TranslationOfCamera2": RELATIVE[:3, 3].tolist(),
+    }
+
+
+def matlab(folder: Path) -> list[Camera]:
+    folder.mkdir(parents=True)
+    savemat(folder / "stereo.mat", {"stereoParams": matlab_struct(False)})
+    pictures(folder, "left/1.png", "right/1.png")
+    return [LEFT, RIGHT]
+
+
+def matlab_json(folder: Path) -> list[Camera]:
+    folder.mkdir(parents=True)
+    (folder / "stereo.json").write_text(json.dumps(matlab_struct(True)))
+    pictures(folder, "camera1/1.png", "camera2/1.png")
+    return [LEFT, RIGHT]
+
+
+def rows(K: NDArray[np.float64]) -> str:
+    return "[" + "; ".join(" ".join(f"{value!r}" for value in row) for row in K.tolist()) + "]"
+
+
+def middlebury_pair(folder: Path) -> list[Camera]:
+    folder.mkdir(parents=True)
+    left, right = PAIR
+    doffs = right.K[0, 2] - left.K[0, 2]
+    lines = [f"cam0={rows(left.K)}", f"cam1={rows(right.K)}", f"doffs={doffs}", "baseline=120"]
+    lines += [f"width={SIZE[0]}", f"height={SIZE[1]}", "ndisp=64", "isint=0", "vmin=10", "vmax=40", "dyavg=0"]
+    (folder / "calib.txt").write_text("\n".join(lines) + "\n")
+    pictures(folder, "im0.png", "im1.png")
+    disparity = np.full(SIZE[::-1], np.inf, np.float32)
+    disparity[20:60, 30:90] = 26.0
+    (folder / "disp0.pfm").write_bytes(b"Pf\n320 240\n-1.0\n" + disparity[::-1].astype("<f4").tobytes())
+    return list(PAIR)
+
+
+def kitti_projection(camera: Camera) -> str:
+    P = camera.K @ np.column_stack([np.eye(3), camera.cam_from_world[:3, 3] / 1000])
+    return " ".join(map(repr, P.ravel().tolist()))
+
+
+def kitti_odometry(folder: Path) -> list[Camera]:
+    folder.mkdir(parents=True)
+    (folder / "calib.txt").write_text(
+        "".join(f"P{n}: {kitti_projection(PAIR[n % 2])}\n" for n in range(4)) + "Tr: 1 0 0\n"
+    )
+    pictures(folder, "image_0/000000.png", "image_1/000000.png")
+    return list(PAIR)
+
+
+def kitti_raw(folder: Path) -> list[Camera]:
+    """Pictures of the size before rectification have the cameras before it."""
+    lines = ["calib_time: 09-Jan-2012 13:57:47", "corner_dist: 9.950000e-02"]
+    for number, camera in ((2, LEFT), (3, RIGHT)):
+        relative = np.eye(4) if number == 2 else RELATIVE
+        entries = {
+            "S": SIZE,
+            "K": camera.K.ravel(),
+            "D": np.append(camera.dist, 0),
+            "R": relative[:3, :3].ravel(),
+            "T": relative[:3, 3] / 1000,
+            "S_rect": (300, 200),
+            "R_rect": np.eye(3).ravel(),
+        }
+        lines += [f"{key}_0{number}: {' '.join(map(repr, map(float, values)))}" for key, values in entries.items()]
+        lines.append(f"P_rect_0{number}: {kitti_projection(PAIR[number - 2])}")
+        pictures(folder / "date/drive", f"image_0{number}/data/0000000000.png")
+    (folder / "date/calib_cam_to_cam.txt").write_text("\n".join(lines) + "\n")
+    return [LEFT, RIGHT]
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "below"),
+    [
+        ("ros", ros, ""),
+        ("ros", ros_messages, ""),
+        ("kalibr", kalibr, ""),
+        ("euroc", euroc, ""),
+        ("matlab", matlab, ""),
+        ("matlab", matlab_json, ""),
+        ("middlebury-pair", middlebury_pair, ""),
+        ("kitti", kitti_odometry, ""),
+        ("kitti", kitti_raw, "date/drive"),
+    ],
+)
+def test_a_rig_is_found_by_its_files_and_projects_as_opencv_does(
+    tmp_path: Path, name: str, write: Callable[[Path], list[Camera]], below: str
+) -> None:
+    expected = write(tmp_path / "source")
+    assert find_format(tmp_path / "source" / below) == name
+    capture = import_recording(AUTO, tmp_path / "source" / below, tmp_path / "out", replace(OPTIONS, fps=None))
+    first = expected[0].cam_from_world
+    world = AHEAD @ TURNED.T
+    for stream, camera in zip(capture.sensors[0].cameras, expected, strict=True):
+        relative = replace(camera, cam_from_world=camera.cam_from_world @ np.linalg.inv(first))
+        np.testing.assert_allclose(seen(stream.camera, world), seen(relative, AHEAD), atol=1e-6)
+    read_frame(read_capture(tmp_path / "out"), "S1", capture.n_frames - 1)
+
+
+def test_rates_and_true_disparities_come_in(tmp_path: Path) -> None:
+    euroc(tmp_path / "euroc")
+    assert import_recording("euroc", tmp_path / "euroc", tmp_path / "a", OPTIONS).fps == 20
+    middlebury_pair(tmp_path / "pair")
+    capture = import_recording("middlebury-pair", tmp_path / "pair", tmp_path / "b", ImportOptions())
+    depth = np.load(tmp_path / "b/S1/depth/0000.npy")
+    Q = np.float32([[1, 0, 0, -150.5], [0, 1, 0, -118.25], [0, 0, 0, 400], [0, 0, 1 / 120, 6 / 120]])
+    disparity = np.full(SIZE[::-1], 26.0, np.float32)
+    np.testing.assert_allclose(depth[20:60, 30:90], cv2.reprojectImageTo3D(disparity, Q)[20:60, 30:90, 2], rtol=1e-6)
+    assert np.isnan(depth[:20]).all()
+    assert capture.sensors[0].depth is not None
+    nearest, farthest = 400 * 120 / (40 + 6), 400 * 120 / (10 + 6)
+    np.testing.assert_allclose(-capture.bounds[:, 2], [farthest * 1.02, nearest * 0.98])
+
+
+def around() -> list[Camera]:
+    return [
+        Camera(LEFT.K, SIZE, look_at((1500 * np.sin(angle), 200.0, 1500 * np.cos(angle)), (0, 0, 0)))
+        for angle in (0.0, 0.1, 0.5)
+    ]
+
+
+def strecha(folder: Path) -> None:
+    for number, camera in enumerate(around()):
+        R, centre = camera.rotation.T, camera.centre / 1000
+        lines = [" ".join(map(repr, row)) for row in (*camera.K.tolist(), [0.0, 0, 0], *R.tolist(), centre.tolist())]
+        pictures(folder, f"{number:04d}.png")
+        (folder / f"{number:04d}.png.camera").write_text("\n".join([*lines, f"{SIZE[0]} {SIZE[1]}"]) + "\n")
+
+
+def mvsnet(folder: Path) -> None:
+    for number, camera in enumerate(around()):
+        pictures(folder, f"images/{number:08d}.jpg")
+        (folder / "cams").mkdir(exist_ok=True)
+        pose = "\n".join(" ".join(map(repr, row)) for row in in_metres(camera.cam_from_world))
+        K = "\n".join(" ".join(map(repr, row)) for row in camera.K.tolist())
+        text = f"extrinsic\n{pose}\n\nintrinsic\n{K}\n\n1.0 0.005 192 2.0\n"
+        (folder / f"cams/{number:08d}_cam.txt").write_text(text)
+    (folder / "pair.txt").write_text("3\n0\n2 1 9.0 2 5.0\n")
+
+
+def miv(folder: Path) -> None:
+    """The axes of the set: x forwards, y to the left, z upwards."""
+    to_miv = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+    world = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # of the y-up world, as x, y, z of one with z up
+    cameras = []
+    for number, camera in enumerate(around()):
+        turn = world @ camera.rotation.T @ to_miv.T
+        cameras.append(
+            {
+                "Name": f"v{number}",
+                "Position": (world @ camera.centre / 1000).tolist(),
+                "Rotation": Rotation.from_matrix(turn).as_euler("ZYX", degrees=True).tolist(),
+                "Projection": "Perspective",
+                "Focal": [camera.K[0, 0], camera.K[1, 1]],
+                "Principle_point": [camera.K[0, 2] + 0.5, camera.K[1, 2] + 0.5],
+                "Resolution": list(SIZE),
+                "Depth_range": [1.0, 2.0],
+                "BitDepthColor": 10,
+            }
+        )
+        pictures(folder, f"v{number}/0.png")
+    cameras.append({**cameras[0], "Name": "viewport"})
+    (folder / "A.json").write_text(json.dumps({"Version": "4.0", "Fps": 30, "cameras": cameras}))
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "unit", "up"),
+    [("strecha", strecha, None, "y"), ("mvsnet", mvsnet, 1000.0, "y"), ("miv", miv, None, None)],
+)
+@pytest.mark.filterwarnings("ignore:.*viewport")
+def test_views_of_a_set_project_as_they_were_seen(
+    tmp_path: Path, name: str, write: Callable[[Path], None], unit: float | None, up: str | None
+) -> None:
+    write(tmp_path / "source")
+    assert find_format(tmp_path / "source") == name
+    options = ImportOptions(bounds=BOUNDS, unit_mm=unit, pairs=[(0, 1)], up=up)
+    capture = import_recording(name, tmp_path / "source", tmp_path / "out", options)
+    world = POINTS if name != "miv" else POINTS @ np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]).T
+    world = world if name != "miv" else world @ np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]).T  # z up to y up
+    cameras = [side.camera for side in capture.sensors[0].cameras] + [shot.camera for shot in capture.held_out]
+    assert len(cameras) == (2 if name == "miv" else 3)  # a folder of frames is no photograph
+    for found, truth in zip(cameras, around(), strict=False):
+        np.testing.assert_allclose(seen(found, world), seen(truth, POINTS), atol=1e-6)
+
+
+def test_every_format_has_a_name_for_people() -> None:
+    assert list(IMPORTED) == [AUTO, *(name for name in IMPORTED if name in FORMATS)]
+    assert {*IMPORTED} == {AUTO, *FORMATS}
+
+
+def test_a_source_of_no_known_format_is_told_the_nearest(tmp_path: Path) -> None:
+    (tmp_path / "calibs.txt").write_text("nothing")
+    with pytest.raises(
+        CaptureError, match=r"is in no format that is known; the nearest is middlebury-pair, which has calib"
+    ):
+        find_format(tmp_path)
+    kalibr(tmp_path / "kalibr")
+    with pytest.raises(CaptureError, match=r"holds no COLMAP model.*the source looks like kalibr"):
+        import_recording("colmap", tmp_path / "kalibr", tmp_path / "out", replace(OPTIONS, unit_mm=1.0))
+
+
+def edited(path: Path, old: str, new: str) -> None:
+    path.write_text(path.read_text().replace(old, new))
+
+
+def one_camera_info(folder: Path) -> None:
+    ros(folder)
+    (folder / "right.yaml").unlink()
+
+
+def no_baseline(folder: Path) -> None:
+    ros(folder)
+    (folder / "right.yaml").write_text((folder / "left.yaml").read_text())
+
+
+def kalibr_omni(folder: Path) -> None:
+    kalibr(folder)
+    edited(folder / "log-camchain.yaml", "pinhole", "omni")
+
+
+def kalibr_fov(folder: Path) -> None:
+    kalibr(folder)
+    edited(folder / "log-camchain.yaml", "radtan", "fov")
+
+
+def bombed(folder: Path) -> None:
+    folder.mkdir()
+    (folder / "camchain.yaml").write_text("cam0: &a [x, x]\ncam1: " + "[" * 5000)
+
+
+def matlab_object(folder: Path) -> None:
+    folder.mkdir()
+    savemat(folder / "stereo.mat", {"stereoParams": np.zeros(3)})
+
+
+def no_matlab(folder: Path) -> None:
+    folder.mkdir()
+    (folder / "stereo.mat").write_bytes(b"MATLAB 5.0" + bytes(200))
+
+
+def other_resolution(folder: Path) -> None:
+    mvsnet(folder)
+    edited(folder / "cams/00000000_cam.txt", "158.5", "39.6")
+
+
+def distorted(folder: Path) -> None:
+    strecha(folder)
+    edited(folder / "0000.png.camera", "0.0 0 0", "0.1 0 0")
+
+
+def panorama(folder: Path) -> None:
+    miv(folder)
+    edited(folder / "A.json", "Perspective", "Equirectangular")
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "sentence"),
+    [
+        ("ros", one_camera_info, "holds 1 files of camera_info, expected two"),
+        ("ros", no_baseline, "nothing tells the baseline; calibrate them as a stereo pair"),
+        ("kalibr", kalibr_omni, "the camera model is omni, expected pinhole"),
+        ("kalibr", kalibr_fov, "the camera model is fov, expected one of"),
+        ("kalibr", bombed, "is not readable as YAML"),
+        ("matlab", matlab_object, r"holds no struct with CameraParameters1 and CameraParameters2; write it by"),
+        ("matlab", no_matlab, "is not readable as a file of MATLAB"),
+        ("mvsnet", other_resolution, "the cameras are of another resolution"),
+        ("strecha", distorted, "has distortion, whose model the format does not tell"),
+        ("miv", panorama, "its projection is Equirectangular, expected Perspective"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::recon.runtime.notices.Notice")
+def test_what_cannot_be_read_is_refused_by_name(
+    tmp_path: Path, name: str, write: Callable[[Path], None], sentence: str
+) -> None:
+    write(tmp_path / "source")
+    options = ImportOptions(bounds=BOUNDS, unit_mm=1000.0, pairs=[(0, 1)])
+    with pytest.raises(CaptureError, match=sentence):
+        import_recording(name, tmp_path / "source", tmp_path / "out", options)
+    assert not (tmp_path / "out").exists()
+
+
+def test_absent_pictures_of_a_set_are_named_and_raw_video_is_told_how_to_convert(tmp_path: Path) -> None:
+    strecha(tmp_path / "a")
+    (tmp_path / "a/0002.png").unlink()
+    options = ImportOptions(bounds=BOUNDS, pairs=[(0, 1)])
+    with pytest.warns(match=r"1 pictures? that .* 0002\.png"):
+        capture: Capture = import_recording(AUTO, tmp_path / "a", tmp_path / "out", options)
+    assert len(capture.sensors) == 1
+    miv(tmp_path / "b")
+    (tmp_path / "b/viewport_4096x2048_yuv420p10le.yuv").touch()
+    with pytest.raises(CaptureError, match="is raw; convert it: ffmpeg -f rawvideo"):
+        import_recording(AUTO, tmp_path / "b", tmp_path / "again", options)
