@@ -157,7 +157,7 @@ def is_over(rings: Sequence[Ring], test: AcuityTest) -> bool:
         return True
     if len(rings) < FEWEST_RINGS:
         return False
-    reached = float(posterior(rings)[THRESHOLDS <= test.limit].sum())
+    reached = float(posterior(rings)[test.limit >= THRESHOLDS].sum())
     return test.can_certify and not 1 - CERTAIN < reached < CERTAIN
 
 
