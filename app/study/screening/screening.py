@@ -49,7 +49,7 @@ Verdict = Literal["passed", "failed", "cannot be certified", "inconclusive", "no
 TESTS: tuple[TestName, ...] = ("acuity", "colour")
 NOT_TAKEN: Verdict = "not taken"
 ENTERED_VERDICTS: tuple[Verdict, ...] = ("passed", "failed")
-FARTHEST_CM = 600.0  # of a fixed distance
+NEAREST_CM, FARTHEST_CM = 20.0, 600.0  # of a fixed distance
 RING_SHARE = 0.5  # of the window's height, for the largest ring
 LARGEST_GAP_PX = 200.0  # larger rings add no information and take long to send
 
@@ -81,7 +81,7 @@ class ScreeningOptions(Options):
         ),
     ] = "typed"
     distance_cm: Annotated[float | None, Setting("Fixed distance, cm", "only for a fixed distance", step="0.5")] = (
-        Field(default=None, ge=20, le=FARTHEST_CM)
+        Field(default=None, ge=NEAREST_CM, le=FARTHEST_CM)
     )
     colour_axes: Annotated[
         SomeOf[Axis],

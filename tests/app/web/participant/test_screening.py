@@ -208,6 +208,18 @@ def test_a_laboratory_may_fix_the_distance(enter: Callable[[dict[str, Any]], htt
     assert (measured["fixed_distance_cm"], measured["certificate"]["distance_cm"]) == (200, 200)
 
 
+def test_where_the_lab_sheet_has_the_distance_nobody_types_it_or_is_told_to_move_back(
+    client: httpx.Client, settings: Settings, stimulus_set: Path
+) -> None:
+    content = {"optional_stages": ["screening"], "lab_sheet": {"distance_cm": 90.0}}
+    study = create_study(settings, stimulus_set, "Own room", exposure_s=0.4, options=parse_options(content))
+    client.post(f"/api/v1/studies/{study['slug']}/sessions", json={"invitation": study["invitation"]})
+    client.put("/api/v1/session/stages/introduction", json={"data": {}})
+    assert client.get(PATH).json()["distance"] == "fixed"
+    measured = client.put(f"{PATH}/display", json=CARD).json()
+    assert (measured["seat_cm"], measured["certificate"]["distance_cm"]) == (90.0, 90.0)
+
+
 def test_an_item_tells_what_to_show_and_not_what_is_right(
     enter: Callable[[dict[str, Any]], httpx.Client], both_tests: dict[str, Any]
 ) -> None:
