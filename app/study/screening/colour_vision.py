@@ -129,12 +129,15 @@ def plan_plates(test: ColourTest, rng: np.random.Generator) -> list[PlannedPlate
 
 def unsettled_kinds(answers: Sequence[Answer], test: ColourTest) -> set[PlateKind]:
     """Return the kinds of plate whose part of the verdict may still change: the others need not be shown any more."""
-    right, missed = (
-        {kind: sum(answer.kind == kind and answer.is_right == is_right for answer in answers) for kind in _needed(test)}
-        for is_right in (True, False)
-    )
-    allowed = {"control": 0, "catch": test.n_catches // 2, **dict.fromkeys(test.axes, test.n_misses)}
-    return {kind for kind, n in _needed(test).items() if right[kind] < n and missed[kind] <= allowed[kind]}
+    needed = _needed(test)
+    marks = [(answer.kind, answer.is_right) for answer in answers]
+    allowed: dict[PlateKind, int] = {"control": 0, "catch": test.n_catches // 2}
+    allowed |= dict.fromkeys(test.axes, test.n_misses)
+    return {
+        kind
+        for kind, n in needed.items()
+        if marks.count((kind, True)) < n and marks.count((kind, False)) <= allowed[kind]
+    }
 
 
 def _needed(test: ColourTest) -> dict[PlateKind, int]:
