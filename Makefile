@@ -86,7 +86,7 @@ audit: setup
 LOCK := uv pip compile --generate-hashes --no-emit-index-url --no-header --python-version 3.11 --universal --quiet
 PART := $(LOCK) --constraint requirements.lock --no-annotate
 lock:
-	$(LOCK) pyproject.toml --group build $(addprefix --extra ,recon cluster postgres s3 test docs) --output-file requirements.lock
+	$(LOCK) pyproject.toml --group build $(addprefix --extra ,recon cluster postgres s3 ros test docs) --output-file requirements.lock
 	$(PART) pyproject.toml $(addprefix --extra ,postgres s3) --output-file requirements-server.lock
 	$(PART) pyproject.toml $(addprefix --extra ,postgres s3 recon cluster) --output-file requirements-recon.lock \
 		$$(sed -n 's/^\([^ ]*\)==.*/--no-emit-package \1/p' requirements-server.lock)
