@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Iterator
@@ -29,6 +30,8 @@ LARGEST_JSON = 16 * 1024 * 1024  # bytes; read into memory they take up to twent
 LONGEST_FILE_NAME = 200  # bytes; file systems take 255, and temporary names are longer
 LOCK = ".lock"  # in folders of work, held by the process that works there
 UNSAFE = frozenset('/\\:*?"<>|')  # in names of files, on one system or another
+# Names of devices of Windows, whatever their ending.
+RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9\u00b9\u00b2\u00b3]|lpt[0-9\u00b9\u00b2\u00b3])(\..*)?", re.IGNORECASE)
 FORMULA = tuple("=+-@\t\r\n＝＋－＠")  # first characters of a spreadsheet's formula; the last in Asian editions
 
 
@@ -64,8 +67,15 @@ def is_plain_name(name: str) -> bool:
         0 < len(name.encode()) <= LONGEST_FILE_NAME
         and name == name.strip()
         and not name.startswith(".")
+        and not name.endswith(".")
+        and not is_reserved(name)
         and all(character.isprintable() and character not in UNSAFE for character in name)
     )
+
+
+def is_reserved(name: str) -> bool:
+    """Whether Windows takes a name for one of its devices, with any ending: such a file cannot be copied there."""
+    return RESERVED.fullmatch(name) is not None
 
 
 def free_gb(folder: Path) -> float:

@@ -84,7 +84,7 @@ from app.web.markdown import with_code
 from app.web.monitoring import health
 from app.web.monitoring.metrics import SHARED_FOLDER, Metrics
 from app.web.monitoring.request_log import Requests, start_logging
-from app.web.participant import beginning, pages, screening, session, trials, votes
+from app.web.participant import beginning, joined, pages, screening, session, trials, votes
 from app.web.problems import UnforeseenErrors, install_problems
 from app.web.security import BodyLimit, RenewedSession, SameOrigin, SecurityHeaders
 
@@ -135,6 +135,7 @@ ROUTERS = (
     edit_page.router,
     texts_page.router,
     pages.router,
+    joined.router,
 )
 UVICORN_OPTIONS: dict[str, Any] = {
     "http": GuardedProtocol,

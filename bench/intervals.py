@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
-from app.analysis.analyse import factor_results, group_comparisons
+from app.analysis.analyse import group_comparisons
 from app.analysis.comparisons.comparison import compare
+from app.analysis.comparisons.factor_fits import factor_results
 from app.analysis.comparisons.power import simulate_votes
 from app.analysis.comparisons.random_effect_rows import random_effect_tables
 from app.analysis.comparisons.result_rows import contrast_rows, score_rows

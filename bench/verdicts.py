@@ -18,12 +18,22 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
-from app.analysis.analyse import factor_fits
-from app.analysis.comparisons.comparison import compare, tested_order
+from app.analysis.comparisons.comparison import compare, tested_order, votes_on_dataset
 from app.analysis.comparisons.datasets_sample import factor_rows, interaction_rows, pair_p_values
+from app.analysis.comparisons.factor_fits import factor_fits
+from app.analysis.comparisons.factors import fit_additive, votes_with_levels
+from app.analysis.comparisons.homogeneity import Part
 from app.analysis.model.contrasts import scores_of, simultaneous_factor
 from app.analysis.model.settings import AnalysisSettings
-from app.analysis.reading.votes_table import IDENTICAL, REPEAT, VotesTable, joined, votes_from_indices
+from app.analysis.reading.votes_table import (
+    ALL,
+    IDENTICAL,
+    REPEAT,
+    VotesTable,
+    joined,
+    only_compared,
+    votes_from_indices,
+)
 from app.analysis.screening.attention_checks import check_rows
 from app.analysis.screening.careless import FALSE_ALARMS, careless_answers
 from app.analysis.screening.disagreement import heterogeneity
@@ -255,6 +265,31 @@ def dataset_lines(n_studies: int, seed: int) -> Iterator[str]:
             yield line(f"for datasets like these, {name}: {what}", values)
 
 
+def factor_lines(n_studies: int, seed: int) -> Iterator[str]:
+    """Print how often factors without an effect are said to have one for datasets like these."""
+    for name, kind in {
+        "22 people": Kind(range_jod=0.0, scene_spread=0.4),
+        "60 people": Kind(range_jod=0.0, scene_spread=0.4, people=60),
+        "22 people who differ by 1.0": Kind(range_jod=0.0, scene_spread=0.4, spread=1.0),
+        "22 people, 3 datasets": Kind(range_jod=0.0, scene_spread=0.4, datasets=3),
+        "22 people, datasets alike": Kind(range_jod=0.0),
+    }.items():
+        rng, hits = np.random.default_rng(seed), dict[str, list[float]]()
+        for _ in range(n_studies):
+            votes = votes_with_levels(study(kind, rng)[0], FACTORS)
+            parts = {name: only_compared(votes_on_dataset(votes, name)) for name in (*votes.datasets, ALL)}
+            fits = {
+                name: fit_additive(part, FACTORS, ties="davidson", order_effect=False) for name, part in parts.items()
+            }
+            additive = {
+                name: Part(parts[name], fit) for name, fit in fits.items() if fit is not None and fit.status == "ok"
+            }
+            for row in factor_rows(additive, FACTORS):
+                hits.setdefault(row["name"], []).append(row["p_value"] < 0.05)
+        for what, values in hits.items():
+            yield line(f"for datasets like these, {name}: {what}", values)
+
+
 def extreme_lines(n_studies: int, seed: int) -> Iterator[str]:
     """Print how often the interval of the best against the worst condition holds the truth, where it is printed."""
     settings = AnalysisSettings(by_dataset=False)
@@ -300,6 +335,7 @@ FAMILIES: dict[str, Callable[[int, int], Iterator[str]]] = {
     "careless": careless_lines,
     "disagreement": disagreement_lines,
     "datasets": dataset_lines,
+    "factors": factor_lines,
     "extreme": extreme_lines,
     "order": order_lines,
 }

@@ -38,7 +38,9 @@ def main(demo: Path) -> None:
     front = demo / "front"
     recorded = sorted(front.glob("recording_*.webp"))
     depths = [front / f"depth_{method}.webp" for method in ("id", "dr", "pm")]
-    models = [front / f"model_{depth}_{fusion}.webp" for fusion in ("fa", "fb") for depth in ("id", "dr", "pm")]
+    models = [
+        front / f"model_{depth}_{fusion}_photographs.webp" for fusion in ("fa", "fb") for depth in ("id", "dr", "pm")
+    ]
     keep("recording", sheet([*recorded, *depths], np.s_[:], columns=6))
     keep("models", sheet(models, UPPER_BODY, columns=3))
     figures = drawn_figures(read_json(demo / "analysis" / "analysis.json"), SCORES_WIDTH)
@@ -50,7 +52,7 @@ def main(demo: Path) -> None:
 
 def sheet(paths: list[Path], part: Any, *, columns: int) -> NDArray[np.uint8]:
     """A part of each picture beside each other, under the names of what they show."""
-    labels = [path.stem.replace("_", " ", 1) for path in paths]
+    labels = [path.stem.removesuffix("_photographs").replace("_", " ", 1) for path in paths]
     return contact_sheet([read(path)[part] for path in paths], labels, columns=columns, width=WIDTH // columns)
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,18 +18,8 @@ from app.analysis.comparisons.comparison import (
     votes_on_dataset,
 )
 from app.analysis.comparisons.datasets_sample import factor_rows, interaction_rows, pair_p_values
-from app.analysis.comparisons.factors import (
-    ModelTest,
-    coding,
-    effects_of,
-    fit_additive,
-    items_without_levels,
-    model_tests,
-    order_test,
-    votes_with_levels,
-)
+from app.analysis.comparisons.factor_fits import factor_fits, left_out, rows_of_tests, without_results
 from app.analysis.comparisons.groups import GroupComparison, check_groups, compare_groups
-from app.analysis.comparisons.homogeneity import Part, parts_differ
 from app.analysis.comparisons.lapse_rows import lapse_tables
 from app.analysis.comparisons.random_effect_rows import random_effect_tables
 from app.analysis.comparisons.result_rows import (
@@ -44,16 +34,14 @@ from app.analysis.comparisons.result_rows import (
     triads_row,
 )
 from app.analysis.findings.votes import vote_findings
-from app.analysis.model.bradley_terry import fit_scores
-from app.analysis.model.contrasts import Contrast, corrected_together, holm, scores_of, simultaneous_factor
+from app.analysis.model.contrasts import Contrast, corrected_together, scores_of, simultaneous_factor
 from app.analysis.model.settings import AnalysisSettings
 from app.analysis.objective.against_scores import compared_scores, measure_tables
 from app.analysis.objective.points import ScoreSet
 from app.analysis.objective.scores import score_sets
 from app.analysis.rates.rows import rate_differences, rate_rows
-from app.analysis.reading.phrases import listed
 from app.analysis.reading.read_votes import Rows, votes_from_rows
-from app.analysis.reading.votes_table import ALL, MAIN, WITHDRAWN, VotesError, VotesTable, only_compared
+from app.analysis.reading.votes_table import ALL, MAIN, WITHDRAWN, VotesError, VotesTable
 from app.analysis.screening.agreement import agreement_rows, concordance, dataset_agreement_rows
 from app.analysis.screening.attention_checks import check_rows
 from app.analysis.screening.disagreement import disagreement
@@ -107,7 +95,7 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
         "contrasts": _contrast_rows(compared, settings),
         **_island_tables(compared, settings),
         "effects": effects,
-        "tests": _test_rows(tests),
+        "tests": rows_of_tests(tests),
         "datasets_as_sample": [*factor_rows(additive, settings.factors), *interaction_rows(compared, additive)],
         "groups": [row for group in groups for row in group_rows(group, settings.jod_prior)],
         "triads": [triads_row(row) for row in screened],
@@ -135,8 +123,8 @@ def analyse(votes: VotesTable | Rows | pd.DataFrame, settings: AnalysisSettings 
         "warnings": [
             *warnings_of(votes, used, compared),
             *measure_warnings(measured["measures"]),
-            *_left_out(used, settings),
-            *_without_results(used, settings, compared, effects),
+            *left_out(used, settings),
+            *without_results(used, settings, compared, effects),
             *why_no_random_effects,
             *why_no_lapses,
         ],
@@ -181,98 +169,6 @@ def _check_names(votes: VotesTable, settings: AnalysisSettings) -> None:
     for kind, names in (("dataset", votes.datasets), ("factor", settings.factors)):
         if ALL in names:
             raise VotesError(f"a {kind} is called {ALL!r}, which stands for all of them together: rename it")
-
-
-def factor_results(
-    votes: VotesTable, settings: AnalysisSettings, compared: Sequence[Comparison]
-) -> tuple[list[dict[str, Any]], list[ModelTest]]:
-    """Return the additive model's effects, and all likelihood-ratio tests between models.
-
-    Parameters
-    ----------
-    votes : VotesTable, the votes to score
-    settings : the factors, and how to fit
-    compared : the fits of the items' scores to the same votes
-    """
-    return factor_fits(votes, settings, compared)[:2]
-
-
-def factor_fits(
-    votes: VotesTable, settings: AnalysisSettings, compared: Sequence[Comparison]
-) -> tuple[list[dict[str, Any]], list[ModelTest], dict[str, Part]]:
-    """Return what `factor_results` does, and the additive model's fit on each dataset and on all.
-
-    Parameters
-    ----------
-    votes, settings, compared : as in `factor_results`
-    """
-    tests: list[ModelTest | None] = []
-    additive: dict[str, Part] = {}
-    with_levels = votes_with_levels(votes, settings.factors)
-    ordered = {c.dataset for c in compared if c.comparison == ALL and c.fit.design.has_order}
-    for dataset in dataset_names(votes, settings) if settings.factors else ():
-        part = only_compared(votes_on_dataset(with_levels, dataset))
-        has_order = dataset in ordered
-        fit = fit_additive(part, settings.factors, ties=settings.ties, order_effect=has_order)
-        if fit is not None and fit.status == "ok":
-            additive[dataset] = Part(part, fit)
-            if has_order:
-                without = fit_additive(part, settings.factors, ties=settings.ties, order_effect=False)
-                tests.append(None if without is None else order_test(fit, without, "additive", dataset))
-            tests += model_tests(fit, part, settings.factors, dataset)
-    for comparison in compared:
-        if comparison.fit.design.has_order:
-            without = fit_scores(comparison.votes, ties=settings.ties)
-            tests.append(order_test(comparison.fit, without, comparison.comparison, comparison.dataset))
-    for model in dict.fromkeys(comparison.comparison for comparison in compared):
-        parts = {
-            comparison.dataset: Part(comparison.votes, comparison.fit)
-            for comparison in compared
-            if comparison.comparison == model
-        }
-        tests.append(_datasets_test(model, parts))
-    tests.append(_datasets_test("additive", additive))
-    effects = effects_of({dataset: part.fit for dataset, part in additive.items()}, settings.factors)
-    rows = [asdict(effect) | {"scope": _scope(effect.dataset, len(additive) - 1)} for effect in effects]
-    return rows, [test for test in tests if test is not None], additive
-
-
-def _scope(dataset: str, n_datasets: int) -> str:
-    """Say what an effect's interval holds for, besides other people."""
-    if dataset != ALL:
-        return f"dataset {dataset}"
-    return f"these {n_datasets} datasets" if n_datasets > 1 else "these votes' datasets"
-
-
-def _left_out(votes: VotesTable, settings: AnalysisSettings) -> list[str]:
-    """Name the items that the analysis by factor leaves out, those that lack the same factors together."""
-    items_by_lacking: dict[str, list[str]] = {}
-    for item, factors in items_without_levels(votes.items, settings.factors).items():
-        items_by_lacking.setdefault(" or ".join(factors), []).append(item)
-    return [
-        f"{items[0]} has no level of {factors}: the analysis by factor leaves it out"
-        if len(items) == 1
-        else f"{', '.join(items)} have no level of {factors}: the analysis by factor leaves them out"
-        for factors, items in items_by_lacking.items()
-    ]
-
-
-def _without_results(
-    votes: VotesTable, settings: AnalysisSettings, compared: Sequence[Comparison], effects: Sequence[Mapping[str, Any]]
-) -> Iterator[str]:
-    """Say which factors of several levels have no scores over all datasets, and why none has effects."""
-    part = only_compared(votes_with_levels(votes, settings.factors))
-    factors = [factor for factor, _ in coding(settings.factors, part.items)[1]]
-    unscored = [factor for factor in factors if factor in settings.comparisons]
-    unscored = [factor for factor in unscored if factor not in {comparison.comparison for comparison in compared}]
-    if unscored:
-        yield f"no vote is on conditions that differ in {' or '.join(unscored)} alone: no scores by it"
-    fit = None
-    if factors and not any(row["dataset"] == ALL for row in effects):
-        fit = fit_additive(part, settings.factors, ties=settings.ties, order_effect=False)
-    if fit is not None and fit.status != "ok":
-        why = "the votes cannot tell them apart" if fit.status == "disconnected" else "they have no finite estimate"
-        yield f"{listed(factors)}: no effects, because {why}"
 
 
 def group_comparisons(votes: VotesTable, settings: AnalysisSettings) -> list[GroupComparison]:
@@ -343,13 +239,6 @@ def _scores_by_dataset(compared: Sequence[Comparison]) -> dict[str, dict[str, fl
     }
 
 
-def _datasets_test(model: str, parts: Mapping[str, Part]) -> ModelTest | None:
-    if ALL not in parts:
-        return None
-    single = [part for dataset, part in parts.items() if dataset != ALL]
-    return parts_differ("datasets differ", model, ALL, parts[ALL].fit, single)
-
-
 def _measured_scores(
     votes: VotesTable, settings: AnalysisSettings, compared: Sequence[Comparison]
 ) -> dict[str, ScoreSet]:
@@ -359,22 +248,6 @@ def _measured_scores(
     if votes.has_datasets and not settings.by_dataset:
         compared = list(compare(votes, replace(settings, by_dataset=True, bootstrap=0, analysed_factors=())))
     return score_sets(compared)
-
-
-def _test_rows(tests: Sequence[ModelTest]) -> list[dict[str, Any]]:
-    """Return the tests with Holm's correction over each family: tests of one kind, on single datasets or on all
-    votes. The models that contain the order effect ask the same question, so each of them is a family of its own.
-    """
-    families: dict[tuple[str, str, bool], list[ModelTest]] = {}
-    for test in tests:
-        kind = test.name.split()[0]
-        families.setdefault((kind, test.model if kind == "order" else "", test.dataset == ALL), []).append(test)
-    rows = []
-    for family in families.values():
-        p_values = [test.p_value if test.p_participant is None else test.p_participant for test in family]
-        for test, corrected in zip(family, holm(np.array(p_values)).tolist(), strict=True):
-            rows.append(asdict(test) | {"p_holm": corrected})
-    return rows
 
 
 def _scores_with_excluded(votes: VotesTable, used: VotesTable, settings: AnalysisSettings) -> list[dict[str, Any]]:

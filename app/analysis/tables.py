@@ -26,7 +26,7 @@ TABLES: Mapping[str, Table] = {
             "score": "natural log-odds, with sum zero in each comparison and dataset",
             "wins": "among its `n_votes`, as `losses` and `ties`",
             "ci_method": "what the interval rests on",
-            "p_best": "probability to be the best, by these votes alone",
+            "p_best": "probability to have the highest true score, by these votes alone",
             "rank_low": "first rank that the tests of pairs leave, as `rank_high` the last; together 95 %",
             "quasi_se": "error whose squares add up to that of any difference",
         },

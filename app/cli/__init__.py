@@ -15,7 +15,7 @@ from typing import Annotated
 
 import typer
 
-from app.cli import analysis, experiments, languages, schema, server, studies
+from app.cli import analysis, experiments, languages, planning, schema, server, studies
 from app.errors import StudyError
 from app.operations.extras import missing_extra
 from recon.cli.main import app as recon_app
@@ -28,7 +28,16 @@ INTERRUPTED = 130  # exit code, as shells have it
 ALMOST = 0.9  # likeness of two names: one or two letters of twenty differ
 
 app = typer.Typer(cls=LocalPathsGroup, no_args_is_help=True, pretty_exceptions_enable=False)
-for part in (recon_app, experiments.app, studies.app, languages.app, server.app, analysis.app, schema.app):
+for part in (
+    recon_app,
+    experiments.app,
+    studies.app,
+    languages.app,
+    server.app,
+    analysis.app,
+    planning.app,
+    schema.app,
+):
     app.add_typer(part)
 
 

@@ -34,7 +34,7 @@ DEMO_WORKERS = 2  # that make models and films, each on one thread
 PRACTICE_SCENE = "box"  # small, as it is only to be told from its coarse twin
 PRACTICE_FRAMES = 2
 COARSE_MM = 40.0  # voxels, twice as large as the good model's
-DEMO_TAKES = "about two minutes on two idle cores"
+DEMO_TAKES = "two to three minutes on two idle cores"
 
 app = typer.Typer()
 experiment_app = typer.Typer(no_args_is_help=True, help="Run whole experiments, from recording to report.")
@@ -119,6 +119,7 @@ def _demo_steps(
     from app.main import running_server
     from recon.capture.format import CAPTURE_FILE, read_capture
     from recon.capture.masks.segment import segment_capture
+    from recon.methods.approaches import PHOTOGRAPHS
     from recon.models.scene_file import SCENE_FILE
     from recon.pipeline.film import RenderOptions
     from recon.pipeline.job import ReconstructOptions
@@ -136,6 +137,8 @@ def _demo_steps(
         out / name for name in ("capture", "run", TRUTH, "stimuli", "validation/films", "practice")
     )
 
+    films = stimuli / "ball"
+
     def record() -> None:
         ball = SynthParameters(scene="ball", n_frames=DEMO_FRAMES, size=(540, 960), fps=5.0)
         box = SynthParameters(scene=PRACTICE_SCENE, n_frames=PRACTICE_FRAMES, size=(270, 480), fps=5.0)
@@ -146,7 +149,7 @@ def _demo_steps(
                 segment_capture(folder, progress=progress)
 
     def make_models() -> None:
-        reconstruct(capture, run, ReconstructOptions(workers=DEMO_WORKERS), progress)
+        reconstruct(capture, run, ReconstructOptions(colours=(PHOTOGRAPHS,), workers=DEMO_WORKERS), progress)
         write_stage_pictures(read_run(run.resolve()), 0, out / "front")
         good = ReconstructOptions(depths=("dr",), fusions=("fb",))
         coarse = ReconstructOptions(depths=("id",), fusions=("fa",), surface=SurfaceParameters(voxel_mm=COARSE_MM))
@@ -178,7 +181,7 @@ def _demo_steps(
     return [
         Step("record a moving person with three synthetic stereo sensors", record, f"{capture}/S2/left/0000.png"),
         Step("reconstruct it by six approaches: depth, clouds, models", make_models, f"{run}/previews/0000.png"),
-        Step("film every model, and the true one, from the same moving camera", film, f"{stimuli}/ball/pm_fb.mp4"),
+        Step("film every model, and the true one, from the same moving camera", film, f"{films}/pm_fb_photographs.mp4"),
         Step("compare every film with that of the true model", measure, f"{measured}/report.html"),
         Step("make a study of the films: pairs, orders, an invitation", make_study),
         Step(

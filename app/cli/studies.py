@@ -198,7 +198,7 @@ def study_export(
     study: StudyArgument,
     package: Annotated[
         Path | None,
-        typer.Argument(metavar="[FILE.zip]", help="Zip file of the whole study; default: its study file alone."),
+        typer.Argument(metavar="FILE.zip", help="Zip file of the whole study; default: its study file alone."),
     ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Study file to write; default: standard output.")

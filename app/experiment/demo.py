@@ -21,7 +21,7 @@ from app.web.front import FRONT_FILE
 
 NAME, SLUG = "Demo", "demo"
 DEPTHS, FUSIONS = ("id", "dr", "pm"), ("fa", "fb")
-APPROACHES = [f"{depth}_{fusion}" for depth in DEPTHS for fusion in FUSIONS]
+APPROACHES = [f"{depth}_{fusion}_photographs" for depth in DEPTHS for fusion in FUSIONS]
 TIE_RATE = 0.2
 SEED = 1
 PUT_IN_FILE = "put_in.json"  # what the simulated participants prefer

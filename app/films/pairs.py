@@ -49,7 +49,7 @@ class PairVideo:
 
     Parameters
     ----------
-    file : name in the media folder, by content
+    file : name in the media folder, by content; that of the top strip alone where there is no film of both
     sha256 : of the file
     width, height : of a strip, pixels
     guard_rows : rows between the strips
@@ -74,8 +74,8 @@ class PairVideo:
     @property
     def films(self) -> list[FilmFile]:
         """All its films."""
-        first = FilmFile(H264, self.file, self.sha256)
-        return [first, *(film for film in (self.second, *self.singles, self.lighter) if film)]
+        both = [] if self.singles and self.file == self.singles[0].file else [FilmFile(H264, self.file, self.sha256)]
+        return [*both, *(film for film in (self.second, *self.singles, self.lighter) if film)]
 
 
 @dataclass(frozen=True)
@@ -88,6 +88,7 @@ class FilmMaker:
     second_codec : for browsers that do not play H.264; empty: none
     has_singles : also make a film of every stimulus
     has_lighter : also make a film of every pair with fewer bytes
+    has_both : make a film of every pair at all
     progress : called after each film
     """
 
@@ -96,10 +97,12 @@ class FilmMaker:
     has_singles: bool = False
     has_lighter: bool = False
     progress: Progress = no_progress
+    has_both: bool = True
 
     @property
     def codecs(self) -> tuple[str, ...]:
-        return (H264, *filter(None, [self.second_codec]), *([LIGHTER] if self.has_lighter else []))
+        both = (H264, *filter(None, [self.second_codec]), *([LIGHTER] if self.has_lighter else []))
+        return both if self.has_both else ()
 
 
 def prepare_pairs(
@@ -262,7 +265,8 @@ def _planned(
 
 
 def _pair_video(planned: PlannedFilms, files: Mapping[Path, FilmFile]) -> PairVideo:
-    stimuli = planned[0][1].stimuli
+    first = planned[0][1]
+    stimuli = first.stimuli if first.codec != SINGLE else tuple(strips.stimuli[0] for _, strips in planned)
     top, bottom = stimuli[0], stimuli[min(1, len(stimuli) - 1)]
     return PairVideo(
         top,
@@ -282,12 +286,12 @@ def _padded_pair(video: PairVideo, made: Mapping[tuple[str, str, str], FilmFile]
 
 
 def _by_use(films: Sequence[FilmFile]) -> dict[str, Any]:
-    """Return a pair's films, the first in H.264, as the fields of `PairVideo`."""
+    """Return a pair's films, that of both in H.264 first where there is one, as the fields of `PairVideo`."""
     first, *others = films
     return {
         "file": first.file,
         "sha256": first.sha256,
         "second": next((film for film in others if film.codec not in (SINGLE, LIGHTER)), None),
-        "singles": tuple(film for film in others if film.codec == SINGLE),
+        "singles": tuple(film for film in films if film.codec == SINGLE),
         "lighter": next((film for film in others if film.codec == LIGHTER), None),
     }

@@ -18,7 +18,8 @@ from app.intake.summaries import MODELS, PICTURES, SCENE_FILE, TABLES, files_of,
 from app.intake.zips import MB, check_file, check_zip, is_zip, unpack
 
 TEXTS = (".json", ".csv", ".txt", ".md", ".toml", ".yml", ".yaml", ".xml", ".ini", ".html", ".log")
-CAPTURED = (*PICTURES, *VIDEO_SUFFIXES, ".npy", ".pfm", ".ply", ".bin", ".sfm", ".mat", ".camera", *TEXTS)
+BAGS = (".bag", ".db3", ".mcap")  # of ROS, which hold their pictures
+CAPTURED = (*PICTURES, *VIDEO_SUFFIXES, ".npy", ".pfm", ".ply", ".bin", ".sfm", ".mat", ".camera", *BAGS, *TEXTS)
 BELONGING: Mapping[str, tuple[str, ...]] = {  # suffixes of files that may be in an upload
     "captures": CAPTURED,
     "calibration": (*PICTURES, *VIDEO_SUFFIXES, *TEXTS),
@@ -101,7 +102,7 @@ def _top(kind: str, folder: Path) -> Path:
 def _check_capture(folder: Path) -> None:
     """Check that a capture's pictures are there, or those of a recording of which a job can make a capture."""
     if not (folder / CAPTURE_FILE).is_file():
-        if not _holds(folder, (*PICTURES, *VIDEO_SUFFIXES)):
+        if not _holds(folder, (*PICTURES, *VIDEO_SUFFIXES, *BAGS)):
             raise InvalidError(f"There is neither {CAPTURE_FILE} nor a picture or video in the upload.")
     elif missing := missing_pictures(folder, read_outline(folder)):
         raise InvalidError(

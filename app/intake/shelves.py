@@ -16,6 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from app.errors import ForbiddenError, InvalidError
+from app.files import is_reserved
 from app.intake.summaries import SUMMARIES, TABLES, is_readable, walk
 
 KINDS: tuple[str, ...] = tuple(SUMMARIES)
@@ -172,7 +173,7 @@ def file_in(folder: Path, kind: str, name: str, place: str) -> Path:
 
 def is_plain(name: str) -> bool:
     """Return whether a name is letters, digits, spaces and . _ + - and begins with a letter or digit."""
-    return PLAIN_NAME.fullmatch(name) is not None and len(name.encode()) <= LONGEST_NAME
+    return PLAIN_NAME.fullmatch(name) is not None and len(name.encode()) <= LONGEST_NAME and not is_reserved(name)
 
 
 def checked_name(kind: str, name: str) -> str:
@@ -186,7 +187,8 @@ def checked_name(kind: str, name: str) -> str:
     if not is_plain(name):
         raise InvalidError(
             f"The name {name[:100]!r} cannot be used: expected 1 to 100 letters, digits, spaces or . _ + - (at most "
-            f"{LONGEST_NAME} bytes as UTF-8), with a letter or digit first."
+            f"{LONGEST_NAME} bytes as UTF-8), with a letter or digit first, and none that Windows keeps for devices, "
+            "such as CON or NUL."
         )
     if kind not in FOLDERS and not name.lower().endswith(SUFFIXES[kind]):
         raise InvalidError(f"The name {name!r} has to end in {' or '.join(SUFFIXES[kind])}.")

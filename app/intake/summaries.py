@@ -19,6 +19,7 @@ from app.intake.stimuli import MANIFEST
 
 SCENE_FILE = "scene.json"
 RUN_FILE = "run.json"
+ANALYSIS = "analysis.json"
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".pnm", ".exr")
 TABLES = (".csv", ".tsv", ".csv.gz", ".tsv.gz", ".xlsx", ".json", ".jsonl", ".ndjson", ".parquet")
 LONGEST_NAME = 100  # letters
@@ -134,6 +135,8 @@ def run_summary(folder: Path) -> str:
             return say(read_json(folder / name))
         except (ValueError, KeyError, TypeError):
             continue
+    if (folder / ANALYSIS).is_file():
+        return "analysis of votes or ratings"
     return _counted(len(files_of(folder)), "file")
 
 

@@ -174,9 +174,10 @@ def _shown(table: Table, has_outside: bool) -> Callable[[Mapping[str, Any]], dic
             return {**row, "token_hash": nobodys, "resume_hash": nobodys, "begin_hash": None}
         if table is invitation:
             return {**row, "code": f"-{row['id']}", "label": row["label"] if has_outside else ""}
-        if table is study and not has_outside:
+        if table is study:
             options = parse_options(row["options"])
-            return {**row, "options": options.but(outside=options.outside.without_codes).as_json()}
+            kept = options if has_outside else options.but(outside=options.outside.without_codes)
+            return {**row, "options": kept.as_json(), "set_folder": None}  # a place on this server
         return dict(row)
 
     return shown

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from json import JSONDecodeError
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from fastapi import Depends, Request
+from fastapi.dependencies.models import Dependant
 from fastapi.responses import Response
 from starlette.types import Scope
 
@@ -46,7 +47,11 @@ SESSION_HEADER = "Session-Id"  # the session that a page shows; the browser's co
 BROWSERS = (("Edg", "Edge"), ("OPR", "Opera"), ("Firefox", "Firefox"), ("Chrome", "Chrome"), ("Safari", "Safari"))
 SYSTEMS = ("Windows", "Android", "iPhone", "iPad", "Mac", "Linux")
 
+FORM_TOKEN = "form_token"  # in every form of ours
+WHOLE_FORMS: set[Callable[..., Any]] = set()  # dependencies that read a whole form
+
 Headers = Mapping[str, str] | None
+Reader = TypeVar("Reader", bound=Callable[..., Any])
 
 
 @dataclass(frozen=True)
@@ -64,8 +69,10 @@ async def check_request_text(request: Request) -> None:
     kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     try:
         if kind == "application/x-www-form-urlencoded":
-            for name, text in (await request.form()).multi_items():  # a name may come more than once
+            fields = (await request.form()).multi_items()  # a name may come more than once
+            for name, text in fields:
                 check_text({name: text})
+            _refuse_unknown(request, [name for name, _ in fields])
         elif kind.endswith("json"):
             check_text(await request.json())  # kept by the request, so nothing is read twice
     except (JSONDecodeError, UnicodeDecodeError):
@@ -74,6 +81,37 @@ async def check_request_text(request: Request) -> None:
         raise InvalidError("This cannot be stored: it holds too many lists within one another.") from error
     except ValueError as error:
         raise InvalidError(f"This cannot be stored: {error}.") from error
+
+
+def takes_any_field(reader: Reader) -> Reader:
+    """Mark a dependency that reads a whole form by itself, and refuses what it does not know."""
+    WHOLE_FORMS.add(reader)
+    return reader
+
+
+def _refuse_unknown(request: Request, names: Iterable[str]) -> None:
+    """Refuse a form with a field that its route does not have: a misspelt one would be dropped without a word."""
+    dependant = getattr(request.scope.get("route"), "dependant", None)
+    if dependant is None or not WHOLE_FORMS.isdisjoint(_calls(dependant)):
+        return
+    known = {FORM_TOKEN, *fields_of_form(dependant)}
+    if unknown := next((name for name in names if name not in known), None):
+        raise InvalidError(
+            f"This form has no field {unknown[:40]!r}, so nothing was done. Load the page again, then repeat."
+        )
+
+
+def _calls(dependant: Dependant) -> Iterator[Any]:
+    yield dependant.call
+    for each in dependant.dependencies:
+        yield from _calls(each)
+
+
+def fields_of_form(dependant: Dependant) -> Iterator[str]:
+    """Yield the names of the fields of forms that a route and what it depends on take."""
+    yield from (field.alias for field in dependant.body_params)
+    for each in dependant.dependencies:
+        yield from fields_of_form(each)
 
 
 def database(request: Request) -> Database:

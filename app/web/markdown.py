@@ -46,7 +46,8 @@ def render_manual(text: str, pages: Container[str]) -> Markup:
     parser.add_render_rule("image", _manual_image)
     parser.add_render_rule("table_open", lambda *_: '<div class="scroll" tabindex="0" role="group"><table>')
     parser.add_render_rule("table_close", lambda *_: "</table></div>")
-    return Markup(parser.render(text, {"pages": pages}))
+    page: str = parser.render(text, {"pages": pages})
+    return Markup(page.replace("<pre>", '<pre tabindex="0">'))  # a long line is scrolled by keyboard, too
 
 
 def heading_name(heading: str) -> str:

@@ -16,8 +16,10 @@ from app.ffmpeg import Progress
 from app.files import WorkFolder
 from app.intake.arrivals import arrived_results, check_results, without_places
 from app.intake.bounds import in_bounds
+from app.intake.stimuli import read_manifest
 from app.intake.zips import MB, check_zip
 from app.operations.studies.attach import attach
+from app.operations.studies.forecast import forecast
 from app.operations.studies.receive_films import install_set
 from app.operations.tasks import BACK, start_task
 from app.operations.upkeep.travel import check_study_zip, import_study
@@ -25,6 +27,7 @@ from app.settings import Settings
 from app.store.database.engine import Database
 from app.store.studies.audit import Actor, Entry, record_alone
 from app.store.studies.studies import Study
+from app.study.options.options import StudyOptions
 from app.web.roles import acting_by_header
 
 UploadingActor = Annotated[Actor, Depends(acting_by_header("experimenter"))]
@@ -72,6 +75,8 @@ async def begin_installing(
             unpacked = Path(folder.name) / "unpacked"
             made = install_set(server, packed, unpacked, progress, name=name, is_conformed=is_conformed)
         record_alone(database, actor.name, Entry("stimulus set uploaded", subject=made), actor.now)
+        if is_for_study:  # whose form shows it: it is measured once
+            forecast(server, read_manifest(server.sets_dir / made), StudyOptions(), None)
         return f"/admin/studies/new?stimulus_set={quote(made)}" if is_for_study else f"/admin/sets/{quote(made)}"
 
     begin = partial(start_task, kept={BACK: "/admin/studies/new" if is_for_study else "/admin/sets#upload"})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from statistics import median
 from typing import Any
 
 import sqlalchemy as sa
@@ -12,6 +13,7 @@ down_revision = "0032"
 
 ROWS_AT_ONCE = 5000
 FEWEST_FRAMES = 0.5  # of those that a film without drops presents
+LATEST_PICTURE_MS = 250.0  # after a press
 
 vote = sa.table(
     "vote",
@@ -49,5 +51,8 @@ def _shown_smoothly(viewing: dict[str, Any], fps: float) -> bool | None:
     expected = viewing.get("shown_ms", 0.0) * fps / 1000
     if not viewing.get("n_frames") or expected <= 0:
         return None
+    told = [switch for switch in viewing.get("switches", ()) if switch.get("presented_ms", -1.0) >= switch["at_ms"]]
+    if told and median(switch["presented_ms"] - switch["at_ms"] for switch in told) > LATEST_PICTURE_MS:
+        return False
     n_films = 2 if viewing.get("technique") == "two videos" and viewing.get("switches") else 1
     return bool((viewing["n_frames"] - viewing.get("n_dropped", 0)) / n_films >= FEWEST_FRAMES * expected)

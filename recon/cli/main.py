@@ -132,13 +132,22 @@ def fuse(asked: Fuse, *, as_json: bool) -> None:
 def export(asked: Export, *, as_json: bool) -> None:
     """Convert a model; a GLB file opens in any 3D viewer."""
     from recon.geometry.mesh import Mesh, error_colours, error_limit
-    from recon.models.convert import read_as_it_stands, size_of, write_model
+    from recon.models.convert import SEQUENCE, read_as_it_stands, size_of, write_model, write_sequence
     from recon.runtime.files import check_not_read
     from recon.validation.clouds import read_shape
     from recon.validation.truth.evaluation import signed_distances_to
 
     if asked.limit is not None and asked.truth is None:
         raise typer.BadParameter("--limit is about errors: it needs --truth")
+    if asked.sequence:
+        if asked.truth is not None:
+            raise typer.BadParameter("--sequence shows the models as they are; leave out --truth")
+        progress = ProgressLine()
+        n_frames = write_sequence(asked.out, asked.mesh, asked.fps, progress)
+        progress.close()
+        made: dict[str, Any] = {"out": str(asked.out), "frames": n_frames}
+        print_result(made, f"Wrote {counted(n_frames, 'frame')}: {asked.out / SEQUENCE}", as_json=as_json)
+        return
     check_not_read(asked.out, [asked.mesh] if asked.truth is None else [asked.mesh, asked.truth])
     read = read_as_it_stands(asked.mesh)
     model, (n_vertices, n_faces) = read.model, size_of(read.model)

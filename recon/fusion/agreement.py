@@ -38,12 +38,12 @@ def agreed(clouds: Sequence[Cloud], cameras: Sequence[Camera]) -> list[Cloud]:
     cameras : of the pixels, without distortion
     """
     seen = [_seen(cloud, camera) for cloud, camera in zip(clouds, cameras, strict=True)]
-    return [
-        _agreed_with(cloud, camera, [other for other in seen if other is not own and other is not None])
-        if own is not None
-        else cloud
-        for cloud, camera, own in zip(clouds, cameras, seen, strict=True)
-    ]
+    after = list(clouds)
+    for number, cloud in enumerate(clouds):
+        if seen[number] is not None:
+            others = [view for view in seen[:number] + seen[number + 1 :] if view is not None]
+            after[number] = _agreed_with(cloud, cameras[number], others)
+    return after
 
 
 _Seen = tuple[Camera, NDArray[np.float32], NDArray[np.float32]]  # depth and sigma (H, W), mm, NaN where there is none

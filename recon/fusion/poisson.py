@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from recon.cloud import merge_clouds
-from recon.fusion.backend import open3d
 from recon.fusion.views import check_clouds
 from recon.geometry.mesh import Cloud, Mesh
 from recon.geometry.normals import surface_normals
+from recon.runtime.backend import open3d
 from recon.surface import MIN_POINTS, NoSurfaceError, default_voxel
 from recon.surface.components import drop_small_components
 

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.fusion.backend import open3d
 from recon.fusion.views import DepthView, check_clouds
 from recon.geometry.mesh import Cloud, Mesh
 from recon.geometry.normals import surface_normals
+from recon.runtime.backend import open3d
 from recon.surface import NoSurfaceError, default_voxel
 from recon.surface.components import drop_small_components
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ GLB_MAGIC, GLB_JSON, GLB_BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942  # glTF 2.0
 GENERATOR = "reconstudy"
 COMPONENTS = {5123: "<u2", 5125: "<u4", 5126: "<f4"}  # section 3.6.2
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+Attribute = tuple[str, NDArray[Any], int, str]  # of vertices: name, values (N,) or (N, C), component, kind
 FILLED = "_FILLED"  # names that begin so are an application's own, section 3.7.2.1
 METRES_PER_MM = 0.001  # glTF's unit of length is the metre
 
@@ -41,9 +43,7 @@ def glb_bytes(
     colours : uint8 (N, 3), sRGB
     filled : bool (N,), as of `Mesh`
     """
-    linear = np.full((len(colours), 4), 65535, dtype="<u2")
-    linear[:, :3] = _linear_from_srgb()[colours]
-    return _glb(vertices, faces, normals, ("COLOR_0", linear, 5123, "VEC4"), filled=filled)
+    return _glb(vertices, faces, normals, [by_colours(colours), *by_filled(filled)])
 
 
 def textured_glb_bytes(
@@ -65,64 +65,172 @@ def textured_glb_bytes(
     png : the picture, sRGB, which glTF expects in textures
     filled : bool (N,), as of `Mesh`
     """
-    places = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1).astype("<f4")
-    return _glb(vertices, faces, normals, ("TEXCOORD_0", places, 5126, "VEC2"), png, filled)
+    return _glb(vertices, faces, normals, [by_places(uv), *by_filled(filled)], png)
+
+
+def by_colours(colours: NDArray[np.uint8]) -> Attribute:
+    """Return the attribute of vertices with colours, uint8 (N, 3), sRGB."""
+    linear = np.full((len(colours), 4), 65535, dtype="<u2")
+    linear[:, :3] = _linear_from_srgb()[colours]
+    return "COLOR_0", linear, 5123, "VEC4"
+
+
+def by_places(uv: NDArray[np.float32]) -> Attribute:
+    """Return the attribute of vertices with places in a picture, float32 (N, 2), counted from its lower left corner."""
+    return "TEXCOORD_0", np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1).astype("<f4"), 5126, "VEC2"
+
+
+def by_filled(filled: NDArray[np.bool_] | None) -> list[Attribute]:
+    """Return the attribute that says which vertices (N,) are filled in; none where nobody knows."""
+    return [] if filled is None else [(FILLED, filled.astype("<f4"), 5126, "SCALAR")]
 
 
 def _glb(
     vertices: NDArray[np.float32],
     faces: NDArray[np.int32],
     normals: NDArray[np.float32],
-    colouring: tuple[str, NDArray[Any], int, str],
+    attributes: Sequence[Attribute],
     png: bytes = b"",
-    filled: NDArray[np.bool_] | None = None,
 ) -> bytes:
     """Encode a mesh whose vertices carry linear colours, or places in a picture."""
-    arrays = [
-        ("POSITION", vertices.astype("<f4"), 5126, "VEC3", 34962),
-        ("NORMAL", normals.astype("<f4"), 5126, "VEC3", 34962),
-        (*colouring, 34962),
-        *([] if filled is None else [(FILLED, filled.astype("<f4"), 5126, "SCALAR", 34962)]),
-        ("indices", faces.astype("<u4").ravel(), 5125, "SCALAR", 34963),
-    ]
-    views: list[dict[str, Any]] = []
-    accessors: list[dict[str, Any]] = []
-    for name, array, component, kind, target in arrays:
-        offset = sum(view["byteLength"] for view in views)
-        views.append({"buffer": 0, "byteOffset": offset, "byteLength": array.nbytes, "target": target})
-        accessors.append({"bufferView": len(accessors), "componentType": component, "count": len(array), "type": kind})
-        if name == "POSITION":
-            accessors[-1] |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
-        if name == "COLOR_0":
-            accessors[-1]["normalized"] = True
-    binary = b"".join(array.tobytes() for _, array, *_ in arrays)
-    attributes = {name: index for index, (name, *_) in enumerate(arrays) if name != "indices"}
-    surface: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": 1}
-    document = {
-        "asset": {"version": "2.0", "generator": GENERATOR},
-        "extensionsUsed": ["KHR_materials_unlit"],
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, "scale": [METRES_PER_MM] * 3}],
-        "meshes": [{"primitives": [{"attributes": attributes, "indices": len(attributes), "material": 0, "mode": 4}]}],
-        "materials": [
-            {"doubleSided": True, "pbrMetallicRoughness": surface, "extensions": {"KHR_materials_unlit": {}}}
-        ],
-        "accessors": accessors,
-        "bufferViews": views,
-        "buffers": [{"byteLength": len(binary) + len(png)}],
-    }
-    if png:
-        surface["baseColorTexture"] = {"index": 0}
-        views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(png)})
-        document["images"] = [{"bufferView": len(views) - 1, "mimeType": "image/png"}]
-        document["samplers"] = [{"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497}]  # repeating
-        document["textures"] = [{"source": 0, "sampler": 0}]
-        binary += png + b"\0" * (-len(png) % 4)
+    scene = GltfScene()
+    scene.add(vertices, faces, normals, attributes, png)
+    document = scene.document([None])
+    binary = scene.next_buffer()
+    binary += b"\0" * (-len(binary) % 4)
     text = json.dumps(document, separators=(",", ":")).encode("ascii")
     text += b" " * (-len(text) % 4)
     chunks = struct.pack("<II", len(text), GLB_JSON) + text + struct.pack("<II", len(binary), GLB_BINARY) + binary
     return struct.pack("<III", GLB_MAGIC, 2, 12 + len(chunks)) + chunks
+
+
+class GltfScene:
+    """A document of glTF to which meshes are added one by one: a node each, unlit and visible from both sides."""
+
+    def __init__(self) -> None:
+        self.binary = bytearray()
+        self._done: list[int] = []  # bytes of the buffers before
+        self._nodes: list[dict[str, Any]] = []
+        self._meshes: list[dict[str, Any]] = []
+        self._materials: list[dict[str, Any]] = []
+        self._accessors: list[dict[str, Any]] = []
+        self._views: list[dict[str, Any]] = []
+        self._images: list[dict[str, Any]] = []
+        self._channels: list[dict[str, Any]] = []
+        self._samplers: list[dict[str, Any]] = []
+
+    def next_buffer(self) -> bytes:
+        """Return the bytes that were added since the last one, and begin another buffer."""
+        binary, self.binary = bytes(self.binary), bytearray()
+        self._done.append(len(binary))
+        return binary
+
+    def add(
+        self,
+        vertices: NDArray[np.float32],
+        faces: NDArray[np.int32],
+        normals: NDArray[np.float32],
+        attributes: Sequence[Attribute],
+        png: bytes = b"",
+        uri: str | None = None,
+    ) -> None:
+        """Add a mesh.
+
+        Parameters
+        ----------
+        vertices, faces, normals : float32 (N, 3), mm; int32 (M, 3); float32 (N, 3)
+        attributes : further ones of the vertices
+        png : the picture that belongs into the buffer
+        uri : or its file
+        """
+        named = {}
+        for name, array, component, kind in (
+            ("POSITION", vertices.astype("<f4"), 5126, "VEC3"),
+            ("NORMAL", normals.astype("<f4"), 5126, "VEC3"),
+            *attributes,
+        ):
+            named[name] = self._array(name, array, component, kind, 34962)
+        indices = self._array("indices", faces.astype("<u4").ravel(), 5125, "SCALAR", 34963)
+        surface: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": 1}
+        if png:
+            view = self._view(png)
+            self._images.append({"bufferView": view, "mimeType": "image/png"})
+        elif uri is not None:
+            self._images.append({"uri": uri})
+        if png or uri is not None:
+            surface["baseColorTexture"] = {"index": len(self._images) - 1}
+        number = len(self._meshes)
+        primitive = {"attributes": named, "indices": indices, "material": number, "mode": 4}
+        self._nodes.append({"mesh": number, "scale": [METRES_PER_MM] * 3})
+        self._meshes.append({"primitives": [primitive]})
+        self._materials.append(
+            {"doubleSided": True, "pbrMetallicRoughness": surface, "extensions": {"KHR_materials_unlit": {}}}
+        )
+
+    def show_in_turn(self, fps: float) -> None:
+        """Show the meshes one after another, by steps of their nodes' scales: what all programs play."""
+        n_meshes = len(self._nodes)
+        for number, node in enumerate(self._nodes):
+            node["name"] = f"{number:04d}"
+            begins, ends = number / fps, (number + 1) / fps
+            times = [0.0] * (number > 0) + [begins] + [ends] * (number < n_meshes - 1)
+            shown = [0.0] * (number > 0) + [METRES_PER_MM] + [0.0] * (number < n_meshes - 1)
+            scales = np.repeat(np.array(shown, "<f4")[:, None], 3, axis=1)
+            given = self._array("times", np.array(times, "<f4"), 5126, "SCALAR", None)
+            taken = self._array("scales", scales, 5126, "VEC3", None)
+            self._samplers.append({"input": given, "output": taken, "interpolation": "STEP"})
+            self._channels.append({"sampler": number, "target": {"node": number, "path": "scale"}})
+            if number:
+                node["scale"] = [0.0] * 3  # where nothing moves, the first one is shown
+
+    def document(self, uris: Sequence[str | None]) -> dict[str, Any]:
+        """Return the document.
+
+        Parameters
+        ----------
+        uris : of the buffers; None for that of a GLB
+        """
+        sizes = [*self._done, len(self.binary)] if len(uris) > len(self._done) else self._done
+        buffers = [
+            {"byteLength": size} | ({} if uri is None else {"uri": uri}) for size, uri in zip(sizes, uris, strict=True)
+        ]
+        document: dict[str, Any] = {
+            "asset": {"version": "2.0", "generator": GENERATOR},
+            "extensionsUsed": ["KHR_materials_unlit"],
+            "scene": 0,
+            "scenes": [{"nodes": list(range(len(self._nodes)))}],
+            "nodes": self._nodes,
+            "meshes": self._meshes,
+            "materials": self._materials,
+            "accessors": self._accessors,
+            "bufferViews": self._views,
+            "buffers": buffers,
+        }
+        if self._images:
+            document["images"] = self._images
+            document["samplers"] = [{"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497}]  # repeating
+            document["textures"] = [{"source": number, "sampler": 0} for number in range(len(self._images))]
+        if self._channels:
+            document["animations"] = [{"name": "frames", "channels": self._channels, "samplers": self._samplers}]
+        return document
+
+    def _array(self, name: str, array: NDArray[Any], component: int, kind: str, target: int | None) -> int:
+        view = self._view(array.tobytes(), {} if target is None else {"target": target})
+        accessor: dict[str, Any] = {"bufferView": view, "componentType": component, "count": len(array), "type": kind}
+        if name == "POSITION":
+            accessor |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
+        if name == "times":
+            accessor |= {"min": [float(array.min())], "max": [float(array.max())]}
+        if name == "COLOR_0":
+            accessor["normalized"] = True
+        self._accessors.append(accessor)
+        return len(self._accessors) - 1
+
+    def _view(self, content: bytes, more: Mapping[str, int] | None = None) -> int:
+        place = {"buffer": len(self._done), "byteOffset": len(self.binary), "byteLength": len(content)}
+        self._views.append({**place, **(more or {})})
+        self.binary += content
+        return len(self._views) - 1
 
 
 def read_glb(

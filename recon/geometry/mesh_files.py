@@ -256,7 +256,7 @@ def _oriented(
 def _glb_of(mesh: Mesh) -> bytes:
     if mesh.texture is None:
         return glb_bytes(mesh.vertices, mesh.faces, mesh.normals, mesh.colours, mesh.filled)
-    uv, png = mesh.texture.uv, _png(mesh.texture)
+    uv, png = mesh.texture.uv, png_of(mesh.texture)
     return textured_glb_bytes(mesh.vertices, mesh.faces, mesh.normals, uv, png, mesh.filled)
 
 
@@ -266,13 +266,14 @@ def _write_obj(path: Path, mesh: Mesh) -> Path:
         raise ValueError(f"{path}: OBJ holds colours as a texture, and the mesh has none; write it as .ply or .glb")
     stem = "_".join(path.stem.split())  # many readers end a name at a space
     picture, material = path.with_name(f"{stem}.png"), path.with_name(f"{stem}.mtl")
-    write_bytes(picture, _png(mesh.texture))
+    write_bytes(picture, png_of(mesh.texture))
     write_bytes(material, mtl_text(picture.name).encode())
     text = obj_text(mesh.vertices, mesh.faces, mesh.normals, mesh.texture.uv, material.name)
     return write_bytes(path, text.encode())
 
 
-def _png(texture: Texture) -> bytes:
+def png_of(texture: Texture) -> bytes:
+    """Return the picture of a texture as PNG."""
     return bytes(cv2.imencode(".png", texture.pixels[..., ::-1])[1].tobytes())
 
 

@@ -76,9 +76,9 @@ def parse_approach(name: str) -> Approach:
 
 
 def levels_of(names: Iterable[str]) -> dict[str, dict[str, str]]:
-    """Return the level of each factor for approaches that are compared; `colour` is a factor where photographs are."""
+    """Return the level of each factor for approaches that are compared; `colour` is one where they differ in it."""
     parsed = {name: parse_approach(name) for name in names}
-    has_colour = any(approach.colour != VERTICES for approach in parsed.values())
+    has_colour = len({approach.colour for approach in parsed.values()}) > 1
     return {
         name: approach.levels | ({"colour": approach.colour} if has_colour else {}) for name, approach in parsed.items()
     }

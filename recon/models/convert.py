@@ -6,12 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
+from recon.geometry.glb import GltfScene, by_colours, by_places
 from recon.geometry.mesh import Discs, Mesh, Model
-from recon.geometry.mesh_files import write_cloud, write_mesh
+from recon.geometry.mesh_files import png_of, write_cloud, write_mesh
+from recon.models.folder import frames_in
 from recon.models.read import GLTF_SUFFIXES, Placement, ReadModel, read_model
 from recon.models.shape import GLTF_MM
 from recon.models.splats.ply import write_splat_ply
+from recon.runtime.files import new_folder, write_bytes, write_json
+from recon.runtime.workers import Progress
 
+SEQUENCE, TIMES = "sequence.gltf", "times.bin"
 ANY_RADIUS_MM = 1.0  # of points, which are written as points
 
 
@@ -34,6 +39,49 @@ def write_model(path: Path, model: Model) -> Path:
             raise ValueError(f"{path}: the model is points without faces, which are written as .ply")
         return write_cloud(path, model.cloud)
     return write_splat_ply(path, model)
+
+
+def write_sequence(out: Path, folder: Path, fps: float, progress: Progress) -> int:
+    """Write the meshes of a folder as one glTF that shows them in turn, in a new folder; returns how many.
+
+    `sequence.gltf` names a buffer and a picture for each frame, `0000.bin` and `0000.png`, so that one mesh at a time
+    is in memory.
+
+    Parameters
+    ----------
+    out : folder, absent or empty
+    folder : of numbered models
+    fps : frames a second
+    progress : told after each frame
+
+    Raises
+    ------
+    ValueError
+        If there is no mesh, a model has no faces, or numbers are missing.
+    """
+    problems: list[str] = []
+    paths = frames_in(folder, problems)
+    if problems or not paths:
+        raise ValueError("; ".join(problems) or f"{folder}: holds no models with numbers, such as 0000.ply")
+    scene = GltfScene()
+    with new_folder(out) as made:
+        for number, path in enumerate(paths):
+            mesh = read_as_it_stands(path).model
+            if not isinstance(mesh, Mesh):
+                raise ValueError(f"{path}: holds no faces; a sequence is one of meshes")
+            picture = f"{number:04d}.png"
+            if mesh.texture is None:
+                scene.add(mesh.vertices, mesh.faces, mesh.normals, [by_colours(mesh.colours)])
+            else:
+                write_bytes(made / picture, png_of(mesh.texture))
+                scene.add(mesh.vertices, mesh.faces, mesh.normals, [by_places(mesh.texture.uv)], uri=picture)
+            write_bytes(made / f"{number:04d}.bin", scene.next_buffer())
+            progress("frames", number + 1, len(paths))
+        scene.show_in_turn(fps)
+        write_bytes(made / TIMES, scene.next_buffer())
+        uris = [*(f"{number:04d}.bin" for number in range(len(paths))), TIMES]
+        write_json(made / SEQUENCE, scene.document(uris))
+    return len(paths)
 
 
 def size_of(model: Model) -> tuple[int, int]:

@@ -29,7 +29,7 @@ def find_models(folder: Path) -> tuple[dict[str, tuple[Path, ...]], list[str]]:
         if path.name.startswith("."):
             continue
         if path.is_dir():
-            name, files = path.name, _frames(path, problems)
+            name, files = path.name, frames_in(path, problems)
         elif path.suffix.lower() in MODEL_SUFFIXES:
             name, files = path.stem, (path,)
         else:
@@ -50,8 +50,8 @@ def find_models(folder: Path) -> tuple[dict[str, tuple[Path, ...]], list[str]]:
     return models, problems
 
 
-def _frames(folder: Path, problems: list[str]) -> tuple[Path, ...]:
-    """Return the models of an approach in order, and add to `problems` what is wrong with their names."""
+def frames_in(folder: Path, problems: list[str]) -> tuple[Path, ...]:
+    """Find the models of an approach in the order of their numbers, and add to `problems` what is wrong with these."""
     files = [path for path in sorted(folder.iterdir()) if not path.is_dir() and not path.name.startswith(".")]
     frames = [path for path in files if path.suffix.lower() in MODEL_SUFFIXES]
     if not frames:

@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.models.part import Contents, cloud_part, colours_from
+from recon.runtime.backend import open3d
 
 HEADER_BYTES = 4096
 PCD_KEYS = ("FIELDS", "SIZE", "COUNT", "POINTS", "DATA")
 SHORTEST_LINE = 6  # bytes of a point as text
 MOST_PACKED = 264  # times that LZF can shrink
+LAS_HEADER, SHORTEST_RECORD = 375, 54  # bytes
 POINTS_A_BYTE = 8  # of LAZ and E57 at their best, far beyond that of any scan
 
 
@@ -30,11 +32,9 @@ def read_pcd_model(path: Path) -> Contents:
     ValueError
         If the file is missing or damaged, or has no x, y, z.
     """
-    import open3d
-
-    n_points = _announced_pcd(path)
-    with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
-        cloud = open3d.io.read_point_cloud(path, format="pcd")
+    n_points, library = _announced_pcd(path), open3d()
+    with library.utility.VerbosityContextManager(library.utility.VerbosityLevel.Error):
+        cloud = library.io.read_point_cloud(path, format="pcd")
     points = np.asarray(cloud.points)
     if len(points) != n_points:
         raise ValueError(f"announces {n_points} points, {len(points)} could be read; it is damaged")
@@ -77,9 +77,12 @@ def read_las_model(path: Path) -> Contents:
         If the file is missing or damaged, or laspy is not installed.
     """
     laspy = _library("laspy", "LAS and LAZ")
+    _check_records(path)
     try:
-        with laspy.open(path) as file:
+        with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs) as file:
             _check_announced(path, file.header.point_count)
+            if file.header.are_points_compressed:
+                _check_chunks(path, int(file.header.offset_to_point_data))
             las = file.read()
         points = np.column_stack([las.x, las.y, las.z]).astype(np.float64)
         has_colours = {"red", "green", "blue"} <= {*las.point_format.dimension_names}
@@ -87,6 +90,31 @@ def read_las_model(path: Path) -> Contents:
     except (laspy.LaspyException, RuntimeError, ValueError, OverflowError, EOFError, MemoryError) as error:
         raise ValueError(f"is not readable as LAS: {error}") from error
     return _cloud(path, points, None, colours_from(values) if values.any() else None)
+
+
+def _check_records(path: Path) -> None:
+    """Refuse a LAS that announces more variable records than it has bytes: laspy would look for each of them."""
+    with path.open("rb") as file:
+        head = file.read(LAS_HEADER)
+    n_records = int.from_bytes(head[100:104], "little")
+    n_records += int.from_bytes(head[243:247], "little") if head[25:26] >= b"\x04" else 0
+    if n_records * SHORTEST_RECORD > path.stat().st_size:
+        raise ValueError(f"is no whole LAS: it announces {n_records} records, more than its bytes can hold")
+
+
+def _check_chunks(path: Path, data_at: int) -> None:
+    """Refuse a LAZ whose table announces more chunks than it has bytes: reading it would end the process."""
+    n_bytes = path.stat().st_size
+    with path.open("rb") as file:
+        file.seek(data_at)
+        table_at = int.from_bytes(file.read(8), "little", signed=True)
+        if table_at == -1:  # written to a stream: the place stands at the end
+            file.seek(max(n_bytes - 8, 0))
+            table_at = int.from_bytes(file.read(8), "little", signed=True)
+        file.seek(max(table_at, 0))
+        n_chunks = int.from_bytes(file.read(8)[4:], "little")
+    if not 0 <= table_at < n_bytes or n_chunks > n_bytes:
+        raise ValueError(f"it announces {n_chunks} chunks at byte {table_at}, more than its {n_bytes} bytes can hold")
 
 
 def read_e57_model(path: Path) -> Contents:

@@ -58,8 +58,10 @@ def read_off_model(path: Path) -> Contents:
     kind = OFF_KIND.fullmatch(rows[0][0]) if rows else None
     if kind is None or kind[4] or kind[5]:
         raise ValueError("is no OFF of three coordinates: it does not begin with OFF, COFF, NOFF or CNOFF")
-    first = rows[0][1:] or rows[1]
+    first = rows[0][1:] or [*rows, []][1]
     rows = rows[1 if rows[0][1:] else 2 :]
+    if len(first) < 2:
+        raise ValueError("is cut off before the numbers of its vertices and faces")
     n_vertices, n_faces = int(first[0]), int(first[1])
     if min(n_vertices, n_faces) < 0 or len(rows) < n_vertices + n_faces:
         raise ValueError(f"announces {n_vertices} vertices and {n_faces} faces, {len(rows)} lines follow")

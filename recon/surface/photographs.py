@@ -87,7 +87,14 @@ class View:
 
 
 def read_photographs(capture: Capture, stream: SensorStream, frame: int) -> list[Photograph]:
-    """Read what the cameras of a sensor saw at a frame."""
+    """Read what the cameras of a sensor saw.
+
+    Parameters
+    ----------
+    capture : the recording
+    stream : of the sensor
+    frame : of the capture
+    """
     pictures, masks = read_frame(capture, stream.id, frame), read_masks(capture, stream.id, frame)
     return [
         Photograph(*undistort(side.camera, picture, mask))

@@ -16,9 +16,9 @@ const begin = required(HTMLButtonElement, "button", table);
 let films = /** @type {import("./film-names.js").NamedFilm[]} */ ([]);
 
 for (const input of box.querySelectorAll("input")) {
-  input.addEventListener("change", () => {
-    take([...(input.files ?? [])].map((file) => ({ path: file.webkitRelativePath || file.name, file })));
-  });
+  const chosen = () => take([...(input.files ?? [])].map((file) => ({ path: file.webkitRelativePath || file.name, file })));
+  input.addEventListener("change", chosen);
+  if (input.files?.length) setTimeout(chosen); // before this script was there, and once all of it is
 }
 box.addEventListener("dragover", (event) => {
   event.preventDefault();

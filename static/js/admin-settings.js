@@ -45,7 +45,7 @@ search.addEventListener("keydown", (event) => {
 
 /** Opens the section that holds an element. @param {EventTarget | null} target */
 function reveal(target) {
-  const section = target instanceof Element ? target.closest("details") : null;
+  const section = target instanceof Element ? target.closest("details") : null; // itself, or what it lies in
   if (section) section.open = true;
 }
 

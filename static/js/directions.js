@@ -1,5 +1,7 @@
 /** Directions by key: numbers as on a number pad, the keys around S, or the arrows, two together for a diagonal. */
 
+import { areSingleKeysOn } from "./single-keys.js";
+
 /** From 0 (right) anticlockwise by 45 degrees; keys by their place, whatever is printed on them. @type {Record<string, number>} */
 const BY_PLACE = {
   Numpad6: 0, Numpad9: 1, Numpad8: 2, Numpad7: 3, Numpad4: 4, Numpad1: 5, Numpad2: 6, Numpad3: 7,
@@ -25,6 +27,7 @@ export function listenForDirections(onDirection, isActive) {
   /** @param {KeyboardEvent} event */
   const press = (event) => {
     if (!isActive() || event.ctrlKey || event.altKey || event.metaKey) return;
+    if (!(event.code in ARROWS) && !areSingleKeysOn()) return;
     const direction = MIDDLE.has(event.code) ? null : BY_PLACE[event.code];
     if (direction === undefined && !(event.code in ARROWS)) return;
     event.preventDefault();

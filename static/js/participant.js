@@ -17,6 +17,7 @@ import { OpenLook } from "./open-look.js";
 import { inBrowser, inTab } from "./remembered.js";
 import { takeScreening } from "./screening.js";
 import { beginSession, completeStage, eraseOwnData, markComprehension, readPractice, readSession, resumeSession, stayWith, tellTurnedAway, withdraw } from "./session.js";
+import { offerSingleKeys } from "./single-keys.js";
 import { claim, takeOver } from "./tabs.js";
 import { bestTechnique } from "./technique.js";
 import { minutesTogether, roughly } from "./time-left.js";
@@ -93,6 +94,7 @@ for (const id of ["continue", "after-interruption", "after-suspension", "after-s
 window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload()); // back to a page that was put aside
 for (const button of page.querySelectorAll("[data-reload]")) button.addEventListener("click", () => location.reload());
 listenForTries();
+offerSingleKeys(page);
 for (const button of page.querySelectorAll("[data-step]")) button.addEventListener("click", turnInstructions);
 tellInvalidWhenTried(page);
 const consentForm = document.getElementById("consent");
@@ -622,6 +624,6 @@ function tellSession({ study, stage, progress, resume_code, debriefing_html, ...
   trials.minutes = session.minutes;
   tellMinutes(session.minutes);
   begun.keep(resume_code);
-  tell({ ...progress, seconds: Math.max(1, Math.round(study.exposure_s)), resume_code });
+  tell({ ...progress, quarter: "", seconds: Math.max(1, Math.round(study.exposure_s)), resume_code });
   byId("debriefing").innerHTML = debriefing_html ?? ""; // the server has rendered it without raw HTML
 }

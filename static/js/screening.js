@@ -24,6 +24,8 @@ import { isDialogOpen, openDialog } from "./views.js";
 
 const N_CARDS = 2;
 const N_BLIND_SPOTS = 5;
+const NO_ROOM = "no-room"; // the view that asks for more
+const LEAST_ROOM = { width: 320, height: 420 }; // CSS pixels: the dial takes 230 of the height
 const BLANK_MS = 250; // between pictures
 
 /** Takes a participant through every test that is not over yet, and back to the seat. @param {Page} page */
@@ -93,7 +95,7 @@ async function takePlates(page) {
 async function takeItems(page, test, view, draw, blank) {
   let item = await patiently(() => readItem(test));
   if (item) page.tell({ item: item.number, items: item.total });
-  page.show(view);
+  page.show(hasRoom() ? view : NO_ROOM);
   while (item) {
     const shown = item;
     page.tell({ item: shown.number, items: shown.total });
@@ -129,7 +131,13 @@ function answered(page, view, item) {
       if (button) give(button.dataset.direction === "" ? null : Number(button.dataset.direction));
     };
     dial.addEventListener("click", press, { signal: listening.signal });
+    window.addEventListener("resize", () => page.show(hasRoom() ? view : NO_ROOM), { signal: listening.signal });
   });
+}
+
+/** Whether a picture and its dial stand in the window without covering each other. */
+function hasRoom() {
+  return innerHeight >= LEAST_ROOM.height && innerWidth >= LEAST_ROOM.width;
 }
 
 /** Measures the display's size and the distance of the eyes. @param {Page} page @param {ScreeningState} state @returns {Promise<Certificate | null>} null: there is no card */

@@ -30,10 +30,13 @@ export class Smoothness {
   /**
    * Looks at a refresh of the display.
    * @param {number} at_ms @param {number} n_presented frames in this exposure @param {number} wall_ms
+   * @returns {boolean} whether a frame has come
    */
   refresh(at_ms, n_presented, wall_ms) {
     this.n_refreshes += 1;
-    if (n_presented > this.before.n_presented) this.#frames(at_ms, n_presented, wall_ms);
+    const isNew = n_presented > this.before.n_presented;
+    if (isNew) this.#frames(at_ms, n_presented, wall_ms);
+    return isNew;
   }
 
   /** How long there has been no frame: above all in sleep, during which the page's clock may stand, unlike the wall's. @param {number} at_ms @param {number} n_presented in this exposure @param {number} wall_ms */

@@ -16,11 +16,11 @@ const SINGLE_CODEC = "avc1.640028"; // level 4.0: one stimulus
 const PLAYERS = { stacked: StackedPlayer, webcodecs: DecodedPlayer };
 
 /**
- * @param {{second?: string, fallback?: string}} offered second: type of the films besides H.264; fallback: technique that the study allows where neither plays
+ * @param {{second?: string, fallback?: string, pairs?: string}} offered second: type of the films besides H.264; fallback: technique that the study allows where neither plays; pairs: "decoded" where there is no film of both
  * @returns {Promise<Technique | null>} null: this browser cannot show the study
  */
-export async function bestTechnique({ second, fallback }) {
-  if (plays(H264) || (second && plays(second))) return "stacked";
+export async function bestTechnique({ second, fallback, pairs }) {
+  if (pairs !== "decoded" && (plays(H264) || (second && plays(second)))) return "stacked";
   return fallback && (await decodes()) ? "webcodecs" : null;
 }
 

@@ -1,6 +1,7 @@
 /** What a trial's screen says besides its films: its label, how far its film has come, and buttons that Enter presses. */
 
 import { required } from "./elements.js";
+import { entitle } from "./views.js";
 import { after, fill, hasOwnEnter, isPlain } from "./page.js";
 
 const LOADING_IS_TOLD_AFTER_MS = 400;
@@ -18,6 +19,7 @@ export function labelTrial(screen, { number, place, total, attempt, is_practice,
     const more = is_practice ? labelPractice : attempt > 1 ? labelAgain : "{label}";
     element.textContent = fill(more, { label: numbered });
   }
+  entitle(required(HTMLElement, "h1", screen).textContent ?? "");
   required(HTMLProgressElement, ".progress progress", screen).value = (number - 1) / total;
 }
 

@@ -12,6 +12,7 @@ import { newId } from "./outbox.js";
 import { SWITCH_KEYS, after, enterFullScreen, fill, isPlain } from "./page.js";
 import { newPlayer } from "./technique.js";
 import { settle } from "./settling.js";
+import { areSingleKeysOn } from "./single-keys.js";
 import { labelTrial, pressedByEnter, showProgress } from "./trial-screen.js";
 import { ViewingRecord, tenths } from "./viewing.js";
 import { askForAnswer } from "./vote-form.js";
@@ -195,7 +196,7 @@ export class Trial {
     );
   }
 
-  /** Looks at every refresh whether the film runs; where no frame came for long, as when the computer slept, the look ends. @param {AbortSignal} signal */
+  /** Looks at every refresh whether the film runs; where one comes after long, as when the computer slept, the look ends. Where none comes any more the player fails. @param {AbortSignal} signal */
   #watchFrames(signal) {
     const look = (/** @type {number} */ now) => {
       if (signal.aborted) return;
@@ -211,11 +212,11 @@ export class Trial {
     const onPress = (/** @type {PointerEvent} */ event) => {
       if (event.target instanceof Element && event.target.closest("button")) return;
       event.preventDefault();
-      this.#switch(event.timeStamp, media.reference && event.button === RIGHT_BUTTON);
+      this.#switch(event.timeStamp, media.reference && (event.button === RIGHT_BUTTON || !event.isPrimary));
     };
     const onKey = (/** @type {KeyboardEvent} */ event) => {
       if (!isPlain(event)) return;
-      const isForReference = media.reference && (event.key.toLowerCase() === REFERENCE_KEY || event.code === "KeyR");
+      const isForReference = media.reference && areSingleKeysOn() && (event.key.toLowerCase() === REFERENCE_KEY || event.code === "KeyR");
       if (isForReference || SWITCH_KEYS.has(event.key)) {
         event.preventDefault();
         if (!event.repeat) this.#switch(event.timeStamp, isForReference);

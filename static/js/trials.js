@@ -5,7 +5,7 @@ import { Films } from "./films.js";
 import { watchPage } from "./happenings.js";
 import { readFilmsAhead, readNextTrial, sendVoid, tellTrouble } from "./session.js";
 import { filmsOf } from "./technique.js";
-import { minutesLeft } from "./time-left.js";
+import { minutesLeft, quarterDone } from "./time-left.js";
 import { Trial } from "./trial.js";
 import { tell } from "./views.js";
 
@@ -61,7 +61,8 @@ export class Trials {
       const description = await this.#next(outbox);
       if (this.isAbandoned) return NEVER;
       if (!description) return "over";
-      tell({ left: minutesLeft(this.minutes, description) });
+      const quarter = JSON.parse(this.screen.dataset.quarters ?? "[]")[quarterDone(description) - 1] ?? "";
+      tell({ left: minutesLeft(this.minutes, description), quarter });
       if (this.#isTimeForBreak(description)) return "break";
       this.ahead = description.following ?? null;
       const { interruption, isRough } = await this.#take(description, askedAt, outbox, openLook);

@@ -1,6 +1,7 @@
 /** On the instructions: a drawing on which to try the switching, with the keys of a trial. */
 
-import { SWITCH_KEYS } from "./page.js";
+import { byId } from "./elements.js";
+import { SWITCH_KEYS, fill } from "./page.js";
 import { page } from "./views.js";
 
 /** Does nothing where films are shown alone and there is nothing to try. */
@@ -11,9 +12,11 @@ export function listenForTries() {
   document.addEventListener("keydown", (event) => switchTryByKey(event, drawing));
 }
 
-/** @param {HTMLElement} drawing */
+/** Changes the drawing, and tells who listens which of the two is shown. @param {HTMLElement} drawing */
 function switchTry({ dataset }) {
   dataset.shown = dataset.shown === "a" ? "b" : "a";
+  const status = byId("try-status");
+  status.textContent = fill(status.dataset.showing, { letter: status.dataset[dataset.shown] });
 }
 
 /** @param {KeyboardEvent} event @param {HTMLElement} drawing */

@@ -11,6 +11,7 @@ import { Smoothness } from "./smoothness.js";
 /** @typedef {Pick<import("./technique.js").Player, "n_presented" | "quality">} Played what a player has shown */
 
 const FEWEST_FRAMES = 0.5; // of a film's, as the server judges a look
+const LATEST_PICTURE_MS = 250; // after a press
 const MOST_HAPPENINGS = 500; // in a record
 const RESIZING_MS = 500; // the same resizing, if its events are not farther apart
 const LONGEST_MS = 24 * 3600 * 1000; // the server's limit: a vote from a tab left open over a weekend still counts
@@ -75,11 +76,10 @@ export class ViewingRecord {
     });
   }
 
-  /** Notes a refresh of the display. @param {number} now @param {number} n_presented frames in the present exposure @returns {boolean} whether none came for so long that it was no viewing */
+  /** Notes a refresh of the display. @param {number} now @param {number} n_presented frames in the present exposure @returns {boolean} whether a frame has come, and none before it for so long that it was no viewing */
   refresh(now, n_presented) {
     const isSuspended = this.#isSuspended(now, n_presented);
-    this.smoothness.refresh(this.#since(now), n_presented, Date.now());
-    return isSuspended;
+    return this.smoothness.refresh(this.#since(now), n_presented, Date.now()) && isSuspended;
   }
 
   /** What was seen until now. @param {Played} played of the present exposure @returns {Partial<Viewing>} */
@@ -92,7 +92,7 @@ export class ViewingRecord {
     return { shown_ms, dwell_ms, smoothness, ...this.#together(played.quality) };
   }
 
-  /** Ends an exposure. @param {Played} played in it @returns {boolean} as `refresh` */
+  /** Ends an exposure. @param {Played} played in it @returns {boolean} whether no frame had come for so long that it was no viewing */
   close(played) {
     const isSuspended = this.#isSuspended(performance.now(), played.n_presented);
     this.smoothness.end(this.#since(performance.now()), played.n_presented, Date.now());
@@ -106,11 +106,13 @@ export class ViewingRecord {
     return gap_ms > this.description.longest_gap_ms && !this.smoothness.isHidden;
   }
 
-  /** Did half of the film's frames not come, or the page not paint so often, or was it suspended? */
+  /** Did half of the film's frames not come, the page not paint so often, most pictures come late, or none for long? */
   get isRough() {
     const { n_presented, n_refreshes, longest_gap_ms, step_ms } = this.smoothness;
     const isFewer = Math.min(n_presented, n_refreshes) < (FEWEST_FRAMES * this.viewing.shown_ms) / step_ms;
-    return isFewer || longest_gap_ms > this.description.longest_gap_ms;
+    const late = this.viewing.switches.filter(({ at_ms, presented_ms = 0 }) => presented_ms - at_ms > LATEST_PICTURE_MS);
+    const isLate = late.length > this.viewing.switches.length / 2;
+    return isFewer || isLate || longest_gap_ms > this.description.longest_gap_ms;
   }
 
   /** Keeps the counts of an exposure that another follows. @param {Played} played in it */

@@ -9,6 +9,7 @@ export const page = byId("study");
 /** @type {Record<string, unknown>} */
 let told = {};
 let isOver = false;
+const study = document.title; // before a view gives its own
 
 /** @param {Record<string, unknown>} values for the places in the texts */
 export function tell(values) {
@@ -32,6 +33,11 @@ export function showAtTheEnd(name) {
   change(name);
 }
 
+/** Names the window after what is shown. @param {string} heading */
+export function entitle(heading) {
+  document.title = heading ? `${heading} – ${study}` : study;
+}
+
 /** @param {string} name */
 function change(name) {
   settle();
@@ -45,6 +51,7 @@ function change(name) {
   window.scrollTo(0, 0);
   const first = viewOf(name).querySelector("form:not([hidden]) [data-first]"); // where one types
   const heading = /** @type {HTMLElement | null} */ (viewOf(name).querySelector('h1[tabindex="-1"]'));
+  entitle(heading?.textContent ?? "");
   if (first instanceof HTMLInputElement) first.select();
   else heading?.focus({ preventScroll: true });
 }

@@ -2,6 +2,7 @@
 
 import { required } from "./elements.js";
 import { enterFullScreen, hasOwnEnter, isPlain } from "./page.js";
+import { areSingleKeysOn } from "./single-keys.js";
 import { isSettling, settle } from "./settling.js";
 
 /** @typedef {Pick<import("./session.js").Vote, "choice" | "rating">} Answer a choice, or a rating */
@@ -60,13 +61,22 @@ function answerOf(form) {
 function followSlider(form, slider, signal, answered) {
   const value = required(HTMLOutputElement, "output", form);
   slider.classList.add("is-unset");
+  slider.setAttribute("aria-valuetext", slider.dataset.unset ?? "");
   value.textContent = "–";
   const show = () => {
     slider.classList.remove("is-unset");
     value.textContent = slider.value;
+    slider.setAttribute("aria-valuetext", `${slider.value}, ${nameAt(slider)}`);
     answered();
   };
   for (const type of ["input", "click"]) slider.addEventListener(type, show, { signal });
+}
+
+/** The grade under which a slider stands. @param {HTMLInputElement} slider */
+function nameAt(slider) {
+  const names = document.querySelectorAll("#slider-names span");
+  const share = (slider.valueAsNumber - Number(slider.min)) / (Number(slider.max) - Number(slider.min));
+  return names[Math.min(names.length - 1, Math.floor(share * names.length))]?.textContent ?? "";
 }
 
 /** @param {KeyboardEvent} event @param {HTMLFormElement} form */
@@ -100,6 +110,7 @@ function isFromRight(slider) {
 
 /** @param {KeyboardEvent} event @param {HTMLFormElement} form */
 function chooseByKey({ key, code }, form) {
+  if (!areSingleKeysOn()) return;
   const isTen = key.toUpperCase() === KEY_OF_TEN || code === `Key${KEY_OF_TEN}`;
   const shortcut = isTen ? KEY_OF_TEN : DIGIT.exec(code)?.[1];
   const radio = shortcut && form.querySelector(`input[aria-keyshortcuts="${shortcut}"]`);

@@ -56,7 +56,7 @@ def write_set(folder: Path, datasets: Iterable[str], approaches: Iterable[str]) 
 
 def stimulus(folder: Path, dataset: str, approach: str) -> dict[str, Any]:
     """A manifest's entry for `DATASET/APPROACH.mp4`."""
-    depth, fusion = approach.split("_")
+    depth, fusion = approach.split("_")[:2]
     return {
         "dataset": dataset,
         "approach": approach,

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import count
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +14,14 @@ from app.simulation.observer import Observer, gap_of_ring
 from app.study.screening.pictures import MARGIN
 from tests.browser.study_visitor import Visitor
 
-N_RINGS, N_PLATES = 24, 18
 RING_KEYS = ("Numpad6", "KeyE", "Numpad8", "KeyQ", "Numpad4", "KeyZ", "Numpad2", "Numpad3")
 PLATE_KEYS = {0: "ArrowRight", 2: "ArrowUp", 4: "ArrowLeft", 6: "ArrowDown", -1: "0"}
 ABOVE_DIAL = 0.62  # of the window's height
+BELOW_CORNER = 60  # pixels: above is the button that withdraws
+COMES = """([name, step]) => {
+  const view = document.querySelector(`[data-view=${name}]`);
+  return view.hidden || view.querySelector(".stage-step").textContent.startsWith(step);
+}"""
 DRAWN = """() => {
   const canvas = document.getElementById("ring-canvas");
   const { width, height } = canvas;
@@ -51,7 +58,7 @@ def picture_of(page: Page | Locator) -> NDArray[np.uint8]:
 def ring_on(page: Page) -> NDArray[np.uint8]:
     """The part of the screen that holds the ring, with the margin that it was drawn with."""
     screen = picture_of(page)[..., 0]
-    screen = screen[: int(ABOVE_DIAL * len(screen))]
+    screen = screen[BELOW_CORNER : int(ABOVE_DIAL * len(screen))]
     rows, columns = np.nonzero(screen < 255)
     top, left = rows.min() - MARGIN, columns.min() - MARGIN
     size = max(np.ptp(rows), np.ptp(columns)) + 1 + 2 * MARGIN  # a gap may take the outermost column with it
@@ -62,17 +69,25 @@ def shows(page: Page, text: str) -> None:
     expect(page.get_by_text(text, exact=True)).to_be_visible()
 
 
+def pictures(page: Page, view: str, name: str) -> Iterator[int]:
+    """The number of each ring or disc as it comes, until the test is certain of its verdict."""
+    page.locator(f"[data-view={view}]").wait_for()
+    for number in count(1):
+        page.wait_for_function(COMES, arg=[view, f"{name} {number} of"])
+        if not page.locator(f"[data-view={view}]").is_visible():
+            return
+        yield number
+
+
 def answers_rings(page: Page) -> None:
-    for number in range(1, N_RINGS + 1):
-        shows(page, f"Ring {number} of {N_RINGS}")
+    for _ in pictures(page, "rings", "Ring"):
         page.wait_for_function(DRAWN)
         page.keyboard.press(RING_KEYS[gap_of_ring(ring_on(page))])
 
 
 def answers_plates(page: Page) -> None:
     rng, plate = np.random.default_rng(3), page.locator("#plate")
-    for number in range(1, N_PLATES + 1):
-        shows(page, f"Disc {number} of {N_PLATES}")
+    for _ in pictures(page, "plates", "Disc"):
         expect(plate).to_be_visible()
         Visitor(page).is_settled()
         page.keyboard.press(PLATE_KEYS[Observer().answer_plate(picture_of(plate), rng)])

@@ -46,7 +46,7 @@ def test_consent_comprehension_interview_and_debriefing(full_study: Study, page:
     page.keyboard.press("Enter")
     _read_instructions(visitor)
     expect(page.locator("[data-view=instructions-1]")).to_contain_text(
-        "Each pair takes about 1 s, all of them together about 1 min."
+        "Each pair is shown for about 1 s. With your answers, all pairs together take about 1 min."
     )
     expect(page.locator(".durations")).to_have_count(1)  # they were told before one agreed
     check_accessibility(page)
@@ -255,7 +255,8 @@ def test_the_next_participant_at_a_browser_finds_every_form_empty(
     visitor.sees("welcome")
     page.keyboard.press("Enter")
     visitor.sees("consent")
-    filled = "[...document.querySelectorAll('main input:checked, main :is(input[type=number], textarea)')]"
+    fields = "input:checked:not([data-single-keys]), main :is(input[type=number], textarea)"
+    filled = f"[...document.querySelectorAll('main {fields}')]"
     assert page.evaluate(f"() => {filled}.filter((field) => field.checked || field.value !== '').length") == 0
     page.get_by_label("I have read this").check()
     page.keyboard.press("Enter")

@@ -154,7 +154,8 @@ def test_a_vote_stays_with_its_participant_when_the_next_one_sits_down(
     page.goto("about:blank")
     page.unroute_all(behavior="wait")
     page.context.clear_cookies()
-    visitor.begin(study)
+    page.goto(f"{study.address}?another=1")
+    visitor.reads_introduction()
     visitor.votes("3")
     visitor.is_in("exposure")
     assert [vote["choice"] for vote in study.votes(1, "P002")] == ["b"]

@@ -10,7 +10,7 @@ import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from app.study.options.options import parse_options
-from tests.browser.screening_answers import DRAWN, N_PLATES, N_RINGS, fits_card, shows
+from tests.browser.screening_answers import DRAWN, fits_card, pictures, shows
 from tests.browser.study_visitor import NewStudy, Study, Visitor
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -107,13 +107,11 @@ def test_a_double_click_on_every_button_goes_one_step_at_a_time(
     page.locator("#distance-cm").fill("250")
     double_clicks("distance")
     double_clicks("rings-intro")
-    for number in range(1, N_RINGS + 1):
-        shows(page, f"Ring {number} of {N_RINGS}")
+    for _ in pictures(page, "rings", "Ring"):
         page.wait_for_function(DRAWN)
         double_click(visitor, page.locator("[data-view=rings] [data-direction='0']"))
     double_clicks("plates-intro")
-    for number in range(1, N_PLATES + 1):
-        shows(page, f"Disc {number} of {N_PLATES}")
+    for _ in pictures(page, "plates", "Disc"):
         expect(page.locator("#plate")).to_be_visible()
         visitor.is_settled()
         double_click(visitor, page.locator("[data-view=plates] [data-direction='0']"))

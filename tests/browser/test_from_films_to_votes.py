@@ -146,6 +146,7 @@ def reads_and_agrees(visitor: Visitor) -> None:
     visitor.sees("welcome")
     page.keyboard.press("Enter")
     visitor.sees("consent")
+    page.mouse.wheel(0, 10_000)  # to its end
     page.get_by_label("I have read this").check()
     page.keyboard.press("Enter")
     for number in (1, 2, 3):

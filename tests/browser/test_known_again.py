@@ -129,7 +129,8 @@ def test_impatient_clicking_anywhere_withdraws_nobody(
         if number % 3 == 0:
             page.mouse.click(930, 20)
         if page.locator("#withdraw-yes").is_visible():
-            page.locator("#withdraw-yes").click(force=True, no_wait_after=True)
+            visitor.is_settled()
+            page.locator("#withdraw-yes").click()
             undo = page.locator("#withdrawing .undo")
             expect(undo).to_be_visible()
             visitor.is_settled()
@@ -147,6 +148,7 @@ def test_next_stands_at_the_same_place_on_every_page_and_nothing_moves_when_the_
     first = page.locator("[data-view=welcome]").bounding_box()
     expect(page.locator("[data-check=refresh]")).not_to_have_text("")
     assert page.locator("[data-view=welcome]").bounding_box() == first
+    page.evaluate("document.querySelector('#trial .quarter').textContent = 'Half is done.'")
     places = page.evaluate(PLACES)
     assert len(places) > 12
     assert len({(place["middle"], place["bottom"]) for place in places}) == 1, places

@@ -1,4 +1,4 @@
-"""A computer that sleeps in mid-film."""
+"""A computer that sleeps in mid-film, or is far too slow."""
 
 from __future__ import annotations
 
@@ -87,3 +87,36 @@ def test_viewing_enough_cannot_be_met_asleep(
     sleep_now()
     page.keyboard.press("Enter")
     visitor.is_in("unseen")
+
+
+BUSY = """() => {
+    const work = () => {
+        const until = performance.now() + 300;
+        while (performance.now() < until);
+        window.busy = requestAnimationFrame(work);
+    };
+    work();
+}"""
+
+
+def test_whose_computer_is_too_slow_is_told_once_and_flagged(
+    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(smoothness, "LONGEST_GAP_S", 60.0)
+    study = new_study(short_films, EXPOSURE_S)
+    visitor.begin(study)
+    for key in ("1", "3"):
+        visitor.is_in("exposure")
+        page.evaluate(BUSY)
+        page.keyboard.press("Space")
+        visitor.waits_for("#trial[data-state=voting]")
+        page.evaluate("cancelAnimationFrame(busy)")
+        visitor.votes(key)
+    visitor.sees("slow")
+    expect(page.locator("[data-view=slow]")).to_contain_text("That is not your fault")
+    page.keyboard.press("Enter")
+    visitor.votes("2")
+    visitor.sees("thanks")
+    assert [vote["shown_smoothly"] for vote in study.votes(3)][:2] == [False, False]
+    (observer,) = study.read("observers")
+    assert observer["not_smooth"] >= 2

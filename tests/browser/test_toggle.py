@@ -70,6 +70,17 @@ def test_a_stimulus_is_on_the_screen_as_soon_as_it_is_switched_to(
     assert one != other
 
 
+def test_without_films_of_pairs_single_films_are_decoded_together_and_no_address_shows_one_as_both(
+    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
+) -> None:
+    study = new_study(short_films, 0.4, parse_options({"pair_films": "decoded"}))
+    visitor.begin(study)
+    assert visitor.finishes_first_trial(study)["technique"] == "webcodecs"
+    (trial,) = (trial["trial"] for trial in study.read("trials") if trial["choice"])
+    answers = [page.request.get(f"{study.url}/media/{trial}{kind}").status for kind in ("", ".top", ".bottom")]
+    assert answers == [404, 200, 200]
+
+
 def test_a_browser_that_could_play_two_videos_only_is_turned_away(
     new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
 ) -> None:

@@ -171,27 +171,14 @@ def simultaneous_factor(estimates: Estimates) -> float:
     known = errors > 0
     if n < 3 or not known.any():
         return 1.0
-    drawn = drawn_errors(estimates, covariance)
-    largest = (np.abs(drawn[:, first[known]] - drawn[:, second[known]]) / errors[known]).max(axis=1)
-    return float(np.quantile(largest, LEVEL)) / critical_value(estimates.n_participants)
-
-
-def drawn_errors(estimates: Estimates, covariance: Array) -> Array:
-    """Draw errors of estimates (fixed seed), float64 (DRAWN, K): t(J - 1), or normal without participants.
-
-    Parameters
-    ----------
-    estimates : Estimates
-    covariance : float64 (K, K), of the estimates
-    """
-    n = len(covariance)
     rng = np.random.default_rng(n)
     values, vectors = np.linalg.eigh(covariance)
     drawn = (rng.standard_normal((DRAWN, n)) * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    largest = (np.abs(drawn[:, first[known]] - drawn[:, second[known]]) / errors[known]).max(axis=1)
     if estimates.n_participants is not None:
         df = estimates.n_participants - 1
-        drawn /= np.sqrt(rng.chisquare(df, DRAWN) / df)[:, None]
-    return np.asarray(drawn)
+        largest = largest / np.sqrt(rng.chisquare(df, DRAWN) / df)
+    return float(np.quantile(largest, LEVEL)) / critical_value(estimates.n_participants)
 
 
 def half_widths(estimates: Estimates) -> Array | None:

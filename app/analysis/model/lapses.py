@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 RATES = np.array([0.0, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.85, 1.0])  # between which people's lapse rates lie
 HONEST = 20.0  # honest people that are assumed beside those who took part
 FEWEST_PEOPLE = 5  # fewer tell nothing about each other
+MOST_CARELESS = 1 / 3  # of the people; more are camps that the model cannot tell from lapses
 MOST_GROUPS = 60  # of participants, that the jackknife leaves out in turn
 MOST_ROUNDS, TOLERANCE = 300, 1e-5  # of the EM algorithm; log-odds
 
@@ -73,10 +74,13 @@ def fit_lapses(fit: Fit, votes: VotesTable) -> Lapses | str:
     theta, posterior = _maximum(fit, mine, kept)
     if not np.isfinite(theta).all():
         return "with them the scores have no finite estimate"
+    rates = posterior[0] @ RATES
+    if np.mean(rates >= 0.5) > MOST_CARELESS:
+        return f"they would take {(rates >= 0.5).sum()} of {n_people} people for careless, whose opinions differ rather"
     n = fit.design.n_effects
     without = theta[1:, :n]
     errors = np.sqrt((n_groups - 1) / n_groups * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
-    return Lapses(theta[0, :n], errors, critical_value(n_groups) * errors, posterior[0] @ RATES)
+    return Lapses(theta[0, :n], errors, critical_value(n_groups) * errors, rates)
 
 
 def _maximum(fit: Fit, mine: Array, kept: Array) -> tuple[Array, Array]:

@@ -36,6 +36,7 @@ class AnalysisSettings:
     lapses : fit the scores also with careless answers weighted down, by a lapse rate for each participant
     by_dataset : also analyse every dataset alone
     planned_participants : how many the study is planned for; results of fewer are interim
+    adaptive_pairs : were pairs chosen from the votes so far? Intervals then hold a little less than they say
     exclude : participants left out by a recorded decision; the results with them are given too
     """
 
@@ -56,6 +57,7 @@ class AnalysisSettings:
     by_dataset: bool = True
     exclude: tuple[str, ...] = ()
     planned_participants: int | None = None
+    adaptive_pairs: bool = False
 
     def __post_init__(self) -> None:
         if self.ties not in TIE_MODELS:

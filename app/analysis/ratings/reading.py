@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.ratings.table import PROTOCOLS, ComparisonTable, RatingTable, numbered_names
-from app.analysis.reading.cells import FLAGS, Column, Problems, number_or_nan, same, shown
+from app.analysis.reading.cells import Column, Problems, number_or_nan, same, shown
 from app.analysis.reading.description import COMPARISONS, Description, Told
 from app.analysis.reading.layouts import LongTable, rows_of
-from app.analysis.reading.read_votes import WARNING, Source, fingerprint, in_lists, recognise_file
+from app.analysis.reading.read_votes import WARNING, Source, fingerprint, flags, in_lists, recognise_file
 from app.analysis.reading.votes_table import ROLE_CODES, VotesError
 
 SCALE = (1.0, 5.0)  # of ITU-T P.910, five-level
@@ -102,7 +102,7 @@ def _counted(rows: LongTable) -> tuple[LongTable, str]:
     if not len(rows):
         raise VotesError("has no row, expected at least one rating")
     problems = Problems(rows.row)
-    is_practice, is_excluded = (_flags(rows, role, problems) for role in ("practice", "excluded"))
+    is_practice, is_excluded = (flags(rows, role, problems) for role in ("practice", "excluded"))
     problems.check()
     is_check = np.zeros(len(rows), bool)
     if "role" in rows.columns:
@@ -112,12 +112,7 @@ def _counted(rows: LongTable) -> tuple[LongTable, str]:
     kept = ~(is_practice | is_excluded | is_check)
     if not kept.any():
         raise VotesError(f"none of the {len(rows)} ratings counts: {left_out}; expected at least one other")
-    if kept.all():
-        return rows, ""
-    origin = None if rows.origin is None else rows.origin.where(kept)
-    numbers = np.array([rows.row(int(row)) for row in np.flatnonzero(kept)])
-    columns = {role: column.where(kept) for role, column in rows.columns.items()}
-    return LongTable(columns, rows.how, numbers, origin=origin, theirs=rows.theirs), f"left out: {left_out}"
+    return (rows, "") if kept.all() else (rows.where(kept), f"left out: {left_out}")
 
 
 def _ratings(rows: LongTable, description: Description, scale: tuple[float, float] | None) -> RatingTable:
@@ -126,7 +121,7 @@ def _ratings(rows: LongTable, description: Description, scale: tuple[float, floa
     low, high = scale or SCALE
     rating = _scaled(rows, description, (low, high), problems)
     protocol = _protocol(rows, problems)
-    is_marked = _flags(rows, "reference", problems)
+    is_marked = flags(rows, "reference", problems)
     problems.check()
     participants, person = _names(rows.columns["participant"].texts)
     items, item = _names(list(zip(_datasets(rows).texts, rows.columns["condition"].texts, strict=True)))
@@ -225,22 +220,6 @@ def _protocol(rows: LongTable, problems: Problems) -> str:
         lambda row: f"protocol is {values[row]}, in the rows above {values[0]}: analyse them in separate files",
     )
     return str(values[0])
-
-
-def _flags(rows: LongTable, role: str, problems: Problems) -> NDArray[np.bool_]:
-    """Return a column of true and false; all false without the column."""
-    column = rows.columns.get(role)
-    if column is None:
-        return np.zeros(len(rows), bool)
-    codes = column.meaning(lambda word: FLAGS.get(word.lower(), -1), np.int8)
-    problems.add(
-        codes < 0,
-        lambda row: (
-            f"{rows.cell(role, row)} is {shown(column.text(row))}, expected true or false "
-            f"(--columns {role}=- if the column is something else)"
-        ),
-    )
-    return np.asarray(codes > 0)
 
 
 def _names(values: Iterable[Any]) -> tuple[tuple[Any, ...], NDArray[np.intp]]:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -123,14 +123,19 @@ class Table:
         """Names of the columns, in the file's order."""
         return list(self.columns)
 
+    @property
+    def numbers(self) -> NDArray[np.int64]:
+        """Rows of the file, from 1, int64 (N,)."""
+        return np.arange(1, len(self) + 1, dtype=np.int64) if self.rows is None else self.rows
+
     def row(self, index: int) -> int:
         """Row of the file, from 1, of a row counted from 0."""
         return index + 1 if self.rows is None else int(self.rows[index])
 
-    def where(self, rows: NDArray[np.bool_]) -> Table:
+    def where(self, rows: NDArray[np.bool_]) -> Self:
         """Return the table with some rows, bool (N,), which keep their numbers in the file."""
-        kept = np.arange(1, len(self) + 1) if self.rows is None else self.rows
-        return replace(self, columns={n: column.where(rows) for n, column in self.columns.items()}, rows=kept[rows])
+        columns = {name: column.where(rows) for name, column in self.columns.items()}
+        return replace(self, columns=columns, rows=self.numbers[rows])
 
     def with_columns(self, columns: Mapping[str, Column], **changes: Any) -> Table:
         """Return the table with other columns of the same rows."""

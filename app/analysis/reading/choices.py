@@ -13,45 +13,17 @@ from numpy.typing import NDArray
 from app.analysis.reading.cells import Column, number_or_nan, shown
 from app.analysis.reading.description import BY_ITEM, QuestionError, Reading, Told
 from app.analysis.reading.votes_table import CHOICES, NONE, A, B, VotesError
-from app.analysis.reading.words import ENDS, SIDES, STRENGTH, STRENGTHS, TIES, TRUE_FALSE, ends_of
+from app.analysis.reading.words import ENDS, SIDES, STRENGTH, STRENGTHS, TIES, TRUE_FALSE, ends_of, words_of
 
 Codes = NDArray[np.int8]
 UNKNOWN = -1
 # Words around a side that say nothing: "the left image is better".
 FILLERS = frozenset(
-    {
-        *(
-            "the",
-            "is",
-            "was",
-            "better",
-            "best",
-            "preferred",
-            "prefer",
-            "prefers",
-            "wins",
-            "won",
-            "one",
-            "option",
-            "item",
-        ),
-        *(
-            "image",
-            "video",
-            "clip",
-            "film",
-            "stimulus",
-            "model",
-            "method",
-            "system",
-            "answer",
-            "choice",
-            "more",
-            "i",
-            "it",
-        ),
-        *("picture", "version", "sample", "side", "arrow", "key", "condition", "looks", "sounds", "button"),
-    }
+    words_of(
+        "the is was better best preferred prefer prefers wins won one option item image video clip film "
+        "stimulus model method system answer choice more i it picture version sample side arrow key condition "
+        "looks sounds button"
+    )
 )
 # Numbers that may be choices in several ways; each way is our word -> theirs.
 NUMBER_CODES: dict[frozenset[str], tuple[dict[str, str], ...]] = {

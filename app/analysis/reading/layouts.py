@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,11 @@ class LongTable(Table):
 
     origin: Column | None = None
     theirs: Mapping[str, str] = field(default_factory=dict)
+
+    def where(self, rows: NDArray[np.bool_]) -> Self:
+        """Return the table with some rows, bool (N,), which keep their numbers in the file."""
+        kept = super().where(rows)
+        return kept if self.origin is None else replace(kept, origin=self.origin.where(rows))
 
     def cell(self, role: str, row: int) -> str:
         """Name a cell for a message: "rating", or the column of the file where that has another name."""
@@ -82,7 +88,7 @@ def _wide(table: Table, description: Description) -> LongTable:
     else:
         columns[description.spread_role] = _labelled([label[0] for label in labels], which)
     origin = Column(which, tuple(description.spread))
-    return LongTable(columns, table.how, _file_rows(table)[place], origin=origin)
+    return LongTable(columns, table.how, table.numbers[place], origin=origin)
 
 
 def _labelled(labels: Sequence[str], which: NDArray[np.int32]) -> Column:
@@ -100,10 +106,6 @@ def _stacked(columns: Sequence[Column]) -> Column:
     return Column(np.concatenate([np.array([], np.int32), *codes]), tuple(known))
 
 
-def _file_rows(table: Table) -> NDArray[np.int64]:
-    return np.arange(1, len(table) + 1, dtype=np.int64) if table.rows is None else table.rows
-
-
 Vote = tuple[int, str, str, str, int]  # row of the table, item_a, item_b, choice, count
 
 
@@ -115,7 +117,7 @@ def _of_votes(table: Table, description: Description, votes: Iterator[Vote], rol
     columns = {role: column.where(place) for role, column in kept.items()}
     for position, role in enumerate(("item_a", "item_b", "choice", "count"), start=1):
         columns[role] = column_of(vote[position] for vote in made)
-    return LongTable(columns, table.how, _file_rows(table)[place])
+    return LongTable(columns, table.how, table.numbers[place])
 
 
 WHO = ("participant", "dataset", "practice", "excluded", "reason")

@@ -174,10 +174,9 @@ def _crowd(table: Table) -> Table:
     kept = {
         name: column.where(place) for name, column in table.columns.items() if name not in used and name not in names
     }
-    numbers = np.arange(1, len(table) + 1) if table.rows is None else table.rows
     notes = (*table.notes, f"{len(columns)} answers in each row, each a rating of the film that it names")
     warnings = (f"{n_traps} answers on trapping or gold films are left out",) if n_traps else ()
-    return Table({**cells, **kept}, table.how, numbers[place], notes, warnings)
+    return Table({**cells, **kept}, table.how, table.numbers[place], notes, warnings)
 
 
 def _revisit(table: Table) -> Table:

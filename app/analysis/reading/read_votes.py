@@ -48,7 +48,7 @@ from app.analysis.reading.votes_table import (
     constant,
     joined,
 )
-from app.analysis.reading.words import OPTIONAL
+from app.analysis.reading.words import OPTIONAL, RATING_OPTIONAL
 
 WARNING = "Warning: "  # begins a sentence that is one
 MAY_BE_UNKNOWN = {"participant": "votes count as independent", "dataset": "all votes are on one dataset"}
@@ -93,9 +93,7 @@ def recognise_file(path: Path | str, told: Told | None = None) -> Source:
 
 
 def votes_from_rows(
-    rows: Rows | pd.DataFrame,
-    columns: Mapping[str, str] | None = None,
-    choices: Mapping[str, str] | None = None,
+    rows: Rows | pd.DataFrame, columns: Mapping[str, str] | None = None, choices: Mapping[str, str] | None = None
 ) -> VotesTable:
     """Make a votes table from dictionaries or a pandas table, of any layout that a file may have.
 
@@ -130,9 +128,7 @@ def _table_of(rows: Rows | pd.DataFrame) -> Table:
 
 
 def read_votes(
-    path: Path | str,
-    columns: Mapping[str, str] | None = None,
-    choices: Mapping[str, str] | None = None,
+    path: Path | str, columns: Mapping[str, str] | None = None, choices: Mapping[str, str] | None = None
 ) -> VotesTable:
     """Read a votes table from a file: text with commas, semicolons or tabs, JSON, Parquet or Excel.
 
@@ -315,13 +311,13 @@ def _votes(rows: LongTable, description: Description) -> VotesTable:
         item_b=item_b,
         choice=_choice(rows, description, problems),
         first_shown=_first_shown(rows, item_a, item_b, items, problems),
-        both_seen=_flags(rows, "both_seen", problems, empty=-1, kind=np.int8, absent=-1),
-        shown_smoothly=_flags(rows, "shown_smoothly", problems, empty=-1, kind=np.int8, absent=-1),
+        both_seen=flags(rows, "both_seen", problems, empty=-1, kind=np.int8, absent=-1),
+        shown_smoothly=flags(rows, "shown_smoothly", problems, empty=-1, kind=np.int8, absent=-1),
         count=_counts(rows, problems),
         response_ms=_numbers(rows, "response_ms", problems),
         press_to_picture_ms=_numbers(rows, "press_to_picture_ms", problems),
-        practice=_flags(rows, "practice", problems),
-        excluded=_flags(rows, "excluded", problems),
+        practice=flags(rows, "practice", problems),
+        excluded=flags(rows, "excluded", problems),
         reason=columns["reason"].texts if "reason" in columns else constant("", np.object_, n),
         role=constant(0, np.int8, n) if role is None else role,
     )
@@ -331,7 +327,7 @@ def _votes(rows: LongTable, description: Description) -> VotesTable:
 
 def _wrong(rows: LongTable, role: str, row: int, expected: str) -> str:
     column = rows.columns[role]
-    instead = f" (--columns {role}=- if the column is something else)" if role in OPTIONAL else ""
+    instead = f" (--columns {role}=- if the column is something else)" if role in (*OPTIONAL, *RATING_OPTIONAL) else ""
     return f"{rows.cell(role, row)} is {shown(column.text(row))}, expected {expected}{instead}"
 
 
@@ -411,10 +407,20 @@ def _first_shown(
     return first
 
 
-def _flags(
+def flags(
     rows: LongTable, role: str, problems: Problems, *, empty: int = 0, kind: type[Any] = np.bool_, absent: int = 0
 ) -> NDArray[Any]:
-    """Return a column of true and false; an empty cell is `empty`, and so are all without the column."""
+    """Return a column of true and false, `kind` (N,).
+
+    Parameters
+    ----------
+    rows : one vote or rating a row
+    role : of the column
+    problems : get what is neither
+    empty : what an empty cell is
+    kind : of numbers that the answers are
+    absent : what all cells are without the column
+    """
     known = FLAGS | {"": empty}
     codes = _coded(rows, role, lambda word: known.get(word.lower(), -2), np.int8)
     if codes is None:

@@ -11,14 +11,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from app.analysis.reading.cells import Table, named, shown
-from app.analysis.reading.description import (
-    JOIN,
-    VOTES,
-    Description,
-    QuestionError,
-    Reading,
-    Told,
-)
+from app.analysis.reading.description import JOIN, VOTES, Description, QuestionError, Reading, Told
 from app.analysis.reading.kinds.rankings import find_best_worst, find_ranked_columns, find_ranking, find_wide_ranks
 from app.analysis.reading.kinds.ratings import find_comparisons, find_ratings, find_wide_ratings, quietly
 from app.analysis.reading.kinds.seen import WIDE_ROLES, Finder, Seen
@@ -32,11 +25,7 @@ from app.analysis.reading.kinds.votes import (
     with_meaning,
 )
 from app.analysis.reading.votes_table import VotesError
-from app.analysis.reading.words import (
-    SEVERAL,
-    is_suspicious,
-    plain,
-)
+from app.analysis.reading.words import SEVERAL, is_suspicious, plain
 
 SHORTENED = re.compile(r"\d([.,]\d+)?E\+?\d{2,}", re.IGNORECASE)  # 5.6E+23: what Excel leaves of a long id
 

@@ -359,12 +359,12 @@ def _read_json(path: Path, asked: _Asked) -> pd.DataFrame:
         content = json.loads(_decode(path.read_bytes(), asked.encoding)[0])
     except json.JSONDecodeError as error:
         raise VotesError(f"is not readable as JSON: {error}") from error
-    return _flat(content, "JSON")
+    return _flat(rows_of_json(content), "JSON")
 
 
-def _flat(content: Any, how: str) -> pd.DataFrame:
-    """Return the table of a list of objects, or of what a program nests."""
-    rows, notes = rows_of_json(content)
+def _flat(nested: tuple[list[dict[str, Any]], tuple[str, ...]], how: str) -> pd.DataFrame:
+    """Return the table of rows, with what was left out or restated."""
+    rows, notes = nested
     frame = _understood(pd.DataFrame(rows, dtype=object), how)
     frame.attrs["notes"] = notes
     return frame
@@ -373,10 +373,7 @@ def _flat(content: Any, how: str) -> pd.DataFrame:
 def _read_python(path: Path, asked: _Asked) -> pd.DataFrame:
     """Read a dataset file of sureal, whose literals are taken and which is never run."""
     text, _ = _decode(path.read_bytes(), asked.encoding)
-    rows, notes = rows_of_python(text)
-    frame = _understood(pd.DataFrame(rows, dtype=object), "Python, read as literals and not run")
-    frame.attrs["notes"] = notes
-    return frame
+    return _flat(rows_of_python(text), "Python, read as literals and not run")
 
 
 def _read_lines(path: Path, asked: _Asked) -> pd.DataFrame:
@@ -391,7 +388,7 @@ def _read_lines(path: Path, asked: _Asked) -> pd.DataFrame:
         if not isinstance(row, dict):
             raise VotesError(f"line {number}: {shown(line)} is not an object with named values")
         rows.append(row)
-    return _flat(rows, "JSON, an object on each line")
+    return _flat(rows_of_json(rows), "JSON, an object on each line")
 
 
 def _read_excel(path: Path, asked: _Asked) -> pd.DataFrame:

@@ -7,6 +7,12 @@ from collections.abc import Iterable
 
 from app.analysis.reading.votes_table import NONE, A, B
 
+
+def words_of(text: str) -> tuple[str, ...]:
+    """Return the words of a text."""
+    return tuple(text.split())
+
+
 VOTE_ROLES = ("participant", "dataset", "item_a", "item_b", "choice")
 OPTIONAL = (
     *("first_shown", "trial", "response_ms", "practice", "excluded", "reason", "count", "role"),
@@ -20,28 +26,15 @@ OWN_VOTES = set(VOTE_ROLES)  # a table with these very names is in our own forma
 
 # Other names of our columns, as `plain` spells them.
 SYNONYMS: dict[str, tuple[str, ...]] = {
-    "participant": (
-        *("participantid", "participantname", "judge", "judgeid", "observer", "observerid", "subject", "subjectid"),
-        *("subj", "user", "userid", "username", "worker", "workerid", "rater", "raterid", "annotator", "annotatorid"),
-        *("respondent", "respondentid", "responseid", "voter", "voterid", "viewer", "pid", "prolificpid", "prolificid"),
-        *("sessionuuid", "assessor", "evaluator"),
+    "participant": words_of(
+        "participantid participantname judge judgeid observer observerid subject subjectid subj user userid "
+        "username worker workerid rater raterid annotator annotatorid respondent respondentid responseid "
+        "voter voterid viewer pid prolificpid prolificid sessionuuid assessor evaluator"
     ),
     "dataset": ("scene", "content", "sequence", "src", "datasetid", "sceneid", "contentid"),
-    "choice": (
-        *(
-            "choices",
-            "pref",
-            "preferred",
-            "preference",
-            "winner",
-            "selected",
-            "vote",
-            "response",
-            "resp",
-            "answer",
-            "choose",
-        ),
-        *("chosen", "picked", "pick", "decision", "verdict", "judgement", "judgment", "keyresp", "keyrespkeys"),
+    "choice": words_of(
+        "choices pref preferred preference winner selected vote response resp answer choose chosen picked "
+        "pick decision verdict judgement judgment keyresp keyrespkeys"
     ),
     "condition": (
         *("conditionid", "item", "itemid", "stimulus", "stimulusid", "stim", "pvs", "hrc", "method", "model", "system"),
@@ -103,36 +96,26 @@ STRENGTH = re.compile(
 
 # What is never a person or a condition, though it stands in a column beside them.
 NEVER = frozenset(
-    (
-        "",
-        *("mos", "dmos", "cmos", "smos", "mosstd", "sd", "std", "stdev", "stddev", "standarddeviation", "se"),
-        *("sem", "sos", "ci", "ci95", "95ci", "95%ci", "cilow", "cihigh", "cilower", "ciupper", "lower", "upper"),
-        *("confidenceinterval", "ci90", "ci99", "95%", "n", "mean", "average", "avg", "median", "var", "variance"),
-        *("rank", "ranking", "min", "max", "sum", "total", "age", "ages", "ageyears", "sex", "gender", "group"),
-        *("country", "nationality", "language", "education", "occupation", "experience", "expertise", "vision"),
-        *("acuity", "glasses", "handedness", "yearofbirth", "birthyear", "index", "nr", "number", "row", "line"),
-        *("rowid", "time", "times", "timestamp", "date", "day", "datetime", "start", "end", "startdate", "enddate"),
-        *("duration", "durations", "durationinseconds", "rt", "reactiontime", "responsetime", "responsems"),
-        *("latency", "elapsed", "timeelapsed", "seconds", "ms", "hour", "trial", "trialno", "trialnumber"),
-        *("trialindex", "trialid", "order", "position", "block", "blockno", "run", "session", "sessionid", "batch"),
-        *("list", "version", "seed", "wave", "visit", "week", "month", "year", "device", "browser", "width"),
-        *("height", "screenwidth", "screenheight", "resolution", "distance", "dpi", "confidence", "certainty"),
-        *("difficulty", "fatigue", "mood", "effort", "progress", "status", "finished", "attention"),
-        *("attentioncheck", "check", "practice", "training", "excluded", "exclude", "valid", "gold", "trap"),
-        *("comment", "comments", "note", "notes", "remark", "remarks", "reason", "count", "weight", "consent"),
-        *("role", "protocol", "reference", "replicates", "repetition", "rep", "ip", "ipaddress", "latitude"),
-        *("longitude", "scene", "locationlatitude", "locationlongitude", "qrecaptchascore", "externalreference"),
-        *("phase", "city", "zip", "zipcode", "email", "income", "height_cm", "cohort", "site", "lab", "room"),
-        *("price", "reward", "payment", "bonus", "kurtosis", "skew", "skewness", "outlier", "outliers", "ratio"),
-        *("percent", "iqr"),
+    words_of(
+        "mos dmos cmos smos mosstd sd std stdev stddev standarddeviation se sem sos ci ci95 95ci 95%ci cilow cihigh "
+        "cilower ciupper lower upper confidenceinterval ci90 ci99 95% n mean average avg median var variance rank "
+        "ranking min max sum total age ages ageyears sex gender group country nationality language education "
+        "occupation experience expertise vision acuity glasses handedness yearofbirth birthyear index nr number row "
+        "line rowid time times timestamp date day datetime start end startdate enddate duration durations "
+        "durationinseconds rt reactiontime responsetime responsems latency elapsed timeelapsed seconds ms hour "
+        "trial trialno trialnumber trialindex trialid order position block blockno run session sessionid batch list "
+        "version seed wave visit week month year device browser width height screenwidth screenheight resolution "
+        "distance dpi confidence certainty difficulty fatigue mood effort progress status finished attention "
+        "attentioncheck check practice training excluded exclude valid gold trap comment comments note notes remark "
+        "remarks reason count weight consent role protocol reference replicates repetition rep ip ipaddress "
+        "latitude longitude scene locationlatitude locationlongitude qrecaptchascore externalreference phase city "
+        "zip zipcode email income height_cm cohort site lab room price reward payment bonus kurtosis skew skewness "
+        "outlier outliers ratio percent iqr"
     )
-)
+) | {""}
 # Rows of a wide table that are nobody.
 SUMMARIES = frozenset(
-    (
-        *("mos", "dmos", "cmos", "sd", "std", "stdev", "stddev", "se", "sem", "ci", "ci95", "95ci", "mean"),
-        *("average", "avg", "median", "var", "variance", "total", "sum"),
-    )
+    words_of("mos dmos cmos sd std stdev stddev se sem ci ci95 95ci mean average avg median var variance total sum")
 )
 # What a column is likely to say if its name or its cells hold this: that some rows should not count, or are apart.
 SUSPICIOUS = re.compile(

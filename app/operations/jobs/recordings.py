@@ -91,7 +91,7 @@ RECORDINGS = (
         name="import-recording",
         then=("reconstruct", "render"),
         title="Import a recording",
-        help="Makes a capture of a recording with a calibration of OpenCV, COLMAP, nerfstudio, Meshroom or others.",
+        help="Makes a capture of a recording whose cameras a program has calibrated or placed, or of a depth camera's.",
         command="capture import",
         places={
             "source": Entry(

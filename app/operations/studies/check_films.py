@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from app.errors import StudyError
@@ -100,7 +101,7 @@ def check_films(
     played = FilmCheck(now.isoformat(timespec="seconds"), films_digest(films), len(films), faults=faults)
     step = 1 if most_played is None else max(1, -(-len(whole) // most_played))
     played = _played(settings, whole[::step], played, progress)
-    path = settings.data_dir / "checks" / f"{study.slug}.json"
+    path = check_file(settings, study.slug)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_json(path, asdict(played))
     return played
@@ -122,10 +123,15 @@ def start_film_check(settings: Settings, database: Database, study: Study, actor
     return start_task(database, actor, title, work, subject=f"films of {study.slug}")
 
 
+def check_file(settings: Settings, slug: str) -> Path:
+    """Return where the last check of a study's films is kept."""
+    return settings.data_dir / "checks" / f"{slug}.json"
+
+
 def last_check(settings: Settings, study: Study, films: Sequence[ShownFilm]) -> FilmCheck | None:
     """Return the last check of these films; None: they were never checked, or are others now."""
     try:
-        known = FilmCheck(**read_json(settings.data_dir / "checks" / f"{study.slug}.json"))
+        known = FilmCheck(**read_json(check_file(settings, study.slug)))
     except (ValueError, TypeError):
         return None
     return known if known.films == films_digest(films) else None

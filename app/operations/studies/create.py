@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from app.ffmpeg import Progress, no_progress
-from app.files import file_digest
+from app.files import file_digest, is_reserved
 from app.intake.reports import SIZES_FROM, Measure, model_sizes
 from app.intake.stimuli import MANIFEST, StimulusSet, read_manifest
 from app.operations.database import open_store
@@ -227,7 +227,11 @@ def slugify(name: str) -> str:
     letters = "".join(LATIN.get(letter, letter) for letter in unicodedata.normalize("NFKD", name.casefold()))
     plain = letters.encode("ascii", "ignore").decode()
     slug = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:LONGEST_SLUG].strip("-")
-    if slug not in RESERVED and all(letter.isascii() for letter in letters if letter.isalnum()):
+    if (
+        slug not in RESERVED
+        and not is_reserved(slug)
+        and all(letter.isascii() for letter in letters if letter.isalnum())
+    ):
         return slug
     return f"{slug or 'name'}-{hashlib.sha256(name.strip().encode()).hexdigest()[:8]}"
 

@@ -1,6 +1,6 @@
 """Say beforehand what a study will be: its pairs and trials, the films to make, their time and size, minutes a person.
 
-How long an encoder takes here, and what it makes of such films, is measured on the first second of two of them.
+How long an encoder takes here, and what it makes of such films, is measured on the beginning of two of them.
 """
 
 from __future__ import annotations
@@ -16,20 +16,24 @@ from time import perf_counter
 
 from app.errors import StimuliError
 from app.ffmpeg import WORKERS
+from app.films.pairs import split_reference
+from app.films.practice import without_dataset
 from app.films.strips import GUARD_ROWS, H264, LIGHTER, SINGLE, Strips, encode
 from app.intake.stimuli import Stimulus, StimulusSet, read_manifest
 from app.operations.studies.prepare import chosen_exposure, left_out
 from app.settings import Settings
-from app.study.design.adaptive import adaptive_pairs
+from app.study.design.adaptive import adaptive_pairs, check_adaptive
 from app.study.design.balance import OrderPlan
+from app.study.design.groups import check_groups
 from app.study.options.duration import stage_minutes
-from app.study.options.options import StudyOptions
+from app.study.options.options import StudyOptions, check_minimum_viewing
 from app.study.protocols import DCR, WITH_REFERENCE
 from app.study.stages import PRACTICE
 from app.study.trial.trial import PlannedPair
 
-SAMPLED_FRAMES = 25  # a second, as a rule
-CHECKING = 1.8  # seconds of a film from its encoding to its check, by those of its encoding: measured, 320x180 to 4K
+SAMPLED_FRAMES, FEWEST_SAMPLED = 25, 8  # of a film: enough for an encoder to predict from
+SAMPLED_PIXELS = 25e6  # which take some seconds
+CHECKING = 1.45  # time of a film with its check, by that of encoding it alone: 1.38 to 1.52 from 320x180 to 1920x1080
 
 
 @dataclass(frozen=True)
@@ -71,8 +75,9 @@ def forecast(
         If an option does not fit the set.
     """
     kept = left_out(stimulus_set, options.without)
-    compared = kept.without_dataset(options.practice_dataset) if options.practice_dataset else kept
+    compared = without_dataset(kept, options.practice_dataset) if options.practice_dataset else kept
     exposure = chosen_exposure(compared, exposure_s)
+    _check(compared, options, exposure)
     films = list(_films(compared, options))
     pairs = _planned(compared, films)
     plan = _order_plan(compared, pairs, options)
@@ -81,8 +86,9 @@ def forecast(
     practised = compared.of_dataset(compared.datasets[0])[:2]
     n_practised = options.n_practice if PRACTICE in options.way else 0
     codecs = (H264, *filter(None, [options.second_codec]), *([LIGHTER] if options.lighter_films else []))
+    codecs = codecs if options.has_pair_films else ()
     files = [(film, codec) for film in (*films, *[practised] * n_practised) for codec in codecs]
-    if options.fallback:
+    if options.has_single_films:
         files += [((stimulus,), SINGLE) for stimulus in compared.stimuli]
     costs = {codec: _cost(compared, tuple(practised), codec) for codec in {codec for _, codec in files}}
     return Forecast(
@@ -94,6 +100,21 @@ def forecast(
         minutes=stage_minutes(options, n_trials, exposure),
         free_bytes=shutil.disk_usage(settings.data_dir).free,
     )
+
+
+def _check(compared: StimulusSet, options: StudyOptions, exposure_s: float) -> None:
+    """Refuse what the making of the study would refuse, minutes later."""
+    check_minimum_viewing(options, exposure_s)
+    check_groups(options.groups, compared.datasets)
+    if options.reference:
+        compared, _ = split_reference(compared, options.reference, 1 if options.protocol in WITH_REFERENCE else 2)
+    if options.adaptive_pairs:
+        check_adaptive(options.adaptive_pairs, len(compared.conditions))
+
+
+def without_pair_films(options: StudyOptions) -> StudyOptions:
+    """Return the options of the same study whose browsers decode single films, which are far fewer with many pairs."""
+    return options.but(pair_films="decoded", second_codec="", lighter_films=False)
 
 
 def _films(compared: StimulusSet, options: StudyOptions) -> Iterator[Sequence[Stimulus]]:
@@ -134,7 +155,7 @@ def _pixels(film: Sequence[Stimulus]) -> int:
 
 
 def _cost(compared: StimulusSet, stimuli: Sequence[Stimulus], codec: str) -> tuple[float, float]:
-    """Return the bytes and the seconds that a pixel takes in a codec, by a first second of these films."""
+    """Return the bytes and the seconds that a pixel takes in a codec, by the beginning of these films."""
     names = tuple(stimulus.name for stimulus in stimuli[: 1 if codec == SINGLE else None])
     return _measured(compared.folder, compared.sha256, names, codec)
 
@@ -145,11 +166,14 @@ def _measured(folder: Path, _sha256: str, names: Sequence[str], codec: str) -> t
     known = read_manifest(folder)
     shown = tuple(stimulus for stimulus in known.stimuli if stimulus.name in names)
     strips = Strips(shown, tuple(known.source(stimulus) for stimulus in shown), codec)
+    n_frames = shown[0].n_frames
+    affordable = int(SAMPLED_PIXELS * n_frames / _pixels(shown))
+    n_sampled = min(n_frames, SAMPLED_FRAMES, max(FEWEST_SAMPLED, affordable))
     with TemporaryDirectory() as work:
         out, begun_s = Path(work) / "sample.mp4", perf_counter()
         try:
-            encode(strips, out, most_frames=SAMPLED_FRAMES)
+            encode(strips, out, most_frames=n_sampled)
         except StimuliError:  # every film is checked when it is made, and refused then in words
             return float("nan"), float("nan")
-        n_pixels = _pixels(shown) * min(1.0, SAMPLED_FRAMES / shown[0].n_frames)
+        n_pixels = _pixels(shown) * n_sampled / n_frames
         return out.stat().st_size / n_pixels, (perf_counter() - begun_s) / n_pixels

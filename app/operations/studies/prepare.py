@@ -170,7 +170,14 @@ def _prepare_films(
         compared, references = split_reference(compared, options.reference, fewest)
     if options.adaptive_pairs:
         check_adaptive(options.adaptive_pairs, len(compared.conditions))
-    maker = FilmMaker(settings.media_dir, options.second_codec, bool(options.fallback), options.lighter_films, progress)
+    maker = FilmMaker(
+        settings.media_dir,
+        options.second_codec,
+        options.has_single_films,
+        options.lighter_films,
+        progress,
+        options.has_pair_films,
+    )
     if options.is_shown_alone:
         pairs = prepare_alone(practice.compared, maker)
     elif options.protocol == DCR:

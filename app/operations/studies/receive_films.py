@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import csv
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from app.errors import StimuliError
 from app.ffmpeg import VIDEO_SUFFIXES, Progress
-from app.files import read_json
+from app.files import is_plain_name, read_json
 from app.intake.bounds import in_bounds
 from app.intake.import_videos import import_stimuli
 from app.intake.stimuli import MANIFEST, StimulusSet, check_videos, read_manifest
@@ -17,6 +19,8 @@ from app.settings import Settings
 
 BELONGING = (*VIDEO_SUFFIXES, ".json", ".csv", ".txt", ".md")  # suffixes of files of a stimulus set, or of films
 UNNAMED = "Films"
+TABLE = "films.csv"  # says what each film shows that lies in no folder
+SEPARATORS = ("__", "_", "-", " ")  # of a scene's name from a condition's
 
 
 def install_set(
@@ -86,14 +90,56 @@ def _has_manifest(folder: Path) -> bool:
     return (folder / MANIFEST).is_file()
 
 
+def _put_into_folders(folder: Path) -> None:
+    """Put films that lie in no folder into one for each scene: as a table says, or as all of their names agree.
+
+    Raises
+    ------
+    StimuliError
+        If neither says what each of them shows.
+    """
+    flat = sorted(path for path in folder.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES)
+    if not flat:
+        return
+    table = folder / TABLE
+    places = _places_of_table(table) if table.is_file() else _places_of_names([path.stem for path in flat])
+    for path in flat:
+        dataset, condition = places.get(path.name, places.get(path.stem, ("", "")))
+        if any(not is_plain_name(part) for part in (dataset, condition)):
+            raise StimuliError(
+                f"{path.name} lies in no folder, and its name does not say what it shows; expected a folder for each "
+                "scene with a film for each condition, such as street/method-a.mp4, names such as street_method-a.mp4, "
+                f"or a table {TABLE} with the columns file, dataset and condition. Or drop the films themselves on New "
+                "study, which asks"
+            )
+        (folder / dataset).mkdir(exist_ok=True)
+        path.rename(folder / dataset / f"{condition}{path.suffix}")
+
+
+def _places_of_table(path: Path) -> dict[str, tuple[str, str]]:
+    """Read scene and condition of each file from a table."""
+    try:
+        rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines()))
+        return {row["file"].strip(): (row["dataset"].strip(), row["condition"].strip()) for row in rows}
+    except (KeyError, AttributeError, UnicodeDecodeError, csv.Error) as error:
+        raise StimuliError(f"{TABLE} cannot be read; expected the columns file, dataset and condition") from error
+
+
+def _places_of_names(names: Sequence[str]) -> dict[str, tuple[str, str]]:
+    """Split names such as street_method-a where one separator gives every scene every condition; nothing: none does."""
+    for separator in SEPARATORS:
+        for split in (str.rpartition, str.partition):
+            places = {name: split(name, separator)[::2] for name in names}
+            datasets, conditions = (set(parts) for parts in zip(*places.values(), strict=True))
+            is_whole = len(datasets) * len(conditions) == len(set(places.values())) == len(names)
+            if is_whole and len(conditions) > 1 and all(map(all, places.values())):
+                return places
+    return {}
+
+
 def _made(folder: Path, unpacked: Path, name: str, progress: Progress, *, is_conformed: bool) -> StimulusSet:
     """Make a set of plain films."""
-    flat = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES)
-    if flat:
-        raise StimuliError(
-            f"{flat[0]} lies in no folder; expected a folder for each scene with a film for each condition, such as "
-            "street/method-a.mp4 and street/method-b.mp4: put the films into folders, then pack them again"
-        )
+    _put_into_folders(folder)
     title = name.strip() or (folder.name if folder != unpacked else UNNAMED)
     out = unpacked.with_name("made") / slugify(title)
     made = import_stimuli(folder, out, is_conformed=is_conformed, name=title, progress=progress).stimulus_set

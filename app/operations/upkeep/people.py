@@ -10,15 +10,19 @@ from app.store.participants.participants import (
     check_not_erased,
     exclude,
     participant_labelled,
+    participant_record,
     undo_exclusion,
     withdraw_participant,
 )
+from app.store.participants.recruits import let_in_again
 from app.store.participants.screening import enter_result
 from app.store.studies.audit import Actor
 from app.store.studies.studies import Study
 from app.store.trials.sessions import new_resume_code
 from app.study.options.options import parse_options
 from app.study.screening.screening import EnteredResult, check_entered
+
+AGAIN = "takes part again"  # why what somebody gave before counts no more
 
 
 def exclude_person(database: Database, study: Study, label: str, reason: str, actor: Actor) -> None:
@@ -33,6 +37,17 @@ def include_person(database: Database, study: Study, label: str, actor: Actor) -
     with database.writing() as connection:
         undo_exclusion(connection, participant_labelled(connection, study.id, label), actor.name, actor.now)
         actor.note(connection, "exclusion undone", study, label)
+
+
+def let_take_part_again(database: Database, study: Study, label: str, actor: Actor) -> None:
+    """Let somebody begin anew by the same link; what they gave before stays, and counts no more."""
+    with database.writing() as connection:
+        person = participant_labelled(connection, study.id, label)
+        check_not_erased(connection, person.id)
+        if not participant_record(connection, person)["excluded"]:
+            exclude(connection, person, AGAIN, actor.name, actor.now)
+        let_in_again(connection, person.id, label)
+        actor.note(connection, "participant let in again", study, label)
 
 
 def withdraw_person(database: Database, study: Study, label: str, actor: Actor) -> None:

@@ -141,7 +141,7 @@ def import_study(
         If the file is not whole or not as described, or a study has this name.
     """
     unpacked = work / "unpacked"
-    progress("unpacking", 0, 0)
+    progress("unpacking and checking", 0, 1)
     limit = max(settings.largest_upload_mb * MB, packed.stat().st_size * 8)
     digests = in_bounds(_stage, packed, unpacked, work / ROWS, limit)
     source = open_database(f"sqlite:///{work / ROWS}")
@@ -211,12 +211,12 @@ def _import(
     values: dict[str, Any] = {"slug": slug, "name": chosen, "set_folder": str(set_folder) if set_folder else None}
     values |= {"paused_at": None if row["state"] == "closed" else actor.now}
     with ExitStack() as undo:
-        for number, place in enumerate(places):
-            progress("files", number, len(places))
+        for number, place in enumerate(places, start=1):
             _put(place, undo)
+            progress("files", number, len(places))
         if settings.media_url:
             MediaStore(settings.media_url).upload(settings.media_dir / file for file in here.values())
-        progress("rows", 0, 0)
+        progress("rows", 0, 1)
         with database.writing() as connection, source.reading() as rows:
             study_id = copy_study(rows, connection, values, here)
             detail = {"exported_as": row["slug"], "erased_again": n_erased}

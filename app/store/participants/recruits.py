@@ -6,13 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Connection, insert, select, update
+from sqlalchemy import Connection, func, insert, select, update
 
 from app.store.database.keys import new_code
-from app.store.database.tables import participant, recruit, session
+from app.store.database.tables import invitation, participant, recruit, session
 from app.store.participants.exclusions import takes_part_in
 from app.study.options.recruiting import Arrival, OutsideOptions
 from app.study.stages import ENDS
+
+EARLIER = "#"  # after an outside id, before the label of whom it belonged to; no id holds it
+LONGEST_ID = 55  # characters of an id that are kept before
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,27 @@ def renew_visit(connection: Connection, session_id: int, arrival: Arrival) -> No
     """Keep the parameters of somebody's last visit: MTurk's assignment is another one each time."""
     participants = select(session.c.participant_id).where(session.c.id == session_id).scalar_subquery()
     connection.execute(update(recruit).where(recruit.c.participant_id == participants).values(kept=dict(arrival.kept)))
+
+
+def let_in_again(connection: Connection, participant_id: int, label: str) -> None:
+    """Let somebody begin anew, by the same invitation or outside id, in any browser: what they began is theirs no more.
+
+    The outside id stays with what they began, marked by its label, so that whoever pays can tell both.
+    """
+    name = connection.execute(
+        select(session.c.public_id).where(session.c.participant_id == participant_id)
+    ).scalar_one()
+    gone = {"token_hash": f"-{name}", "resume_hash": f"-{name}", "begin_hash": None}
+    connection.execute(update(session).where(session.c.participant_id == participant_id).values(**gone))
+    is_theirs = recruit.c.participant_id == participant_id
+    outside_id = connection.scalar(select(recruit.c.outside_id).where(is_theirs))
+    if outside_id is not None and EARLIER not in outside_id:
+        earlier = f"{outside_id[:LONGEST_ID]}{EARLIER}{label}"
+        connection.execute(update(recruit).where(is_theirs).values(outside_id=earlier))
+    used = select(func.count()).where(participant.c.invitation_id == invitation.c.id).scalar_subquery()
+    theirs = select(participant.c.invitation_id).where(participant.c.id == participant_id).scalar_subquery()
+    is_full = (invitation.c.id == theirs) & (invitation.c.places <= used)
+    connection.execute(update(invitation).where(is_full).values(places=used + 1))
 
 
 def renew_codes(connection: Connection, study_id: int, options: OutsideOptions) -> None:

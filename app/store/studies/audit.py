@@ -13,6 +13,7 @@ from app.store.database.engine import Database, sorted_by
 from app.store.database.tables import audit_entry
 from app.store.database.tables import study as study_table
 from app.store.studies.studies import Study
+from app.study.languages.text import storable, storable_content
 
 COMMAND_LINE = "command line"
 STRANGER = "stranger"
@@ -58,14 +59,14 @@ class Actor:
 
 
 def record(connection: Connection, actor: str, entry: Entry, now: datetime) -> None:
-    """Add an entry to the log, in the transaction of the change."""
+    """Add an entry to the log, in the transaction of the change; what no file can hold becomes U+FFFD."""
     values = {
         "at": now,
-        "actor": actor,
+        "actor": storable(actor),
         "action": entry.action,
         "study_id": entry.study_id,
-        "subject": entry.subject[:LONGEST_SUBJECT],
-        "detail": dict(entry.detail),
+        "subject": storable(entry.subject)[:LONGEST_SUBJECT],
+        "detail": storable_content(dict(entry.detail)),
     }
     connection.execute(insert(audit_entry).values(**values))
 

@@ -11,7 +11,17 @@ from sqlalchemy import ColumnElement, Connection, Row, Table, exists, func, sele
 
 from app.errors import ConflictError
 from app.store.database.engine import insert_or_ignore
-from app.store.database.tables import condition, dataset, pair, participant, session, study, vote
+from app.store.database.tables import (
+    api_token,
+    condition,
+    dataset,
+    experimenter,
+    pair,
+    participant,
+    session,
+    study,
+    vote,
+)
 from app.store.participants.exclusions import takes_part_in
 from app.study.stages import FINISHED
 
@@ -130,6 +140,23 @@ def edit_study(connection: Connection, study_id: int, seen_revision: int, values
         raise ConflictError(
             "Somebody else has changed this study meanwhile. Look at it again, then repeat your change."
         )
+
+
+def give_address(connection: Connection, this_study: Study, slug: str) -> None:
+    """Give a study another slug; who sees some studies only, by their slugs, goes on seeing it.
+
+    Raises
+    ------
+    ConflictError
+        If another study has it.
+    """
+    if slug_exists(connection, slug):
+        raise ConflictError(f"Another study has the address {slug!r}; give this one another name first.")
+    connection.execute(update(study).where(study.c.id == this_study.id).values(slug=slug))
+    for holder in (experimenter, api_token):
+        for row in connection.execute(select(holder.c.id, holder.c.studies).where(holder.c.studies.is_not(None))).all():
+            studies = [slug if known == this_study.slug else known for known in row.studies]
+            connection.execute(update(holder).where(holder.c.id == row.id).values(studies=studies))
 
 
 def edit_set(connection: Connection, study_id: int, manifest_sha256: str, factors: Mapping[str, Sequence[str]]) -> None:

@@ -236,7 +236,7 @@ def film_file(connection: Connection, address: str) -> FilmFile | None:
     named = [select(table.c.media, table.c.file, table.c.sha256).where(table.c.media == name) for table in PAIRS]
     shown = connection.execute(union_all(of_trial.where(trial.c.public_id == name), *named)).first()
     if shown is None or not kind:
-        return FilmFile(H264, shown.file, shown.sha256) if shown else None
+        return FilmFile(H264, shown.file, shown.sha256) if shown and _has_both(connection, shown) else None
     if kind == SECOND_FILM:
         query = select(second_film).where(second_film.c.of_media == shown.media)
     elif kind == LIGHTER:
@@ -245,6 +245,12 @@ def film_file(connection: Connection, address: str) -> FilmFile | None:
         query = select(single_film).where(single_film.c.of_media == shown.media, single_film.c.strip == kind)
     row = connection.execute(query).one_or_none()
     return FilmFile(kind if kind in (SECOND_FILM, LIGHTER) else SINGLE, row.file, row.sha256) if row else None
+
+
+def _has_both(connection: Connection, shown: Any) -> bool:
+    """Is a pair's file one of both films, and not that of the upper one alone?"""
+    alone = select(single_film.c.id).where(single_film.c.of_media == shown.media, single_film.c.file == shown.file)
+    return connection.execute(alone).first() is None
 
 
 def has_single_films(connection: Connection, study_id: int) -> bool:
@@ -376,8 +382,9 @@ def shown_films(connection: Connection, study_id: int, *, n_strips: int, n_of_pr
         (practice_pair, practice_pair.c.study_id == study_id, n_of_practice),
     ):
         facts = [table.c[name] for name in ("media", "width", "height", "guard_rows", "fps", "n_frames")]
-        rows = connection.execute(select(*facts, table.c.file, table.c.sha256).where(belongs).order_by(table.c.id))
-        for row in rows.all():
+        alone = select(single_film.c.file).where(single_film.c.of_media == table.c.media)
+        both = select(*facts, table.c.file, table.c.sha256).where(belongs, table.c.file.not_in(alone))
+        for row in connection.execute(both.order_by(table.c.id)).all():
             whole = ShownFilm(**row._mapping, n_strips=strips)
             by_file.setdefault(whole.file, whole)
         for other, codec in ((second_film, ""), (lighter_film, LIGHTER), (single_film, SINGLE)):

@@ -21,9 +21,10 @@ class LabSheet(Options):
     )
     white_point: Annotated[Note, Setting("White point", "such as 5000 K or D65", ANY_TIME)] = ""
     room_light: Annotated[Note, Setting("Room light", "such as dark, controlled", ANY_TIME)] = ""
-    distance_cm: Annotated[float | None, Setting("Viewing distance, cm", "from eyes to display", ANY_TIME)] = Field(
-        default=None, ge=10, le=5000
-    )
+    distance_cm: Annotated[
+        float | None,
+        Setting("Viewing distance, cm", "from eyes to display; where it is known, nobody types it", ANY_TIME),
+    ] = Field(default=None, ge=10, le=5000)
 
     def as_json(self) -> dict[str, Any]:
         """Return what is noted."""

@@ -57,6 +57,7 @@ Pixels = Literal["fit", "1:1"]
 FullScreen = Literal["asked", "required"]
 SecondCodec = Literal["", "vp9", "av1"]  # besides H.264
 Fallback = Literal["", "webcodecs"]
+PairFilms = Literal["made", "decoded"]
 RandomEffects = Literal["", "participants", "participants,datasets"]
 RANDOM_EFFECTS: tuple[RandomEffects, ...] = get_args(RandomEffects)
 LongText = Annotated[str, StringConstraints(strip_whitespace=True, max_length=LONGEST_TEXT)]
@@ -327,6 +328,20 @@ class StudyOptions(Options):
             choices={"": "none", "vp9": "VP9", "av1": "AV1"},
         ),
     ] = ""
+    pair_films: Annotated[
+        PairFilms,
+        Setting(
+            "Films of pairs",
+            "how A and B are kept in step",
+            section="films",
+            change=WITH_FILMS,
+            choices={
+                "made": "a film of each pair, which every browser plays",
+                "decoded": "none: browsers decode both films picture by picture (WebCodecs); few films to make, and "
+                "who has no such browser is turned away",
+            },
+        ),
+    ] = "made"
     fallback: Annotated[
         Fallback,
         BeforeValidator(_without_two_videos),
@@ -416,6 +431,9 @@ class StudyOptions(Options):
     def _fits_protocol(self) -> Self:
         only_of_pairs = {"both_orders": self.both_orders, "adaptive_pairs": self.adaptive_pairs}
         check_with_protocol(self.protocol, self.scale, self.reference, only_of_pairs)
+        of_pair_films = {"second_codec": self.second_codec, "lighter_films": self.lighter_films}
+        if not self.has_pair_films and (wanted := [name for name, value in of_pair_films.items() if value]):
+            raise ValueError(f"{wanted[0]} is {of_pair_films[wanted[0]]!r}, and pair_films is 'decoded': leave one out")
         return self
 
     @property
@@ -438,6 +456,16 @@ class StudyOptions(Options):
     def is_shown_alone(self) -> bool:
         """Does a trial show one film?"""
         return self.protocol in SHOWN_ALONE
+
+    @property
+    def has_pair_films(self) -> bool:
+        """Are both films of a pair in one file, or is there but one?"""
+        return self.is_shown_alone or self.pair_films == "made"
+
+    @property
+    def has_single_films(self) -> bool:
+        """Is there a film of each stimulus, to be decoded together with another's?"""
+        return bool(self.fallback) or not self.has_pair_films
 
     @property
     def reference_beside(self) -> str:

@@ -26,6 +26,8 @@ EASY_EVERY = 6  # every sixth ring is easier, which keeps people motivated
 EASIER_BY = 0.3  # logMAR
 FEWEST_GAP_PIXELS = 2.0  # a smaller gap is drawn by grey levels rather than by its shape
 INTERVAL = 0.95
+CERTAIN = 0.995  # probability of a verdict at which no more rings are shown
+FEWEST_RINGS = 10  # before the test may stop by its own certainty: an early slip or lucky guess still weighs
 
 Verdict = Literal["passed", "failed", "cannot be certified"]
 
@@ -37,7 +39,7 @@ class AcuityTest:
     Parameters
     ----------
     limit : logMAR that must be reached; larger is worse
-    n_trials : number of rings
+    n_trials : number of rings at most
     smallest : logMAR of the smallest ring that this display can draw at this distance
     largest : logMAR of the largest ring that fits
     """
@@ -146,6 +148,19 @@ def posterior(rings: Sequence[Ring]) -> NDArray[np.float64]:
     return np.asarray(weights / weights.sum())
 
 
+def is_over(rings: Sequence[Ring], test: AcuityTest) -> bool:
+    """Has a participant seen all rings, or enough of them to know on which side of the limit the acuity lies?
+
+    A display that cannot draw the ring at the limit cannot decide, so there all rings are shown.
+    """
+    if len(rings) >= test.n_trials:
+        return True
+    if len(rings) < FEWEST_RINGS:
+        return False
+    reached = float(posterior(rings)[test.limit >= THRESHOLDS].sum())
+    return test.can_certify and not 1 - CERTAIN < reached < CERTAIN
+
+
 def next_size(rings: Sequence[Ring], test: AcuityTest) -> float | None:
     """Return the size of the next ring, logMAR: the most probable threshold so far; None when the test is over.
 
@@ -153,7 +168,7 @@ def next_size(rings: Sequence[Ring], test: AcuityTest) -> float | None:
     ------
     Lieberman and Pentland 1982 (Best-PEST); Bach 1996. Unlike theirs, the maximum is a posteriori: see `posterior`.
     """
-    if len(rings) >= test.n_trials:
+    if is_over(rings, test):
         return None
     if not rings:
         return min(max(LARGEST_FIRST, test.smallest), max(test.largest, test.smallest))
@@ -174,7 +189,7 @@ def judge(rings: Sequence[Ring], test: AcuityTest) -> Acuity:
     ValueError
         If the test is not over.
     """
-    if len(rings) < test.n_trials:
+    if not is_over(rings, test):
         raise ValueError(f"{len(rings)} of {test.n_trials} rings answered; the test is not over")
     probability = posterior(rings)
     logmar = round(float(THRESHOLDS @ probability), 3)  # as it is told beside the limit

@@ -127,6 +127,25 @@ def plan_plates(test: ColourTest, rng: np.random.Generator) -> list[PlannedPlate
     ]
 
 
+def unsettled_kinds(answers: Sequence[Answer], test: ColourTest) -> set[PlateKind]:
+    """Return the kinds of plate whose part of the verdict may still change: the others need not be shown any more."""
+    needed = _needed(test)
+    marks = [(answer.kind, answer.is_right) for answer in answers]
+    allowed: dict[PlateKind, int] = {"control": 0, "catch": test.n_catches // 2}
+    allowed |= dict.fromkeys(test.axes, test.n_misses)
+    return {
+        kind
+        for kind, n in needed.items()
+        if marks.count((kind, True)) < n and marks.count((kind, False)) <= allowed[kind]
+    }
+
+
+def _needed(test: ColourTest) -> dict[PlateKind, int]:
+    """Return how many plates of each kind are to be answered right."""
+    needed: dict[PlateKind, int] = {"control": 1, "catch": math.ceil(test.n_catches / 2)}
+    return needed | dict.fromkeys(test.axes, test.n_plates - test.n_misses)
+
+
 def judge_colours(answers: Sequence[Answer], test: ColourTest) -> tuple[Verdict, dict[str, Any]]:
     """Return the verdict of a test, and the right answers by kind of plate.
 
@@ -138,14 +157,13 @@ def judge_colours(answers: Sequence[Answer], test: ColourTest) -> tuple[Verdict,
     ValueError
         If the test is not over.
     """
-    n_plates: dict[PlateKind, int] = {"control": 1, "catch": test.n_catches}
-    n_plates |= dict.fromkeys(test.axes, test.n_plates)
-    marks_by_kind = {kind: [answer.is_right for answer in answers if answer.kind == kind] for kind in n_plates}
-    if missing := [kind for kind, n in n_plates.items() if len(marks_by_kind[kind]) < n]:
-        raise ValueError(f"the plates {missing} are not all answered; the test is not over")
+    if missing := unsettled_kinds(answers, test):
+        raise ValueError(f"the plates {sorted(missing)} are not all answered; the test is not over")
+    needed = _needed(test)
+    marks_by_kind = {kind: [answer.is_right for answer in answers if answer.kind == kind] for kind in needed}
     details = {kind: {"right": sum(marks), "of": len(marks)} for kind, marks in marks_by_kind.items()}
-    failed = [axis for axis in test.axes if sum(marks_by_kind[axis]) < test.n_plates - test.n_misses]
-    is_valid = all(marks_by_kind["control"]) and 2 * sum(marks_by_kind["catch"]) >= test.n_catches
+    failed = [axis for axis in test.axes if sum(marks_by_kind[axis]) < needed[axis]]
+    is_valid = all(sum(marks_by_kind[kind]) >= needed[kind] for kind in ("control", "catch"))
     verdict: Verdict = "inconclusive" if not is_valid else "failed" if failed else "passed"
     return verdict, {"plates": details, "failed_axes": failed}
 

@@ -37,6 +37,7 @@ from app.study.screening.colour_vision import (
     draw_plate,
     judge_colours,
     plan_plates,
+    unsettled_kinds,
 )
 from app.study.screening.pictures import RING, landolt_ring
 
@@ -48,7 +49,7 @@ Verdict = Literal["passed", "failed", "cannot be certified", "inconclusive", "no
 TESTS: tuple[TestName, ...] = ("acuity", "colour")
 NOT_TAKEN: Verdict = "not taken"
 ENTERED_VERDICTS: tuple[Verdict, ...] = ("passed", "failed")
-FARTHEST_CM = 600.0  # of a fixed distance
+NEAREST_CM, FARTHEST_CM = 20.0, 600.0  # of a fixed distance
 RING_SHARE = 0.5  # of the window's height, for the largest ring
 LARGEST_GAP_PX = 200.0  # larger rings add no information and take long to send
 
@@ -80,7 +81,7 @@ class ScreeningOptions(Options):
         ),
     ] = "typed"
     distance_cm: Annotated[float | None, Setting("Fixed distance, cm", "only for a fixed distance", step="0.5")] = (
-        Field(default=None, ge=20, le=FARTHEST_CM)
+        Field(default=None, ge=NEAREST_CM, le=FARTHEST_CM)
     )
     colour_axes: Annotated[
         SomeOf[Axis],
@@ -199,7 +200,7 @@ def colour_setup(options: ScreeningOptions, seed: int) -> dict[str, Any]:
 
 
 def n_items(test: TestName, setup: Mapping[str, Any]) -> int:
-    """Count the rings or plates of a test."""
+    """Count the rings or plates that a test has at most: it ends when its verdict is certain."""
     return int(setup["n_trials"]) if test == "acuity" else len(_plan(setup))
 
 
@@ -216,11 +217,10 @@ def next_content(test: TestName, setup: Mapping[str, Any], items: Sequence[Item]
         size = next_size(_rings(items), acuity_test(setup))
         gap = int(np.random.default_rng([setup["seed"], len(items)]).integers(8))
         return None if size is None else {"size": size, "gap": gap}
-    plan = _plan(setup)
-    if len(items) == len(plan):
-        return None
-    plate = plan[len(items)]
-    return {"kind": plate.kind, "gap": plate.gap, "seed": plate.seed}
+    shown = {item.content["seed"] for item in items}
+    kinds = unsettled_kinds(_answers(items), _colour_test(setup))
+    left = (plate for plate in _plan(setup) if plate.seed not in shown and plate.kind in kinds)
+    return next(({"kind": plate.kind, "gap": plate.gap, "seed": plate.seed} for plate in left), None)
 
 
 def is_possible(test: TestName, answer: int) -> bool:
@@ -256,8 +256,7 @@ def verdict_of(test: TestName, setup: Mapping[str, Any], items: Sequence[Item]) 
     items : all, answered
     """
     if test == "colour":
-        answers = [Answer(item.content["kind"], item.content["gap"], _given(item)) for item in items]
-        return judge_colours(answers, _colour_test(setup))
+        return judge_colours(_answers(items), _colour_test(setup))
     acuity = judge(_rings(items), acuity_test(setup))
     names = ("logmar", "low", "high", "is_bound")
     return acuity.verdict, {name: getattr(acuity, name) for name in names}
@@ -269,6 +268,10 @@ def acuity_test(setup: Mapping[str, Any]) -> AcuityTest:
 
 def _rings(items: Sequence[Item]) -> list[Ring]:
     return [Ring(item.content["size"], item.content["gap"], _given(item)) for item in items]
+
+
+def _answers(items: Sequence[Item]) -> list[Answer]:
+    return [Answer(item.content["kind"], item.content["gap"], _given(item)) for item in items]
 
 
 def _given(item: Item) -> int:

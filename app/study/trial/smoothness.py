@@ -7,9 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from app.study.trial.technique import TWO_VIDEOS
+from app.study.trial.valid_vote import press_to_picture_ms
 
 LONGEST_GAP_S = 1.0  # between two frames, besides the film's own step: a computer asleep, or one that is far too busy
 FEWEST_FRAMES = 0.5  # of those that a film without drops presents; the page, which switches, paints as often at least
+
+LATEST_PICTURE_MS = 250.0  # after a press, at the median; a usual computer takes about 30
 
 
 @dataclass(frozen=True)
@@ -21,7 +24,7 @@ class Smoothness:
     longest_gap_ms : between two presented frames, or from the last one to the look's end
     frame_share : frames presented, of those that a film without drops presents in the same time
     mismatch_share : refreshes of the display at which A and B were different frames, of all
-    shown_smoothly : whether the frames support the viewing time
+    shown_smoothly : whether the frames support the viewing time, and came soon after presses
     """
 
     longest_gap_ms: float | None
@@ -52,7 +55,8 @@ def smoothness(viewing: Mapping[str, Any] | None, fps: float) -> Smoothness:
     if share is not None or gap_ms is not None:
         refreshes = _share(told.get("n_refreshes"), expected)
         has_frames = min(known for known in (share, refreshes, 1.0) if known is not None) >= FEWEST_FRAMES
-        verdict = has_frames and (gap_ms is None or gap_ms <= allowed_gap_ms(fps))
+        is_prompt = (press_to_picture_ms(viewing) or 0.0) <= LATEST_PICTURE_MS
+        verdict = has_frames and is_prompt and (gap_ms is None or gap_ms <= allowed_gap_ms(fps))
     return Smoothness(gap_ms, share, _share(viewing.get("n_mismatches"), told.get("n_refreshes", 0)), verdict)
 
 

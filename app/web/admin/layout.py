@@ -64,6 +64,7 @@ MANUAL = {  # where the manual speaks of a page, by its template; of others in i
     "stimuli": "formats",
     "strokes": "intake#draw-strokes-for-masks",
     "studies": "experimenter#a-study",
+    "table_reading": "analysis#votes",
     "task": "work",
     "texts": "languages",
     "tokens": "api#a-token",

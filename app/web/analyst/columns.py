@@ -21,7 +21,9 @@ PROTOCOL = "PC, ACR, ACR-HR, DCR or CCR"
 LONGEST_GAP = "longest time between two frames on the display, milliseconds; empty where not recorded"
 FRAME_SHARE = "frames presented, of those that a film without drops presents in the time; empty where not recorded"
 MISMATCH_SHARE = "share of the display's refreshes at which A and B were different frames; empty where not recorded"
-SHOWN_SMOOTHLY = "false if half of the frames were missing, or none came for more than a second; empty: not recorded"
+SHOWN_SMOOTHLY = (
+    "false if half of the frames were missing, none came for a second, or pictures came late; empty: unknown"
+)
 NOT_SMOOTH = "votes whose films were not shown smoothly; empty where that was not recorded"
 FRAME_LOCKED = "false if A and B may have been a frame apart at times (two videos)"
 
@@ -176,7 +178,7 @@ SCORES: Columns = {
     "penalty": "estimate that stands in for a maximum of separated votes; else empty",
     "letters": "conditions that share a letter are not told apart (all pairs, on single datasets of all of them; Holm)",
     "no_limit": "above or below where all decided votes go one way, so that the score has no limit there; else empty",
-    "p_best": "probability to be the best, by these votes alone, if all scores were as likely before",
+    "p_best": "probability to have the highest true score, by these votes alone",
     "rank_low": "first rank that the tests of pairs leave the condition; all such intervals hold together with 95 %",
     "rank_high": "last rank",
     "quasi_se": "error whose squares add up to that of any difference (quasi-variance)",

@@ -358,15 +358,13 @@ def _plain(value: Any) -> Any:
 def _cell(value: Any) -> Any:
     if value is None:
         return ""
-    if isinstance(value, bool):
-        return "TRUE" if value else "FALSE"  # R reads no other words as logical, and pandas reads these, too
     return without_formula(value) if isinstance(value, str) else _written(value)
 
 
 def _written(value: Any) -> Any:
-    """Return a value as CSV, and text in Parquet, write it."""
+    """Return a value as CSV, and text in Parquet, write it; R reads no other words as logical, pandas reads these."""
     if isinstance(value, bool):
-        return "true" if value else "false"
+        return "TRUE" if value else "FALSE"
     return _plain(_nested_as_text(value))
 
 

@@ -34,6 +34,7 @@ from app.web.roles import AStudy, may_read
 
 PLAIN = {CONSENT: "consent", DEBRIEFING: "debriefing"}  # options that hold the texts of the study's first language
 LONGEST_CHECK_S = 60
+MOST_PLANNED = 400  # pairs of a study, which take some 4 s to simulate
 IMAGES = ("image/png", "image/jpeg", "image/gif", "image/webp")
 
 router = APIRouter(prefix="/api/v1", tags=["material"], route_class=CompressedRoute)
@@ -172,6 +173,7 @@ def plan_of_study(
     with database.reading() as connection:
         n_conditions, n_datasets = len(conditions_of(connection, study.id)), len(datasets_of(connection, study.id))
         is_rated = study_plan(connection, study).is_rated
+    _check_size(n_conditions, n_datasets)
     planned = plan_of(n_conditions, n_datasets, participants, effect, spread, is_rated=is_rated)
     return json_object(planned, chosen)
 
@@ -187,6 +189,7 @@ def plan(
     is_rated: Annotated[bool, Query(description="ratings of single films rather than choices between two")] = False,
 ) -> Response:
     """Say what a study of so many conditions, datasets and participants can show, before there is any."""
+    _check_size(conditions, datasets)
     return json_object(plan_of(conditions, datasets, participants, effect, spread, is_rated=is_rated), chosen)
 
 
@@ -211,3 +214,18 @@ def figure_file(
     if content is None:
         raise NotFoundError("There is no such figure of these votes yet; figures are listed beside this address.")
     return Response(content, media_type=FIGURE_TYPES[kind])
+
+
+def _check_size(n_conditions: int, n_datasets: int) -> None:
+    """Refuse to simulate studies that would keep the server busy for long.
+
+    Raises
+    ------
+    InvalidError
+    """
+    n_trials = n_conditions * (n_conditions - 1) // 2 * n_datasets
+    if n_trials > MOST_PLANNED:
+        raise InvalidError(
+            f"A study of {n_conditions} conditions in {n_datasets} datasets has {n_trials} pairs; this server "
+            f"simulates {MOST_PLANNED} at most. `reconstudy plan` on a computer of your own has no such limit."
+        )

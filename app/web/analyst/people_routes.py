@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Depends, Path, Request
 from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse, Response
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import BaseModel, Field, StringConstraints
 
 from app.operations.upkeep.people import (
     enter_screening,
@@ -30,6 +30,7 @@ from app.web.analyst.compression import CompressedRoute
 from app.web.analyst.formats import ChosenFormat, table
 from app.web.analyst.openapi import object_answers, table_answers
 from app.web.analyst.openapi_examples import EVERYTHING
+from app.web.analyst.study_routes import Body, StudyEditor
 from app.web.gates import Now, Store, settings
 from app.web.roles import AStudy, Reader, may_change, may_read
 
@@ -38,15 +39,8 @@ router = APIRouter(prefix="/api/v1", tags=["people"], route_class=CompressedRout
 
 Excluder = Annotated[Actor, Depends(may_change(PEOPLE))]
 Eraser = Annotated[Actor, Depends(may_change(ERASING))]
-CodeGiver = Annotated[Actor, Depends(may_change(STUDIES))]
 Label = Annotated[str, Path(max_length=40)]
 Line = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200)]
-
-
-class Body(BaseModel):
-    """A body that refuses names it does not know."""
-
-    model_config = ConfigDict(extra="forbid")
 
 
 class ExclusionBody(Body):
@@ -113,7 +107,7 @@ def erase(request: Request, label: Label, actor: Eraser, study: AStudy, database
 
 
 @router.post(f"{BASE}/resume-code", status_code=201, response_model=CodeView)
-def renew_resume_code(label: Label, actor: CodeGiver, study: AStudy, database: Store) -> CodeView:
+def renew_resume_code(label: Label, actor: StudyEditor, study: AStudy, database: Store) -> CodeView:
     """Make a new code for a participant who lost theirs; the older one ends. After the end of a session: 409."""
     return CodeView(participant=label, code=renew_code(database, study, label, actor))
 

@@ -188,6 +188,7 @@ def inputs_of(
         "groups": groups or {},
         "random_effects": options.random_effects,
         "lapses": options.lapses,
+        "adaptive_pairs": options.adaptive_pairs > 0,
         "planned_participants": options.planned_participants or None,
     }
     counted = asdict(state) | ({"excluded": {}} if with_excluded else {})

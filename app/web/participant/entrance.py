@@ -26,6 +26,7 @@ from app.study.options.duration import stage_minutes
 from app.study.options.options import StudyOptions, parse_options
 from app.study.options.recruiting import Arrival
 from app.study.stages import ENDS
+from app.study.trial.technique import WEBCODECS
 from app.web.gates import PARTICIPANT_COOKIE, cookie, database, now
 from app.web.once import Shared
 
@@ -99,7 +100,7 @@ def entrance(request: Request, code: str, *, is_for_another: bool = False) -> En
         is_shared=study.standing == "open" and places and not options.outside.id,
         options=options,
         images=images,
-        fallback=options.fallback if has_singles else "",
+        fallback=_technique(options) if has_singles else "",
         outside={options.outside.id: arrival.outside_id, **arrival.kept} if arrival else {},
         no_consent_url=options.outside.address("no_consent", arrival),
         full_url=options.outside.address("full", arrival),
@@ -109,6 +110,10 @@ def entrance(request: Request, code: str, *, is_for_another: bool = False) -> En
         is_preview=session is not None and state == "mine" and session.is_preview,
         has_ended=has_ended,
     )
+
+
+def _technique(options: StudyOptions) -> str:
+    return options.fallback if options.has_pair_films else WEBCODECS
 
 
 def _has_ended(connection: Transaction, study: Study, arrival: Arrival) -> bool:

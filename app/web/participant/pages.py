@@ -39,6 +39,7 @@ from app.web.limits.throttle import WRONG_CODES
 from app.web.markdown import render_markdown
 from app.web.participant.beginning import remember
 from app.web.participant.entrance import Entrance, entrance, see_invitation
+from app.web.participant.joined import compressed, joined_address
 from app.web.participant.trial_bodies import FILM_TYPES
 
 DEFAULT_LANGUAGE = "en"
@@ -94,7 +95,7 @@ def participant_page(request: Request, code: str, another: str = "") -> Response
     language = study.language or ""
     language = language if language in offered else _language(request, offered)
     shown = wording(offered[language], study.options, study.title, study.images)
-    return _page(
+    page = _page(
         request,
         "participant/study.html",
         200,
@@ -107,7 +108,9 @@ def participant_page(request: Request, code: str, another: str = "") -> Response
         code=code,
         person=_person(code, study),
         second_type=FILM_TYPES.get(study.options.second_codec),
+        joined=joined_address,
     )
+    return compressed(request, page)
 
 
 def _person(code: str, study: Entrance | None) -> str:

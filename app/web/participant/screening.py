@@ -25,10 +25,11 @@ from app.store.participants.screening import (
     states_of,
 )
 from app.store.trials.sessions import Session
+from app.study.options.options import StudyOptions
 from app.study.screening.acuity import certifying_distance_mm, smallest_size
 from app.study.screening.colour_vision import DIRECTIONS, NOTHING
 from app.study.screening.pictures import png
-from app.study.screening.screening import TestName, draw, is_possible
+from app.study.screening.screening import FARTHEST_CM, NEAREST_CM, TestName, draw, is_possible
 from app.study.screening.viewing_distance import (
     N_BLIND_SPOTS,
     N_CARDS,
@@ -133,8 +134,8 @@ def measure_display(body: CardBody, signed_in: Participant, database: Store, now
         raise InvalidError(f"This cannot be: {error}. Please measure again.") from error
     height_px = round(body.window_height * body.device_pixel_ratio)
     keep_display(database, session.id, pitch, height_px, body.model_dump(), now)
-    if session.options.screening.distance_cm is not None:
-        keep_distance(database, session.id, 10 * session.options.screening.distance_cm, "fixed", {})
+    if (distance_cm := _known_distance_cm(session.options)) is not None:
+        keep_distance(database, session.id, 10 * distance_cm, "fixed", {})
     return _view(database, session)
 
 
@@ -217,15 +218,24 @@ def _distance(body: DistanceBody, display: Display) -> tuple[float, str]:
     return blind_spot_distance_mm([css_mm * offset for offset in body.blind_spots or ()]), "blind spot"
 
 
+def _known_distance_cm(options: StudyOptions) -> float | None:
+    """Return the distance that no participant is asked for: the option, else what the lab sheet says of the room."""
+    if options.screening.distance != "typed":
+        return options.screening.distance_cm
+    noted = options.lab_sheet.distance_cm
+    return noted if noted is not None and NEAREST_CM <= noted <= FARTHEST_CM else None
+
+
 def _view(database: Database, session: Session) -> ScreeningView:
     options = session.options.screening
+    known_cm = _known_distance_cm(session.options)
     with database.reading() as connection:
         states = states_of(connection, session.id, options)
         display = display_of(connection, session.id)
     return ScreeningView(
         tests=[TestView(**asdict(state)) for state in states],
-        distance=options.distance,
-        fixed_distance_cm=options.distance_cm,
+        distance=options.distance if known_cm is None else "fixed",
+        fixed_distance_cm=known_cm,
         pixel_mm=display.pixel_mm if display else None,
         certificate=_certificate(display, options.acuity_limit) if display else None,
         seat_cm=round(display.seat_mm / 10, 1) if display and display.seat_mm is not None else None,

@@ -11,7 +11,10 @@ from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
 from pathlib import Path
 
+import cv2
+
 from recon.capture.format import CAPTURE_FILE, Capture, CaptureError
+from recon.capture.importing.bags import import_bag
 from recon.capture.importing.calibrations.benchmarks import read_kitti, read_middlebury_pair
 from recon.capture.importing.calibrations.matlab import read_matlab
 from recon.capture.importing.calibrations.multi_view import read_miv, read_mvsnet, read_strecha
@@ -19,15 +22,18 @@ from recon.capture.importing.calibrations.placed import Placed
 from recon.capture.importing.calibrations.robots import read_euroc, read_kalibr, read_ros
 from recon.capture.importing.colmap import import_colmap
 from recon.capture.importing.colmap_model import FOLDERS
+from recon.capture.importing.depth_cameras import read_scannet, read_tum
 from recon.capture.importing.json_file import import_json
 from recon.capture.importing.meshroom import SFM_FILES, import_meshroom
 from recon.capture.importing.middlebury import FPS, TEMPLE_PAIRS, import_middlebury
 from recon.capture.importing.nerfstudio import TRANSFORMS, import_nerfstudio
 from recon.capture.importing.opencv import import_opencv
-from recon.capture.importing.sources import ImportOptions, write_recording
+from recon.capture.importing.sources import ImportOptions, Recording, write_recording
 from recon.capture.importing.views import choose_sensors
 
 AUTO = "auto"
+BROKEN = (AttributeError, LookupError, OverflowError, TypeError, cv2.error)  # what reading raises of odd values
+ALIKE = 0.7  # of two names, from 0 to 1
 LOOKED_AT = 65536  # bytes of a file
 MM, METRE = 1.0, 1000.0
 TEMPLE_FRAMES = 3
@@ -55,9 +61,10 @@ class Format:
 
     def is_in(self, source: Path) -> bool:
         """Tell whether a source has such a file."""
-        return any(re.search(self.holds, _beginning(path)) for path in self._candidates(source))
+        return any(re.search(self.holds, _beginning(path)) for path in self.candidates(source))
 
-    def _candidates(self, source: Path) -> Iterator[Path]:
+    def candidates(self, source: Path) -> Iterator[Path]:
+        """Yield the files of a source that have the names of this format's, whatever they say."""
         for pattern in self.files:
             if source.is_dir():
                 yield from (path for path in sorted(source.glob(pattern)) if path.is_file())
@@ -80,10 +87,11 @@ def import_recording(name: str, source: Path, out: Path, options: ImportOptions)
     CaptureError
         Naming what is wrong, and the format that the source looks like, if it is another one.
     """
-    if name == AUTO:
-        return FORMATS[find_format(source)].run(source, out, options)
+    name = find_format(source) if name == AUTO else name
     try:
         return FORMATS[name].run(source, out, options)
+    except BROKEN as error:
+        raise CaptureError(f"{source}: is not whole: {type(error).__name__} {error}") from error
     except ValueError as error:
         likely = [] if FORMATS[name].is_in(source) else _known(source)
         if not likely:
@@ -99,15 +107,27 @@ def find_format(source: Path) -> str:
         raise CaptureError(f"{source}: is a capture already, with a {CAPTURE_FILE}; nothing is to be imported")
     if known := _known(source):
         return known[0]
+    raise CaptureError(f"{source}: is in no format that is known{_nearest(source)}. Known are {', '.join(FORMATS)}")
+
+
+def _nearest(source: Path) -> str:
+    """Say which format has files of the same names that say something else, or of names that are nearly the same."""
+    for name, kind in FORMATS.items():
+        by_name = [
+            path for path in kind.candidates(source) if f"*{path.suffix}" not in kind.files
+        ]  # any name says nothing
+        if by_name:
+            return f"; nearest is {name}, but {by_name[0].name} is none of its files: {kind.means}"
     names = [path.name for path in source.iterdir()] if source.is_dir() else [source.name]
-    near, file = max(
-        ((name, file) for name, kind in FORMATS.items() for file in kind.files),
-        key=lambda pair: max((_likeness(Path(pair[1]).name, name) for name in names), default=0.0),
-    )
-    raise CaptureError(
-        f"{source}: is in no format that is known; the nearest is {near}, which has {file}"
-        f"{f' with {FORMATS[near].holds!r} in it' if FORMATS[near].holds else ''}. Expected one of {', '.join(FORMATS)}"
-    )
+    pairs = [
+        (max((_likeness(Path(file).name, name) for name in names), default=0.0), format_name, file)
+        for format_name, kind in FORMATS.items()
+        for file in kind.files
+    ]
+    likeness, nearest, file = max(pairs)
+    if likeness < ALIKE:
+        return ", as none of its files tells cameras"
+    return f"; nearest is {nearest}, which has {file}: {FORMATS[nearest].means}"
 
 
 def _known(source: Path) -> list[str]:
@@ -143,6 +163,11 @@ def _asking(read: Callable[[Path, float | None], Placed]) -> Callable[[Path, Pat
         return _placed(lambda path, _: read(path, options.unit_mm), MM)(source, out, options)
 
     return run
+
+
+def _recorded(read: Callable[[Path, ImportOptions], Recording]) -> Callable[[Path, Path, ImportOptions], Capture]:
+    """Return an importer of what depth cameras recorded."""
+    return lambda source, out, options: write_recording(out, read(source, options), options)
 
 
 def _temple(source: Path, out: Path, options: ImportOptions) -> Capture:
@@ -246,6 +271,28 @@ FORMATS: dict[str, Format] = {  # the first of those that know a source reads it
         ("cams/*_cam.txt", "*_cam.txt"),
         "any unit (mm of DTU), `images/`; `rendered_depth_maps/*.pfm`; bounds from the depths",
         r"^\s*extrinsic",
+    ),
+    "tum": Format(
+        _recorded(read_tum),
+        ("rgb.txt", "depth.txt"),
+        "`rgb.txt`, `depth.txt`; with `groundtruth.txt`, `--shots` or eight frames become sensors and others between "
+        "them are held out; without, the camera stood still; the camera by the sequence's name, or `calibration.txt`",
+        r"(?m)^\d+\.?\d*\s+\S+\.\w+\s*$",
+        ("units", "up", "shots"),
+    ),
+    "scannet": Format(
+        _recorded(read_scannet),
+        ("intrinsic/intrinsic_color.txt", "intrinsics_color.txt", "intrinsics.txt", "intrinsic.txt"),
+        "`color`, `depth` in mm, `pose` (or none), `intrinsic`; as `tum`",
+        takes=("units", "up", "shots"),
+    ),
+    "rosbag": Format(
+        import_bag,
+        ("*.bag", "metadata.yaml", "*.db3", "*.mcap"),
+        "ROS 1 and 2, RealSense's by its ROS node: two topics with camera_info, a pair or pictures and depth maps that "
+        "are aligned to them; `--shots TOPIC,TOPIC` where there are more; `pip install reconstudy[ros]`",
+        r"^#ROSBAG V2|rosbag2_bagfile_information|^SQLite format 3|MCAP0",
+        ("units", "up", "shots"),
     ),
     "opencv": Format(
         lambda source, out, options: import_opencv(source, out, options),

@@ -62,12 +62,15 @@ class Reconstruct(Command):
         is_several=True,
     )
     colour: str = option(
-        "vertices",
-        "Where models take colours from, comma-separated: vertices (averaged as the surface is) and photographs (a "
-        "texture as sharp as the pictures).",
+        "photographs",
+        "Where models take colours from, comma-separated: photographs (a texture as sharp as the pictures) and "
+        "vertices (averaged as the surface is, as in the paper).",
         label="Colours",
-        note="none chosen: vertices",
-        choices={"vertices": "averaged as the surface is", "photographs": "a texture as sharp as the pictures"},
+        note="none chosen: photographs",
+        choices={
+            "photographs": "a texture as sharp as the pictures",
+            "vertices": "averaged as the surface is, as in the paper",
+        },
         is_several=True,
     )
     approach: str = APPROACHES
@@ -149,6 +152,12 @@ class Export(Command):
     out: Path = argument("File to write: .glb for viewers and the web, .ply, or .obj of a mesh with a texture.")
     truth: Path | None = option(None, "The true mesh; colours then show the error, red outside, blue inside.")
     limit: float | None = option(None, "Error that gets the full colour, mm; default: 95 % of the vertices have less.")
+    sequence: bool = option(
+        False,
+        "Write all frames of a folder as one glTF that shows them in turn, into the folder OUT.",
+        flags=("--sequence",),
+    )
+    fps: float = option(25.0, "Frames a second of the sequence.", ge=0.01)
 
 
 class Models(Command):

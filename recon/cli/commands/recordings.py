@@ -25,6 +25,9 @@ IMPORTED = {  # what each format is called, for people; `recon.capture.importing
     "strecha": "Strecha's .camera files",
     "mvsnet": "MVSNet's and DTU's cam.txt",
     "miv": "MPEG's MIV content",
+    "tum": "TUM's RGB-D benchmark",
+    "scannet": "RGB-D folders as those of ScanNet",
+    "rosbag": "a bag of ROS 1 or 2",
     "json": "a JSON file of cameras",
 }
 
@@ -33,14 +36,18 @@ class CaptureImport(Command):
     """Of `capture import`."""
 
     format: str = argument(
-        f"Format of the source: {', '.join(IMPORTED)}; auto finds it by its files.", label="Format", choices=IMPORTED
+        f"Format of the source: {', '.join(IMPORTED)}; auto finds it by its files.",
+        label="Format",
+        note="found by the files, unless you say it",
+        choices=IMPORTED,
     )
     source: Path = argument("Folder of the recording, or its calibration or JSON file.")
     out: Path = argument("Folder to make; must be empty or absent.")
     pairs: str | None = option(
         None,
         "LEFT-RIGHT view numbers of each stereo sensor, comma-separated: IMAGE_IDs of colmap, viewIds of meshroom, "
-        f"places in nerfstudio's frames from 1. Default for middlebury: {TEMPLE_PAIRS}.",
+        f"places in nerfstudio's frames from 1, others as the import lists them. Default for middlebury: "
+        f"{TEMPLE_PAIRS}.",
         label="Pairs",
         form=r"\d+-\d+(?:,\d+-\d+)*",
         example="13-14,20-21",
@@ -72,7 +79,11 @@ class CaptureImport(Command):
         None, "Frames a second; default: as the videos, else 25.", ge=0.01, label="Frames a second", high=1000
     )
     name: str | None = option(None, "The scene's name; default: the source's.")
-    shots: str | None = option(None, "For json: names of the shots to take as frames, comma-separated.")
+    shots: str | None = option(
+        None,
+        "For json: names of the shots to take as frames; for tum and scannet: of those that become sensors; for "
+        "rosbag: topics. Comma-separated.",
+    )
 
 
 class CaptureCalibrate(Command):

@@ -260,6 +260,14 @@ def test_results_before_the_planned_number_are_interim() -> None:
     assert not said(analyse(votes), "interim")
 
 
+def test_adaptive_pairs_are_named_with_what_they_do_to_intervals() -> None:
+    votes = votes_of(Truth(CLEAR, datasets=1))
+    assert "Pairs were chosen from the votes so far" in said(
+        analyse(votes, AnalysisSettings(adaptive_pairs=True)), "limits"
+    )
+    assert "Pairs were chosen" not in said(analyse(votes), "limits")
+
+
 def test_groups_that_no_vote_links_have_scores_and_pairs_of_their_own() -> None:
     votes = votes_of(Truth(CLEAR, datasets=2))
     inside = (votes.item_a < 3) == (votes.item_b < 3)

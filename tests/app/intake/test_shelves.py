@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,10 @@ from typing import Any
 import pytest
 
 from app.errors import ForbiddenError, InvalidError
+from app.files import is_plain_name
 from app.intake.shelves import KINDS, entries, entry_path, free_path, remove_entry, shelf
 from app.intake.summaries import walk
+from app.intake.zips import check_zip
 
 SENSOR = {"id": "S1", "left": {"image": "l.mp4", "size": [64, 48]}, "right": {"image": "r.mp4", "size": [64, 48]}}
 NO_CAPTURE = "capture.json does not describe a capture: 'n_frames' is missing. `reconstudy capture check` tells more."
@@ -156,3 +159,20 @@ def test_a_taken_name_and_a_wrong_ending_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidError, match=r"end in \.csv"):
         free_path(tmp_path, "measures", "m.txt")
     assert free_path(tmp_path, "captures", "new") == tmp_path / "captures" / "new"
+
+
+@pytest.mark.parametrize("name", ["CON", "nul.mp4", "Com1", "lpt\u00b9.csv", "aux.tar.gz"])
+def test_a_name_that_windows_keeps_for_devices_is_refused_everywhere(tmp_path: Path, name: str) -> None:
+    assert not is_plain_name(name)
+    with pytest.raises(InvalidError, match="CON or NUL"):
+        free_path(tmp_path, "runs", name)
+    with zipfile.ZipFile(tmp_path / "films.zip", "w") as archive:
+        archive.writestr(f"street/{name}", b"x")
+    with pytest.raises(InvalidError, match="is not plain"):
+        check_zip(tmp_path / "films.zip", 1)
+
+
+@pytest.mark.parametrize("name", ["console", "nullable.csv", "com10", "auxiliary"])
+def test_names_that_only_begin_so_are_taken(tmp_path: Path, name: str) -> None:
+    assert is_plain_name(name)
+    assert free_path(tmp_path, "runs", name).name == name

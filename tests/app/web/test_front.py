@@ -73,9 +73,9 @@ def test_the_demo_holds_a_few_measures_against_votes_on_all_but_the_truth(
     assert {score["item"] for score in analysis["scores"] if score["comparison"] == "all"} == set(SHOWN)
     assert {row["measure"] for row in analysis["measures"]} == set(MEASURES)
     put_in, came_out = demo_put_in(tmp_path)
-    assert re.findall(r"[a-z]{2}_f[ab]", put_in) == sorted(SHOWN, key=lambda approach: -VALUES[approach])
+    assert re.findall(r"[a-z]{2}_f[ab]_photographs", put_in) == sorted(SHOWN, key=lambda approach: -VALUES[approach])
     assert "in the order of ssim_actor" in put_in
-    assert set(re.findall(r"[a-z]{2}_f[ab]", came_out)) == set(SHOWN)
+    assert set(re.findall(r"[a-z]{2}_f[ab]_photographs", came_out)) == set(SHOWN)
 
 
 @pytest.mark.slow

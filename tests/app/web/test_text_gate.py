@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import zipfile
 from collections.abc import Callable
 from typing import Any
@@ -14,6 +15,8 @@ from sqlalchemy import text
 from app.settings import Settings
 from app.simulation.participants import begin
 from app.store.database.engine import open_database
+from app.store.database.keys import utc_now
+from app.store.studies.audit import Entry, audit_records, record
 from tests.app.web.admin.dashboard_client import Dashboard
 from tests.app.web.http_checks import is_problem
 
@@ -84,3 +87,35 @@ def test_a_study_that_holds_unreadable_text_can_still_be_read_and_exported(
         assert answer.status_code == 200
     archive = analyst.get(f"/api/v1/studies/{study['slug']}/archive.zip")
     assert zipfile.ZipFile(io.BytesIO(archive.content)).testzip() is None
+
+
+def test_a_form_with_a_field_that_it_does_not_have_does_nothing(experimenter: Dashboard, study: dict[str, Any]) -> None:
+    """A misspelt field would be dropped without a word, and its default be used."""
+    base = f"/admin/studies/{study['slug']}"
+    before = experimenter.get(f"{base}/invitations").text.count("/qr.svg")
+    refused = experimenter.act(f"{base}/invitations", place="1")
+    assert refused.status_code == 422
+    assert "This form has no field" in refused.text
+    assert experimenter.get(f"{base}/invitations").text.count("/qr.svg") == before
+    assert experimenter.act("/admin/work/new/import-films", films="none", nmae="x").status_code == 422
+
+
+def test_what_no_file_can_hold_never_reaches_the_audit_log(
+    client: httpx.Client, settings: Settings, experimenter: Dashboard, study: dict[str, Any]
+) -> None:
+    assert experimenter.get(f"/admin/studies/{study['slug']}/participants/a%00b").status_code == 404
+    client.get("/api/v1/studies", headers={"Authorization": "Bearer wrong", "X-Other": "1"})
+    database = open_database(settings.url)
+    with database.writing() as connection:
+        record(connection, "E\0va", Entry("tried", subject="a\ud800b", detail={"n\0": ["c\0d"]}), utc_now())
+    with database.reading() as connection:
+        entries = audit_records(connection)
+    database.dispose()
+    told = json.dumps(entries, default=str)
+    assert "\\u0000" not in told
+    assert "\\ud800" not in told
+    assert (entries[0]["actor"], entries[0]["subject"], entries[0]["detail"]) == (
+        "E\ufffdva",
+        "a\ufffdb",
+        {"n\ufffd": ["c\ufffdd"]},
+    )

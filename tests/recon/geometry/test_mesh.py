@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from recon.geometry.mesh import Cloud, Mesh, Texture, error_colours, merge_meshes
+from recon.geometry.mesh import Cloud, Mesh, Texture, error_colours, measured_part, merge_meshes
 from recon.geometry.mesh_files import (
     read_cloud,
     read_mesh,
@@ -222,6 +222,25 @@ def test_a_texture_has_a_place_for_every_vertex_and_three_channels() -> None:
         Texture(np.zeros((5, 7, 4), np.uint8), mesh.texture.uv)
     with pytest.raises(ValueError, match="uv hold values that are not finite"):
         Texture(mesh.texture.pixels, np.full((5, 2), np.nan, np.float32))
+
+
+@pytest.mark.parametrize(("suffix", "made"), [(".ply", mesh_of), (".glb", mesh_of), (".glb", textured_mesh)])
+def test_filled_holes_come_back_with_their_mark(tmp_path: Path, suffix: str, made: Callable[[int, int], Mesh]) -> None:
+    mesh = made(9, 12)
+    marked = replace(mesh, filled=np.arange(9) % 3 == 0)
+    for number, each in enumerate((mesh, marked)):
+        path = write_mesh(tmp_path / f"{number}{suffix}", each)
+        again = read_mesh(path)
+        assert np.array_equal(again.filled, each.filled) if number else again.filled is None
+        assert same_mesh(again, each) or suffix == ".glb"
+        read_contents(path)  # as another program's
+
+
+def test_the_measured_part_lacks_the_faces_on_filled_vertices_alone() -> None:
+    mesh = replace(mesh_of(4, 3), faces=np.array([[0, 1, 2], [1, 2, 3], [3, 2, 0]], np.int32))
+    marked = replace(mesh, filled=np.array([True, True, True, False]))
+    assert measured_part(marked).faces.tolist() == [[1, 2, 3], [3, 2, 0]]
+    assert measured_part(mesh) is mesh
 
 
 def test_merged_meshes_keep_every_triangle() -> None:

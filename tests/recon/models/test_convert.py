@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
-from recon.geometry.mesh import Mesh
+from recon.geometry.mesh import Mesh, Texture
 from recon.models.convert import read_as_it_stands, write_model
 from recon.models.splats.read import read_with_warnings
 from tests.command_line import Command
@@ -50,3 +52,67 @@ def test_the_command_exports_points_and_says_what_cannot_be_held(command: Comman
     assert refused.code == 1
     assert "the model is points without faces, which are written as .ply" in refused.err
     assert command("export", tmp_path / "a.ply", tmp_path / "c.ply", "--truth", tmp_path / "a.ply").code == 1
+
+
+def coloured(shift: float, *, is_textured: bool) -> Mesh:
+    vertices = np.array([[0.0, 0, 0], [10, 0, 0], [0, 10, 0], [10, 10, shift]], np.float32) + np.float32(shift)
+    texture = None
+    if is_textured:
+        pixels = np.full((8, 8, 3), int(40 * shift), np.uint8)
+        texture = Texture(pixels, np.array([[0.1, 0.1], [0.9, 0.1], [0.1, 0.9], [0.9, 0.9]], np.float32))
+    normals = np.tile(np.array([[0, 0, 1]], np.float32), (4, 1))
+    faces = np.array([[0, 1, 2], [1, 3, 2]], np.int32)
+    return Mesh(vertices, faces, normals, np.full((4, 3), int(40 * shift), np.uint8), texture)
+
+
+@pytest.mark.parametrize("is_textured", [False, True])
+def test_a_sequence_shows_one_mesh_after_the_other_with_an_atlas_each(
+    command: Command, tmp_path: Path, is_textured: bool
+) -> None:
+    (tmp_path / "frames").mkdir()
+    meshes = [coloured(float(number + 1), is_textured=is_textured) for number in range(3)]
+    for number, mesh in enumerate(meshes):
+        write_model(tmp_path / f"frames/{number + 7:04d}.glb", mesh)
+    told = command("export", tmp_path / "frames", tmp_path / "out", "--sequence", "--fps", 10, "--json")
+    assert told.code == 0, told.err
+    assert json.loads(told.out)["frames"] == 3
+    scene = trimesh.load_scene(tmp_path / "out/sequence.gltf", process=False)
+    assert len(scene.geometry) == 3
+    for mesh, loaded in zip(meshes, scene.geometry.values(), strict=True):
+        np.testing.assert_allclose(loaded.vertices, mesh.vertices, atol=1e-5)
+        if is_textured:
+            picture = np.asarray(loaded.visual.material.baseColorTexture)
+            assert (picture == mesh.texture.pixels[0, 0, 0]).all()  # type: ignore[union-attr]  # it has one
+    document = json.loads((tmp_path / "out/sequence.gltf").read_text())
+    assert shown(tmp_path / "out", document, [0.0, 0.05, 0.1, 0.19, 0.25, 9.0]) == [{0}, {0}, {1}, {1}, {2}, {2}]
+
+
+def shown(folder: Path, document: dict[str, Any], times: list[float]) -> list[set[int]]:
+    """Return which nodes have a size at each time, played as glTF says: each step holds until the next."""
+
+    def values(number: int) -> np.ndarray:
+        accessor = document["accessors"][number]
+        view = document["bufferViews"][accessor["bufferView"]]
+        content = (folder / document["buffers"][view["buffer"]]["uri"]).read_bytes()
+        width = {"SCALAR": 1, "VEC3": 3}[accessor["type"]]
+        return np.frombuffer(content, "<f4", accessor["count"] * width, view["byteOffset"]).reshape(-1, width)
+
+    seen: list[set[int]] = [set() for _ in times]
+    (animation,) = document["animations"]
+    for channel in animation["channels"]:
+        sampler = animation["samplers"][channel["sampler"]]
+        keys, scales = values(sampler["input"])[:, 0], values(sampler["output"])
+        for place, time in enumerate(times):
+            if scales[max(np.searchsorted(keys, time + 1e-6, side="right") - 1, 0)].any():
+                seen[place].add(channel["target"]["node"])
+    return seen
+
+
+def test_a_sequence_is_of_meshes_without_gaps(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "frames").mkdir()
+    for number in (0, 2):
+        write_model(tmp_path / f"frames/{number}.ply", coloured(1.0, is_textured=False))
+    told = command("export", tmp_path / "frames", tmp_path / "out", "--sequence")
+    assert told.code == 1
+    assert "frame 1 is missing" in told.err
+    assert not (tmp_path / "out").exists()

@@ -6,11 +6,11 @@ import struct
 from pathlib import Path
 
 import numpy as np
-import open3d
 import pytest
 
 from recon.models.read import read_contents
 from recon.models.shape import read_model_shape
+from recon.runtime.backend import open3d
 from recon.runtime.notices import Notice
 
 RNG = np.random.default_rng(5)
@@ -20,11 +20,12 @@ COLOURS = RNG.integers(0, 256, (200, 3)).astype(np.uint8)
 
 @pytest.mark.parametrize("kind", ["ascii", "binary", "compressed"])
 def test_a_pcd_of_each_kind_has_its_points_normals_and_colours(tmp_path: Path, kind: str) -> None:
-    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(POINTS.astype(float)))
-    cloud.colors = open3d.utility.Vector3dVector(COLOURS / 255)
-    cloud.normals = open3d.utility.Vector3dVector(np.tile([0.0, 0, 1], (200, 1)))
+    library = open3d()
+    cloud = library.geometry.PointCloud(library.utility.Vector3dVector(POINTS.astype(float)))
+    cloud.colors = library.utility.Vector3dVector(COLOURS / 255)
+    cloud.normals = library.utility.Vector3dVector(np.tile([0.0, 0, 1], (200, 1)))
     path = tmp_path / "a.pcd"
-    open3d.io.write_point_cloud(str(path), cloud, write_ascii=kind == "ascii", compressed=kind == "compressed")
+    library.io.write_point_cloud(str(path), cloud, write_ascii=kind == "ascii", compressed=kind == "compressed")
     shape = read_model_shape(path)
     np.testing.assert_allclose(shape.points, POINTS, atol=1e-5)
     assert shape.colours is not None
@@ -83,6 +84,19 @@ def test_a_las_has_its_points_and_colours_of_16_bits(tmp_path: Path, name: str) 
     struct.pack_into("<Q", content, 247, 10**13)  # the count of LAS 1.4
     (tmp_path / name).write_bytes(content)
     with pytest.raises(ValueError, match=r"announces 10000000000000 points, more than its \d+ bytes can hold"):
+        read_contents(tmp_path / name)
+    if name.endswith("laz"):
+        las.write(str(tmp_path / name))
+        content = bytearray((tmp_path / name).read_bytes())
+        table_at = int.from_bytes(content[int.from_bytes(content[96:100], "little") :][:8], "little")
+        content[table_at + 4 : table_at + 8] = b"\xff\xff\xff\x7f"
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(ValueError, match="announces 2147483647 chunks"):
+            read_contents(tmp_path / name)
+    content = bytearray((tmp_path / name).read_bytes())
+    struct.pack_into("<I", content, 100, 2**31)  # as many records would be looked for
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ValueError, match="announces 2147483648 records"):
         read_contents(tmp_path / name)
     (tmp_path / name).write_bytes(b"LASF" + bytes(100))
     with pytest.raises(ValueError, match="is not readable as LAS"):

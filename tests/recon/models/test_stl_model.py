@@ -56,6 +56,7 @@ def test_colours_of_an_off_are_bytes_or_shares(tmp_path: Path, colour: str) -> N
         ("a.stl", b"solid x\nfacet normal 0 0 1\nvertex 0 0 0\nvertex 1 0 0\n", "has 2 corners of triangles"),
         ("a.stl", b"solid x\n", "is no whole STL"),
         ("a.off", b"OFF\n3000000000 1 0\n0 0 0\n", "announces 3000000000 vertices and 1 faces, 1 lines follow"),
+        ("a.off", b"OFF\n", "is cut off before the numbers of its vertices and faces"),
         ("a.off", b"4OFF\n1 0 0\n0 0 0 1\n", "is no OFF of three coordinates"),
         ("a.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n2 0 1\n", "a face has fewer than three corners"),
         ("a.off", b"OFF\n2 0 0\n0 0 0\n1 0 0 5\n", "its vertices have different numbers of values"),

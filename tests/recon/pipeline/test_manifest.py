@@ -62,6 +62,8 @@ def test_a_third_part_says_that_colours_come_from_photographs() -> None:
         "pm_fb": {"depth": "pm", "fusion": "fb"},
         "id_fa": {"depth": "id", "fusion": "fa"},
     }
+    alike = levels_of(["pm_fb_photographs", "id_fa_photographs"])
+    assert all("colour" not in levels for levels in alike.values()), "all have the same"
     both = levels_of(["pm_fb", "pm_fb_photographs"])
     assert [level["colour"] for level in both.values()] == ["vertices", "photographs"]
 

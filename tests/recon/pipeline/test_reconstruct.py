@@ -21,6 +21,7 @@ from typer import BadParameter
 from app.intake.models import read_models
 from recon.capture.format import Capture, read_capture
 from recon.capture.images import read_image
+from recon.capture.masks import segment_capture
 from recon.cli.options import parse_frames, parse_loops
 from recon.depth.disparity_io import read_disparity
 from recon.geometry.mesh_files import read_mesh
@@ -253,6 +254,23 @@ def test_photographs_are_a_level_of_the_colour_and_leave_shapes_and_vertices_as_
     n_made = len((again / "log.jsonl").read_text().splitlines())
     reconstruct(capture.folder, again, options)
     assert len((again / "log.jsonl").read_text().splitlines()) == n_made
+
+
+@pytest.mark.slow
+def test_holes_are_filled_and_marked_where_masks_show_the_object(capture: Capture, tmp_path: Path) -> None:
+    masked = Path(copytree(capture.folder, tmp_path / "masked"))
+    segment_capture(masked)
+    options = ReconstructOptions(depths=("id",), fusions=("fb",), frames=range(1), colours=("vertices", "photographs"))
+    made = {}
+    for name, fill_px in (("open", 0), ("filled", 16)):
+        reconstruct(masked, tmp_path / name, replace(options, fill_px=fill_px))
+        made[name] = read_mesh(tmp_path / name / mesh_name("id_fb", 0))
+    assert made["open"].filled is None
+    assert made["filled"].filled is not None
+    assert 0.001 < made["filled"].filled.mean() < 0.3
+    textured = read_mesh(tmp_path / "filled" / mesh_name("id_fb_photographs", 0))
+    assert textured.filled is not None
+    assert 0 < textured.filled.mean() < 0.3
 
 
 def test_an_unknown_source_of_colours_is_named(capture: Capture, tmp_path: Path) -> None:

@@ -20,7 +20,6 @@ MAX_ITERATIONS = 100
 LARGEST_STEP = 3.0  # log-odds of any pair; keeps the exponentials finite while far from the maximum
 OVERSHOT = 0.9  # share of the old slope that a step may leave behind the maximum before it is halved
 IN_CACHE = 100_000  # pairs times tables computed together: a few arrays of this size stay in the cache
-SMALL_MAP = 50_000  # entries up to which a matrix product beats scattering into matrices
 
 
 @dataclass(frozen=True)
@@ -131,19 +130,8 @@ class Design:
             result[:, q, q + 1] = result[:, q + 1, q] = (by_pair.dt + in_t * by_pair.tt).sum(axis=1)
         return result
 
-    @cached_property
-    def _small_maps(self) -> tuple[Array, Array] | None:
-        """Maps from pairs to items (C, n) and to flattened Laplacians (C, n * n); None where scattering is cheaper."""
-        n_pairs, n = len(self.counts.first), self.counts.n_items
-        if n_pairs * n * n > SMALL_MAP:
-            return None
-        signs = self.incidence.toarray()
-        return signs, (signs[:, :, None] * signs[:, None, :]).reshape(n_pairs, n * n)
-
     def _by_item(self, by_pair: Array) -> Array:
         """Add values of pairs (B, C) to their first items and subtract them from their second, (B, n)."""
-        if self._small_maps is not None:
-            return np.asarray(by_pair @ self._small_maps[0])
         matrices = self._spread(by_pair)
         result: Array = matrices.sum(axis=2) - matrices.sum(axis=1)
         return result
@@ -151,8 +139,6 @@ class Design:
     def _laplacian(self, by_pair: Array) -> Array:
         """Return matrices (B, n, n): minus the pairs' weights off the diagonal, rows that sum to zero."""
         n = self.counts.n_items
-        if self._small_maps is not None:
-            return np.asarray(by_pair @ self._small_maps[1]).reshape(-1, n, n)
         matrices = self._spread(by_pair)
         result: Array = -(matrices + matrices.transpose(0, 2, 1))
         diagonal = np.arange(n)
@@ -290,6 +276,7 @@ def _maximise_together(
         is_lost = np.logical_not(np.isfinite(newton).all(axis=1))  # it ran away until no vote could tell the next step
         newton = shorten(design, theta, np.where(is_lost[:, None], 0.0, newton))
         overshot = np.einsum("bp,bp->b", gradient, step) < -OVERSHOT * slope
+        overshot &= np.abs(step).max(axis=1) >= search.tolerance  # smaller ones are rounding, at the maximum
         newton_slope = np.einsum("bp,bp->b", gradient, newton)
         theta = theta + np.where(overshot[:, None], -step / 2, newton)
         step = np.where(overshot[:, None], step / 2, newton)

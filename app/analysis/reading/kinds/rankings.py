@@ -5,10 +5,7 @@ from __future__ import annotations
 import re
 
 from app.analysis.reading.cells import is_numeric
-from app.analysis.reading.description import (
-    VOTES,
-    Description,
-)
+from app.analysis.reading.description import VOTES, Description
 from app.analysis.reading.kinds.seen import (
     FEWEST_RANKED,
     FEWEST_RATED,
@@ -18,9 +15,7 @@ from app.analysis.reading.kinds.seen import (
     rating_of,
 )
 from app.analysis.reading.votes_table import VotesError
-from app.analysis.reading.words import (
-    plain,
-)
+from app.analysis.reading.words import plain
 
 NOT_INDEPENDENT = "pairs of one ranking are not independent; intervals are over participants, so they stay right"
 

@@ -9,18 +9,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from app.analysis.reading.cells import Column, named, shown, values_of
-from app.analysis.reading.choices import (
-    grade_of,
-)
-from app.analysis.reading.description import (
-    COMPARISONS,
-    JOIN,
-    RATINGS,
-    Description,
-    QuestionError,
-    Reading,
-    Told,
-)
+from app.analysis.reading.choices import grade_of
+from app.analysis.reading.description import COMPARISONS, JOIN, RATINGS, Description, QuestionError, Reading, Told
 from app.analysis.reading.kinds.seen import (
     FEWEST_RANKED,
     FEWEST_RATED,
@@ -34,16 +24,7 @@ from app.analysis.reading.kinds.seen import (
 )
 from app.analysis.reading.layouts import joined_column
 from app.analysis.reading.votes_table import VotesError
-from app.analysis.reading.words import (
-    GRADES,
-    NEVER,
-    RATING_OPTIONAL,
-    SUMMARIES,
-    is_suspicious,
-    means,
-    pair_in,
-    plain,
-)
+from app.analysis.reading.words import GRADES, NEVER, RATING_OPTIONAL, SUMMARIES, is_suspicious, means, pair_in, plain
 
 
 def find_comparisons(seen: Seen) -> Description | None:

@@ -9,26 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from app.analysis.reading.cells import Column, Table, is_numeric, named
-from app.analysis.reading.description import (
-    JOIN,
-    Description,
-    QuestionError,
-    Reading,
-    Told,
-)
+from app.analysis.reading.description import JOIN, Description, QuestionError, Reading, Told
 from app.analysis.reading.layouts import joined_column
 from app.analysis.reading.votes_table import CHOICES, VotesError
-from app.analysis.reading.words import (
-    ENDS,
-    MORE_ENDS,
-    OWN_VOTES,
-    ROLES,
-    WEAK_RATINGS,
-    ends_of,
-    is_never,
-    means,
-    plain,
-)
+from app.analysis.reading.words import ENDS, MORE_ENDS, OWN_VOTES, ROLES, WEAK_RATINGS, ends_of, is_never, means, plain
 
 NOT_USED = "-"  # `--columns reference=-`: no column is that
 

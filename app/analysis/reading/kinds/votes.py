@@ -9,35 +9,12 @@ from dataclasses import replace
 import numpy as np
 
 from app.analysis.reading.cells import Column, is_numeric, named, values_of
-from app.analysis.reading.choices import (
-    Asked,
-    Meaning,
-    binary_meaning,
-    codes_of,
-    grade_of,
-    understand_choices,
-)
-from app.analysis.reading.description import (
-    COMPARISONS,
-    VOTES,
-    Description,
-    QuestionError,
-    Reading,
-    Told,
-)
+from app.analysis.reading.choices import Asked, Meaning, binary_meaning, codes_of, grade_of, understand_choices
+from app.analysis.reading.description import COMPARISONS, VOTES, Description, QuestionError, Reading, Told
 from app.analysis.reading.kinds.seen import NOT_USED, WIDE_ROLES, Seen, item_columns, one_pair, rating_of, says
 from app.analysis.reading.layouts import joined_column, rows_of
 from app.analysis.reading.votes_table import VotesError
-from app.analysis.reading.words import (
-    BINARY_CHOICES,
-    COMMENTS,
-    ENDS,
-    MULTIPLE,
-    OPTIONAL,
-    SWAPPED,
-    pair_in,
-    plain,
-)
+from app.analysis.reading.words import BINARY_CHOICES, COMMENTS, ENDS, MULTIPLE, OPTIONAL, SWAPPED, pair_in, plain
 
 FEWEST_DASHED = 2  # columns named "x - y"; a single one may be anything
 

@@ -66,6 +66,7 @@ def change_password(
     again: Password,
     database: Store,
     current: Password = "",
+    name: Annotated[str, Form(max_length=100)] = "",  # noqa: ARG001 (password managers look for it)
 ) -> Response:
     _check_current(request, database, actor, current)
     kept = new_password_hash(actor.name, password, again)

@@ -140,7 +140,11 @@ def sign_in(
                 token = begin_experimenter_session(connection, known[0], now, browser_of(request))
                 record(connection, name.strip(), Entry("signed in", detail={"by": "password"}), now)
     if token is None or known is None:
-        record_alone(database, STRANGER, Entry(refused, subject=name.strip(), detail={"by": "password"}), now)
+        # a name that nobody has may be a password, typed into the wrong field
+        entry = Entry(
+            refused, subject=name.strip() if known else "", detail={"by": "password", "known": known is not None}
+        )
+        record_alone(database, STRANGER, entry, now)
         raise UnauthorisedError(
             "Name and password do not belong together, or the code of the authenticator app is missing or was used "
             "before. Please try again."

@@ -18,6 +18,7 @@ from app.operations.upkeep.people import (
     erase_person,
     exclude_person,
     include_person,
+    let_take_part_again,
     renew_code,
     withdraw_person,
 )
@@ -154,6 +155,13 @@ def exclude_participant(actor: Acting, study: AStudy, label: Label, reason: Reas
 @router.post("/{label}/include")
 def include_again(actor: Acting, study: AStudy, label: Label, database: Store) -> Response:
     include_person(database, study, label, actor)
+    return see(_address(study, label))
+
+
+@router.post("/{label}/again")
+def let_again(actor: Acting, study: AStudy, label: Label, database: Store) -> Response:
+    """Let a participant begin anew by the same link."""
+    let_take_part_again(database, study, label, actor)
     return see(_address(study, label))
 
 

@@ -120,6 +120,7 @@ def replay_page(
     if reference := options.reference_beside:
         shown.append(Shown(REFERENCE, reference, REFERENCE, looks))
     context = {"trial": record, "film": film, "viewing": viewing, "looks": looks, "shown": shown}
+    context["has_pair_films"] = parse_options(study.options).has_pair_films
     context |= {"comment": comment, "longest_comment": LONGEST_COMMENT}
     return study_page(request, "replay", person, study, context)
 

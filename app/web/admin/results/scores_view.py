@@ -19,7 +19,6 @@ LEADING = (
     "worst",
     "difference",
     "told apart",
-    "ranks",
     "limits",
     "missing",
     "disagreement",
@@ -89,9 +88,13 @@ def scores_by_comparison(analysis: Mapping[str, Any]) -> dict[str, dict[str, lis
 
 
 def by_dataset(rows: Iterable[Row]) -> dict[str, list[Row]]:
-    """Return dataset -> rows, the best score first; all datasets together come first: most readers look for them."""
+    """Return dataset -> rows, the best score first; all datasets together, then each by the alphabet."""
+
+    def place(row: Row) -> tuple[bool, str, bool, float]:
+        return row["dataset"] != "all", row["dataset"], row["score"] is None, -(row["score"] or 0.0)
+
     parts: dict[str, list[Row]] = {}
-    for row in sorted(rows, key=lambda row: (row["dataset"] != "all", row["score"] is None, -(row["score"] or 0.0))):
+    for row in sorted(rows, key=place):
         parts.setdefault(row["dataset"], []).append(row)
     return parts
 

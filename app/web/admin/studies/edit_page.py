@@ -12,6 +12,7 @@ from fastapi.responses import Response
 from app.errors import ConflictError, InvalidError
 from app.ffmpeg import Progress
 from app.intake.bounds import typed_in_bounds
+from app.operations.studies.create import slugify
 from app.operations.studies.edit import check_edit, remake_films, save_edit
 from app.operations.studies.manage import study_file_of
 from app.operations.studies.stimulus_sets import set_of_study
@@ -152,5 +153,12 @@ def _form(request: Request, database: Database, study: Study, values: Mapping[st
 
 
 def _page(request: Request, person: Experimenter, study: Study, form: StudyForm, status_code: int = 200) -> Response:
-    context = {"form": form, "text": write_study_file(study_file_of(study)), "longest_file": LONGEST_FILE}
+    wanted = slugify(study.name)
+    address = "" if study.slug == wanted else f"/admin/studies/{wanted}"
+    context = {
+        "form": form,
+        "new_address": address,
+        "text": write_study_file(study_file_of(study)),
+        "longest_file": LONGEST_FILE,
+    }
     return study_page(request, "edit", person, study, context, status_code)

@@ -12,7 +12,7 @@ from app.films.strips import write_still
 from app.operations.studies.check_films import films_of, in_words, last_check, start_film_check
 from app.store.access.experimenters import Experimenter
 from app.store.studies.studies import Study
-from app.store.trials.designs import STRIPS, pair_records, stimulus_records
+from app.store.trials.designs import STRIPS, film_file, pair_records, stimulus_records
 from app.study.options.options import parse_options
 from app.web.admin.layout import see, study_page
 from app.web.admin.listing import listed
@@ -46,16 +46,19 @@ def still(
     database: Store,
 ) -> Response:
     """Show the first picture of a strip of a pair's film."""
-    strips = STRIPS if parse_options(study.options).reference_beside else STRIPS[:2]
+    options = parse_options(study.options)
+    strips, has_pair_films = STRIPS if options.reference_beside else STRIPS[:2], options.has_pair_films
     with database.reading() as connection:
         pair = next((row for row in pair_records(connection, study.id) if row["media"] == media), None)
+        alone = None if has_pair_films else film_file(connection, f"{media}.{half}")
     if pair is None or half not in strips:
         raise NotFoundError("This study has no such film.")
     server = settings(request)
-    path = server.data_dir / "stills" / f"{pair['sha256']}-{half}.jpg"
+    path = server.data_dir / "stills" / f"{pair['sha256'] if alone is None else alone.sha256}-{half}.jpg"
     if not path.is_file():
-        row = strips.index(half) * (pair["height"] + pair["guard_rows"])
-        write_still(server.media_dir / pair["file"], path, row=row, width=pair["width"], height=pair["height"])
+        row = 0 if alone else strips.index(half) * (pair["height"] + pair["guard_rows"])
+        file = pair["file"] if alone is None else alone.file
+        write_still(server.media_dir / file, path, row=row, width=pair["width"], height=pair["height"])
     return FileResponse(path, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=86400"})
 
 
@@ -71,6 +74,7 @@ def _stimuli_page(request: Request, person: Experimenter, study: Study) -> Respo
         "datasets": {name: [row for row in stimuli if row["dataset"] == name] for name in names},
         "pairs": listed(request, pairs, PAIR_FILM_COLUMNS, prefix="pairs_"),
         "has_reference": bool(parse_options(study.options).reference_beside),
+        "has_pair_films": parse_options(study.options).has_pair_films,
         "check": check,
         "said": in_words(check) if check else "",
     }

@@ -22,6 +22,7 @@ from app.study.protocols import RATED, typed_scale
 from app.study.questions.answers import QUESTIONS
 from app.study.questions.questionnaire import KINDS, MOST_QUESTIONS
 from app.web.admin.layout import unix
+from app.web.gates import takes_any_field
 
 MARK = "field"  # names a field that a browser leaves out where nothing is chosen
 QUESTION_PARTS = ("name", "kind", "text", "options", "labels", "minimum", "maximum", "required")
@@ -316,6 +317,7 @@ def _question(row: Mapping[str, str]) -> dict[str, Any]:
     return {**content, **lists, **bounds}
 
 
+@takes_any_field
 async def _form_fields(request: Request) -> FormData:
     return await request.form()
 

@@ -10,6 +10,7 @@ from fastapi.responses import JSONResponse, Response
 from app.errors import InvalidError
 from app.operations.studies.create import duplicate_study
 from app.operations.studies.standing import change_standing as change_study
+from app.operations.studies.standing import give_new_address
 from app.store.participants.invitations import preview_code
 from app.store.studies.drafts import drafts_of
 from app.store.studies.studies import Standing, all_studies, progress_by_study
@@ -55,6 +56,13 @@ async def import_whole(
 def change_standing(actor: Acting, study: AStudy, state: Annotated[Standing, Form()], database: Store) -> Response:
     change_study(database, study, state, actor)
     return see(f"/admin/studies/{study.slug}")
+
+
+@router.post("/studies/{slug}/address")
+def change_address(request: Request, actor: Acting, study: AStudy, database: Store) -> Response:
+    """Give a renamed study the address of its name."""
+    slug = give_new_address(settings(request), database, study, actor)
+    return see(f"/admin/studies/{slug}/edit?saved=1")
 
 
 @router.post("/studies/{slug}/duplicate")

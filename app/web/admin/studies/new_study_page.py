@@ -14,7 +14,7 @@ from app.errors import InvalidError, StudyError
 from app.intake.bounds import typed_in_bounds
 from app.operations.studies.create import new_slug, shows_anything
 from app.operations.studies.creation import begin_creation
-from app.operations.studies.forecast import forecast
+from app.operations.studies.forecast import forecast, without_pair_films
 from app.operations.studies.receive_films import found_and_done
 from app.operations.studies.stimulus_sets import KnownSet, known_sets, set_called
 from app.store.access.experimenters import Experimenter
@@ -98,6 +98,7 @@ def create(
         wanted = draft.study()
         new_slug(database, wanted.name)
         check_languages(wanted.options, languages(request))
+        forecast(settings(request), known.content, wanted.options, wanted.exposure_s)  # which refuses what cannot be
     except ValueError as error:
         shown = draft if preset in PRESETS else replace(draft, preset=QUICK)
         return _form_page(request, person, known, shown, str(error))
@@ -195,9 +196,17 @@ def _plan(request: Request, known: KnownSet, draft: Draft) -> dict[str, Any]:
         check_languages(wanted.options, languages(request))
     except (ValueError, StudyError) as error:
         said = StudyForm({}, error=str(error)).said
-        return {"outlook": None, "hindrance": said, "pages": []}
+        return {"outlook": None, "hindrance": said, "fewer": None, "pages": []}
+    fewer = None
+    if outlook.n_pairs > len(known.content.stimuli) and wanted.options.has_pair_films:
+        fewer = forecast(settings(request), known.content, without_pair_films(wanted.options), wanted.exposure_s)
     options = neutral_words(wanted.options) if shows_anything(known.content) else wanted.options
-    return {"outlook": outlook, "hindrance": "", "pages": list(_read_first(request, options, outlook.n_trials))}
+    return {
+        "outlook": outlook,
+        "hindrance": "",
+        "fewer": fewer,
+        "pages": list(_read_first(request, options, outlook.n_trials)),
+    }
 
 
 def _read_first(request: Request, options: StudyOptions, n_trials: int) -> Iterator[tuple[str, Any]]:

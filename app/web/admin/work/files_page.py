@@ -23,7 +23,7 @@ from app.intake.contents import PLAYABLE, read_contents
 from app.intake.part_uploads import unfinished
 from app.intake.reports import REPORT, TABLE
 from app.intake.shelves import KINDS, ShelfEntry, entries, entry_path, file_in, remove_entry
-from app.intake.summaries import SUMMARIES
+from app.intake.summaries import ANALYSIS, SUMMARIES
 from app.intake.treatment import preview_of
 from app.operations.jobs.kinds import kinds_for
 from app.operations.jobs.queueing import refuse_while_used, uses
@@ -111,7 +111,9 @@ def entry_page(request: Request, person: Person, kind: Kind, name: Name, store: 
         "frames": _spread(outline.n_frames) if outline else [],
         "studies": _studies(store) if _is_attachable(path) else [],
         "jobs": _open_jobs(store, kind, name),
-        "starts": [] if (path / REPORT).is_file() else kinds_for(settings(request), kind, name),
+        "starts": []
+        if any((path / made).is_file() for made in (REPORT, ANALYSIS))
+        else kinds_for(settings(request), kind, name),
         "listed": list(contents.sizes.items())[:LISTED_FILES],
         "address": lambda place: _file_address(base, place),
         "film_address": lambda place: _film_address(base, place),

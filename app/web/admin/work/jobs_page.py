@@ -35,7 +35,7 @@ from app.store.queue import (
 from app.web.admin.layout import page, see
 from app.web.admin.listing import listing
 from app.web.admin.live import live_part, render_part
-from app.web.gates import Store, database, now, settings
+from app.web.gates import FORM_TOKEN, Store, database, now, settings, takes_any_field
 from app.web.roles import Acting, Looking
 
 LOG_LINES = 200
@@ -113,10 +113,11 @@ def new_job_page(request: Request, person: Looking, kind: Annotated[str, Path(ma
     return page(request, "work_new", person, _form_of(chosen, given, settings(request)))
 
 
+@takes_any_field
 async def job_form(request: Request, kind: Annotated[str, Path(max_length=40)]) -> dict[str, Any]:
     """Read the fields of a job's form; a switch that was not sent is off."""
     form = await request.form()
-    given: dict[str, Any] = {}
+    given: dict[str, Any] = {name: value for name, value in form.items() if name != FORM_TOKEN}  # also unknown ones
     for field in _kind(kind).fields:
         values = [value for value in form.getlist(field.name) if isinstance(value, str)]
         given[field.name] = bool(values) if isinstance(field, Switch) else _given(field, values)

@@ -28,6 +28,19 @@ from recon.runtime.files import read_json
 FIRST_PIXEL = 1.0  # of MATLAB; OpenCV's is 0
 UNITS = {"millimeters": 1.0, "mm": 1.0, "centimeters": 10.0, "meters": 1000.0, "m": 1000.0, "inches": 25.4}
 KEYS = ("CameraParameters1", "CameraParameters2")
+DAMAGED = (  # what scipy lets through of a damaged file
+    ArithmeticError,
+    AttributeError,
+    EOFError,
+    LookupError,
+    MatReadError,
+    MemoryError,
+    NameError,
+    OSError,
+    TypeError,
+    ValueError,
+    zlib.error,
+)
 HOW = "write it by s = toStruct(stereoParams); save('stereo.mat', '-struct', 's', '-v7')"
 
 
@@ -61,7 +74,7 @@ def _read_mat(path: Path) -> dict[str, Any]:
         return dict(loadmat(path, simplify_cells=True))
     except NotImplementedError as error:
         raise CaptureError(f"{path}: is of MATLAB's version 7.3, which is not read; {HOW}") from error
-    except (ValueError, TypeError, KeyError, OSError, MatReadError, zlib.error, MemoryError) as error:
+    except DAMAGED as error:
         raise CaptureError(f"{path}: is not readable as a file of MATLAB: {error}") from error
 
 

@@ -10,6 +10,7 @@ from app.analysis.comparisons.power import simulate_votes
 from app.analysis.comparisons.vote_studies import StudyPlan
 from app.analysis.model.bradley_terry import fit_scores
 from app.analysis.model.lapses import Lapses, fit_lapses
+from app.analysis.model.likelihood.newton import Search, maximise
 from app.analysis.reading.votes_table import NONE
 
 SCORES = np.linspace(-1.6, 1.6, 6)
@@ -80,6 +81,15 @@ def test_why_there_are_none_is_said() -> None:
     assert "there are no scores with lapse rates: they need 5 participants or more" in alone["warnings"]
 
 
+def test_two_camps_are_not_taken_for_careless_people() -> None:
+    votes = votes_with(0, spread=0.2)
+    choice = np.where((votes.participant % 2 == 1) & (votes.choice != NONE), 1 - votes.choice, votes.choice)
+    camps = VotesTable(**{**vars(votes), "choice": choice.astype(np.int8)})
+    why = fit_lapses(fit_scores(camps), camps)
+    assert isinstance(why, str)
+    assert "whose opinions differ rather" in why
+
+
 def test_an_analysis_has_them_where_they_are_asked_for() -> None:
     votes = votes_with(2)
     assert analyse(votes, AnalysisSettings(by_dataset=False))["lapse_scores"] == []
@@ -92,3 +102,15 @@ def test_an_analysis_has_them_where_they_are_asked_for() -> None:
     assert all(f"{name} (" in text for name in high)
     best = max(analysis["lapse_scores"], key=lambda row: row["score"])
     assert f"the highest score is that of {best['item']}," in text
+
+
+def test_tables_that_start_at_their_maximum_among_others_are_found_to_be_there() -> None:
+    """Steps of the size of rounding errors seem to overshoot; halving them over and over is no search."""
+    fit = fit_scores(votes_with(2))
+    noise = 1 + 1e-3 * np.random.default_rng(1).standard_normal((20, len(fit.counts.wins)))
+    table = [part * noise for part in (fit.counts.wins, fit.counts.losses, fit.counts.ties)]
+    start = maximise(fit.design, *table, search=Search(tolerance=1e-12)).theta
+    start[::3] = start[1::3] = 0
+    again = maximise(fit.design, *table, start=start, search=Search(tolerance=1e-5))
+    assert again.converged.all()
+    assert again.iterations < 10

@@ -18,14 +18,31 @@ def estimates(values: list[float], sd: float, n_participants: int | None = None)
     return Estimates(tuple("abcdef")[: len(values)], np.array(values), covariance, clustered, n_participants, False)
 
 
-def test_of_two_scores_the_probability_is_that_of_their_difference() -> None:
-    best = best_probabilities(estimates([0.5, 0.0], 0.3))
-    assert best == pytest.approx([norm.cdf(0.5 / 0.3 / np.sqrt(2)), norm.sf(0.5 / 0.3 / np.sqrt(2))], abs=0.02)
+def test_the_highest_score_is_the_best_as_often_as_is_said_where_any_spread_is_as_likely() -> None:
+    rng, error = np.random.default_rng(1), 0.25
+    said, right = [], []
+    for _ in range(400):
+        truth = rng.uniform(0, 1) * rng.standard_normal(6)
+        values = truth + error * rng.standard_normal(6)
+        best = best_probabilities(estimates((values - values.mean()).tolist(), error))
+        assert best is not None
+        said.append(best.max())
+        right.append(truth.argmax() == values.argmax())
+    assert np.mean(said) == pytest.approx(np.mean(right), abs=0.04)
 
 
-def test_equal_scores_are_as_likely_the_best_and_few_people_make_it_less_sure() -> None:
-    assert best_probabilities(estimates([0.0] * 5, 0.2)) == pytest.approx(0.2, abs=0.02)
-    many, few = (best_probabilities(estimates([0.5, 0.0, 0.0], 0.3, n)) for n in (200, 4))
+def test_a_clear_difference_makes_it_sure_and_none_makes_all_as_likely() -> None:
+    sure, equal = best_probabilities(estimates([2.0, 0.0, 0.0], 0.1)), best_probabilities(estimates([0.0] * 5, 0.2))
+    assert sure is not None
+    assert sure[0] > 0.999
+    assert equal == pytest.approx(0.2, abs=0.02)
+    two = best_probabilities(estimates([0.5, 0.0], 0.3))
+    assert two is not None
+    assert 0.5 < two[0] < norm.cdf(0.5 / 0.3 / np.sqrt(2))  # without anything known of the spread before
+
+
+def test_few_people_make_it_less_sure() -> None:
+    many, few = (best_probabilities(estimates([0.9, 0.0, 0.0], 0.3, n)) for n in (200, 4))
     assert many is not None
     assert few is not None
     assert many[0] > few[0] > 1 / 3

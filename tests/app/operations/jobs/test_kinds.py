@@ -116,7 +116,15 @@ def test_no_text_becomes_an_option_or_a_path_outside(here: Settings, texts: dict
     options = [word.partition("=") for word in words[2:]]
     assert words[0] == "reconstruct"
     assert Path(words[1]) == here.intake_dir.absolute() / "captures" / "ball"
-    assert {option for option, _, _ in options} <= {"--depth", "--frames", "--voxel", "--no-temporal", "--pm", "--out"}
+    assert {option for option, _, _ in options} <= {
+        "--depth",
+        "--frames",
+        "--voxel",
+        "--no-temporal",
+        "--pm",
+        "--fill",
+        "--out",
+    }
     out = next(value for option, _, value in options if option == "--out")
     assert Path(out).parent == Path(inside) / "runs"
 

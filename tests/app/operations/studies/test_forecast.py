@@ -9,6 +9,7 @@ import pytest
 
 from app.intake.stimuli import read_manifest
 from app.operations.studies import manage
+from app.operations.studies.check_films import check_study
 from app.operations.studies.create import create_study
 from app.operations.studies.forecast import forecast
 from app.settings import Settings
@@ -19,6 +20,7 @@ PLANS: list[dict[str, Any]] = [
     {},
     {"second_codec": "vp9", "fallback": "", "both_orders": True},
     {"identical_pairs": 1, "repeated_pairs": 1, "reference": "pm_fb"},
+    {"pair_films": "decoded", "identical_pairs": 1, "fallback": ""},
     {"protocol": "ACR", "lighter_films": True},
     {"protocol": "DCR", "reference": "pm_fb", "identical_pairs": 1, "fallback": ""},
     {"without": ["id_fa"], "practice_dataset": "box", "optional_stages": ["practice"], "fallback": ""},
@@ -36,6 +38,7 @@ def test_pairs_trials_and_films_are_as_many_as_was_said(tmp_path: Path, options:
     made = create_study(settings, manifest, "Made", options=wanted)
     assert (said.n_pairs, said.n_trials) == (made["n_pairs"], made["n_trials"])
     assert said.n_films == len(list(settings.media_dir.glob("*.mp4")))
+    assert check_study(settings, made["slug"])["faults"] == {}
     n_bytes = sum(path.stat().st_size for path in settings.media_dir.glob("*.mp4"))
     assert n_bytes / 3 < said.n_bytes < 3 * n_bytes
 

@@ -140,7 +140,7 @@ def test_nobodys_code_travels_and_new_ones_are_made(
         packed_text = b"".join(archive.read(name) for name in archive.namelist() if not name.endswith(".mp4")).decode()
     assert not secrets[0] & secrets[1]
     assert not [secret for secret in secrets[0] if secret in packed_text]
-    for private in (taken["invitation"], CODE, "5f1e", "Anna Example"):
+    for private in (taken["invitation"], CODE, "5f1e", "Anna Example", str(settings.data_dir.parent)):
         assert private not in packed_text
     with open_store(there) as database, database.reading() as connection:
         assert connection.execute(select(recruit)).all() == []

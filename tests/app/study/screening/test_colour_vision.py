@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -30,6 +31,7 @@ from app.study.screening.colour_vision import (
     judge_colours,
     make_dots,
     plan_plates,
+    unsettled_kinds,
 )
 from app.study.screening.pictures import decode_srgb
 
@@ -155,6 +157,29 @@ def answers(protan_right: int, *, control: bool = True, n_catches_right: int = 2
 )
 def test_one_slip_passes_and_answers_without_looking_say_nothing(given: list[Answer], verdict: str) -> None:
     assert judge_colours(given, TEST)[0] == verdict
+
+
+def seen_until_settled(sees: Callable[[PlannedPlate], bool], seed: int) -> list[Answer]:
+    """Answers to the plates of a plan in order, without those whose part of the verdict is settled."""
+    given: list[Answer] = []
+    for plate in plan_plates(TEST, np.random.default_rng(seed)):
+        if plate.kind in unsettled_kinds(given, TEST):
+            given.append(Answer(plate.kind, plate.gap, plate.gap if sees(plate) else NOTHING))
+    return given
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_plates_that_can_change_nothing_are_left_out_and_the_verdict_is_that_of_all_of_them(seed: int) -> None:
+    def wobbles(plate: PlannedPlate) -> bool:
+        return plate.kind not in AXES or plate.seed % 3 > 0
+
+    assert len(seen_until_settled(lambda _: True, seed)) == 1 + 3 * 4 + 1
+    assert len(seen_until_settled(lambda plate: plate.kind not in AXES, seed)) == 1 + 3 * 2 + 1
+    plan = plan_plates(TEST, np.random.default_rng(seed))
+    all_of_them = [Answer(plate.kind, plate.gap, plate.gap if wobbles(plate) else NOTHING) for plate in plan]
+    verdicts = [judge_colours(given, TEST) for given in (seen_until_settled(wobbles, seed), all_of_them)]
+    assert verdicts[0][0] == verdicts[1][0]
+    assert verdicts[0][1]["failed_axes"] == verdicts[1][1]["failed_axes"]
 
 
 def test_who_guesses_passes_an_axis_less_than_twice_in_a_hundred() -> None:

@@ -32,6 +32,13 @@ def test_a_film_that_stood_still_or_lost_its_frames_does_not(told: dict[str, flo
     assert smoothness(looked_at(smoothness=told), FPS).shown_smoothly is False
 
 
+def test_pictures_that_came_late_after_presses_do_not_either() -> None:
+    told = {"longest_gap_ms": 366.7, "n_presented": 90, "n_refreshes": 60}
+    for delays, is_smooth in (((30.0, 240.0, 900.0), True), ((30.0, 725.0, 900.0), False)):
+        switches = [{"to": "b", "at_ms": 10.0, "presented_ms": 10.0 + delay} for delay in delays]
+        assert smoothness(looked_at(smoothness=told, switches=switches), FPS).shown_smoothly is is_smooth
+
+
 def test_a_computer_that_slept_is_found_in_records_from_before_gaps_were_recorded() -> None:
     slept = looked_at(shown_ms=15_915.0, n_frames=28, n_dropped=0, n_stalls=0)
     played = smoothness(slept, FPS)

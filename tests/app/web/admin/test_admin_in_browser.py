@@ -65,6 +65,7 @@ NEW_STUDY = "/studies/new?stimulus_set=tiny&preset=paper"
 PAGES = (
     "",
     "/studies/new",
+    "/manual/recruiting",
     NEW_STUDY,
     "/sets",
     "/sets/tiny",
@@ -95,9 +96,7 @@ def test_every_page_fits_a_telephone_is_accessible_and_light(
     ).json()[0]["trial"]
     paths = [*(f"/admin{path}" for path in PAGES), *(base + path for path in STUDY_PAGES), f"{base}/votes/{trial}"]
     paths += [f"{base}/invitations/print", *(f"{long_word}/{tab}" for tab in ("texts", "edit"))]
-    narrow = [
-        f"{base}{place}" for place in (*STUDY_PAGES, "/invitations/print") if not place.startswith("/participants/")
-    ]
+    narrow = [f"{base}{place}" for place in (*STUDY_PAGES, "/invitations/print")]
     for number, path in enumerate(paths):
         page.emulate_media(color_scheme="dark" if number % 2 else "light")
         page.goto(path)
@@ -342,6 +341,19 @@ def test_a_row_keeps_the_focus_while_its_keys_move_it_and_gives_it_on_when_delet
         page.keyboard.press("Tab")  # over Down
     page.keyboard.press("Enter")
     assert page.evaluate("document.activeElement.value") == "one"
+
+
+def test_a_page_is_printed_whole_and_without_what_leads_elsewhere(
+    page: Page, new_study: Callable[[], dict[str, Any]]
+) -> None:
+    page.goto(f"/admin/studies/{new_study()['slug']}/edit")
+    page.emulate_media(media="print")
+    expect(page.get_by_role("navigation", name="Dashboard")).to_be_hidden()
+    expect(page.get_by_text("Scale of ACR")).to_be_hidden()
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    expect(page.get_by_text("Scale of ACR")).to_be_visible()
+    page.evaluate("dispatchEvent(new Event('afterprint'))")
+    expect(page.get_by_text("Scale of ACR")).to_be_hidden()
 
 
 def test_a_line_that_is_begun_by_keyboard_stays_on_its_frame(page: Page, settings: Settings) -> None:

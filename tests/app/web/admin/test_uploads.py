@@ -61,6 +61,35 @@ def test_a_zip_of_plain_films_becomes_a_set_that_says_what_was_found(
         assert str(own.sets_dir) not in refused
 
 
+TABLE = "file,dataset,condition\n1.mp4,street,plain\n2.mp4,street,sharp\n"
+
+
+@pytest.mark.parametrize(
+    ("names", "table", "understood"),
+    [
+        (
+            ("street_night_plain", "street_night_sharp", "park_plain", "park_sharp"),
+            "",
+            ("2 scenes in 2", "street_night"),
+        ),
+        (("1", "2"), TABLE, ("1 scene in 2", "sharp")),
+    ],
+)
+def test_films_without_folders_are_named_by_their_names_or_by_a_table(
+    own_server: str, own: Settings, tmp_path: Path, names: tuple[str, ...], table: str, understood: tuple[str, str]
+) -> None:
+    tiny_stimuli.encode(tmp_path / "film.mp4", tiny_stimuli.flat("gray"))
+    files = {f"{name}.mp4": (tmp_path / "film.mp4").read_bytes() for name in names}
+    files |= {"films.csv": table.encode()} if table else {}
+    with signed_in(own_server, own, "Eva") as eva:
+        token = {"X-CSRF-Token": eva.form_token}
+        address = f"/admin/stimuli/upload?then=study&name=Flat+{len(names)}"
+        sent = eva.put(address, content=zipped(files), headers=token)
+        page = ends(eva, sent.json()["job"])
+    assert page.url.path == "/admin/studies/new"
+    assert all(words in page.text for words in understood)
+
+
 @pytest.mark.parametrize(
     ("files", "complaint"),
     [

@@ -77,6 +77,9 @@ def test_a_plan_needs_no_study_and_says_what_people_can_show(manager: httpx.Clie
     assert (rated["spread"], rated["is_rated"]) == (0.0, True)
     assert [row["claim"] for row in rated["claims"]] == [row["claim"] for row in of_study["claims"]]
     assert is_problem(manager.get("plan", params={**asked, "conditions": 1}), 422)
+    large = manager.get("plan", params={**asked, "conditions": 50})
+    assert is_problem(large, 422)
+    assert "simulates 400 at most" in large.json()["detail"]
 
 
 def test_every_listed_figure_is_sent_as_a_file(manager: httpx.Client, taken: dict[str, Any]) -> None:

@@ -100,7 +100,7 @@ def test_a_whole_session_of_every_stage_names_no_dataset_and_no_condition_and_de
     client.get(f"/s/{study['invitation']}")
     client.get("/api/v1/studies/nothing/votes")
     assert crawler.heard_of("/media/") >= 6
-    assert crawler.heard_of("/static/js/") > 10
+    assert crawler.heard_of("/static/joined/") >= 2
     assert crawler.heard_of("/session/screening/") > 10
     assert len(crawler.heard) > 100
     crawler.assert_silent()

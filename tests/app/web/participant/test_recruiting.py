@@ -17,6 +17,7 @@ import pytest
 from sqlalchemy import update
 
 from app.operations.studies.create import create_study
+from app.operations.studies.manage import add_invitation
 from app.settings import Settings
 from app.simulation.participants import begin, next_trial, simulate
 from app.store.database.engine import open_database
@@ -403,3 +404,34 @@ def test_a_platforms_preset_fills_in_what_a_study_takes(name: str) -> None:
     code = {"code": "C1"} if "{code}" in filled.get("complete_url", "") else {}
     options = parse_options({"outside": {**filled, **code}})
     assert link_query(options.outside).startswith("?" if options.outside.id else "")
+
+
+def test_who_is_let_in_again_begins_anew_by_the_same_link_and_counts_once(
+    server: str, create: Create, experimenter: Dashboard, vote_body: VoteBody
+) -> None:
+    study = create()
+    with a_browser(server) as browser:
+        assert enters(browser, study, "p-1").status_code == 201
+        goes_through(browser, vote_body)
+        assert enters(browser, study, "p-1").json()["stage"] == "finished"
+        page = experimenter.act(f"/admin/studies/{study['slug']}/participants/P001/again").text
+        assert "takes part again" in page
+        again = enters(browser, study, "p-1")
+        assert (again.status_code, again.json()["stage"]) == (201, "introduction")
+    base = f"/admin/studies/{study['slug']}/participants"
+    assert "P001,p-1#P001,finished" in experimenter.get(f"{base}/outside-ids.csv").text
+    assert ["Count again" in experimenter.get(f"{base}/{label}").text for label in ("P001", "P002")] == [True, False]
+
+
+def test_an_invitation_for_one_lets_in_again_who_is_told_to(
+    server: str, settings: Settings, experimenter: Dashboard, stimulus_set: Any
+) -> None:
+    study = create_study(settings, stimulus_set, f"S {uuid4()}", exposure_s=0.4)
+    code = add_invitation(settings, study["slug"], places=1)["invitation"]
+    with a_browser(server) as browser:
+        body = {"invitation": code, "key": str(uuid4())}
+        address = f"/api/v1/studies/{study['slug']}/sessions"
+        assert browser.post(address, json=body).status_code == 201
+        assert browser.post(address, json=body | {"key": str(uuid4())}).status_code == 410
+        experimenter.act(f"/admin/studies/{study['slug']}/participants/P001/again")
+        assert browser.post(address, json=body | {"key": str(uuid4())}).status_code == 201

@@ -74,12 +74,14 @@ def test_artificial_participants_are_measured_as_they_are(
     session = begin(client, both_tests["slug"], both_tests["invitation"], observer, np.random.default_rng(2))
     assert session["stage"] == "trial"  # a failure is recorded; the experimenter decides
     acuity, colour = (row for row in rows(analyst, both_tests) if row["session"] == session["session"])
-    assert (acuity["test"], acuity["verdict"], acuity["n_answered"]) == ("acuity", "passed", 24)
+    assert (acuity["test"], acuity["verdict"]) == ("acuity", "passed")
+    assert 10 <= acuity["n_answered"] < 24  # it was certain before
     assert abs(acuity["logmar"]) <= 0.2
     assert acuity["low"] <= acuity["logmar"] <= acuity["high"]
     assert acuity["smallest"] <= acuity["limit"] == 0.18
     assert acuity["distance_source"] == "typed"
-    assert (colour["test"], colour["verdict"], colour["n_answered"]) == ("colour", "failed", 18)
+    assert (colour["test"], colour["verdict"]) == ("colour", "failed")
+    assert colour["n_answered"] < 18
     assert "deutan" in colour["details"]["failed_axes"]
     text = analyst.get(f"/api/v1/studies/{both_tests['slug']}/screening?format=csv").text
     assert text.startswith("participant,session,test,verdict,logmar,")
@@ -204,6 +206,18 @@ def test_a_laboratory_may_fix_the_distance(enter: Callable[[dict[str, Any]], htt
     client = enter(screened(distance="fixed", distance_cm=200))
     measured = client.put(f"{PATH}/display", json=CARD).json()
     assert (measured["fixed_distance_cm"], measured["certificate"]["distance_cm"]) == (200, 200)
+
+
+def test_where_the_lab_sheet_has_the_distance_nobody_types_it_or_is_told_to_move_back(
+    client: httpx.Client, settings: Settings, stimulus_set: Path
+) -> None:
+    content = {"optional_stages": ["screening"], "lab_sheet": {"distance_cm": 90.0}}
+    study = create_study(settings, stimulus_set, "Own room", exposure_s=0.4, options=parse_options(content))
+    client.post(f"/api/v1/studies/{study['slug']}/sessions", json={"invitation": study["invitation"]})
+    client.put("/api/v1/session/stages/introduction", json={"data": {}})
+    assert client.get(PATH).json()["distance"] == "fixed"
+    measured = client.put(f"{PATH}/display", json=CARD).json()
+    assert (measured["seat_cm"], measured["certificate"]["distance_cm"]) == (90.0, 90.0)
 
 
 def test_an_item_tells_what_to_show_and_not_what_is_right(

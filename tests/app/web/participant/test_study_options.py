@@ -202,7 +202,7 @@ def test_a_vote_tells_analysts_how_the_pair_was_shown(
     assert found == [("stacked", True), ("webcodecs", True), ("two videos", False), (None, None)]
     table = analyst.get(f"{path}/votes?format=csv").text.splitlines()
     assert "technique,frame_locked" in table[0]
-    assert "two videos,false" in table[3]
+    assert "two videos,FALSE" in table[3]
     assert [trial["n_mismatches"] for trial in analyst.get(f"{path}/trials").json()][:4] == [3, 3, 3, None]
     with signed_in(server, settings, "Grace") as grace:
         page = grace.get(f"/admin/studies/{study['slug']}/votes").text

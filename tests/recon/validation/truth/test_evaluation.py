@@ -58,6 +58,19 @@ def test_scores_follow_their_definition() -> None:
     assert (high["precision"], high["recall"]) == (1.0, 0.5)
 
 
+def test_filled_holes_count_unless_they_are_left_out(tmp_path: Path) -> None:
+    corners = np.array([[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 50], [10, 0, 50], [0, 10, 50]], np.float32)
+    faces, up = np.array([[0, 1, 2], [3, 4, 5]], np.int32), np.tile([0.0, 0, 1], (6, 1))
+    mesh = Mesh(corners, faces, up, np.zeros((6, 3), np.uint8), filled=np.arange(6) > 2)
+    path, truth = write_mesh(tmp_path / "mesh.ply", mesh), tmp_path / "truth.ply"
+    write_mesh(truth, Mesh(corners, faces[:1], up, mesh.colours))
+    means = [
+        measure_mesh(path, truth, MeshSettings((1.0,), filled=filled))["accuracy"]["mean_mm"]
+        for filled in (True, False)
+    ]
+    assert means == pytest.approx([25, 0], abs=1)
+
+
 def by_the_book(rec: NDArray[np.float64], truth: NDArray[np.float64], threshold: float) -> tuple[float, float, float]:
     """Precision, recall and F-score as Tanks and Temples publishes them, point by point and cell by cell, in per cent.
 

@@ -130,6 +130,7 @@ def test_the_audit_log_tells_what_was_done_and_holds_no_secret(server: str, sett
     with Dashboard(server) as stranger:
         stranger.get("/admin/login/guessed-at-random")
         stranger.get("/admin/setup/guessed-at-random")
+        stranger.enter("/admin/sign-in", name="guessed-at-random", password="in the wrong field")
         stranger.get("/api/v1/studies", headers={"Authorization": "Bearer guessed-at-random"})
     database = open_store(settings)
     with database.reading() as connection:

@@ -97,6 +97,10 @@ def test_what_cannot_be_made_is_said_in_the_words_of_the_form_while_it_is_typed(
     plan = eva.act(f"{NEW}/draft", **typed(eva.get(FORM).text, protocol="ACR-HR")).text
     assert "It cannot be created yet" in plan
     assert "reference" in plan
+    hasty = typed(eva.get(FORM).text, name="Hasty", minimum_viewing_s="3")
+    refused = eva.act(NEW, **hasty)  # before any film is made
+    assert refused.status_code == 422
+    assert "Minimum viewing, s is 3, and a pair is shown for 0.4 s" in refused.text
 
 
 @pytest.mark.slow

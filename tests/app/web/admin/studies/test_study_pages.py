@@ -445,3 +445,22 @@ def test_the_design_tells_balance_duration_and_power(experimenter: Dashboard, ta
 @pytest.mark.slow
 def test_what_scores_need_is_loaded_once_somebody_has_signed_in(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-c", SIGNED_IN, str(tmp_path)], check=True, timeout=120)
+
+
+def test_a_renamed_study_is_offered_the_address_of_its_name_and_stays_where_it_was_seen(
+    experimenter: Dashboard, settings: Settings, new_study: NewStudy
+) -> None:
+    slug = new_study()["slug"]
+    manage.add_experimenter(settings, "Reader of one", "viewer", [slug])
+    page = experimenter.get(f"/admin/studies/{slug}/edit").text
+    assert "is not that of its name" not in page
+    revision = re.search(r'name="revision" value="(\d+)"', page)
+    assert revision
+    new = f"Renamed {slug}"
+    page = experimenter.act(f"/admin/studies/{slug}/edit", revision=revision[1], name=new).text
+    assert f"Change it to /admin/studies/renamed-{slug}" in page
+    moved = experimenter.act(f"/admin/studies/{slug}/address")
+    assert (moved.status_code, moved.url.path) == (200, f"/admin/studies/renamed-{slug}/edit")
+    assert experimenter.get(f"/admin/studies/{slug}").status_code == 404
+    (reader,) = (each for each in manage.list_experimenters(settings) if each["name"] == "Reader of one")
+    assert reader["studies"] == (f"renamed-{slug}",)

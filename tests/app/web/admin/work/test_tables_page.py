@@ -81,6 +81,8 @@ def test_the_three_lists_are_shown_and_the_table_analysed(eva: Dashboard) -> Non
     report = ends(eva, done.url.path)
     assert report.url.path == "/admin/files/runs/votes-analysis"
     assert "report.html" in report.text
+    assert "analysis of votes or ratings" in report.text
+    assert "Render films" not in report.text
 
 
 def test_a_table_with_two_readings_is_asked_about_and_the_answer_reads_it(eva: Dashboard) -> None:

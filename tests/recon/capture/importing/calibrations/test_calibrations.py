@@ -27,6 +27,7 @@ from tests.recon.capture.importing.labelled_recording import (
     RIG,
     SIZE,
     TURNED,
+    colmap_model,
     seen,
     write_picture,
 )
@@ -353,12 +354,23 @@ def test_every_format_has_a_name_for_people() -> None:
     assert {*IMPORTED} == {AUTO, *FORMATS}
 
 
-def test_a_source_of_no_known_format_is_told_the_nearest(tmp_path: Path) -> None:
-    (tmp_path / "calibs.txt").write_text("nothing")
-    with pytest.raises(
-        CaptureError, match=r"is in no format that is known; the nearest is middlebury-pair, which has calib"
-    ):
+@pytest.mark.parametrize(
+    ("name", "content", "sentence"),
+    [
+        ("calibs.txt", "", r"nearest is middlebury-pair, which has calib\.txt: `im0\.png`"),
+        ("calib.txt", "nothing", r"nearest is middlebury-pair, but calib\.txt is none of its files"),
+        ("holiday.mp3", "", "as none of its files tells cameras"),
+    ],
+)
+def test_a_source_of_no_known_format_is_told_the_nearest(
+    tmp_path: Path, name: str, content: str, sentence: str
+) -> None:
+    (tmp_path / name).write_text(content)
+    with pytest.raises(CaptureError, match=f"is in no format that is known.*{sentence}.*Known are middlebury, "):
         find_format(tmp_path)
+
+
+def test_a_source_that_is_named_wrongly_is_told_what_it_looks_like(tmp_path: Path) -> None:
     kalibr(tmp_path / "kalibr")
     with pytest.raises(CaptureError, match=r"holds no COLMAP model.*the source looks like kalibr"):
         import_recording("colmap", tmp_path / "kalibr", tmp_path / "out", replace(OPTIONS, unit_mm=1.0))
@@ -455,3 +467,56 @@ def test_absent_pictures_of_a_set_are_named_and_raw_video_is_told_how_to_convert
     (tmp_path / "b/viewport_4096x2048_yuv420p10le.yuv").touch()
     with pytest.raises(CaptureError, match="is raw; convert it: ffmpeg -f rawvideo"):
         import_recording(AUTO, tmp_path / "b", tmp_path / "again", options)
+
+
+def test_a_pair_of_kittis_stereo_benchmark_comes_with_its_truth(tmp_path: Path) -> None:
+    (tmp_path / "training/calib_cam_to_cam").mkdir(parents=True)
+    lines = [f"S_rect_0{n}: {SIZE[0]} {SIZE[1]}\nP_rect_0{n}: {kitti_projection(PAIR[n % 2])}" for n in (2, 3)]
+    path = tmp_path / "training/calib_cam_to_cam/000010.txt"
+    path.write_text("calib_time: x\n" + "\n".join(lines) + "\n")
+    pictures(tmp_path / "training", "image_2/000010_10.png", "image_3/000010_10.png", "image_2/000010_11.png")
+    truth = np.zeros(SIZE[::-1], np.uint16)
+    truth[100:120] = 32 * 256
+    (tmp_path / "training/disp_occ_0").mkdir()
+    cv2.imwrite(str(tmp_path / "training/disp_occ_0/000010_10.png"), truth)
+    assert find_format(path) == "kitti"
+    capture = import_recording(AUTO, path, tmp_path / "out", OPTIONS)
+    assert capture.n_frames == 1
+    depth = np.load(tmp_path / "out/S1/depth/0000.npy")
+    np.testing.assert_allclose(depth[100:120], 400 * 120 / 32, rtol=1e-6)
+    assert np.isnan(depth[:100]).all()
+
+
+def test_a_fisheye_of_kalibr_is_undistorted(tmp_path: Path) -> None:
+    kalibr(tmp_path / "source")
+    path = tmp_path / "source/log-camchain.yaml"
+    chain, lens = yaml.safe_load(path.read_text()), [-0.3, 0.12, -0.04, 0.01]
+    for camera in chain.values():
+        camera |= {"distortion_model": "equidistant", "distortion_coeffs": lens}
+    dump(path, chain)
+    checks = np.kron(np.indices((24, 32)).sum(axis=0) % 2, np.ones((10, 10))).astype(np.uint8)[..., None] * [
+        200,
+        200,
+        200,
+    ]
+    checks = checks.astype(np.uint8)
+    cv2.imwrite(str(next((tmp_path / "source/cam0").iterdir())), checks)
+    capture = import_recording(AUTO, tmp_path / "source", tmp_path / "out", OPTIONS)
+    left = capture.sensors[0].left.camera
+    assert not left.dist.any()
+    np.testing.assert_allclose(left.K, LEFT.K)
+    expected = cv2.fisheye.undistortImage(checks, LEFT.K, np.array(lens), Knew=LEFT.K)
+    written = cv2.imread(str(tmp_path / "out/S1/left/0000.png"))
+    assert np.median(np.abs(written.astype(int) - expected)) <= 5  # by another interpolation
+    assert np.abs(written.astype(int) - checks).mean() > 20
+
+
+def test_eth3d_is_a_model_of_colmap_in_metres(tmp_path: Path) -> None:
+    model = colmap_model(tmp_path / "source/dslr_calibration_undistorted")
+    (model / "images").rename(tmp_path / "source/images")
+    assert find_format(tmp_path / "source") == "eth3d"
+    options = replace(OPTIONS, pairs=[(11, 12)])
+    capture = import_recording(AUTO, tmp_path / "source", tmp_path / "out", options)
+    for stream, camera in zip(capture.sensors[0].cameras, (LEFT, RIGHT), strict=True):
+        np.testing.assert_allclose(seen(stream.camera, POINTS), seen(camera, POINTS), atol=1e-6)
+    assert len(capture.held_out) == 2

@@ -1,4 +1,4 @@
-"""Open3D, which the baselines run on."""
+"""Open3D, which the baseline fusions run on, and which reads PCD."""
 
 from __future__ import annotations
 

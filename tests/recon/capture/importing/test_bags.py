@@ -1,0 +1,153 @@
+"""Bags as ROS writes them: pairs and depth cameras are where their camera_info says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from recon.capture.depth_maps import read_depth_map
+from recon.capture.format import CaptureError, read_capture, read_frame
+from recon.capture.importing.formats import AUTO, find_format, import_recording
+from recon.capture.importing.sources import ImportOptions
+from tests.recon.capture.importing.labelled_recording import BOUNDS, OPTIONS, RIG, SIZE, TURNED, seen
+
+rosbags = pytest.importorskip("rosbags")
+
+from rosbags.rosbag1 import Writer as Writer1  # noqa: E402
+from rosbags.rosbag2 import Writer as Writer2  # noqa: E402
+from rosbags.typesys import Stores, get_typestore  # noqa: E402
+
+STORES = {1: get_typestore(Stores.ROS1_NOETIC), 2: get_typestore(Stores.ROS2_HUMBLE)}
+LEFT, RIGHT = RIG.sensors[0].left, RIG.sensors[0].right
+RELATIVE = RIGHT.cam_from_world @ np.linalg.inv(LEFT.cam_from_world)
+AHEAD = np.array([[100.0, 50, 1500], [-200, 100, 1200]])
+Messages = Iterator[tuple[str, int, Any]]
+
+
+def header(types: Any, stamp_ns: int, frame: str) -> Any:
+    time = types["builtin_interfaces/msg/Time"](sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
+    more = {"seq": 0} if "seq" in types["std_msgs/msg/Header"].__dataclass_fields__ else {}
+    return types["std_msgs/msg/Header"](stamp=time, frame_id=frame, **more)
+
+
+def image(types: Any, stamp_ns: int, frame: str, encoding: str, pixels: np.ndarray) -> Any:
+    """With four bytes more in each row than the picture needs."""
+    rows = np.pad(np.ascontiguousarray(pixels).reshape(pixels.shape[0], -1).view(np.uint8), ((0, 0), (0, 4)))
+    return types["sensor_msgs/msg/Image"](
+        header=header(types, stamp_ns, frame),
+        height=pixels.shape[0],
+        width=pixels.shape[1],
+        encoding=encoding,
+        is_bigendian=0,
+        step=rows.shape[1],
+        data=rows.ravel(),
+    )
+
+
+def info(version: int, types: Any, K: np.ndarray, dist: np.ndarray, R: np.ndarray, P: np.ndarray) -> Any:
+    roi = types["sensor_msgs/msg/RegionOfInterest"](x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+    matrices = {"d": dist, "k": K.ravel(), "r": R.ravel(), "p": P.ravel()}
+    if version == 1:
+        matrices = {name.upper(): values for name, values in matrices.items()}
+    return types["sensor_msgs/msg/CameraInfo"](
+        header=header(types, 10**9, "camera"),
+        height=SIZE[1],
+        width=SIZE[0],
+        distortion_model="plumb_bob",
+        binning_x=0,
+        binning_y=0,
+        roi=roi,
+        **matrices,
+    )
+
+
+def write(folder: Path, version: int, messages: Callable[[int, Any], Messages]) -> Path:
+    store = STORES[version]
+    path = folder / ("bag.bag" if version == 1 else "bag")
+    folder.mkdir(parents=True, exist_ok=True)
+    with Writer1(path) if version == 1 else Writer2(path, version=9) as writer:
+        connections: dict[str, Any] = {}
+        for topic, stamp_ns, message in messages(version, store.types):
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, message.__msgtype__, typestore=store)
+            pack = store.serialize_ros1 if version == 1 else store.serialize_cdr
+            writer.write(connections[topic], stamp_ns, pack(message, message.__msgtype__))
+    return path
+
+
+def stereo(version: int, types: Any) -> Messages:
+    dist = np.append(LEFT.dist, 0), np.append(RIGHT.dist, 0)
+    R1, R2, P1, P2 = cv2.stereoRectify(
+        LEFT.K, dist[0], RIGHT.K, dist[1], SIZE, RELATIVE[:3, :3], RELATIVE[:3, 3:] / 1000
+    )[:4]
+    for name, camera, lens, R, P in (("right", RIGHT, dist[1], R2, P2), ("left", LEFT, dist[0], R1, P1)):
+        yield f"/{name}/camera_info", 10**9, info(version, types, camera.K, lens, R, P)
+    for frame in range(3):
+        for name, grey, encoding in (("right", 100, "mono8"), ("left", 50, "bgr8")):
+            shape = SIZE[::-1] if encoding == "mono8" else (*SIZE[::-1], 3)
+            pixels = np.full(shape, grey + frame, np.uint8)
+            if encoding == "bgr8":
+                pixels[..., 2] = 200
+            if (frame, name) != (1, "left"):  # which was lost
+                stamp_ns = 10**9 + frame * 40_000_000 + (3_000_000 if name == "left" else 0)
+                yield f"/{name}/image_raw", stamp_ns, image(types, stamp_ns, name, encoding, pixels)
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_a_stereo_bag_is_a_pair_whose_instants_belong_together(tmp_path: Path, version: int) -> None:
+    source = write(tmp_path / "source", version, stereo)
+    assert find_format(source) == "rosbag"
+    import_recording(AUTO, source, tmp_path / "out", OPTIONS)
+    capture = read_capture(tmp_path / "out")
+    for stream, camera in zip(capture.sensors[0].cameras, (LEFT, RIGHT), strict=True):
+        relative = replace(camera, cam_from_world=camera.cam_from_world @ np.linalg.inv(LEFT.cam_from_world))
+        np.testing.assert_allclose(seen(stream.camera, AHEAD @ TURNED.T), seen(relative, AHEAD), atol=1e-6)
+    assert capture.n_frames == 2
+    left, right = read_frame(capture, "S1", 1)
+    assert left[5, 5].tolist() == [200, 52, 52]
+    assert right[5, 5].tolist() == [102] * 3
+
+
+def depth_camera(topic: str) -> Callable[[int, Any], Messages]:
+    def messages(version: int, types: Any) -> Messages:
+        P = np.column_stack([LEFT.K, np.zeros(3)])
+        for name in ("/camera/color", topic):
+            yield f"{name}/camera_info", 10**9, info(version, types, LEFT.K, np.append(LEFT.dist, 0), np.eye(3), P)
+        for frame in range(2):
+            stamp_ns = 10**9 + frame * 33_000_000
+            colours = np.full((*SIZE[::-1], 3), 60 + frame, np.uint8)
+            yield "/camera/color/image_raw", stamp_ns, image(types, stamp_ns, "color_optical", "rgb8", colours)
+            depth = np.full(SIZE[::-1], 1500 + 10 * frame, np.uint16)
+            yield f"{topic}/image_raw", stamp_ns, image(types, stamp_ns, "depth_optical", "16UC1", depth)
+
+    return messages
+
+
+def test_aligned_depth_maps_of_a_bag_come_in_and_others_are_refused(tmp_path: Path) -> None:
+    source = write(tmp_path / "a", 2, depth_camera("/camera/aligned_depth_to_color"))
+    import_recording("rosbag", source, tmp_path / "out", ImportOptions(fps=30))
+    capture = read_capture(tmp_path / "out")
+    assert (len(capture.sensors), capture.n_frames) == (1, 2)
+    assert np.nanmax(np.abs(read_depth_map(tmp_path / "out", capture.sensors[0], 1) - 1510)) < 1e-3
+    np.testing.assert_allclose(capture.sensors[0].left.camera.dist[:4], LEFT.dist)
+    other = write(tmp_path / "b", 1, depth_camera("/camera/depth"))
+    with pytest.raises(
+        CaptureError, match="belong to another camera than /camera/color/image_raw; record them aligned"
+    ):
+        import_recording("rosbag", other, tmp_path / "other", ImportOptions())
+
+
+def test_topics_that_are_no_pair_are_listed(tmp_path: Path) -> None:
+    source = write(tmp_path / "a", 2, stereo)
+    options = ImportOptions(bounds=BOUNDS, shots=["/left/image_raw"])
+    with pytest.raises(CaptureError, match=r"are /left/image_raw; expected two: .* Name them by --shots"):
+        import_recording("rosbag", source, tmp_path / "out", options)
+    (tmp_path / "no.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(50))
+    with pytest.raises(CaptureError, match="is not readable as a bag"):
+        import_recording("rosbag", tmp_path / "no.bag", tmp_path / "out", OPTIONS)
