@@ -7,10 +7,11 @@ import sys
 from importlib.util import find_spec
 
 MODULES = {
-    "recon": ("cv2", "mapbox_earcut", "numba", "open3d", "OpenEXR", "pyrender", "skimage"),
+    "recon": ("cv2", "laspy", "mapbox_earcut", "numba", "open3d", "OpenEXR", "pye57", "pyrender", "skimage", "yaml"),
     "cluster": ("distributed",),
     "postgres": ("psycopg",),
     "s3": ("s3fs",),
+    "ros": ("rosbags",),
 }
 
 

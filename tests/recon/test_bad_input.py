@@ -80,7 +80,7 @@ def test_a_sensor_that_sees_nothing_in_a_frame_is_left_out_of_it(command: Comman
     run = capture.parent / "run"
     expected = ["id: sensor S2 sees nothing in frame 1: its mask is empty"]
     for _ in range(2):  # made, and found finished
-        told = command("reconstruct", capture, "-o", run, "--depth", "id", "--json")
+        told = command("reconstruct", capture, "-o", run, "--depth", "id", "--fill", "0", "--json")
         assert told.code == 0, told.err
         assert json.loads(told.out)["warnings"] == expected
         assert f"warning: {expected[0]}" in told.err

@@ -21,7 +21,6 @@ from recon.capture.format import (
     write_capture,
 )
 from recon.capture.mending.files import link
-from recon.capture.recording import SIDES
 from recon.geometry.rig import Camera, rigid
 
 FOUND, UNCHECKED, MISSED = "found", "could not be checked", "missed"
@@ -121,7 +120,8 @@ def _mirror_baseline(capture: Capture) -> None:
 def _distort(capture: Capture, coefficients: tuple[float, ...]) -> None:
     def changed(stream: SensorStream) -> SensorStream:
         sides = (replace(each, camera=replace(each.camera, dist=np.array(coefficients))) for each in stream.cameras)
-        return replace(stream, **dict(zip(SIDES, sides, strict=True)))
+        left, right = sides
+        return replace(stream, left=left, right=right)
 
     with_stream(capture, changed)
 
@@ -131,6 +131,7 @@ def _repaint(capture: Capture, paint: Callable[[np.ndarray, int], np.ndarray], s
         for side in sides:
             path = frame_pictures(capture.folder, capture.stream(FAULTY), frame)[side].path
             picture = cv2.imread(str(path))
+            assert picture is not None
             path.unlink()
             cv2.imwrite(str(path), paint(picture, frame))
 
@@ -147,7 +148,7 @@ def _unrelated(picture: np.ndarray, frame: int) -> np.ndarray:
 
 
 def _overexposed(picture: np.ndarray, _frame: int) -> np.ndarray:
-    return np.clip(picture.astype(np.float32) * 8.0, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(picture.astype(np.float32) * 8.0, 0, 255), np.uint8)
 
 
 def lag(quarters: int) -> Fault:
