@@ -110,5 +110,3 @@ def test_a_flag_is_not_shown_as_if_a_value_followed(command: Command, name: str)
 def test_no_help_loses_words_in_brackets(command: Command) -> None:
     words = " ".join(command("study", "import", "--help").out.split())
     assert "or the zip file of a whole study. `study export` writes both" in words
-        command("study", "import", "--help").out.split()
-    )
