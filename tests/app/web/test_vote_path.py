@@ -33,10 +33,11 @@ PATH = {
     "app.store.database.keys",
     "app.store.database.engine",
     "app.study.trial.valid_vote",
+    "app.study.trial.smoothness",
 }
 
 
-def test_a_vote_passes_seven_modules_on_its_way_to_disk(
+def test_a_vote_passes_eight_modules_on_its_way_to_disk(
     tmp_path: Path, new_database_url: Callable[[], str], vote_body: Callable[..., dict[str, Any]]
 ) -> None:
     settings = Settings(data_dir=tmp_path, database_url=new_database_url())
@@ -45,7 +46,7 @@ def test_a_vote_passes_seven_modules_on_its_way_to_disk(
     (voter,) = seed_voters(database, 1, 3)
     database.dispose()
     assert modules_entered(settings, voter, vote_body) - MIDDLEWARE == PATH
-    assert len(PATH) <= 7
+    assert len(PATH) <= 8
 
 
 def modules_entered(settings: Settings, voter: Voter, vote_body: Callable[..., dict[str, Any]]) -> set[str]:

@@ -68,7 +68,7 @@ def test_a_capture_is_reconstructed_from_the_dashboard(browser: Browser, tmp_pat
         expect(page.get_by_role("row", name="Reconstruct ball")).to_contain_text("done")
         page.close()
         assert complaints == []
-    assert read_run(here.intake_dir / "runs" / "ball").approaches == ("id_fa",)
+    assert read_run(here.intake_dir / "runs" / "ball").approaches == ("id_fa_photographs",)
     database = open_database(here.url)
     with database.reading() as connection:
         assert workers(connection, utc_now()) == [], "the worker ends with the server"
