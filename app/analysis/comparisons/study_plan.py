@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-DEFAULT_SPREAD = 0.4  # log-odds; makes clustered errors about 1.4 times the naive ones, as on real panels
-
 
 class Studies(Protocol):
     """Simulated studies, R of n conditions, with what a report would say of them."""

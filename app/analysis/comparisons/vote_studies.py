@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import binom, norm
 from scipy.stats import t as student
 
-from app.analysis.comparisons.study_plan import DEFAULT_SPREAD, PlannedStudy, Studies
+from app.analysis.comparisons.study_plan import PlannedStudy, Studies
 from app.analysis.model.bootstrap import RUNAWAY
 from app.analysis.model.contrasts import FEWEST_PARTICIPANTS
 from app.analysis.model.likelihood.counts import PairCounts
@@ -19,6 +19,7 @@ from app.analysis.model.likelihood.newton import Design, Search, maximise
 from app.analysis.model.likelihood.participant_errors import ALIKE
 from app.analysis.model.likelihood.ties import TIE_MODELS
 from app.analysis.model.scales import LOG_ODDS_PER_JOD
+from app.study.protocols import TYPICAL_SPREAD
 
 Array = NDArray[np.float64]
 
@@ -38,7 +39,7 @@ class StudyPlan(PlannedStudy):
     unit: ClassVar[float] = LOG_ODDS_PER_JOD  # effects are in JOD
 
     tie_rate: float = DEFAULT_TIE_RATE
-    spread: float = field(default=DEFAULT_SPREAD, kw_only=True)
+    spread: float = field(default=TYPICAL_SPREAD, kw_only=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -32,7 +32,6 @@ LONGEST_SILENCE_S = 90.0  # of the browser, which tells of every film
 LARGEST_TOLD = 10_000  # bytes
 PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Films</title>
 <body><p id="status"></p><script type="module" src="js/check-films.js"></script></body></html>"""
-SCRIPTS = ("check-films.js", "playback.js", "mp4.js")
 TYPES = {".js": "text/javascript", ".json": "application/json", ".mp4": "video/mp4", ".html": "text/html"}
 
 
@@ -116,7 +115,7 @@ def _served(films: Sequence[PlayedFilm], hear: Any) -> Iterator[str]:
     known: dict[str, bytes | Path] = {
         "index.html": PAGE.encode(),
         "films.json": json.dumps(listed).encode(),
-        **{f"js/{name}": packaged("static") / "js" / name for name in SCRIPTS},
+        **{f"js/{script.name}": script for script in (packaged("static") / "js").glob("*.js")},
         **{f"film/{number}.mp4": film.path for number, film in enumerate(films)},
     }
     server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Answers, f"/{secret}/", known, hear))

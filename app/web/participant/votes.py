@@ -1,7 +1,8 @@
 """Votes over REST: one is acknowledged once it is on disk.
 
 On the way there a vote passes eight modules: web/gates, this one, store/vote_writer, store/vote_records, which asks
-study/valid_vote, study/smoothness and store/keys, and store/engine. It is a `VoteBody`, then a `Vote`, a row, and a `KeptVote`.
+study/valid_vote, study/smoothness and store/keys, and store/engine. It is a `VoteBody`, then a `Vote`, a row, and a
+`KeptVote`.
 """
 
 from __future__ import annotations

@@ -7,13 +7,12 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import Response
 
-from app.analysis.comparisons.study_plan import DEFAULT_SPREAD
 from app.store.trials.designs import conditions_of
 from app.store.trials.orders import most_trials, study_plan
 from app.study.design.balance import holds
 from app.study.options.duration import stage_minutes
 from app.study.options.options import parse_options
-from app.study.protocols import TYPICAL_INCONSISTENCY
+from app.study.protocols import TYPICAL_INCONSISTENCY, TYPICAL_SPREAD
 from app.web.admin.layout import study_page
 from app.web.admin.listing import listed
 from app.web.analyst.results import balance_soon, plan_of
@@ -45,7 +44,7 @@ def design_page(
     n_datasets = len({pair.dataset for pair in plan.pairs})
     size = (len(conditions), n_datasets, participants or 22, effect, spread)
     planned = plan_of(*size, is_rated=plan.is_rated) if participants else None
-    usual = 0.0 if plan.is_rated else DEFAULT_SPREAD
+    usual = 0.0 if plan.is_rated else TYPICAL_SPREAD
     context = {
         "report": report,
         "holds": holds,

@@ -156,7 +156,7 @@ def test_attaching_again_replaces_a_model(
 
 def address(dashboard: Dashboard, page: str) -> str:
     """Of the first model on a page."""
-    return dashboard.get(page).text.split('<a href="')[-1].split('"')[0]
+    return str(re.findall(r'<a href="([^"]+[.]ply)"', dashboard.get(page).text)[-1])
 
 
 def test_a_model_is_served_whole_in_part_and_only_when_it_is_not_known(
