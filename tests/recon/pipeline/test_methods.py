@@ -176,7 +176,7 @@ def test_programs_and_variants_go_the_whole_way_in_worker_processes(
 ) -> None:
     more = '[depth.dr8]\nmethod = "dr"\nsigma = 8\n[fusion.fb-coarse]\nmethod = "fb"\nvoxel_mm = 90\n'
     arguments = ("reconstruct", capture.folder, "--methods", methods_file(tmp_path, more=more))
-    chosen = ("--depth", "mine,dr8", "--fusion", "fb,fb-coarse", "--frames", "0:1")
+    chosen = ("--depth", "mine,dr8", "--fusion", "fb,fb-coarse", "--colour", "vertices", "--frames", "0:1")
     told = command(*arguments, *chosen, "-o", tmp_path / "run", "--workers", 2)
     assert told.code == 0, told.err
     content = read_json(tmp_path / "run/run.json")

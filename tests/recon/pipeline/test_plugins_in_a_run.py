@@ -328,7 +328,18 @@ def test_a_package_that_pip_installed_goes_from_the_help_to_the_analysis(
     assert " box, " in " ".join(told("reconstruct", "--help").replace("│", " ").split())
     path, run = tmp_path / "methods.toml", tmp_path / "run"
     path.write_text('[depth.box3]\nmethod = "box"\nside = 3\n')
-    reconstruct = ("reconstruct", capture.folder, "-o", run, "--methods", path, "--depth", "box,box3,sgm")
+    reconstruct = (
+        "reconstruct",
+        capture.folder,
+        "-o",
+        run,
+        "--methods",
+        path,
+        "--depth",
+        "box,box3,sgm",
+        "--colour",
+        "vertices",
+    )
     told(*reconstruct, "--fusion", "fb")
     recorded = read_json(run / "run.json")["options"]["methods"]["depth"]
     assert recorded["box"] | {"code": "", "temporal": None} == {

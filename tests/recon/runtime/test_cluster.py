@@ -123,7 +123,7 @@ def test_a_cluster_that_shares_a_bucket_and_no_folder_makes_the_same_files(
     command: Command, cluster: LocalCluster, capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     film = ("--size", "96x64", "--seconds", 0.4, "--renderer", "software")
-    one = ("--depth", "id", "--frames", "0:1")
+    one = ("--depth", "id", "--colour", "vertices", "--frames", "0:1")
     assert command("reconstruct", capture, "-o", tmp_path / "here", *one).code == 0
     assert command("render", tmp_path / "here", "-o", tmp_path / "here" / "set", *film).code == 0
 
