@@ -59,7 +59,7 @@ def digests(folder: Path) -> dict[str, str]:
     return {
         str(path.relative_to(folder)): file_digest(path)
         for path in sorted(folder.rglob("*"))
-        if path.name.endswith(kinds) and ".finished" not in path.parts
+        if (path.name.endswith(kinds) or path.parent.name == "rows") and ".finished" not in path.parts
     }
 
 
@@ -109,7 +109,7 @@ def test_a_cluster_makes_the_files_of_a_single_process_though_a_worker_is_killed
     make_films(command, capture, tmp_path / "there", "--cluster", cluster.scheduler_address)
     assert killed
     here, there = digests(tmp_path / "here"), digests(tmp_path / "there")
-    assert len(here) == 2 * 2 * 3 + 2 * 2 + 2 * 4 + 1  # maps and clouds, meshes, videos with their masks, preview
+    assert len(here) == 2 * 2 * 3 + 2 * 2 + 2 * 4 + 1 + 2  # maps and clouds, meshes, videos and masks, preview, rows
     assert there == here
     assert not list(tmp_path.rglob(".*.part*"))
 

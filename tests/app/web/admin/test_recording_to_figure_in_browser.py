@@ -135,7 +135,9 @@ def reconstruct(page: Page) -> None:
     page.get_by_role("spinbutton", name="Voxel").fill("20")
     page.get_by_role("button", name="Start the job").click()
     page.get_by_role("link", name="Look at the result").click()
-    expect(page.get_by_text("reconstruction of sphere: 1 frame by id_fa, id_fb")).to_be_visible()
+    expect(
+        page.get_by_text("reconstruction of sphere: 1 frame by id_fa_photographs, id_fb_photographs")
+    ).to_be_visible()
     expect(page.locator(".pictures img").first).to_be_visible()
 
 
