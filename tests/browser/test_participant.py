@@ -181,12 +181,12 @@ def test_every_control_is_reached_by_the_tabulator(study: Study, page: Page, vis
 def test_nothing_is_chosen_before_the_participant_chooses(study: Study, page: Page, visitor: Visitor) -> None:
     visitor.begin(study)
     visitor.is_in("voting")
-    expect(page.locator("input:checked")).to_have_count(0)
+    expect(page.locator("input[type=radio]:checked")).to_have_count(0)
     page.keyboard.press("Enter")
     expect(page.get_by_role("alert")).to_have_text("Please choose one of the three first.")
     visitor.votes("3")
     visitor.is_in("voting")
-    expect(page.locator("input:checked")).to_have_count(0)
+    expect(page.locator("input[type=radio]:checked")).to_have_count(0)
 
 
 def test_a_click_that_was_meant_to_switch_does_not_choose(study: Study, page: Page, visitor: Visitor) -> None:
@@ -197,7 +197,7 @@ def test_a_click_that_was_meant_to_switch_does_not_choose(study: Study, page: Pa
     clicks_when_voting_opens = """([x, y]) => new Promise((resolve) => new MutationObserver(() => {
         if (document.getElementById("trial").dataset.state !== "voting") return;
         document.elementFromPoint(x, y).click();
-        resolve(document.querySelectorAll("input:checked").length);
+        resolve(document.querySelectorAll("input[type=radio]:checked").length);
     }).observe(document.getElementById("trial"), { attributes: true }))"""
     middle = [card["x"] + card["width"] / 2, card["y"] + card["height"] / 2]
     assert page.evaluate(clicks_when_voting_opens, middle) == 0
