@@ -88,13 +88,14 @@ def match_stretch(job: Job, views: Sequence[View]) -> list[str]:
         return [name for view in views for name in take_frame(job, view)]
     method = job.options.methods.depth[views[0].method]
     past = Past() if is_pm(method) else None
+    rows = _rows(job, views[0].sensor_id)
     keys: dict[View, dict[str, Any]] = {}
     before: str | None = None
     for view in views:
         keys[view] = {
             "pictures": picture_key(job.capture, view),
             "method": depth_key(method),
-            "rows": _rows_key(job, view.sensor_id),
+            "rows": _rows_key(rows),
             "code": code_version("depth", "capture/noise.py", "capture/rectify.py"),
         } | ({} if past is None else {"before": before})
         before = key_of(keys[view])
@@ -102,7 +103,7 @@ def match_stretch(job: Job, views: Sequence[View]) -> list[str]:
     made: list[str] = []
     for view in views if past and missing else missing:
         again = None if past else _matched_before(job, view, keys[view])
-        disparity, warnings = _matched(job, method, view, past) if again is None else (again, [])
+        disparity, warnings = _matched(job, method, view, rows, past) if again is None else (again, [])
         if view in missing:
             write = partial(_write_matched, disparity, warnings)
             made += job.artefacts.make(view.matched, keys[view], write)
@@ -118,9 +119,11 @@ def _matched_before(job: Job, view: View, key: dict[str, Any]) -> NDArray[np.flo
     return None
 
 
-def _matched(job: Job, method: DepthMethod, view: View, past: Past | None) -> tuple[NDArray[np.float32], list[str]]:
+def _matched(
+    job: Job, method: DepthMethod, view: View, rows: RowFit | None, past: Past | None
+) -> tuple[NDArray[np.float32], list[str]]:
     """Match the pictures of a view; returns the disparities, and a sentence for each warning."""
-    rectification = with_rows(rectified_view(job.capture, view), _rows(job, view.sensor_id))
+    rectification = with_rows(rectified_view(job.capture, view), rows)
     pair = rectified_pair(job.capture, rectification, view.frame)
     if pair is None:
         if past:
@@ -264,9 +267,8 @@ def _rows(job: Job, sensor_id: str) -> RowFit | None:
     return None if content is None else RowFit(**content | {"pivot": tuple(content["pivot"])})
 
 
-def _rows_key(job: Job, sensor_id: str) -> dict[str, Any] | None:
+def _rows_key(fit: RowFit | None) -> dict[str, Any] | None:
     """Describe for a key how a sensor's right pictures are moved; None where they are not."""
-    fit = _rows(job, sensor_id)
     return asdict(fit) if fit is not None and fit.is_off else None
 
 
