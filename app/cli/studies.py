@@ -416,7 +416,7 @@ def _tell_of_study(study: dict[str, Any], settings: Settings, url: str | None, *
         f"Created the study {study['slug']}: {shown} of {counted(study['n_conditions'], 'condition')}, "
         f"{study['exposure_s']:g} s each.{left_out}",
         _languages_sentence(study["languages"]),
-        *(f"{note.removesuffix('.')}." for note in study.get("notes", ())),
+        *(f"{note}." for note in study.get("notes", ())),
         f"Invite participants with {study['link']}{'' if running else ' once `reconstudy serve` runs'}.",
     ]
     print_result(study, "\n".join(sentences), as_json=as_json)

@@ -101,7 +101,7 @@ def create_study(
             films = films_of(connection, study)
         if find_browser(settings.check_browser):  # before anybody is invited
             check = check_films(settings, study, films, now, most_played=MOST_PLAYED_AT_ONCE, progress=progress)
-            notes.append(in_words(check))
+            notes.append(in_words(check).removesuffix("."))
     return {
         "languages": {tag: refusal or "offered" for tag, refusal in refused_languages(wanted, packs).items()},
         "invitation": code,
