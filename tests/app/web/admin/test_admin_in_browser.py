@@ -180,6 +180,34 @@ def test_a_form_that_is_refused_twice_comes_back_twice(browser: Browser, server:
     page.close()
 
 
+def test_a_refused_form_is_filled_as_it_was_sent_and_shows_its_wrong_field(
+    browser: Browser, server: str, settings: Settings, new_study: Callable[[], dict[str, Any]]
+) -> None:
+    page = browser.new_page(base_url=server)
+    sign_in(page, settings)
+    path = f"/admin/studies/{new_study()['slug']}"
+    page.goto(f"{path}/invitations")
+    page.locator("form[novalidate], form").evaluate_all("forms => forms.forEach((form) => (form.noValidate = true))")
+    page.locator("[name=places]").fill("-3")
+    page.locator("[name=number]").fill("2")
+    page.locator("[name=label]").first.fill('A "new" <name>')
+    page.locator("[name=places] >> xpath=ancestor::form").get_by_role("button").click()
+    expect(page.get_by_role("alert")).to_contain_text("The form is not as expected: places")
+    assert page.locator("[name=places]").input_value() == "-3"
+    assert page.locator("[name=label]").first.input_value() == 'A "new" <name>'
+    assert page.locator("[name=places]").get_attribute("aria-invalid") == "true"
+    assert page.locator("#typed").count() == 0
+    page.goto(f"{path}/edit")
+    page.locator("form").evaluate_all("forms => forms.forEach((form) => (form.noValidate = true))")
+    page.locator("details").evaluate_all("parts => parts.forEach((part) => (part.open = true))")
+    page.locator("[name='privacy.keep_days']").fill("1.5")
+    page.get_by_role("button", name="Save", exact=True).first.click()
+    expect(page.get_by_role("alert")).to_contain_text("Nothing was changed: ")
+    page.get_by_role("link", name="Show it").click()
+    expect(page.locator("[name='privacy.keep_days'][aria-invalid=true]")).to_be_in_viewport()
+    page.close()
+
+
 def test_an_upload_that_a_proxy_refuses_says_so_and_may_be_tried_again(
     browser: Browser, server: str, settings: Settings
 ) -> None:
