@@ -532,11 +532,6 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
     )
 
 
-def study_schema() -> dict[str, Any]:
-    """Return the JSON Schema of a study's options, with the words of the form as titles and descriptions."""
-    return StudyOptions.model_json_schema()
-
-
 def without_effect(options: StudyOptions) -> dict[str, SettingError]:
     """Return options that the study's protocol makes no use of, each with the refusal that says why."""
     of_pairs = {"identical_pairs": options.identical_pairs, "minimum_viewing_s": options.minimum_viewing_s}
