@@ -18,6 +18,7 @@ from recon.validation.films.pictures import comparison_picture
 from recon.validation.films.stimuli import Pair
 from recon.validation.films.vmaf import has_vmaf, vmaf_scores
 
+NOTHING_MORE = Perceptual()
 MEASURES = ("psnr_y", "ssim", "ms_ssim", "vmaf", "flicker", *PACKAGES)
 ACTOR = "_actor"  # ends the names of measures inside the silhouettes
 WHITE = 126  # luma from which a mask's pixel is of the model: half way from 16 to 235
@@ -68,7 +69,7 @@ def measure_film(
     *,
     every: int,
     threads: int,
-    perceptual: Perceptual | None = None,
+    perceptual: Perceptual = NOTHING_MORE,
     tell: Tell | None = None,
 ) -> MeasuredFilm:
     """Measure a film; ffmpeg computes VMAF beside the other measures.
@@ -102,7 +103,7 @@ def measure_film(
                 tell(1)
         if waiting:
             values["vmaf"] = waiting.result()
-    for name in perceptual.names if perceptual else ():
+    for name in perceptual.names:
         values[name] = perceptual.values(pair, name, every=every)
     in_order = {name: values[name] for name in sorted(values, key=_rank)}
     return MeasuredFilm(pair, frames, in_order, watch.shown())
