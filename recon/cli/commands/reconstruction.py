@@ -194,6 +194,15 @@ class Render(Command):
         label="Background",
         choices={"studio": "a bright studio", "dark": "a dark room", "plain": "one colour"},
     )
+    floor: str = option(
+        "model",
+        "Height of the floor in all films of a scene: where its models stand, the bottom of the bounds, or a number in "
+        "mm; the manifest tells it.",
+        label="Floor",
+        note="",
+        metavar="model|bounds|MM",
+        choices={"model": "where the models stand", "bounds": "at the bottom of the bounds"},
+    )
     light: str = option(
         "studio",
         "Light on meshes and clouds: studio, or flat for the colours that they bring, so that light is no giveaway "
