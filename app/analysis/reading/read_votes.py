@@ -84,7 +84,7 @@ def recognise_file(path: Path | str, told: Told | None = None) -> Source:
     path, told = Path(path), told or Told()
     table = read_table(path, told.encoding, told.sheet, told.format)
     try:
-        table = restated(table, told.format)
+        table = restated(table, told.format, "" if path.name.lower().endswith(".xlsx") else told.sheet)
         return Source(path, table, recognise(table, told))
     except QuestionError as question:
         raise question.at(path) from None
