@@ -140,11 +140,11 @@ def _table_of_text(content: bytes, told: Told) -> pd.DataFrame:
         text = text.replace("\r", "\n")  # ends of lines as on old Macs
     text = text.lstrip("\r\n")
     first, _, rest = text.partition("\n")
-    told = SEPARATOR_LINE.fullmatch(first)
-    text = rest if told else text
+    named = SEPARATOR_LINE.fullmatch(first)
+    text = rest if named else text
     if told.format == "choix":
         text = f"winner,loser\n{text}"
-    separator = told[1] if told and told[1] in SEPARATORS else _separator((text.splitlines() or [""])[0])
+    separator = named[1] if named and named[1] in SEPARATORS else _separator((text.splitlines() or [""])[0])
     header = [name.strip() for name in _cells(io.StringIO(text), separator)]
     if not header:
         raise VotesError(f"is no table: its header holds a name of more than {csv.field_size_limit()} letters")
