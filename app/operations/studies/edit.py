@@ -91,9 +91,9 @@ def check_edit(
             check_languages(wanted.options, packs)
             if forgets_at(wanted.options, study.closed_at) != forgets_at(now.options, study.closed_at):
                 check_days_left(wanted.options, study.closed_at, utc_now())
-            for name, reason in without_effect(wanted.options).items():
+            for name, refusal in without_effect(wanted.options).items():
                 if name in changes or "protocol" in changes:
-                    raise reason
+                    raise refusal
             needs_films = _needs_films(connection, study, wanted, changes)
             if not needs_films:
                 if wanted.options.adaptive_pairs:
