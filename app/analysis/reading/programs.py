@@ -36,6 +36,12 @@ class Program:
 def restated(table: Table, name: str = "", question: str = "") -> Table:
     """Return a table as it is recognised: that of a program, told or known by its columns, brought to a plain one.
 
+    Parameters
+    ----------
+    table : as a file has it
+    name : of a program or layout, as told; empty: recognised
+    question : whose answers are taken, where there are several
+
     Raises
     ------
     VotesError

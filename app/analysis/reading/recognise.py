@@ -241,7 +241,7 @@ def _repeats(seen: Seen, description: Description, rest: Sequence[str]) -> list[
 
 def _with_code(key: NDArray[np.int64], column: Column) -> NDArray[np.int64]:
     """Return numbers (N,) that tell apart what both the key and the column tell apart."""
-    return np.unique(key * len(column.words) + column.codes, return_inverse=True)[1].astype(np.int64)
+    return np.asarray(np.unique(key * len(column.words) + column.codes, return_inverse=True)[1], np.int64)
 
 
 def _odd_cells(seen: Seen, description: Description) -> list[str]:

@@ -240,5 +240,5 @@ def _summaries(seen: Seen, names: Sequence[str], rated: Sequence[str]) -> tuple[
     cells = np.stack([seen.column(name).meaning(number_or_nan, np.float64) for name in rated], axis=1)
     means = (cells.sum(axis=0) - cells) / max(len(cells) - 1, 1)
     is_mean = (np.abs(cells - means) < ROUNDED).all(axis=1) & (cells % 1 > 0).any(axis=1)
-    found = summaries(seen.column(names[0]))
-    return found or (tuple(np.flatnonzero(is_mean).tolist()) if len(cells) > FEWEST_AVERAGED else ())
+    named_so = summaries(seen.column(names[0]))
+    return named_so or (tuple(np.flatnonzero(is_mean).tolist()) if len(cells) > FEWEST_AVERAGED else ())
