@@ -20,6 +20,7 @@ from recon.cli.options import (
     MethodsCommand,
     find_methods,
     parse_approaches,
+    parse_floor,
     parse_frames,
     parse_loops,
     parse_names,
@@ -198,7 +199,7 @@ def models(asked: Models, *, as_json: bool) -> None:
 @with_settings(Render)
 def render(asked: Render, *, as_json: bool) -> None:
     """Render fly-through videos of every approach of every run and models folder, as a stimulus set."""
-    from recon.pipeline.film import RenderOptions
+    from recon.pipeline.film import FLOORS, RenderOptions
     from recon.pipeline.render import render as render_folders
     from recon.render.camera_path import PATHS
     from recon.runtime.files import read_json
@@ -209,6 +210,7 @@ def render(asked: Render, *, as_json: bool) -> None:
         fps=asked.fps,
         seconds=asked.seconds,
         background=asked.background,
+        floor=parse_floor(asked.floor, FLOORS),
         light=asked.light,
         path=parse_path(asked.path, PATHS),
         loop=every,

@@ -82,9 +82,9 @@ def recognise_file(path: Path | str, told: Told | None = None) -> Source:
         Naming the file, and the row and the value where there is one.
     """
     path, told = Path(path), told or Told()
-    table = read_table(path, told.encoding, told.sheet, told.format)
+    table = read_table(path, told)
     try:
-        table = restated(table, told.format)
+        table = restated(table, told.format, "" if path.suffix.lower() == ".xlsx" else told.sheet)
         return Source(path, table, recognise(table, told))
     except QuestionError as question:
         raise question.at(path) from None

@@ -207,7 +207,8 @@ class ValidateFilms(Command):
     )
     measure: str = option(
         "",
-        "More measures, by packages that are installed beside (the extra perceptual): flip, cvvdp; with commas.",
+        "More measures, by packages that are installed beside (the extra perceptual): flip, cvvdp, lpips, dists; with "
+        "commas.",
         label="More measures",
         form=NAMES,
         example="flip,cvvdp",
@@ -218,6 +219,12 @@ class ValidateFilms(Command):
         "What the films are shown on, for these: pixels, diagonal in inches, viewing distance in cm, peak luminance in "
         "cd/m2, as in a study's lab sheet.",
         metavar="WIDTHxHEIGHT,INCHES,CM,CD/M2",
+    )
+    weights: list[str] | None = option(
+        None,
+        "File of the weights of a network, as torchvision publishes them, once for each of lpips (AlexNet) and dists "
+        "(VGG16); none is fetched.",
+        metavar="MEASURE=FILE",
     )
     every: int = option(
         1, "Measure each such frame only, from the first on.", ge=1, label="Every so many frames", high=1000

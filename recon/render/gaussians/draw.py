@@ -71,7 +71,11 @@ def draw_splats(picture: NDArray[np.uint8], splats: Splats, camera: Camera, *, t
     splats, camera : as for `render_splats`
     threads : how many threads share the work; the picture does not depend on it
     """
-    layer = splat_layer(splats, camera, (picture.shape[1], picture.shape[0]), threads=threads)
+    lay_over(picture, splat_layer(splats, camera, (picture.shape[1], picture.shape[0]), threads=threads))
+
+
+def lay_over(picture: NDArray[np.uint8], layer: NDArray[np.float32]) -> None:
+    """Lay drawn splats, as `splat_layer` returns them, over a picture, uint8 (H, W, 3), in place."""
     _lay_over(layer, picture.astype(np.float32), picture)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from recon.render.encoding.video import read_luma
 from recon.validation.films.flicker import excess_change
 from recon.validation.films.likeness import Likeness, likenesses
-from recon.validation.films.perceptual import PACKAGES, Display, perceptual_values
+from recon.validation.films.perceptual import PACKAGES, Perceptual
 from recon.validation.films.pictures import comparison_picture
 from recon.validation.films.stimuli import Pair
 from recon.validation.films.vmaf import has_vmaf, vmaf_scores
 
+NOTHING_MORE = Perceptual()
 MEASURES = ("psnr_y", "ssim", "ms_ssim", "vmaf", "flicker", *PACKAGES)
 ACTOR = "_actor"  # ends the names of measures inside the silhouettes
 WHITE = 126  # luma from which a mask's pixel is of the model: half way from 16 to 235
@@ -68,8 +69,7 @@ def measure_film(
     *,
     every: int,
     threads: int,
-    perceptual: Sequence[str] = (),
-    display: Display | None = None,
+    perceptual: Perceptual = NOTHING_MORE,
     tell: Tell | None = None,
 ) -> MeasuredFilm:
     """Measure a film; ffmpeg computes VMAF beside the other measures.
@@ -79,14 +79,15 @@ def measure_film(
     pair : the film and its reference
     every : measure only each such frame, from the first on
     threads : of libvmaf
-    perceptual : names of measures by other packages, of `PACKAGES`
-    display : that they take the films to be shown on
+    perceptual : measures by other packages; default: none
     tell : told after each measured frame
 
     Raises
     ------
     VideoError
         If a film or a mask cannot be decoded from its first frame to its last.
+    ValueError
+        If a file of weights holds others.
     """
     frames: list[int] = []
     values: dict[str, list[float]] = {}
@@ -102,8 +103,8 @@ def measure_film(
                 tell(1)
         if waiting:
             values["vmaf"] = waiting.result()
-    for name in perceptual:
-        values[name] = perceptual_values(pair, name, display or Display(), every=every)
+    for name in perceptual.names:
+        values[name] = perceptual.values(pair, name, every=every)
     in_order = {name: values[name] for name in sorted(values, key=_rank)}
     return MeasuredFilm(pair, frames, in_order, watch.shown())
 

@@ -21,6 +21,8 @@ TITLES = {
     "flicker": "flicker, grey levels",
     "flip": "FLIP",
     "cvvdp": "ColorVideoVDP, JOD",
+    "lpips": "LPIPS",
+    "dists": "DISTS",
 }
 WIDTH_PX, HEIGHT_PX = 560, 90
 

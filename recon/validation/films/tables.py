@@ -13,7 +13,9 @@ from recon.validation.films.perceptual import WHOLE_FILM
 from recon.validation.measures import BETTER, LESS, MORE, Measured, Subject, measure_rows
 
 WORST_PERCENT = 5  # this share of the frames is worse than the worst percentile
-DIRECTIONS = {"psnr_y": MORE, "ssim": MORE, "ms_ssim": MORE, "vmaf": MORE, "flicker": LESS, "flip": LESS, "cvvdp": MORE}
+DIRECTIONS = dict.fromkeys(("psnr_y", "ssim", "ms_ssim", "vmaf", "cvvdp"), MORE) | dict.fromkeys(
+    ("flicker", "flip", "lpips", "dists"), LESS
+)
 UNITS = {"psnr_y": "dB", "flicker": "grey levels", "cvvdp": "JOD"}
 SOURCE = "validate films"
 BYTES = "bytes"  # a model's size, which the analysis sets beside its score

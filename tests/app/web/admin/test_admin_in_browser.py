@@ -166,20 +166,6 @@ def test_a_double_click_makes_one_token_and_shows_it(page: Page) -> None:
     page.get_by_text("revoked").first.wait_for()
 
 
-def test_a_form_that_is_refused_twice_comes_back_twice(browser: Browser, server: str, settings: Settings) -> None:
-    page = browser.new_page(base_url=server)
-    sign_in(page, settings)
-    page.goto("/admin/account")
-    for again in ("brezel tal wolke regall", "brezel tal wolke regla"):
-        page.locator("[name=password]").fill("brezel tal wolke regal")
-        page.locator("[name=again]").fill(again)
-        page.get_by_role("button", name="Save").click()
-        expect(page.get_by_role("alert")).to_contain_text("The two passwords differ")
-        page.wait_for_url("**/admin/account")  # which can be loaded again
-        page.reload()
-    page.close()
-
-
 def test_an_upload_that_a_proxy_refuses_says_so_and_may_be_tried_again(
     browser: Browser, server: str, settings: Settings
 ) -> None:
@@ -216,15 +202,6 @@ def test_a_figure_whose_numbers_cannot_be_had_stays_the_picture_that_it_was(
     figure = page.locator(f"figure[data-vega='{refused[0].removeprefix(server)}']")
     assert figure.locator("img").is_visible()
     page.close()
-
-
-def test_a_study_is_closed_by_its_button(page: Page, new_study: Callable[[], dict[str, Any]]) -> None:
-    study = new_study()
-    page.goto(f"/admin/studies/{study['slug']}")
-    page.get_by_role("button", name="Close to new participants").click()
-    page.get_by_role("button", name="Open again").wait_for()
-    page.get_by_role("button", name="Sign out").click()
-    page.wait_for_url("/admin/sign-in")
 
 
 def test_pages_that_follow_a_study_lead_to_the_sign_in_when_another_tab_signs_out(
