@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from recon.geometry.mesh import Cloud, Mesh
 from recon.runtime.workers import in_bands
 from recon.surface.blocks import BLOCK, block_coordinates, block_keys, neighbours_in
-from recon.surface.cells import numbered_by_block
+from recon.surface.cells import cell_in_block, numbered_by_block
 
 RADIUS_VOXELS = 1.0  # beside a vertex, where the weight of a colour ends
 MOST_DEPTH_VOXELS = 6.0  # before and behind a vertex; with the radius less than a block
@@ -53,9 +54,9 @@ def supports(mesh: Mesh, clouds: Sequence[Cloud], voxel: float) -> NDArray[np.fl
 
 def _gathered(mesh: Mesh, clouds: Sequence[Cloud], voxel: float) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Return the colours (N, 3) and the supports (N, S) of the vertices."""
-    points = np.concatenate([cloud.points for cloud in clouds])
-    colours = np.concatenate([cloud.colours for cloud in clouds])
-    normals = np.concatenate([cloud.normals for cloud in clouds])
+    points, normals, colours = (
+        np.concatenate([getattr(cloud, part) for cloud in clouds]) for part in ("points", "normals", "colours")
+    )
     sources = np.repeat(np.arange(len(clouds)), [len(cloud) for cloud in clouds])
     blocks, order, starts = numbered_by_block(points, voxel)
     offsets = np.zeros((len(blocks), BLOCK**3 + 1), np.int32)
@@ -64,12 +65,33 @@ def _gathered(mesh: Mesh, clouds: Sequence[Cloud], voxel: float) -> tuple[NDArra
     lowest = np.minimum(blocks.min(axis=0), vertex_blocks.min(axis=0)) - 1
     around = neighbours_in(vertex_blocks, block_keys(blocks - lowest), lowest)
     gathered, weights = mesh.colours.copy(), np.zeros((len(mesh.vertices), len(clouds)), np.float32)
-    gather = partial(
-        _gather, mesh.vertices, mesh.normals, vertex_blocks, number, around, points, normals, colours, sources,
-        order, starts, offsets, voxel, _depth(clouds, voxel), gathered, weights,
-    )  # fmt: skip
-    in_bands(len(mesh.vertices), gather)
+    beside = _Points(points, normals, colours, sources, order, starts, offsets, voxel, _depth(clouds, voxel))
+    vertices = _Vertices(mesh.vertices, mesh.normals, vertex_blocks[number], around[number])
+    in_bands(len(mesh.vertices), partial(_gather, vertices, beside, gathered, weights))
     return gathered, weights
+
+
+class _Points(NamedTuple):
+    """The points of all clouds, each with its cloud's number, sorted by `_sort_by_cell`; depth: as of `_depth`."""
+
+    points: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    colours: NDArray[np.uint8]
+    sources: NDArray[np.int64]
+    order: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    offsets: NDArray[np.int32]
+    voxel: float
+    depth: float
+
+
+class _Vertices(NamedTuple):
+    """Vertices and their normals, (N, 3), the block of each, and the numbers of the blocks of points around it."""
+
+    places: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    blocks: NDArray[np.int64]
+    around: NDArray[np.int32]
 
 
 def _depth(clouds: Sequence[Cloud], voxel: float) -> float:
@@ -100,9 +122,7 @@ def _sort_by_cell(
         before = order[starts[block] : starts[block + 1]].copy()
         cells = np.empty(len(before), np.int64)
         for index in range(len(before)):
-            x = int(np.floor(float(points[before[index], 0]) / voxel)) & 7
-            y = int(np.floor(float(points[before[index], 1]) / voxel)) & 7
-            cells[index] = x << 6 | y << 3 | int(np.floor(float(points[before[index], 2]) / voxel)) & 7
+            cells[index] = cell_in_block(points[before[index]], voxel)
             offsets[block, cells[index] + 1] += 1
         for cell in range(512):
             offsets[block, cell + 1] += offsets[block, cell]
@@ -113,20 +133,14 @@ def _sort_by_cell(
 
 
 @njit(cache=True, nogil=True)
-def _gather(  # type: ignore[no-untyped-def]  # numba
-    vertices, vertex_normals, blocks, number, around, points, normals, colours, sources, order, starts,
-    offsets, voxel, depth, gathered, weights, first, last,
-):  # fmt: skip
-    """Write the colours and the weights of vertices `first` to `last`; arrays as in `_gathered`."""
+def _gather(vertices, points, gathered, weights, first, last):  # type: ignore[no-untyped-def]  # numba
+    """Write the colours (N, 3) and the weights (N, S) of vertices `first` to `last`."""
     sums = np.zeros((weights.shape[1], 4))
     for vertex in range(first, last):
         radius = RADIUS_VOXELS
         for _ in range(2):
             sums[:] = 0.0
-            _sum_beside(
-                vertices[vertex], vertex_normals[vertex], blocks[number[vertex]], around[number[vertex]], points,
-                normals, colours, sources, order, starts, offsets, voxel, radius, depth, sums,
-            )  # fmt: skip
+            _sum_beside(vertices, vertex, points, radius, sums)
             if sums[:, 3].sum() > 0:
                 weights[vertex] = sums[:, 3]
                 _blend(sums, gathered[vertex])
@@ -135,16 +149,19 @@ def _gather(  # type: ignore[no-untyped-def]  # numba
 
 
 @njit(cache=True, nogil=True)
-def _sum_beside(  # type: ignore[no-untyped-def]  # numba
-    vertex, normal, block, around, points, normals, colours, sources, order, starts, offsets, voxel, radius, depth, sums
-):
+def _sum_beside(vertices, vertex, points, radius, sums):  # type: ignore[no-untyped-def]  # numba
     """Add the weighted colours and the weights of the points beside a vertex to the sums (S, 4) of their sensors."""
-    x, y, z = vertex[0] / voxel, vertex[1] / voxel, vertex[2] / voxel
+    places, normals, colours, sources, order, starts, offsets, voxel, depth = points
+    place, normal, block = vertices.places[vertex], vertices.normals[vertex], vertices.blocks[vertex]
+    around = vertices.around[vertex]
+    x, y, z = place[0] / voxel, place[1] / voxel, place[2] / voxel
     nx, ny, nz = float(normal[0]), float(normal[1]), float(normal[2])
     cx, cy, cz = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
-    wide_x = int(np.ceil(radius * np.sqrt(max(1 - nx * nx, 0.0)) + depth * abs(nx)))
-    wide_y = int(np.ceil(radius * np.sqrt(max(1 - ny * ny, 0.0)) + depth * abs(ny)))
-    wide_z = int(np.ceil(radius * np.sqrt(max(1 - nz * nz, 0.0)) + depth * abs(nz)))
+    wide_x, wide_y, wide_z = (
+        _cells_beside(nx, radius, depth),
+        _cells_beside(ny, radius, depth),
+        _cells_beside(nz, radius, depth),
+    )
     corner = np.float64(0.87)  # of a cell, from its middle
     for i in range(cx - wide_x, cx + wide_x + 1):
         dx = i + 0.5 - x
@@ -160,16 +177,13 @@ def _sum_beside(  # type: ignore[no-untyped-def]  # numba
                 if other < 0:
                     continue
                 cell = (i & 7) << 6 | (j & 7) << 3 | k & 7
-                for place in range(starts[other] + offsets[other, cell], starts[other] + offsets[other, cell + 1]):
-                    index = order[place]
+                for number in range(starts[other] + offsets[other, cell], starts[other] + offsets[other, cell + 1]):
+                    index = order[number]
                     agreement = nx * normals[index, 0] + ny * normals[index, 1] + nz * normals[index, 2]
                     if agreement < SAME_SIDE:
                         continue
-                    px, py, pz = (
-                        points[index, 0] / voxel - x,
-                        points[index, 1] / voxel - y,
-                        points[index, 2] / voxel - z,
-                    )
+                    px, py = places[index, 0] / voxel - x, places[index, 1] / voxel - y
+                    pz = places[index, 2] / voxel - z
                     away = px * nx + py * ny + pz * nz
                     beside = 1 - (px * px + py * py + pz * pz - away * away) / (radius * radius)
                     if beside <= 0 or abs(away) >= depth:
@@ -179,6 +193,12 @@ def _sum_beside(  # type: ignore[no-untyped-def]  # numba
                     for channel in range(3):
                         of_sensor[channel] += weight * colours[index, channel]
                     of_sensor[3] += weight
+
+
+@njit(cache=True, nogil=True)
+def _cells_beside(cosine, radius, depth):  # type: ignore[no-untyped-def]  # numba
+    """Count the cells to either side of a vertex's along an axis with that cosine to its normal."""
+    return int(np.ceil(radius * np.sqrt(max(1 - cosine * cosine, 0.0)) + depth * abs(cosine)))
 
 
 @njit(cache=True, nogil=True)
