@@ -3,10 +3,10 @@
     python bench/sessions.py [--kills 60] [--only WORDS] [--json]
 
 Artificial people begin, agree, take the eye tests, vote and answer the questionnaire over HTTP, several at once. Every
-few seconds a random one of these happens: the server, one of its workers, the worker of jobs or all of PostgreSQL is
-killed by SIGKILL; the server's clock jumps a day forward or back (libfaketime, where it is installed; the study has a
-time limit of an hour); the next server finds the disk read-only (a tmpfs, where mounts are allowed). Jobs make stimulus
-sets meanwhile. Prints what was acknowledged and what is stored.
+few seconds, at random moments, one of these happens: the server, one of its workers, the worker of jobs or all of PostgreSQL is
+killed by SIGKILL; the server's clock jumps a day forward or back (the study has a time limit of an hour); the next
+server finds the disk read-only (a tmpfs, where mounts are allowed). Jobs make stimulus sets meanwhile. Prints what was
+acknowledged and what is stored.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
+from itertools import cycle
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -30,6 +31,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from attacks import processes_below
+from server_changes import CLOCK
 
 from app.operations.jobs.kinds import job_kind
 from app.operations.studies import create, manage
@@ -45,9 +47,9 @@ from tests.processes import kill
 from tests.study_server import StudyServer
 
 os.environ |= {"RECONSTUDY_SESSIONS_PER_MINUTE": "100000", "RECONSTUDY_CHECK_BROWSER": "none"}
-FAKETIME = next(Path("/usr/lib").glob("*/faketime/libfaketimeMT.so.1"), None)
 OPTIONS = {"screening": {"tests": ["acuity", "colour"]}, "limits": {"minutes": 60}}
 DAY_S = 86_400
+CLOCK_OF_A_FILE = ["--first", "bench.server_changes:clock_of_a_file"]
 N_JOBS = 3
 READ_ONLY_S = 1.0
 DISK_IS_FREE_WITHIN_S = 30.0
@@ -87,7 +89,7 @@ def start_on_read_only(server: StudyServer, folder: Path) -> None:
 
 def jump(clock: Path, rng: Random) -> None:
     """Set the server's clock a day ahead, right, or a day back."""
-    clock.write_text(f"{rng.choice((-DAY_S, 0, DAY_S)):+d}\n")
+    clock.write_text(f"{rng.choice((-DAY_S, 0, DAY_S))}")
 
 
 def kill_one(pid: int, words: str) -> None:
@@ -145,16 +147,9 @@ def under(names: tuple[str, ...], arguments: argparse.Namespace, postgres: Postg
         study = new_study(settings, folder)
         queue_jobs(settings)
         clock = folder / "clock"
-        clock.write_text("+0\n")
-        if "clock" in names and FAKETIME:
-            faked = {
-                "LD_PRELOAD": str(FAKETIME),
-                "FAKETIME_TIMESTAMP_FILE": str(clock),
-                "FAKETIME_NO_CACHE": "1",
-                "FAKETIME_DONT_FAKE_MONOTONIC": "1",
-            }
-            stack.enter_context(surroundings(faked))
-        options = ["--again", "--jobs", "1", *(["--workers", "2"] if "worker" in names else [])]
+        clock.write_text("0")
+        os.environ[CLOCK] = str(clock)
+        options = ["--again", "--jobs", "1", *(["--workers", "2"] if "worker" in names else CLOCK_OF_A_FILE)]
         log = stack.enter_context(arguments.log.open("a")) if arguments.log else subprocess.DEVNULL
         server = stack.enter_context(StudyServer(data, *options, database_url=settings.url, log=log))
         faults: dict[str, Fault] = {
@@ -162,13 +157,14 @@ def under(names: tuple[str, ...], arguments: argparse.Namespace, postgres: Postg
             "worker": lambda: kill_one(server.pid, "multiprocessing.spawn"),
             "job worker": lambda: kill_one(server.pid, "beside_server"),
             "postgresql": lambda: (postgres.kill(), postgres.start_again())[0] if postgres else None,
-            **({"clock": partial(jump, clock, rng)} if FAKETIME else {}),
+            "clock": partial(jump, clock, rng),
             **({"read-only": partial(start_on_read_only, server, data)} if has_disk else {}),
         }
         possible = [name for name in names if name in faults]
+        order = cycle(possible)
 
         def fault() -> None:
-            name = rng.choice(possible)
+            name = next(order)
             faults[name]()
             happened[name] += 1
 
@@ -177,7 +173,7 @@ def under(names: tuple[str, ...], arguments: argparse.Namespace, postgres: Postg
 
         began_s = time.monotonic()
         n_people = people_under(fault, arguments.kills, lambda: rng.uniform(*PAUSE_S), take, at_once=AT_ONCE)
-        clock.write_text("+0\n")
+        clock.write_text("0")
         found = compare(settings.url, tally, n_people) | jobs_done(settings)
         seconds = round(time.monotonic() - began_s)
     left_out = sorted(set(names) - set(possible))
@@ -189,17 +185,6 @@ def under(names: tuple[str, ...], arguments: argparse.Namespace, postgres: Postg
         "seconds": seconds,
         **({"left_out": left_out} if left_out else {}),
     }
-
-
-@contextmanager
-def surroundings(values: dict[str, str]) -> Iterator[None]:
-    before = dict(os.environ)
-    os.environ |= values
-    try:
-        yield
-    finally:
-        for name in values.keys() - before.keys():
-            del os.environ[name]
 
 
 def main() -> None:
@@ -215,7 +200,7 @@ def main() -> None:
         "SQLite, clock": ("server", "clock"),
         "SQLite, read-only": ("server", "read-only"),
         "PostgreSQL, killed": ("server", "worker", "job worker", "postgresql"),
-        "PostgreSQL, clock": ("worker", "clock"),
+        "PostgreSQL, clock": ("postgresql", "clock"),
     }
     results = {}
     with PostgresServer() as postgres:
