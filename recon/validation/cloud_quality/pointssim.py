@@ -141,8 +141,8 @@ def pointssim(measure: str, pair: Pair) -> list[Value]:
     to_reference = similarity(features[pair.first_in_reference], others)
     if np.isnan(to_distorted).all() or np.isnan(to_reference).all():
         raise ValueError(f"{pair.name}: no two neighbourhoods have a {measure} to compare; are all points on a line?")
-    to_distorted, to_reference = np.nanmean(to_distorted), np.nanmean(to_reference)
-    return both_ways(measure, float(to_distorted), float(to_reference), unit="", better="higher")
+    means = float(np.nanmean(to_distorted)), float(np.nanmean(to_reference))
+    return both_ways(measure, *means, unit="", better="higher")
 
 
 @lru_cache(maxsize=2)  # the reference, which several clouds are compared with, and the last of these
