@@ -23,6 +23,7 @@ from app.store.studies.audit import Actor
 from app.store.studies.studies import Study, progress_of, study_by_id
 from app.store.trials.designs import conditions_of, datasets_of
 from app.study.options.study_file import LONGEST_FILE, StudyFile, parse_study_file, with_line, write_study_file
+from app.web.admin.background import task_address
 from app.web.admin.layout import attachment, see, study_page, unix
 from app.web.admin.studies.form import (
     WAS,
@@ -140,7 +141,7 @@ def save_study(
         return address
 
     task = start_task(store, actor, f"Making the films of {study.name} again", work, subject=f"study {study.slug}")
-    return see(f"/admin/jobs/{task}")
+    return see(task_address(task))
 
 
 def _form(request: Request, database: Database, study: Study, values: Mapping[str, Any]) -> StudyForm:
