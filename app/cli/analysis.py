@@ -142,7 +142,9 @@ FormatOption = Annotated[
 EncodingOption = Annotated[
     str, typer.Option(help="Encoding of a text file, e.g. latin-1; default: UTF-8 or marked UTF-16.")
 ]
-SheetOption = Annotated[str, typer.Option(help="Sheet of a workbook; default: the first.")]
+SheetOption = Annotated[
+    str, typer.Option(help="Sheet of a workbook (default: the first), or the question whose answers are taken.")
+]
 RatingsOption = Annotated[
     Path | None, typer.Option(help="File of ratings of the same items, to put on one scale with the votes.")
 ]

@@ -243,7 +243,9 @@ class Render(Command):
         form=NAMES,
         example="scan",
     )
-    renderer: str = option("auto", "Renderer: auto or a name.")
+    renderer: str = option(
+        "auto", "Renderer: auto, software, pyrender (OpenGL), or gsplat (Gaussian splats on an NVIDIA GPU)."
+    )
     master: bool = option(True, "Keep a near-lossless master beside each video.")
     practice: str = option(
         "", "Scene with two videos that a study's participants practise with.", metavar="DATASET", **PRACTICE
