@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Form, Request
 from fastapi.responses import Response
 
-from app.errors import ConflictError, InvalidError
+from app.errors import ConflictError, InvalidError, said_on_page
 from app.ffmpeg import Progress
 from app.intake.bounds import typed_in_bounds
 from app.operations.studies.create import slugify
@@ -67,7 +67,7 @@ def edit(
     except (ValueError, InvalidError) as error:
         values = {**values_of(study_file_of(study)), **given}
         form = _form(request, database, study, values)
-        reason = error.detail.removeprefix("Nothing was changed: ") if isinstance(error, InvalidError) else str(error)
+        reason = said_on_page(error).removeprefix("Nothing was changed: ")
         return _page(request, person, study, replace(form, error=reason), status_code=422)
     except ConflictError as error:
         with database.reading() as connection:

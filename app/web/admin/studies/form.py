@@ -273,9 +273,9 @@ def _value(fields: FormData, setting: Setting) -> Any:
         case "several" | "conditions":
             return [text for text in texts if text]
         case "whole" | "number":
-            return None if not text and setting.may_be_empty else _number(setting.name, text)
+            return None if not text and setting.may_be_empty else _number(setting.label, text)
         case "window":
-            return [_number(setting.name, text) for text in texts if text]
+            return [_number(setting.label, text) for text in texts if text]
         case "names":
             return text.replace(",", " ").split()
         case "spoken":
@@ -287,7 +287,7 @@ def _value(fields: FormData, setting: Setting) -> Any:
     return typed_scale(text) if setting.name == "scale" else text
 
 
-def _number(name: str, text: str) -> int | float:
+def _number(label: str, text: str) -> int | float:
     try:
         return int(text)
     except ValueError:
@@ -295,7 +295,7 @@ def _number(name: str, text: str) -> int | float:
     try:
         return float(text)
     except ValueError as error:
-        raise InvalidError(f"{name} is {text[:40]!r}, expected a number.") from error
+        raise InvalidError(f"{label} is {text[:40]!r}, expected a number.") from error
 
 
 def _rows(fields: FormData, name: str) -> Iterator[dict[str, str]]:

@@ -10,7 +10,7 @@ from urllib.parse import quote
 from fastapi import APIRouter, Form, Query, Request
 from fastapi.responses import Response
 
-from app.errors import InvalidError, StudyError
+from app.errors import InvalidError, StudyError, said_on_page
 from app.intake.bounds import typed_in_bounds
 from app.operations.studies.create import new_slug, shows_anything
 from app.operations.studies.creation import begin_creation
@@ -101,7 +101,7 @@ def create(
         forecast(settings(request), known.content, wanted.options, wanted.exposure_s)  # which refuses what cannot be
     except ValueError as error:
         shown = draft if preset in PRESETS else replace(draft, preset=QUICK)
-        return _form_page(request, person, known, shown, str(error))
+        return _form_page(request, person, known, shown, said_on_page(error))
     with database.writing() as connection:
         keep_draft(connection, actor.name, known.name, draft.as_json(), actor.now)  # until the study is there
     task = begin_creation(settings(request), database, known.folder, wanted, actor, drawn_from=known.name)
@@ -158,7 +158,7 @@ def create_from_file(
                 "choose the set that the file was written for, or delete this line"
             )
     except ValueError as error:
-        raise InvalidError(f"No study was created: {with_line(unix(text), str(error))}.") from error
+        raise InvalidError(f"No study was created: {with_line(unix(text), said_on_page(error))}.") from error
     task = begin_creation(settings(request), database, known.folder, wanted, actor)
     return see(f"/admin/jobs/{task}")
 
@@ -195,7 +195,7 @@ def _plan(request: Request, known: KnownSet, draft: Draft) -> dict[str, Any]:
         outlook = forecast(settings(request), known.content, wanted.options, wanted.exposure_s)
         check_languages(wanted.options, languages(request))
     except (ValueError, StudyError) as error:
-        said = StudyForm({}, error=str(error)).said
+        said = StudyForm({}, error=said_on_page(error)).said
         return {"outlook": None, "hindrance": said, "fewer": None, "pages": []}
     fewer = None
     if outlook.n_pairs > len(known.content.stimuli) and wanted.options.has_pair_films:
