@@ -10,7 +10,7 @@ from urllib.parse import quote
 from fastapi import APIRouter, Form, Query, Request
 from fastapi.responses import Response
 
-from app.errors import InvalidError, StudyError
+from app.errors import InvalidError, StudyError, said_on_page
 from app.intake.bounds import typed_in_bounds
 from app.operations.studies.create import new_slug, shows_anything
 from app.operations.studies.creation import begin_creation
@@ -160,7 +160,7 @@ def create_from_file(
                 "choose the set that the file was written for, or delete this line"
             )
     except ValueError as error:
-        raise InvalidError(f"No study was created: {with_line(unix(text), error)}.") from error
+        raise InvalidError(f"No study was created: {with_line(unix(text), said_on_page(error))}.") from error
     task = begin_creation(settings(request), database, known.folder, wanted, actor)
     return see(task_address(task))
 
