@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -57,7 +56,7 @@ def software_frames(shots: Iterable[Shot], *, over: Callable[..., None] = draw_s
             if not are_all_drawn(projected):
                 vertices, faces, (front, back, uv) = cut_before(shot.camera, model.vertices, faces, (front, back, uv))
                 projected = _projected(vertices, shot.camera)
-            placed = replace(texture, uv=uv)
+            placed = texture._replace(uv=uv)
             draw_model(shot.picture, projected, faces, front, back, texture=placed, threads=shot.threads)
         yield shot.picture
 

@@ -63,3 +63,8 @@ def test_a_closed_body_has_no_rim() -> None:
 def test_a_length_that_is_none_is_refused() -> None:
     with pytest.raises(ValueError, match="longest_rim is 0"):
         close_holes(sheet(), 0.0)
+
+
+def test_an_edge_that_three_faces_share_is_no_rim_to_follow() -> None:
+    fan = np.array([[0, 1, 2], [1, 0, 3], [1, 0, 4]], dtype=np.int32)
+    assert all(len(rim) >= 3 for rim in rims(fan))
