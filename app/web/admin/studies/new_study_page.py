@@ -19,6 +19,7 @@ from app.operations.studies.receive_films import found_and_done
 from app.operations.studies.stimulus_sets import KnownSet, known_sets, set_called
 from app.store.access.experimenters import Experimenter
 from app.store.studies.drafts import draft_of, drafts_of, drop_draft, keep_draft
+from app.study.option_fields import SettingError
 from app.study.options.neutral_words import neutral_words
 from app.study.options.options import StudyOptions
 from app.study.options.platforms import PLATFORMS, WAYS
@@ -155,9 +156,10 @@ def create_from_file(
         new_slug(database, wanted.name)
         check_languages(wanted.options, languages(request))
         if wanted.manifest_sha256 not in (None, known.content.sha256):
-            raise ValueError(
-                f"manifest_sha256 is that of another stimulus set than {known.title}, whose is {known.content.sha256}; "
-                "choose the set that the file was written for, or delete this line"
+            raise SettingError(
+                "manifest_sha256",
+                f"is that of another stimulus set than {known.title}, whose is {known.content.sha256}; choose the set "
+                "that the file was written for, or delete this line",
             )
     except ValueError as error:
         raise InvalidError(f"No study was created: {with_line(unix(text), error, said_on_page(error))}.") from error
