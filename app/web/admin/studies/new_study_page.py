@@ -10,7 +10,7 @@ from urllib.parse import quote
 from fastapi import APIRouter, Form, Query, Request
 from fastapi.responses import Response
 
-from app.errors import InvalidError, StudyError
+from app.errors import InvalidError, StudyError, said_on_page
 from app.intake.bounds import typed_in_bounds
 from app.operations.studies.create import new_slug, shows_anything
 from app.operations.studies.creation import begin_creation
@@ -19,12 +19,14 @@ from app.operations.studies.receive_films import found_and_done
 from app.operations.studies.stimulus_sets import KnownSet, known_sets, set_called
 from app.store.access.experimenters import Experimenter
 from app.store.studies.drafts import draft_of, drafts_of, drop_draft, keep_draft
+from app.study.option_fields import SettingError
 from app.study.options.neutral_words import neutral_words
 from app.study.options.options import StudyOptions
 from app.study.options.platforms import PLATFORMS, WAYS
 from app.study.options.presets import PRESETS, QUICK
 from app.study.options.study_file import LONGEST_FILE, parse_study_file, with_line
 from app.study.options.wording import check_languages, first_language, wording
+from app.web.admin.background import task_address
 from app.web.admin.layout import page, see, unix
 from app.web.admin.studies.drafts import Draft
 from app.web.admin.studies.form import Fields, StudyForm, digests_of, in_words, refuse
@@ -106,7 +108,7 @@ def create(
     with database.writing() as connection:
         keep_draft(connection, actor.name, known.name, draft.as_json(), actor.now)  # until the study is there
     task = begin_creation(settings(request), database, known.folder, wanted, actor, drawn_from=known.name)
-    return see(f"/admin/jobs/{task}")
+    return see(task_address(task))
 
 
 @router.post("/draft")
@@ -154,14 +156,15 @@ def create_from_file(
         new_slug(database, wanted.name)
         check_languages(wanted.options, languages(request))
         if wanted.manifest_sha256 not in (None, known.content.sha256):
-            raise ValueError(
-                f"manifest_sha256 is that of another stimulus set than {known.title}, whose is {known.content.sha256}; "
-                "choose the set that the file was written for, or delete this line"
+            raise SettingError(
+                "manifest_sha256",
+                f"is that of another stimulus set than {known.title}, whose is {known.content.sha256}; choose the set "
+                "that the file was written for, or delete this line",
             )
     except ValueError as error:
-        raise InvalidError(f"No study was created: {with_line(unix(text), error)}.") from error
+        raise InvalidError(f"No study was created: {with_line(unix(text), error, said_on_page(error))}.") from error
     task = begin_creation(settings(request), database, known.folder, wanted, actor)
-    return see(f"/admin/jobs/{task}")
+    return see(task_address(task))
 
 
 def _form_page(
