@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -40,14 +42,24 @@ def compare_photographs(job: Job) -> list[str]:
     return job.artefacts.make(EXPOSURES_NAME, key, write)
 
 
-def make_textured(job: Job, approach: Approach, frame: int) -> list[str]:
-    """Texture the surface of an approach by the photographs of all sensors.
+def make_textures(job: Job, approaches: Sequence[Approach], frame: int) -> list[str]:
+    """Texture the surfaces of a frame by the photographs of all sensors, which are read once.
 
     Parameters
     ----------
     job : whose surfaces are finished, and whose photographs are compared
-    approach, frame : which surface
+    approaches, frame : which surfaces
     """
+
+    @cache
+    def photographs() -> list[Photograph]:
+        gains = np.array(read_json(job.artefacts.path(EXPOSURES_NAME))["gain"])
+        return [exposed(*each) for each in zip(_photographs(job, frame), gains, strict=True)]
+
+    return [name for approach in approaches for name in _make_textured(job, approach, frame, photographs)]
+
+
+def _make_textured(job: Job, approach: Approach, frame: int, photographs: Callable[[], list[Photograph]]) -> list[str]:
     surface = mesh_name(str(replace(approach, colour=VERTICES)), frame)
     key = {
         "mesh": job.artefacts.digest(surface),
@@ -58,9 +70,7 @@ def make_textured(job: Job, approach: Approach, frame: int) -> list[str]:
     }
 
     def write(path: Path) -> None:
-        gains = np.array(read_json(job.artefacts.path(EXPOSURES_NAME))["gain"])
-        photographs = [exposed(*each) for each in zip(_photographs(job, frame), gains, strict=True)]
-        write_mesh(path, textured(read_mesh(job.artefacts.path(surface)), photographs, _tolerance(job)))
+        write_mesh(path, textured(read_mesh(job.artefacts.path(surface)), photographs(), _tolerance(job)))
 
     return job.artefacts.make(mesh_name(str(approach), frame), key, write)
 

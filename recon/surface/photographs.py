@@ -364,10 +364,16 @@ def _uncontradicted(shades: NDArray[np.uint8], quality: NDArray[np.float32]) -> 
             n_seen = 0
             for view in range(n_views):
                 if quality[view, i] > 0:
-                    seen[n_seen] = shades[view, i, channel]
+                    shade = float(shades[view, i, channel])
+                    place = n_seen
+                    while place > 0 and seen[place - 1] > shade:  # sorted as they come: there are few
+                        seen[place] = seen[place - 1]
+                        place -= 1
+                    seen[place] = shade
                     n_seen += 1
-            seen[:n_seen].sort()
-            middle[channel] = (seen[(n_seen - 1) // 2] + seen[n_seen // 2]) / 2 if n_seen else 0.0
+            if n_seen < 3:
+                break
+            middle[channel] = (seen[(n_seen - 1) // 2] + seen[n_seen // 2]) / 2
         if n_seen < 3:
             continue
         for view in range(n_views):

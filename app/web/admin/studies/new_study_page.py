@@ -10,7 +10,7 @@ from urllib.parse import quote
 from fastapi import APIRouter, Form, Query, Request
 from fastapi.responses import Response
 
-from app.errors import InvalidError, StudyError
+from app.errors import InvalidError, StudyError, said_on_page
 from app.intake.bounds import typed_in_bounds
 from app.operations.studies.create import new_slug, shows_anything
 from app.operations.studies.creation import begin_creation
@@ -25,6 +25,7 @@ from app.study.options.platforms import PLATFORMS, WAYS
 from app.study.options.presets import PRESETS, QUICK
 from app.study.options.study_file import LONGEST_FILE, parse_study_file, with_line
 from app.study.options.wording import check_languages, first_language, wording
+from app.web.admin.background import task_address
 from app.web.admin.layout import page, see, unix
 from app.web.admin.studies.drafts import Draft
 from app.web.admin.studies.form import Fields, StudyForm, digests_of, in_words, refuse
@@ -106,7 +107,7 @@ def create(
     with database.writing() as connection:
         keep_draft(connection, actor.name, known.name, draft.as_json(), actor.now)  # until the study is there
     task = begin_creation(settings(request), database, known.folder, wanted, actor, drawn_from=known.name)
-    return see(f"/admin/jobs/{task}")
+    return see(task_address(task))
 
 
 @router.post("/draft")
@@ -159,9 +160,9 @@ def create_from_file(
                 "choose the set that the file was written for, or delete this line"
             )
     except ValueError as error:
-        raise InvalidError(f"No study was created: {with_line(unix(text), error)}.") from error
+        raise InvalidError(f"No study was created: {with_line(unix(text), said_on_page(error))}.") from error
     task = begin_creation(settings(request), database, known.folder, wanted, actor)
-    return see(f"/admin/jobs/{task}")
+    return see(task_address(task))
 
 
 def _form_page(
