@@ -160,7 +160,7 @@ def create_from_file(
                 "choose the set that the file was written for, or delete this line"
             )
     except ValueError as error:
-        raise InvalidError(f"No study was created: {with_line(unix(text), said_on_page(error))}.") from error
+        raise InvalidError(f"No study was created: {with_line(unix(text), error, said_on_page(error))}.") from error
     task = begin_creation(settings(request), database, known.folder, wanted, actor)
     return see(task_address(task))
 
