@@ -59,11 +59,6 @@ def empty_mask(capture: Path, sensor: str, frame: int) -> None:
     cv2.imwrite(str(path), np.zeros_like(cv2.imread(str(path))))
 
 
-def black(capture: Path, sensor: str, frame: int) -> None:
-    for path in capture.glob(f"{sensor}/[lr]*/{frame:04d}.png"):
-        cv2.imwrite(str(path), np.zeros_like(cv2.imread(str(path))))
-
-
 def flat_cloud(side: int = 40) -> Cloud:
     x, y = np.meshgrid(np.arange(float(side)), np.arange(float(side)))
     points = np.stack([x.ravel(), y.ravel(), np.full(x.size, 7.0)], axis=1)
@@ -91,16 +86,6 @@ def test_a_sensor_that_sees_nothing_in_a_frame_is_left_out_of_it(command: Comman
     assert np.array_equal(of_one.vertices, fused.vertices)
     told = command("render", run, "-o", run / "set", "--size", "64x48", "--seconds", 0.2, "--renderer", "software")
     assert told.code == 0, told.err
-
-
-@pytest.mark.slow
-def test_a_sensor_with_black_pictures_in_a_frame_is_left_out_of_it(command: Command, capture: Path) -> None:
-    black(capture, "S2", 1)
-    run = capture.parent / "run"
-    told = command("reconstruct", capture, "-o", run, "--depth", "id", "--fusion", "fb")
-    assert told.code == 0, told.err
-    sees_nothing = "warning: id: sensor S2 sees nothing in frame 1: "
-    assert [line.startswith(sees_nothing) for line in told.err.splitlines() if "arning" in line] == [True]
 
 
 @pytest.mark.slow

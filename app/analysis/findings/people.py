@@ -28,15 +28,20 @@ ADAPTIVE = (  # bench/sentences.py
     "Pairs were chosen from the votes so far, which makes intervals a little too narrow: in simulations of 22 people "
     "without any difference, 95 % intervals hold in 93 %, and some pair is said to differ in 9 % of studies, not 5 %."
 )
+TRIAD = 3  # conditions
 LAPSES = 0.2  # lapse rate from which on a sentence names somebody
+
+
+def interim_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
+    """Yield that results are no conclusions before the planned number of participants."""
+    n, planned = analysis["votes"]["participants"], analysis["settings"]["planned_participants"]
+    if n is not None and planned is not None and n < planned:
+        yield finding("interim", _interim(n, planned))
 
 
 def limit_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     """Yield what the number of participants forbids to conclude."""
     n, model = analysis["votes"]["participants"], overall(analysis["models"])[0]
-    planned = analysis["settings"]["planned_participants"]
-    if n is not None and planned is not None and n < planned:
-        yield finding("interim", _interim(n, planned))
     if analysis["settings"]["adaptive_pairs"]:
         yield finding("limits", ADAPTIVE)
     if n is None:
@@ -180,12 +185,12 @@ def _outstanding(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     circles = (
         f" {counted(n_circular, 'circular triad')} by {n_people} of {counted(len(pooled), 'participant')}"
         f"{_circles_by_chance(pooled)}."
-        if n_circular or any(row["complete"] for row in analysis["triads"])
+        if n_circular or any(row["complete"] and row["n_items"] >= TRIAD for row in analysis["triads"])
         else ""
     )
     few = (
         f" With {counted(len(observers), 'participant')} nobody can be compared with the others."
-        if len(observers) < FEWEST_FOR_FENCES
+        if 1 < len(observers) < FEWEST_FOR_FENCES
         else ""
     )
     why = [_evidence(row, len(observers)) for row in observers if CARELESS in row["flags"]][:MOST_NAMED]

@@ -68,7 +68,8 @@ class Comparison:
     n_points, n_agreeing : how many both see, and how many of them at the same place
     tolerance_mm : how far apart that may be
     explanation : why points are apart, None if they are not
-    brightness : of the points in the first sensor's pictures, as a multiple of that in the second's; None if unknown
+    brightness : of the points in the first sensor's pictures, as a multiple of that in the second's; None if it is
+        alike, or too few tell
     """
 
     sensors: tuple[str, str]
@@ -151,7 +152,7 @@ def unlike_exposures(comparisons: Sequence[Comparison]) -> Iterator[str]:
     """Say one sentence for every two sensors that show the points which both see unlike bright."""
     for comparison in comparisons:
         ratio = comparison.brightness
-        if ratio is not None and not 1 / MAX_BRIGHTNESS < ratio < MAX_BRIGHTNESS:
+        if ratio is not None:
             first, second = comparison.sensors if ratio > 1 else comparison.sensors[::-1]
             yield (
                 f"the pictures of sensor {first} are {max(ratio, 1 / ratio):.2f} times as bright as those of sensor "

@@ -140,7 +140,7 @@ def _likeness(pattern: str, name: str) -> float:
 
 def _beginning(path: Path) -> str:
     with path.open("rb") as file:
-        return file.read(LOOKED_AT).decode("utf-8", "replace")
+        return file.read(LOOKED_AT).decode("utf-8", "replace").removeprefix("\ufeff").replace("\r\n", "\n")
 
 
 def _placed(read: Callable[[Path, float], Placed], unit_mm: float) -> Callable[[Path, Path, ImportOptions], Capture]:
@@ -204,7 +204,7 @@ FORMATS: dict[str, Format] = {  # the first of those that know a source reads it
         ("calib_cam_to_cam.txt", "calib.txt", "../calib_cam_to_cam.txt", "*.txt"),
         "metres; raw recordings before or after rectification by the size of their pictures, odometry, or the file of "
         "one pair of the stereo benchmarks with its `disp_occ_0`",
-        r"(?m)^P(0|2|_rect_0[0-3]): ",
+        r"(?m)^P(0|2|_rect_0[0-3]):\s",
     ),
     "euroc": Format(
         _placed(read_euroc, METRE),
@@ -256,7 +256,7 @@ FORMATS: dict[str, Format] = {  # the first of those that know a source reads it
         ("units", "up"),
     ),
     "miv": Format(
-        _placed(read_miv, METRE),
+        _asking(read_miv),
         ("*.json",),
         "metres, z up, perspective; a folder or video of each camera's name; bounds from `Depth_range`",
         r'"Projection"',

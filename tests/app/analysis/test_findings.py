@@ -123,13 +123,15 @@ def test_a_measure_that_goes_against_the_scores_is_not_said_to_go_with_them() ->
     measures = {name: {"ball": value} for name, value in values.items()}
     said = sentences(votes_by(abilities, 20), measures=measures, better={"up": "higher", "down": "lower"})["measures"]
     assert said.startswith(
-        "Of 2 objective measures, 2 are shown to go with the scores; the highest rank correlation has up (Pearson +1.00"
+        "Of 2 objective measures, 2 are shown to go with the scores on this dataset; closest by rank is up, rank "
+        "correlation +1.00 (95 %"
     )
     said = sentences(votes_by(abilities, 20), measures=measures, better=dict.fromkeys(measures, "higher"))["measures"]
     assert said.startswith(
-        "Of 2 objective measures, 1 is shown to go with the scores; the highest rank correlation has up (Pearson +1.00"
+        "Of 2 objective measures, 1 is shown to go with the scores on this dataset; closest by rank is up, rank "
+        "correlation +1.00 (95 %"
     )
-    assert "go against the scores, in the direction that they state: down (Pearson −1.00" in said
+    assert "go against the scores on this dataset, in the direction that they state: down, rank correlation" in said
     alone = sentences(votes_by(abilities, 20), measures={"up": measures["up"]}, better={"up": "lower"})["measures"]
     assert alone.startswith("It is not shown that the objective measure predicts the scores. Shown to go against")
 

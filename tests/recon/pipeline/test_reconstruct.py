@@ -114,15 +114,6 @@ def digests(folder: Path, pattern: str) -> dict[str, str]:
 
 
 @pytest.mark.slow
-def test_every_frame_of_every_approach_becomes_a_mesh(run: Path) -> None:
-    described = read_run(run)
-    assert described.approaches == ("id_fa", "id_fb")
-    assert described.frames == (0, 1)
-    assert len(digests(run / "meshes", "*.ply")) == 4
-    assert len(digests(run / "clouds", "*.ply")) == 4
-
-
-@pytest.mark.slow
 def test_models_of_one_frame_are_gathered_with_their_errors(run: Path, capture: Capture, tmp_path: Path) -> None:
     write_models([run], tmp_path, None, lambda *_: None)
     found = read_models(tmp_path)
@@ -322,12 +313,6 @@ def test_a_stimulus_set_has_a_video_and_a_master_of_every_approach(small_set: Pa
 
 
 @pytest.mark.slow
-def test_rendering_again_makes_the_same_videos(run: Path, small_set: Path, tmp_path: Path) -> None:
-    render([run], tmp_path, SMALL)
-    assert digests(tmp_path, "*.mp4") == digests(small_set, "*.mp4")
-
-
-@pytest.mark.slow
 def test_a_path_that_is_read_back_makes_the_same_videos_for_every_approach(run: Path, tmp_path: Path) -> None:
     first = read_json(render([run], tmp_path / "one", replace(SMALL, path="orbit")))
     written = tmp_path / "one/paths/ball.json"
@@ -380,14 +365,13 @@ def test_a_set_is_not_rendered_by_the_path_that_it_would_replace(run: Path, tmp_
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["sensors", "orbit", "swing"])
-def test_the_command_offers_each_kind_of_path(command: Command, run: Path, tmp_path: Path, kind: str) -> None:
-    where = ("--size", "96x64", "--seconds", 0.2, "--renderer", "software", "--path", kind)
+def test_the_command_offers_each_kind_of_path(command: Command, run: Path, tmp_path: Path) -> None:
+    where = ("--size", "96x64", "--seconds", 0.2, "--renderer", "software", "--path", "orbit")
     told = command("render", run, "-o", tmp_path, *where)
     assert told.code == 0, told.err
-    assert read_json(tmp_path / "manifest.json")["provenance"]["render"]["path"] == kind
+    assert read_json(tmp_path / "manifest.json")["provenance"]["render"]["path"] == "orbit"
     capture = read_run(run).capture
-    expected = camera_path(capture.rig, capture.bounds, 5, (96, 64), kind=kind)
+    expected = camera_path(capture.rig, capture.bounds, 5, (96, 64), kind="orbit")
     for camera, wanted in zip(read_path(tmp_path / "paths/ball.json", 5, (96, 64)), expected, strict=True):
         assert np.allclose(camera.cam_from_world, wanted.cam_from_world, rtol=0, atol=1e-9)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -90,7 +92,9 @@ def test_a_complaint_names_the_line_of_its_setting(text: str, line: int | None) 
     with pytest.raises(ValueError, match="expected") as refused:
         parse_study_file(text)
     complaint = str(refused.value)
-    assert with_line(text, complaint) == (f"line {line}: {complaint}" if line else complaint)
+    assert with_line(text, refused.value) == (f"line {line}: {complaint}" if line else complaint)
+    handed_on = pickle.loads(pickle.dumps(refused.value))  # files are read in a process of their own
+    assert (str(handed_on), handed_on.field) == (complaint, refused.value.field)  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(

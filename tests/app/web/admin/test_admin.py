@@ -59,9 +59,10 @@ def test_a_program_without_a_token_is_told_how_to_get_one(client: httpx.Client) 
     assert "password" not in answer.text
 
 
-def test_commands_in_sentences_are_shown_as_such(client: httpx.Client) -> None:
+def test_who_is_not_signed_in_is_told_what_to_do_without_a_command(client: httpx.Client) -> None:
     page = client.get("/admin", headers={"Accept": "text/html"}).text
-    assert "<code>reconstudy admin add NAME</code> prints it" in page
+    assert "a sign-in link from an owner or whoever runs the server" in page
+    assert "reconstudy " not in page
     assert "`" not in page
 
 
