@@ -38,8 +38,8 @@ def compare_photographs(job: Job) -> list[str]:
     def write(path: Path) -> None:
         mesh = read_mesh(job.artefacts.path(mesh_file))
         exposures = compare_exposures(mesh, _photographs(job, frame), _tolerance(job))
-        matrices = [None if one.matrix is None else one.matrix.tolist() for one in exposures]
-        write_json(path, {"gain": [one.gain.tolist() for one in exposures], "matrix": matrices})
+        matrices = [None if each.matrix is None else each.matrix.tolist() for each in exposures]
+        write_json(path, {"gain": [each.gain.tolist() for each in exposures], "matrix": matrices})
 
     return job.artefacts.make(EXPOSURES_NAME, key, write)
 
