@@ -351,7 +351,7 @@ def test_a_parameter_of_table_2_changes_the_depth(capture: Capture, tmp_path: Pa
     path.write_text(f'[depth.changed]\nmethod = "dr"\n{change}\n')
     options = ReconstructOptions(depths=("dr", "changed"), fusions=("fb",), methods=read_methods(path))
     reconstruct(capture.folder, run, options)
-    depths = [read_disparity(run / f"depth/{method}/S1/0001.npy") for method in ("dr", "changed")]
+    depths = [read_disparity(run / f"depth/{method}/S1/0001.tiff") for method in ("dr", "changed")]
     assert not np.array_equal(*depths, equal_nan=True)
 
 

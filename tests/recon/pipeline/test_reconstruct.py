@@ -211,8 +211,10 @@ def test_a_start_with_other_options_that_is_stopped_leaves_no_run(capture: Captu
 
 @pytest.mark.slow
 def test_integer_disparities_stay_whole_when_they_are_filtered_in_time(run: Path) -> None:
-    for path in (run / "depth/id").rglob("*.npy"):
-        disparity = np.load(path)
+    paths = list((run / "depth/id").rglob("*.tiff"))
+    assert paths
+    for path in paths:
+        disparity = read_disparity(path)
         assert np.array_equal(disparity, np.rint(disparity), equal_nan=True)
 
 
