@@ -2,11 +2,11 @@
 
     python bench/sessions.py [--kills 60] [--only WORDS] [--json]
 
-Artificial people begin, agree, take the eye tests, vote and answer the questionnaire over HTTP, several at once. Every
-few seconds, at random moments, one of these happens: the server, one of its workers, the worker of jobs or all of PostgreSQL is
-killed by SIGKILL; the server's clock jumps a day forward or back (the study has a time limit of an hour); the next
-server finds the disk read-only (a tmpfs, where mounts are allowed). Jobs make stimulus sets meanwhile. Prints what was
-acknowledged and what is stored.
+Artificial people begin, agree, take the eye tests, vote and answer the questionnaire over HTTP, several at once. At
+random moments, every few seconds, one of these happens: the server, a worker of it, the worker of jobs or all of
+PostgreSQL is killed by SIGKILL; the server's clock jumps a day forward or back (the study has a time limit of an hour);
+the next server finds the disk read-only (a tmpfs, where mounts are allowed). Jobs make stimulus sets meanwhile. Prints
+what was acknowledged and what is stored.
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ let agreedText = ""; // digest of the consent's text that was agreed to before t
 let ending = null; // of the session
 let lighterKey = ""; // under which the browser remembers that the session's films are those for slow lines
 let consentKey = ""; // under which the tab remembers the digest of the consent's text that was agreed to
-let breakKey = ""; // under which the browser remembers the answers before the last break, and when one may go on
+let breakKey = ""; // under which the browser remembers the answers before the last break, and how long it has lasted
 let isUnderWay = false; // see `guarded`
 let stopClock = () => {}; // of a break
 
@@ -221,7 +221,7 @@ async function goOn(before) {
     endByFilm();
     return;
   }
-  trials.lastBreak = restOfBreak(session.progress.done) ? 0 : session.progress.done;
+  trials.lastBreak = rested_s(session.progress.done) < leastBreak_s ? 0 : session.progress.done;
   if (session.stage !== "trial") await goTo(session);
   else if (session.was_away_long) showInstructions(1);
   else show("resume");
@@ -420,16 +420,15 @@ async function runTrials() {
 
 /** Starts a break's clock, or goes on with that of a break during which the page was left. @param {number} answered */
 function takeBreak(answered) {
-  const rest_s = restOfBreak(answered);
-  if (!rest_s) inBrowser.set(breakKey, `${answered} ${Date.now() + 1000 * leastBreak_s}`);
-  stopClock = startBreak(viewOf("break"), rest_s || leastBreak_s);
+  const note = (/** @type {number} */ passed_s) => inBrowser.set(breakKey, `${answered} ${passed_s}`);
+  const so_far = rested_s(answered);
+  stopClock = startBreak(viewOf("break"), leastBreak_s, so_far < Infinity ? so_far : 0, note);
 }
 
-/** @param {number} answered trials @returns {number} seconds until one may go on; 0: no such break goes on */
-function restOfBreak(answered) {
-  const [before, until] = (inBrowser.get(breakKey) ?? "").split(" ").map(Number);
-  if (before !== answered || !until) return 0;
-  return Math.min(leastBreak_s, Math.max(0, Math.ceil((until - Date.now()) / 1000))); // clocks may be set
+/** @param {number} answered trials @returns {number} of the break after them, while the page was open; Infinity: it had not begun */
+function rested_s(answered) {
+  const [before, passed_s] = (inBrowser.get(breakKey) ?? "").split(" ").map(Number);
+  return before === answered ? passed_s : Infinity;
 }
 
 /** @param {string} view the last one */
