@@ -30,6 +30,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
+import httpx
 from attacks import processes_below
 from server_changes import CLOCK
 
@@ -56,6 +57,7 @@ DISK_IS_FREE_WITHIN_S = 30.0
 PAUSE_S = (0.2, 2.0)  # from the start of a server to the next fault
 AT_ONCE = 4
 JOBS_END_WITHIN_S = 300.0
+ANSWERS_WITHIN_S = 180.0
 
 Fault = Callable[[], None]
 
@@ -134,6 +136,17 @@ def jobs_done(settings: Settings) -> dict[str, int]:
             time.sleep(0.5)
 
 
+def wait_for_answer(base_url: str) -> None:
+    """Wait until a server answers: its workers begin after it has said that it is there."""
+    ends_s = time.monotonic() + ANSWERS_WITHIN_S
+    while True:
+        with suppress(httpx.TransportError):
+            if httpx.get(f"{base_url}/readyz").status_code == httpx.codes.OK:
+                return
+        assert time.monotonic() < ends_s, "no server answers"
+        time.sleep(0.1)
+
+
 def under(names: tuple[str, ...], arguments: argparse.Namespace, postgres: PostgresServer | None) -> dict[str, Any]:
     """Let people take a study while these faults happen."""
     rng, tally, happened = Random(arguments.seed), Tally(), Counter[str]()
@@ -167,6 +180,7 @@ def under(names: tuple[str, ...], arguments: argparse.Namespace, postgres: Postg
             name = next(order)
             faults[name]()
             happened[name] += 1
+            wait_for_answer(server.base_url)
 
         def take(number: int) -> None:
             take_part(server.base_url, study["slug"], study["invitation"], number, tally)
