@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import time
 from collections.abc import Iterator
 from html import unescape
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,7 +15,9 @@ import pytest
 from app.operations.studies import creation, manage
 from app.settings import Settings
 from app.study.options.study_file import parse_study_file
+from tests.app.tiny_stimuli import write_set
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in
+from tests.study_server import StudyServer
 
 NEW = "/admin/studies/new"
 FORM = f"{NEW}?stimulus_set=tiny"
