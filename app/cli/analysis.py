@@ -52,14 +52,12 @@ def simulate(
 
     settings = server_settings()
     known = None if abilities is None else _read_abilities(abilities)
-    progress = ProgressLine()
-    with nullcontext(url) if url else running_server(settings) as base_url:
+    with ProgressLine() as progress, nullcontext(url) if url else running_server(settings) as base_url:
         result = simulate_study(
             settings, base_url, study, participants, known, tie_rate, seed, progress=by_step(progress)
         )
         progress.say("Analysing the votes.")
         scores = came_out(fetched(settings, base_url, study, ("analysis",))["analysis"])
-    progress.close()
     put_in = result["put_in"]
     result |= {"came_out": scores, "came_back": came_back(put_in, scores)}
     sentences = (

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -25,6 +24,7 @@ from recon.render.offscreen import NoRendererError, is_hardware, pyrender_frames
 from recon.render.rasterise import draw_model
 from recon.render.scene import LitDiscs, LitMesh, Scene, Shot, transformed
 from recon.render.texture import NO_MIPMAPS, mipmaps
+from recon.runtime.files import naming
 
 GPU_DEVICES = ("/dev/dri", "/dev/nvidia0", "/dev/dxg")  # one of them exists wherever OpenGL has a GPU on Linux
 
@@ -57,7 +57,7 @@ def software_frames(shots: Iterable[Shot], *, over: Callable[..., None] = draw_s
             if not are_all_drawn(projected):
                 vertices, faces, (front, back, uv) = cut_before(shot.camera, model.vertices, faces, (front, back, uv))
                 projected = _projected(vertices, shot.camera)
-            placed = replace(texture, uv=uv)
+            placed = texture._replace(uv=uv)
             draw_model(shot.picture, projected, faces, front, back, texture=placed, threads=shot.threads)
         yield shot.picture
 
@@ -178,10 +178,8 @@ def _shots(
         if model is None:
             raise ValueError(f"the meshes ended after {frame} of {len(cameras)} frames")
         if model is not last:
-            try:
+            with naming(f"frame {frame}"):
                 shown = lit(model, scene)
-            except ValueError as error:
-                raise ValueError(f"frame {frame}: {error}") from error
             shade, last = floor_shade(model, scene), model
         yield Shot(shown, camera, backdrop(scene, camera, shade, threads=threads), threads)
 

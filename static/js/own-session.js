@@ -46,17 +46,14 @@ export class OwnSession {
     inBrowser.set(`films for slow lines of ${this.id}`, "yes");
   }
 
-  /** @param {number} answered trials before the break @param {number} least_s its shortest length @returns {number} seconds until one may go on; 0: no such break goes on */
-  restOfBreak(answered, least_s) {
-    const [before, until] = (inBrowser.get(`break of ${this.id}`) ?? "").split(" ").map(Number);
-    if (before !== answered || !until) return 0;
-    return Math.min(least_s, Math.max(0, Math.ceil((until - Date.now()) / 1000))); // clocks may be set
+  /** @param {number} answered trials before the break @returns {number} how long it has lasted while the page was open, s; Infinity: it had not begun */
+  rested_s(answered) {
+    const [before, passed_s] = (inBrowser.get(`break of ${this.id}`) ?? "").split(" ").map(Number);
+    return before === answered ? passed_s : Infinity;
   }
 
-  /** Begins a break, or goes on with the one during which the page was left. @param {number} answered @param {number} least_s @returns {number} seconds until one may go on */
-  takeBreak(answered, least_s) {
-    const rest_s = this.restOfBreak(answered, least_s);
-    if (!rest_s) inBrowser.set(`break of ${this.id}`, `${answered} ${Date.now() + 1000 * least_s}`);
-    return rest_s || least_s;
+  /** Remembers how long a break has lasted. @param {number} answered trials before it @param {number} passed_s */
+  rest(answered, passed_s) {
+    inBrowser.set(`break of ${this.id}`, `${answered} ${passed_s}`);
   }
 }

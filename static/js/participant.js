@@ -211,7 +211,7 @@ async function goOn(before) {
     endByFilm();
     return;
   }
-  trials.lastBreak = own.restOfBreak(session.progress.done, leastBreak_s) ? 0 : session.progress.done;
+  trials.lastBreak = own.rested_s(session.progress.done) < leastBreak_s ? 0 : session.progress.done;
   if (session.stage !== "trial") await goTo(session);
   else if (session.was_away_long) showInstructions(1);
   else show("resume");
@@ -385,7 +385,14 @@ async function runTrials() {
     return;
   }
   show(end);
-  if (end === "break") stopClock = startBreak(viewOf("break"), own.takeBreak(trials.lastBreak, leastBreak_s));
+  if (end === "break") takeBreak(trials.lastBreak);
+}
+
+/** Starts a break's clock, or goes on with that of a break during which the page was left. @param {number} answered */
+function takeBreak(answered) {
+  const before_s = own.rested_s(answered);
+  const note = (/** @type {number} */ passed_s) => own.rest(answered, passed_s);
+  stopClock = startBreak(viewOf("break"), leastBreak_s, before_s < Infinity ? before_s : 0, note);
 }
 
 /** @param {string} view the last one */

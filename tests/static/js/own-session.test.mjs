@@ -8,12 +8,10 @@ import { OwnSession } from "../../../static/js/own-session.js";
 const shelf = /** @type {import("../../../static/js/outbox.js").Shelf} */ (/** @type {unknown} */ ({ all: async () => [] }));
 
 test("a break during which the page was left goes on, and the next one is a new one", () => {
-  assert.equal(new OwnSession(shelf, "break").restOfBreak(25, 30), 0);
-  assert.equal(new OwnSession(shelf, "break").takeBreak(25, 30), 30);
-  const rest_s = new OwnSession(shelf, "break").takeBreak(25, 30);
-  assert.ok(rest_s > 28 && rest_s <= 30);
-  assert.equal(new OwnSession(shelf, "break").restOfBreak(25, 10), 10, "a clock that was set back makes none longer");
-  assert.equal(new OwnSession(shelf, "break").restOfBreak(50, 30), 0);
+  assert.equal(new OwnSession(shelf, "break").rested_s(25), Infinity);
+  new OwnSession(shelf, "break").rest(25, 12);
+  assert.equal(new OwnSession(shelf, "break").rested_s(25), 12);
+  assert.equal(new OwnSession(shelf, "break").rested_s(50), Infinity);
 });
 
 test("what one session has agreed to and read is not another's", () => {

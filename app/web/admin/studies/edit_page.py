@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Form, Request
 from fastapi.responses import Response
 
-from app.errors import ConflictError, InvalidError
+from app.errors import ConflictError, InvalidError, said_on_page
 from app.ffmpeg import Progress
 from app.intake.bounds import typed_in_bounds
 from app.operations.studies.create import slugify
@@ -101,7 +101,7 @@ def edit_file(
     try:
         wanted = typed_in_bounds(parse_study_file, unix(text))
     except ValueError as error:
-        raise InvalidError(f"Nothing was changed: {with_line(unix(text), error)}.") from error
+        raise InvalidError(f"Nothing was changed: {with_line(unix(text), error, said_on_page(error))}.") from error
     return save_study(request, study, wanted, revision, actor)
 
 

@@ -13,7 +13,7 @@ from anyio import CapacityLimiter, to_thread
 from fastapi import APIRouter, Form, Path, Request
 from fastapi.responses import FileResponse, Response
 
-from app.errors import ForbiddenError, InvalidError, NotFoundError, StimuliError
+from app.errors import ForbiddenError, InvalidError, NotFoundError, StimuliError, said_on_page
 from app.ffmpeg import Progress
 from app.files import read_json
 from app.films.strips import write_picture
@@ -161,7 +161,7 @@ def _preview(server: Settings, kind: str, name: str, place: str) -> FilePath:
     try:
         return preview_of(source, server.data_dir / "stills")
     except StimuliError as error:
-        reason = str(error).replace(f"{source}", source.name)
+        reason = said_on_page(error).replace(f"{source}", source.name)
         raise InvalidError(f"{place} cannot be shown: {reason}") from error
 
 

@@ -123,11 +123,11 @@ def test_a_telephone_at_night_in_tokyo(browser: Browser, server: str, settings: 
     expect(first).to_have_text(at.astimezone(ZoneInfo("Asia/Tokyo")).strftime("%Y-%m-%d %H:%M"))
     assert page.evaluate("getComputedStyle(document.documentElement).backgroundColor") == "rgb(22, 25, 27)"
     page.goto("/admin/users")
-    page.get_by_label("Name").fill("Yuki Example")
+    page.get_by_label("Name", exact=True).fill("Yuki Example")
     page.locator("label select[name=role]").select_option("viewer")
     page.get_by_role("button", name="Make a sign-in link").click()
     expect(page.get_by_role("alert")).to_contain_text("Yuki Example is here already.")
-    expect(page.get_by_label("Name")).to_have_value("Yuki Example")
+    expect(page.get_by_label("Name", exact=True)).to_have_value("Yuki Example")
     expect(page.locator("label select[name=role]")).to_have_value("viewer")
     page.goto("/s/nobody-invited")
     assert page.evaluate("getComputedStyle(document.documentElement).backgroundColor") != "rgb(22, 25, 27)"
