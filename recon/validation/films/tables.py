@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,12 @@ from recon.validation.films.perceptual import WHOLE_FILM
 from recon.validation.measures import BETTER, LESS, MORE, Measured, Subject, measure_rows
 
 WORST_PERCENT = 5  # this share of the frames is worse than the worst percentile
-DIRECTIONS = dict.fromkeys(("psnr_y", "ssim", "ms_ssim", "vmaf", "cvvdp"), MORE) | dict.fromkeys(
-    ("flicker", "flip", "lpips", "dists"), LESS
-)
-UNITS = {"psnr_y": "dB", "flicker": "grey levels", "cvvdp": "JOD"}
-SOURCE = "validate films"
 BYTES = "bytes"  # a model's size, which the analysis sets beside its score
+DIRECTIONS = dict.fromkeys(("psnr_y", "ssim", "ms_ssim", "vmaf", "cvvdp"), MORE) | dict.fromkeys(
+    ("flicker", "flip", "lpips", "dists", BYTES), LESS
+)
+UNITS = {"psnr_y": "dB", "flicker": "grey levels", "cvvdp": "JOD", BYTES: BYTES}
+SOURCE = "validate films"
 
 
 def pooled_measures(values: Sequence[float], measure: str) -> dict[str, float]:
@@ -109,17 +110,7 @@ def _sizes(film: MeasuredFilm) -> Iterator[Measured]:
     """Yield the size of the model's files, where it is known."""
     size = film.pair.film.model_bytes
     if size is not None:
-        yield Measured(
-            dataset=film.pair.film.dataset,
-            approach=film.pair.film.approach,
-            frame=None,
-            measure=BYTES,
-            direction="",
-            value=float(size),
-            unit=BYTES,
-            better=BETTER[LESS],
-            source="files of the models",
-        )
+        yield replace(_value(film, None, BYTES, BYTES, float(size)), source="files of the models")
 
 
 def _frame_values(film: MeasuredFilm) -> Iterator[Measured]:
