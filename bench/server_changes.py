@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import time
 from datetime import UTC, datetime, timedelta
 from functools import partial
+from pathlib import Path
 
 import app.main
 from app.store.trials import vote_writer
 from tests import sqlite_disk
 
 SLOW_MS = 5.0
+CLOCK = "RECONSTUDY_BENCH_CLOCK"
 JUMPS_S = (0.0, 86_400.0, -86_400.0)
 
 
@@ -22,6 +25,13 @@ def slow_disk() -> None:
 def a_commit_each() -> None:
     """Keep one vote in a transaction."""
     vote_writer.LARGEST_BATCH = 1
+
+
+def clock_of_a_file() -> None:
+    """Let the wall clock be as many seconds off as the file says that `CLOCK` names."""
+    file, right_s = Path(os.environ[CLOCK]), time.time
+    vars(time)["time"] = lambda: right_s() + float(file.read_text() or 0)
+    vars(app.main)["utc_now"] = lambda: datetime.fromtimestamp(time.time(), UTC)
 
 
 def jumping_clock() -> None:

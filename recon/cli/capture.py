@@ -248,12 +248,6 @@ def _check_sentences(folder: Path, report: CheckReport) -> str:
         report.as_text(),
         *(f"problem: {problem}" for problem in report.problems),
         *(f"warning: {warning}" for warning in report.warnings),
-        _verdict(report),
+        report.conclusion,
     ]
     return "\n".join(lines)
-
-
-def _verdict(report: CheckReport) -> str:
-    if report.problems:
-        return "The capture cannot be used as it is."
-    return "The capture can be used; mind the warnings." if report.warnings else "Nothing is wrong."

@@ -190,12 +190,14 @@ def validate_films(asked: ValidateFilms, *, as_json: bool) -> None:
     """Compare films with the reference's on the same path: PSNR-Y, SSIM, MS-SSIM, VMAF, flicker, or more by request."""
     from recon.validation.films.evaluation import FilmSettings, measure_films
     from recon.validation.films.perceptual import Perceptual, parse_display, parse_weights
+    from recon.validation.films.programs import film_programs
     from recon.validation.films.report import write_films_report
 
     with ProgressLine() as progress:
         names = tuple(name for name in asked.measure.replace(" ", "").split(",") if name)
         perceptual = Perceptual(names, parse_display(asked.display), parse_weights(asked.weights or ()))
-        settings = FilmSettings(asked.reference, asked.masters, asked.every, asked.workers, perceptual)
+        programs = film_programs(asked.methods, asked.out / "programs")
+        settings = FilmSettings(asked.reference, asked.masters, asked.every, asked.workers, perceptual, programs)
         report, films = measure_films(asked.stimulus_set, settings, progress)
     page = write_films_report(report, films, asked.out)
     print_report(report, page, film_sentences(report), as_json=as_json)

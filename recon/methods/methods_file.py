@@ -1,4 +1,4 @@
-"""A methods file: TOML with a table for each method, ``[depth.NAME]``, ``[fusion.NAME]`` or ``[measure.NAME]``.
+"""A methods file: TOML with tables ``[depth.NAME]``, ``[fusion.NAME]``, ``[measure.NAME]`` and ``[film.NAME]``.
 
 This reads the file, and checks its names and the types of its values. What the tables of a kind mean is known where
 that kind of method is run: ``read_tables(path, "measure", taken)`` gives those of measures.
@@ -21,7 +21,7 @@ from recon.runtime.programs import Program
 Built = TypeVar("Built")
 AProgram = TypeVar("AProgram", bound=Program)
 
-METHOD_KINDS = ("depth", "fusion", "measure")
+METHOD_KINDS = ("depth", "fusion", "measure", "film")
 
 
 @dataclass(frozen=True)

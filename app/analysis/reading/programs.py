@@ -36,6 +36,12 @@ class Program:
 def restated(table: Table, name: str = "", question: str = "") -> Table:
     """Return a table as it is recognised: that of a program, told or known by its columns, brought to a plain one.
 
+    Parameters
+    ----------
+    table : as a file has it
+    name : of a program or layout, as told; empty: recognised
+    question : whose answers are taken, where there are several
+
     Raises
     ------
     VotesError
@@ -43,6 +49,7 @@ def restated(table: Table, name: str = "", question: str = "") -> Table:
     """
     if name and name not in KNOWN:
         raise VotesError(f"--format {name} is not known; known are {', '.join(KNOWN)}")
+    table = _without_missing(table)
     if QUESTION in table.columns:
         table = _one_question(table, QUESTION, question)
     for known, program in PROGRAMS.items():
@@ -52,6 +59,20 @@ def restated(table: Table, name: str = "", question: str = "") -> Table:
             plain_table = program.restate(table, question) if program.asks else program.restate(table)
             return _with_pairs(replace(plain_table, notes=(*plain_table.notes, f"a table of {known}")))
     return _with_pairs(table)
+
+
+def _without_missing(table: Table) -> Table:
+    """Take NA and its like for empty cells in columns of numbers."""
+    changed = {}
+    for name, column in table.columns.items():
+        if any(word in column.words for word in NOT_THERE):
+            words = tuple("" if word in NOT_THERE else word for word in column.words)
+            if is_numeric(cleared := column_of(np.array(words, object)[column.codes])):
+                changed[name] = cleared
+    if not changed:
+        return table
+    note = f"NA and the like are empty cells in {', '.join(map(shown, changed))}"
+    return table.with_columns({**table.columns, **changed}, notes=(*table.notes, note))
 
 
 def _one_question(table: Table, column: str, question: str) -> Table:
@@ -163,6 +184,7 @@ def _crowd_columns(table: Table) -> dict[str, str]:
     return matched
 
 
+NOT_THERE = ("NA", "na", "N/A", "n/a", "NaN", "nan", "#N/A", "NULL", "null", ".", "-")
 REFERENCE = "reference"  # as item_a of comparisons whose other film is named alone
 
 
@@ -210,6 +232,14 @@ def _crowd(table: Table) -> Table:
     notes = (*table.notes, f"{len(columns)} answers in each row, each a rating of the film that it names")
     warnings = (f"{n_traps} answers on trapping or gold films are left out",) if n_traps else ()
     return Table({**cells, **kept}, table.how, table.numbers[place], notes, warnings)
+
+
+def _gorilla(table: Table) -> Table:
+    """Leave out rows without a response: each thing on a screen has one."""
+    renamed = _renamed(table, {"participantprivateid": "participant"})
+    is_there = next(cells for name, cells in renamed.columns.items() if plain(name) == "response").meaning(bool, bool)
+    note = [f"{int((~is_there).sum())} rows without a response are left out"] if not is_there.all() else []
+    return replace(renamed.where(is_there), notes=(*table.notes, *note))
 
 
 def _revisit(table: Table, question: str) -> Table:
@@ -329,6 +359,16 @@ PROGRAMS: dict[str, Program] = {
         lambda table: any(plain(name) in ("psychopyversion", "expname") for name in table.names),
         _psychopy,
         "expName, psychopyVersion, key_resp.keys, and the columns of the conditions file",
+    ),
+    "jspsych": Program(
+        _has("trialtype", "trialindex", "response"),
+        _psychopy,
+        "trial_type, trial_index, response, and the columns that the trials' data name",
+    ),
+    "gorilla": Program(
+        _has("participantprivateid", "trialnumber", "response"),
+        _gorilla,
+        "Participant Private ID, Trial Number, Response, and the columns of the spreadsheet",
     ),
 }
 

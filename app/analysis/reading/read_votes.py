@@ -41,6 +41,7 @@ from app.analysis.reading.votes_table import (
     CHOICES,
     IDENTICAL,
     NAMES,
+    NONE,
     ROLE_CODES,
     ROLES,
     VotesError,
@@ -388,7 +389,7 @@ def _choice(rows: LongTable, description: Description, problems: Problems) -> ND
         (codes == UNKNOWN) & (True if column.missing is None else ~column.missing),
         lambda r: _wrong(rows, "choice", r, expected),
     )
-    return codes
+    return np.where(flags(rows, "ties", problems), NONE, codes).astype(np.int8) if "ties" in columns else codes
 
 
 def _first_shown(

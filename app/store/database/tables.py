@@ -492,7 +492,7 @@ study_draft = table(  # the form of a study that is not created yet, as it was t
     UniqueConstraint("actor", "stimulus_set"),
 )
 
-job = table(  # a task that the server does in a thread of its own
+task = table(  # what the server does in a thread of its own; called a job until there were jobs
     "job",
     required("public_id", String(32), unique=True),
     required("actor", String(120)),
@@ -510,7 +510,7 @@ job = table(  # a task that the server does in a thread of its own
     CheckConstraint("state in ('running', 'done', 'failed')", name="state"),
 )
 
-unique_where("uq_job_running_subject", job.c.subject, where=job.c.state == "running")
+unique_where("uq_job_running_subject", task.c.subject, where=task.c.state == "running")
 
 queued_job = table(  # a command on recordings or films, which a worker process runs
     "queued_job",

@@ -226,6 +226,7 @@ class ValidateFilms(Command):
         "(VGG16); none is fetched.",
         metavar="MEASURE=FILE",
     )
+    methods: Path | None = option(None, "TOML file of measures by other programs.")
     every: int = option(
         1, "Measure each such frame only, from the first on.", ge=1, label="Every so many frames", high=1000
     )

@@ -15,6 +15,7 @@ from recon.runtime.workers import Progress, no_progress, open_pool
 from recon.validation.films.film import MeasuredFilm, measure_film
 from recon.validation.films.likeness import SMALLEST_PX
 from recon.validation.films.perceptual import Perceptual
+from recon.validation.films.programs import FilmPrograms
 from recon.validation.films.stimuli import Pair, paired, read_films
 from recon.validation.films.tables import WORST_PERCENT, pooled_rows, study_measures
 from recon.validation.films.vmaf import MODEL, has_vmaf
@@ -30,7 +31,7 @@ class FilmSettings:
     masters : whether to measure the near-lossless masters instead of the videos that participants see
     every : measure each `every`-th frame only, from the first on
     workers : local processes, one film each; 1 works in this process
-    perceptual : measures by other packages
+    perceptual, programs : measures by other packages, and by programs
     """
 
     reference: str
@@ -38,6 +39,7 @@ class FilmSettings:
     every: int = 1
     workers: int = 1
     perceptual: Perceptual = field(default_factory=Perceptual)
+    programs: FilmPrograms = field(default_factory=FilmPrograms)
 
 
 def measure_films(
@@ -103,6 +105,7 @@ def _measured(pairs: Sequence[Pair], settings: FilmSettings, progress: Progress)
             every=settings.every,
             threads=pool.threads,
             perceptual=settings.perceptual,
+            programs=settings.programs,
             tell=tell if is_alone else None,
         )
         for film in pool.run([partial(measure, pair) for pair in pairs]):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import partial
 
 import numpy as np
@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 
 from recon.render.encoding.video import read_luma
 from recon.validation.films.flicker import excess_change
+from recon.validation.films.kinds import ACTOR, KINDS, Kind
 from recon.validation.films.likeness import Likeness, likenesses
-from recon.validation.films.perceptual import PACKAGES, Perceptual
+from recon.validation.films.perceptual import Perceptual
 from recon.validation.films.pictures import comparison_picture
+from recon.validation.films.programs import FilmPrograms
 from recon.validation.films.stimuli import Pair
 from recon.validation.films.vmaf import has_vmaf, vmaf_scores
 
 NOTHING_MORE = Perceptual()
-MEASURES = ("psnr_y", "ssim", "ms_ssim", "vmaf", "flicker", *PACKAGES)
-ACTOR = "_actor"  # ends the names of measures inside the silhouettes
+NO_PROGRAMS = FilmPrograms()
 WHITE = 126  # luma from which a mask's pixel is of the model: half way from 16 to 235
 
 Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]  # a frame of the film, and the reference's
@@ -52,12 +53,18 @@ class MeasuredFilm:
     frames : numbers of the measured frames
     values : by measure, one for each frame; NaN where the frame has none
     worst : the frame that is least alike
+    others : what the measures by programs are
     """
 
     pair: Pair
     frames: list[int]
     values: dict[str, list[float]]
     worst: WorstFrame
+    others: Mapping[str, Kind] = field(default_factory=dict)
+
+    def kind(self, measure: str) -> Kind:
+        """Say what a measure of the film is, of the actor or of the whole frame."""
+        return {**KINDS, **self.others}[measure.removesuffix(ACTOR)]
 
     def is_of_actor(self, measure: str) -> bool:
         """Return whether a measure was taken inside the silhouettes, or over the whole frame."""
@@ -70,6 +77,7 @@ def measure_film(
     every: int,
     threads: int,
     perceptual: Perceptual = NOTHING_MORE,
+    programs: FilmPrograms = NO_PROGRAMS,
     tell: Tell | None = None,
 ) -> MeasuredFilm:
     """Measure a film; ffmpeg computes VMAF beside the other measures.
@@ -79,7 +87,7 @@ def measure_film(
     pair : the film and its reference
     every : measure only each such frame, from the first on
     threads : of libvmaf
-    perceptual : measures by other packages; default: none
+    perceptual, programs : measures by other packages, and by programs; default: none
     tell : told after each measured frame
 
     Raises
@@ -88,6 +96,8 @@ def measure_film(
         If a film or a mask cannot be decoded from its first frame to its last.
     ValueError
         If a file of weights holds others.
+    ProgramError
+        If a program fails in any way.
     """
     frames: list[int] = []
     values: dict[str, list[float]] = {}
@@ -105,8 +115,10 @@ def measure_film(
             values["vmaf"] = waiting.result()
     for name in perceptual.names:
         values[name] = perceptual.values(pair, name, every=every)
+    for name in programs.programs:
+        values[name] = [programs.value(pair, name), *[np.nan] * (len(frames) - 1)]
     in_order = {name: values[name] for name in sorted(values, key=_rank)}
-    return MeasuredFilm(pair, frames, in_order, watch.shown())
+    return MeasuredFilm(pair, frames, in_order, watch.shown(), programs.kinds)
 
 
 @dataclass(eq=False)
@@ -170,4 +182,5 @@ def _either(a: NDArray[np.bool_] | None, b: NDArray[np.bool_] | None) -> NDArray
 
 def _rank(measure: str) -> tuple[bool, int]:
     """Order measures: the whole frame's first, then the actor's."""
-    return measure.endswith(ACTOR), MEASURES.index(measure.removesuffix(ACTOR))
+    name = measure.removesuffix(ACTOR)
+    return measure.endswith(ACTOR), list(KINDS).index(name) if name in KINDS else len(KINDS)

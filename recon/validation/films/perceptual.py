@@ -26,7 +26,6 @@ PACKAGES = {  # module, and what to install
     "lpips": ("torchmetrics", "torchmetrics torchvision"),
     "dists": ("torchmetrics", "torchmetrics torchvision"),
 }
-WHOLE_FILM = ("cvvdp",)  # measures that have one value for a film
 NETWORKS = {  # measures that need weights: torchvision's name of the network, and its file
     "lpips": ("alexnet", "alexnet-owt-7be5be79.pth"),
     "dists": ("vgg16", "vgg16-397923af.pth"),

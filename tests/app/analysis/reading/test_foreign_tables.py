@@ -128,7 +128,7 @@ def test_two_columns_that_may_be_the_choice_are_asked_unless_they_agree(tmp_path
 
 def test_a_side_is_asked_about_where_another_column_says_who_stood_there(tmp_path: Path) -> None:
     text = "participant,item_a,item_b,left_item,choice\np,x,y,x,left\np,x,y,y,left\n"
-    with pytest.raises(QuestionError, match="the column 'left_item' names another item on a side"):
+    with pytest.raises(QuestionError, match="the column 'left_item' may say that items stood the other way"):
         recognise_file(write(tmp_path, text))
 
 
@@ -520,7 +520,7 @@ def test_a_column_is_taken_for_nothing_where_that_is_told(tmp_path: Path) -> Non
 
 def test_sides_that_were_exchanged_and_rows_that_may_count_often_are_asked_about(tmp_path: Path) -> None:
     path = write(tmp_path, "participant,item_a,item_b,choice,swapped\nA,x,y,left,1\nB,x,y,right,0\n")
-    with pytest.raises(QuestionError, match="'swapped' may say that sides were exchanged in some rows"):
+    with pytest.raises(QuestionError, match="'swapped' may say that items stood the other way round in some rows"):
         recognise_file(path)
     path = write(tmp_path, "item_a,item_b,choice,freq\nx,y,a,4\nx,y,b,5\n")
     with pytest.raises(QuestionError, match="'freq' may say how often a row counts") as asked:

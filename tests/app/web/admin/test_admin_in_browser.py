@@ -123,11 +123,11 @@ def test_a_telephone_at_night_in_tokyo(browser: Browser, server: str, settings: 
     expect(first).to_have_text(at.astimezone(ZoneInfo("Asia/Tokyo")).strftime("%Y-%m-%d %H:%M"))
     assert page.evaluate("getComputedStyle(document.documentElement).backgroundColor") == "rgb(22, 25, 27)"
     page.goto("/admin/users")
-    page.get_by_label("Name").fill("Yuki Example")
+    page.get_by_label("Name", exact=True).fill("Yuki Example")
     page.locator("label select[name=role]").select_option("viewer")
     page.get_by_role("button", name="Make a sign-in link").click()
     expect(page.get_by_role("alert")).to_contain_text("Yuki Example is here already.")
-    expect(page.get_by_label("Name")).to_have_value("Yuki Example")
+    expect(page.get_by_label("Name", exact=True)).to_have_value("Yuki Example")
     expect(page.locator("label select[name=role]")).to_have_value("viewer")
     page.goto("/s/nobody-invited")
     assert page.evaluate("getComputedStyle(document.documentElement).backgroundColor") != "rgb(22, 25, 27)"
@@ -164,6 +164,33 @@ def test_a_double_click_makes_one_token_and_shows_it(page: Page) -> None:
     row.locator("summary").click()  # one click alone revokes nothing
     row.get_by_role("button", name="Revoke").click()
     page.get_by_text("revoked").first.wait_for()
+
+
+def test_a_refused_form_is_filled_as_it_was_sent_and_shows_its_wrong_field(
+    browser: Browser, server: str, settings: Settings, new_study: Callable[[], dict[str, Any]]
+) -> None:
+    page = browser.new_page(base_url=server)
+    sign_in(page, settings)
+    path = f"/admin/studies/{new_study()['slug']}"
+    page.goto(f"{path}/invitations")
+    page.locator("form[novalidate], form").evaluate_all("forms => forms.forEach((form) => (form.noValidate = true))")
+    page.locator("[name=places]").fill("-3")
+    page.locator("[name=number]").fill("2")
+    page.locator("[name=label]").first.fill('A "new" <name>')
+    page.locator("[name=places] >> xpath=ancestor::form").get_by_role("button").click()
+    expect(page.get_by_role("alert")).to_contain_text("The form is not as expected: places")
+    expect(page.locator("[name=places][aria-invalid=true]")).to_have_value("-3")
+    expect(page.locator("[name=label]").first).to_have_value('A "new" <name>')
+    expect(page.locator("#typed")).to_have_count(0)
+    page.goto(f"{path}/edit")
+    page.locator("form").evaluate_all("forms => forms.forEach((form) => (form.noValidate = true))")
+    page.locator("details").evaluate_all("parts => parts.forEach((part) => (part.open = true))")
+    page.locator("[name='privacy.keep_days']").fill("1.5")
+    page.get_by_role("button", name="Save", exact=True).first.click()
+    expect(page.get_by_role("alert")).to_contain_text("Nothing was changed: ")
+    page.get_by_role("link", name="Show it").click()
+    expect(page.locator("[name='privacy.keep_days'][aria-invalid=true]")).to_be_in_viewport()
+    page.close()
 
 
 def test_an_upload_that_a_proxy_refuses_says_so_and_may_be_tried_again(

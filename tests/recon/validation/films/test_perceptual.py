@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from recon.render.encoding.video import write_video
+from recon.validation.films.kinds import KINDS
 from recon.validation.films.perceptual import NETWORKS, Display, Perceptual, parse_display, parse_weights
 from recon.validation.films.stimuli import Film, Pair, probe_video
 from recon.validation.films.tables import pooled_measures
@@ -52,8 +53,8 @@ def test_a_measure_without_its_weights_says_which_file_is_meant(
 
 
 def test_a_measure_of_whole_films_has_one_value() -> None:
-    assert pooled_measures([7.5, np.nan, np.nan], "cvvdp") == {"cvvdp": 7.5}
-    assert set(pooled_measures([0.1, 0.2], "flip")) == {"flip", "flip_p95"}
+    assert pooled_measures([7.5, np.nan, np.nan], "cvvdp", KINDS["cvvdp"]) == {"cvvdp": 7.5}
+    assert set(pooled_measures([0.1, 0.2], "flip", KINDS["flip"])) == {"flip", "flip_p95"}
 
 
 @pytest.mark.slow

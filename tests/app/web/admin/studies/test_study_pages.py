@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import io
+import json
 import re
 import subprocess
 import sys
@@ -143,7 +144,9 @@ def test_what_was_typed_is_shown_again_where_it_is_not_kept(
     assert 'aria-label="Dashboard"' in refused.text  # the navigation is still there
 
 
-def test_a_refused_form_comes_back_as_it_was_sent(experimenter: Dashboard, new_study: NewStudy) -> None:
+def test_the_page_of_a_refused_form_says_why_and_holds_what_was_sent(
+    experimenter: Dashboard, new_study: NewStudy
+) -> None:
     path = f"/admin/studies/{new_study()['slug']}/invitations"
     page = experimenter.get(path).text
     unseen = dict(re.findall(r'type="hidden" name="(\w+)" value="([^"]*)"', page))
@@ -151,14 +154,22 @@ def test_a_refused_form_comes_back_as_it_was_sent(experimenter: Dashboard, new_s
     typed = {"form_token": unseen["form_token"], "places": "-3", "number": "2", "label": 'A "new" <name>'}
     refused = experimenter.post(path, data=typed, headers=came_from)
     assert refused.status_code == 422
-    assert '<p class="warning" id="refused" role="alert">The form is not as expected: places' in refused.text
-    assert 'value="-3"' in refused.text
-    assert 'value="A &quot;new&quot; &lt;name&gt;"' in refused.text
+    assert ">The form is not as expected: places" in refused.text
+    told = refused_form(refused.text)
+    assert (told["action"], told["field"]) == (path, "places")
+    assert json.loads(told["typed"]) == [["places", "-3"], ["number", "2"], ["label", 'A "new" <name>']]
     groups = {**unseen, "groups": "near: nowhere\nfar <2>"}
     refused = experimenter.post(f"{path}/groups", data=groups, headers=came_from)
     assert refused.status_code == 422
-    assert "\nnear: nowhere\nfar &lt;2&gt;</textarea>" in refused.text
-    assert 'value="-3"' not in refused.text  # other forms stay as they are
+    assert ["groups", groups["groups"]] in json.loads(refused_form(refused.text)["typed"])
+    assert "near: nowhere\nfar &lt;2&gt;</textarea>" in refused.text  # to be copied where no script runs
+
+
+def refused_form(page: str) -> dict[str, str]:
+    """What a page tells its script of a refused form."""
+    (element,) = re.findall('<p class="warning" id="refused"[^>]*>', page)
+    told = re.findall(r"""data-(\w+)=(?:"([^"]*)"|'([^']*)')""", element)
+    return {name: html.unescape(first or second) for name, first, second in told}
 
 
 def test_what_was_typed_outlives_the_session(experimenter: Dashboard, new_study: NewStudy) -> None:
@@ -219,6 +230,7 @@ def test_two_editors_at_once_lose_nothing_that_they_typed(experimenter: Dashboar
     assert "By the second" in again.text
 
 
+@pytest.mark.slow
 def test_a_file_edits_a_study_and_bad_files_change_nothing(experimenter: Dashboard, new_study: NewStudy) -> None:
     base = f"/admin/studies/{new_study()['slug']}"
     good = 'name = "By file"\nexposure_s = 2\n[options]\nbreak_every = 5\n'
@@ -338,6 +350,7 @@ def test_studies_are_counted_in_one_query_however_many_there_are(
     assert cards[taken["slug"]][:4] == ["4", "24", "6", "3"]
 
 
+@pytest.mark.slow
 def test_a_preview_walks_the_whole_study_and_leaves_no_vote(
     experimenter: Dashboard, analyst: httpx.Client, vote_body: Callable[..., dict[str, Any]], new_study: NewStudy
 ) -> None:
