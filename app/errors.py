@@ -34,6 +34,11 @@ class StudyError(Exception):
         super().__init__(detail)
         self.detail = detail
 
+    @property
+    def field(self) -> str:
+        """Name of the field of a form that is wrong, as its cause tells; empty: none alone."""
+        return str(getattr(self.__cause__, "field", ""))
+
 
 class UnauthorisedError(StudyError):
     status = 401

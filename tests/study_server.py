@@ -16,6 +16,9 @@ import signal
 import socket
 import subprocess
 import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from types import TracebackType
@@ -25,8 +28,9 @@ from tests import sqlite_disk
 from tests.processes import kill
 
 ROOT = Path(__file__).parent.parent
-START_TIMEOUT_S = 60
+START_TIMEOUT_S = 180
 PR_SET_PDEATHSIG = 1
+AGAIN_S = 0.2  # before a server that ended by itself is started again
 
 
 def free_port() -> int:
@@ -72,6 +76,15 @@ class StudyServer:
         kill(self.pid)
         self.pid = self._next_pid()
 
+    @contextmanager
+    def killed(self) -> Iterator[None]:
+        """Kill the server; the next one begins after the block, and answers when this ends."""
+        os.kill(self._process.pid, signal.SIGSTOP)
+        kill(self.pid)
+        yield
+        os.kill(self._process.pid, signal.SIGCONT)
+        self.pid = self._next_pid()
+
     def kill_for_good(self) -> None:
         """Kill what would start the server again, and the server."""
         kill(self._process.pid, self.pid)
@@ -112,7 +125,13 @@ def _serve(arguments: argparse.Namespace) -> None:
         module, _, function = name.partition(":")
         getattr(import_module(module), function)()
     settings = Settings(data_dir=arguments.data_dir)
-    app.main.serve(settings, port=arguments.port, on_start=lambda _url: print(os.getpid(), flush=True))
+    app.main.serve(
+        settings,
+        port=arguments.port,
+        workers=arguments.workers,
+        n_jobs=arguments.jobs,
+        on_start=lambda _url: print(os.getpid(), flush=True),
+    )
 
 
 def main() -> None:
@@ -121,19 +140,28 @@ def main() -> None:
     parser.add_argument("port", type=int)
     parser.add_argument("--safe", type=Path, help="file that tells how much of SQLite's log is on disk")
     parser.add_argument("--synchronous", help="SQLite's setting, instead of FULL")
+    parser.add_argument(
+        "--again", action="store_true", help="start it again, too, when it ends by itself, as systemd does"
+    )
+    parser.add_argument(
+        "--workers", type=int, default=1, help="processes that answer; the one that starts them is told"
+    )
+    parser.add_argument("--jobs", type=int, default=0, help="jobs at a time, in a worker beside the server")
     parser.add_argument("--first", nargs="*", default=[], metavar="MODULE:FUNCTION", help="to call before serving")
     arguments = parser.parse_args()
     _die_with_parent()
     import app.main  # noqa: F401  # before the fork, so that each server starts at once
 
     status = -signal.SIGKILL
-    while status == -signal.SIGKILL:
+    while status == -signal.SIGKILL or (arguments.again and status):
         pid = os.fork()
         if pid == 0:
             _die_with_parent()
             _serve(arguments)
             os._exit(0)
         status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+        if status != -signal.SIGKILL:
+            time.sleep(AGAIN_S)
     sys.exit(status)
 
 

@@ -75,7 +75,7 @@ def tables() -> str:
     ]
     for name, columns in {**TABLES, "outside-ids": OUTSIDE_IDS, "figures": FIGURES, "sets": SETS}.items():
         every = columns | FURTHER.get(name, {})
-        rows = [(f"`{column}`", one_line(meaning)) for column, meaning in every.items()]
+        rows = [(f"`{column}`", one_line(about.meaning)) for column, about in every.items()]
         parts += [f"## {name.replace('_', ' ')}", markdown_table(("column", "is"), rows)]
     kept = [
         (

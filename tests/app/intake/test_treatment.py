@@ -99,10 +99,10 @@ def tagged(matrix: str, color_range: str = "tv", primaries: str = "bt709") -> st
 
 
 CASES: Mapping[str, Case] = {
-    **{f"h264{suffix}": Case(suffix=suffix) for suffix in (".mp4", ".mov", ".mkv")},
-    **{f"hevc{suffix}": Case(encoding=f"{HEVC} {TAGGED}", suffix=suffix) for suffix in (".mp4", ".mov", ".mkv")},
-    **{f"vp9{suffix}": Case(encoding=f"{VP9} {TAGGED}", suffix=suffix) for suffix in (".webm", ".mkv", ".mp4")},
-    **{f"av1{suffix}": Case(encoding=f"{AV1} {TAGGED}", suffix=suffix) for suffix in (".webm", ".mkv", ".mp4")},
+    **{f"h264{suffix}": Case(suffix=suffix) for suffix in (".mp4", ".mov")},
+    **{f"hevc{suffix}": Case(encoding=f"{HEVC} {TAGGED}", suffix=suffix) for suffix in (".mp4", ".mkv")},
+    "vp9.webm": Case(encoding=f"{VP9} {TAGGED}", suffix=".webm"),
+    "av1.mkv": Case(encoding=f"{AV1} {TAGGED}", suffix=".mkv"),
     "prores.mov": Case(f"{PLAIN.replace('yuv420p', 'yuv422p10le')}", encoding=f"{PRORES} {TAGGED}", suffix=".mov"),
     "601": Case(":m=smpte170m:r=limited,format=yuv420p", f"{H264} {tagged('smpte170m')}"),
     "untagged SD": Case(f":m=smpte170m:r=limited,format=yuv420p,{UNTAGGED}", H264),

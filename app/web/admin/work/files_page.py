@@ -33,6 +33,7 @@ from app.settings import Settings
 from app.store.database.engine import Database
 from app.store.queue import OPEN, QueuedJob, list_jobs
 from app.store.studies.studies import Study, all_studies
+from app.web.admin.background import task_address
 from app.web.admin.layout import page, see, viewing
 from app.web.gates import Store, settings
 from app.web.media import SANDBOX
@@ -220,7 +221,7 @@ def attach_to_study(
             raise InvalidError(str(error).replace(str(path), name)) from error
         return f"/admin/studies/{chosen.slug}/objective"
 
-    return see(f"/admin/jobs/{start_task(store, actor, f'Attaching {name} to {chosen.name}', work)}")
+    return see(task_address(start_task(store, actor, f"Attaching {name} to {chosen.name}", work)))
 
 
 @router.post("/{kind}/{name}/delete")

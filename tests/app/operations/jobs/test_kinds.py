@@ -195,13 +195,17 @@ def test_a_folder_of_clouds_stands_for_its_files(here: Settings) -> None:
 
 def test_a_folder_of_clouds_holds_some_in_any_case_of_letters(here: Settings) -> None:
     clouds = here.intake_dir / "clouds"
-    for name in ("upper/1.PLY", "nested/S1/1.ply"):
-        (clouds / name).parent.mkdir(parents=True)
+    for name in ("upper/1.PLY", "nested/S1/1.ply", "noted/1.las", "noted/2.xyz", "noted/notes.txt", "text/1.txt"):
+        (clouds / name).parent.mkdir(parents=True, exist_ok=True)
         (clouds / name).touch()
     kind = job_kind("validate-sphere")
     words = kind.argv(kind.read({"clouds": "upper", "radius": 150}, here).arguments, here)
     assert Path(words[2]) == (clouds / "upper/1.PLY").absolute()
-    with pytest.raises(InvalidError, match="expected the name of something that is or holds PLY files in clouds"):
+    assert [
+        len(kind.argv(kind.read({"clouds": name, "radius": 150}, here).arguments, here)) - len(words)
+        for name in ("noted", "text")
+    ] == [1, 0]  # notes beside clouds are none of them
+    with pytest.raises(InvalidError, match="expected the name of something that is or holds clouds in clouds"):
         kind.read({"clouds": "nested", "radius": 150}, here)
 
 
