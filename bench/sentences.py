@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -18,6 +17,7 @@ from scipy.stats import norm
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 sys.path.insert(0, str(Path(__file__).parent))
+from arguments import print_families
 from verdicts import LOG_ODDS_PER_JOD, Kind, line, study
 
 from app.analysis.analyse import analyse
@@ -341,17 +341,5 @@ FAMILIES: dict[str, Callable[[int, int], Iterator[str]]] = {
 }
 
 
-def main() -> None:
-    """Print all lines."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--studies", type=int, default=100, help="simulated studies for each line")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", choices=FAMILIES, help="one kind of simulation")
-    given = parser.parse_args()
-    for name in FAMILIES if given.only is None else (given.only,):
-        for text in FAMILIES[name](given.studies, given.seed):
-            print(text, flush=True)
-
-
 if __name__ == "__main__":
-    main()
+    print_families(__doc__, FAMILIES, studies=100)

@@ -81,15 +81,13 @@ def plan(
         "drop_out": drop_out,
         "careless": careless,
     } | ({} if spread is None else {"spread": spread})
-    rng, progress = np.random.default_rng(seed), ProgressLine()
-    how: dict[str, Any] = {"replicates": replicates, "progress": progress, "claim": claim}
-    size = conditions, datasets, participants
-    with wrong_use():
+    rng, size = np.random.default_rng(seed), (conditions, datasets, participants)
+    with ProgressLine() as progress, wrong_use():
+        how: dict[str, Any] = {"replicates": replicates, "progress": progress, "claim": claim}
         if is_rated:
             result = plan_ratings(RatingPlan(*size, inconsistency, **people), effect, rng, **how)
         else:
             result = plan_study(StudyPlan(*size, tie_rate, **people), rng, effect_jod=effect, **how)
-    progress.close()
     n_trials = result["votes_per_participant"]
     result |= {"protocol": protocol, "trials": n_trials, "minutes": max(1, round(trials_s(n_trials, exposure) / 60))}
     unit, suffix = ("grades", "") if is_rated else ("JOD", "_jod")

@@ -229,6 +229,6 @@ def results_in(folder: Path) -> list[Path]:
     if not reports | models | tables:
         raise ValueError(
             f"{folder}: holds neither a report ({REPORT}), nor a table of measures ({TABLE}), nor models "
-            "(meshes/DATASET/CONDITION.ply); pack the folders that `reconstudy validate` and `reconstudy models` wrote"
+            "(meshes/DATASET/CONDITION.ply); pack the folders that a validation or an export of models wrote"
         )
     return sorted(reports | models | tables)

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 
 from ground.dataclass_models import built
 from recon.methods.approaches import check_method_name
+from recon.runtime.files import naming
 from recon.runtime.programs import Program
 
 Built = TypeVar("Built")
@@ -112,10 +113,8 @@ def read_tables(path: Path | None, kind: str, taken: Collection[str]) -> dict[st
         place = f"{path}: [{kind}.{name}]"
         if name in taken:
             raise ValueError(f"{place}: there is a {kind} {name} already; choose another name")
-        try:
+        with naming(place):
             check_method_name(name)
-        except ValueError as error:
-            raise ValueError(f"{place}: {error}") from error
         tables[name] = Table(place, _table(table, place), path.resolve().parent)
     return tables
 

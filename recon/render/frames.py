@@ -24,6 +24,7 @@ from recon.render.offscreen import NoRendererError, is_hardware, pyrender_frames
 from recon.render.rasterise import draw_model
 from recon.render.scene import LitDiscs, LitMesh, Scene, Shot, transformed
 from recon.render.texture import NO_MIPMAPS, mipmaps
+from recon.runtime.files import naming
 
 GPU_DEVICES = ("/dev/dri", "/dev/nvidia0", "/dev/dxg")  # one of them exists wherever OpenGL has a GPU on Linux
 
@@ -177,10 +178,8 @@ def _shots(
         if model is None:
             raise ValueError(f"the meshes ended after {frame} of {len(cameras)} frames")
         if model is not last:
-            try:
+            with naming(f"frame {frame}"):
                 shown = lit(model, scene)
-            except ValueError as error:
-                raise ValueError(f"frame {frame}: {error}") from error
             shade, last = floor_shade(model, scene), model
         yield Shot(shown, camera, backdrop(scene, camera, shade, threads=threads), threads)
 

@@ -86,6 +86,33 @@ def _by_start(edges, n_vertices):  # type: ignore[no-untyped-def]  # numba
 
 
 @njit(cache=True)
+def neighbours_of(edges, n_vertices):  # type: ignore[no-untyped-def]  # numba
+    """List the ends of the directed edges (E, 2) from each vertex, once each and in order.
+
+    Returns
+    -------
+    starts, ends : int64 (n_vertices + 1,) and (F,), those of vertex v are `ends[starts[v] : starts[v + 1]]`
+    """
+    order, before = _by_start(edges, n_vertices)
+    starts, ends, count = np.zeros(n_vertices + 1, np.int64), np.empty(len(edges), np.int64), 0
+    for vertex in range(n_vertices):
+        first = count
+        for place in range(before[vertex], before[vertex + 1]):
+            end = edges[order[place], 1]
+            at = count
+            while at > first and ends[at - 1] > end:
+                at -= 1
+            if at > first and ends[at - 1] == end:
+                continue
+            for later in range(count, at, -1):
+                ends[later] = ends[later - 1]
+            ends[at] = end
+            count += 1
+        starts[vertex + 1] = count
+    return starts, ends[:count].copy()
+
+
+@njit(cache=True)
 def _follow(edges, n_vertices):  # type: ignore[no-untyped-def]  # numba
     """Follow directed edges (E, 2) backwards into loops: their vertices (E,), and where each but the first begins."""
     turned = edges[:, ::-1].copy()

@@ -57,7 +57,7 @@ class Beside:
         vertices: NDArray[np.float32],
         normals: NDArray[np.float32],
         colours: NDArray[np.uint8],
-        own: range | None = None,
+        colouring: range | None = None,
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Return the colours (N, 3) of vertices and the weights (N, S) of what each cloud has beside them.
 
@@ -65,18 +65,19 @@ class Beside:
         ----------
         vertices, normals : (N, 3) of a surface of these points
         colours : (N, 3), which vertices without any point beside them keep
-        own : the clouds that colour; None for all
+        colouring : numbers of the clouds that colour; None for all
         """
         gathered, weights = colours.copy(), np.zeros((len(vertices), self.n_clouds), np.float32)
         if not len(vertices):
             return gathered, weights
-        own = range(self.n_clouds) if own is None else own
+        colouring = range(self.n_clouds) if colouring is None else colouring
         vertex_blocks, number = _blocks_of(vertices, self.voxel)
         lowest = np.minimum(self.blocks.min(axis=0), vertex_blocks.min(axis=0)) - 1
         around = neighbours_in(vertex_blocks, block_keys(self.blocks - lowest), lowest)
         gather = partial(
             _gather, vertices, normals, vertex_blocks, number, around, self.starts, self.offsets,
-            self.points, self.colours, self.voxel, self.depth, own.start, own.stop, gathered, weights,
+            self.points, self.colours, (around >= 0).any(axis=1), self.voxel, self.depth,
+            colouring.start, colouring.stop, gathered, weights,
         )  # fmt: skip
         in_bands(len(vertices), gather)
         return gathered, weights
@@ -167,12 +168,14 @@ def _sort_by_cell(
 
 @njit(cache=True, nogil=True)
 def _gather(  # type: ignore[no-untyped-def]  # numba
-    vertices, vertex_normals, blocks, number, around, starts, offsets, points, colours, voxel, depth, first_own,
-    last_own, gathered, weights, first, last,
+    vertices, vertex_normals, blocks, number, around, starts, offsets, points, colours, has_points, voxel, depth,
+    first_own, last_own, gathered, weights, first, last,
 ):  # fmt: skip
     """Write the colours and the weights of vertices `first` to `last`; arrays as in `Beside`."""
     sums = np.zeros((weights.shape[1], 4))
     for vertex in range(first, last):
+        if not has_points[number[vertex]]:
+            continue
         radius, known = RADIUS_VOXELS, False
         for _ in range(2):
             sums[:] = 0.0

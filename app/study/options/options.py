@@ -267,7 +267,7 @@ class StudyOptions(Options):
         LongText,
         Setting(
             "Dataset for practice alone",
-            "no trial shows it; none: the set’s films for practice, else two films of the trials",
+            "a scene that no trial shows; none: the set’s films for practice, else two films of the trials",
             section="practice",
             change=WITH_FILMS,
             kind="dataset",

@@ -132,6 +132,12 @@ CASES: Mapping[str, Case] = {
         f"{H264} {HDR_TAGS} arib-std-b67",
         is_grey=True,
     ),
+    "PQ without a matrix": Case(
+        ":m=2020_ncl:r=limited:p=bt2020:t=smpte2084:npl=203,format=yuv420p10le,setparams=colorspace=unknown"
+        ":color_primaries=unknown",
+        f"{H264} -color_range tv -color_trc smpte2084",
+        is_grey=True,
+    ),
     "transparent": Case(
         ":m=bt709:r=limited,format=yuva444p10le", "-c:v prores_ks -profile:v 4444", ".mov", "transparent parts.*`ffmpeg"
     ),
@@ -163,7 +169,7 @@ def write_patches(patches: NDArray[np.uint8], path: Path, case: Case) -> None:
 def truth(name: str, case: Case) -> NDArray[np.float64]:
     """What the patches must look like, (3, 4, 3), turned as the film is."""
     patches = np.array(GREYS if case.is_grey else COLOURS, np.float64)
-    if name in ("PQ", "HLG"):
+    if name.startswith(("PQ", "HLG")):
         patches = 255 * mobius((patches / 255) ** 2.4, peak=1000 / 203) ** (1 / 2.4)
     return np.rot90(patches, case.turns)
 

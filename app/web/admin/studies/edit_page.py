@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Form, Request
 from fastapi.responses import Response
 
-from app.errors import ConflictError, InvalidError
+from app.errors import ConflictError, InvalidError, said_on_page
 from app.ffmpeg import Progress
 from app.intake.bounds import typed_in_bounds
 from app.operations.studies.create import slugify
@@ -23,6 +23,7 @@ from app.store.studies.audit import Actor
 from app.store.studies.studies import Study, progress_of, study_by_id
 from app.store.trials.designs import conditions_of, datasets_of
 from app.study.options.study_file import LONGEST_FILE, StudyFile, parse_study_file, with_line, write_study_file
+from app.web.admin.background import task_address
 from app.web.admin.layout import attachment, see, study_page, unix
 from app.web.admin.studies.form import (
     WAS,
@@ -100,7 +101,7 @@ def edit_file(
     try:
         wanted = typed_in_bounds(parse_study_file, unix(text))
     except ValueError as error:
-        raise InvalidError(f"Nothing was changed: {with_line(unix(text), error)}.") from error
+        raise InvalidError(f"Nothing was changed: {with_line(unix(text), error, said_on_page(error))}.") from error
     return save_study(request, study, wanted, revision, actor)
 
 
@@ -140,7 +141,7 @@ def save_study(
         return address
 
     task = start_task(store, actor, f"Making the films of {study.name} again", work, subject=f"study {study.slug}")
-    return see(f"/admin/jobs/{task}")
+    return see(task_address(task))
 
 
 def _form(request: Request, database: Database, study: Study, values: Mapping[str, Any]) -> StudyForm:

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from fastapi import Depends, Request
 from starlette.datastructures import FormData
 
-from app.errors import InvalidError
+from app.errors import InvalidError, said_on_page
 from app.study.option_fields import Setting, SettingError
 from app.study.options.option_table import COLUMNS, SECTION_NOTES, SECTIONS, SETTINGS, why_fixed
 from app.study.options.options import StudyOptions, parse_options
@@ -105,7 +105,7 @@ def in_words(error: ValueError) -> str:
     """Return a refusal in the form's words: the label in place of the setting's name."""
     field = error.field if isinstance(error, SettingError) else ""
     label = next((setting.label for setting in SETTINGS if setting.name == field), "")
-    return error.called(label) if isinstance(error, SettingError) and label else str(error)
+    return error.called(label) if isinstance(error, SettingError) and label else said_on_page(error)
 
 
 def refuse(request: Request, error: ValueError) -> None:
@@ -263,9 +263,9 @@ def _value(fields: FormData, setting: Setting) -> Any:
         case "several" | "conditions":
             return [text for text in texts if text]
         case "whole" | "number":
-            return None if not text and setting.may_be_empty else _number(setting.name, text)
+            return None if not text and setting.may_be_empty else _number(setting.label, text)
         case "window":
-            return [_number(setting.name, text) for text in texts if text]
+            return [_number(setting.label, text) for text in texts if text]
         case "names":
             return text.replace(",", " ").split()
         case "spoken":
@@ -277,7 +277,7 @@ def _value(fields: FormData, setting: Setting) -> Any:
     return typed_scale(text) if setting.name == "scale" else text
 
 
-def _number(name: str, text: str) -> int | float:
+def _number(label: str, text: str) -> int | float:
     try:
         return int(text)
     except ValueError:
@@ -285,7 +285,7 @@ def _number(name: str, text: str) -> int | float:
     try:
         return float(text)
     except ValueError as error:
-        raise InvalidError(f"{name} is {text[:40]!r}, expected a number.") from error
+        raise InvalidError(f"{label} is {text[:40]!r}, expected a number.") from error
 
 
 def _rows(fields: FormData, name: str) -> Iterator[dict[str, str]]:

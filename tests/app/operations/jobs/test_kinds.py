@@ -17,7 +17,7 @@ from app.cli import app as command_line
 from app.errors import InvalidError
 from app.files import write_json
 from app.operations.jobs.fields import Choice, Choices, Entries, Entry, Number, Switch, Text
-from app.operations.jobs.kinds import KINDS, job_kind, kinds_for
+from app.operations.jobs.kinds import KINDS, in_page_words, job_kind, kinds_for
 from app.settings import Settings
 
 FILES = (
@@ -268,3 +268,12 @@ def test_an_entry_knows_what_can_be_done_with_it(here: Settings) -> None:
     assert "reconstruct" not in starts
     names = {name: {kind.name for kind, _, _ in kinds_for(here, "captures", name)} for name in ("ball", "recording")}
     assert names == {"ball": {"check", "segment", "reconstruct"}, "recording": {"import-recording"}}
+
+
+def test_a_page_names_the_job_instead_of_its_command() -> None:
+    assert (
+        in_page_words("no masks; make them by `capture segment`")
+        == "no masks; make them by the job “Segment a capture”"
+    )
+    said = "is no finished run; make one with `reconstudy reconstruct CAPTURE -o RUN`, or choose `voxel`"
+    assert in_page_words(said) == "is no finished run; make one with the job “Reconstruct”, or choose `voxel`"
