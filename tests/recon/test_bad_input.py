@@ -244,6 +244,7 @@ open(sys.argv[1], "w").write("\\n".join([*head, *faces, *corners, "3 0 1 2", ""]
 """
 
 
+@pytest.mark.slow
 def test_a_programs_mesh_outside_all_masks_is_named(command: Command, capture: Path, tmp_path: Path) -> None:
     (tmp_path / "fuse.py").write_text(TRIANGLE)
     methods = tmp_path / "methods.toml"

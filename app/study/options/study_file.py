@@ -102,15 +102,22 @@ def write_study_file(study: StudyFile) -> str:
     return "\n".join(lines) + "\n"
 
 
-def with_line(text: str, refused: ValueError) -> str:
-    """Name the line of a study file where the setting is written that a refusal of `parse_study_file` is about."""
+def with_line(text: str, refused: ValueError, said: str = "") -> str:
+    """Name the line of a study file where the setting is written that a refusal of `parse_study_file` is about.
+
+    Parameters
+    ----------
+    text : of the file
+    refused : why it was refused
+    said : the same in a page's words; default: as it is
+    """
     names = refused.field.split(".") if isinstance(refused, SettingError) else []
     for name in reversed(names):
         written = re.compile(rf"\s*(\[+[\w.]*\b{name}[\].]|[\w.\"']*\b{name}\b[\"']?\s*=)")
         number = next((number for number, line in enumerate(text.splitlines(), 1) if written.match(line)), None)
         if number is not None:
-            return f"line {number}: {refused}"
-    return str(refused)
+            return f"line {number}: {said or refused}"
+    return said or str(refused)
 
 
 def _line(key: str, value: Any) -> str:

@@ -130,7 +130,7 @@ def compared(first: Sensor, second: Sensor, shared: Sequence[Shared], tolerance_
         ),
         key=lambda explanation: explanation.n_agreeing,
     )
-    is_apart = best.n_agreeing >= MIN_AGREEING and n_agreeing < MIN_KEPT * best.n_agreeing
+    is_apart = best.n_agreeing - n_agreeing >= MIN_AGREEING and n_agreeing < MIN_KEPT * best.n_agreeing
     if not is_apart and n_agreeing < MIN_AGREEING:
         return None
     return Comparison((first.id, second.id), len(in_first), n_agreeing, tolerance_mm, best if is_apart else None)

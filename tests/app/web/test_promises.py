@@ -131,6 +131,7 @@ def test_scripts_run_no_text_and_make_html_of_two_answers_of_the_server_alone() 
     assert made == [("admin-draft.js", 1), ("participant.js", 1)]  # what a draft would make; the debriefing
 
 
+@pytest.mark.slow
 def test_no_pattern_is_made_of_what_people_send() -> None:
     """Patterns of the server are written in the code; what varies in one is a constant or escaped."""
     found = []

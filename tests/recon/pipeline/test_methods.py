@@ -274,6 +274,7 @@ def test_a_methods_file_that_is_moved_with_its_programs_means_the_same(tmp_path:
     assert set(keys[0]["files"]) == {sys.executable, "match.py"}
 
 
+@pytest.mark.slow
 def test_match_takes_a_method_of_a_methods_file(command: Command, tmp_path: Path) -> None:
     pair = shifted_pair(5)
     for side, image in (("left", pair.left), ("right", pair.right)):

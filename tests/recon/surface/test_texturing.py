@@ -89,6 +89,7 @@ def likeness(mesh: Mesh, truth: Photograph) -> float:
     return value
 
 
+@pytest.mark.slow
 def test_a_texture_is_as_sharp_as_the_photographs_between_the_cameras_and_leaves_the_shape() -> None:
     mesh = ball()
     painted = replace(mesh, colours=np.rint(fine(mesh.vertices.astype(float))).astype(np.uint8))

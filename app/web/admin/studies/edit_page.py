@@ -101,7 +101,7 @@ def edit_file(
     try:
         wanted = typed_in_bounds(parse_study_file, unix(text))
     except ValueError as error:
-        raise InvalidError(f"Nothing was changed: {with_line(unix(text), said_on_page(error))}.") from error
+        raise InvalidError(f"Nothing was changed: {with_line(unix(text), error, said_on_page(error))}.") from error
     return save_study(request, study, wanted, revision, actor)
 
 

@@ -64,7 +64,7 @@ def edit(dashboard: Dashboard, base: str, options: str) -> httpx.Response:
     """Upload a study file with these options; where films are made, wait until they are."""
     text = f'name = "Edited"\nexposure_s = 0.4\n[options]\n{options}\n'
     answer = dashboard.act(f"{base}/edit/file", revision=revision(dashboard, base), text=text)
-    return ends(dashboard, answer.url.path) if "/jobs/" in answer.url.path else answer
+    return ends(dashboard, answer.url.path) if "/tasks/" in answer.url.path else answer
 
 
 def options_of(settings: Settings, base: str) -> StudyOptions:
