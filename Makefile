@@ -71,7 +71,7 @@ browser-code:
 	$(NODE) $(TSC) -p frontend
 
 bench: setup
-	@for script in $$(grep -l "^    parser = " bench/*.py); do echo "== $$script"; python $$script || exit 1; done
+	@for script in $$(grep -lE "^    (parser = |print_families\()" bench/*.py); do echo "== $$script"; python $$script || exit 1; done
 
 serve: setup
 	reconstudy serve

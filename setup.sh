@@ -85,7 +85,7 @@ install_python_packages() {
   PYTHONUNBUFFERED=1 "$venv/bin/python" -m pip install --progress-bar off --disable-pip-version-check --no-compile \
     --require-hashes -r requirements.lock | tell_of_packages "$total"
   echo "setup: compiling their modules"
-  "$venv/bin/python" -m compileall -qq -j 0 "$venv/lib" || true  # on all cores, which pip does on one
+  PYTHONWARNINGS=ignore "$venv/bin/python" -m compileall -qq -j 0 "$venv/lib" || true  # on all cores, which pip does on one
   "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
   echo "$wanted" > "$venv/.installed"
 }

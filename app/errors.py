@@ -6,7 +6,23 @@ from typing import ClassVar, Literal
 
 
 class StimuliError(ValueError):
-    """A stimulus set that cannot be used; the message names the file and the value."""
+    """A stimulus set that cannot be used; the message names the file and the value.
+
+    Parameters
+    ----------
+    detail : what was found and what was expected
+    by_command : what a command does about it, where one does
+    on_page : what somebody at the dashboard does about it instead
+    """
+
+    def __init__(self, detail: str, *, by_command: str = "", on_page: str = "") -> None:
+        super().__init__("; ".join(filter(None, [detail, by_command])))
+        self.on_page = "; ".join(filter(None, [detail, on_page]))
+
+
+def said_on_page(error: Exception) -> str:
+    """Return what a page says of an error: no page speaks of commands."""
+    return error.on_page if isinstance(error, StimuliError) else str(error)
 
 
 class StudyError(Exception):
@@ -17,6 +33,11 @@ class StudyError(Exception):
     def __init__(self, detail: str) -> None:
         super().__init__(detail)
         self.detail = detail
+
+    @property
+    def field(self) -> str:
+        """Name of the field of a form that is wrong, as its cause tells; empty: none alone."""
+        return str(getattr(self.__cause__, "field", ""))
 
 
 class UnauthorisedError(StudyError):

@@ -52,7 +52,6 @@ from app.web.admin.participants import (
     records_page,
     votes_page,
 )
-from app.web.admin.refused_form import form_again
 from app.web.admin.results import attachments, models_page, objective_page, scores_page
 from app.web.admin.studies import (
     design_page,
@@ -194,7 +193,7 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
         _answer_head(router)
         app.include_router(router, dependencies=[Depends(check_request_text)])
     app.mount("/static", StaticFiles(directory=packaged("static")), name="static")
-    install_problems(app, form_again)
+    install_problems(app)
     describe(app)
     _add_middleware(app)
     return app

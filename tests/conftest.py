@@ -28,7 +28,8 @@ from tests.encoded_films import decoded_once, made_once
 from tests.migrated_databases import copied_where_new
 from tests.postgresql import PostgresServer, empty
 
-settings.register_profile("no deadline", deadline=None)  # how long an example takes is the machine's business
+# How long an example takes is the machine's business.
+settings.register_profile("no deadline", deadline=None, max_examples=50)
 settings.load_profile("no deadline")
 
 ROOT = Path(__file__).parent.parent

@@ -6,8 +6,12 @@ import sqlite3
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
 from app.store.database.engine import Database, open_database
 from app.store.database.migrate import newest_version, upgrade
+
+on_sqlite = pytest.mark.parametrize("new_database_url", ["sqlite"], indirect=True)  # alone
 
 
 def copied_where_new(template: Path) -> Callable[[Database], str]:

@@ -40,12 +40,12 @@ def public_functions(path: Path) -> Iterator[Function]:
 
 
 def parameters(function: Function) -> list[ast.arg]:
-    """A function's parameters but for the object that a method belongs to."""
+    """A function's parameters but for the object that a method belongs to, or that an operation is built with."""
     given = function.args
     return [
         argument
         for argument in (*given.posonlyargs, *given.args, *given.kwonlyargs)
-        if not argument.arg.startswith(("self", "cls", "_"))
+        if not argument.arg.startswith(("self", "cls", "builder", "_"))
     ]
 
 

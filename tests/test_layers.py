@@ -72,7 +72,12 @@ HOMES = {
     "pyrender": ("recon/",),
     "cv2": ("recon/",),
     "numba": ("recon/",),
-    "imageio_ffmpeg": ("recon/render/encoding/video.py", "recon/validation/films/vmaf.py", "app/ffmpeg/"),
+    "imageio_ffmpeg": (
+        "recon/render/encoding/video.py",
+        "recon/validation/films/vmaf.py",
+        "recon/capture/importing/depth_cameras/kinect.py",
+        "app/ffmpeg/",
+    ),
 }
 PURE = {"numpy", "pydantic", "pydantic_core", "scipy"}
 PURE_EXCEPTIONS = {

@@ -71,7 +71,10 @@ TABLES: Mapping[str, Table] = {
     "groups": Table("group and item, as `scores`"),
     "triads": Table(
         "participant and dataset",
-        {"n_items": "compared", "strict_by_chance": "strict triads of random votes, same ties"},
+        {
+            "n_items": "compared",
+            "circular_by_chance": "expected of random votes, as `strict_by_chance` of strict ones with the same ties",
+        },
     ),
     "random_effects": Table(
         "what differs: scores, or ties, between people, or datasets", {"sd": "standard deviation between them"}

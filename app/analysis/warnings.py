@@ -13,6 +13,7 @@ from app.analysis.comparisons.comparison import Comparison
 from app.analysis.model.bradley_terry import RIDGE
 from app.analysis.model.settings import LEVEL
 from app.analysis.objective.permutation import FEWEST_CONDITIONS
+from app.analysis.reading.phrases import listed
 from app.analysis.reading.votes_table import ALL, VotesTable
 
 NOTHING_LEFT = "No vote is left after practice and exclusions: there is nothing to analyse."
@@ -43,9 +44,11 @@ def warnings_of(votes: VotesTable, used: VotesTable, compared: list[Comparison])
     if used.has_participants and len(used) and used.n_voters == 1:
         warnings.append("a single participant voted, so nothing can be said about other people")
     warnings += _single_voters(compared, used)
+    said: dict[str, list[Comparison]] = {}
     for comparison in compared:
-        warnings += _fit_warnings(comparison)
-    return warnings
+        for text in _fit_warnings(comparison):
+            said.setdefault(text, []).append(comparison)
+    return [*warnings, *(f"{_places(where)}: {text}" for text, where in said.items())]
 
 
 def _orders_left_out(compared: list[Comparison]) -> Iterator[str]:
@@ -75,6 +78,15 @@ def _where(comparison: Comparison) -> str:
     if not comparison.votes.has_datasets:
         return what
     return f"{what}, {'all datasets' if comparison.dataset == ALL else f'dataset {comparison.dataset}'}"
+
+
+def _places(comparisons: Sequence[Comparison]) -> str:
+    """Name what many comparisons are about: each set of conditions or levels once, with its datasets."""
+    datasets: dict[str, list[str]] = {}
+    for each in comparisons:
+        what, _, where = _where(each).partition(", ")
+        datasets.setdefault(what, []).append(where)
+    return "; ".join(f"{what}, {listed(where)}" if where[0] else what for what, where in datasets.items())
 
 
 def measure_warnings(predictions: Sequence[Mapping[str, Any]]) -> Iterator[str]:
@@ -107,31 +119,32 @@ def measure_warnings(predictions: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 
 def _fit_warnings(comparison: Comparison) -> Iterator[str]:
-    fit, where = comparison.fit, _where(comparison)
+    """Yield what is to know of a fit, without saying of which."""
+    fit = comparison.fit
     if fit.status == "disconnected" and len(fit.groups) > 1:
         islands = "; ".join(", ".join(group) for group in fit.groups)
-        yield f"{where}: disconnected, no vote links these groups, so no scores exist on one scale: {islands}"
+        yield f"disconnected, no vote links these groups, so no scores exist on one scale: {islands}"
     if fit.status == "separated" and len(fit.groups) > 1:
         order = " > ".join("{" + ", ".join(group) + "}" for group in fit.groups)
         yield (
-            f"{where}: no finite maximum, no vote, or only ties, went against the order {order}; "
+            f"no finite maximum, no vote, or only ties, went against the order {order}; "
             f"scores are {PENALISED.get(fit.penalty or '', fit.penalty)}"
         )
     if fit.status == "separated" and len(fit.groups) == 1:
         yield (
-            f"{where}: no finite maximum, the tie parameter grows without limit; scores are "
+            f"no finite maximum, the tie parameter grows without limit; scores are "
             f"{PENALISED.get(fit.penalty or '', fit.penalty)}"
         )
     if len(fit.counts.first) > MOST_PAIRS:
-        yield f"{where}: {len(fit.counts.first)} pairs are analysed and not listed"
+        yield f"{len(fit.counts.first)} pairs are analysed and not listed"
     if fit.theta is not None and fit.covariance is None:
-        yield f"{where}: no errors are given for as many as {len(fit.items)} items"
+        yield f"no errors are given for as many as {len(fit.items)} items"
     if comparison.bootstrap is not None and comparison.bootstrap.n_without_maximum:
         total = len(comparison.bootstrap.scores) + comparison.bootstrap.n_without_maximum
         missing = comparison.bootstrap.n_without_maximum
         has_percentiles = comparison.bootstrap.has_percentiles(fit.n_participants or 0)
         what = "are left out" if has_percentiles else "are too many for percentiles to hold"
-        yield f"{where}: {missing} of {total} bootstrap replicates have no maximum and {what}"
+        yield f"{missing} of {total} bootstrap replicates have no maximum and {what}"
 
 
 def _repeats(votes: VotesTable) -> list[str]:

@@ -16,7 +16,7 @@ from typing import Annotated
 import typer
 
 from app.cli import analysis, experiments, languages, planning, schema, server, studies
-from app.errors import StudyError
+from app.errors import StudyError, said_on_page
 from app.operations.extras import missing_extra
 from recon.cli.main import app as recon_app
 from recon.cli.options import LocalPathsGroup
@@ -99,7 +99,7 @@ def _sentence(error: Exception) -> str:
     if isinstance(error, ValueError) and (setting := _wrong_setting(error)):
         return setting
     if not isinstance(error, OSError) or not isinstance(error.filename, str) or error.strerror is None:
-        return with_addresses(str(error))
+        return with_addresses(said_on_page(error) if DONE_FILE in os.environ else str(error))
     path = Path(error.filename2 or error.filename)  # the second: where a temporary file was to go
     if isinstance(error, PermissionError):
         while not os.path.exists(path) and path != path.parent:  # noqa: PTH110  # Path.exists raises this error again

@@ -14,7 +14,10 @@ from click import Choice
 
 from app.cli.shared import by_step
 from app.files import read_json
+from app.operations.commands import Analyse
+from recon.cli.commands.setting import settings_of
 from recon.cli.console import JsonOption, ProgressLine, print_result
+from recon.cli.flags import with_settings
 from recon.cli.options import wrong_use
 
 if TYPE_CHECKING:
@@ -50,14 +53,12 @@ def simulate(
 
     settings = Settings()
     known = None if abilities is None else _read_abilities(abilities)
-    progress = ProgressLine()
-    with nullcontext(url) if url else running_server(settings) as base_url:
+    with ProgressLine() as progress, nullcontext(url) if url else running_server(settings) as base_url:
         result = simulate_study(
             settings, base_url, study, participants, known, tie_rate, seed, progress=by_step(progress)
         )
         progress.say("Analysing the votes.")
         scores = came_out(fetched(settings, base_url, study, ("analysis",))["analysis"])
-    progress.close()
     put_in = result["put_in"]
     result |= {"came_out": scores, "came_back": came_back(put_in, scores)}
     sentences = (
@@ -68,125 +69,9 @@ def simulate(
     print_result(result, "\n".join(sentences), as_json=as_json)
 
 
-# Options of `analyse`, in the order of its parameters.
-VotesArgument = Annotated[
-    list[Path],
-    typer.Argument(help="File of votes, or several, or one of ratings: CSV, TSV, Excel, Parquet or JSON."),
-]
-OutOption = Annotated[
-    Path | None, typer.Option("--out", "-o", help="Folder for analysis.json, tables, figures and report.")
-]
-ItemsOption = Annotated[Path | None, typer.Option(help="CSV file: item, then a column for each factor.")]
-MeasuresOption = Annotated[
-    Path | None,
-    typer.Option(
-        help="CSV file of objective measures: measures.csv of `validate`, or dataset, item and a column for each."
-    ),
-]
-TiesOption = Annotated[
-    str, typer.Option(help="How to treat votes without preference: davidson, rao-kupper, half or drop.")
-]
-FactorOption = Annotated[list[str] | None, typer.Option(help="Factor of --items to analyse; default: all.")]
-ParticipantsOption = Annotated[
-    Path | None, typer.Option(help="CSV file: participant, then a column for each grouping (experience, age, …).")
-]
-GroupOption = Annotated[list[str] | None, typer.Option(help="Grouping of --participants to compare; default: all.")]
-PenaltyOption = Annotated[str, typer.Option(help="Penalty where the likelihood has no maximum: firth or ridge.")]
-ByOption = Annotated[str, typer.Option(help="dataset: also analyse each dataset by itself; none: only all together.")]
-OrderEffectOption = Annotated[bool, typer.Option("--order-effect", help="Estimate how much being shown first helps.")]
-BootstrapOption = Annotated[
-    int,
-    typer.Option(min=0, help="Bootstrap replicates over participants for the intervals; 0: t intervals."),
-]
-SeedOption = Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")]
-EquivalenceOption = Annotated[
-    float | None,
-    typer.Option(help="Margin in JOD; tests which pairs of conditions differ by less (two one-sided tests)."),
-]
-JodPriorOption = Annotated[
-    str, typer.Option(help="Prior on distances for the JOD of Thurstone's Case V: none, or pwcmp's.")
-]
-RandomEffectsOption = Annotated[
-    str,
-    typer.Option(help="Fit the scores also with random effects: participants (other people) or participants,datasets."),
-]
-LapsesOption = Annotated[
-    bool,
-    typer.Option(
-        "--lapses",
-        help="Fit the scores also with careless answers weighted down, by a lapse rate for each participant.",
-    ),
-]
-ExcludeOption = Annotated[
-    list[str] | None, typer.Option(help="Participant to leave out; the report says so. May be repeated.")
-]
-PlannedOption = Annotated[
-    int | None, typer.Option(min=1, help="Participants that the study was planned for; results of fewer are interim.")
-]
-AdaptiveOption = Annotated[
-    bool, typer.Option("--adaptive-pairs", help="The pairs were chosen from the votes so far; the report says so.")
-]
-ColumnsOption = Annotated[
-    str | None,
-    typer.Option(help="Names of the file's columns where they differ: participant=judge,item_a=type_a+level_a."),
-]
-ChoicesOption = Annotated[
-    str | None, typer.Option(help="Words of the file's choices where they differ: none=tie,a=1,b=0.")
-]
-FormatOption = Annotated[
-    str,
-    typer.Option(
-        "--format", help="Name of the file's layout or program, as docs/formats.md lists them; default: recognised."
-    ),
-]
-EncodingOption = Annotated[
-    str, typer.Option(help="Encoding of a text file, e.g. latin-1; default: UTF-8 or marked UTF-16.")
-]
-SheetOption = Annotated[str, typer.Option(help="Sheet of a workbook; default: the first.")]
-RatingsOption = Annotated[
-    Path | None, typer.Option(help="File of ratings of the same items, to put on one scale with the votes.")
-]
-ScaleOption = Annotated[
-    str | None, typer.Option(help="Ends of the ratings' scale, e.g. 1:9 or 0:100; default: 1:5, compared -3:3.")
-]
-WidthOption = Annotated[str, typer.Option(help="Width of the figures: one or two columns of a journal (88 or 181 mm).")]
-DryRunOption = Annotated[bool, typer.Option("--dry-run", help="Only say how the files are understood; write nothing.")]
-
-
 @app.command()
-def analyse(
-    context: typer.Context,
-    votes: VotesArgument,
-    out: OutOption = None,
-    items: ItemsOption = None,
-    measures: MeasuresOption = None,
-    ties: TiesOption = "davidson",
-    factor: FactorOption = None,
-    participants: ParticipantsOption = None,
-    group: GroupOption = None,
-    penalty: PenaltyOption = "firth",
-    by: ByOption = "dataset",
-    order_effect: OrderEffectOption = False,
-    bootstrap: BootstrapOption = 0,
-    seed: SeedOption = 0,
-    equivalence: EquivalenceOption = None,
-    jod_prior: JodPriorOption = "none",
-    random_effects: RandomEffectsOption = "",
-    lapses: LapsesOption = False,
-    exclude: ExcludeOption = None,
-    planned: PlannedOption = None,
-    adaptive_pairs: AdaptiveOption = False,
-    columns: ColumnsOption = None,
-    choices: ChoicesOption = None,
-    layout: FormatOption = "",
-    encoding: EncodingOption = "",
-    sheet: SheetOption = "",
-    ratings: RatingsOption = None,
-    scale: ScaleOption = None,
-    width: WidthOption = "two",
-    dry_run: DryRunOption = False,
-    as_json: JsonOption = False,
-) -> None:
+@with_settings(Analyse)
+def analyse(asked: Analyse, *, as_json: bool) -> None:
     """Analyse any pair-comparison votes or ratings: scores, standard errors, figures and a report."""
     from app.analysis import AnalysisSettings, analyse_file, analyse_ratings_file
     from app.analysis.analyse_files import read_measures_of
@@ -194,70 +79,55 @@ def analyse(
     from app.analysis.ratings.reading import understand_ratings
     from app.analysis.reading.description import Told, pairs_of
 
-    ends = _parse_scale(scale)
-    _check_choice("--width", width, WIDTHS)
-    _check_choice("--by", by, ("dataset", "none"))
+    ends, out, width = _parse_scale(asked.scale), asked.out, WIDTHS[asked.width]
     with wrong_use():
-        mappings = pairs_of(columns or "", "--columns"), pairs_of(choices or "", "--choices")
-    sources = _recognised(votes, Told(*mappings, format=layout, encoding=encoding, sheet=sheet), can_ask=not as_json)
-    rated = _rated_source(context, sources)
+        mappings = pairs_of(asked.columns or "", "--columns"), pairs_of(asked.choices or "", "--choices")
+    told = Told(*mappings, format=asked.layout, encoding=asked.encoding, sheet=asked.sheet)
+    sources = _recognised(asked.votes, told, can_ask=not as_json)
+    rated = _rated_source(asked, sources)
     with wrong_use():
         settings = AnalysisSettings(
-            ties=ties,
-            order_effect=order_effect,
-            bootstrap=bootstrap,
-            seed=seed,
-            equivalence_margin=equivalence,
-            penalty=penalty,
-            jod_prior=jod_prior,
-            random_effects=random_effects,
-            lapses=lapses,
-            by_dataset=by == "dataset",
-            exclude=tuple(exclude or ()),
-            planned_participants=planned,
-            adaptive_pairs=adaptive_pairs,
+            **asked.model_dump(include=SETTINGS_OF_ANALYSIS),
+            equivalence_margin=asked.equivalence,
+            by_dataset=asked.by == "dataset",
+            exclude=tuple(asked.exclude or ()),
+            planned_participants=asked.planned,
         )
-    if out is None and not dry_run:
+    if out is None and not asked.dry_run:
         raise typer.BadParameter("--out is missing: the folder for the results (or --dry-run, which writes nothing)")
-    if ends and not rated and ratings is None:
+    if ends and not rated and asked.ratings is None:
         raise typer.BadParameter("--scale is for ratings, and the file holds votes; did you mean --ratings FILE?")
-    if out is None or dry_run:
-        beside_votes = {
-            "items": items, "factors": factor, "measures": measures, "participants": participants, "groups": group,
-        }  # fmt: skip
+    beside_votes: dict[str, Any] = {
+        **asked.model_dump(include={"items", "measures", "participants"}),
+        "factors": asked.factor,
+        "groups": asked.group,
+    }
+    if out is None or asked.dry_run:
         understood = [] if rated else _understood_votes(sources, settings, beside_votes)
-        if beside := rated or ratings:
+        if beside := rated or asked.ratings:
             table, sentences = understand_ratings(beside, ends)
             understood += sentences
-            if rated and measures:
-                understood += _understood_measures(*read_measures_of(table, measures))
+            if rated and asked.measures:
+                understood += _understood_measures(*read_measures_of(table, asked.measures))
         print_result({"understood": understood}, "\n".join(understood), as_json=as_json)
         return
     if rated:
-        analysis = analyse_ratings_file(rated, out, ends, exclude or (), width=WIDTHS[width], measures=measures)
+        analysis = analyse_ratings_file(rated, out, ends, asked.exclude or (), width=width, measures=asked.measures)
         scores = _rating_sentences(analysis)
     else:
-        analysis = analyse_file(
-            sources,
-            out,
-            settings,
-            items=items,
-            factors=factor,
-            measures=measures,
-            participants=participants,
-            groups=group,
-            ratings=ratings,
-            scale=ends,
-            width=WIDTHS[width],
-        )
+        analysis = analyse_file(sources, out, settings, **beside_votes, ratings=asked.ratings, scale=ends, width=width)
         scores = score_sentences(analysis)
     print_result(analysis, f"{_found_sentences(analysis)}{scores}\nReport: {out / 'report.html'}", as_json=as_json)
 
 
+SETTINGS_OF_ANALYSIS = {  # that are called so on the command line
+    *("ties", "order_effect", "bootstrap", "seed", "penalty", "jod_prior", "random_effects", "lapses"),
+    "adaptive_pairs",
+}
 MOST_SCORES = 40  # lines of scores in the terminal
 MOST_NAMED = 8  # conditions that a dry run lists
 OPTIONS_OF_RATINGS = (
-    *("votes", "out", "measures", "scale", "exclude", "width", "dry_run", "as_json"),
+    *("votes", "out", "measures", "scale", "exclude", "width", "dry_run"),
     *("columns", "choices", "layout", "encoding", "sheet"),
 )
 
@@ -288,28 +158,22 @@ def _answer(question: QuestionError) -> Told:
     return told
 
 
-def _rated_source(context: typer.Context, sources: Sequence[Source]) -> Source | None:
+def _rated_source(asked: Analyse, sources: Sequence[Source]) -> Source | None:
     """Return the file of ratings; None for files of votes. Raise if ratings come with what is for votes."""
     rated = [source for source in sources if not source.holds_votes]
     if not rated:
         return None
     if len(sources) > 1:
         raise typer.BadParameter(f"{rated[0].path} holds ratings; analyse ratings one file at a time")
-    _refuse_options_of_votes(context)
+    _refuse_options_of_votes(asked)
     return rated[0]
 
 
-def _check_choice(option: str, given: str, expected: Iterable[str]) -> None:
-    if given not in expected:
-        raise typer.BadParameter(f"{option} is {given!r}, expected {' or '.join(expected)}")
-
-
-def _refuse_options_of_votes(context: typer.Context) -> None:
+def _refuse_options_of_votes(asked: Analyse) -> None:
     """Raise if an option was given that says nothing about ratings."""
-    for parameter in context.command.params:
-        source = context.get_parameter_source(str(parameter.name))
-        if source is not None and source.name == "COMMANDLINE" and parameter.name not in OPTIONS_OF_RATINGS:
-            raise typer.BadParameter(f"{parameter.opts[0]} is for votes, and the file holds ratings; leave it out")
+    for name, info, setting in settings_of(Analyse):
+        if name not in OPTIONS_OF_RATINGS and getattr(asked, name) != info.default:
+            raise typer.BadParameter(f"{setting.flag(name)} is for votes, and the file holds ratings; leave it out")
 
 
 def _parse_scale(text: str | None) -> tuple[float, float] | None:

@@ -220,14 +220,13 @@ def experiment_paper(asked: ExperimentPaper, *, as_json: bool) -> None:
     )
     if asked.scale == "full" and not asked.yes:
         _ask_to_go_on(sentence)
-    progress = ProgressLine()
-    progress.say(f"{sentence}, less where it was begun before. All of it goes into {out}.")
-    tell_of_compiling(progress, STUDIO, DEPTH, RENDER)
-    planned = [Step(name, partial(work, progress)) for name, work in steps(experiment)]
-    planned.append(Step("let people take the study", partial(study.take, by_step(progress))))
-    taken = run_steps(planned, out / "seconds.json", progress.say)
-    report = write_experiment_report(read_results(study, taken), asked.scale)
-    progress.close()
+    with ProgressLine() as progress:
+        progress.say(f"{sentence}, less where it was begun before. All of it goes into {out}.")
+        tell_of_compiling(progress, STUDIO, DEPTH, RENDER)
+        planned = [Step(name, partial(work, progress)) for name, work in steps(experiment)]
+        planned.append(Step("let people take the study", partial(study.take, by_step(progress))))
+        taken = run_steps(planned, out / "seconds.json", progress.say)
+        report = write_experiment_report(read_results(study, taken), asked.scale)
     _tell_of_experiment(out, report, as_json=as_json)
 
 

@@ -81,15 +81,13 @@ def plan(
         "drop_out": drop_out,
         "careless": careless,
     } | ({} if spread is None else {"spread": spread})
-    rng, progress = np.random.default_rng(seed), ProgressLine()
-    how: dict[str, Any] = {"replicates": replicates, "progress": progress, "claim": claim}
-    size = conditions, datasets, participants
-    with wrong_use():
+    rng, size = np.random.default_rng(seed), (conditions, datasets, participants)
+    with ProgressLine() as progress, wrong_use():
+        how: dict[str, Any] = {"replicates": replicates, "progress": progress, "claim": claim}
         if is_rated:
             result = plan_ratings(RatingPlan(*size, inconsistency, **people), effect, rng, **how)
         else:
             result = plan_study(StudyPlan(*size, tie_rate, **people), rng, effect_jod=effect, **how)
-    progress.close()
     n_trials = result["votes_per_participant"]
     result |= {"protocol": protocol, "trials": n_trials, "minutes": max(1, round(trials_s(n_trials, exposure) / 60))}
     unit, suffix = ("grades", "") if is_rated else ("JOD", "_jod")
@@ -113,6 +111,15 @@ def _claims(plan: dict[str, Any], effect: str) -> str:
         if wanted
         else "more than 512 participants"
     )
+    named = plan.get("clickers_named")
+    if named:
+        shares = [
+            f"{100 * named[key]:.0f} ± {100 * named[f'{key}_error']:.0f} %" for key in ("by_votes", "with_checks")
+        ]
+        lines.append(
+            f"Of people who click at random a report names {shares[0]} by their votes alone, and {shares[1]} with five "
+            "identical and five repeated pairs."
+        )
     return "\n".join([*lines, f"For a power of 0.8 of the claim \u201c{plan['claim']}\u201d: {number}."])
 
 

@@ -42,9 +42,8 @@ def stimuli_check(
     """Check a stimulus set: its files, their digests, and that every video can be decoded."""
     from app.intake.stimuli import read_stimulus_set
 
-    progress = ProgressLine()
-    checked = read_stimulus_set(stimulus_set, by_step(progress))
-    progress.close()
+    with ProgressLine() as progress:
+        checked = read_stimulus_set(stimulus_set, by_step(progress))
     result = {"name": checked.name, "datasets": list(checked.datasets), "conditions": list(checked.conditions)}
     whole = f"{counted(len(checked.stimuli), 'video')} of {counted(len(checked.datasets), 'dataset')}"
     sentence = f"{whole} {'is' if len(checked.stimuli) == 1 else 'are'} whole: {stimulus_set}"
@@ -57,11 +56,10 @@ def stimuli_import(asked: StimuliImport, *, as_json: bool) -> None:
     """Make a stimulus set from videos that were not made by reconstudy."""
     from app.intake.import_videos import import_stimuli
 
-    progress = ProgressLine()
-    made = import_stimuli(
-        asked.folder, asked.out, practice=asked.practice, is_conformed=asked.conform, progress=by_step(progress)
-    )
-    progress.close()
+    with ProgressLine() as progress:
+        made = import_stimuli(
+            asked.folder, asked.out, practice=asked.practice, is_conformed=asked.conform, progress=by_step(progress)
+        )
     _tell_of_set(made, asked.out, as_json=as_json)
 
 
@@ -76,9 +74,8 @@ def stimuli_merge(
 
     if len(sets) < 2:
         raise typer.BadParameter(f"{sets[0]} alone has nothing to be merged with; name two sets or more")
-    progress = ProgressLine()
-    made = merge_sets(sets, out, progress=by_step(progress))
-    progress.close()
+    with ProgressLine() as progress:
+        made = merge_sets(sets, out, progress=by_step(progress))
     _tell_of_set(made, out, as_json=as_json)
 
 
@@ -139,18 +136,17 @@ def study_create(
     options = read_options(options_file, given, preset)
     if "practice_dataset" in given:
         options = options.with_stage(PRACTICE)
-    progress = ProgressLine()
-    settings = Settings()
-    study = create_study(
-        settings,
-        stimulus_set,
-        study_name,
-        exposure_s=exposure,
-        seed=seed,
-        options=options,
-        progress=by_step(progress),
-    )
-    progress.close()
+    with ProgressLine() as progress:
+        settings = Settings()
+        study = create_study(
+            settings,
+            stimulus_set,
+            study_name,
+            exposure_s=exposure,
+            seed=seed,
+            options=options,
+            progress=by_step(progress),
+        )
     _tell_of_study(study, settings, url, as_json=as_json)
 
 
@@ -260,9 +256,8 @@ def study_check(study: StudyArgument, as_json: JsonOption = False) -> None:
     from app.operations.studies.check_films import FilmCheck, check_study, in_words
     from app.settings import Settings
 
-    progress = ProgressLine()
-    checked = check_study(Settings(), study, progress=by_step(progress))
-    progress.close()
+    with ProgressLine() as progress:
+        checked = check_study(Settings(), study, progress=by_step(progress))
     faults = [f"{media}: {fault}" for media, fault in checked["faults"].items()]
     print_result(checked, "\n".join([in_words(FilmCheck(**checked)), *faults]), as_json=as_json)
     if faults:

@@ -96,8 +96,9 @@ def decode(path: Path) -> VideoFacts:
     if len(set(steps)) > 1:
         shortest, longest = (1000 * step / ticks_per_s for step in (min(steps), max(steps)))
         raise StimuliError(
-            f"{path}: its frames are {shortest:.4g} to {longest:.4g} ms apart, expected one constant frame rate; "
-            f"encode it again, for example by `ffmpeg -i {shlex.quote(path.name)} -r {fps:.4g} -crf 10 NEW.mp4`"
+            f"{path}: its frames are {shortest:.4g} to {longest:.4g} ms apart, expected one constant frame rate",
+            by_command=f"encode it again by `ffmpeg -i {shlex.quote(path.name)} -r {fps:.4g} -crf 10 NEW.mp4`",
+            on_page=f"export it again from the program that made it, with a constant rate of {fps:.4g} frames a second",
         )
     look = _look(path, log)
     return VideoFacts(int(size[1]), int(size[2]), fps, len(times), look.pixel_shape, look)

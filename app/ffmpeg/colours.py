@@ -58,8 +58,8 @@ def browser_colours(look: Look, width: int, height: int) -> str:
         return f"zscale={source}:tin=bt709:m=bt709:r=limited:p=bt709:t=bt709:f=bicubic,{BT709}"
     peak = look.peak_nits / SDR_NITS
     return (
-        f"zscale={source}:tin={look.transfer}:t=linear:npl={SDR_NITS}:f=bicubic,format=gbrpf32le,"
-        f"zscale=p=bt709,tonemap=mobius:desat=0:peak={peak:.6g},zscale=t=bt709:m=bt709:r=limited,{BT709}"
+        f"zscale={source}:tin={look.transfer}:t=linear:p=bt709:npl={SDR_NITS}:f=bicubic,format=gbrpf32le,"
+        f"tonemap=mobius:desat=0:peak={peak:.6g},zscale=t=bt709:m=bt709:r=limited,{BT709}"
     )
 
 

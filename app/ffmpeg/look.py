@@ -107,7 +107,7 @@ class Look:
             return "gbr"
         if self.matrix not in (UNTAGGED, "reserved", "gbr"):
             return self.matrix
-        if self.primaries == "bt2020":
+        if self.primaries == "bt2020" or (self.hdr and self.primaries in (UNTAGGED, "reserved")):
             return "bt2020nc"
         return "bt709" if self.primaries == "bt709" or height >= HD_HEIGHT or width >= HD_WIDTH else "smpte170m"
 

@@ -177,6 +177,6 @@ def _note(pair: Pair) -> str:
     a, b = pair
     return (
         f"The practice shows {a.name} and {b.name}, and the trials compare these two films, too: participants know "
-        "them before they vote. ITU-R BT.500 and ITU-T P.910 ask for other contents in training; `--practice DATASET` "
-        "keeps a dataset for practice alone"
+        "them before they vote. ITU-R BT.500 and ITU-T P.910 ask for other contents in training, such as a "
+        "dataset for practice alone"
     )

@@ -14,7 +14,7 @@ from app.intake.captures import CAPTURE_FILE, missing_pictures, read_outline
 from app.intake.models import FOLDERS as MODEL_FOLDERS
 from app.intake.reports import REPORT, TABLE, read_report
 from app.intake.shelves import FOLDERS, SUFFIXES, free_path
-from app.intake.summaries import MODELS, PICTURES, SCENE_FILE, TABLES, files_of, is_film
+from app.intake.summaries import CLOUDS, MODELS, PICTURES, SCENE_FILE, TABLES, files_of, is_film
 from app.intake.zips import MB, check_file, check_zip, is_zip, unpack
 
 TEXTS = (".json", ".csv", ".txt", ".md", ".toml", ".yml", ".yaml", ".xml", ".ini", ".html", ".log")
@@ -25,7 +25,7 @@ BELONGING: Mapping[str, tuple[str, ...]] = {  # suffixes of files that may be in
     "calibration": (*PICTURES, *VIDEO_SUFFIXES, *TEXTS),
     "models": (*MODELS, ".mtl", ".bin", *PICTURES, ".webp", *TEXTS),
     "films": (*VIDEO_SUFFIXES, *TEXTS),
-    "clouds": (".ply", *TEXTS),
+    "clouds": (*CLOUDS, ".mtl", ".bin", *PICTURES, *TEXTS),
     "measures": (".csv",),
     "votes": tuple({f".{name.rpartition('.')[2]}" for name in TABLES}),
 }
@@ -34,7 +34,7 @@ EXPECTED: Mapping[str, str] = {
     "calibration": "a zip file of the pictures of a board, in left/ and right/, or in such folders of each sensor",
     "models": "a zip file of the models' folder, with scene.json and APPROACH/FRAME.ply, .obj, .glb, or splats",
     "films": "a zip file of DATASET/CONDITION.mp4, with conditions.csv where conditions have factors",
-    "clouds": "a PLY file, or a zip file of some",
+    "clouds": f"a cloud or mesh ({', '.join(CLOUDS)}), or a zip file of some",
     "measures": "a table in CSV, whose name ends in .csv",
     "votes": f"a table of votes or ratings, from any program, whose name ends in {', '.join(TABLES)}",
 }
@@ -138,8 +138,8 @@ def _check_films(folder: Path) -> None:
 
 
 def _check_clouds(path: Path) -> None:
-    if not _holds(path, (".ply",)):
-        raise InvalidError("There is no cloud in the upload; expected files that end in .ply.")
+    if not _holds(path, CLOUDS):
+        raise InvalidError(f"There is no cloud in the upload; expected files that end in {', '.join(CLOUDS)}.")
 
 
 def _check_measures(path: Path) -> None:
@@ -229,6 +229,6 @@ def results_in(folder: Path) -> list[Path]:
     if not reports | models | tables:
         raise ValueError(
             f"{folder}: holds neither a report ({REPORT}), nor a table of measures ({TABLE}), nor models "
-            "(meshes/DATASET/CONDITION.ply); pack the folders that `reconstudy validate` and `reconstudy models` wrote"
+            "(meshes/DATASET/CONDITION.ply); pack the folders that a validation or an export of models wrote"
         )
     return sorted(reports | models | tables)

@@ -125,7 +125,7 @@ def _is_set(folder: Path) -> bool:
 def _copy_set(folder: Path, out: Path, practice: str | None, progress: Progress) -> NewSet:
     if practice is not None:
         raise StimuliError(
-            f"{folder}: has a {MANIFEST}, which says what is for practice; leave --practice away, or remove the "
+            f"{folder}: has a {MANIFEST}, which says what is for practice; leave `--practice` away, or remove the "
             "manifest to import the videos alone"
         )
     made = read_manifest(folder)
@@ -133,9 +133,10 @@ def _copy_set(folder: Path, out: Path, practice: str | None, progress: Progress)
     listed = {(folder / file).resolve() for s in stimuli for file in (s.video, s.master, s.mask) if file}
     if added := [path for path in _videos(folder) if path.resolve() not in listed]:
         raise StimuliError(
-            f"{added[0]}: the folder's {MANIFEST} does not name it; remove it if an earlier `reconstudy render` left "
-            "it there, else put it into DATASET/CONDITION.mp4 of a folder of its own, import that, and join both by "
-            "`reconstudy stimuli merge`"
+            f"{added[0]}: the folder's {MANIFEST} does not name it; remove it if an earlier rendering left "
+            "it there, else put it into DATASET/CONDITION.mp4 of a folder of its own",
+            by_command="import that, and join both by `reconstudy stimuli merge`",
+            on_page="and import that by itself",
         )
     copied = merge_sets([folder], out, progress=progress)
     kept = f"{folder} is a stimulus set: its factors, masters, camera paths and provenance are kept"
@@ -212,7 +213,9 @@ def _check_complete(
         if missing := [name for name in conditions if name not in present]:
             raise StimuliError(
                 f"{folder / dataset}: has no video of {', '.join(missing)}, which other datasets have; every dataset "
-                "needs every condition, but for one of two videos to practise with (--practice DATASET)"
+                "needs every condition",
+                by_command="but for one of two videos to practise with (`--practice DATASET`)",
+                on_page="add what lacks, or leave the scene out",
             )
     n_practice = len(videos) - len(compared)
     if practice is not None and n_practice != 2:
@@ -282,9 +285,11 @@ def _like(film: Film, target: Target, *, is_conformed: bool) -> Film:
     name, dataset = shlex.quote(film.video.path.name), film.video.dataset
     usual = f"{target.n_frames} frames at {target.fps:.6g}/s of {target.width}x{target.height}"
     raise StimuliError(
-        f"{film.video.path}: {film.video.name} has {facts}, expected {usual}, as all of {dataset} can. Films of a "
-        f"dataset must be alike: `--conform` makes them so, or `ffmpeg -i {name} -vf "
-        f"fps={target.fps:.6g},scale={target.width}:{target.height} -frames:v {target.n_frames} -crf 10 NEW.mp4`"
+        f"{film.video.path}: {film.video.name} has {facts}, expected {usual}, as all of {dataset} can, since films of "
+        "a dataset must be alike",
+        by_command=f"`--conform` makes them so, or `ffmpeg -i {name} -vf "
+        f"fps={target.fps:.6g},scale={target.width}:{target.height} -frames:v {target.n_frames} -crf 10 NEW.mp4`",
+        on_page="tick “make films of a scene alike” and send them again",
     )
 
 

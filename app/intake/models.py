@@ -79,7 +79,7 @@ def read_models(folder: Path) -> list[Model]:
     """
     models = [read_model(path, kind) for kind, path in _files(folder)]
     if not models:
-        raise ValueError(f"{folder}: holds no meshes/DATASET/CONDITION.ply; `reconstudy models RUN -o OUT` writes them")
+        raise ValueError(f"{folder}: holds no meshes/DATASET/CONDITION.ply, as the models of a run are called")
     return models
 
 

@@ -38,7 +38,7 @@ class PartUpload:
     file : its name on the sender's computer
     size : bytes, of the whole file
     by : who sends it
-    job : address of the work that checks it, once all is there
+    task : address of the task that checks it, once all is there
     """
 
     id: str
@@ -47,7 +47,7 @@ class PartUpload:
     file: str
     size: int
     by: str
-    job: str | None = None
+    task: str | None = None
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def standing(intake: Path, upload_id: str) -> Standing:
     """Return how far an upload is.
 
     Work that was noted counts while it holds the file's lock, and once it has ended and removed the file. Otherwise its
-    process was killed, or it failed for the server's reasons, and the file can be checked again: its job is None.
+    process was killed, or it failed for the server's reasons, and the file can be checked again: its task is None.
 
     Raises
     ------
@@ -97,8 +97,8 @@ def standing(intake: Path, upload_id: str) -> Standing:
     part = _part(intake, upload_id)
     try:
         fact = part.stat()
-        if upload.job is not None and not is_locked(part):
-            upload = replace(upload, job=None)
+        if upload.task is not None and not is_locked(part):
+            upload = replace(upload, task=None)
         return Standing(upload, fact.st_size, datetime.fromtimestamp(fact.st_mtime, UTC))
     except FileNotFoundError:  # its work has ended, perhaps just now
         changed_s = _description(intake, upload_id).stat().st_mtime
@@ -142,9 +142,9 @@ def appending(intake: Path, upload_id: str, offset: int) -> Iterator[IO[bytes]]:
         yield file
 
 
-def note_job(intake: Path, upload: PartUpload, job: str) -> None:
-    """Note the work that checks a complete upload."""
-    write_json(_description(intake, upload.id), asdict(replace(upload, job=job)))
+def note_task(intake: Path, upload: PartUpload, task: str) -> None:
+    """Note the task that checks a complete upload."""
+    write_json(_description(intake, upload.id), asdict(replace(upload, task=task)))
 
 
 @contextmanager
@@ -194,7 +194,7 @@ def unfinished(intake: Path) -> list[Standing]:
     """Return the uploads of which something is missing, the newest first."""
     ids = [path.stem for path in (intake / HIDDEN).glob("*.json")]
     known = [standing(intake, upload_id) for upload_id in ids if _read(intake, upload_id) is not None]
-    waiting = [each for each in known if each.upload.job is None]
+    waiting = [each for each in known if each.upload.task is None]
     return sorted(waiting, key=lambda each: each.changed_at, reverse=True)
 
 
@@ -221,4 +221,7 @@ def _description(intake: Path, upload_id: str) -> Path:
 
 def _read(intake: Path, upload_id: str) -> PartUpload | None:
     path = _description(intake, upload_id)
-    return PartUpload(**read_json(path)) if ID.fullmatch(upload_id) and path.is_file() else None
+    if not ID.fullmatch(upload_id) or not path.is_file():
+        return None
+    kept = read_json(path)
+    return PartUpload(**{"task": kept.pop("job", None), **kept})  # as 1.0 called it

@@ -118,7 +118,7 @@ def read_report(path: Path) -> Report:
     try:
         report = _ReportFile.model_validate_json(read_json_bytes(file))
     except FileNotFoundError as error:
-        raise ValueError(f"{file}: there is no such report; `reconstudy validate` writes them") from error
+        raise ValueError(f"{file}: there is no such report; a validation writes them") from error
     except (OSError, ValueError) as error:
         raise ValueError(f"{file}: is no report that can be attached: {_first_fault(error)}") from error
     if not report.measures and not report_files(path):

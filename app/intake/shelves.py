@@ -17,14 +17,14 @@ from pathlib import Path
 
 from app.errors import ForbiddenError, InvalidError
 from app.files import is_reserved
-from app.intake.summaries import SUMMARIES, TABLES, is_readable, walk
+from app.intake.summaries import CLOUDS, SUMMARIES, TABLES, is_readable, walk
 
 KINDS: tuple[str, ...] = tuple(SUMMARIES)
 PLAIN_NAME = re.compile(r"[^\W_](?:[\w .+-]{0,98}[\w+-])?")  # letters and digits of any script
 LONGEST_PART = 255  # bytes of a file's or folder's name, by the file system
 LONGEST_NAME = 200  # bytes; leaves room for what is added to it
 SUFFIXES: Mapping[str, tuple[str, ...]] = {  # of entries that are files
-    "clouds": (".ply",),
+    "clouds": CLOUDS,
     "measures": (".csv",),
     "votes": TABLES,
 }

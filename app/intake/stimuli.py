@@ -186,8 +186,9 @@ def read_manifest(path: Path, named: Path | None = None, *, are_compared: bool =
     for dataset in stimulus_set.datasets if are_compared else ():
         if len(stimulus_set.of_dataset(dataset)) < 2:
             raise StimuliError(
-                f"{named}: dataset {dataset} has one stimulus, expected at least two to compare; "
-                "`reconstudy stimuli merge` joins it with other sets"
+                f"{named}: dataset {dataset} has one stimulus, expected at least two to compare",
+                by_command="`reconstudy stimuli merge` joins it with other sets",
+                on_page="add the other films, and send all of them together",
             )
     for dataset in stimulus_set.datasets:
         _check_alike(stimulus_set.of_dataset(dataset), named)
@@ -272,8 +273,9 @@ def _check_alike(stimuli: Sequence[Stimulus], manifest: Path) -> None:
         if (shape := _shape(stimulus)) != usual:
             raise StimuliError(
                 f"{manifest}: {stimulus.name} has {shape}, the others of {stimulus.dataset} have {usual}; the stimuli "
-                f"of a dataset must be alike: make {stimulus.name} with {usual}, as `reconstudy stimuli import "
-                "--conform` does, or leave it out"
+                f"of a dataset must be alike: make {stimulus.name} with {usual}, or leave it out",
+                by_command="`reconstudy stimuli import --conform` makes them so",
+                on_page="or send the films without manifest.json, with “make films of a scene alike”",
             )
     if first.width % 2 or first.height % 2:
         raise StimuliError(f"{manifest}: {first.name} is {first.width}x{first.height}, expected even numbers")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,10 @@ PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".
 TABLES = (".csv", ".tsv", ".csv.gz", ".tsv.gz", ".xlsx", ".json", ".jsonl", ".ndjson", ".parquet")
 LONGEST_NAME = 100  # letters
 SCANS = (".pcd", ".las", ".laz", ".e57")
-MODELS = (".ply", ".obj", ".glb", ".gltf", ".stl", ".off", *SCANS, ".spz", ".splat", ".ksplat", ".sog")
+SHAPES = (".ply", ".obj", ".glb", ".gltf", ".stl", ".off", *SCANS)
+MODELS = (*SHAPES, ".spz", ".splat", ".ksplat", ".sog")
+NOTES = (".txt", ".csv")  # which may hold points, or notes on the clouds beside them
+CLOUDS = (*SHAPES, ".xyz", ".asc", ".pts", *NOTES)
 
 
 def files_of(path: Path) -> list[Path]:
@@ -104,7 +107,13 @@ def films_summary(folder: Path) -> str:
 
 def clouds_summary(path: Path) -> str:
     """Say how many clouds there are."""
-    return _counted(sum(file.suffix.lower() == ".ply" for file in files_of(path)), "cloud")
+    return _counted(len(clouds_among(files_of(path))), "cloud")
+
+
+def clouds_among(files: Iterable[Path]) -> list[Path]:
+    """Return those files that are clouds; text of any kind is one where nothing else is."""
+    clouds = [file for file in files if file.suffix.lower() in CLOUDS]
+    return [file for file in clouds if file.suffix.lower() not in NOTES] or clouds
 
 
 def measures_summary(path: Path) -> str:

@@ -211,8 +211,9 @@ def refuse_unready(path: Path, name: str, facts: VideoFacts) -> None:
     """
     if needed := treatment_of(path, facts).done:
         raise StimuliError(
-            f"{path}: {name} is not ready to be shown, as it must be {needed[0]}; `reconstudy stimuli import FOLDER -o "
-            "SET` of its films does that"
+            f"{path}: {name} is not ready to be shown, as it must be {needed[0]}",
+            by_command="`reconstudy stimuli import FOLDER -o SET` of its films does that",
+            on_page="send its films alone, without the set's manifest.json: the import does that",
         )
 
 
@@ -221,13 +222,16 @@ def _check_readable(path: Path, facts: VideoFacts, look: Look) -> None:
     if unknown := unknown_colours(look, facts.width, facts.height):
         raise StimuliError(
             f"{path}: its colours have {unknown}; expected SDR, PQ or HLG. Export it as SDR in BT.709 from the program "
-            f"that made it; if its colours are BT.709 and only the tag is wrong: `ffmpeg -i {quoted} -vf "
-            "setparams=colorspace=bt709:color_primaries=bt709:color_trc=bt709 -crf 10 NEW.mp4`"
+            "that made it",
+            by_command=f"if its colours are BT.709 and only the tag is wrong: `ffmpeg -i {quoted} -vf "
+            "setparams=colorspace=bt709:color_primaries=bt709:color_trc=bt709 -crf 10 NEW.mp4`",
         )
     if look.has_alpha:
         raise StimuliError(
-            f"{path}: has transparent parts ({look.pixel_format}), below which browsers show the page; lay it on black "
-            f"by `ffmpeg -i {quoted} -vf premultiply=inplace=1,format=yuv444p -crf 10 NEW.mp4`"
+            f"{path}: has transparent parts ({look.pixel_format}), below which browsers show the page",
+            by_command="lay it on black by "
+            f"`ffmpeg -i {quoted} -vf premultiply=inplace=1,format=yuv444p -crf 10 NEW.mp4`",
+            on_page="export it again on a background of your choice",
         )
 
 

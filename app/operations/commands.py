@@ -1,9 +1,10 @@
-"""The settings of the commands that jobs run, said once for the command line and for the forms of jobs."""
+"""The settings of commands, said once for the command line, for the forms of jobs and in JSON Schema."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Literal
 
 from recon.cli.commands import COMMANDS as COMMANDS_OF_RECON
 from recon.cli.commands.setting import OUT, Command, argument, option
@@ -23,4 +24,64 @@ class StimuliImport(Command):
     practice: str | None = option(None, "Dataset of two videos for practice; it is not compared.", **PRACTICE)
 
 
-COMMANDS: Mapping[str, type[Command]] = {**COMMANDS_OF_RECON, "stimuli import": StimuliImport}
+class Analyse(Command):
+    """Of `analyse`."""
+
+    votes: list[Path] = argument("File of votes, or several, or one of ratings: CSV, TSV, Excel, Parquet or JSON.")
+    out: Path | None = option(None, "Folder for analysis.json, tables, figures and report.", flags=OUT)
+    items: Path | None = option(None, "CSV file: item, then a column for each factor.")
+    measures: Path | None = option(
+        None, "CSV file of objective measures: measures.csv of `validate`, or dataset, item and a column for each."
+    )
+    ties: str = option("davidson", "How to treat votes without preference: davidson, rao-kupper, half or drop.")
+    factor: list[str] | None = option(None, "Factor of --items to analyse; default: all.")
+    participants: Path | None = option(
+        None, "CSV file: participant, then a column for each grouping (experience, age, …)."
+    )
+    group: list[str] | None = option(None, "Grouping of --participants to compare; default: all.")
+    penalty: str = option("firth", "Penalty where the likelihood has no maximum: firth or ridge.")
+    by: Literal["dataset", "none"] = option(
+        "dataset", "dataset: also analyse each dataset by itself; none: only all together."
+    )
+    order_effect: bool = option(False, "Estimate how much being shown first helps.", flags=("--order-effect",))
+    bootstrap: int = option(0, "Bootstrap replicates over participants for the intervals; 0: t intervals.", ge=0)
+    seed: int = option(0, "Seed of the bootstrap.", ge=0)
+    equivalence: float | None = option(
+        None, "Margin in JOD; tests which pairs of conditions differ by less (two one-sided tests)."
+    )
+    jod_prior: str = option("none", "Prior on distances for the JOD of Thurstone's Case V: none, or pwcmp's.")
+    random_effects: str = option(
+        "", "Fit the scores also with random effects: participants (other people) or participants,datasets."
+    )
+    lapses: bool = option(
+        False,
+        "Fit the scores also with careless answers weighted down, by a lapse rate for each participant.",
+        flags=("--lapses",),
+    )
+    exclude: list[str] | None = option(None, "Participant to leave out; the report says so. May be repeated.")
+    planned: int | None = option(
+        None, "Participants that the study was planned for; results of fewer are interim.", ge=1
+    )
+    adaptive_pairs: bool = option(
+        False, "The pairs were chosen from the votes so far; the report says so.", flags=("--adaptive-pairs",)
+    )
+    columns: str | None = option(
+        None, "Names of the file's columns where they differ: participant=judge,item_a=type_a+level_a."
+    )
+    choices: str | None = option(None, "Words of the file's choices where they differ: none=tie,a=1,b=0.")
+    layout: str = option(
+        "",
+        "Name of the file's layout or program, as docs/formats.md lists them; default: recognised.",
+        flags=("--format",),
+    )
+    encoding: str = option("", "Encoding of a text file, e.g. latin-1; default: UTF-8 or marked UTF-16.")
+    sheet: str = option("", "Sheet of a workbook (default: the first), or the question whose answers are taken.")
+    ratings: Path | None = option(None, "File of ratings of the same items, to put on one scale with the votes.")
+    scale: str | None = option(None, "Ends of the ratings' scale, e.g. 1:9 or 0:100; default: 1:5, compared -3:3.")
+    width: Literal["one", "two"] = option(
+        "two", "Width of the figures: one or two columns of a journal (88 or 181 mm)."
+    )
+    dry_run: bool = option(False, "Only say how the files are understood; write nothing.", flags=("--dry-run",))
+
+
+COMMANDS: Mapping[str, type[Command]] = {**COMMANDS_OF_RECON, "stimuli import": StimuliImport, "analyse": Analyse}

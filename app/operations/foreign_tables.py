@@ -127,7 +127,7 @@ def _names(path: Path, told: Told) -> tuple[tuple[str, str], ...]:
     from app.analysis.reading.tabular import read_table
 
     try:
-        table = restated(read_table(path, told.encoding, told.sheet, told.format), told.format)
+        table = restated(read_table(path, told), told.format, told.sheet)
     except ValueError:
         return ()
     roles = {theirs: role for role, names in told.columns.items() for theirs in names.split("+")}

@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from app.errors import InvalidError, UnavailableError
 from app.intake.captures import CameraPictures
 from app.intake.strokes import STROKES_FILE, read_strokes
-from app.operations.extras import has_extra, install_command
+from app.operations.extras import has_extra
 from app.operations.jobs.command import needed_environment
 
 LONGEST_S = 120
@@ -46,8 +46,8 @@ def try_strokes(folder: Path, camera: CameraPictures, frame: int) -> bytes:
         )
     if not has_extra("recon"):
         raise UnavailableError(
-            "Masks cannot be tried on this server, which has no reconstruction backend. The strokes are kept, and a "
-            f"worker that has it can segment all frames. To install it here: {install_command('recon')}"
+            "Masks cannot be tried on this server, which has no reconstruction. The strokes are kept, and a worker "
+            "that has it can segment all frames."
         )
     if not _turn.acquire(timeout=WAITS_S):
         raise UnavailableError("Others try masks now. Please try again in a minute.")

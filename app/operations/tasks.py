@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from datetime import datetime
 from typing import Any
 
-from app.errors import ConflictError, StudyError, UnavailableError
+from app.errors import ConflictError, StudyError, UnavailableError, said_on_page
 from app.ffmpeg import Progress
 from app.store.database.engine import Database
 from app.store.database.keys import utc_now
@@ -122,7 +122,7 @@ def _run(database: Database, actor: Actor, title: str, public_id: str, work: Cal
             made = work(tell)
         end_task(database, public_id, made, utc_now())
     except (ValueError, StudyError) as error:
-        _fail(database, actor, title, public_id, str(error))
+        _fail(database, actor, title, public_id, said_on_page(error))
     except OSError as error:  # whose text names a path on the server
         log.warning("%s failed: %s", title, error)
         _fail(database, actor, title, public_id, f"{error.strerror or error}. The server's log names the file.")

@@ -54,6 +54,31 @@ KINDS: Mapping[Any, Kind] = {bool: "flag", int: "whole", float: "number", str: "
 T = TypeVar("T")
 
 
+class SettingError(ValueError):
+    """A wrong value of a setting.
+
+    Parameters
+    ----------
+    field : its name in a study file, within [options]; of a table of options "table.key"
+    words : what was found and what is expected, to stand after the name
+    place : in the sentence, instead of the name
+    """
+
+    def __init__(self, field: str, words: str, place: str = "") -> None:
+        super().__init__(field, words, place)  # all of them, so that another process can hand it on
+        self.field = field
+        self._words = words
+        self._name = field.replace(".", ": ")
+        self._place = place or self._name
+
+    def __str__(self) -> str:
+        return f"{self._place} {self._words}"
+
+    def called(self, label: str) -> str:
+        """Return the sentence with a label in place of the name, where it begins with the name."""
+        return f"{label} {self._words}" if self._place == self._name else str(self)
+
+
 def _different(parts: tuple[T, ...]) -> tuple[T, ...]:
     if len(set(parts)) < len(parts):
         raise PydanticCustomError("not_different", "expected different ones")
@@ -129,7 +154,7 @@ class Options(BaseModel):
         try:
             return cls.model_validate(content)
         except ValidationError as error:
-            raise ValueError(_refusal(error, cls, content)) from error
+            raise _refusal(error, cls, content) from error
 
     def as_json(self) -> dict[str, Any]:
         """Return the options as `read` takes them."""
@@ -206,30 +231,36 @@ def _listed(literal: Any) -> str:
     return ", ".join(str(value) for value in get_args(literal) if value != "")
 
 
-def _refusal(error: ValidationError, model: type[Options], content: Any) -> str:
+def _refusal(error: ValidationError, model: type[Options], content: Any) -> ValueError:
     """Say in one sentence what is wrong with options, and what is expected: an unknown key before a wrong value."""
     faults = error.errors(include_url=False)
     fault = next((fault for fault in faults if fault["type"] == "extra_forbidden"), faults[0])
     if fault["type"] == "value_error":  # of a check of our own, which says it all
-        return str(fault["ctx"]["error"])
+        told: ValueError = fault["ctx"]["error"]
+        return told
     place: list[Any] = list(fault["loc"])
     key, at, content_of = place.pop(0), "", content
+    field = str(key)
     while place and (inner := _inner(model, key)):
         model, content_of, at = inner, content_of[key], str(key)
         if isinstance(place[0], int):
             content_of, at = content_of[place[0]], f"{inner.called} {place.pop(0) + 1}"
+        elif place:
+            field = f"{field}.{place[0]}"
         if not place:
-            return f"{at} is {content_of!r:.120}, expected a table of its own"
+            return SettingError(field, f"is {content_of!r:.120}, expected a table of its own", at)
         key = place.pop(0)
     before = f"{at}: " if at else ""
     if fault["type"] == "extra_forbidden":
-        return f"{before or model.called}{key!r} is not known; expected some of {', '.join(model.model_fields)}"
+        known = ", ".join(model.model_fields)
+        return SettingError(field, f"is not known; expected some of {known}", f"{before or model.called}{key!r}")
     info = model.model_fields[key]
     if is_table(info):
-        return f"{key} is {fault['input']!r:.120}, expected a table of its own"
+        return SettingError(field, f"is {fault['input']!r:.120}, expected a table of its own", key)
     if place and _kind(info) == "several":
-        return f"{before}{key} holds {shown(fault['input'])}, expected some of {_listed(get_args(_type(info))[0])}"
-    return f"{before}{key} is {shown(content_of.get(key))}, expected {_expected(info)}"
+        some = _listed(get_args(_type(info))[0])
+        return SettingError(field, f"holds {shown(fault['input'])}, expected some of {some}", f"{before}{key}")
+    return SettingError(field, f"is {shown(content_of.get(key))}, expected {_expected(info)}", f"{before}{key}")
 
 
 def _inner(model: type[Options], key: str) -> type[Options] | None:

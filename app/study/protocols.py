@@ -13,6 +13,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
+from app.study.option_fields import SettingError
+
 Text = TypeVar("Text")
 Protocol = Literal["PC", "ACR", "ACR-HR", "DCR", "CCR"]
 PC: Protocol = "PC"  # pair comparison: which of two is better, or neither
@@ -133,17 +135,18 @@ def check_with_protocol(protocol: Protocol, scale: Scale, reference: str, only_o
     """
     if scale != SCALES[0] and protocol in (PC, CCR):
         answers = "three answers" if protocol == PC else "seven grades"
-        raise ValueError(f"scale is {scale!r}, but protocol {protocol} always has {answers}: leave scale out")
+        raise SettingError("scale", f"is {scale!r}, but protocol {protocol} always has {answers}: leave scale out")
     if protocol in WITH_REFERENCE and not reference:
-        raise ValueError(f"protocol {protocol} needs a reference: name one of the conditions as `reference`")
+        raise SettingError("protocol", f"{protocol} needs a reference: name one of the conditions as `reference`")
     if protocol == ACR and reference:
-        raise ValueError(
-            f"reference is {reference!r}, but protocol ACR shows none: choose ACR-HR to hide it among the films, or "
-            "DCR to rate each film against it"
+        raise SettingError(
+            "reference",
+            f"is {reference!r}, but protocol ACR shows none: choose ACR-HR to hide it among the films, or "
+            "DCR to rate each film against it",
         )
     for name, value in only_of_pairs.items():
         if value and protocol in RATED:
-            raise ValueError(f"{name} is {value!r}, but protocol {protocol} compares no pairs: leave {name} out")
+            raise SettingError(name, f"is {value!r}, but protocol {protocol} compares no pairs: leave {name} out")
 
 
 def texts_of(texts: Mapping[str, Text], protocol: Protocol) -> dict[str, Text]:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import errno
 import logging
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any
+from urllib.parse import urlsplit
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import JSONResponse, Response
+from fastapi.responses import HTMLResponse, JSONResponse, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
@@ -23,12 +25,12 @@ from app.web.gates import note_refusal, now, render, route_of
 from app.web.roles import signed_in_person
 
 Typed = Sequence[tuple[str, str]]  # fields of a form, in order; a name may come more than once
-FormAgain = Callable[[Request, int, str], Awaitable[Response | None]]
 
 log = logging.getLogger(__name__)
 
 PROBLEM = "application/problem+json"
 DASHBOARD = "/admin"
+CORRECTED = (409, 422)  # statuses of a form that asks for what cannot be done
 PROGRAMS = (
     "/api/",
     "/media/",
@@ -41,7 +43,6 @@ FULL = (errno.ENOSPC, errno.EDQUOT)
 NOWHERE = (404, 410)  # forged ids, and invitations that are used up
 METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE")
 SECRET = ("form_token", "current", "password", "again")
-NOT_SHOWN = (*SECRET, "seen")  # fields that hold secrets, or that nobody typed
 FEWEST_TYPED = 20  # characters; shorter texts are soon typed again
 LOGGED_PARAMETERS = ("slug", "stage", "trial")
 HEADINGS = {  # of pages, for people; programs get the phrases of HTTP
@@ -63,6 +64,29 @@ SENTENCES = {
 }
 
 
+@dataclass(frozen=True)
+class RefusedForm:
+    """A form of the dashboard that was refused; its page shows it once more, and why (`templates/admin/_refused.html`).
+
+    Parameters
+    ----------
+    action : address to which it was sent
+    message : why it was refused
+    field : name of what is wrong; empty: nothing alone
+    typed : what was sent, for the page's script to fill in; empty: the page is filled already
+    """
+
+    action: str
+    message: str
+    field: str = ""
+    typed: Typed = ()
+
+    @property
+    def long_texts(self) -> Typed:
+        """Fields that are not soon typed again, to be copied where the form cannot be filled."""
+        return [(name, text) for name, text in self.typed if name != "seen" and len(text) >= FEWEST_TYPED]
+
+
 def problem(
     status: int, detail: str, *, extra: Mapping[str, Any] | None = None, headers: Mapping[str, str] | None = None
 ) -> JSONResponse:
@@ -71,14 +95,8 @@ def problem(
     return JSONResponse({**content, **(extra or {})}, status, headers=dict(headers or {}), media_type=PROBLEM)
 
 
-def install_problems(app: FastAPI, form_again: FormAgain) -> None:
-    """Let the app answer all errors that a route or the framework raises.
-
-    Parameters
-    ----------
-    form_again : takes a request, a status and a sentence; returns the refused form, filled, or None
-    """
-    app.state.form_again = form_again
+def install_problems(app: FastAPI) -> None:
+    """Let the app answer all errors that a route or the framework raises."""
     app.add_exception_handler(StudyError, _study_error)
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(RequestValidationError, _validation_error)
@@ -115,12 +133,12 @@ class UnforeseenErrors:
 
 async def _study_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, StudyError)
-    answer = await run_in_threadpool(_refusal, request, error, await _typed(request))
-    again: Response | None = await request.app.state.form_again(request, error.status, error.detail)
-    return answer if again is None else again
+    refused = RefusedForm(request.url.path, error.detail, error.field, await _typed(request))
+    answer = await run_in_threadpool(_refusal, request, error, refused)
+    return await _form_again(request, error.status, refused) or answer
 
 
-def _refusal(request: Request, error: StudyError, typed: Typed) -> Response:
+def _refusal(request: Request, error: StudyError, refused: RefusedForm) -> Response:
     _log_refusal(request, error.status, error.detail)
     if error.status in NOWHERE:
         note_refusal(request, "not found", error.detail)
@@ -131,7 +149,7 @@ def _refusal(request: Request, error: StudyError, typed: Typed) -> Response:
     headers = {"WWW-Authenticate": "Bearer"} if error.status == 401 else {}
     if isinstance(error, (TooManyError, UnavailableError)):
         headers["Retry-After"] = str(error.retry_after_s)
-    return _answer(request, error.status, error.detail, headers, extra=extra, typed=typed)
+    return _answer(request, error.status, error.detail, headers, extra=extra, refused=refused)
 
 
 async def _http_error(request: Request, error: Exception) -> Response:
@@ -161,12 +179,11 @@ async def _validation_error(request: Request, error: Exception) -> Response:
     _log_refusal(request, 422, where)
     if not _is_page(request):
         return problem(422, f"The request is not as described: {where}.", extra={"errors": faults})
-    field = where.partition(".")[2].replace("_", " ") or where  # a reader of pages knows no "body" or "query"
-    sentence = f"The form is not as expected: {field}."
-    again: Response | None = await request.app.state.form_again(request, 422, sentence)
-    if again is not None:
-        return again
-    return await run_in_threadpool(_answer, request, 422, sentence, typed=await _typed(request))
+    place = where.partition(".")[2].replace("_", " ") or where  # a reader of pages knows no "body" or "query"
+    field = str(error.errors()[0]["loc"][-1]) if faults else ""
+    refused = RefusedForm(request.url.path, f"The form is not as expected: {place}.", field, await _typed(request))
+    answer = await run_in_threadpool(_answer, request, 422, refused.message, refused=refused)
+    return await _form_again(request, 422, refused) or answer
 
 
 async def _system_error(request: Request, error: Exception) -> Response:
@@ -175,25 +192,43 @@ async def _system_error(request: Request, error: Exception) -> Response:
     if error.errno not in FULL:
         raise error
     log.error("%s %s failed: %s", request.method, route_of(request.scope), error)
-    return await run_in_threadpool(_answer, request, 507, SENTENCES[507], typed=await _typed(request))
+    refused = RefusedForm(request.url.path, SENTENCES[507], typed=await _typed(request))
+    return await run_in_threadpool(_answer, request, 507, refused.message, refused=refused)
 
 
 async def _typed(request: Request) -> Typed:
-    """Return the long texts of a refused dashboard form by field; the page shows them again, to be copied."""
-    return [
-        (name, text)
-        for name, text in await typed_fields(request)
-        if name not in NOT_SHOWN and len(text) >= FEWEST_TYPED
-    ]
-
-
-async def typed_fields(request: Request) -> Typed:
-    """Return the fields of a dashboard form that a person sent, in order; none of anything else."""
+    """Return the fields of a dashboard form that a person sent, in order, without secrets; none of anything else."""
     is_form = request.headers.get("content-type", "").startswith("application/x-www-form-urlencoded")
     if not is_form or not _is_page(request) or not _is_dashboard(request):
         return ()
     fields = (await request.form()).multi_items()  # cached, as the route has read it already
-    return [(name, text) for name, text in fields if isinstance(text, str)]
+    return [(name, text) for name, text in fields if isinstance(text, str) and name not in SECRET]
+
+
+async def _form_again(request: Request, status: int, refused: RefusedForm) -> Response | None:
+    """Answer with the page from which a refused form came, as this person sees it now; None where that cannot be."""
+    came_from = urlsplit(request.headers.get("referer", ""))
+    if status not in CORRECTED or not refused.typed or not came_from.path.startswith(DASHBOARD):
+        return None
+    headers = [(name, value) for name, value in request.scope["headers"] if not name.startswith(b"content-")]
+    scope = dict(request.scope) | {"method": "GET", "path": came_from.path, "raw_path": came_from.path.encode()}
+    scope |= {"query_string": came_from.query.encode(), "path_params": {}, "headers": headers}
+    scope["state"] = {**request.scope["state"], "refused": refused}
+    page_status, parts = 0, []
+
+    async def receive() -> Message:
+        return {"type": "http.request", "body": b"", "more_body": False}
+
+    async def send(message: Message) -> None:
+        nonlocal page_status
+        page_status = message.get("status", page_status)
+        parts.append(message.get("body", b""))
+
+    try:
+        await request.app.router(scope, receive, send)
+    except (StudyError, HTTPException, RequestValidationError):
+        return None
+    return HTMLResponse(b"".join(parts), status) if page_status == 200 else None
 
 
 def _log_refusal(request: Request, status: int, why: str) -> None:
@@ -225,7 +260,7 @@ def _answer(
     headers: Mapping[str, str] | None = None,
     *,
     extra: Mapping[str, str] | None = None,
-    typed: Typed = (),
+    refused: RefusedForm | None = None,
 ) -> Response:
     if not _is_page(request):
         return problem(status, detail, extra=extra, headers=headers)
@@ -233,7 +268,7 @@ def _answer(
     context: dict[str, Any] = {
         "title": HEADINGS.get(status, HTTPStatus(status).phrase),
         "detail": detail,
-        "typed": typed,
+        "typed": refused.long_texts if refused else (),
     }
     if status == 401 and _is_dashboard(request):
         context["asked"] = _asked_page(request)

@@ -22,7 +22,7 @@ from app.web.limits.throttle import WRONG_TOKENS
 
 EXPERIMENTER_COOKIE = "experimenter"
 DATA_PATHS = "/api/v1/"  # whole tables and archives
-NOT_SIGNED_IN = "You are not signed in. Use your password, or a sign-in link as `reconstudy admin add NAME` prints it."
+NOT_SIGNED_IN = "You are not signed in. Use your password, or a sign-in link from an owner or whoever runs the server."
 NO_TOKEN = (
     "This takes a token, sent as the header `Authorization: Bearer TOKEN`. An owner makes one in the dashboard under "
     "Tokens, or on the server by `reconstudy token add NAME`."

@@ -42,33 +42,20 @@ def capture_synth(asked: CaptureSynth, *, as_json: bool) -> None:
     """Record a synthetic scene, with its true depth, masks and mesh."""
     from recon.studio import SynthParameters, synthesise
 
-    progress = ProgressLine()
-    tell_of_compiling(progress, STUDIO)
-    parameters = SynthParameters(
-        scene=asked.scene,
-        n_sensors=asked.sensors,
-        n_frames=asked.frames,
-        size=parse_size(asked.size),
-        noise=asked.noise,
-        seed=asked.seed,
-        fps=asked.fps,
-        position=parse_position(asked.position),
-        late=parse_by_sensor(asked.late or (), "--late", "FRAMES"),
-        exposure_spread=asked.exposure_spread,
-        calibration_error_px=asked.calibration_error,
-        distortion=asked.distortion,
-        depth_maps=asked.depth_maps,
-        shutter_ms=asked.shutter,
-        rolling_shutter=asked.rolling_shutter,
-        colour_cast=asked.colour_cast,
-        vignetting=asked.vignetting,
-        flicker=asked.flicker,
-        compression=asked.compression,
-        defocus=parse_by_sensor(asked.defocus or (), "--defocus", "PIXELS"),
-        gloss=asked.gloss,
-    )
-    capture = synthesise(asked.out, parameters, progress=progress)
-    progress.close()
+    with ProgressLine() as progress:
+        tell_of_compiling(progress, STUDIO)
+        parameters = asked.filled_in(
+            SynthParameters,
+            n_sensors=asked.sensors,
+            n_frames=asked.frames,
+            size=parse_size(asked.size),
+            position=parse_position(asked.position),
+            late=parse_by_sensor(asked.late or (), "--late", "FRAMES"),
+            calibration_error_px=asked.calibration_error,
+            shutter_ms=asked.shutter,
+            defocus=parse_by_sensor(asked.defocus or (), "--defocus", "PIXELS"),
+        )
+        capture = synthesise(asked.out, parameters, progress=progress)
     result = {
         "capture": str(asked.out),
         "name": capture.name,
@@ -113,13 +100,11 @@ def capture_import(asked: CaptureImport, *, as_json: bool) -> None:
         is_so_anyway = kind == "middlebury" and (option, value) in (("units", "m"), ("up", "y"))
         if value is not None and option not in FORMATS[kind].takes and not is_so_anyway:
             raise typer.BadParameter(f"{kind} takes no --{option}; leave it out")
-    options = ImportOptions(
-        name=asked.name,
+    options = asked.filled_in(
+        ImportOptions,
         n_frames=asked.frames,
         bounds=parse_bounds(asked.bounds),
         unit_mm=parse_unit(asked.units) if asked.units else None,
-        fps=asked.fps,
-        up=asked.up,
         pairs=parse_pairs(asked.pairs) if asked.pairs else None,
         shots=tuple(shot.strip() for shot in asked.shots.split(",")) if asked.shots else None,
     )
@@ -175,10 +160,9 @@ def capture_calibrate(asked: CaptureCalibrate, *, as_json: bool) -> None:
     from recon.capture.calibration.board import parse_board
     from recon.capture.calibration.run import calibrate_folders
 
-    progress = ProgressLine()
-    board = parse_board(asked.board)
-    report = calibrate_folders(asked.images, board, asked.out, replaces=asked.replace, progress=progress)
-    progress.close()
+    with ProgressLine() as progress:
+        board = parse_board(asked.board)
+        report = calibrate_folders(asked.images, board, asked.out, replaces=asked.replace, progress=progress)
     result = {"calibration": str(asked.out), **report.as_json()}
     print_result(
         result, f"{report.as_text()}\nCalibrated {counted(len(report.pairs), 'sensor')}: {asked.out}", as_json=as_json
@@ -191,11 +175,9 @@ def capture_segment(asked: CaptureSegment, *, as_json: bool) -> None:
     """Write foreground masks: by clean plate, by threshold against a dark background, or from scribbles."""
     from recon.capture.masks.segment import segment_capture
 
-    progress, capture = ProgressLine(), asked.capture
-    made = segment_capture(
-        capture, method=asked.method, threshold=asked.threshold, scribbles=asked.scribbles, progress=progress
-    )
-    progress.close()
+    capture, method, threshold, scribbles = asked.capture, asked.method, asked.threshold, asked.scribbles
+    with ProgressLine() as progress:
+        made = segment_capture(capture, method=method, threshold=threshold, scribbles=scribbles, progress=progress)
     result = {"capture": str(capture), "sensors": len(made.sensors), "frames": made.n_frames}
     print_result(
         result,
@@ -252,9 +234,8 @@ def _mended(asked: CaptureCheck, report: CheckReport, out: Path) -> CheckReport:
     if asked.correct:
         capture = corrected(capture, report.corrections)
     if asked.resample:
-        progress = ProgressLine()
-        resample(capture, report.lags, out, progress=progress)
-        progress.close()
+        with ProgressLine() as progress:
+            resample(capture, report.lags, out, progress=progress)
     else:
         copied(capture, out)
     return check_capture(out)
@@ -267,12 +248,6 @@ def _check_sentences(folder: Path, report: CheckReport) -> str:
         report.as_text(),
         *(f"problem: {problem}" for problem in report.problems),
         *(f"warning: {warning}" for warning in report.warnings),
-        _verdict(report),
+        report.conclusion,
     ]
     return "\n".join(lines)
-
-
-def _verdict(report: CheckReport) -> str:
-    if report.problems:
-        return "The capture cannot be used as it is."
-    return "The capture can be used; mind the warnings." if report.warnings else "Nothing is wrong."

@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import typer
 
@@ -24,8 +24,9 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as on
 class ProgressLine:
     """Shows how far a command is: one line that rewrites itself on a terminal, plain lines otherwise.
 
-    An instance is a `Progress`. What is left is estimated from the time that the part so far took. The file that
-    `RECONSTUDY_PROGRESS_FILE` names, if it is set, is replaced by `{"step", "done", "total", "left_s"}`.
+    An instance is a `Progress`; where a `with` block ends, so does its line, whatever happened. What is left is
+    estimated from the time that the part so far took. The file that `RECONSTUDY_PROGRESS_FILE` names, if it is set,
+    is replaced by `{"step", "done", "total", "left_s"}`.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -36,6 +37,12 @@ class ProgressLine:
         self._started = self._printed = clock()
         self._already_done = 0
         self._open = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def __call__(self, what: str, done: int, total: int) -> None:
         now = self._clock()

@@ -20,6 +20,7 @@ from recon.cli.options import (
     MethodsCommand,
     find_methods,
     parse_approaches,
+    parse_floor,
     parse_frames,
     parse_loops,
     parse_names,
@@ -68,38 +69,33 @@ def reconstruct(asked: Reconstruct, *, as_json: bool) -> None:
     from recon.surface import SurfaceParameters
 
     capture = asked.capture
-    options = ReconstructOptions(
+    options = asked.filled_in(
+        ReconstructOptions,
         depths=parse_names(asked.depth or ""),
         fusions=parse_names(asked.fusion),
         colours=parse_names(asked.colour),
         further=parse_approaches(asked.approach),
         methods=find_methods(asked.methods),
         frames=parse_frames(asked.frames),
-        pm=asked.pm,
         temporal=TemporalParameters() if asked.temporal else None,
         surface=SurfaceParameters(voxel_mm=asked.voxel, longest_rim_mm=asked.close_holes),
         cloud=CloudParameters(erode_px=asked.erode),
         balance_colours=asked.balance,
-        agreement=asked.agreement,
         outlines=asked.outlines == "masks",
         fill_px=asked.fill,
-        workers=asked.workers,
-        cluster=asked.cluster,
-        device=asked.device,
     )
-    progress = ProgressLine()
-    tell_of_compiling(progress, DEPTH)
-    recording = read_capture(capture.resolve())
-    if not any(stream.mask for stream in recording.sensors):
-        folder, where = ("FOLDER", " on a copy of it here") if is_copy(capture) else (shlex.quote(str(capture)), "")
-        progress.say(
-            f"{address_of(capture)} has no masks: all that stands in its bounds becomes part of the models, the room, "
-            f"too; `reconstudy capture segment {folder}`{where} makes masks"
-        )
-    result = reconstruct_capture(recording, asked.out, options, progress)
-    for warning in result["warnings"]:
-        progress.say(f"warning: {warning}")
-    progress.close()
+    with ProgressLine() as progress:
+        tell_of_compiling(progress, DEPTH)
+        recording = read_capture(capture.resolve())
+        if not any(stream.mask for stream in recording.sensors):
+            folder, where = ("FOLDER", " on a copy of it here") if is_copy(capture) else (shlex.quote(str(capture)), "")
+            progress.say(
+                f"{address_of(capture)} has no masks: all that stands in its bounds becomes part of the models, the "
+                f"room, too; `reconstudy capture segment {folder}`{where} makes masks"
+            )
+        result = reconstruct_capture(recording, asked.out, options, progress)
+        for warning in result["warnings"]:
+            progress.say(f"warning: {warning}")
     made = f"{counted(len(result['frames']), 'frame')}, approaches {', '.join(result['approaches'])}"
     print_result(result, f"Reconstructed {result['dataset']} ({made}): {address_of(asked.out)}", as_json=as_json)
 
@@ -142,9 +138,8 @@ def export(asked: Export, *, as_json: bool) -> None:
     if asked.sequence:
         if asked.truth is not None:
             raise typer.BadParameter("--sequence shows the models as they are; leave out --truth")
-        progress = ProgressLine()
-        n_frames = write_sequence(asked.out, asked.mesh, asked.fps, progress)
-        progress.close()
+        with ProgressLine() as progress:
+            n_frames = write_sequence(asked.out, asked.mesh, asked.fps, progress)
         made: dict[str, Any] = {"out": str(asked.out), "frames": n_frames}
         print_result(made, f"Wrote {counted(n_frames, 'frame')}: {asked.out / SEQUENCE}", as_json=as_json)
         return
@@ -179,17 +174,16 @@ def models(asked: Models, *, as_json: bool) -> None:
     """
     from recon.validation.export_models import write_models
 
-    progress = ProgressLine()
-    written = write_models(asked.runs, asked.out, asked.frame, progress)
-    others = sorted(
-        {path for folder in {path.parent for path in written} for path in folder.glob("*.ply")} - {*written}
-    )
-    if others:
-        names = ", ".join(path.relative_to(asked.out).as_posix() for path in others)
-        progress.say(
-            f"warning: {asked.out} has models from before, too: {names}; remove those that show something else"
+    with ProgressLine() as progress:
+        written = write_models(asked.runs, asked.out, asked.frame, progress)
+        others = sorted(
+            {path for folder in {path.parent for path in written} for path in folder.glob("*.ply")} - {*written}
         )
-    progress.close()
+        if others:
+            names = ", ".join(path.relative_to(asked.out).as_posix() for path in others)
+            progress.say(
+                f"warning: {asked.out} has models from before, too: {names}; remove those that show something else"
+            )
     result = {"out": str(asked.out), "models": [path.relative_to(asked.out).as_posix() for path in written]}
     print_result(result, f"Wrote {len(written)} models: {asked.out}", as_json=as_json)
 
@@ -198,30 +192,23 @@ def models(asked: Models, *, as_json: bool) -> None:
 @with_settings(Render)
 def render(asked: Render, *, as_json: bool) -> None:
     """Render fly-through videos of every approach of every run and models folder, as a stimulus set."""
-    from recon.pipeline.film import RenderOptions
+    from recon.pipeline.film import FLOORS, RenderOptions
     from recon.pipeline.render import render as render_folders
     from recon.render.camera_path import PATHS
     from recon.runtime.files import read_json
 
     every, loops = parse_loops(asked.loop, asked.static)
-    options = RenderOptions(
+    options = asked.filled_in(
+        RenderOptions,
         size=parse_size(asked.size),
-        fps=asked.fps,
-        seconds=asked.seconds,
-        background=asked.background,
-        light=asked.light,
+        floor=parse_floor(asked.floor, FLOORS),
         path=parse_path(asked.path, PATHS),
         loop=every,
         loops=loops,
-        renderer=asked.renderer,
-        master=asked.master,
-        workers=asked.workers,
-        cluster=asked.cluster,
     )
-    progress = ProgressLine()
-    tell_of_compiling(progress, RENDER)
-    manifest = render_folders(asked.folders, asked.out, options, progress, practice=asked.practice)
-    progress.close()
+    with ProgressLine() as progress:
+        tell_of_compiling(progress, RENDER)
+        manifest = render_folders(asked.folders, asked.out, options, progress, practice=asked.practice)
     content = read_json(manifest)
     stimuli = [*content["stimuli"], *content["practice"]]
     for warning in content["provenance"]["warnings"]:

@@ -47,10 +47,11 @@ def methods_file() -> type[FilePart]:
     return create_model(
         "MethodsFile",
         __base__=FilePart,
-        __doc__="The tables of a methods file: [depth.NAME], [fusion.NAME] and [measure.NAME].",
+        __doc__="The tables of a methods file: [depth.NAME], [fusion.NAME], [measure.NAME] and [film.NAME].",
         depth=_tables(depth_tables(), "methods that match pairs"),
         fusion=_tables(fusion_tables(), "methods that make one mesh of all sensors' clouds"),
         measure=_tables(measure_tables(), "measures between two clouds"),
+        film=_tables(measure_tables(), "measures between two films"),
     )
 
 
@@ -71,7 +72,7 @@ def fusion_tables() -> Parts:
 
 
 def measure_tables() -> Parts:
-    """Return the models of the tables [measure.NAME]."""
+    """Return the models of the tables [measure.NAME] and [film.NAME]."""
     return (model_of(MeasureProgram, frozenset({"folder", "output"})),)
 
 

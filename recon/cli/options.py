@@ -184,6 +184,16 @@ def parse_path(text: str, kinds: Collection[str]) -> str | Path:
     return file
 
 
+def parse_floor(text: str, places: Collection[str]) -> str | float:
+    """Read where a floor is: one of the names, or its height, mm."""
+    if text in places:
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is no height in mm, and none of {', '.join(places)}") from None
+
+
 def parse_loops(texts: list[str], static: str) -> tuple[str, dict[str, str]]:
     """Read loops such as "bounce" and "pm_fb=repeat"; returns the one of all approaches, and those of single ones.
 

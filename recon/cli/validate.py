@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -29,6 +29,9 @@ from recon.cli.validation_sentences import (
     sphere_sentences,
     view_sentences,
 )
+
+if TYPE_CHECKING:
+    from recon.validation.measures import Subject
 
 DECIMALS = 9  # of thresholds, so that the third step of 0.1 is 0.3 as it is written
 
@@ -55,28 +58,23 @@ app = typer.Typer(
 def validate_sphere(asked: ValidateSphere, *, as_json: bool) -> None:
     """Fit spheres of known radius, and report signed errors and inlier ratios per sensor and combined."""
     from recon.validation.clouds import named_clouds
-    from recon.validation.measures import Subject
     from recon.validation.sphere.evaluation import measure_spheres
     from recon.validation.sphere.fit.model import ReferenceSettings, SphereSettings
     from recon.validation.sphere.report import write_sphere_report
 
-    settings = SphereSettings(
-        radius=asked.radius,
+    settings = asked.filled_in(
+        SphereSettings,
         thresholds=parse_thresholds(asked.thresholds),
-        method=asked.method,
-        unit=asked.unit,
         viewpoints=parse_viewpoints(asked.viewpoint or ()),
         keep=tuple(asked.keep or ()),
         drop=tuple(asked.drop or ()),
         reference=ReferenceSettings(tuple(asked.reference_centre), asked.reference_unit, asked.reference_frame)
         if asked.reference_centre
         else None,
-        subject=Subject(asked.dataset, tuple(asked.approach or ())),
-        seed=asked.seed,
+        subject=_subject(asked),
     )
-    progress = ProgressLine()
-    report, pictured = measure_spheres(named_clouds(asked.clouds, asked.sensors or ()), settings, progress)
-    progress.close()
+    with ProgressLine() as progress:
+        report, pictured = measure_spheres(named_clouds(asked.clouds, asked.sensors or ()), settings, progress)
     page = write_sphere_report(report, pictured, asked.out)
     print_report(report, page, sphere_sentences(report), as_json=as_json)
 
@@ -88,19 +86,16 @@ def validate_cuboid(asked: ValidateCuboid, *, as_json: bool) -> None:
     from recon.validation.clouds import named_clouds
     from recon.validation.cuboid.evaluation import CuboidSettings, measure_cuboids
     from recon.validation.cuboid.report import write_cuboid_report
-    from recon.validation.measures import Subject
 
-    settings = CuboidSettings(
+    settings = asked.filled_in(
+        CuboidSettings,
         size=parse_edges(asked.size),
         thresholds=parse_thresholds(asked.thresholds),
-        unit=asked.unit,
         positions=tuple(parse_position(text) for text in asked.position or ()),
-        subject=Subject(asked.dataset, tuple(asked.approach or ())),
-        seed=asked.seed,
+        subject=_subject(asked),
     )
-    progress = ProgressLine()
-    report, measured = measure_cuboids(named_clouds(asked.clouds, asked.sensors or ()), settings, progress)
-    progress.close()
+    with ProgressLine() as progress:
+        report, measured = measure_cuboids(named_clouds(asked.clouds, asked.sensors or ()), settings, progress)
     page = write_cuboid_report(report, measured, asked.out)
     print_report(report, page, cuboid_sentences(report), as_json=as_json)
 
@@ -112,14 +107,12 @@ def validate_object(asked: ValidateObject, *, as_json: bool) -> None:
     from recon.validation.known_object.evaluation import ObjectSettings, measure_object
     from recon.validation.known_object.registration import RegistrationParameters
     from recon.validation.known_object.report import write_object_report
-    from recon.validation.measures import Subject
 
-    settings = ObjectSettings(
+    settings = asked.filled_in(
+        ObjectSettings,
         thresholds=parse_thresholds(asked.thresholds),
-        registration=RegistrationParameters(delta=asked.delta, trim=asked.trim, seed=asked.seed),
-        unit=asked.unit,
-        model_unit=asked.model_unit,
-        subject=Subject(asked.dataset, tuple(asked.approach or ())),
+        registration=asked.filled_in(RegistrationParameters),
+        subject=_subject(asked),
     )
     report, measured = measure_object(asked.model, asked.cloud, settings)
     page = write_object_report(report, measured, asked.out)
@@ -133,11 +126,10 @@ def validate_views(asked: ValidateViews, *, as_json: bool) -> None:
     from recon.validation.views.evaluation import ViewSettings, measure_views
     from recon.validation.views.report import write_views_report
 
-    progress = ProgressLine()
-    models = tuple(asked.models or ())
-    settings = ViewSettings(asked.capture, parse_frames(asked.frames), models, asked.threshold, asked.filled)
-    report, shown = measure_views(asked.run, settings, progress)
-    progress.close()
+    with ProgressLine() as progress:
+        models = tuple(asked.models or ())
+        settings = ViewSettings(asked.capture, parse_frames(asked.frames), models, asked.threshold, asked.filled)
+        report, shown = measure_views(asked.run, settings, progress)
     page = write_views_report(report, shown, asked.out)
     print_report(report, page, view_sentences(report), as_json=as_json)
 
@@ -146,17 +138,17 @@ def validate_views(asked: ValidateViews, *, as_json: bool) -> None:
 @with_settings(ValidateMesh, out=REPORT)
 def validate_mesh(asked: ValidateMesh, *, as_json: bool) -> None:
     """Report accuracy, completeness and F-score against the truth."""
-    from recon.validation.measures import Subject
     from recon.validation.truth.evaluation import MeshSettings, measure_mesh
     from recon.validation.truth.report import write_mesh_report
 
-    subject = Subject(asked.dataset, tuple(asked.approach or ()))
-    place = None if asked.scanner is None else parse_position(asked.scanner)
-    thresholds = parse_thresholds(asked.thresholds)
-    settings = MeshSettings(
-        thresholds, asked.threshold, subject, asked.seed, asked.cell, asked.voxel, place, asked.filled,
-        None if asked.capture is None else str(asked.capture),
-    )  # fmt: skip
+    settings = asked.filled_in(
+        MeshSettings,
+        thresholds=parse_thresholds(asked.thresholds),
+        table_threshold=asked.threshold,
+        subject=_subject(asked),
+        scanner=None if asked.scanner is None else parse_position(asked.scanner),
+        capture=None if asked.capture is None else str(asked.capture),
+    )
     report = measure_mesh(asked.mesh, asked.truth, settings)
     page = write_mesh_report(report, asked.out)
     print_report(report, page, mesh_sentences(report), as_json=as_json)
@@ -173,10 +165,8 @@ def validate_cloud(asked: ValidateCloud, *, as_json: bool) -> None:
     from recon.validation.cloud_quality.report import write_cloud_report
     from recon.validation.cloud_quality.sequences import find_compared
 
-    settings = CloudSettings(
-        unit=asked.unit,
-        peak=asked.peak,
-        threshold=asked.threshold,
+    settings = asked.filled_in(
+        CloudSettings,
         sampling=Sampling(asked.density, asked.seed),
         measures=parse_names(asked.measures or ""),
         others=plugin_measures() | program_measures(asked.methods, asked.out / "programs"),
@@ -188,9 +178,8 @@ def validate_cloud(asked: ValidateCloud, *, as_json: bool) -> None:
         dataset=asked.dataset,
         frames=parse_frames(asked.frames),
     )
-    progress = ProgressLine()
-    comparison = measure_clouds(files, settings, progress)
-    progress.close()
+    with ProgressLine() as progress:
+        comparison = measure_clouds(files, settings, progress)
     page = write_cloud_report(comparison, asked.out)
     print_report(comparison.report, page, cloud_sentences(comparison.report), as_json=as_json)
 
@@ -200,18 +189,25 @@ def validate_cloud(asked: ValidateCloud, *, as_json: bool) -> None:
 def validate_films(asked: ValidateFilms, *, as_json: bool) -> None:
     """Compare films with the reference's on the same path: PSNR-Y, SSIM, MS-SSIM, VMAF, flicker, or more by request."""
     from recon.validation.films.evaluation import FilmSettings, measure_films
-    from recon.validation.films.perceptual import parse_display
+    from recon.validation.films.perceptual import Perceptual, parse_display, parse_weights
+    from recon.validation.films.programs import film_programs
     from recon.validation.films.report import write_films_report
 
-    progress = ProgressLine()
-    names = tuple(name for name in asked.measure.replace(" ", "").split(",") if name)
-    settings = FilmSettings(
-        asked.reference, asked.masters, asked.every, asked.workers, names, parse_display(asked.display)
-    )
-    report, films = measure_films(asked.stimulus_set, settings, progress)
-    progress.close()
+    with ProgressLine() as progress:
+        names = tuple(name for name in asked.measure.replace(" ", "").split(",") if name)
+        perceptual = Perceptual(names, parse_display(asked.display), parse_weights(asked.weights or ()))
+        programs = film_programs(asked.methods, asked.out / "programs")
+        settings = FilmSettings(asked.reference, asked.masters, asked.every, asked.workers, perceptual, programs)
+        report, films = measure_films(asked.stimulus_set, settings, progress)
     page = write_films_report(report, films, asked.out)
     print_report(report, page, film_sentences(report), as_json=as_json)
+
+
+def _subject(asked: ValidateSphere | ValidateCuboid | ValidateObject | ValidateMesh) -> Subject:
+    """Say what clouds show, in a study's words."""
+    from recon.validation.measures import Subject
+
+    return Subject(asked.dataset, tuple(asked.approach or ()))
 
 
 def print_report(report: Mapping[str, Any], page: Path, sentences: Sequence[str], *, as_json: bool) -> None:

@@ -4,13 +4,23 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from recon.fusion.views import check_clouds
 from recon.geometry.mesh import Cloud, Mesh, merge_meshes
-from recon.surface import NoSurfaceError, SurfaceParameters, surface_from_cloud, surface_from_clouds, with_voxel
+from recon.surface import (
+    NoSurfaceError,
+    SurfaceParameters,
+    shape_from_clouds,
+    surface_from_clouds,
+    with_small_holes_closed,
+    with_voxel,
+)
 from recon.surface.components import drop_islands
 from recon.surface.outlines import cut
-from recon.surface.vertex_colours import supports
+from recon.surface.vertex_colours import Beside, beside
 
 LEAST_SUPPORT = 0.5  # of what another sensor has there, for a sensor's own layer to stay
 LEAST_ISLAND = 0.02  # of a sensor's faces: what is left in smaller pieces looks like flakes
@@ -30,16 +40,19 @@ def fuse_after(clouds: Sequence[Cloud], parameters: SurfaceParameters = SurfaceP
     A NoSurfaceError says that no cloud supports a surface.
     """
     parameters = _checked(clouds, parameters)
-    seen = [cloud for cloud in clouds if len(cloud)]
+    assert parameters.voxel_mm is not None
+    points = beside([cloud for cloud in clouds if len(cloud)], parameters.voxel_mm)
     surfaces: list[Mesh] = []
     reasons: list[str] = []
+    place = 0  # of the cloud in `points`
     for number, cloud in enumerate(clouds, start=1):
         if not len(cloud):
             continue
         try:
-            surfaces.append(_without_flakes(surface_from_cloud(cloud, parameters), cloud, seen, parameters))
+            surfaces.append(_layer(cloud, points, place, parameters))
         except NoSurfaceError as error:
             reasons.append(f"cloud {number} of {len(clouds)} is left out: {error}")
+        place += 1
     if not surfaces:
         raise NoSurfaceError("; ".join(reasons))
     for reason in reasons:
@@ -47,14 +60,18 @@ def fuse_after(clouds: Sequence[Cloud], parameters: SurfaceParameters = SurfaceP
     return merge_meshes([surface for surface in surfaces if len(surface.faces)])
 
 
-def _without_flakes(mesh: Mesh, cloud: Cloud, clouds: Sequence[Cloud], parameters: SurfaceParameters) -> Mesh:
-    """Cut off of a cloud's surface what another of the clouds supports far better."""
-    others = [other for other in clouds if other is not cloud]
-    if not others:
+def _layer(cloud: Cloud, points: Beside, place: int, parameters: SurfaceParameters) -> Mesh:
+    """Make a cloud's surface, but for what another of the clouds supports far better."""
+    mesh = shape_from_clouds([cloud], parameters)
+    colours, weights = points.gather(mesh.vertices, mesh.normals, mesh.colours, range(place, place + 1))
+    n_before = len(mesh.vertices)
+    mesh = with_small_holes_closed(replace(mesh, colours=colours), parameters)
+    patches = points.gather(mesh.vertices[n_before:], mesh.normals[n_before:], mesh.colours[n_before:])
+    weights = np.concatenate([weights, patches[1]])
+    others = np.delete(weights, place, axis=1)
+    if not others.shape[1]:
         return mesh
-    assert parameters.voxel_mm is not None
-    weights = supports(mesh, [cloud, *others], parameters.voxel_mm)
-    field = weights[:, 0] - LEAST_SUPPORT * weights[:, 1:].max(axis=1)
+    field = weights[:, place] - LEAST_SUPPORT * others.max(axis=1)
     return drop_islands(cut(mesh, field), LEAST_ISLAND * len(mesh.faces))
 
 

@@ -12,89 +12,27 @@ import struct
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.geometry.mesh import Mesh, Texture
 from recon.geometry.srgb import light_of_bytes
 
 GLB_MAGIC, GLB_JSON, GLB_BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942  # glTF 2.0, section 4.4
 GENERATOR = "reconstudy"
 COMPONENTS = {5123: "<u2", 5125: "<u4", 5126: "<f4"}  # section 3.6.2
+COMPONENT_OF = {kind: component for component, kind in COMPONENTS.items()}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-Attribute = tuple[str, NDArray[Any], int, str]  # of vertices: name, values (N,) or (N, C), component, kind
+KINDS = {width: kind for kind, width in WIDTHS.items()}
 FILLED = "_FILLED"  # names that begin so are an application's own, section 3.7.2.1
 METRES_PER_MM = 0.001  # glTF's unit of length is the metre
 
 
-def glb_bytes(
-    vertices: NDArray[np.float32],
-    faces: NDArray[np.int32],
-    normals: NDArray[np.float32],
-    colours: NDArray[np.uint8],
-    filled: NDArray[np.bool_] | None = None,
-) -> bytes:
-    """Encode a mesh with a colour on every vertex as binary glTF 2.0, unlit and visible from both sides.
-
-    Parameters
-    ----------
-    vertices : float32 (N, 3), mm
-    faces : int32 (M, 3)
-    normals : float32 (N, 3), unit length
-    colours : uint8 (N, 3), sRGB
-    filled : bool (N,), as of `Mesh`
-    """
-    return _glb(vertices, faces, normals, [by_colours(colours), *by_filled(filled)])
-
-
-def textured_glb_bytes(
-    vertices: NDArray[np.float32],
-    faces: NDArray[np.int32],
-    normals: NDArray[np.float32],
-    uv: NDArray[np.float32],
-    png: bytes,
-    filled: NDArray[np.bool_] | None = None,
-) -> bytes:
-    """Encode a textured mesh as binary glTF 2.0, unlit and visible from both sides.
-
-    Parameters
-    ----------
-    vertices : float32 (N, 3), mm
-    faces : int32 (M, 3)
-    normals : float32 (N, 3), unit length
-    uv : float32 (N, 2), (0, 0) is the lower left corner of the picture; glTF counts from the upper left one
-    png : the picture, sRGB, which glTF expects in textures
-    filled : bool (N,), as of `Mesh`
-    """
-    return _glb(vertices, faces, normals, [by_places(uv), *by_filled(filled)], png)
-
-
-def by_colours(colours: NDArray[np.uint8]) -> Attribute:
-    """Return the attribute of vertices with colours, uint8 (N, 3), sRGB."""
-    linear = np.full((len(colours), 4), 65535, dtype="<u2")
-    linear[:, :3] = _linear_from_srgb()[colours]
-    return "COLOR_0", linear, 5123, "VEC4"
-
-
-def by_places(uv: NDArray[np.float32]) -> Attribute:
-    """Return the attribute of vertices with places in a picture, float32 (N, 2), counted from its lower left corner."""
-    return "TEXCOORD_0", np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1).astype("<f4"), 5126, "VEC2"
-
-
-def by_filled(filled: NDArray[np.bool_] | None) -> list[Attribute]:
-    """Return the attribute that says which vertices (N,) are filled in; none where nobody knows."""
-    return [] if filled is None else [(FILLED, filled.astype("<f4"), 5126, "SCALAR")]
-
-
-def _glb(
-    vertices: NDArray[np.float32],
-    faces: NDArray[np.int32],
-    normals: NDArray[np.float32],
-    attributes: Sequence[Attribute],
-    png: bytes = b"",
-) -> bytes:
-    """Encode a mesh whose vertices carry linear colours, or places in a picture."""
+def glb_bytes(mesh: Mesh) -> bytes:
+    """Encode a mesh as binary glTF 2.0, unlit and visible from both sides; it holds the texture as PNG."""
     scene = GltfScene()
-    scene.add(vertices, faces, normals, attributes, png)
+    scene.add(mesh)
     document = scene.document([None])
     binary = scene.next_buffer()
     binary += b"\0" * (-len(binary) % 4)
@@ -102,6 +40,11 @@ def _glb(
     text += b" " * (-len(text) % 4)
     chunks = struct.pack("<II", len(text), GLB_JSON) + text + struct.pack("<II", len(binary), GLB_BINARY) + binary
     return struct.pack("<III", GLB_MAGIC, 2, 12 + len(chunks)) + chunks
+
+
+def png_of(texture: Texture) -> bytes:
+    """Return the picture of a texture as PNG."""
+    return bytes(cv2.imencode(".png", texture.pixels[..., ::-1])[1].tobytes())
 
 
 class GltfScene:
@@ -125,39 +68,22 @@ class GltfScene:
         self._done.append(len(binary))
         return binary
 
-    def add(
-        self,
-        vertices: NDArray[np.float32],
-        faces: NDArray[np.int32],
-        normals: NDArray[np.float32],
-        attributes: Sequence[Attribute],
-        png: bytes = b"",
-        uri: str | None = None,
-    ) -> None:
-        """Add a mesh.
-
-        Parameters
-        ----------
-        vertices, faces, normals : float32 (N, 3), mm; int32 (M, 3); float32 (N, 3)
-        attributes : further ones of the vertices
-        png : the picture that belongs into the buffer
-        uri : or its file
-        """
-        named = {}
-        for name, array, component, kind in (
-            ("POSITION", vertices.astype("<f4"), 5126, "VEC3"),
-            ("NORMAL", normals.astype("<f4"), 5126, "VEC3"),
-            *attributes,
-        ):
-            named[name] = self._array(name, array, component, kind, 34962)
-        indices = self._array("indices", faces.astype("<u4").ravel(), 5125, "SCALAR", 34963)
+    def add(self, mesh: Mesh, uri: str | None = None) -> None:
+        """Add a mesh; `uri` names the file of its picture, which else goes into the buffer."""
+        attributes: dict[str, NDArray[Any]] = {"POSITION": mesh.vertices, "NORMAL": mesh.normals}
+        if mesh.texture is None:
+            attributes["COLOR_0"] = np.full((len(mesh.colours), 4), 65535, "<u2")
+            attributes["COLOR_0"][:, :3] = _linear_from_srgb()[mesh.colours]
+        else:
+            attributes["TEXCOORD_0"] = _turned(mesh.texture.uv)
+        if mesh.filled is not None:
+            attributes[FILLED] = mesh.filled.astype("<f4")
+        named = {name: self._array(name, array, 34962) for name, array in attributes.items()}
+        indices = self._array("indices", mesh.faces.astype("<u4").ravel(), 34963)
         surface: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": 1}
-        if png:
-            view = self._view(png)
-            self._images.append({"bufferView": view, "mimeType": "image/png"})
-        elif uri is not None:
-            self._images.append({"uri": uri})
-        if png or uri is not None:
+        if mesh.texture is not None:
+            inside = {"bufferView": self._view(png_of(mesh.texture)), "mimeType": "image/png"} if uri is None else {}
+            self._images.append(inside or {"uri": uri})
             surface["baseColorTexture"] = {"index": len(self._images) - 1}
         number = len(self._meshes)
         primitive = {"attributes": named, "indices": indices, "material": number, "mode": 4}
@@ -176,8 +102,7 @@ class GltfScene:
             times = [0.0] * (number > 0) + [begins] + [ends] * (number < n_meshes - 1)
             shown = [0.0] * (number > 0) + [METRES_PER_MM] + [0.0] * (number < n_meshes - 1)
             scales = np.repeat(np.array(shown, "<f4")[:, None], 3, axis=1)
-            given = self._array("times", np.array(times, "<f4"), 5126, "SCALAR", None)
-            taken = self._array("scales", scales, 5126, "VEC3", None)
+            given, taken = self._array("times", np.array(times, "<f4")), self._array("scales", scales)
             self._samplers.append({"input": given, "output": taken, "interpolation": "STEP"})
             self._channels.append({"sampler": number, "target": {"node": number, "path": "scale"}})
             if number:
@@ -214,8 +139,9 @@ class GltfScene:
             document["animations"] = [{"name": "frames", "channels": self._channels, "samplers": self._samplers}]
         return document
 
-    def _array(self, name: str, array: NDArray[Any], component: int, kind: str, target: int | None) -> int:
+    def _array(self, name: str, array: NDArray[Any], target: int | None = None) -> int:
         view = self._view(array.tobytes(), {} if target is None else {"target": target})
+        component, kind = COMPONENT_OF[array.dtype.newbyteorder("<").str], KINDS[array[:1].size]
         accessor: dict[str, Any] = {"bufferView": view, "componentType": component, "count": len(array), "type": kind}
         if name == "POSITION":
             accessor |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
@@ -233,31 +159,13 @@ class GltfScene:
         return len(self._views) - 1
 
 
-def read_glb(
-    content: bytes,
-) -> tuple[
-    NDArray[np.float32],
-    NDArray[np.int32],
-    NDArray[np.float32],
-    NDArray[np.uint8] | NDArray[np.float32],
-    bytes,
-    NDArray[np.bool_] | None,
-]:
-    """Decode what `glb_bytes` or `textured_glb_bytes` encoded: the files of a run.
-
-    Returns
-    -------
-    vertices : float32 (N, 3), mm
-    faces : int32 (M, 3)
-    normals : float32 (N, 3)
-    colours or uv : uint8 (N, 3), sRGB, or float32 (N, 2) as encoded
-    png : the picture, empty where vertices have colours
-    filled : bool (N,), None where the file does not say
+def read_glb(content: bytes) -> Mesh:
+    """Decode what `glb_bytes` encoded: a mesh of a run.
 
     Raises
     ------
     ValueError
-        If the file is cut off, or was written by another program.
+        If the file is cut off, or was written by another program, or its texture is no PNG.
     """
     try:
         magic, version, length = struct.unpack("<III", content[:12])
@@ -272,17 +180,25 @@ def read_glb(
             start, count = 28 + n_text + view["byteOffset"], accessor["count"] * width
             arrays[name] = np.frombuffer(content, kind, count, start).reshape(-1, width)
         vertices, faces, normals = arrays["POSITION"], arrays["indices"].reshape(-1, 3), arrays["NORMAL"]
+        filled = arrays[FILLED][:, 0] > 0 if FILLED in arrays else None
         if "COLOR_0" in arrays:
-            colouring, png = np.searchsorted(_linear_from_srgb(), arrays["COLOR_0"][:, :3]).astype(np.uint8), b""
-        else:
-            uv, picture = arrays["TEXCOORD_0"], document["bufferViews"][-1]
-            colouring = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1)
-            start = 28 + n_text + picture["byteOffset"]
-            png = content[start : start + picture["byteLength"]]
+            colours = np.searchsorted(_linear_from_srgb(), arrays["COLOR_0"][:, :3]).astype(np.uint8)
+            return Mesh(vertices, faces.astype(np.int32), normals, colours, filled=filled)
+        uv, picture = _turned(arrays["TEXCOORD_0"]), document["bufferViews"][-1]
+        start = 28 + n_text + picture["byteOffset"]
+        png = content[start : start + picture["byteLength"]]
     except (ValueError, KeyError, IndexError, struct.error, TypeError) as error:
         raise ValueError(f"is no whole GLB that reconstudy wrote: {error}; expected a mesh of a run") from error
-    filled = arrays[FILLED][:, 0] > 0 if FILLED in arrays else None
-    return vertices, faces.astype(np.int32), normals, colouring, png, filled
+    pixels = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR_RGB)
+    if pixels is None:
+        raise ValueError("its texture is not readable as PNG")
+    texture = Texture(np.asarray(pixels, np.uint8), uv)
+    return Mesh(vertices, faces.astype(np.int32), normals, texture.at_vertices(), texture, filled)
+
+
+def _turned(uv: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Count places (N, 2) in a picture from its upper left corner instead of its lower left one, or back."""
+    return np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1)
 
 
 def _linear_from_srgb() -> NDArray[np.uint16]:

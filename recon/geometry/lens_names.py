@@ -19,6 +19,7 @@ PERSPECTIVE = (
     "full_opencv",
     "none",
 )
+UNLIKE = ("inverse_brown_conrady", "modified_brown_conrady")  # of RealSense: other formulas, mostly without numbers
 FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "kb4", "kannalabrandt8", "opencv_fisheye")
 
 

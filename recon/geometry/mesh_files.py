@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.geometry.glb import glb_bytes, read_glb, textured_glb_bytes
-from recon.geometry.mesh import Cloud, Mesh, Shape, Texture, face_indices, finite_rows
+from recon.geometry.glb import glb_bytes, png_of, read_glb
+from recon.geometry.mesh import Cloud, Mesh, Shape, face_indices, finite_rows
 from recon.geometry.normals import are_unit, unit_normals
 from recon.geometry.obj import mtl_text, obj_text
 from recon.geometry.ply import (
@@ -27,7 +24,7 @@ from recon.geometry.ply import (
     triangles,
     vector_columns,
 )
-from recon.runtime.files import check_suffix, why_no_file, write_bytes
+from recon.runtime.files import check_suffix, naming, why_no_file, write_bytes
 
 FILLED = "filled"  # a property of vertices, 1 where nothing was measured
 
@@ -86,7 +83,7 @@ def write_mesh(path: Path, mesh: Mesh) -> Path:
     if path.suffix.lower() == ".obj":
         return _write_obj(path, mesh)
     if path.suffix.lower() == ".glb":
-        return write_bytes(path, _glb_of(mesh))
+        return write_bytes(path, glb_bytes(mesh))
     _check_no_texture(path, mesh)
     filled = {} if mesh.filled is None else {FILLED: mesh.filled.astype(np.uint8)}
     return write_bytes(path, ply_bytes(_oriented(mesh.vertices, mesh.normals, mesh.colours) | filled, mesh.faces))
@@ -144,7 +141,7 @@ def read_cloud(path: Path) -> Cloud:
         If the file is missing, empty or damaged, a coordinate is not a number, or points lack normals or colours.
     """
     ply = read_ply(path)
-    with _named(path):
+    with naming(path):
         sigma = point_columns(path, ply, ("sigma",))[:, 0] if "sigma" in ply.columns("vertex") else None
         points, normals, colours = (point_columns(path, ply, names) for names in ("xyz", FLOAT_NORMAL, UINT8_COLOUR))
         return Cloud(points, normals if are_unit(normals) else unit_normals(normals, normals), colours, sigma)
@@ -162,10 +159,12 @@ def read_mesh(path: Path) -> Mesh:
         colours, or faces are missing or no triangles.
     """
     if path.suffix.lower() == ".glb":
-        with _named(path):
-            return _mesh_of_glb(path)
+        with naming(path):
+            if not path.is_file():
+                raise ValueError(why_no_file(path))
+            return read_glb(path.read_bytes())
     ply = read_ply(path)
-    with _named(path):
+    with naming(path):
         points, normals, colours = (point_columns(path, ply, names) for names in ("xyz", FLOAT_NORMAL, UINT8_COLOUR))
         filled = point_columns(path, ply, (FILLED,))[:, 0] > 0 if FILLED in ply.columns("vertex") else None
         return Mesh(points, face_indices(triangles(path, ply), len(points)), normals, colours, filled=filled)
@@ -180,7 +179,7 @@ def read_points(path: Path) -> NDArray[np.float32]:
         If the file is missing, empty or damaged, or a coordinate is not a number.
     """
     ply = read_ply(path)
-    with _named(path):
+    with naming(path):
         return finite_rows(point_columns(path, ply, "xyz"), "points")
 
 
@@ -208,7 +207,7 @@ def read_ply_shape(path: Path) -> Shape:
         If the file is missing, empty or damaged, a coordinate is not a number, or a face is no triangle.
     """
     ply = read_ply(path)
-    with _named(path):
+    with naming(path):
         points = finite_rows(point_columns(path, ply, "xyz"), "points")
         faces = np.zeros((0, 3), np.int32)
         if face_corners(ply) is not None:
@@ -216,19 +215,6 @@ def read_ply_shape(path: Path) -> Shape:
         normals, colours = (optional_columns(path, ply, names) for names in (FLOAT_NORMAL, UINT8_COLOUR))
     has_normals, has_colours = normals is not None and normals.any(), colours is not None and colours.dtype == np.uint8
     return Shape(points, faces, normals if has_normals else None, colours if has_colours else None)
-
-
-def _mesh_of_glb(path: Path) -> Mesh:
-    if not path.is_file():
-        raise ValueError(why_no_file(path))
-    vertices, faces, normals, colours, png, filled = read_glb(path.read_bytes())
-    if not png:
-        return Mesh(vertices, faces, normals, colours.astype(np.uint8), filled=filled)
-    pixels = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR_RGB)
-    if pixels is None:
-        raise ValueError("its texture is not readable as PNG")
-    texture = Texture(np.asarray(pixels, np.uint8), colours.astype(np.float32))
-    return Mesh(vertices, faces, normals, texture.at_vertices(), texture, filled)
 
 
 def _check_points(path: Path, points: NDArray[np.floating]) -> None:
@@ -253,13 +239,6 @@ def _oriented(
     return vector_columns("xyz", points) | vector_columns(FLOAT_NORMAL, normals) | vector_columns(UINT8_COLOUR, colours)
 
 
-def _glb_of(mesh: Mesh) -> bytes:
-    if mesh.texture is None:
-        return glb_bytes(mesh.vertices, mesh.faces, mesh.normals, mesh.colours, mesh.filled)
-    uv, png = mesh.texture.uv, png_of(mesh.texture)
-    return textured_glb_bytes(mesh.vertices, mesh.faces, mesh.normals, uv, png, mesh.filled)
-
-
 def _write_obj(path: Path, mesh: Mesh) -> Path:
     """Write the picture and the material first: an OBJ that exists has both."""
     if mesh.texture is None:
@@ -270,19 +249,3 @@ def _write_obj(path: Path, mesh: Mesh) -> Path:
     write_bytes(material, mtl_text(picture.name).encode())
     text = obj_text(mesh.vertices, mesh.faces, mesh.normals, mesh.texture.uv, material.name)
     return write_bytes(path, text.encode())
-
-
-def png_of(texture: Texture) -> bytes:
-    """Return the picture of a texture as PNG."""
-    return bytes(cv2.imencode(".png", texture.pixels[..., ::-1])[1].tobytes())
-
-
-@contextmanager
-def _named(path: Path) -> Iterator[None]:
-    """Begin the sentence of a ValueError with the file's path."""
-    try:
-        yield
-    except ValueError as error:
-        if str(error).startswith(str(path)):
-            raise
-        raise ValueError(f"{path}: {error}") from error

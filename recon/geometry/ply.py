@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from recon.geometry.ply_elements import Elements, Lists, read_elements
 from recon.geometry.polygons import cut_polygons
-from recon.runtime.files import refused, why_no_file
+from recon.runtime.files import naming, refused, why_no_file
 
 FLOAT_NORMAL = ("nx", "ny", "nz")
 UINT8_COLOUR = ("red", "green", "blue")
@@ -105,10 +105,8 @@ def point_columns(path: Path, ply: Elements, names: Sequence[str]) -> NDArray[An
     missing = [name for name in names if name not in ply.columns("vertex")]
     if missing:
         raise ValueError(f"{path}: its points have no {', '.join(missing)}")
-    try:
+    with naming(path):
         return number_columns(ply, "vertex", names)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
 
 
 def optional_columns(path: Path, ply: Elements, *choices: Sequence[str]) -> NDArray[Any] | None:

@@ -1,4 +1,4 @@
-"""A methods file: TOML with a table for each method, ``[depth.NAME]``, ``[fusion.NAME]`` or ``[measure.NAME]``.
+"""A methods file: TOML with tables ``[depth.NAME]``, ``[fusion.NAME]``, ``[measure.NAME]`` and ``[film.NAME]``.
 
 This reads the file, and checks its names and the types of its values. What the tables of a kind mean is known where
 that kind of method is run: ``read_tables(path, "measure", taken)`` gives those of measures.
@@ -15,12 +15,13 @@ from typing import Any, TypeVar
 
 from ground.dataclass_models import built
 from recon.methods.approaches import check_method_name
+from recon.runtime.files import naming
 from recon.runtime.programs import Program
 
 Built = TypeVar("Built")
 AProgram = TypeVar("AProgram", bound=Program)
 
-METHOD_KINDS = ("depth", "fusion", "measure")
+METHOD_KINDS = ("depth", "fusion", "measure", "film")
 
 
 @dataclass(frozen=True)
@@ -112,10 +113,8 @@ def read_tables(path: Path | None, kind: str, taken: Collection[str]) -> dict[st
         place = f"{path}: [{kind}.{name}]"
         if name in taken:
             raise ValueError(f"{place}: there is a {kind} {name} already; choose another name")
-        try:
+        with naming(place):
             check_method_name(name)
-        except ValueError as error:
-            raise ValueError(f"{place}: {error}") from error
         tables[name] = Table(place, _table(table, place), path.resolve().parent)
     return tables
 

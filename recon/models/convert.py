@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from recon.geometry.glb import GltfScene, by_colours, by_places
+from recon.geometry.glb import GltfScene, png_of
 from recon.geometry.mesh import Discs, Mesh, Model
-from recon.geometry.mesh_files import png_of, write_cloud, write_mesh
+from recon.geometry.mesh_files import write_cloud, write_mesh
 from recon.models.folder import frames_in
 from recon.models.read import GLTF_SUFFIXES, Placement, ReadModel, read_model
 from recon.models.shape import GLTF_MM
@@ -70,11 +70,9 @@ def write_sequence(out: Path, folder: Path, fps: float, progress: Progress) -> i
             if not isinstance(mesh, Mesh):
                 raise ValueError(f"{path}: holds no faces; a sequence is one of meshes")
             picture = f"{number:04d}.png"
-            if mesh.texture is None:
-                scene.add(mesh.vertices, mesh.faces, mesh.normals, [by_colours(mesh.colours)])
-            else:
+            if mesh.texture is not None:
                 write_bytes(made / picture, png_of(mesh.texture))
-                scene.add(mesh.vertices, mesh.faces, mesh.normals, [by_places(mesh.texture.uv)], uri=picture)
+            scene.add(mesh, uri=picture)
             write_bytes(made / f"{number:04d}.bin", scene.next_buffer())
             progress("frames", number + 1, len(paths))
         scene.show_in_turn(fps)

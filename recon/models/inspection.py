@@ -22,6 +22,7 @@ GRID = 5  # points to a side of a model's box that a camera may see
 SEEN_OPACITY = 0.1
 STRAYS = (2, 98)  # percentiles of the coordinates of splats; strays lie beyond
 WATCHED = 20  # cameras of a path that are asked
+LOWEST_SHARE = 0.002  # of a model's points that may hang below the place where it stands, as specks do
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,19 @@ def inspect_model(path: Path, placement: Placement) -> Facts:
         return Facts(problem=f"{path}: all its points are in one place")
     bounds = (tuple(low.tolist()), tuple(high.tolist()))
     return Facts(model.digest, bounds, isinstance(model.model, Discs), model.warnings, n_bytes=model.n_bytes)
+
+
+def standing_height(model: Model, bounds: NDArray[np.float64]) -> float | None:
+    """Return the height at which a model stands, mm: that of its lowest points but a few; None outside the bounds.
+
+    Parameters
+    ----------
+    model : in the world
+    bounds : float64 (2, 3), mm, of the scene
+    """
+    points = _points(model)
+    heights = points[((points >= bounds[0]) & (points <= bounds[1])).all(axis=1), 1]
+    return float(np.quantile(heights, LOWEST_SHARE)) if len(heights) else None
 
 
 def union(facts: Sequence[Facts]) -> NDArray[np.float64]:
@@ -139,12 +153,18 @@ def is_seen(facts: Facts, cameras: Sequence[Camera]) -> bool:
 
 def _box(model: Model) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the lowest and the highest corner; of splats, those of most that are seen, as some always fly far off."""
+    points = _points(model)
     if isinstance(model, Splats):
-        seen = model.centres[model.opacities >= min(SEEN_OPACITY, float(model.opacities.max()))]
-        low, high = np.percentile(seen, STRAYS, axis=0)
+        low, high = np.percentile(points, STRAYS, axis=0)
         return low, high
-    points = model.cloud.points if isinstance(model, Discs) else model.vertices
     return points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
+
+
+def _points(model: Model) -> NDArray[np.float32]:
+    """Return the places of a model's vertices, points, or splats that are seen, float32 (N, 3)."""
+    if isinstance(model, Splats):
+        return model.centres[model.opacities >= min(SEEN_OPACITY, float(model.opacities.max()))]
+    return model.cloud.points if isinstance(model, Discs) else model.vertices
 
 
 def _is_apart(box: NDArray[np.float64], bounds: NDArray[np.float64]) -> bool:

@@ -22,7 +22,7 @@ from recon.models.scans import read_e57_model, read_las_model, read_pcd_model
 from recon.models.splats.read import SPLAT_READERS, holds_splats, read_with_warnings
 from recon.models.stl_model import read_off_model, read_stl_model
 from recon.runtime.artefacts import file_digest
-from recon.runtime.files import refused, why_no_file
+from recon.runtime.files import naming, refused, why_no_file
 
 Reader = Callable[[Path, VertexColours | None], Contents]
 GLTF_SUFFIXES = (".glb", ".gltf")
@@ -104,7 +104,7 @@ def read_model(path: Path, placement: Placement) -> ReadModel:
     if holds_splats(path):
         return _placed_splats(path, placement)
     contents = read_contents(path, placement.vertex_colours)
-    try:
+    with naming(path):
         parts = [part for part in contents.parts if len(part.faces)]
         if parts:
             if len(parts) < len(contents.parts):
@@ -113,8 +113,6 @@ def read_model(path: Path, placement: Placement) -> ReadModel:
         else:
             clouds = [_placed(part, placement) for part in contents.parts if len(part.vertices)]
             model = _discs(clouds, contents, placement.splat_mm)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
     return ReadModel(model, _digest(contents.files), tuple(contents.warnings), _size(contents.files))
 
 

@@ -32,6 +32,7 @@ PARTS = ".parts"
 LARGEST_SIDE = 16384  # pixels, which x264 takes
 WHERE = ("workers", "cluster", "device")  # options that say where work runs, not what is made
 LIGHTS = ("studio", "flat")
+FLOORS = ("model", "bounds")
 LOOPS = ("repeat", "bounce", "static")
 
 
@@ -44,6 +45,7 @@ class RenderOptions:
     size : (width, height), pixels, both even
     fps, seconds : of the videos
     background : the name of an artificial background
+    floor : "model" for where the models of a scene stand, "bounds" for the bottom of its bounds, or a height in mm
     light : "studio", or "flat": meshes and clouds have the colours that they bring, as splats always do
     path : a kind of `camera_path`, or the file of one (see `recon.render.path_file`)
     loop : "repeat" starts a recording again where it ends, "bounce" plays it back and forth, "static" shows its
@@ -59,6 +61,7 @@ class RenderOptions:
     fps: float = 25.0
     seconds: float = 15.0
     background: str = "studio"
+    floor: str | float = "model"
     light: str = "studio"
     path: str | Path = "auto"
     loop: str = "bounce"
@@ -77,6 +80,8 @@ class RenderOptions:
             if not 0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} is {getattr(self, name):g}, expected a number above 0")
         check_background(self.background)
+        if not (self.floor in FLOORS or (isinstance(self.floor, float) and math.isfinite(self.floor))):
+            raise ValueError(f"floor is {self.floor!r}, expected {', '.join(FLOORS)}, or a height in mm")
         if self.light not in LIGHTS:
             raise ValueError(f"light is {self.light!r}, expected one of {', '.join(LIGHTS)}")
         for loop in (self.loop, *self.loops.values()):
@@ -168,6 +173,11 @@ class Film:
         assert self.setting.bounds is not None, "they are known once the models were read"
         return self.setting.bounds
 
+    @property
+    def floor_y(self) -> float:
+        """Height of the floor of the scene, mm."""
+        return float(self.bounds[0, 1]) if self.setting.floor_y is None else self.setting.floor_y
+
     def cameras(self) -> tuple[Camera, ...]:
         """Place a camera for each frame, the same for every approach of the scene."""
         return self.setting.cameras(self.options.path, self.options.n_frames, self.options.size)
@@ -182,12 +192,13 @@ class Film:
 
     def key(self) -> dict[str, Any]:
         """Describe what the video is made from."""
-        sequence, left_out = self.sequence, (*WHERE, "path", "loop", "loops")
+        sequence, left_out = self.sequence, (*WHERE, "path", "loop", "loops", "floor")
         return {
             "models": sequence.digests[: self.n_models],
             "placement": None if sequence.placement is None else asdict(sequence.placement),
             "shown": self.shown,
             "bounds": self.bounds.tolist(),
+            "floor": self.floor_y,
             "rig": [camera_key(camera) for camera in self.cameras()],
             "options": {name: value for name, value in asdict(self.options).items() if name not in left_out},
             "code": code_version("render", "models", "geometry", "pipeline/film.py", "pipeline/sources.py"),
@@ -233,7 +244,7 @@ def make_part(film: Film, out: Path, part: range, *, threads: int) -> tuple[int,
 
     def write(paths: list[Path]) -> None:
         cameras = film.cameras()
-        scene = scene_around(film.bounds, cameras, film.options.background)
+        scene = scene_around(film.bounds, cameras, film.options.background, floor_y=film.floor_y)
         if film.options.light == "flat":
             scene = without_light(scene)
         shown = film.shown

@@ -6,15 +6,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from statistics import median_low
 
 import numpy as np
+from numpy.typing import NDArray
 
-from recon.models.inspection import Facts, check_sizes, is_seen, union
+from recon.capture.recording import evenly_chosen
+from recon.models.inspection import Facts, check_sizes, is_seen, standing_height, union
 from recon.pipeline.film import Film, RenderOptions, path_name
 from recon.pipeline.keys import camera_key
 from recon.pipeline.sources import ModelSequence, Setting, Source, inspect_file, raise_problems
 from recon.runtime.remote import address_of
 from recon.runtime.workers import Pool, Progress
+
+MOST_STANDING = 3  # models of an approach that say where it stands
 
 
 def check_loops(sources: Sequence[Source], options: RenderOptions) -> None:
@@ -101,14 +106,41 @@ def planned_films(
         problems, warnings = problems + faults, warnings + remarks
         if not faults:
             bounds = union(list(_foreign(of_scene, facts).values())) if bounds is None else bounds
+            floor_y = _floor([_with_digests(item, facts) for item in of_scene], bounds, options, pool)
             setting, *others = (
-                replace(each, bounds=bounds if each.bounds is None else each.bounds) for each in settings
+                replace(each, bounds=bounds if each.bounds is None else each.bounds, floor_y=floor_y)
+                for each in settings
             )
             films += [Film(_with_digests(item, facts), setting, options) for item in of_scene]
             problems += [fault for other in others for fault in _differing(dataset, setting, other, options)]
             problems += _unseen(films[-1], _foreign(of_scene, facts))
     raise_problems(problems)
     return films, warnings
+
+
+def _floor(
+    sequences: Sequence[ModelSequence], bounds: NDArray[np.float64], options: RenderOptions, pool: Pool
+) -> float | None:
+    """Return the height of a scene's floor, mm, one for all approaches; None for the bottom of the bounds.
+
+    Each approach stands where the lowest of some of its models does, and the floor lies in the middle of these.
+    """
+    if options.floor != "model":
+        return None if options.floor == "bounds" else float(options.floor)
+    tasks = [
+        partial(_standing, item, index, bounds)
+        for item in sequences
+        for index in evenly_chosen(len(item.files), MOST_STANDING)
+    ]
+    heights: dict[str, list[float]] = {}
+    for approach, height in pool.run(tasks):
+        if height is not None:
+            heights.setdefault(approach, []).append(height)
+    return round(median_low(map(min, heights.values())), 1) if heights else None
+
+
+def _standing(item: ModelSequence, index: int, bounds: NDArray[np.float64]) -> tuple[str, float | None]:
+    return item.approach, standing_height(item.read(index), bounds)
 
 
 def _inspect(sequences: Sequence[ModelSequence], pool: Pool, progress: Progress) -> dict[Path, Facts]:
@@ -189,7 +221,7 @@ def _differing(dataset: str, setting: Setting, other: Setting, options: RenderOp
         )
     elif not np.array_equal(setting.bounds, other.bounds):
         yield (
-            f"{dataset}: {setting.source} and {other.source} differ in bounds, so their floor and light would differ; "
+            f"{dataset}: {setting.source} and {other.source} differ in bounds, so their light would differ; "
             "give both the same bounds"
         )
 

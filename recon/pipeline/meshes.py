@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -30,25 +31,74 @@ from recon.runtime.programs import ProgramError
 from recon.runtime.remote import fetched
 from recon.surface import NoSurfaceError
 from recon.surface.colours import SensorColours, balance_colours
-from recon.surface.outlines import read_sights, with_outlines
+from recon.surface.outlines import Sight, believed, drop_outside, follow_masks, read_sights
 from recon.surface.photographs import read_photographs
-from recon.surface.vertex_colours import supports
+from recon.surface.vertex_colours import Beside, beside, supports
 
 Fused = tuple[Mesh, list[str]]  # and a sentence on each cloud that was left out
 
 
-def make_mesh(job: Job, approach: Approach, frame: int) -> list[str]:
-    """Fuse the clouds of all sensors into one mesh.
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """What the sensors measured of a frame by a depth method, ready to be fused in any order.
+
+    Parameters
+    ----------
+    measured : one per sensor, made to agree, each as bright as the others
+    filled : what fills the holes, one per sensor; none where holes stay
+    sights : of the sensors, if outlines follow their masks; else none
+    voxel_mm : of the surface
+    reach_mm : how far beside a mask a place may lie
+    reasons : a sentence for each sensor whose masks are not believed
+    """
+
+    measured: list[Cloud]
+    filled: list[Cloud]
+    sights: list[Sight]
+    voxel_mm: float
+    reach_mm: float
+    reasons: list[str]
+
+    @cached_property
+    def inside(self) -> list[Cloud]:
+        """What was measured inside all masks."""
+        return drop_outside(self.sights, self.reach_mm)
+
+    @cached_property
+    def points(self) -> Beside:
+        """What was measured, and what fills the holes, to tell which of them a vertex has beside it."""
+        clouds = (merge_clouds([cloud for cloud in kind if len(cloud)]) for kind in (self.measured, self.filled))
+        return beside(list(clouds), self.voxel_mm)
+
+    def marked(self, mesh: Mesh) -> Mesh:
+        """Mark the vertices beside which more was filled than measured."""
+        holes = [cloud for cloud in self.filled if len(cloud)]
+        if not holes:
+            return mesh
+        near = np.flatnonzero(supports(mesh, [merge_clouds(holes)], self.voxel_mm)[:, 0])
+        of_seen, of_holes = self.points.gather(mesh.vertices[near], mesh.normals[near], mesh.colours[near])[1].T
+        filled = np.zeros(len(mesh.vertices), bool)
+        filled[near] = of_holes > of_seen
+        return replace(mesh, filled=filled)
+
+
+def make_meshes(job: Job, approaches: Sequence[Approach], frame: int) -> list[str]:
+    """Fuse the clouds of all sensors into one mesh for each approach; what these share is made once.
 
     Parameters
     ----------
     job : whose clouds are finished, and whose colours are compared if they are to be balanced
-    approach, frame : which clouds, and how to fuse them
+    approaches, frame : how to fuse the clouds, all of one depth method, and which clouds
     """
+    prepared = cache(partial(_prepared, job, approaches[0].depth, frame))
+    return [name for approach in approaches for name in _make_mesh(job, approach, frame, prepared)]
+
+
+def _make_mesh(job: Job, approach: Approach, frame: int, prepared: Callable[[], Prepared]) -> list[str]:
     options, fusion = job.options, job.options.methods.fusion[approach.fusion]
-    names, surface = job.clouds(approach.depth, frame), job.surface(approach.depth)
+    surface = job.surface(approach.depth)
     key = {
-        "clouds": job.artefacts.digests(names),
+        "clouds": job.artefacts.digests(job.clouds(approach.depth, frame)),
         "colours": job.artefacts.digest(COLOURS_NAME) if options.balance_colours else None,
         "fusion": fusion_key(fusion, surface),
         "outlines": _outlines_key(job, approach.depth, frame) if options.outlines else None,
@@ -59,33 +109,33 @@ def make_mesh(job: Job, approach: Approach, frame: int) -> list[str]:
     folder = fusion_folder(str(approach), frame)
 
     def write(path: Path) -> list[str]:
-        measured, filled = _prepared(job, approach.depth, frame, read_clouds(job.artefacts, names))
+        sensors = prepared()
 
-        def made_of(sensors: Sequence[Cloud]) -> Fused:
+        def made_of(inside: Sequence[Cloud]) -> Fused:
             views = None
             if needs_views(fusion):
                 cameras = [view.left for view in _rectifications(job, approach.depth, frame)]
-                views = [view_of_cloud(cloud, camera) for cloud, camera in zip(sensors, cameras, strict=True)]
-            wholes = [_merged(*clouds) for clouds in zip(sensors, filled, strict=True)] if filled else sensors
+                views = [view_of_cloud(cloud, camera) for cloud, camera in zip(inside, cameras, strict=True)]
+            filled = sensors.filled
+            wholes = [_merged(*clouds) for clouds in zip(inside, filled, strict=True)] if filled else inside
             return fuse(fusion, wholes, surface, views=views, folder=job.artefacts.folder / folder)
 
         try:
-            mesh, left_out = _outlined(job, approach.depth, frame, measured, made_of)
+            mesh, left_out = _outlined(sensors, made_of)
         except NoSurfaceError as error:
             raise NoSurfaceError(f"{approach}: frame {frame} has no model: {error}") from error
         except (ProgramError, PluginError) as error:
             store_program_log(job, folder)
             raise type(error)(f"{approach}: frame {frame}: {error}") from error
-        assert surface.voxel_mm is not None
-        write_mesh(path, _marked(mesh, measured, filled, surface.voxel_mm))
+        write_mesh(path, sensors.marked(mesh))
         return [f"{approach}: frame {frame}: {reason}" for reason in left_out]
 
     return job.artefacts.make(mesh_name(str(approach), frame), key, write)
 
 
-def _prepared(job: Job, method: str, frame: int, clouds: list[Cloud]) -> tuple[list[Cloud], list[Cloud]]:
-    """Return what the sensors measured, made to agree, and what fills its holes, each one cloud per sensor or none."""
-    options, filled = job.options, []
+def _prepared(job: Job, method: str, frame: int) -> Prepared:
+    options = job.options
+    clouds, filled = read_clouds(job.artefacts, job.clouds(method, frame)), []
     if options.agreement:
         clouds = agreed(clouds, [view.left for view in _rectifications(job, method, frame)])
     if options.fill_px:
@@ -95,37 +145,32 @@ def _prepared(job: Job, method: str, frame: int, clouds: list[Cloud]) -> tuple[l
     if options.balance_colours:
         colours = _colours(job, method)
         clouds, filled = balance_colours(clouds, colours), balance_colours(filled, colours) if filled else []
-    return clouds, filled
+    sights: list[Sight] = []
+    reasons: list[str] = []
+    if options.outlines:
+        sights = read_sights(job.capture, job.capture.sensors_for(method), clouds, frame)
+        sights, reasons = believed(sights, job.step_mm)
+    voxel = job.surface(method).voxel_mm
+    assert voxel is not None
+    return Prepared(clouds, filled, sights, voxel, job.step_mm, reasons)
 
 
 def _merged(measured: Cloud, filled: Cloud) -> Cloud:
     return merge_clouds([measured, filled]) if len(filled) else measured
 
 
-def _marked(mesh: Mesh, measured: Sequence[Cloud], filled: Sequence[Cloud], voxel: float) -> Mesh:
-    """Mark the vertices beside which more was filled than measured."""
-    holes = [cloud for cloud in filled if len(cloud)]
-    if not holes:
-        return mesh
-    seen = merge_clouds([cloud for cloud in measured if len(cloud)])
-    of_seen, of_holes = supports(mesh, [seen, merge_clouds(holes)], voxel).T
-    return replace(mesh, filled=of_holes > of_seen)
-
-
-def _outlined(
-    job: Job, method: str, frame: int, measured: Sequence[Cloud], made_of: Callable[[Sequence[Cloud]], Fused]
-) -> Fused:
+def _outlined(sensors: Prepared, made_of: Callable[[Sequence[Cloud]], Fused]) -> Fused:
     """Make a mesh of what was measured; where outlines are asked for, they follow the masks."""
-    if not job.options.outlines:
-        return made_of(measured)
-    sights = read_sights(job.capture, job.capture.sensors_for(method), measured, frame)
-    mesh, left_out = with_outlines(sights, job.step_mm, made_of)
+    if not sensors.sights:
+        return made_of(sensors.measured)
+    mesh, left_out = made_of(sensors.inside)
+    mesh = follow_masks(mesh, sensors.sights, sensors.reach_mm)
     if not len(mesh.faces):
         raise NoSurfaceError(
             "nothing of its surface lies inside the sensors' masks; expected coordinates of the clouds, in mm, and "
             "masks that are white on the object"
         )
-    return mesh, left_out
+    return mesh, [*left_out, *sensors.reasons]
 
 
 def _outlines_key(job: Job, method: str, frame: int) -> dict[str, Any]:

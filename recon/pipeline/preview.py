@@ -18,6 +18,7 @@ from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import read_mesh
 from recon.geometry.rig import Camera
 from recon.methods.approaches import parse_approach
+from recon.models.inspection import standing_height
 from recon.pipeline.run import Run, View, mesh_name, read_clouds, recorded_in
 from recon.render.camera_path import camera_path
 from recon.render.frames import render_frames
@@ -128,8 +129,9 @@ def _depth(run: Run, method: str, frame: int) -> NDArray[np.uint8]:
 
 def _model(run: Run, approach: str, frame: int, background: str) -> NDArray[np.uint8]:
     cameras = _cameras(run)
-    scene = scene_around(run.capture.bounds, cameras, background)
     mesh = read_mesh(run.artefacts.path(mesh_name(approach, run.shown_in(approach, frame))))
+    bounds = run.capture.bounds
+    scene = scene_around(bounds, cameras, background, floor_y=standing_height(mesh, bounds))
     return next(render_frames([mesh], [cameras[VIEW]], scene, renderer="software"))
 
 

@@ -24,10 +24,10 @@ from recon.capture.images import read_stored_image
 from recon.depth import CPU, StereoPair, check_device
 from recon.depth.disparity_io import check_suffix, write_disparity
 from recon.geometry.mesh import Cloud, Mesh
-from recon.methods.approaches import VERTICES
+from recon.methods.approaches import VERTICES, Approach
 from recon.pipeline.film import WHERE
 from recon.pipeline.job import Job, ReconstructOptions, planned_job, with_voxels
-from recon.pipeline.meshes import make_mesh
+from recon.pipeline.meshes import make_meshes
 from recon.pipeline.methods import Methods, depth_key, fuse, fusion_key, match, with_limit
 from recon.pipeline.preview import make_preview
 from recon.pipeline.run import (
@@ -50,7 +50,7 @@ from recon.pipeline.stages import (
     match_stretch,
     measure_rows,
 )
-from recon.pipeline.textures import compare_photographs, make_textured
+from recon.pipeline.textures import compare_photographs, make_textures
 from recon.render.camera_path import NoPathError
 from recon.runtime.artefacts import Artefacts
 from recon.runtime.files import alone_in, check_not_read, remove_leftovers
@@ -203,10 +203,10 @@ def _made(job: Job, progress: Progress) -> dict[str, Any]:
         job = with_voxels(job)
         if options.balance_colours:
             make("colours", [partial(compare_colours, job)])
-        make("meshes", [partial(make_mesh, job, *surface) for surface in job.surfaces])
+        make("meshes", [partial(make_meshes, job, *each) for each in _grouped(job.surfaces, by_depth=True)])
         if pictured := [model for model in models if model[0].colour != VERTICES]:
             make("exposures", [partial(compare_photographs, job)])
-            make("textures", [partial(make_textured, job, *model) for model in pictured])
+            make("textures", [partial(make_textures, job, *each) for each in _grouped(pictured)])
         remove_leftovers(run)  # of workers that were lost
     names = tuple(dict.fromkeys(str(approach) for approach, _ in models))
     recording = address_from(run, job.capture.folder)
@@ -220,6 +220,14 @@ def _made(job: Job, progress: Progress) -> dict[str, Any]:
     except NoPathError as error:
         warnings.append(f"no preview was drawn: {error}")
     return write_run(finished, options=_described(job), timings=timings, warnings=warnings)
+
+
+def _grouped(models: Sequence[tuple[Approach, int]], *, by_depth: bool = False) -> list[tuple[list[Approach], int]]:
+    """Group models that share what they are made of: those of a frame, or of a frame by the same depth method."""
+    groups: dict[tuple[int, str], list[Approach]] = {}
+    for approach, frame in models:
+        groups.setdefault((frame, approach.depth if by_depth else ""), []).append(approach)
+    return [(approaches, frame) for (frame, _), approaches in groups.items()]
 
 
 @contextmanager

@@ -63,7 +63,8 @@ def render(
         with alone_in(out):
             paths = {film.dataset: make_path(film, out) for film in {film.dataset: film for film in films}.values()}
             stimuli = _make_films(films, out, pool, progress)
-            told = {"paths": paths, "warnings": [*warnings, *scenes_apart(sources, practice)]}
+            floors = {film.dataset: film.floor_y for film in films}
+            told = {"paths": paths, "floors": floors, "warnings": [*warnings, *scenes_apart(sources, practice)]}
             provenance = _provenance(sources, films, options) | told
             return write_manifest(out, out.name, stimuli, provenance, practice=practice)
 

@@ -82,6 +82,7 @@ class Setting:
     bounds : float64 (2, 3), mm; None as long as they follow from models that were not read
     rig : sensors that the camera passes; None for an orbit or a file
     orbit, file : what it follows instead of sensors
+    floor_y : height of the floor, mm; None for the bottom of the bounds
     """
 
     source: str
@@ -89,6 +90,7 @@ class Setting:
     rig: Rig | None = None
     orbit: Orbit | None = None
     file: Path | None = None
+    floor_y: float | None = None
 
     def cameras(self, path: str | Path, n_frames: int, size: tuple[int, int]) -> tuple[Camera, ...]:
         """Place a camera for each frame.

@@ -1,10 +1,10 @@
-"""From models and cameras to pictures, by one of two renderers: the stage between model and video."""
+"""From models and cameras to pictures, by one of the renderers: the stage between model and video."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from functools import partial
 from itertools import count
 from pathlib import Path
 
@@ -18,25 +18,32 @@ from recon.render.backdrop import backdrop, floor_shade
 from recon.render.cut import are_all_drawn, cut_before
 from recon.render.discs import draw_discs
 from recon.render.gaussians.draw import draw_splats
+from recon.render.gaussians.gpu import draw_splats_by_gsplat, gsplat_device
 from recon.render.light import lit
 from recon.render.offscreen import NoRendererError, is_hardware, pyrender_frames, working_platform
 from recon.render.rasterise import draw_model
 from recon.render.scene import LitDiscs, LitMesh, Scene, Shot, transformed
 from recon.render.texture import NO_MIPMAPS, mipmaps
+from recon.runtime.files import naming
 
 GPU_DEVICES = ("/dev/dri", "/dev/nvidia0", "/dev/dxg")  # one of them exists wherever OpenGL has a GPU on Linux
 
 Renderer = Callable[[Iterable[Shot]], Iterator[NDArray[np.uint8]]]
 
 
-def software_frames(shots: Iterable[Shot]) -> Iterator[NDArray[np.uint8]]:
-    """Draw shots by the rasteriser of this package, four samples a pixel; yields uint8 (H, W, 3), sRGB."""
+def software_frames(shots: Iterable[Shot], *, over: Callable[..., None] = draw_splats) -> Iterator[NDArray[np.uint8]]:
+    """Draw shots by the rasteriser of this package, four samples a pixel, and splats by `over`.
+
+    Yields
+    ------
+    uint8 (H, W, 3), sRGB
+    """
     drawn: LitMesh | None = None
     texture = NO_MIPMAPS
     for shot in shots:
         model = shot.model
         if isinstance(model, Splats):
-            draw_splats(shot.picture, model, shot.camera, threads=shot.threads)
+            over(shot.picture, model, shot.camera, threads=shot.threads)
             yield shot.picture
             continue
         projected = _projected(model.vertices, shot.camera)
@@ -50,12 +57,16 @@ def software_frames(shots: Iterable[Shot]) -> Iterator[NDArray[np.uint8]]:
             if not are_all_drawn(projected):
                 vertices, faces, (front, back, uv) = cut_before(shot.camera, model.vertices, faces, (front, back, uv))
                 projected = _projected(vertices, shot.camera)
-            placed = replace(texture, uv=uv)
+            placed = texture._replace(uv=uv)
             draw_model(shot.picture, projected, faces, front, back, texture=placed, threads=shot.threads)
         yield shot.picture
 
 
-RENDERERS: dict[str, Renderer] = {"pyrender": pyrender_frames, "software": software_frames}
+RENDERERS: dict[str, Renderer] = {
+    "pyrender": pyrender_frames,
+    "software": software_frames,
+    "gsplat": partial(software_frames, over=draw_splats_by_gsplat),
+}
 
 
 def render_frames(
@@ -73,7 +84,8 @@ def render_frames(
     meshes : the model of each frame in turn, or a function of the frame's number; the same object again is not lit anew
     cameras : one a frame, without distortion
     scene : as `scene_around` made it for the whole path, also where `cameras` are a part of it
-    renderer : a name in `RENDERERS`, or "auto" (see `choose_renderer`); splats are drawn alike by all
+    renderer : a name in `RENDERERS`, or "auto" (see `choose_renderer`); splats are drawn alike by all, up to one grey
+        level by gsplat
     threads : how many threads the software renderer uses; its pictures do not depend on it
 
     Yields
@@ -126,7 +138,7 @@ def choose_renderer(wanted: str = "auto") -> str:
     ValueError
         If there is no such renderer.
     NoRendererError
-        If pyrender was asked for and cannot draw here.
+        If pyrender or gsplat was asked for and cannot draw here.
     """
     if wanted == "auto":
         return "pyrender" if _has_gpu() else "software"
@@ -134,11 +146,18 @@ def choose_renderer(wanted: str = "auto") -> str:
         raise ValueError(f"there is no renderer {wanted!r}; expected auto or one of {', '.join(RENDERERS)}")
     if wanted == "pyrender":
         working_platform()
+    if wanted == "gsplat" and not gsplat_device():
+        raise NoRendererError(
+            "gsplat cannot draw here: expected the packages torch and gsplat (pip install reconstudy[gpu]) and an "
+            "NVIDIA GPU; the software renderer draws splats without"
+        )
     return wanted
 
 
 def describe_renderer(name: str) -> str:
     """Name a renderer with the platform and driver that it draws on, for a manifest."""
+    if name == "gsplat":
+        return f"software; splats by gsplat {gsplat_device()}"
     return f"pyrender ({', '.join(working_platform())})" if name == "pyrender" else name
 
 
@@ -159,10 +178,8 @@ def _shots(
         if model is None:
             raise ValueError(f"the meshes ended after {frame} of {len(cameras)} frames")
         if model is not last:
-            try:
+            with naming(f"frame {frame}"):
                 shown = lit(model, scene)
-            except ValueError as error:
-                raise ValueError(f"frame {frame}: {error}") from error
             shade, last = floor_shade(model, scene), model
         yield Shot(shown, camera, backdrop(scene, camera, shade, threads=threads), threads)
 

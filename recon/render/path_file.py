@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.rig import OPENGL, Camera
-from recon.runtime.files import read_json, write_json
+from recon.runtime.files import naming, read_json, write_json
 from recon.runtime.remote import address_of, fetched
 
 FIXED = {
@@ -66,10 +66,8 @@ def read_path(file: Path, n_frames: int, size: tuple[int, int]) -> tuple[Camera,
         If a key is missing or wrong, or the file is for a film of another length or shape.
     """
     content = read_json(fetched(file))
-    try:
+    with naming(address_of(file)):
         return _cameras(content, n_frames, size)
-    except ValueError as error:
-        raise ValueError(f"{address_of(file)}: {error}") from error
 
 
 def _described(camera: Camera) -> dict[str, Any]:
@@ -96,10 +94,8 @@ def _cameras(content: Mapping[str, Any], n_frames: int, size: tuple[int, int]) -
         raise ValueError(f"found {len(entries)} cameras, the film has {n_frames} frames; change --seconds or --fps")
     cameras = []
     for number, entry in enumerate(entries):
-        try:
+        with naming(f"camera_path[{number}]"):
             cameras.append(_camera(entry, size))
-        except ValueError as error:
-            raise ValueError(f"camera_path[{number}]: {error}") from error
     return tuple(cameras)
 
 
@@ -114,11 +110,8 @@ def _camera(entry: Any, size: tuple[int, int]) -> Camera:
     focal = height / 2 / np.tan(np.deg2rad(fov) / 2)
     K = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
     cam_from_world = _inverted(_matrix(entry.get("camera_to_world")))
-    try:
-        with np.errstate(over="ignore", invalid="ignore"):  # of numbers that are no pose
-            return Camera(K, size, cam_from_world)
-    except ValueError as error:
-        raise ValueError(f"camera_to_world, inverted: {error}") from error
+    with naming("camera_to_world, inverted"), np.errstate(over="ignore", invalid="ignore"):  # numbers that are no pose
+        return Camera(K, size, cam_from_world)
 
 
 def _matrix(numbers: Any) -> NDArray[np.float64]:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -55,28 +56,25 @@ def draw_model(
     threads : how many threads share the tiles; the picture does not depend on it
     """
     corners, inverse_depth = _snapped(projected)
+    triangles = _Triangles(corners, inverse_depth, faces, front, back, texture)
     rows, columns = (picture.shape[0] + TILE - 1) // TILE, (picture.shape[1] + TILE - 1) // TILE
     starts, members = _binned(corners, inverse_depth, faces, picture.shape[0], picture.shape[1], rows, columns)
 
     def draw(first: int) -> None:
-        _draw_tiles(
-            picture,
-            corners,
-            inverse_depth,
-            faces,
-            front,
-            back,
-            texture.uv,
-            texture.texels,
-            texture.levels,
-            starts,
-            members,
-            first,
-            threads,
-            columns,
-        )
+        _draw_tiles(picture, triangles, starts, members, columns, first, threads)
 
     in_threads(draw, threads)
+
+
+class _Triangles(NamedTuple):
+    """What `draw_model` is given, with corners and inverse depths as of `_snapped`."""
+
+    corners: NDArray[np.int64]
+    inverse_depth: NDArray[np.float32]
+    faces: NDArray[np.int32]
+    front: NDArray[np.uint8]
+    back: NDArray[np.uint8]
+    texture: Mipmaps
 
 
 def in_threads(work: Callable[[int], None], threads: int) -> None:
@@ -152,35 +150,33 @@ def _binned(corners, inverse_depth, faces, height, width, tile_rows, tile_column
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _draw_tiles(  # type: ignore[no-untyped-def]  # numba
-    picture, corners, inverse_depth, faces, front, back, uv, texels, levels, starts, members, first, step, tile_columns
-):
+def _draw_tiles(picture, triangles, starts, members, tile_columns, first, step):  # type: ignore[no-untyped-def]  # numba
     """Draw every `step`-th tile from `first` on."""
+    corners, inverse_depth, faces = triangles.corners, triangles.inverse_depth, triangles.faces
     nearest = np.empty((TILE, TILE, N_SAMPLES), dtype=np.float32)  # inverse depth of what each sample sees
     seen = np.empty((TILE, TILE, N_SAMPLES), dtype=np.int32)  # its face
     for tile in range(first, starts.shape[0] - 1, step):
         if starts[tile] == starts[tile + 1]:
             continue
         y0, x0 = tile // tile_columns * TILE, tile % tile_columns * TILE
-        y1, x1 = min(y0 + TILE, picture.shape[0]), min(x0 + TILE, picture.shape[1])
+        box = y0, x0, min(y0 + TILE, picture.shape[0]), min(x0 + TILE, picture.shape[1])
         nearest[:] = 0.0
         seen[:] = -1
         for m in range(starts[tile], starts[tile + 1]):
-            _see_face(corners, inverse_depth, faces, members[m], nearest, seen, y0, x0, y1, x1)
-        _shade(picture, corners, inverse_depth, faces, front, back, uv, texels, levels, seen, y0, x0, y1, x1)
+            _see_face(_corners_of(corners, inverse_depth, faces, members[m]), members[m], nearest, seen, box)
+        _shade(picture, triangles, seen, box)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _see_face(corners, inverse_depth, faces, face, nearest, seen, y0, x0, y1, x1):  # type: ignore[no-untyped-def]  # numba
-    """Enter one face into the samples of a tile where it is the nearest so far."""
-    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-    ax, ay, bx, by, cx, cy = corners[a, 0], corners[a, 1], corners[b, 0], corners[b, 1], corners[c, 0], corners[c, 1]
+def _see_face(corners, face, nearest, seen, box):  # type: ignore[no-untyped-def]  # numba
+    """Enter one face into the samples of a tile, its top, left, bottom and right, where it is the nearest so far."""
+    y0, x0, y1, x1 = box
+    (_, ax, ay, za), (_, bx, by, zb), (_, cx, cy, zc) = corners
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     if area == 0:
         return
     if area < 0:
-        b, c = c, b
-        bx, by, cx, cy = cx, cy, bx, by
+        bx, by, zb, cx, cy, zc = cx, cy, zc, bx, by, zb
         area = -area
     first, last = _sample_columns(min(ax, bx, cx), max(ax, bx, cx))
     top, bottom = _pixel_rows(min(ay, by, cy), max(ay, by, cy))
@@ -193,7 +189,7 @@ def _see_face(corners, inverse_depth, faces, face, nearest, seen, y0, x0, y1, x1
     a_row = (px - bx) * a_dx + (py - by) * a_dy - _kept_out(a_dx, a_dy)
     b_row = (px - cx) * b_dx + (py - cy) * b_dy - _kept_out(b_dx, b_dy)
     c_row = (px - ax) * c_dx + (py - ay) * c_dy - _kept_out(c_dx, c_dy)
-    za, zb, zc = np.float64(inverse_depth[a]), np.float64(inverse_depth[b]), np.float64(inverse_depth[c])
+    za, zb, zc = np.float64(za), np.float64(zb), np.float64(zc)
     scale = 1.0 / area
     z_dx = (a_dx * za + b_dx * zb + c_dx * zc) * scale  # per 1/256 pixel
     z_dy = (a_dy * za + b_dy * zb + c_dy * zc) * scale
@@ -222,10 +218,10 @@ def _kept_out(x_step, y_step):  # type: ignore[no-untyped-def]  # numba
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _shade(  # type: ignore[no-untyped-def]  # numba
-    picture, corners, inverse_depth, faces, front, back, uv, texels, levels, seen, y0, x0, y1, x1
-):
+def _shade(picture, triangles, seen, box):  # type: ignore[no-untyped-def]  # numba
     """Colour a tile: once for each face that a pixel's samples see, at the middle of those samples."""
+    y0, x0, y1, x1 = box
+    corners, inverse_depth, faces, front, back, (texels, levels, uv) = triangles
     for y in range(y0, y1):
         for x in range(x0, x1):
             red, green, blue, covered = np.float32(0), np.float32(0), np.float32(0), 0
@@ -245,9 +241,10 @@ def _shade(  # type: ignore[no-untyped-def]  # numba
                 if not is_first:
                     continue
                 px, py = x * SUBPIXELS + sx / count, y * SUBPIXELS + sy / count
-                r, g, b = _colour_at(px, py, corners, inverse_depth, faces, front, back, face)
+                corner = _corners_of(corners, inverse_depth, faces, face)
+                r, g, b = _colour_at(px, py, corner, front, back)
                 if levels.shape[0] > 0:
-                    texel = _texture_at(px, py, corners, inverse_depth, faces, uv, texels, levels, face)
+                    texel = _texture_at(px, py, corner, uv, texels, levels)
                     r, g, b = r * texel[0], g * texel[1], b * texel[2]
                 red += r * np.float32(count)
                 green += g * np.float32(count)
@@ -263,15 +260,24 @@ def _shade(  # type: ignore[no-untyped-def]  # numba
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _colour_at(px, py, corners, inverse_depth, faces, front, back, face):  # type: ignore[no-untyped-def]  # numba
-    """Return the colour of a face, correct in perspective, at a point (1/256 pixel) inside it."""
+def _corners_of(corners, inverse_depth, faces, face):  # type: ignore[no-untyped-def]  # numba
+    """Return a face's vertices, each with its column, row (1/256 pixel) and inverse depth."""
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-    ax, ay = px - corners[a, 0], py - corners[a, 1]
-    bx, by = px - corners[b, 0], py - corners[b, 1]
-    cx, cy = px - corners[c, 0], py - corners[c, 1]
+    return (
+        (a, corners[a, 0], corners[a, 1], inverse_depth[a]),
+        (b, corners[b, 0], corners[b, 1], inverse_depth[b]),
+        (c, corners[c, 0], corners[c, 1], inverse_depth[c]),
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _colour_at(px, py, corners, front, back):  # type: ignore[no-untyped-def]  # numba
+    """Return the colour of a face, correct in perspective, at a point (1/256 pixel) inside it."""
+    (a, ax, ay, za), (b, bx, by, zb), (c, cx, cy, zc) = corners
+    ax, ay, bx, by, cx, cy = px - ax, py - ay, px - bx, py - by, px - cx, py - cy
     wa, wb, wc = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
     colours = front if wa + wb + wc < 0 else back  # counter-clockwise with y up is clockwise with y down
-    wa, wb, wc = wa * inverse_depth[a], wb * inverse_depth[b], wc * inverse_depth[c]
+    wa, wb, wc = wa * za, wb * zb, wc * zc
     scale = 1.0 / (wa + wb + wc)
     wa, wb, wc = np.float32(wa * scale), np.float32(wb * scale), np.float32(wc * scale)
     return (
@@ -282,13 +288,11 @@ def _colour_at(px, py, corners, inverse_depth, faces, front, back, face):  # typ
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _texture_at(px, py, corners, inverse_depth, faces, uv, texels, levels, face):  # type: ignore[no-untyped-def]  # numba
+def _texture_at(px, py, corners, uv, texels, levels):  # type: ignore[no-untyped-def]  # numba
     """Return what the texture of a face, correct in perspective, multiplies its colour by, at a point inside it."""
-    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-    za, zb, zc = np.float64(inverse_depth[a]), np.float64(inverse_depth[b]), np.float64(inverse_depth[c])
-    ax, ay = px - corners[a, 0], py - corners[a, 1]
-    bx, by = px - corners[b, 0], py - corners[b, 1]
-    cx, cy = px - corners[c, 0], py - corners[c, 1]
+    (a, ax, ay, za), (b, bx, by, zb), (c, cx, cy, zc) = corners
+    ax, ay, bx, by, cx, cy = px - ax, py - ay, px - bx, py - by, px - cx, py - cy
+    za, zb, zc = np.float64(za), np.float64(zb), np.float64(zc)
     wa, wb, wc = (bx * cy - by * cx) * za, (cx * ay - cy * ax) * zb, (ax * by - ay * bx) * zc
     scale = 1.0 / (wa + wb + wc)
     u = (wa * uv[a, 0] + wb * uv[b, 0] + wc * uv[c, 0]) * scale

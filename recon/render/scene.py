@@ -60,18 +60,15 @@ class Scene:
     Parameters
     ----------
     background : its colours and light
-    bounds : float64 (2, 3), mm; the floor is at their bottom
+    bounds : float64 (2, 3), mm
     to_light : float64 (3,), unit length, towards the key light
+    floor_y : height of the floor, mm
     """
 
     background: Background
     bounds: NDArray[np.float64]
     to_light: NDArray[np.float64]
-
-    @property
-    def floor_y(self) -> float:
-        """Height of the floor, mm."""
-        return float(self.bounds[0, 1])
+    floor_y: float
 
     @property
     def centre(self) -> NDArray[np.float64]:
@@ -166,7 +163,13 @@ def check_background(name: str) -> None:
         raise ValueError(f"there is no background {name!r}; expected one of {', '.join(BACKGROUNDS)}")
 
 
-def scene_around(bounds: NDArray[np.floating], cameras: Sequence[Camera], background: str = "studio") -> Scene:
+def scene_around(
+    bounds: NDArray[np.floating],
+    cameras: Sequence[Camera],
+    background: str = "studio",
+    *,
+    floor_y: float | None = None,
+) -> Scene:
     """Place a background around a dataset, lit from beside its whole camera path, for every frame and approach.
 
     Parameters
@@ -174,6 +177,7 @@ def scene_around(bounds: NDArray[np.floating], cameras: Sequence[Camera], backgr
     bounds : floating (2, 3), mm, lowest and highest corner
     cameras : of the whole path
     background : a name in `BACKGROUNDS`
+    floor_y : height of the floor, mm; None for the bottom of the bounds
 
     Raises
     ------
@@ -184,7 +188,8 @@ def scene_around(bounds: NDArray[np.floating], cameras: Sequence[Camera], backgr
     if not cameras:
         raise ValueError("a scene needs the cameras that look at it, found none")
     bounds = checked_bounds(bounds)
-    return Scene(BACKGROUNDS[background], bounds, _key_direction(bounds.mean(axis=0), cameras))
+    floor_y = float(bounds[0, 1]) if floor_y is None else floor_y
+    return Scene(BACKGROUNDS[background], bounds, _key_direction(bounds.mean(axis=0), cameras), floor_y)
 
 
 def without_light(scene: Scene) -> Scene:

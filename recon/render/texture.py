@@ -7,7 +7,8 @@ size that has about one texel a pixel. Encoded values are averaged, as the rende
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,8 +19,7 @@ from recon.geometry.mesh import Texture
 LARGEST_SIDE = 8192  # texels; four full HD pictures wide, 0.3 GB with its levels; OpenGL drivers hold as much
 
 
-@dataclass(frozen=True, eq=False)
-class Mipmaps:
+class Mipmaps(NamedTuple):
     """A texture in sizes, each half of the one before, down to one texel.
 
     Parameters

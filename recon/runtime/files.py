@@ -37,6 +37,17 @@ def allowed(path: Path) -> Path:
     return path
 
 
+@contextmanager
+def naming(place: object) -> Iterator[None]:
+    """Begin the sentence of a ValueError with a file's path, or another place, unless it does so already."""
+    try:
+        yield
+    except ValueError as error:
+        if str(error).startswith(str(place)):
+            raise
+        raise ValueError(f"{place}: {error}") from error
+
+
 def check_safe_name(name: str) -> str:
     """Return a name of a scene, an approach or a level, or raise a ValueError if files cannot be called so."""
     is_odd = name != name.strip() or not name.isprintable() or any(letter in name for letter in '/\\:*?"<>|')

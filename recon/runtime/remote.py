@@ -17,7 +17,7 @@ from functools import cache
 from pathlib import Path, PurePath
 from typing import Any
 
-from recon.runtime.files import whole_file, write_bytes
+from recon.runtime.files import naming, whole_file, write_bytes
 
 COPIES = "reconstudy-copies-"
 LOCAL = ("file", "local")
@@ -140,10 +140,8 @@ def _files(url: str) -> tuple[Any, str]:
     """Return the file system of a URL, and the name in it."""
     import fsspec  # late: most runs have no URL
 
-    try:
+    with naming(url):
         files, name = fsspec.core.url_to_fs(url, use_listings_cache=False)
-    except ValueError as error:
-        raise ValueError(f"{url}: {error}") from error
     return files, name
 
 

@@ -105,10 +105,18 @@ def surface_from_clouds(clouds: Sequence[Cloud], parameters: SurfaceParameters =
     ValueError
         If the samples would not fit into memory.
     """
-    cloud = merge_clouds(clouds)
-    if len(cloud) < MIN_POINTS:
-        raise NoSurfaceError(f"the cloud has {len(cloud)} points: a surface needs at least {MIN_POINTS}")
+    _check_number(sum(map(len, clouds)))
     parameters = with_voxel(clouds, parameters)
+    mesh = shape_from_clouds(clouds, parameters)
+    assert parameters.voxel_mm is not None
+    mesh = colour_vertices(mesh, [cloud for cloud in clouds if len(cloud)], parameters.voxel_mm)
+    return with_small_holes_closed(mesh, parameters)
+
+
+def shape_from_clouds(clouds: Sequence[Cloud], parameters: SurfaceParameters) -> Mesh:
+    """Make the surface as `surface_from_clouds`, its colours as smooth as its shape, and its holes open."""
+    cloud = merge_clouds(clouds)
+    _check_number(len(cloud))
     voxel = parameters.voxel_mm
     assert voxel is not None
     cells, band = _sampled(cloud, voxel, parameters)
@@ -122,9 +130,18 @@ def surface_from_clouds(clouds: Sequence[Cloud], parameters: SurfaceParameters =
             "take more points or a larger voxel"
         )
     mesh = Mesh((vertices * voxel).astype(np.float32), faces, normals, colours)
-    mesh = drop_small_components(mesh, parameters.min_component)
-    mesh = colour_vertices(mesh, [cloud for cloud in clouds if len(cloud)], voxel)
-    return close_holes(mesh, max(parameters.longest_rim_mm, PINHOLE_VOXELS * voxel))
+    return drop_small_components(mesh, parameters.min_component)
+
+
+def _check_number(n_points: int) -> None:
+    if n_points < MIN_POINTS:
+        raise NoSurfaceError(f"the cloud has {n_points} points: a surface needs at least {MIN_POINTS}")
+
+
+def with_small_holes_closed(mesh: Mesh, parameters: SurfaceParameters) -> Mesh:
+    """Close the holes that are asked to be, and pinholes."""
+    assert parameters.voxel_mm is not None
+    return close_holes(mesh, max(parameters.longest_rim_mm, PINHOLE_VOXELS * parameters.voxel_mm))
 
 
 def with_voxel(clouds: Sequence[Cloud], parameters: SurfaceParameters) -> SurfaceParameters:

@@ -12,6 +12,7 @@ Guennebaud, Germann and Gross, Dynamic Sampling and Rendering of Algebraic Point
 from __future__ import annotations
 
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -46,9 +47,18 @@ def signed_field(
     neighbours = neighbours_of(band, cells)
     field = np.empty((len(neighbours), 8, 8, 8), np.float32)
     gradient, colour = (np.empty((len(neighbours), 3, 8, 8, 8), np.float32) for _ in range(2))
-    fit = partial(_fit_spheres, cells.moments, cells.starts, neighbours, overhang, agreement, min_points)
+    support = _Support(np.float32(overhang), np.float32(agreement), np.float32(min_points))
+    fit = partial(_fit_spheres, cells.moments, cells.starts, neighbours, support)
     in_bands(len(neighbours), partial(fit, field, gradient, colour))
     return field, gradient, colour
+
+
+class _Support(NamedTuple):
+    """What a sample needs to have a value, as of `signed_field`."""
+
+    overhang: np.float32
+    agreement: np.float32
+    min_points: np.float32
 
 
 @njit(cache=True)
@@ -121,9 +131,7 @@ def _solve_line(
     s: NDArray[np.float32],
     x: float,
     y: float,
-    overhang: float,
-    agreement: float,
-    min_points: float,
+    support: _Support,
     field: NDArray[np.float32],
     gradient: NDArray[np.float32],
     colour: NDArray[np.float32],
@@ -155,10 +163,10 @@ def _solve_line(
         distance = two * u0 / (length + np.sqrt(max(length2 - four * u0 * u4, zero)))
         gx, gy, gz = ux / length, uy / length, uz / length
         across = px * gx + py * gy + pz * gz
-        reach = overhang * s[9, k] * inverse
+        reach = support.overhang * s[9, k] * inverse
         supported = (
-            (s[14, k] >= min_points)
-            & (nx * nx + ny * ny + nz * nz >= agreement * agreement)
+            (s[14, k] >= support.min_points)
+            & (nx * nx + ny * ny + nz * nz >= support.agreement * support.agreement)
             & (mean2 - across * across <= reach * reach)
         )
         field[k] = distance if supported else nan
@@ -200,9 +208,7 @@ def _fit_spheres(
     moments: NDArray[np.float32],
     starts: NDArray[np.int64],
     neighbours: NDArray[np.int32],
-    overhang: float,
-    agreement: float,
-    min_points: float,
+    support: _Support,
     field: NDArray[np.float32],
     gradient: NDArray[np.float32],
     colour: NDArray[np.float32],
@@ -215,26 +221,9 @@ def _fit_spheres(
     """
     for block in range(start, stop):
         sums = _sum_block(moments, starts, neighbours[block])
-        _solve_block(
-            sums, np.float32(overhang), np.float32(agreement), np.float32(min_points),
-            field[block], gradient[block], colour[block],
-        )  # fmt: skip
-
-
-@njit(cache=True)
-def _solve_block(
-    sums: NDArray[np.float32],
-    overhang: float,
-    agreement: float,
-    min_points: float,
-    field: NDArray[np.float32],
-    gradient: NDArray[np.float32],
-    colour: NDArray[np.float32],
-) -> None:
-    """Write one block's field (8, 8, 8), gradient and colour (3, 8, 8, 8)."""
-    for i in range(8):
-        for j in range(8):
-            _solve_line(
-                sums[i, j], np.float32(i), np.float32(j), overhang, agreement, min_points,
-                field[i, j], gradient[:, i, j], colour[:, i, j],
-            )  # fmt: skip
+        for i in range(8):
+            for j in range(8):
+                _solve_line(
+                    sums[i, j], np.float32(i), np.float32(j), support,
+                    field[block, i, j], gradient[block, :, i, j], colour[block, :, i, j],
+                )  # fmt: skip

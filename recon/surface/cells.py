@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -77,8 +78,8 @@ def gather(cloud: Cloud, voxel: float, reach: Reach) -> Cells:
     in_bands(len(blocks), partial(_count_cells, cloud.points, order, point_starts, voxel, n_cells))
     starts = np.cumsum(n_cells)
     moments = np.empty((starts[-1], 14), np.float32)
-    sums = partial(_sum_cells, cloud.points, cloud.normals, cloud.colours, _weights(cloud), sigma, order, point_starts)
-    in_bands(len(blocks), partial(sums, voxel, starts, moments))
+    points = _Points(cloud.points, cloud.normals, cloud.colours, _weights(cloud), sigma)
+    in_bands(len(blocks), partial(_sum_cells, points, order, point_starts, voxel, starts, moments))
     cells = Cells(blocks, starts, moments)
     _set_radius(cells, np.diff(point_starts), reach)
     return cells
@@ -100,6 +101,16 @@ def numbered_by_block(
     rank[np.argsort(keys)] = np.arange(len(keys))
     order, starts = _sort_by_block(rank[numbers], len(keys))
     return block_coordinates(np.sort(keys)) + lowest, order, starts
+
+
+class _Points(NamedTuple):
+    """A cloud, with the weight of each point and its standard deviation, mm."""
+
+    places: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    colours: NDArray[np.uint8]
+    weights: NDArray[np.float64]
+    sigma: NDArray[np.float32]
 
 
 def _set_radius(cells: Cells, n_points: NDArray[np.int64], reach: Reach) -> None:
@@ -188,8 +199,8 @@ def _sort_by_block(numbers: NDArray[np.int64], n_blocks: int) -> tuple[NDArray[n
 
 
 @njit(cache=True)
-def _cell_in_block(point: NDArray[np.float32], voxel: float) -> int:
-    """Number a point's cell within its block, 0 to 511."""
+def cell_in_block(point: NDArray[np.float32], voxel: float) -> int:
+    """Number the cell of a point, float32 (3,), within its block, 0 to 511."""
     x = int(np.floor(float(point[0]) / voxel)) & 7
     y = int(np.floor(float(point[1]) / voxel)) & 7
     return x << 6 | y << 3 | int(np.floor(float(point[2]) / voxel)) & 7
@@ -212,17 +223,13 @@ def _count_cells(
     for block in range(first, last):
         is_cell = np.zeros(512, np.bool_)
         for index in order[starts[block] : starts[block + 1]]:
-            is_cell[_cell_in_block(points[index], voxel)] = True
+            is_cell[cell_in_block(points[index], voxel)] = True
         counts[block + 1] = is_cell.sum()
 
 
 @njit(cache=True, nogil=True)
 def _sum_cells(
-    points: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    colours: NDArray[np.uint8],
-    weights: NDArray[np.float64],
-    sigma: NDArray[np.float32],
+    points: _Points,
     order: NDArray[np.int64],
     starts: NDArray[np.int64],
     voxel: float,
@@ -236,12 +243,9 @@ def _sum_cells(
         sums = np.zeros((512, 14))
         corner = np.empty(3)
         for axis in range(3):
-            corner[axis] = 8.0 * _block_of(points[order[starts[block]]], axis, voxel)
+            corner[axis] = 8.0 * _block_of(points.places[order[starts[block]]], axis, voxel)
         for index in order[starts[block] : starts[block + 1]]:
-            _add_point(
-                points[index], normals[index], colours[index], weights[index], sigma[index], corner, voxel,
-                sums[_cell_in_block(points[index], voxel)],
-            )  # fmt: skip
+            _add_point(points, index, corner, voxel, sums[cell_in_block(points.places[index], voxel)])
         count = cell_starts[block]
         for cell in range(512):
             if sums[cell, 3] > 0:
@@ -251,16 +255,11 @@ def _sum_cells(
 
 @njit(cache=True)
 def _add_point(
-    point: NDArray[np.float32],
-    normal: NDArray[np.float32],
-    colour: NDArray[np.uint8],
-    weight: float,
-    sigma: float,
-    corner: NDArray[np.float64],
-    voxel: float,
-    sums: NDArray[np.float64],
+    points: _Points, index: int, corner: NDArray[np.float64], voxel: float, sums: NDArray[np.float64]
 ) -> None:
     """Add a point to its cell's sums (14,)."""
+    point, normal, colour = points.places[index], points.normals[index], points.colours[index]
+    weight = points.weights[index]
     along = square = 0.0
     for axis in range(3):
         local = float(point[axis]) / voxel - corner[axis]
@@ -272,7 +271,7 @@ def _add_point(
     sums[3] += weight
     sums[7] += weight * along
     sums[8] += weight * square
-    sums[12] += weight * float(sigma) / voxel
+    sums[12] += weight * float(points.sigma[index]) / voxel
     sums[13] += 1
 
 

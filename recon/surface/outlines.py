@@ -19,8 +19,8 @@ from functools import cached_property
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from recon.capture.format import Capture, SensorStream, read_masks
@@ -29,7 +29,7 @@ from recon.geometry.mesh import Cloud, Mesh
 from recon.geometry.rig import Camera
 from recon.surface import SurfaceParameters
 from recon.surface.components import component_labels, whole_components
-from recon.surface.holes import rim_edges
+from recon.surface.holes import neighbours_of, rim_edges
 
 FAR_PX = 1e3  # the distance to a mask that says nothing
 UNCERTAIN_PX = 0.25  # of a mask's edge
@@ -286,25 +286,72 @@ def smooth_rims(
     is_rim[rims] = True
     moves = is_rim.copy()
     for _ in range(RINGS):
-        moves[mesh.faces[moves[mesh.faces].any(axis=1)]] = True
-    near = mesh.faces[moves[mesh.faces].any(axis=1)]
-    edges = np.concatenate([near[:, [0, 1]], near[:, [1, 2]], near[:, [2, 0]]]).astype(np.int64)
-    edges = np.concatenate([edges, edges[:, ::-1]])
-    edges = np.concatenate([edges[moves[edges[:, 0]] & ~is_rim[edges[:, 0]]], rims, rims[:, ::-1]])
-    keys = np.unique(edges[:, 0] << 32 | edges[:, 1])  # of a vertex and a neighbour; those of a rim lie on the rim
-    rows, counts = np.unique(keys >> 32, return_counts=True)
-    starts = np.concatenate([[0], np.cumsum(counts)])
-    mean = csr_array((np.repeat(1 / counts, counts), keys & 0xFFFFFFFF, starts), shape=(len(rows), len(mesh.vertices)))
-    vertices, normals = mesh.vertices.astype(np.float64), mesh.normals[rows].astype(np.float64)
+        moves = _with_ring(mesh.faces, moves)
+    starts, neighbours = neighbours_of(_links(mesh.faces, rims, is_rim, moves), len(mesh.vertices))
+    rows = np.flatnonzero(np.diff(starts))
+    vertices = mesh.vertices.astype(np.float64)
     for done in range(0, rounds, SMOOTHING_ROUNDS):
         before = vertices[rows]
-        for step in SMOOTHING_STEPS * min(SMOOTHING_ROUNDS, rounds - done):
-            move = mean @ vertices - vertices[rows]
-            move -= (move * normals).sum(axis=1, keepdims=True) * normals
-            vertices[rows] += step * move
+        steps = np.array(SMOOTHING_STEPS * min(SMOOTHING_ROUNDS, rounds - done))
+        _smooth(vertices, mesh.normals, rows, starts, neighbours, steps)
         if may_lie is not None:
             vertices[rows] = np.where(may_lie(vertices[rows])[:, None], vertices[rows], before)
     return replace(mesh, vertices=vertices.astype(np.float32))
+
+
+@njit(cache=True)
+def _with_ring(faces, moves):  # type: ignore[no-untyped-def]  # numba
+    """Mark the vertices of all faces that have a marked one, bool (N,)."""
+    after = moves.copy()
+    for f in range(len(faces)):
+        if moves[faces[f, 0]] or moves[faces[f, 1]] or moves[faces[f, 2]]:
+            after[faces[f, 0]] = after[faces[f, 1]] = after[faces[f, 2]] = True
+    return after
+
+
+@njit(cache=True)
+def _links(faces, rims, is_rim, moves):  # type: ignore[no-untyped-def]  # numba
+    """List whom each vertex that moves follows, int32 (E, 2): one of a rim those beside it there, others all around."""
+    count = 2 * len(rims)
+    for f in range(len(faces)):
+        for corner in range(3):
+            vertex = faces[f, corner]
+            count += 2 if moves[vertex] and not is_rim[vertex] else 0
+    links = np.empty((count, 2), np.int32)
+    for edge in range(len(rims)):
+        links[2 * edge, 0] = links[2 * edge + 1, 1] = rims[edge, 0]
+        links[2 * edge, 1] = links[2 * edge + 1, 0] = rims[edge, 1]
+    count = 2 * len(rims)
+    for f in range(len(faces)):
+        for corner in range(3):
+            vertex = faces[f, corner]
+            if moves[vertex] and not is_rim[vertex]:
+                links[count, 0] = links[count + 1, 0] = vertex
+                links[count, 1], links[count + 1, 1] = faces[f, corner - 1], faces[f, corner - 2]
+                count += 2
+    return links
+
+
+@njit(cache=True)
+def _smooth(vertices, normals, rows, starts, neighbours, steps):  # type: ignore[no-untyped-def]  # numba
+    """Move vertices, float64 (N, 3), of some rows by steps towards the mean of their neighbours, within the surface."""
+    moved, move = np.empty((len(rows), 3)), np.empty(3)
+    for step in steps:
+        for r in range(len(rows)):
+            row = rows[r]
+            first, last = starts[row], starts[row + 1]
+            along = 0.0
+            for axis in range(3):
+                total = 0.0
+                for place in range(first, last):
+                    total += vertices[neighbours[place], axis]
+                move[axis] = total / (last - first) - vertices[row, axis]
+                along += move[axis] * normals[row, axis]
+            for axis in range(3):
+                moved[r, axis] = vertices[row, axis] + step * (move[axis] - along * normals[row, axis])
+        for r in range(len(rows)):
+            for axis in range(3):
+                vertices[rows[r], axis] = moved[r, axis]
 
 
 def drop_flaps(mesh: Mesh, sights: Sequence[Sight], reach: float) -> Mesh:

@@ -12,6 +12,7 @@ from functools import partial
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from recon.capture.rectify import scaled_camera
@@ -77,22 +78,38 @@ def _layout(mesh: Mesh, views: Sequence[View], tolerance_mm: float) -> NDArray[n
     for view, quality in zip(views, qualities(views, mesh.vertices, mesh.normals, tolerance_mm), strict=True):
         camera = view.photograph.camera
         in_front = (outwards * (camera.centre - corners[:, 0])).sum(axis=1) > 0
-        is_whole = in_front & (quality[mesh.faces] > 0).all(axis=1)
-        score = np.where(is_whole, quality[mesh.faces].mean(axis=1), 0)
+        score = _whole_scores(mesh.faces, quality, in_front)
+        is_whole = score > 0
         for _ in range(SMOOTHING_STEPS):
-            score = _mean_of_corners(mesh, score)
+            score = _mean_of_corners(mesh.faces, score, len(mesh.vertices))
         scores.append(np.where(is_whole, score, 0))
     best = np.argmax(scores, axis=0)
     return np.where(np.max(scores, axis=0) > 0, best, -1)
 
 
-def _mean_of_corners(mesh: Mesh, values: NDArray[np.float64]) -> NDArray[np.float64]:
+@njit(cache=True)
+def _whole_scores(faces, quality, in_front):  # type: ignore[no-untyped-def]  # numba
+    """Average the qualities (N,) of each face's corners, float64 (M,); 0 where a corner has none or it looks away."""
+    scores = np.zeros(len(faces))
+    for f in range(len(faces)):
+        a, b, c = quality[faces[f, 0]], quality[faces[f, 1]], quality[faces[f, 2]]
+        if in_front[f] and a > 0 and b > 0 and c > 0:
+            scores[f] = (a + b + c) / np.float32(3)
+    return scores
+
+
+@njit(cache=True)
+def _mean_of_corners(faces, values, n_vertices):  # type: ignore[no-untyped-def]  # numba
     """Average values of faces (M,) over the faces around each face's corners."""
-    n = len(mesh.vertices)
-    corners = mesh.faces.ravel()
-    count = np.maximum(np.bincount(corners, minlength=n), 1)
-    at_vertices = np.bincount(corners, np.repeat(values, 3), minlength=n) / count
-    return np.asarray(at_vertices[mesh.faces].mean(axis=1))
+    count, total, means = np.zeros(n_vertices), np.zeros(n_vertices), np.empty(len(faces))
+    for f in range(len(faces)):
+        for corner in range(3):
+            count[faces[f, corner]] += 1
+            total[faces[f, corner]] += values[f]
+    for f in range(len(faces)):
+        a, b, c = faces[f]
+        means[f] = (total[a] / count[a] + total[b] / count[b] + total[c] / count[c]) / 3
+    return means
 
 
 def _scaled(camera: Camera, scale: float) -> Camera:

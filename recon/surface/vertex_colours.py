@@ -7,7 +7,7 @@ takes its colour from the points within about a voxel beside it, however far the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -25,6 +25,77 @@ DEPTH_SIGMAS = 3.0
 SAME_SIDE = 0.3  # cosine between the normals of a vertex and of a point that may colour it
 WIDENED = 2.0  # the radius where nothing lies within it
 VIEW_POWER = 2  # of what each sensor has there, so that the best view decides and no seam shows
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """The points of clouds, sorted by cell, to find those beside vertices.
+
+    Parameters
+    ----------
+    voxel : mm
+    depth : how far before and behind a vertex points count, voxels
+    n_clouds : how many clouds there are
+    blocks : int64 (B, 3), coordinates of the blocks that hold points
+    starts : int64 (B + 1,), first point of each block
+    offsets : int32 (B, 513), points before each cell of a block
+    points : float32 (N, 6), place from the corner of the point's block, voxels, and normal
+    colours : uint8 (N, 4), sRGB, and the number of the cloud
+    """
+
+    voxel: float
+    depth: float
+    n_clouds: int
+    blocks: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    offsets: NDArray[np.int32]
+    points: NDArray[np.float32]
+    colours: NDArray[np.uint8]
+
+    def gather(
+        self,
+        vertices: NDArray[np.float32],
+        normals: NDArray[np.float32],
+        colours: NDArray[np.uint8],
+        colouring: range | None = None,
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Return the colours (N, 3) of vertices and the weights (N, S) of what each cloud has beside them.
+
+        Parameters
+        ----------
+        vertices, normals : (N, 3) of a surface of these points
+        colours : (N, 3), which vertices without any point beside them keep
+        colouring : numbers of the clouds that colour; None for all
+        """
+        gathered, weights = colours.copy(), np.zeros((len(vertices), self.n_clouds), np.float32)
+        if not len(vertices):
+            return gathered, weights
+        colouring = range(self.n_clouds) if colouring is None else colouring
+        vertex_blocks, number = _blocks_of(vertices, self.voxel)
+        lowest = np.minimum(self.blocks.min(axis=0), vertex_blocks.min(axis=0)) - 1
+        around = neighbours_in(vertex_blocks, block_keys(self.blocks - lowest), lowest)
+        gather = partial(
+            _gather, vertices, normals, vertex_blocks, number, around, self.starts, self.offsets,
+            self.points, self.colours, (around >= 0).any(axis=1), self.voxel, self.depth,
+            colouring.start, colouring.stop, gathered, weights,
+        )  # fmt: skip
+        in_bands(len(vertices), gather)
+        return gathered, weights
+
+
+def beside(clouds: Sequence[Cloud], voxel: float) -> Beside:
+    """Sort the points of clouds, at most 16 and none without points, by cells one voxel (mm) wide."""
+    points = np.concatenate([cloud.points for cloud in clouds])
+    blocks, order, starts = numbered_by_block(points, voxel)
+    offsets = np.zeros((len(blocks), BLOCK**3 + 1), np.int32)
+    _sort_by_cell(points, voxel, starts, order, offsets)
+    sorted_points, colours = np.empty((len(points), 6), np.float32), np.empty((len(points), 4), np.uint8)
+    corners = np.repeat(blocks * BLOCK, np.diff(starts), axis=0)
+    sorted_points[:, :3] = points[order] / voxel - corners
+    sorted_points[:, 3:] = np.concatenate([cloud.normals for cloud in clouds])[order]
+    colours[:, :3] = np.concatenate([cloud.colours for cloud in clouds])[order]
+    colours[:, 3] = np.repeat(np.arange(len(clouds)), [len(cloud) for cloud in clouds])[order]
+    return Beside(voxel, _depth(clouds, voxel), len(clouds), blocks, starts, offsets, sorted_points, colours)
 
 
 def colour_vertices(mesh: Mesh, clouds: Sequence[Cloud], voxel: float) -> Mesh:
@@ -52,24 +123,7 @@ def supports(mesh: Mesh, clouds: Sequence[Cloud], voxel: float) -> NDArray[np.fl
 
 
 def _gathered(mesh: Mesh, clouds: Sequence[Cloud], voxel: float) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Return the colours (N, 3) and the supports (N, S) of the vertices."""
-    points = np.concatenate([cloud.points for cloud in clouds])
-    colours = np.concatenate([cloud.colours for cloud in clouds])
-    normals = np.concatenate([cloud.normals for cloud in clouds])
-    sources = np.repeat(np.arange(len(clouds)), [len(cloud) for cloud in clouds])
-    blocks, order, starts = numbered_by_block(points, voxel)
-    offsets = np.zeros((len(blocks), BLOCK**3 + 1), np.int32)
-    _sort_by_cell(points, voxel, starts, order, offsets)
-    vertex_blocks, number = _blocks_of(mesh.vertices, voxel)
-    lowest = np.minimum(blocks.min(axis=0), vertex_blocks.min(axis=0)) - 1
-    around = neighbours_in(vertex_blocks, block_keys(blocks - lowest), lowest)
-    gathered, weights = mesh.colours.copy(), np.zeros((len(mesh.vertices), len(clouds)), np.float32)
-    gather = partial(
-        _gather, mesh.vertices, mesh.normals, vertex_blocks, number, around, points, normals, colours, sources,
-        order, starts, offsets, voxel, _depth(clouds, voxel), gathered, weights,
-    )  # fmt: skip
-    in_bands(len(mesh.vertices), gather)
-    return gathered, weights
+    return beside(clouds, voxel).gather(mesh.vertices, mesh.normals, mesh.colours)
 
 
 def _depth(clouds: Sequence[Cloud], voxel: float) -> float:
@@ -114,71 +168,97 @@ def _sort_by_cell(
 
 @njit(cache=True, nogil=True)
 def _gather(  # type: ignore[no-untyped-def]  # numba
-    vertices, vertex_normals, blocks, number, around, points, normals, colours, sources, order, starts,
-    offsets, voxel, depth, gathered, weights, first, last,
+    vertices, vertex_normals, blocks, number, around, starts, offsets, points, colours, has_points, voxel, depth,
+    first_own, last_own, gathered, weights, first, last,
 ):  # fmt: skip
-    """Write the colours and the weights of vertices `first` to `last`; arrays as in `_gathered`."""
+    """Write the colours and the weights of vertices `first` to `last`; arrays as in `Beside`."""
     sums = np.zeros((weights.shape[1], 4))
     for vertex in range(first, last):
-        radius = RADIUS_VOXELS
+        if not has_points[number[vertex]]:
+            continue
+        radius, known = RADIUS_VOXELS, False
         for _ in range(2):
             sums[:] = 0.0
             _sum_beside(
-                vertices[vertex], vertex_normals[vertex], blocks[number[vertex]], around[number[vertex]], points,
-                normals, colours, sources, order, starts, offsets, voxel, radius, depth, sums,
+                vertices[vertex], vertex_normals[vertex], blocks[number[vertex]], around[number[vertex]], starts,
+                offsets, points, colours, voxel, radius, depth, sums,
             )  # fmt: skip
-            if sums[:, 3].sum() > 0:
-                weights[vertex] = sums[:, 3]
-                _blend(sums, gathered[vertex])
+            if not known and sums[:, 3].sum() > 0:
+                weights[vertex], known = sums[:, 3], True
+            if sums[first_own:last_own, 3].sum() > 0:
+                _blend(sums[first_own:last_own], gathered[vertex])
                 break
             radius *= WIDENED
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _sum_beside(  # type: ignore[no-untyped-def]  # numba
-    vertex, normal, block, around, points, normals, colours, sources, order, starts, offsets, voxel, radius, depth, sums
+    vertex, normal, block, around, starts, offsets, points, colours, voxel, radius, depth, sums
 ):
-    """Add the weighted colours and the weights of the points beside a vertex to the sums (S, 4) of their sensors."""
-    x, y, z = vertex[0] / voxel, vertex[1] / voxel, vertex[2] / voxel
+    """Add the weighted colours and the weights of the points beside a vertex to the sums (S, 4) of their sensors.
+
+    The points lie in a cylinder, whose cells are met row by row along z: those of a row in a block stand together.
+    """
+    x, y, z = (vertex[0] / voxel - 8 * block[0], vertex[1] / voxel - 8 * block[1], vertex[2] / voxel - 8 * block[2])
     nx, ny, nz = float(normal[0]), float(normal[1]), float(normal[2])
     cx, cy, cz = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
+    flat = max(1 - nz * nz, 0.0)
     wide_x = int(np.ceil(radius * np.sqrt(max(1 - nx * nx, 0.0)) + depth * abs(nx)))
     wide_y = int(np.ceil(radius * np.sqrt(max(1 - ny * ny, 0.0)) + depth * abs(ny)))
-    wide_z = int(np.ceil(radius * np.sqrt(max(1 - nz * nz, 0.0)) + depth * abs(nz)))
+    wide_z = int(np.ceil(radius * np.sqrt(flat) + depth * abs(nz)))
     corner = np.float64(0.87)  # of a cell, from its middle
+    square, inverse_square, inverse_depth = (radius + corner) ** 2, 1 / (radius * radius), 1 / depth
+    inverse_flat, inverse_nz = 1 / flat, 1 / nz
     for i in range(cx - wide_x, cx + wide_x + 1):
         dx = i + 0.5 - x
-        for j in range(cy - wide_y, cy + wide_y + 1):
+        from_y, to_y = cy - wide_y, cy + wide_y
+        if abs(nx) > 1e-3:  # seen along z, the cylinder is a strip along (nx, ny)
+            middle, reach = dx * ny / nx + y - 0.5, (radius + corner) * np.sqrt(nx * nx + ny * ny) / abs(nx)
+            from_y = int(np.ceil(max(from_y, middle - reach - 0.001)))
+            to_y = int(np.floor(min(to_y, middle + reach + 0.001)))
+        for j in range(from_y, to_y + 1):
             dy = j + 0.5 - y
-            for k in range(cz - wide_z, cz + wide_z + 1):
-                dz = k + 0.5 - z
-                along = dx * nx + dy * ny + dz * nz
-                if dx * dx + dy * dy + dz * dz - along * along > (radius + corner) ** 2 or abs(along) > depth + corner:
+            along = dx * nx + dy * ny
+            # dz such that |along + nz dz| <= depth and flat dz^2 - 2 along nz dz + dx^2 + dy^2 - along^2 <= square
+            lowest, highest = cz - wide_z + 0.5 - z, cz + wide_z + 0.5 - z
+            across = dx * dx + dy * dy - along * along - square
+            if flat > 1e-9:
+                root = along * along * nz * nz - flat * across
+                if root < 0:
                     continue
-                bx, by, bz = (i >> 3) - block[0] + 1, (j >> 3) - block[1] + 1, (k >> 3) - block[2] + 1
-                other = around[9 * bx + 3 * by + bz]
-                if other < 0:
-                    continue
-                cell = (i & 7) << 6 | (j & 7) << 3 | k & 7
-                for place in range(starts[other] + offsets[other, cell], starts[other] + offsets[other, cell + 1]):
-                    index = order[place]
-                    agreement = nx * normals[index, 0] + ny * normals[index, 1] + nz * normals[index, 2]
-                    if agreement < SAME_SIDE:
-                        continue
-                    px, py, pz = (
-                        points[index, 0] / voxel - x,
-                        points[index, 1] / voxel - y,
-                        points[index, 2] / voxel - z,
-                    )
-                    away = px * nx + py * ny + pz * nz
-                    beside = 1 - (px * px + py * py + pz * pz - away * away) / (radius * radius)
-                    if beside <= 0 or abs(away) >= depth:
-                        continue
-                    weight = beside * beside * (1 - (away / depth) ** 2) * agreement
-                    of_sensor = sums[sources[index]]
-                    for channel in range(3):
-                        of_sensor[channel] += weight * colours[index, channel]
-                    of_sensor[3] += weight
+                root = np.sqrt(root)
+                lowest = max(lowest, (along * nz - root) * inverse_flat)
+                highest = min(highest, (along * nz + root) * inverse_flat)
+            elif across > 0:
+                continue
+            if abs(nz) > 1e-9:
+                middle, reach = -along * inverse_nz, (depth + corner) * abs(inverse_nz)
+                lowest, highest = max(lowest, middle - reach), min(highest, middle + reach)
+            elif abs(along) > depth + corner:
+                continue
+            first, last = int(np.ceil(lowest + z - 0.501)), int(np.floor(highest + z - 0.499))
+            side, cell = 9 * ((i >> 3) + 1) + 3 * ((j >> 3) + 1) + 1, (i & 7) << 6 | (j & 7) << 3
+            while first <= last:
+                above = first >> 3
+                other, end = around[side + above], min(last, 8 * above + 7)
+                if other >= 0:
+                    start = starts[other] + offsets[other, cell | first & 7]
+                    stop = starts[other] + offsets[other, (cell | end & 7) + 1]
+                    left, before, under = x - 8 * (i >> 3), y - 8 * (j >> 3), z - 8 * above
+                    for place in range(start, stop):
+                        facing = nx * points[place, 3] + ny * points[place, 4] + nz * points[place, 5]
+                        px, py, pz = points[place, 0] - left, points[place, 1] - before, points[place, 2] - under
+                        away = px * nx + py * ny + pz * nz
+                        near = 1 - (px * px + py * py + pz * pz - away * away) * inverse_square
+                        if not ((facing >= SAME_SIDE) & (near > 0) & (abs(away) < depth)):  # one branch, not three
+                            continue
+                        far = away * inverse_depth
+                        weight = near * near * (1 - far * far) * facing
+                        source = colours[place, 3]
+                        for channel in range(3):
+                            sums[source, channel] += weight * colours[place, channel]
+                        sums[source, 3] += weight
+                first = end + 1
 
 
 @njit(cache=True, nogil=True)

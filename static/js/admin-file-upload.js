@@ -9,7 +9,7 @@ import { byId, required } from "./elements.js";
  * @property {string} upload its address
  * @property {number} offset bytes that are there
  * @property {number} size bytes of the whole file
- * @property {string | null} job address of the work that checks it, once all is there
+ * @property {string | null} task address of the task that checks it, once all is there
  */
 
 const PART = 8 * 1024 * 1024; // bytes; a lost connection costs less than this
@@ -110,13 +110,13 @@ function tell(sent, size) {
 }
 
 /**
- * Sends what is missing of a file, for as long as it takes; returns the job's address, or null when paused.
+ * Sends what is missing of a file, for as long as it takes; returns the task's address, or null when paused.
  * @param {File} file
  * @param {Standing} standing
  */
 async function sendAll(file, standing) {
   let pauseMs = FIRST_PAUSE_MS;
-  while (!standing.job) {
+  while (!standing.task) {
     if (isPaused) return null;
     try {
       standing = await sendPart(file, standing);
@@ -133,7 +133,7 @@ async function sendAll(file, standing) {
       });
     }
   }
-  return standing.job;
+  return standing.task;
 }
 
 async function upload() {
@@ -148,8 +148,8 @@ async function upload() {
   try {
     const standing = await ask("POST", "/admin/files/upload", { ...wanted, modified: Math.round(file.lastModified) });
     if (standing.offset) tell(standing.offset, file.size);
-    const job = await sendAll(file, standing);
-    if (job) window.location.assign(job);
+    const task = await sendAll(file, standing);
+    if (task) window.location.assign(task);
     else words.textContent = `${words.textContent.replace(/\.?$/, ".")} Paused; press Upload to go on.`;
   } catch (error) {
     bar.value = 0;

@@ -1,4 +1,57 @@
-// Gives a page on which a refused form is shown again its own address back: at the form's there is no page to come from
-// when the form is refused once more, nor to load again.
+// Fills the form of a page as it was sent when it was refused, and shows which field is wrong.
 
-if (document.getElementById("refused")) history.replaceState(null, "", document.referrer);
+const KEPT = ["hidden", "submit", "button", "reset", "file", "password"]; // types of inputs that keep the page's value
+
+const refused = document.getElementById("refused");
+if (refused) showAgain(refused);
+
+/** @param {HTMLElement} message */
+function showAgain(message) {
+  /** @type {[string, string][]} */
+  const typed = JSON.parse(message.dataset.typed ?? "[]");
+  const form = [...document.forms].find((form) => form.getAttribute("action") === message.dataset.action && isOf(form, typed));
+  if (typed.length) history.replaceState(null, "", document.referrer); // at the form's address there is no page to load
+  if (!form) return; // its long texts stay there, to be copied
+  document.getElementById("typed")?.remove();
+  form.dataset.refused = "";
+  if (typed.length) fill(form, typed);
+  const field = message.dataset.field;
+  if (field) point(message, form, field);
+}
+
+/** Hidden fields tell forms of one address apart. @param {HTMLFormElement} form @param {[string, string][]} typed */
+function isOf(form, typed) {
+  const hidden = /** @type {NodeListOf<HTMLInputElement>} */ (form.querySelectorAll("input[type=hidden]:not([name=form_token])"));
+  return !typed.length || [...hidden].every((input) => typed.some(([name, value]) => name === input.name && value === input.value));
+}
+
+/** @param {HTMLFormElement} form @param {[string, string][]} typed */
+function fill(form, typed) {
+  /** @type {Map<string, string[]>} */
+  const left = new Map();
+  for (const [name, value] of typed) left.set(name, [...(left.get(name) ?? []), value]);
+  for (const field of form.elements) {
+    if (field instanceof HTMLInputElement && ["checkbox", "radio"].includes(field.type)) {
+      field.checked = typed.some(([name, value]) => name === field.name && value === field.value);
+    } else if (field instanceof HTMLInputElement || field instanceof HTMLSelectElement || field instanceof HTMLTextAreaElement) {
+      const value = field.disabled ? undefined : left.get(field.name)?.shift();
+      if (value !== undefined && !KEPT.includes(field.type)) field.value = value;
+    }
+  }
+}
+
+/** @param {HTMLElement} message @param {HTMLFormElement} form @param {string} name of the field */
+function point(message, form, name) {
+  const part = form.querySelector(`[name="${CSS.escape(name)}"]:not([type=hidden]), [name^="${CSS.escape(name)}."]`);
+  const wrong = part?.closest(`fieldset[id="setting-${CSS.escape(name)}"]`) ?? part;
+  if (!(wrong instanceof HTMLElement)) return;
+  wrong.setAttribute("aria-invalid", "true");
+  wrong.setAttribute("aria-describedby", message.id);
+  const section = wrong.closest("details");
+  if (section) section.open = true;
+  wrong.id ||= "refused-field";
+  const link = document.createElement("a");
+  link.href = `#${wrong.id}`;
+  link.textContent = "Show it";
+  message.append(" ", link);
+}

@@ -2,8 +2,9 @@
 
 /** @type {Set<EventTarget>} */
 const changed = new Set();
-const refused = document.getElementById("form-error")?.closest("form"); // shown as it was sent, and kept nowhere
-if (refused) changed.add(refused);
+// shown as it was sent, and kept nowhere
+const again = document.querySelector("form[data-refused]") ?? document.getElementById("form-error")?.closest("form");
+if (again) changed.add(again);
 
 document.addEventListener("input", ({ target }) => {
   const form = target && "form" in target ? target.form : null;

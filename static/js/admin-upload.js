@@ -20,7 +20,7 @@ export function sendFile(form, file) {
   };
   request.upload.addEventListener("progress", (sent) => (bar.value = sent.loaded / sent.total));
   request.addEventListener("load", () => {
-    if (request.status === 202) window.location.assign(JSON.parse(request.responseText).job);
+    if (request.status === 202) window.location.assign(JSON.parse(request.responseText).task);
     else fail(reasonIn(request.responseText, request.status));
   });
   request.addEventListener("error", () => fail("The connection was lost. Please try again."));

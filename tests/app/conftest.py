@@ -27,7 +27,6 @@ HERE = Path(__file__).parent
 ON_SQLITE = {"simulation", "web"}
 ON_BOTH = {
     "web/admin/participants/test_participants.py",
-    "web/admin/test_admin.py",
     "web/analyst/test_archive.py",
     "web/analyst/test_results.py",
     "web/test_connections.py",

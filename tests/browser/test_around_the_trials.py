@@ -11,7 +11,6 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from app.study.options.options import parse_options
-from app.study.questions.questionnaire import DEFAULT_QUESTIONS
 from tests.browser.accessibility import check_accessibility
 from tests.browser.numbered_films import squares
 from tests.browser.study_visitor import MakeFilms, NewStudy, Study, Visitor
@@ -72,16 +71,6 @@ def test_consent_comprehension_interview_and_debriefing(full_study: Study, page:
     check_accessibility(page)
 
 
-def test_without_a_consent_the_instructions_tell_how_long_it_takes(
-    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
-) -> None:
-    page.goto(new_study(short_films, 0.4, parse_options(OPTIONS | {"consent": ""})).address)
-    visitor.sees("welcome")
-    page.keyboard.press("Enter")
-    visitor.sees("instructions-1")
-    _announced_minutes_add_up(page, "instructions-1")
-
-
 def test_what_was_typed_in_the_interview_outlives_an_error_and_is_then_forgotten(
     full_study: Study, page: Page, visitor: Visitor
 ) -> None:
@@ -102,17 +91,6 @@ def test_what_was_typed_in_the_interview_outlives_an_error_and_is_then_forgotten
     assert "Чёткие" not in page.evaluate("JSON.stringify(sessionStorage)")
     answers = {row["question"]: row["answer"] for row in full_study.read("questionnaire")}
     assert answers["criteria"].split() == ["Чёткие", "края"]
-
-
-def test_what_was_typed_in_the_interview_is_never_shown_to_the_next_participant(
-    full_study: Study, page: Page, visitor: Visitor
-) -> None:
-    visitor.comes_after_the_trials(full_study)
-    page.get_by_label("What made one film").fill("Mine alone")
-    visitor.comes_after_the_trials(full_study)
-    visitor.sees("interview")
-    expect(page.get_by_label("What made one film")).to_have_value("")
-    assert "Mine alone" not in page.evaluate("JSON.stringify(sessionStorage)")
 
 
 def _announced_minutes_add_up(page: Page, view: str) -> None:
@@ -163,44 +141,6 @@ def test_who_has_withdrawn_may_still_take_the_data_along_and_have_them_deleted(
     expect(page.get_by_text("All that you gave was deleted.")).to_be_visible()
     expect(page.get_by_role("link", name="Download my data")).to_be_hidden()
     assert study.votes(0) == []
-
-
-def test_a_german_browser_reads_german_and_may_choose_english(study: Study, page: Page) -> None:
-    assert page.context.browser is not None
-    context = page.context.browser.new_context(locale="de-DE")
-    german = context.new_page()
-    german.goto(study.address)
-    expect(german.get_by_role("heading", name="Danke, dass Sie teilnehmen")).to_be_visible()
-    german.get_by_role("link", name="English").click()
-    expect(german.get_by_role("heading", name="Thank you for taking part")).to_be_visible()
-    german.reload()
-    expect(german.get_by_role("heading", name="Thank you for taking part")).to_be_visible()
-    context.close()
-
-
-def test_every_default_question_has_its_words(full_study: Study) -> None:
-    for language in ("en", "de"):
-        text = httpx.get(f"{full_study.address}?language={language}", timeout=60).text
-        for question in DEFAULT_QUESTIONS:
-            assert f'data-question="{question.name}"' in text
-            assert "<legend></legend>" not in text
-
-
-def test_practice_asks_for_a_switch_in_each_pair(
-    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
-) -> None:
-    study = new_study(short_films, 0.8, parse_options({"optional_stages": ["practice"]}))
-    visitor.begin(study)
-    visitor.sees("practice")
-    page.keyboard.press("Enter")
-    visitor.votes("1")
-    visitor.sees("practice-again")
-    page.keyboard.press("Enter")
-    visitor.practises()
-    assert study.read("votes") == []
-    page.keyboard.press("Enter")
-    visitor.is_in("exposure")
-    expect(page.locator("#trial-label")).to_have_text("Pair 1 of 3")
 
 
 def test_nobody_agrees_by_what_another_participant_did_in_this_browser(
@@ -336,19 +276,6 @@ def test_a_participant_ends_a_free_exposure_by_the_button_or_by_enter(
     visitor.sees("thanks")
     voted = [trial["viewing"] for trial in study.read("trials") if trial["choice"]]
     assert all(viewing["shown_ms"] > 900 and viewing["switches"] == [] for viewing in voted)
-
-
-def test_a_break_is_offered_as_often_as_the_study_says(
-    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
-) -> None:
-    options = {"both_orders": True, "identical_pairs": 1, "break_every": 2}
-    visitor.begin(new_study(short_films, 0.1, parse_options(options)))
-    for _ in range(2):
-        visitor.votes("2")
-    visitor.sees("break")
-    expect(page.locator("[data-view=break]")).to_contain_text("2 of 7 pairs")
-    page.keyboard.press("Enter")
-    visitor.is_in("voting")
 
 
 def comes_to_a_break_of_90_s(new_study: NewStudy, short_films: Path, visitor: Visitor) -> None:

@@ -117,22 +117,18 @@ def test_a_study_is_finished_without_storage(
     assert [vote["choice"] for vote in study.read("votes")] == ["a", "none", "b"]
 
 
-@pytest.mark.parametrize("stage", ["screening", "practice"])
 def test_who_runs_out_of_time_before_the_trials_is_told_so(
-    new_study: NewStudy, short_films: Path, settings: Settings, page: Page, visitor: Visitor, stage: str
+    new_study: NewStudy, short_films: Path, settings: Settings, page: Page, visitor: Visitor
 ) -> None:
-    options = {"optional_stages": [stage], "screening": {"tests": ["colour"]}, "limits": {"minutes": 60}}
+    options = {"optional_stages": ["screening"], "screening": {"tests": ["colour"]}, "limits": {"minutes": 60}}
     visitor.begin(new_study(short_films, 1.6, parse_options(options)))
-    visitor.sees(stage)
+    visitor.sees("screening")
     database = open_database(settings.url)
     with database.writing() as connection:
         newest = session.c.id == select(func.max(session.c.id)).scalar_subquery()
         connection.execute(update(session).where(newest).values(started_at=utc_now() - timedelta(hours=2)))
     database.dispose()
     page.keyboard.press("Enter")
-    if stage == "practice":
-        visitor.practises()
-        page.keyboard.press("Enter")
     visitor.sees("timed-out")
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import pytest
 from playwright.sync_api import APIResponse, Page, Route, expect
 
@@ -107,20 +105,9 @@ def take_over(study: Study, page: Page, visitor: Visitor) -> None:
     visitor.sees("yielded")
 
 
-def withdraw(_: Study, page: Page, visitor: Visitor) -> None:
-    page.get_by_role("button", name="Withdraw").click()
-    page.get_by_role("button", name="Yes, withdraw").click()
-    visitor.sees("withdrawn")
-
-
 @pytest.mark.parametrize(
-    ("awaited", "technique", "leave"),
-    [
-        ("**/stages/introduction", "stacked", take_over),
-        ("**/stages/introduction", "stacked", withdraw),
-        ("**/trials/next", "stacked", take_over),
-        ("**/media/**", "webcodecs", take_over),
-    ],
+    ("awaited", "technique"),
+    [("**/stages/introduction", "stacked"), ("**/trials/next", "stacked"), ("**/media/**", "webcodecs")],
 )
 def test_what_arrives_when_the_page_was_left_starts_nothing(
     study: Study,
@@ -128,14 +115,13 @@ def test_what_arrives_when_the_page_was_left_starts_nothing(
     visitor: Visitor,
     awaited: str,
     technique: str,
-    leave: Callable[[Study, Page, Visitor], None],
 ) -> None:
     held: list[tuple[Route, APIResponse]] = []
     page.route(awaited, lambda route: held.append((route, route.fetch())))
     leave_only(page, technique)
     with page.expect_request(awaited):
         visitor.begin(study)
-    leave(study, page, visitor)
+    take_over(study, page, visitor)
     page.evaluate(WATCH_TRIAL)
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
@@ -162,13 +148,6 @@ def test_a_tab_never_acts_for_a_participant_who_began_in_another_tab(
     visitor.sees("known")
     found = other.get(f"{study.url}/api/v1/session").json()
     assert (found["session"], found["stage"]) == (begun.json()["session"], "introduction")
-
-
-def test_a_reloaded_tab_has_its_session_at_once(study: Study, page: Page, visitor: Visitor) -> None:
-    visitor.begin(study)
-    visitor.is_in("exposure")
-    page.reload()
-    visitor.sees("resume")
 
 
 def test_a_code_leads_to_another_computer(study: Study, page: Page, visitor: Visitor) -> None:

@@ -67,21 +67,6 @@ def test_a_second_press_begins_no_part_of_the_way_again(
     assert [vote["choice"] for vote in study.read("votes")] == ["a", "none", "b"]
 
 
-def test_a_second_press_on_the_last_instruction_begins_the_trials_once(
-    study: Study, page: Page, visitor: Visitor
-) -> None:
-    asked: list[str] = []
-    page.on("request", lambda request: asked.append(request.url))
-    page.goto(study.address)
-    for view in ("welcome", "instructions-1", "instructions-2"):
-        visitor.sees(view)
-        page.keyboard.press("Enter")
-    visitor.sees("instructions-3")
-    presses_twice(visitor, "**/stages/introduction", lambda: page.keyboard.press("Enter"))
-    visitor.is_in("exposure")
-    assert len([address for address in asked if address.endswith("/trials/next")]) == 1
-
-
 def enters_screening(visitor: Visitor, new_study: NewStudy, films: Path) -> None:
     """As far as the distance."""
     options = {"optional_stages": ["screening"], "screening": {"tests": ["acuity"]}}
@@ -113,19 +98,6 @@ def test_a_new_distance_that_was_entered_counts_though_somebody_then_says_that_t
         page.get_by_role("button", name="I cannot move back").click()
     visitor.sees("rings-intro")
     expect(page.get_by_text("about 250 cm from the display")).to_be_visible()
-
-
-def test_who_withdraws_sees_at_once_that_it_is_taken(study: Study, page: Page, visitor: Visitor) -> None:
-    visitor.begin(study)
-    visitor.is_in("voting")
-    page.keyboard.press("1")
-    page.get_by_role("button", name="Withdraw").click()
-    with held(visitor, "**/session/withdrawal"):
-        page.get_by_role("button", name="Yes, withdraw").click()
-        visitor.sees("leaving")
-        page.keyboard.press("Enter")
-    visitor.sees("withdrawn")
-    assert study.read("votes") == []
 
 
 def test_what_was_on_its_way_when_somebody_withdrew_leads_nowhere(study: Study, page: Page, visitor: Visitor) -> None:

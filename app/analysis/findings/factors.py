@@ -16,7 +16,7 @@ from app.analysis.findings.ranking import (
     size_of,
 )
 from app.analysis.model.contrasts import SIGNIFICANT
-from app.analysis.reading.phrases import finding, listed, p_phrase, percent
+from app.analysis.reading.phrases import finding, listed, p_phrase
 from app.analysis.reading.votes_table import ALL
 
 Row = Mapping[str, Any]
@@ -130,11 +130,10 @@ def _factor(analysis: Mapping[str, Any], factor: str, rows: Sequence[Row]) -> st
     share = preferred_share(_reach(rows), overall(analysis["models"])[0].get("log_theta") or 0.0)
     votes = counted_votes(analysis, best, worst, factor)
     size = (
-        f"{best} is preferred to {worst} in {votes} on pairs that differ in nothing else, by the model of all votes in "
-        f"{percent(share)}, {size_of(share)}"
-        if votes[0].isdigit()
-        else f"the model predicts that {best} is preferred to {worst} in {percent(share)} of decided votes, "
+        f"{best} is preferred to {worst} in {votes} on pairs that differ in nothing else, by the model of all votes "
         f"{size_of(share)}"
+        if votes[0].isdigit()
+        else f"between {best} and {worst} the model predicts {size_of(share)}"
     )
     details = f"{size}; its levels: {levels}{_alike(ordered)}"
     if over is not None and over >= SIGNIFICANT:

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from app.analysis.findings.factors import factor_findings, p_of_test
-from app.analysis.findings.ranking import overall, preferred_share
-from app.analysis.model.contrasts import SIGNIFICANT, holm
+from app.analysis.findings.ranking import here, overall, preferred_share
+from app.analysis.model.contrasts import SIGNIFICANT, critical_value, holm
 from app.analysis.objective.prediction import directed, measures_by_rank
-from app.analysis.reading.phrases import counted, finding, listed, p_phrase, percent, signed
+from app.analysis.reading.phrases import counted, finding, listed, number_with_interval, p_phrase, percent, signed
 from app.analysis.reading.votes_table import ALL
 
 Row = Mapping[str, Any]
@@ -44,7 +44,7 @@ def _datasets(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     yield finding(
         "datasets",
         f"The scores differ between the {n} datasets ({p_phrase(p)}), so what holds over all is an average."
-        + (f" Highest score: {named}." if named else ""),
+        + (f" Highest score by its own votes, not tested: {named}." if named else ""),
     )
 
 
@@ -58,7 +58,7 @@ def _groups(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
             text = f"Whether the groups differ by {grouping} could not be tested with these participants."
         else:
             shown = "The groups differ" if p < SIGNIFICANT else "No difference of the groups is shown"
-            text = f"{shown} by {grouping} ({p_phrase(p)})."
+            text = f"{shown} by {grouping}{here(analysis)} ({p_phrase(p)}, Holm over all tests)."
         yield finding("groups", text)
 
 
@@ -68,25 +68,34 @@ def _order(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
         text = f"No order effect is estimated, and the scores do not allow for one: {model['order_left_out']}."
         yield finding("order", text)
     effect, tested = model["order_effect"], analysis["order"]
-    if effect is None and tested is not None:
-        yield finding(
-            "order",
-            f"No effect of being shown first is shown ({signed(tested['order_effect'])} log-odds, "
-            f"{p_phrase(tested['p_value'])}), and the scores do not allow for one.",
-        )
     p = p_of_test(analysis, "order effect", ALL)
+    error = model["order_se"] if analysis["votes"]["participants"] is None else model["order_se_participant"]
+    if effect is None and tested is not None:
+        effect, p, error = tested["order_effect"], tested["p_value"], tested["order_se"]
     if effect is None or p is None:
         return
-    log_theta = model.get("log_theta") or 0.0
-    if p >= SIGNIFICANT:
-        yield finding("order", f"No effect of being shown first is shown ({signed(effect)} log-odds, {p_phrase(p)}).")
+    size = f"{signed(effect)} log-odds{_around(effect, error, analysis['votes']['participants'])}, {p_phrase(p)}"
+    if model["order_effect"] is None:
+        yield finding(
+            "order", f"No effect of being shown first is shown ({size}), and the scores do not allow for one."
+        )
+    elif p >= SIGNIFICANT:
+        yield finding("order", f"No effect of being shown first is shown ({size}).")
     else:
+        share = percent(preferred_share(effect, model.get("log_theta") or 0.0))
         yield finding(
             "order",
             f"Being shown first {'helps' if effect > 0 else 'harms'}: of two equal conditions, the model predicts, the "
-            f"first is preferred in {percent(preferred_share(effect, log_theta))} of decided votes "
-            f"({signed(effect)} log-odds, {p_phrase(p)}). The scores are free of it.",
+            f"first is preferred in {share} of decided votes ({size}). The scores are free of it.",
         )
+
+
+def _around(effect: float, error: float | None, n_people: int | None) -> str:
+    """Return ", 95 % interval … to …"; empty without an error."""
+    if error is None or n_people == 1:
+        return ""
+    half = critical_value(n_people) * error
+    return f", 95 % interval {signed(effect - half)} to {signed(effect + half)}"
 
 
 def _ties(votes: Mapping[str, Any]) -> Iterator[dict[str, str]]:
@@ -111,18 +120,20 @@ def _measures(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     if following:
         what = counted(len(ranked), "objective measure")
         shown = f"{len(following)} {'is' if len(following) == 1 else 'are'} shown to go with the scores"
-        best = f"the highest rank correlation has {_correlated(*following[0], len(tested))}"
-        yield finding("measures", f"Of {what}, {shown}; {best}.")
+        best = _correlated(*following[0], len(tested))
+        yield finding("measures", f"Of {what}, {shown}{here(analysis)}; closest by rank is {best}.")
     elif ranked:
         what = "the objective measure" if len(ranked) == 1 else f"any of the {len(ranked)} objective measures"
         yield finding("measures", f"It is not shown that {what} predicts the scores.")
     if against:
         yield finding(
-            "measures", f"Shown to go against the scores, in the direction that they state: {listed(against)}."
+            "measures",
+            f"Shown to go against the scores{here(analysis)}, in the direction that they state: {listed(against)}.",
         )
 
 
 def _correlated(row: Row, p: float, n_measures: int) -> str:
     """Return a measure with its correlation."""
     method = f", Holm over {n_measures} measures" if n_measures > 1 else ""
-    return f"{row['measure']} (Pearson {signed(row['pearson'])}, {p_phrase(p)}{method})"
+    rank, pearson = (number_with_interval(row, name, name, show=signed) for name in ("spearman", "pearson"))
+    return f"{row['measure']}, rank correlation {rank}, Pearson's {pearson}, {p_phrase(p)}{method}"

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from app.analysis.findings.pairs import contrast_between
+from app.analysis.findings.ranking import pairs_differ
 from app.analysis.model.contrasts import SIGNIFICANT
 from app.analysis.reading.phrases import (
-    counted,
     finding,
     listed,
     number_with_interval,
@@ -23,7 +23,8 @@ def random_effect_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, st
     spreads, contrasts = analysis["random_effects"], analysis["random_effects_contrasts"]
     levels = [row["level"] for row in spreads]
     n_datasets = len(analysis["votes"]["datasets"])
-    if n_datasets > 1 and "datasets" not in levels:
+    has_intervals = any(row["ci_low"] is not None for row in (*analysis["scores"], *analysis["island_scores"]))
+    if n_datasets > 1 and "datasets" not in levels and has_intervals:
         yield finding(
             "random effects",
             f"Intervals over all datasets hold for these {n_datasets} datasets. What holds for others like them is "
@@ -48,7 +49,7 @@ def random_effect_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, st
                 f" The model predicts that {share} of people (95 % interval {low} to {high}) prefer {best['item']} to "
                 f"{worst['item']}, {p_phrase(pair['p_holm'])} (Holm)."
             )
-        text += f" {n_differ} of {counted(len(contrasts), 'pair')} differ (Holm)."
+        text += f" {n_differ} of {pairs_differ(len(contrasts), n_differ)} (Holm)."
     yield finding("random effects", text)
     apart = [
         f"between {row['level']} by {number_with_interval(row, 'sd', 'sd')}"

@@ -11,6 +11,7 @@ import numpy as np
 from app.analysis.findings.pairs import contrast_between
 from app.analysis.model.contrasts import MOST_ITEMS, SIGNIFICANT
 from app.analysis.reading.phrases import (
+    counted,
     finding,
     listed,
     number_with_interval,
@@ -25,6 +26,7 @@ Row = Mapping[str, Any]
 MOST_IN_GROUPS = 12  # conditions whose groups a sentence can name; the table has the letters of more
 SMALL, LARGE = 0.634, 0.75  # shares of decided votes: half a JOD, and one
 LIKELY = 0.05  # probability to be the best, from which on a sentence names a condition
+FEWEST_FOR_RANKS = 8  # participants; with fewer the probability to be the best was not simulated (docs/simulation.md)
 EQUAL = 1e-9  # log-odds; scores that differ by less are the same
 LETTER = re.compile(r"\(\d+\)|.")
 
@@ -70,7 +72,7 @@ def _within_islands(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
                 f"{row['item']}, {number_with_interval(row, 'score', show=signed)}" for row in (scored[0], scored[-1])
             )
             n_differ = sum(row["p_holm"] < SIGNIFICANT for row in pairs)
-            tested = f"; {n_differ} of {len(pairs)} pairs differ (Holm)" if pairs else ""
+            tested = f"; {n_differ} of {pairs_differ(len(pairs), n_differ)} (Holm)" if pairs else ""
             names = listed([row["item"] for row in scored])
             yield finding("ranking", f"Within {{{names}}}: highest {best}, lowest {worst}{tested}.")
 
@@ -103,7 +105,8 @@ def _best_and_worst(analysis: Mapping[str, Any], scored: Sequence[Row], model: R
         where=_among_several(analysis),
         beyond=_over_datasets(contrasts),
     )
-    if len(scored) > 2 and scored[0]["p_best"] is not None:
+    people = analysis["votes"]["participants"]
+    if len(scored) > 2 and scored[0]["p_best"] is not None and (people is None or people >= FEWEST_FOR_RANKS):
         yield finding("ranks", _ranks(scored, _among_several(analysis)))
     margin = analysis["settings"]["equivalence_margin"]
     if margin is not None:
@@ -211,8 +214,12 @@ def _over_datasets(contrasts: Sequence[Row]) -> str:
     if not known:
         return ""
     n_differ = sum(p < SIGNIFICANT for p in known)
-    pairs = "pair differs" if n_differ == 1 else "pairs differ"
-    return f" For datasets like these, as a sample, {n_differ} of {len(known)} {pairs} (Holm)."
+    return f" For datasets like these, as a sample, {n_differ} of {pairs_differ(len(known), n_differ)} (Holm)."
+
+
+def pairs_differ(n: int, n_differ: int) -> str:
+    """Return "15 pairs differ", or "15 pairs differs" where that is one of them."""
+    return f"{counted(n, 'pair')} {'differs' if n_differ == 1 else 'differ'}"
 
 
 def tested_ranking(
@@ -351,9 +358,9 @@ def _told_apart(
         )
     if len(differing) == n_pairs:
         return f"{'The two' if n == 2 else f'All {n}'} conditions differ from each other ({method})."
+    differ = "pair of conditions differs" if len(differing) == 1 else "pairs of conditions differ"
     return (
-        f"{len(differing)} of {n_pairs} pairs of conditions differ ({method}). {_groups(conditions)}"
-        "Not told apart does not mean equal."
+        f"{len(differing)} of {n_pairs} {differ} ({method}). {_groups(conditions)}Not told apart does not mean equal."
     )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from app.analysis.findings.influences import influence_findings
-from app.analysis.findings.people import limit_findings, people_findings
+from app.analysis.findings.people import interim_findings, limit_findings, people_findings
 from app.analysis.findings.random_effects import random_effect_findings
 from app.analysis.findings.ranking import overall, ranking_findings
 from app.analysis.reading.phrases import TIES, finding
@@ -28,6 +28,7 @@ def vote_findings(analysis: Mapping[str, Any]) -> list[dict[str, str]]:
     if not overall(analysis["models"]):
         return [finding("ranking", "No vote counts, so nothing can be concluded.")]
     return [
+        *interim_findings(analysis),
         *ranking_findings(analysis),
         *limit_findings(analysis),
         *influence_findings(analysis),
@@ -41,7 +42,7 @@ def _settings(analysis: Mapping[str, Any]) -> str:
     settings = analysis["settings"]
     of_all, of_any = (
         dict.fromkeys(row["ci_method"] for row in rows if row["ci_method"])
-        for rows in (overall(analysis["scores"]), analysis["scores"])
+        for rows in (overall(analysis["scores"]), [*analysis["scores"], *analysis["island_scores"]])
     )
     has_order = overall(analysis["models"])[0]["order_effect"] is not None
     left_out = f"; left out: {', '.join(settings['exclude'])}" if settings["exclude"] else ""

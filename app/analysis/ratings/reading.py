@@ -64,7 +64,11 @@ def understand_ratings(
         table = read(rows, source.description, scale)
     except ValueError as error:  # VotesError is one, as is what the table itself raises
         raise VotesError(f"{source.path}: {error}") from error
-    warnings = (*source.table.warnings, *source.description.warnings)
+    warnings = [*source.table.warnings, *source.description.warnings]
+    if isinstance(table, ComparisonTable) and not source.description.words and table.rating.min() > 0:
+        warnings.append(
+            "no grade is 0 or below: if the scale begins at 1, write its middle as 0 and the first item's side below it"
+        )
     return table, [_sentence(source, table, left_out), *(f"{WARNING}{source.path.name}: {text}" for text in warnings)]
 
 

@@ -23,7 +23,7 @@ class Told:
     choices : `a`, `b`, `none` -> their word; `by` -> `item` or `side`, what a cell names
     format : a name of `formats`, or empty
     encoding : of the text, or empty
-    sheet : of a workbook, or empty
+    sheet : of a workbook, or question of a program's export, or empty
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)

@@ -13,6 +13,7 @@ from app.analysis.reading.votes_table import VotesError
 
 Row = dict[str, Any]
 Notes = tuple[str, ...]
+QUESTION = "question of the export"  # the column of what an answer is to, where a program may ask several
 FEWEST_RANKED = 3  # of a list: two are a winner and a loser
 
 
@@ -70,16 +71,17 @@ UNREAD = {"path", "yuv_fmt", "width", "height"}  # may be put together by a prog
 
 def _literal(node: ast.expr, name: str) -> Any:
     """Return the value of a literal; a path that the file would put together is left empty."""
-    if isinstance(node, ast.List | ast.Tuple):
-        return [_literal(item, name) for item in node.elts]
-    if isinstance(node, ast.Dict):
-        value: dict[Any, Any] = {}
-        for key, item in zip(node.keys, node.values, strict=True):
-            known = None if key is None else _literal(key, name)
-            value[known] = _path(item) if known in UNREAD else _literal(item, name)
-        return value
     try:
+        if isinstance(node, ast.List | ast.Tuple):
+            items = [_literal(item, name) for item in node.elts]
+            return items if isinstance(node, ast.List) else tuple(items)
+        if isinstance(node, ast.Dict):
+            keys = [key and _literal(key, name) for key in node.keys]
+            values = zip(keys, node.values, strict=True)
+            return {key: _path(item) if key in UNREAD else _literal(item, name) for key, item in values}
         return ast.literal_eval(node)
+    except VotesError:
+        raise
     except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError) as error:
         raise VotesError(
             f"line {node.lineno}: {name} is put together by a program, which is not run; write its values out (as JSON)"
@@ -115,14 +117,29 @@ def _sureal(content: Mapping[str, Any]) -> tuple[list[Row], Notes]:
             scores.items() if isinstance(scores, dict) else ((f"{n}", value) for n, value in enumerate(scores, start=1))
         )
         content_id = video.get("content_id", "")
-        names = {"dataset": str(contents.get(content_id) or content_id), "condition": condition}
+        dataset = str(contents.get(content_id) or content_id)
+        if isinstance(scores, dict) and scores and all(isinstance(person, tuple) for person in scores):
+            rows += [{"participant": str(person), "dataset": dataset, "winner": condition, "loser": str(other),
+                      "count": _times(value, condition)} for (person, other), value in scores.items()]  # fmt: skip
+            continue
+        names = {"dataset": dataset, "condition": condition}
         rows += [
             {"participant": str(person), **names, "rating": rating}
             for person, value in people
             for rating in _each(value)
         ]
+    if any("winner" in row for row in rows):
+        if not all("winner" in row for row in rows):
+            raise VotesError("some films of dis_videos have ratings and others comparisons; keep one kind")
+        return rows, ("paired comparisons of sureal: items are asset_ids, preferred to what their votes name",)
     notes = ("a dataset of sureal: condition is the asset_id, dataset the content",)
     return rows, (*notes, "people are told apart by their place in each list") if is_listed else notes
+
+
+def _times(value: Any, film: str) -> int:
+    if not isinstance(value, int | float) or value < 0 or value != int(value):
+        raise VotesError(f"a vote for the film {shown(film)} is {value}, expected a whole number of votes")
+    return int(value)
 
 
 def _each(value: Any) -> Iterator[Any]:
@@ -149,7 +166,7 @@ def _choix(content: Sequence[Sequence[Any]]) -> tuple[list[Row], Notes]:
 
 def _label_studio(tasks: Sequence[Row]) -> tuple[list[Row], Notes]:
     """Return a row for each annotation that chose one of two; the data's columns name the items."""
-    rows, n_cancelled = [], 0
+    rows, n_cancelled, n_gold = [], 0, 0
     for task in tasks:
         for annotation in task["annotations"]:
             if annotation.get("was_cancelled"):
@@ -162,8 +179,11 @@ def _label_studio(tasks: Sequence[Row]) -> tuple[list[Row], Notes]:
                     kind = "rating" if "rating" in value else "choice"
                     who = annotation.get("completed_by", "")
                     who = who.get("email") or who.get("id") if isinstance(who, dict) else who
-                    rows.append({**_scalars(task["data"]), "participant": who, kind: chosen})
-    notes = [f"{n_cancelled} cancelled annotations are left out"] if n_cancelled else []
+                    question = {QUESTION: result.get("from_name", "")}
+                    rows.append({**_scalars(task["data"]), "participant": who, kind: chosen, **question})
+                    n_gold += bool(annotation.get("ground_truth"))
+    gold = [f"{n_gold} annotations are marked as ground truth; they count"] if n_gold else []
+    notes = [*gold, f"{n_cancelled} cancelled annotations are left out"] if n_cancelled else gold
     return rows, ("an export of Label Studio, a row for each annotation", *notes)
 
 
@@ -188,7 +208,7 @@ def _argilla(records: Sequence[Row]) -> tuple[list[Row], Notes]:
             for name, value in known.items()
             if "." not in name and name not in ("id", "status", "_server_id")
         }
-        for who, status, value in _responses(record):
+        for question, who, status, value in _responses(record):
             if status not in ("submitted", None):
                 n_left_out += 1
             elif value is not None:
@@ -197,7 +217,7 @@ def _argilla(records: Sequence[Row]) -> tuple[list[Row], Notes]:
                     if isinstance(value, int | float) and "preference" not in str(known) and not _names_two(known)
                     else "choice"
                 )
-                rows.append({**known, "participant": who, kind: value})
+                rows.append({**known, "participant": who, kind: value, QUESTION: question})
     notes = [f"{n_left_out} responses that were not submitted are left out"] if n_left_out else []
     return rows, ("an export of Argilla, a row for each response", *notes)
 
@@ -206,24 +226,24 @@ def _names_two(known: Mapping[str, Any]) -> bool:
     return any(re.search(r"(_|-)?(a|1|left)$", name) for name in known)
 
 
-def _responses(record: Row) -> Iterator[tuple[Any, Any, Any]]:
-    """Yield who responded, the status, and what was chosen."""
+def _responses(record: Row) -> Iterator[tuple[str, Any, Any, Any]]:
+    """Yield the question, who responded, the status, and what was chosen."""
     responses = record.get("responses")
     if isinstance(responses, dict):
-        for values in responses.values():
+        for question, values in responses.items():
             for response in values:
-                yield response.get("user_id"), response.get("status"), _chosen(response.get("value"))
+                yield question, response.get("user_id"), response.get("status"), _chosen(response.get("value"))
     elif isinstance(responses, list):
         for response in responses:
-            for value in (response.get("values") or {}).values():
-                yield response.get("user_id"), response.get("status"), _chosen(value.get("value"))
+            for question, value in (response.get("values") or {}).items():
+                yield question, response.get("user_id"), response.get("status"), _chosen(value.get("value"))
     else:
         for name in [name for name in record if name.endswith(".responses")]:
             values = record[name] or ()
             users = record.get(f"{name}.users") or [None] * len(values)
             states = record.get(f"{name}.status") or [None] * len(values)
             for value, who, status in zip(values, users, states, strict=True):
-                yield who, status, _chosen(value)
+                yield name.removesuffix(".responses"), who, status, _chosen(value)
 
 
 def _chosen(value: Any) -> Any:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from app.analysis.reading.cells import Column, Table, column_of, is_numeric, shown
+from app.analysis.reading.cells import Table, column_of, is_numeric, number_or_nan, same, shown
+from app.analysis.reading.nested import QUESTION
 from app.analysis.reading.votes_table import VotesError
 from app.analysis.reading.words import TIGHT_VERSUS, VERSUS, ends_of, is_suspicious, pair_in, plain
 
@@ -21,34 +22,71 @@ class Program:
     Parameters
     ----------
     is_it : is a table one of this program's?
-    restate : return it as a plain table
+    restate : return it as a plain table; where it asks, of the answers to this question
     says : what its file looks like, for the manual
+    asks : may there be answers to several questions?
     """
 
     is_it: Callable[[Table], bool]
-    restate: Callable[[Table], Table]
+    restate: Callable[..., Table]
     says: str
+    asks: bool = False
 
 
-def restated(table: Table, name: str = "") -> Table:
+def restated(table: Table, name: str = "", question: str = "") -> Table:
     """Return a table as it is recognised: that of a program, told or known by its columns, brought to a plain one.
+
+    Parameters
+    ----------
+    table : as a file has it
+    name : of a program or layout, as told; empty: recognised
+    question : whose answers are taken, where there are several
 
     Raises
     ------
     VotesError
-        If the name is not known, or the table is not that program's.
+        If the name is not known, the table is not that program's, or it has answers to several questions.
     """
-    if name in PROGRAMS:
-        if not PROGRAMS[name].is_it(table):
-            raise VotesError(f"is no table of {name}: {PROGRAMS[name].says}; found {', '.join(table.names[:20])}")
-        return _with_pairs(PROGRAMS[name].restate(table))
     if name and name not in KNOWN:
         raise VotesError(f"--format {name} is not known; known are {', '.join(KNOWN)}")
+    table = _without_missing(table)
+    if QUESTION in table.columns:
+        table = _one_question(table, QUESTION, question)
     for known, program in PROGRAMS.items():
-        if not name and program.is_it(table):
-            matched = program.restate(table)
-            return _with_pairs(replace(matched, notes=(*matched.notes, f"a table of {known}")))
+        if name == known and not program.is_it(table):
+            raise VotesError(f"is no table of {name}: {program.says}; found {', '.join(table.names[:20])}")
+        if name == known or (not name and program.is_it(table)):
+            plain_table = program.restate(table, question) if program.asks else program.restate(table)
+            return _with_pairs(replace(plain_table, notes=(*plain_table.notes, f"a table of {known}")))
     return _with_pairs(table)
+
+
+def _without_missing(table: Table) -> Table:
+    """Take NA and its like for empty cells in columns of numbers."""
+    changed = {}
+    for name, column in table.columns.items():
+        if any(word in column.words for word in NOT_THERE):
+            words = tuple("" if word in NOT_THERE else word for word in column.words)
+            if is_numeric(cleared := column_of(np.array(words, object)[column.codes])):
+                changed[name] = cleared
+    if not changed:
+        return table
+    note = f"NA and the like are empty cells in {', '.join(map(shown, changed))}"
+    return table.with_columns({**table.columns, **changed}, notes=(*table.notes, note))
+
+
+def _one_question(table: Table, column: str, question: str) -> Table:
+    """Return the answers to one question, which are told where there are several; the column is left out."""
+    asked = table.columns[column].filled
+    if question and question not in asked:
+        raise VotesError(f"has no answers to {shown(question)}; questions are {', '.join(map(shown, asked))}")
+    if len(asked) > 1 and not question:
+        raise VotesError(
+            f"has answers to several questions ({', '.join(map(shown, asked[:6]))}), which are not the same thing: "
+            f"--sheet {asked[0]} takes those to one"
+        )
+    kept = table.where(table.columns[column].meaning(lambda word: not question or word == question, bool))
+    return kept.with_columns({name: cells for name, cells in kept.columns.items() if name != column})
 
 
 def _with_pairs(table: Table) -> Table:
@@ -146,8 +184,16 @@ def _crowd_columns(table: Table) -> dict[str, str]:
     return matched
 
 
+NOT_THERE = ("NA", "na", "N/A", "n/a", "NaN", "nan", "#N/A", "NULL", "null", ".", "-")
+REFERENCE = "reference"  # as item_a of comparisons whose other film is named alone
+
+
 def _crowd(table: Table) -> Table:
-    """Take each answer of a row as a rating of the film that it names; films of traps and gold are left out."""
+    """Take each answer of a row as a rating of the film that it names; films of traps and gold are left out.
+
+    Where the order is recorded (CCR), an answer says how much better the second film is: `rp` shows the reference
+    first, `pr` the film.
+    """
     columns = _crowd_columns(table)
     traps = {
         word
@@ -158,7 +204,8 @@ def _crowd(table: Table) -> Table:
         if "/" in word
     }
     who = next((name for name in table.names if plain(name) in ("workerid", "participantid", "prolificpid")), None)
-    rows: list[tuple[int, str, str, str]] = []
+    orders = {answer: name for answer in columns for name in table.names if name.lower() == f"{answer.lower()}_order"}
+    rows: list[tuple[int, str, str, str, str]] = []
     n_traps = 0
     for row in range(len(table)):
         for answer, film in columns.items():
@@ -166,11 +213,19 @@ def _crowd(table: Table) -> Table:
             if url in traps:
                 n_traps += 1
             elif rating:
-                rows.append((row, (who and table.columns[who].texts[row]) or "", url.rsplit("/", 1)[-1], rating))
+                name, order = url.rsplit("/", 1)[-1], table.columns[orders[answer]].texts[row] if orders else "rp"
+                if order not in ("rp", "pr"):
+                    raise VotesError(f"row {table.row(row)}: {orders[answer]} is {shown(order)}, expected rp or pr")
+                if order == "pr":
+                    rating = f"{-number_or_nan(rating):g}"
+                person = (who and table.columns[who].texts[row]) or ""
+                rows.append((row, person, name, rating, REFERENCE if order == "rp" else name))
     place = np.array([row[0] for row in rows], np.intp)
-    names = ("participant", "condition", "rating")
+    names = ("participant", "item_b" if orders else "condition", "rating", *(["first_shown"] if orders else []))
     cells = {name: column_of(row[at] for row in rows) for at, name in enumerate(names, start=1)}
-    used = {*columns, *columns.values(), who}
+    if orders:
+        cells["item_a"] = same(REFERENCE, len(rows))
+    used = {*columns, *columns.values(), *orders.values(), who}
     kept = {
         name: column.where(place) for name, column in table.columns.items() if name not in used and name not in names
     }
@@ -179,26 +234,34 @@ def _crowd(table: Table) -> Table:
     return Table({**cells, **kept}, table.how, table.numbers[place], notes, warnings)
 
 
-def _revisit(table: Table) -> Table:
-    """Leave out rows without an answer; columns of parameters lose that word."""
+def _gorilla(table: Table) -> Table:
+    """Leave out rows without a response: each thing on a screen has one."""
+    renamed = _renamed(table, {"participantprivateid": "participant"})
+    is_there = next(cells for name, cells in renamed.columns.items() if plain(name) == "response").meaning(bool, bool)
+    note = [f"{int((~is_there).sum())} rows without a response are left out"] if not is_there.all() else []
+    return replace(renamed.where(is_there), notes=(*table.notes, *note))
+
+
+def _revisit(table: Table, question: str) -> Table:
+    """Leave out rows without an answer, and those that show no item where others do; parameters lose that word."""
     names = {name: re.sub(r"^parameters?_", "", name) for name in table.names}
     columns = {
-        names[name] if names[name] not in table.columns else name: column for name, column in table.columns.items()
+        (names[name] if names[name] not in table.columns else name): replace(column, words=_known(column.words))
+        for name, column in table.columns.items()
     }
-    answer = table.columns[next(name for name in table.names if plain(name) == "answer")]
-    is_answered = answer.meaning(bool, bool)
-    kept = table.with_columns(columns).where(is_answered)
-    notes = [f"{int((~is_answered).sum())} rows without an answer are left out"] if not is_answered.all() else []
-    response = next(
-        (column for name, column in kept.columns.items() if plain(name) == "responseid"),
-        Column(np.array([], np.int32), ()),
-    )
-    if len(response.filled) > 1:
-        raise VotesError(
-            f"has answers to several questions (responseId {', '.join(map(shown, response.filled[:4]))}), which are "
-            "not the same thing; leave the rows of one"
-        )
+    answer = next(name for name in columns if plain(name) == "answer")
+    shown_names = [name for name in columns if (end := ends_of(name)) and end[0]]
+    needed = [name for name in (answer, *shown_names) if columns[name].filled]
+    is_there = np.logical_and.reduce([np.ones(len(table), bool), *(columns[n].meaning(bool, bool) for n in needed)])
+    kept = table.with_columns(columns).where(is_there)
+    notes = [f"{int((~is_there).sum())} rows without an answer or an item are left out"] if not is_there.all() else []
+    kept = _one_question(kept, next(name for name in columns if plain(name) == "responseid"), question)
     return replace(_rated_trials(kept), notes=(*table.notes, *notes))
+
+
+def _known(words: Sequence[str]) -> tuple[str, ...]:
+    """Return words without those that reVISit writes where there is nothing."""
+    return tuple("" if word in ("undefined", "null", "[]") else word for word in words)
 
 
 def _rated_trials(table: Table) -> Table:
@@ -210,52 +273,102 @@ def _rated_trials(table: Table) -> Table:
     return _renamed(table, {"answer": "rating", "trialid": "condition"})
 
 
-MUSHRA = {"sessionuuid": "participant", "trialid": "dataset"}  # of webMUSHRA
+def _avrateng(table: Table, question: str) -> Table:
+    """Take the film out of the list of films that names it."""
+    if types := [name for name in table.names if plain(name) == "ratingtype"]:
+        table = _one_question(table, types[0], question)
+    (name,) = [name for name in table.names if plain(name) == "videoname"]
+    films = {
+        word: re.findall(r"'([^']*)'|\"([^\"]*)\"", word) if word[:1] == "[" else [word]
+        for word in table.columns[name].words
+    }
+    for row, word in enumerate(table.columns[name].texts):
+        if len(films[word]) != 1:
+            raise VotesError(
+                f"row {table.row(row)}: {shown(word)} shows {len(films[word])} films, and nothing says what was rated; "
+                "name the films of a comparison in columns item_a and item_b, or one film in each row"
+            )
+    cells = column_of("".join(films[word][0]) for word in table.columns[name].texts)
+    return _renamed(
+        table.with_columns({**table.columns, name: cells}), {"userid": "participant", "videoname": "condition"}
+    )
+
+
+def _webmushra(table: Table, names: Mapping[str, str]) -> Table:
+    """Name the columns of webMUSHRA; a person is the session, or what the first page asked for: a mail or a name."""
+    plains = {plain(name) for name in table.names}
+    person = next((name for name in MUSHRA_PEOPLE if name in plains), "")
+    return _renamed(table, {person: "participant", "trialid": "dataset", **names})
+
+
+MUSHRA_PEOPLE = ("sessionuuid", "participantid", "listenerid", "email", "participantemail", "name", "participantname")
+# What a paired comparison of webMUSHRA says of the answer: was the reference found?
+MUSHRA_WORDS = {"correct": "a", "incorrect": "b", "undecided": "none"}
 
 
 def _webmushra_pairs(table: Table) -> Table:
     """Say which of the two the answer of a webMUSHRA paired comparison is."""
-    words = {"reference": "a", "non_reference": "b", "nonreference": "b", "non-reference": "b"}
     answer = next(name for name in table.names if plain(name) == "choiceanswer")
-    cells = column_of(words.get(word.lower(), word) for word in table.columns[answer].texts)
+    is_known = table.columns[answer].meaning(lambda word: word.lower() != "unknown", bool)
+    kept = table.where(is_known)
+    cells = column_of(MUSHRA_WORDS.get(word.lower(), word) for word in kept.columns[answer].texts)
+    notes = [
+        "correct is the reference",
+        *([f"{int((~is_known).sum())} rows without an answer are left out"] * (not is_known.all())),
+    ]
     names = {"choicereference": "item_a", "choicenonreference": "item_b", "choiceanswer": "choice"}
-    return _renamed(table.with_columns({**table.columns, answer: cells}), MUSHRA | names)
+    restated = kept.with_columns({**kept.columns, answer: cells}, notes=(*table.notes, *notes))
+    return _webmushra(restated, names)
 
 
 PROGRAMS: dict[str, Program] = {
     "qualtrics": Program(_is_qualtrics, _qualtrics, "three rows of headers; the third holds ImportId"),
     "p910-crowd": Program(
-        _is_crowd, _crowd, "a row for each worker: answer.q1, answer.q1_url (or input.q1), answer.q2, …"
+        _is_crowd,
+        _crowd,
+        "a row for each worker: answer.q1, answer.q1_url (or input.q1), answer.q2, …; answer.q1_order in CCR",
     ),
     "webmushra": Program(
-        _has("sessionuuid", "trialid", "ratingstimulus", "ratingscore"),
-        partial(_renamed, names=MUSHRA | {"ratingstimulus": "condition", "ratingscore": "rating"}),
-        "session_uuid, trial_id, rating_stimulus, rating_score; the scale is --scale 0:100",
+        _has("trialid", "ratingstimulus", "ratingscore"),
+        partial(_webmushra, names={"ratingstimulus": "condition", "ratingscore": "rating"}),
+        "session_uuid (or email, name), trial_id, rating_stimulus, rating_score; the scale is --scale 0:100",
     ),
     "webmushra-pairs": Program(
-        _has("sessionuuid", "trialid", "choicereference", "choicenonreference", "choiceanswer"),
+        _has("trialid", "choicereference", "choicenonreference", "choiceanswer"),
         _webmushra_pairs,
-        "session_uuid, trial_id, choice_reference, choice_non_reference, choice_answer",
+        "email or name, trial_id, choice_reference, choice_non_reference, choice_answer (correct: the reference)",
     ),
     "webmushra-likert": Program(
-        _has("sessionuuid", "trialid", "stimuli", "stimulirating"),
-        partial(_renamed, names=MUSHRA | {"stimuli": "condition", "stimulirating": "rating"}),
-        "session_uuid, trial_id, stimuli, stimuli_rating",
+        _has("trialid", "stimuli", "stimulirating"),
+        partial(_webmushra, names={"stimuli": "condition", "stimulirating": "rating"}),
+        "email or name, trial_id, stimuli_rating, stimuli",
     ),
     "avrateng": Program(
         _has("userid", "videoname", "rating"),
-        partial(_renamed, names={"userid": "participant", "videoname": "condition"}),
-        "user_ID, video_ID, video_name, rating_type, rating",
+        _avrateng,
+        "rating, rating_type, timestamp, user_ID, video_ID, video_name, semicolons between",
+        asks=True,
     ),
     "revisit": Program(
         _has("participantid", "trialid", "responseid", "answer"),
         _revisit,
         "participantId, trialId, responseId, answer, parameters_…",
+        asks=True,
     ),
     "psychopy": Program(
         lambda table: any(plain(name) in ("psychopyversion", "expname") for name in table.names),
         _psychopy,
         "expName, psychopyVersion, key_resp.keys, and the columns of the conditions file",
+    ),
+    "jspsych": Program(
+        _has("trialtype", "trialindex", "response"),
+        _psychopy,
+        "trial_type, trial_index, response, and the columns that the trials' data name",
+    ),
+    "gorilla": Program(
+        _has("participantprivateid", "trialnumber", "response"),
+        _gorilla,
+        "Participant Private ID, Trial Number, Response, and the columns of the spreadsheet",
     ),
 }
 

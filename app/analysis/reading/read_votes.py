@@ -41,6 +41,7 @@ from app.analysis.reading.votes_table import (
     CHOICES,
     IDENTICAL,
     NAMES,
+    NONE,
     ROLE_CODES,
     ROLES,
     VotesError,
@@ -82,9 +83,9 @@ def recognise_file(path: Path | str, told: Told | None = None) -> Source:
         Naming the file, and the row and the value where there is one.
     """
     path, told = Path(path), told or Told()
-    table = read_table(path, told.encoding, told.sheet, told.format)
+    table = read_table(path, told)
     try:
-        table = restated(table, told.format)
+        table = restated(table, told.format, "" if path.suffix.lower() == ".xlsx" else told.sheet)
         return Source(path, table, recognise(table, told))
     except QuestionError as question:
         raise question.at(path) from None
@@ -388,7 +389,7 @@ def _choice(rows: LongTable, description: Description, problems: Problems) -> ND
         (codes == UNKNOWN) & (True if column.missing is None else ~column.missing),
         lambda r: _wrong(rows, "choice", r, expected),
     )
-    return codes
+    return np.where(flags(rows, "ties", problems), NONE, codes).astype(np.int8) if "ties" in columns else codes
 
 
 def _first_shown(

@@ -7,10 +7,13 @@ Where two readings fit, they are asked and not chosen.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from app.analysis.reading.cells import Table, named, shown
+import numpy as np
+from numpy.typing import NDArray
+
+from app.analysis.reading.cells import Column, Table, is_numeric, named, shown, values_of
 from app.analysis.reading.description import JOIN, VOTES, Description, QuestionError, Reading, Told
 from app.analysis.reading.kinds.rankings import find_best_worst, find_ranked_columns, find_ranking, find_wide_ranks
 from app.analysis.reading.kinds.ratings import find_comparisons, find_ratings, find_wide_ratings, quietly
@@ -24,8 +27,9 @@ from app.analysis.reading.kinds.votes import (
     find_won,
     with_meaning,
 )
+from app.analysis.reading.layouts import joined_column
 from app.analysis.reading.votes_table import VotesError
-from app.analysis.reading.words import SEVERAL, is_suspicious, plain
+from app.analysis.reading.words import MULTIPLE, SEVERAL, is_never, is_suspicious, plain
 
 SHORTENED = re.compile(r"\d([.,]\d+)?E\+?\d{2,}", re.IGNORECASE)  # 5.6E+23: what Excel leaves of a long id
 
@@ -189,12 +193,55 @@ def _with_lists(seen: Seen, description: Description) -> Description:
                 f"the column {name!r} is not used, and looks as if it said that rows should not count or are apart "
                 f"(it holds {holds}); {Told(columns={role: name})} uses it"
             )
+    warnings += _repeats(seen, description, [name for name in rest if not any(repr(name) in text for text in warnings)])
     warnings += _odd_cells(seen, description)
     if description.without:
         names = [seen.column(next(iter(description.columns.values()))[0]).texts[row] for row in description.without]
         rows = ", ".join(str(seen.table.row(row)) for row in description.without)
         warnings.append(f"row {rows} is not used: {', '.join(map(repr, names))} is nobody but a summary")
     return replace(description, not_used=rest, warnings=tuple(warnings))
+
+
+MOST_KINDS = 20  # different texts of a column that may tell repeated rows apart; more are numbers of trials
+
+
+def _repeats(seen: Seen, description: Description, rest: Sequence[str]) -> list[str]:
+    """Warn where rows of the same person, dataset and items are told apart by a column that is not used."""
+    columns = description.columns
+    what = [role for role in ("dataset", "condition", "item_a", "item_b") if role in columns]
+    weights = [name for name in rest if description.holds != VOTES and plain(name) in (*MULTIPLE, "count", "counts")]
+    warnings = [
+        f"the column {name!r} is not used: each row is one rating"
+        for name in weights
+        if any(value != 1 for value in values_of(seen.column(name)))
+    ]
+    few = [
+        name
+        for name in rest
+        if 1 < len(seen.column(name).filled) <= MOST_KINDS
+        and not (is_never(name) and is_numeric(seen.column(name)))
+        and name not in weights
+    ]
+    if description.layout not in ("rows", "won") or "participant" not in columns or not few:
+        return warnings
+    key = np.zeros(len(seen.table), np.int64)
+    for role in ("participant", *what):
+        key = _with_code(key, joined_column(seen.table, columns[role]))
+    different = len(np.unique(key))
+    for name in few if different < len(key) else ():
+        if len(np.unique(_with_code(key, seen.column(name)))) == len(key):
+            apart = Told(columns={"dataset": JOIN.join((*columns.get("dataset", ()), name))})
+            others = Told(columns={"participant": JOIN.join((*columns["participant"], name))})
+            warnings.append(
+                f"rows of the same participant and items differ in the column {name!r}, which is not used: they count "
+                f"as repeats; {apart} keeps them apart, {others} takes them for other people's"
+            )
+    return warnings
+
+
+def _with_code(key: NDArray[np.int64], column: Column) -> NDArray[np.int64]:
+    """Return numbers (N,) that tell apart what both the key and the column tell apart."""
+    return np.asarray(np.unique(key * len(column.words) + column.codes, return_inverse=True)[1], np.int64)
 
 
 def _odd_cells(seen: Seen, description: Description) -> list[str]:

@@ -11,7 +11,7 @@ import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from app.analysis.reading.cells import Column, Table, shown, table_of_frame
+from app.analysis.reading.description import Told
 from app.analysis.reading.nested import rows_of_json, rows_of_python
 from app.analysis.reading.votes_table import VotesError
 from app.files import FORMULA
@@ -45,34 +46,23 @@ SIGNATURES = {
 }
 
 
-@dataclass(frozen=True)
-class _Asked:
-    """How to read a file, where that was told: the encoding of text, the sheet of a workbook, a layout's name."""
-
-    encoding: str = ""
-    sheet: str = ""
-    format: str = ""
-
-
-def read_table(path: Path, encoding: str = "", sheet: str = "", layout: str = "") -> Table:
+def read_table(path: Path, told: Told = Told()) -> Table:  # frozen
     """Read a table; the ending of the file's name tells the format, and its content the separator and encoding.
 
     Parameters
     ----------
     path : the file
-    encoding : of text; by default UTF-8, or UTF-16 with its mark
-    sheet : of a workbook; the first by default
-    layout : as `--format` names it; that of choix has no header
+    told : the encoding of text, by default UTF-8, or UTF-16 with its mark; the sheet of a workbook, by default the
+        first; and the layout, as that of choix has no header
 
     Raises
     ------
     VotesError
         Naming the file, and the row where there is one.
     """
-    asked = _Asked(encoding, sheet, layout)
-    if (table := _quick_table(path, asked)) is not None:
+    if (table := _quick_table(path, told)) is not None:
         return table
-    frame = read_frame(path, asked)
+    frame = read_frame(path, told)
     try:
         table = table_of_frame(frame)
     except VotesError as error:
@@ -82,7 +72,7 @@ def read_table(path: Path, encoding: str = "", sheet: str = "", layout: str = ""
     return replace(table, notes=tuple(frame.attrs.get("notes", ())))
 
 
-def read_frame(path: Path, asked: _Asked = _Asked()) -> pd.DataFrame:  # frozen
+def read_frame(path: Path, told: Told = Told()) -> pd.DataFrame:  # frozen
     """Read a table as pandas has it.
 
     `attrs["understood"]` of the table says in words how the file was read, `attrs["rows"]` the rows of the file.
@@ -98,7 +88,7 @@ def read_frame(path: Path, asked: _Asked = _Asked()) -> pd.DataFrame:  # frozen
         raise VotesError(f"{path}: is a folder, expected a file: {', '.join(READERS)}")
     if reader is None:
         raise VotesError(f"{path}: ends in {path.suffix!r}, expected one of {', '.join(READERS)}")
-    return _read(path, reader, asked)
+    return _read(path, reader, told)
 
 
 def read_csv(path: Path) -> pd.DataFrame:
@@ -110,37 +100,37 @@ def read_csv(path: Path) -> pd.DataFrame:
     VotesError
         Naming the file, and the row where there is one.
     """
-    return _read(path, _read_text, _Asked())
+    return _read(path, _read_text, Told())
 
 
-Reader = Callable[[Path, _Asked], pd.DataFrame]
+Reader = Callable[[Path, Told], pd.DataFrame]
 
 
-def _read(path: Path, reader: Reader, asked: _Asked) -> pd.DataFrame:
+def _read(path: Path, reader: Reader, told: Told) -> pd.DataFrame:
     try:
-        return reader(path, asked)
+        return reader(path, told)
     except FileNotFoundError as error:
         raise VotesError(f"{path}: there is no such file") from error
     except VotesError as error:
         raise VotesError(f"{path}: {error}") from error
 
 
-def _read_text(path: Path, asked: _Asked) -> pd.DataFrame:
-    return _table_of_text(path.read_bytes(), asked)
+def _read_text(path: Path, told: Told) -> pd.DataFrame:
+    return _table_of_text(path.read_bytes(), told)
 
 
-def _read_gzip(path: Path, asked: _Asked) -> pd.DataFrame:
+def _read_gzip(path: Path, told: Told) -> pd.DataFrame:
     try:
         with gzip.open(path) as file:
             content = file.read(MOST_UNPACKED + 1)
         _check_unpacked(len(content))
-        return _table_of_text(content, asked)
+        return _table_of_text(content, told)
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise VotesError(f"is not readable as gzip: {error}") from error
 
 
-def _table_of_text(content: bytes, asked: _Asked) -> pd.DataFrame:
-    text, encoding = _decode(content, asked.encoding)
+def _table_of_text(content: bytes, told: Told) -> pd.DataFrame:
+    text, encoding = _decode(content, told.encoding)
     if not text.strip():
         raise VotesError("is empty, expected a header and at least one row")
     if "\0" in text:
@@ -150,11 +140,11 @@ def _table_of_text(content: bytes, asked: _Asked) -> pd.DataFrame:
         text = text.replace("\r", "\n")  # ends of lines as on old Macs
     text = text.lstrip("\r\n")
     first, _, rest = text.partition("\n")
-    told = SEPARATOR_LINE.fullmatch(first)
-    text = rest if told else text
-    if asked.format == "choix":
+    named = SEPARATOR_LINE.fullmatch(first)
+    text = rest if named else text
+    if told.format == "choix":
         text = f"winner,loser\n{text}"
-    separator = told[1] if told and told[1] in SEPARATORS else _separator((text.splitlines() or [""])[0])
+    separator = named[1] if named and named[1] in SEPARATORS else _separator((text.splitlines() or [""])[0])
     header = [name.strip() for name in _cells(io.StringIO(text), separator)]
     if not header:
         raise VotesError(f"is no table: its header holds a name of more than {csv.field_size_limit()} letters")
@@ -208,11 +198,11 @@ def _lines_in(text: str) -> int:
     return text.count("\n") or text.count("\r")
 
 
-def _quick_table(path: Path, asked: _Asked) -> Table | None:
+def _quick_table(path: Path, told: Told) -> Table | None:
     """Read a large clean CSV file in UTF-8 at once; None for any other, which is read cell by cell."""
     if path.suffix.lower() != ".csv" or not path.is_file() or path.stat().st_size < QUICK_FROM:
         return None
-    if asked.encoding or asked.format == "choix":
+    if told.encoding or told.format == "choix":
         return None
     from pyarrow import ArrowException, dictionary, int32, string  # loads slowly
     from pyarrow import csv as arrow_csv
@@ -338,7 +328,7 @@ def _utf_16_without_mark(sample: bytes) -> str:
     return "utf-16-be" if zeros[0] > 0.7 * half and not zeros[1] else ""
 
 
-def _read_parquet(path: Path, _asked: _Asked) -> pd.DataFrame:
+def _read_parquet(path: Path, _told: Told) -> pd.DataFrame:
     from pyarrow import parquet
 
     try:
@@ -354,9 +344,9 @@ def _read_parquet(path: Path, _asked: _Asked) -> pd.DataFrame:
         raise VotesError(f"is not readable as Parquet: {error}") from error
 
 
-def _read_json(path: Path, asked: _Asked) -> pd.DataFrame:
+def _read_json(path: Path, told: Told) -> pd.DataFrame:
     try:
-        content = json.loads(_decode(path.read_bytes(), asked.encoding)[0])
+        content = json.loads(_decode(path.read_bytes(), told.encoding)[0])
     except json.JSONDecodeError as error:
         raise VotesError(f"is not readable as JSON: {error}") from error
     return _flat(rows_of_json(content), "JSON")
@@ -370,15 +360,15 @@ def _flat(nested: tuple[list[dict[str, Any]], tuple[str, ...]], how: str) -> pd.
     return frame
 
 
-def _read_python(path: Path, asked: _Asked) -> pd.DataFrame:
+def _read_python(path: Path, told: Told) -> pd.DataFrame:
     """Read a dataset file of sureal, whose literals are taken and which is never run."""
-    text, _ = _decode(path.read_bytes(), asked.encoding)
+    text, _ = _decode(path.read_bytes(), told.encoding)
     return _flat(rows_of_python(text), "Python, read as literals and not run")
 
 
-def _read_lines(path: Path, asked: _Asked) -> pd.DataFrame:
+def _read_lines(path: Path, told: Told) -> pd.DataFrame:
     rows = []
-    for number, line in enumerate(_decode(path.read_bytes(), asked.encoding)[0].split("\n"), start=1):
+    for number, line in enumerate(_decode(path.read_bytes(), told.encoding)[0].split("\n"), start=1):
         if not line.strip():
             continue
         try:
@@ -391,13 +381,13 @@ def _read_lines(path: Path, asked: _Asked) -> pd.DataFrame:
     return _flat(rows_of_json(rows), "JSON, an object on each line")
 
 
-def _read_excel(path: Path, asked: _Asked) -> pd.DataFrame:
+def _read_excel(path: Path, told: Told) -> pd.DataFrame:
     try:
         with zipfile.ZipFile(path) as archive:
             _check_unpacked(sum(entry.file_size for entry in archive.infolist()))
         with pd.ExcelFile(path, engine="openpyxl") as book:
             sheets = [str(name) for name in book.sheet_names]
-            sheet = asked.sheet or sheets[0]
+            sheet = told.sheet or sheets[0]
             if sheet not in sheets:
                 raise VotesError(f"has no sheet {shown(sheet)}; it has {', '.join(map(shown, sheets))}")
             _check_cells(_cells_up_to(book.book[sheet].iter_rows(values_only=True)))

@@ -48,7 +48,7 @@ SYNONYMS: dict[str, tuple[str, ...]] = {
     "count": ("counts", "nvotes"),
     "wins_a": ("win1", "wins1", "winsa", "awins", "homewins", "leftwins", "winsleft", "votesa", "votes1", "counta"),
     "wins_b": ("win2", "wins2", "winsb", "bwins", "awaywins", "rightwins", "winsright", "votesb", "votes2", "countb"),
-    "ties": ("tie", "draws", "draw", "ntie", "nties"),
+    "ties": ("tie", "draws", "draw", "ntie", "nties", "istie", "isdraw", "tied", "nopreference", "isequal"),
     "rank": ("ranking", "place", "position"),
     "winner": ("winnerid", "winnername", "winneritem", "won", "chosenmodel", "chosenitem", "preferreditem"),
     "loser": ("loserid", "losername", "loseritem", "lost", "rejected", "rejectedmodel", "rejecteditem"),
@@ -110,12 +110,17 @@ NEVER = frozenset(
         "remarks reason count weight consent role protocol reference replicates repetition rep ip ipaddress "
         "latitude longitude scene locationlatitude locationlongitude qrecaptchascore externalreference phase city "
         "zip zipcode email income height_cm cohort site lab room price reward payment bonus kurtosis skew skewness "
-        "outlier outliers ratio percent iqr"
+        "outlier outliers ratio percent iqr clicks plays replays views looks switches toggles visits position hours "
+        "familiarity gaming ssq tlx sus presence nausea sickness cybersickness discomfort workload immersion alter "
+        "geschlecht edad sexo sexe mittelwert durchschnitt moyenne promedio overall"
     )
 ) | {""}
 # Rows of a wide table that are nobody.
 SUMMARIES = frozenset(
-    words_of("mos dmos cmos sd std stdev stddev se sem ci ci95 95ci mean average avg median var variance total sum")
+    words_of(
+        "mos dmos cmos sd std stdev stddev se sem ci ci95 95ci mean average avg median var variance total totals sum "
+        "all overall summary mittelwert durchschnitt gesamt summe moyenne promedio"
+    )
 )
 # What a column is likely to say if its name or its cells hold this: that some rows should not count, or are apart.
 SUSPICIOUS = re.compile(
@@ -124,7 +129,14 @@ SUSPICIOUS = re.compile(
     r"spam|cheat|duplicate|trial.?type|is.?real|consent|withdr",
     re.IGNORECASE,
 )
+# Columns, not cells, that say so.
+SUSPICIOUS_NAME = re.compile(
+    r"correct|accura|expected|target|delet|inclu|keep|kept|accept|approv|pass|usable|complete|status|invert|^(ok|used?|good)$",
+    re.IGNORECASE,
+)
 SWAPPED = re.compile(r"swap|flip|mirror|revers", re.IGNORECASE)  # sides that stand the other way round in some rows
+# What may say on which side, or in which order, the items of a row were shown.
+PLACED = re.compile(r"order|pos(ition)?|side|locat|placement|left|right|first|second|top|bottom", re.IGNORECASE)
 SEVERAL = re.compile(r"criteri|question|attribute|dimension|aspect|rating.?type|^scale|^task", re.IGNORECASE)
 MULTIPLE = ("n", "freq", "frequency", "weight", "weights", "times", "votes", "total", "num", "number", "multiplicity")
 GRADES = {"excellent": 5.0, "good": 4.0, "fair": 3.0, "poor": 2.0, "bad": 1.0}  # ITU-T P.910, absolute categories
@@ -169,7 +181,7 @@ def is_never(name: str) -> bool:
 def is_suspicious(name: str, words: Iterable[str] = ()) -> bool:
     """Does a column that is not used look as if it said that rows should not count, or are apart?"""
     few = list(words)
-    return bool(SUSPICIOUS.search(name)) or (
+    return bool(SUSPICIOUS.search(name) or SUSPICIOUS_NAME.search(name)) or (
         len(few) <= MOST_WORDS and any(SUSPICIOUS.search(word) for word in few if len(word) < 40)
     )
 

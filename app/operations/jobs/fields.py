@@ -10,12 +10,12 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
 from app.errors import InvalidError
 from app.intake.shelves import checked_name, is_plain, shelf
-from app.intake.summaries import is_readable
+from app.intake.summaries import CLOUDS, clouds_among, is_readable
 from app.settings import Settings
 
 SETS = "sets"  # the stimulus sets' folder, beside the shelves of the intake folder
@@ -89,7 +89,7 @@ class Entry(Field):
     shelves : where it may lie
     holds : a file that it has, which tells it from other entries of the shelf; empty: any
     lacks : a file that it does not have; empty: any
-    takes : a folder, a file, either, or files: one, or all PLY files of a folder
+    takes : a folder, a file, either, or files: one, or all clouds of a folder
     otherwise : the entry that other fields' values name, where none is chosen
     """
 
@@ -131,7 +131,7 @@ class Entry(Field):
         path = place(settings, kind) / plain if kind in self.shelves and is_plain(plain) else None
         if path is None or not self._is_fit(path):
             needed = f" with a {self.holds}" if self.holds else f" without a {self.lacks}" if self.lacks else ""
-            needed = " that is or holds PLY files" if self.takes == "files" else needed
+            needed = " that is or holds clouds" if self.takes == "files" else needed
             raise self.refuse(name, f"the name of something{needed} in {' or '.join(self.shelves)}")
         return path
 
@@ -164,7 +164,7 @@ class Entry(Field):
 
 
 def _clouds_in(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.iterdir() if path.suffix.lower() == ".ply" and path.is_file())
+    return clouds_among(sorted(path for path in folder.iterdir() if path.is_file()))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -361,4 +361,5 @@ class Switch(Field):
 def _plain(value: Any) -> str:
     """Return what a name is made from: of several entries the first, without its shelf and file's ending."""
     first: Any = value[0] if isinstance(value, Sequence) and not isinstance(value, str) and value else value
-    return str(first).rpartition("/")[2].removesuffix(".ply")
+    name = PurePosixPath(str(first).rpartition("/")[2])
+    return name.stem if name.suffix.lower() in CLOUDS else name.name

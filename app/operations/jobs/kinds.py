@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 
 from app.errors import InvalidError
@@ -12,6 +13,7 @@ from app.operations.jobs.recordings import RECORDINGS
 from app.operations.jobs.validations import VALIDATIONS
 from app.settings import Settings
 
+NAMED = re.compile(r"`(?:reconstudy )?([a-z][^`]*)`")
 GROUPS: Mapping[str, tuple[JobKind, ...]] = {
     "Recordings": RECORDINGS,
     "Models and films": FILMS,
@@ -36,6 +38,18 @@ def job_kind(name: str) -> JobKind:
 def title_of(name: str) -> str:
     """Return the title of a kind; the name itself of one that is no more."""
     return KINDS[name].title if name in KINDS else name
+
+
+def in_page_words(said: str) -> str:
+    """Name the jobs whose commands a sentence names: who reads it on a page has no command line."""
+    titles = {kind.command: kind.title for kind in KINDS.values()}
+
+    def title(named: re.Match[str]) -> str:
+        words = named[1].split()
+        known = (titles.get(" ".join(words[:n])) for n in (2, 1))
+        return next((f"the job “{name}”" for name in known if name), named[0])
+
+    return NAMED.sub(title, said)
 
 
 def kinds_for(settings: Settings, shelf: str, name: str) -> list[tuple[JobKind, str, str]]:

@@ -26,11 +26,11 @@ def recording_of(values: Values, settings: Settings) -> str | None:
         return None
 
 
-PLY = Entry(name="cloud", label="Cloud", shelves=("clouds",), takes="file")
+CLOUD = Entry(name="cloud", label="Cloud", shelves=("clouds",), takes="file")
 CLOUDS = Entries(
     name="clouds",
     label="Clouds",
-    help="PLY files, or folders of them: one for each sensor and place",
+    help="files, or folders of them: one for each sensor and place",
     shelves=("clouds",),
     takes="files",
 )
@@ -66,14 +66,14 @@ VALIDATIONS = (
             "clouds": Entries(
                 name="clouds",
                 label="Clouds",
-                help="runs; or PLY files, or folders with one for each frame",
+                help="runs; or files, or folders with one for each frame",
                 shelves=("runs", "clouds"),
                 takes="either",
             ),
             "reference": Entry(
                 name="reference",
                 label="Reference",
-                help="a PLY file, a folder with one for each frame, or a synthetic capture, which has the truth",
+                help="a file, a folder with one for each frame, or a synthetic capture, which has the truth",
                 shelves=("clouds", "captures"),
                 takes="either",
             ),
@@ -100,8 +100,8 @@ VALIDATIONS = (
         help="Finds a known mesh in a cloud, and reports signed distances and inliers.",
         command="validate object",
         places={
-            "model": replace(PLY, name="model", label="Known object", help="PLY of its mesh"),
-            "cloud": replace(PLY, name="cloud", label="Cloud", help="PLY"),
+            "model": replace(CLOUD, name="model", label="Known object", help="its mesh"),
+            "cloud": CLOUD,
             "out": report_name("{cloud}-object"),
         },
     ),
@@ -111,8 +111,8 @@ VALIDATIONS = (
         help="Reports accuracy, completeness and F-score of a mesh or cloud against the true one.",
         command="validate mesh",
         places={
-            "mesh": replace(PLY, name="mesh", label="Model", help="PLY, mm"),
-            "truth": replace(PLY, name="truth", label="Truth", help="PLY in the same coordinates"),
+            "mesh": replace(CLOUD, name="mesh", label="Model", help="in mm"),
+            "truth": replace(CLOUD, name="truth", label="Truth", help="in the same coordinates"),
             "out": report_name("{mesh}-mesh"),
         },
     ),

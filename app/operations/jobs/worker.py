@@ -19,7 +19,7 @@ from app.operations.database import open_store
 from app.operations.extras import has_extra
 from app.operations.jobs.chains import go_on
 from app.operations.jobs.command import Command, job_folder, was_done
-from app.operations.jobs.kinds import KINDS, job_kind
+from app.operations.jobs.kinds import KINDS, in_page_words, job_kind
 from app.operations.jobs.queueing import must_wait
 from app.settings import Settings
 from app.store.database.engine import Database, Transaction
@@ -175,7 +175,7 @@ class JobWorker:
         elif is_cancelling:
             self._end(job, "cancelled", "")
         else:
-            self._end(job, "failed", self._without_folders(command.outcome()))
+            self._end(job, "failed", in_page_words(self._without_folders(command.outcome())))
         del self._running[job.public_id]
 
     def _is_too_long(self, command: Command) -> bool:

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from app.errors import StudyError
+from app.errors import StimuliError, StudyError, said_on_page
 from app.ffmpeg import Progress, decode, in_parallel, no_progress
 from app.files import file_digest, read_json, write_json
 from app.operations.database import open_store
@@ -162,8 +162,8 @@ def _fault(settings: Settings, film: ShownFilm) -> str:
         return "the file is not what it was when the study was made"
     try:
         facts = decode(path)
-    except StudyError as error:
-        return str(error).replace(f"{path}: ", "")
+    except StimuliError as error:
+        return said_on_page(error).replace(f"{path}: ", "")
     expected = replace(facts, width=film.width, height=_height(film), n_frames=film.n_frames)
     return "" if facts == expected and facts.pixel_shape == 1 else f"it has {facts}, its player expects {expected}"
 

@@ -31,6 +31,7 @@ from app.store.studies.measurements import measurement_records, replace_measurem
 from app.store.trials.designs import copy_design, insert_design, insert_practice
 from app.store.trials.orders import most_trials
 from app.study.languages.text import is_one_line
+from app.study.option_fields import SettingError
 from app.study.options.neutral_words import neutral_words
 from app.study.options.options import StudyOptions, parse_options
 from app.study.options.own_texts import LONGEST_NAME
@@ -221,8 +222,10 @@ def slugify(name: str) -> str:
         If the name is too long, has no letter or digit, or several lines.
     """
     if not any(map(str.isalnum, name)) or len(name) > LONGEST_NAME or not is_one_line(name.strip()):
-        raise ValueError(
-            f"{name!r:.240}: expected a name of 1 to {LONGEST_NAME} characters in one line, with a letter or digit"
+        raise SettingError(
+            "name",
+            f"expected a name of 1 to {LONGEST_NAME} characters in one line, with a letter or digit",
+            f"{name!r:.240}:",
         )
     letters = "".join(LATIN.get(letter, letter) for letter in unicodedata.normalize("NFKD", name.casefold()))
     plain = letters.encode("ascii", "ignore").decode()
@@ -248,7 +251,9 @@ def new_slug(database: Database, name: str) -> str:
     with database.reading() as connection:
         is_taken = studies.slug_exists(connection, slug)
     if is_taken:
-        raise ValueError(f"there is already a study {slug!r} (from the name {name!r}); choose another name")
+        raise SettingError(
+            "name", f"{slug!r} (from the name {name!r}); choose another name", "there is already a study"
+        )
     return slug
 
 

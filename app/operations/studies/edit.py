@@ -29,7 +29,7 @@ from app.study.design.adaptive import check_adaptive
 from app.study.design.groups import check_groups
 from app.study.languages.language_pack import LanguagePack
 from app.study.languages.text import is_one_line
-from app.study.option_fields import WITH_FILMS
+from app.study.option_fields import WITH_FILMS, SettingError
 from app.study.options.option_table import CHANGES, why_fixed
 from app.study.options.options import check_minimum_viewing, without_effect
 from app.study.options.own_texts import LONGEST_NAME
@@ -91,9 +91,9 @@ def check_edit(
             check_languages(wanted.options, packs)
             if forgets_at(wanted.options, study.closed_at) != forgets_at(now.options, study.closed_at):
                 check_days_left(wanted.options, study.closed_at, utc_now())
-            for name, reason in without_effect(wanted.options).items():
+            for name, refusal in without_effect(wanted.options).items():
                 if name in changes or "protocol" in changes:
-                    raise ValueError(reason)
+                    raise refusal
             needs_films = _needs_films(connection, study, wanted, changes)
             if not needs_films:
                 if wanted.options.adaptive_pairs:
@@ -181,7 +181,7 @@ def _complete(now: StudyFile, wanted: StudyFile) -> StudyFile:
     check_minimum_viewing(wanted.options, exposure_s)
     name = wanted.name.strip()
     if not 1 <= len(name) <= LONGEST_NAME or not is_one_line(name):
-        raise ValueError(f"name is {name!r:.240}, expected 1 to {LONGEST_NAME} characters in one line")
+        raise SettingError("name", f"is {name!r:.240}, expected 1 to {LONGEST_NAME} characters in one line")
     seed = now.seed if wanted.seed is None else wanted.seed
     before, options = now.options, wanted.options
     if options.practice_dataset != before.practice_dataset and options.practice_pairs == before.practice_pairs:

@@ -28,6 +28,7 @@ from app.intake.stimuli import StimulusSet, read_stimulus_set
 from app.settings import Settings
 from app.study.design.adaptive import check_adaptive
 from app.study.design.groups import check_groups
+from app.study.option_fields import SettingError
 from app.study.options.options import StudyOptions, check_minimum_viewing, parse_options, without_effect
 from app.study.options.study_file import EXPOSURE_BOUNDS_S
 from app.study.protocols import DCR, WITH_REFERENCE
@@ -204,5 +205,5 @@ def chosen_exposure(stimulus_set: StimulusSet, wanted_s: float | None) -> float:
     exposure_s = float(shortest_s if wanted_s is None else wanted_s)
     low_s, high_s = EXPOSURE_BOUNDS_S
     if not low_s <= exposure_s <= high_s:
-        raise ValueError(f"exposure {exposure_s} s: expected between {low_s} and {high_s}")
+        raise SettingError("exposure_s", f"{exposure_s} s: expected between {low_s} and {high_s}", "exposure")
     return exposure_s

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from app.errors import StimuliError
+from app.errors import StimuliError, said_on_page
 from app.ffmpeg import VIDEO_SUFFIXES, Progress
 from app.files import is_plain_name, read_json
 from app.intake.bounds import in_bounds
@@ -54,7 +54,8 @@ def install_set(
         else:
             stimulus_set = _made(folder, unpacked, name, progress, is_conformed=is_conformed)
     except StimuliError as error:
-        raise StimuliError(str(error).replace(f"{folder}/", "").replace(str(folder), "the upload")) from error
+        said = said_on_page(error).replace(f"{folder}/", "").replace(str(folder), "the upload")
+        raise StimuliError(said) from error
     slug = slugify(stimulus_set.name)
     if (server.sets_dir / slug).exists():
         raise StimuliError(f"there are films called {slug!r} already; give these another name, then upload them again")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from sqlalchemy import Column, ForeignKey, Integer, MetaData, String
+from sqlalchemy import Column, ColumnElement, ForeignKey, Index, Integer, MetaData, String, Table
+from sqlalchemy.schema import SchemaItem
 
 NAMES = {
     "ix": "ix_%(table_name)s_%(column_0_N_name)s",
@@ -16,9 +17,14 @@ NAMES = {
 metadata = MetaData(naming_convention=NAMES)
 
 
-def key() -> Column[int]:
-    """Return a primary key that counts rows."""
-    return Column("id", Integer, primary_key=True)
+def table(name: str, *items: SchemaItem) -> Table:
+    """Define a table whose primary key counts its rows."""
+    return Table(name, metadata, Column("id", Integer, primary_key=True), *items)
+
+
+def unique_where(name: str, *columns: Column[Any], where: ColumnElement[bool]) -> Index:
+    """Define a unique index over the rows of which a condition holds."""
+    return Index(name, *columns, unique=True, sqlite_where=where, postgresql_where=where)
 
 
 def reference(target: str, *, index: bool = True) -> Column[int]:

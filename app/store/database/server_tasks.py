@@ -15,7 +15,7 @@ from sqlalchemy import Connection, select, update
 from app.errors import ConflictError
 from app.store.database.engine import Database, insert_or_ignore
 from app.store.database.keys import new_opaque_id
-from app.store.database.tables import job
+from app.store.database.tables import task
 
 BEATS_WITHIN = timedelta(minutes=2)  # a task without a sign of life for longer has died with its process
 LONGEST_DETAIL = 500
@@ -81,12 +81,12 @@ def begin_task(
     values |= {"state": "running", "work": work}
     counts = {"done": 0, "total": 0, "detail": "", "started_at": now, "beat_at": now}
     with database.writing() as connection:
-        makes_it = (job.c.subject == subject) & (job.c.state == "running")
-        is_lost = job.c.beat_at < now - BEATS_WITHIN
-        connection.execute(update(job).where(makes_it & is_lost).values(state="failed", detail=STOPPED))
-        if insert_or_ignore(connection, job, [values | counts], job.c.id):
+        makes_it = (task.c.subject == subject) & (task.c.state == "running")
+        is_lost = task.c.beat_at < now - BEATS_WITHIN
+        connection.execute(update(task).where(makes_it & is_lost).values(state="failed", detail=STOPPED))
+        if insert_or_ignore(connection, task, [values | counts], task.c.id):
             return Begun(public_id, is_new=True)
-        runs = connection.execute(select(job.c.public_id, job.c.actor).where(makes_it)).one_or_none()
+        runs = connection.execute(select(task.c.public_id, task.c.actor).where(makes_it)).one_or_none()
     if runs is None or runs.actor != actor:
         by = "Somebody" if runs is None else runs.actor
         raise ConflictError(f"{by} does this at the moment ({title}). Wait until it is done, or choose another name.")
@@ -100,17 +100,17 @@ def claim_lost_task(database: Database, kinds: Sequence[str], now: datetime, *, 
     ----------
     is_alone : is there no other process that could run one?
     """
-    columns = [job.c[name] for name in ServerTask.__dataclass_fields__]
+    columns = [task.c[name] for name in ServerTask.__dataclass_fields__]
     with database.reading() as connection:  # who only looks takes no write lock
         rows = connection.execute(
-            select(*columns).where(job.c.state == "running", job.c.work.is_not(None)).order_by(job.c.id)
+            select(*columns).where(task.c.state == "running", task.c.work.is_not(None)).order_by(task.c.id)
         ).all()
     for row in rows:
         lost = ServerTask(**row._mapping)
         is_of_kind = lost.work is not None and lost.work.get("kind") in kinds
         if not is_of_kind or not (lost.is_lost(now) or (is_alone and lost.beat_at < now)):
             continue
-        taken = update(job).where(job.c.public_id == lost.public_id, job.c.beat_at == lost.beat_at)
+        taken = update(task).where(task.c.public_id == lost.public_id, task.c.beat_at == lost.beat_at)
         with database.writing() as connection:
             if connection.execute(taken.values(beat_at=now)).rowcount:
                 return lost
@@ -123,18 +123,18 @@ def leave_task(
     """Leave a task for the server to take up, which looks every few seconds; False: one of its subject runs."""
     values = {"public_id": new_opaque_id(), "actor": actor, "title": title, "subject": subject, "work": work}
     counts = {"done": 0, "total": 0, "detail": "", "started_at": now, "beat_at": now - 2 * BEATS_WITHIN}
-    return bool(insert_or_ignore(connection, job, [values | counts | {"state": "running"}], job.c.id))
+    return bool(insert_or_ignore(connection, task, [values | counts | {"state": "running"}], task.c.id))
 
 
 def cancel_task(connection: Connection, public_id: str, now: datetime) -> bool:
     """Ask a running task to stop; return whether it runs, and was not asked before."""
-    runs = (job.c.public_id == public_id, job.c.state == "running", job.c.cancelled_at.is_(None))
-    return bool(connection.execute(update(job).where(*runs).values(cancelled_at=now)).rowcount)
+    runs = (task.c.public_id == public_id, task.c.state == "running", task.c.cancelled_at.is_(None))
+    return bool(connection.execute(update(task).where(*runs).values(cancelled_at=now)).rowcount)
 
 
 def is_cancelled(database: Database, public_id: str) -> bool:
     with database.reading() as connection:
-        return connection.scalar(select(job.c.cancelled_at).where(job.c.public_id == public_id)) is not None
+        return connection.scalar(select(task.c.cancelled_at).where(task.c.public_id == public_id)) is not None
 
 
 def beat(database: Database, public_id: str, now: datetime) -> None:
@@ -156,17 +156,17 @@ def fail_task(database: Database, public_id: str, reason: str, now: datetime) ->
 
 
 def task_by_id(connection: Connection, public_id: str) -> ServerTask | None:
-    columns = [job.c[name] for name in ServerTask.__dataclass_fields__]
-    row = connection.execute(select(*columns).where(job.c.public_id == public_id)).one_or_none()
+    columns = [task.c[name] for name in ServerTask.__dataclass_fields__]
+    row = connection.execute(select(*columns).where(task.c.public_id == public_id)).one_or_none()
     return ServerTask(**row._mapping) if row else None
 
 
 def running_tasks(connection: Connection, now: datetime) -> list[str]:
     """Return the titles of what runs now, the oldest first."""
-    lives = (job.c.state == "running") & (job.c.beat_at >= now - BEATS_WITHIN)
-    return list(connection.scalars(select(job.c.title).where(lives).order_by(job.c.id)))
+    lives = (task.c.state == "running") & (task.c.beat_at >= now - BEATS_WITHIN)
+    return list(connection.scalars(select(task.c.title).where(lives).order_by(task.c.id)))
 
 
 def _change(database: Database, public_id: str, **values: object) -> None:
     with database.writing() as connection:
-        connection.execute(update(job).where(job.c.public_id == public_id).values(**values))
+        connection.execute(update(task).where(task.c.public_id == public_id).values(**values))

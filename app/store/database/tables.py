@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from sqlalchemy import (
     JSON,
     BigInteger,
@@ -23,13 +25,26 @@ from sqlalchemy import (
 )
 
 from app.store.database.engine import UtcDateTime
-from app.store.database.schema import digest, key, metadata, reference, required
+from app.store.database.schema import digest, metadata, reference, required, table, unique_where
 from app.store.database.steady_clock import running_s, this_start
 
-study = Table(
+
+def film() -> tuple[Column[Any], ...]:
+    """Return the columns of a film that shows a pair."""
+    return (
+        required("media", String(32), unique=True),
+        required("file", String(80)),
+        digest("sha256"),
+        required("width", Integer),
+        required("height", Integer),
+        required("guard_rows", Integer),
+        required("fps", Float),
+        required("n_frames", Integer),
+    )
+
+
+study = table(
     "study",
-    metadata,
-    key(),
     required("slug", String(64), unique=True),
     required("name", String(200)),
     required("state", String(8)),
@@ -49,20 +64,16 @@ study = Table(
     CheckConstraint("exposure_s > 0", name="exposure"),
 )
 
-dataset = Table(
+dataset = table(
     "dataset",
-    metadata,
-    key(),
     reference("study", index=False),
     required("position", Integer),
     required("name", String(200)),
     UniqueConstraint("study_id", "name"),
 )
 
-condition = Table(
+condition = table(
     "condition",
-    metadata,
-    key(),
     reference("study", index=False),
     required("position", Integer),
     required("name", String(200)),
@@ -70,10 +81,8 @@ condition = Table(
     UniqueConstraint("study_id", "name"),
 )
 
-stimulus = Table(
+stimulus = table(
     "stimulus",
-    metadata,
-    key(),
     reference("dataset", index=False),
     reference("condition"),
     digest("sha256"),
@@ -86,28 +95,17 @@ stimulus = Table(
     UniqueConstraint("dataset_id", "condition_id"),
 )
 
-pair = Table(
+pair = table(
     "pair",
-    metadata,
-    key(),
     reference("dataset"),
     Column("top_id", ForeignKey("stimulus.id"), nullable=False),
     Column("bottom_id", ForeignKey("stimulus.id"), nullable=False),
-    required("media", String(32), unique=True),
-    required("file", String(80)),
-    digest("sha256"),
-    required("width", Integer),
-    required("height", Integer),
-    required("guard_rows", Integer),
-    required("fps", Float),
-    required("n_frames", Integer),
+    *film(),
     UniqueConstraint("top_id", "bottom_id"),
 )
 
-measurement = Table(
+measurement = table(
     "measurement",
-    metadata,
-    key(),
     reference("dataset", index=False),
     reference("condition"),
     required("measure", String(200)),
@@ -120,10 +118,8 @@ measurement = Table(
     CheckConstraint("direction in ('less is better', 'more is better')", name="direction"),
 )
 
-report = Table(  # its files lie in the data folder, under their digest
+report = table(  # its files lie in the data folder, under their digest
     "report",
-    metadata,
-    key(),
     reference("study", index=False),
     required("kind", String(20)),
     required("subject", String(500)),
@@ -132,10 +128,8 @@ report = Table(  # its files lie in the data folder, under their digest
     UniqueConstraint("study_id", "kind", "subject"),
 )
 
-model = Table(  # the file lies in the data folder, under its digest
+model = table(  # the file lies in the data folder, under its digest
     "model",
-    metadata,
-    key(),
     reference("dataset", index=False),
     reference("condition"),
     required("kind", String(5)),
@@ -148,27 +142,16 @@ model = Table(  # the file lies in the data folder, under its digest
     CheckConstraint("kind in ('mesh', 'cloud', 'splat')", name="kind"),
 )
 
-practice_pair = Table(
+practice_pair = table(
     "practice_pair",
-    metadata,
-    key(),
     reference("study", index=False),
     required("position", Integer),
-    required("media", String(32), unique=True),
-    required("file", String(80)),
-    digest("sha256"),
-    required("width", Integer),
-    required("height", Integer),
-    required("guard_rows", Integer),
-    required("fps", Float),
-    required("n_frames", Integer),
+    *film(),
     UniqueConstraint("study_id", "position"),
 )
 
-second_film = Table(  # a pair's film in another codec, for browsers that do not play H.264
+second_film = table(  # a pair's film in another codec, for browsers that do not play H.264
     "second_film",
-    metadata,
-    key(),
     required("media", String(32), unique=True),
     required("of_media", String(32), unique=True),  # of the pair, to compare or to practise with
     required("codec", String(8)),
@@ -176,10 +159,8 @@ second_film = Table(  # a pair's film in another codec, for browsers that do not
     digest("sha256"),
 )
 
-single_film = Table(  # a single strip of a pair's film, for browsers that play no film of both
+single_film = table(  # a single strip of a pair's film, for browsers that play no film of both
     "single_film",
-    metadata,
-    key(),
     required("of_media", String(32)),  # of the pair, to compare or to practise with
     required("strip", String(9)),
     required("file", String(80)),
@@ -188,19 +169,15 @@ single_film = Table(  # a single strip of a pair's film, for browsers that play 
     CheckConstraint("strip in ('top', 'bottom', 'reference')", name="strip"),
 )
 
-lighter_film = Table(  # a pair's film with fewer bytes, for slow lines
+lighter_film = table(  # a pair's film with fewer bytes, for slow lines
     "lighter_film",
-    metadata,
-    key(),
     required("of_media", String(32), unique=True),  # of the pair, to compare or to practise with
     required("file", String(80)),
     digest("sha256"),
 )
 
-invitation = Table(
+invitation = table(
     "invitation",
-    metadata,
-    key(),
     reference("study"),
     required("code", String(40), unique=True),
     Column("places", Integer),  # NULL: as many as come
@@ -208,10 +185,8 @@ invitation = Table(
     required("created_at", UtcDateTime),
 )
 
-participant = Table(
+participant = table(
     "participant",
-    metadata,
-    key(),
     reference("study", index=False),
     reference("invitation"),
     required("slot", Integer),  # counts arrivals; the label follows from it
@@ -226,19 +201,15 @@ participant = Table(
     UniqueConstraint("study_id", "label"),
 )
 
-Index(
+unique_where(
     "uq_participant_held_order",
     participant.c.study_id,
     participant.c.order_slot,
-    unique=True,
-    sqlite_where=participant.c.released_at.is_(None),
-    postgresql_where=participant.c.released_at.is_(None),
+    where=participant.c.released_at.is_(None),
 )
 
-recruit = Table(  # how a participant came from a recruiting platform; in no table of scores or votes
+recruit = table(  # how a participant came from a recruiting platform; in no table of scores or votes
     "recruit",
-    metadata,
-    key(),
     reference("study", index=False),
     reference("participant", index=False),
     Column("outside_id", String(100)),  # NULL: the study takes people without an id
@@ -248,10 +219,8 @@ recruit = Table(  # how a participant came from a recruiting platform; in no tab
     UniqueConstraint("study_id", "outside_id"),
 )
 
-session = Table(
+session = table(
     "session",
-    metadata,
-    key(),
     required("public_id", String(32), unique=True),
     reference("participant"),
     digest("token_hash", unique=True),
@@ -267,10 +236,8 @@ session = Table(
     Column("texts_sha256", String(64)),  # of `shown_texts`
 )
 
-study_image = Table(  # shown in consent and debriefing
+study_image = table(  # shown in consent and debriefing
     "study_image",
-    metadata,
-    key(),
     reference("study", index=False),
     required("name", String(80)),
     digest("sha256", index=True),
@@ -286,10 +253,8 @@ shown_texts = Table(  # all texts that participants have read, by their digest: 
     required("content", JSON),
 )
 
-stage_record = Table(
+stage_record = table(
     "stage_record",
-    metadata,
-    key(),
     reference("session", index=False),
     required("stage", String(40)),
     required("data", JSON),
@@ -297,10 +262,8 @@ stage_record = Table(
     UniqueConstraint("session_id", "stage"),
 )
 
-screening_display = Table(
+screening_display = table(
     "screening_display",
-    metadata,
-    key(),
     reference("session", index=False),
     required("pixel_mm", Float),
     Column("distance_mm", Float),  # NULL: not yet known
@@ -312,10 +275,8 @@ screening_display = Table(
     CheckConstraint("pixel_mm > 0", name="pixel_mm"),
 )
 
-screening_test = Table(
+screening_test = table(
     "screening_test",
-    metadata,
-    key(),
     reference("session", index=False),
     required("test", String(12)),
     required("setup", JSON),
@@ -327,10 +288,8 @@ screening_test = Table(
     CheckConstraint("test in ('acuity', 'colour')", name="test"),
 )
 
-screening_item = Table(
+screening_item = table(
     "screening_item",
-    metadata,
-    key(),
     reference("session"),
     reference("screening_test", index=False),
     required("number", Integer),
@@ -342,10 +301,8 @@ screening_item = Table(
     UniqueConstraint("screening_test_id", "number"),
 )
 
-screening_entry = Table(  # results of tests beside the screen; the newest of a test counts, none is changed
+screening_entry = table(  # results of tests beside the screen; the newest of a test counts, none is changed
     "screening_entry",
-    metadata,
-    key(),
     reference("session"),
     required("test", String(12)),
     required("instrument", String(200)),
@@ -357,10 +314,8 @@ screening_entry = Table(  # results of tests beside the screen; the newest of a 
     CheckConstraint("test in ('acuity', 'colour')", name="test"),
 )
 
-spoken_answer = Table(
+spoken_answer = table(
     "spoken_answer",
-    metadata,
-    key(),
     reference("session", index=False),
     required("question", String(500)),  # as it was asked
     required("answer", Text),
@@ -369,10 +324,8 @@ spoken_answer = Table(
     UniqueConstraint("session_id", "question"),
 )
 
-trial_comment = Table(  # what was said or seen at a trial, as an experimenter notes it
+trial_comment = table(  # what was said or seen at a trial, as an experimenter notes it
     "trial_comment",
-    metadata,
-    key(),
     reference("session"),
     reference("trial", index=False),
     required("comment", Text),
@@ -381,20 +334,16 @@ trial_comment = Table(  # what was said or seen at a trial, as an experimenter n
     UniqueConstraint("trial_id"),
 )
 
-comment_tag = Table(  # of an experimenter's coding scheme
+comment_tag = table(  # of an experimenter's coding scheme
     "comment_tag",
-    metadata,
-    key(),
     reference("study", index=False),
     required("name", String(60)),
     required("created_at", UtcDateTime),
     UniqueConstraint("study_id", "name"),
 )
 
-comment_tagging = Table(
+comment_tagging = table(
     "comment_tagging",
-    metadata,
-    key(),
     reference("session", index=False),
     reference("comment_tag"),
     required("source", String(8)),
@@ -405,10 +354,8 @@ comment_tagging = Table(
     CheckConstraint("source in ('written', 'spoken', 'trial')", name="source"),
 )
 
-assignment = Table(
+assignment = table(
     "assignment",
-    metadata,
-    key(),
     reference("participant", index=False),
     required("position", Integer),
     reference("pair"),
@@ -421,10 +368,8 @@ assignment = Table(
     CheckConstraint("role in ('main', 'repeat', 'identical')", name="role"),
 )
 
-trial = Table(
+trial = table(
     "trial",
-    metadata,
-    key(),
     required("public_id", String(32), unique=True),
     reference("session", index=False),
     reference("assignment"),
@@ -438,10 +383,8 @@ trial = Table(
     Index("ix_trial_session_id_served_at", "session_id", "served_at", "voided_at"),  # to count a study's at once
 )
 
-vote = Table(
+vote = table(
     "vote",
-    metadata,
-    key(),
     required("client_id", String(36), unique=True),
     reference("session", index=False),
     required("trial_id", Integer),
@@ -464,10 +407,8 @@ vote = Table(
     CheckConstraint("first_shown in ('a', 'b')", name="first_shown"),
 )
 
-film_failure = Table(  # a film that a participant's browser could not show
+film_failure = table(  # a film that a participant's browser could not show
     "film_failure",
-    metadata,
-    key(),
     reference("session"),
     required("media", String(32)),  # of the pair, to compare or to practise with
     required("trial", String(40)),
@@ -477,10 +418,8 @@ film_failure = Table(  # a film that a participant's browser could not show
     Column("settled_at", UtcDateTime),  # when somebody took note; NULL: nobody has, and it is an alarm
 )
 
-exclusion = Table(
+exclusion = table(
     "exclusion",
-    metadata,
-    key(),
     reference("participant"),
     required("reason", String(500)),
     required("excluded_by", String(120)),
@@ -489,18 +428,10 @@ exclusion = Table(
     Column("undone_at", UtcDateTime),  # NULL: it holds
 )
 
-Index(
-    "uq_exclusion_in_force",
-    exclusion.c.participant_id,
-    unique=True,
-    sqlite_where=exclusion.c.undone_at.is_(None),
-    postgresql_where=exclusion.c.undone_at.is_(None),
-)
+unique_where("uq_exclusion_in_force", exclusion.c.participant_id, where=exclusion.c.undone_at.is_(None))
 
-experimenter = Table(
+experimenter = table(
     "experimenter",
-    metadata,
-    key(),
     required("name", String(100), unique=True),
     required("role", String(12), server_default="owner"),
     Column("studies", JSON(none_as_null=True)),  # slugs of those to see; NULL: all
@@ -514,10 +445,8 @@ experimenter = Table(
     required("created_at", UtcDateTime),
 )
 
-experimenter_session = Table(
+experimenter_session = table(
     "experimenter_session",
-    metadata,
-    key(),
     reference("experimenter"),
     digest("token_hash", unique=True),
     Column("previous_hash", String(64), index=True),  # of the previous token, valid for another minute
@@ -529,18 +458,14 @@ experimenter_session = Table(
     required("expires_at", UtcDateTime),
 )
 
-recovery_code = Table(  # signs in once without the second factor; a code taken is deleted
+recovery_code = table(  # signs in once without the second factor; a code taken is deleted
     "recovery_code",
-    metadata,
-    key(),
     reference("experimenter"),
     digest("code_hash"),
 )
 
-api_token = Table(
+api_token = table(
     "api_token",
-    metadata,
-    key(),
     required("name", String(100), unique=True),
     digest("token_hash", unique=True),
     required("scopes", JSON),
@@ -551,10 +476,8 @@ api_token = Table(
     Column("revoked_at", UtcDateTime),
 )
 
-audit_entry = Table(
+audit_entry = table(
     "audit_entry",
-    metadata,
-    key(),
     required("at", UtcDateTime),
     required("actor", String(120)),
     required("action", String(60)),
@@ -563,10 +486,8 @@ audit_entry = Table(
     required("detail", JSON),
 )
 
-study_draft = Table(  # the form of a study that is not created yet, as it was typed
+study_draft = table(  # the form of a study that is not created yet, as it was typed
     "study_draft",
-    metadata,
-    key(),
     required("actor", String(120)),
     required("stimulus_set", String(200)),
     required("content", JSON),
@@ -574,10 +495,8 @@ study_draft = Table(  # the form of a study that is not created yet, as it was t
     UniqueConstraint("actor", "stimulus_set"),
 )
 
-job = Table(  # a task that the server does in a thread of its own
+task = table(  # what the server does in a thread of its own; called a job until there were jobs
     "job",
-    metadata,
-    key(),
     required("public_id", String(32), unique=True),
     required("actor", String(120)),
     required("title", String(300)),
@@ -594,18 +513,10 @@ job = Table(  # a task that the server does in a thread of its own
     CheckConstraint("state in ('running', 'done', 'failed')", name="state"),
 )
 
-Index(
-    "uq_job_running_subject",
-    job.c.subject,
-    unique=True,
-    sqlite_where=job.c.state == "running",
-    postgresql_where=job.c.state == "running",
-)
+unique_where("uq_job_running_subject", task.c.subject, where=task.c.state == "running")
 
-queued_job = Table(  # a command on recordings or films, which a worker process runs
+queued_job = table(  # a command on recordings or films, which a worker process runs
     "queued_job",
-    metadata,
-    key(),
     required("public_id", String(32), unique=True),
     required("actor", String(120)),
     required("kind", String(40)),
@@ -626,18 +537,10 @@ queued_job = Table(  # a command on recordings or films, which a worker process 
     CheckConstraint("state in ('queued', 'running', 'done', 'failed', 'cancelled')", name="state"),
 )
 
-Index(
-    "uq_queued_job_output",
-    queued_job.c.output,
-    unique=True,
-    sqlite_where=queued_job.c.state.in_(("queued", "running")),
-    postgresql_where=queued_job.c.state.in_(("queued", "running")),
-)
+unique_where("uq_queued_job_output", queued_job.c.output, where=queued_job.c.state.in_(("queued", "running")))
 
-worker = Table(  # a process that runs queued jobs; its row goes when it ends
+worker = table(  # a process that runs queued jobs; its row goes when it ends
     "worker",
-    metadata,
-    key(),
     required("name", String(200), unique=True),
     required("kinds", JSON),  # of jobs that it can run
     required("n_at_once", Integer),

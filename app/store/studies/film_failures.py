@@ -104,12 +104,6 @@ def alarm_of(connection: Connection, study_id: int) -> Alarm | None:
     return Alarm(tuple(dict(row._mapping) for row in rows), _n_people(connection, study_id))
 
 
-def n_new_failures(connection: Connection) -> int:
-    """Count the failures of all studies that nobody has taken note of."""
-    new = select(func.count()).select_from(film_failure.join(session).join(participant))
-    return connection.scalar(new.where(film_failure.c.settled_at.is_(None), participant.c.is_preview.is_(False))) or 0
-
-
 def failures_by_person(connection: Connection, study_id: int) -> dict[str, int]:
     """Return how many films failed for each participant, by label."""
     rows = connection.execute(

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from app.study.option_fields import SettingError
 from app.study.trial.trial import PlannedPair
 
 Array = NDArray[np.float64]
@@ -38,13 +39,14 @@ def check_adaptive(n_pairs: int, n_conditions: int) -> None:
     """
     most = n_conditions * (n_conditions - 1) // 2
     if n_conditions < FEWEST_CONDITIONS:
-        raise ValueError(
-            f"adaptive_pairs is {n_pairs} for {n_conditions} conditions: below {FEWEST_CONDITIONS} nothing is gained; "
-            "leave it out, and every pair is shown"
+        raise SettingError(
+            "adaptive_pairs",
+            f"is {n_pairs} for {n_conditions} conditions: below {FEWEST_CONDITIONS} nothing is gained; "
+            "leave it out, and every pair is shown",
         )
     if n_pairs > most:
-        raise ValueError(
-            f"adaptive_pairs is {n_pairs}, expected at most {most}, the pairs of {n_conditions} conditions"
+        raise SettingError(
+            "adaptive_pairs", f"is {n_pairs}, expected at most {most}, the pairs of {n_conditions} conditions"
         )
 
 

@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import AfterValidator, Field, StringConstraints
 
-from app.study.option_fields import ListOf, Names, Options, Setting
+from app.study.option_fields import ListOf, Names, Options, Setting, SettingError
 from app.study.trial.trial import PlannedPair
 
 MOST_GROUPS = 20
@@ -37,9 +37,9 @@ class Group(Options):
 def _are_several(groups: tuple[Group, ...]) -> tuple[Group, ...]:
     names = [group.name for group in groups]
     if twice := [name for name in names if names.count(name) > 1]:
-        raise ValueError(f"groups: {twice[0]!r} is there twice")
+        raise SettingError("groups", f"{twice[0]!r} is there twice", "groups:")
     if len(groups) == 1:
-        raise ValueError(f"groups: there is only {names[0]!r}, expected at least two, or none")
+        raise SettingError("groups", f"there is only {names[0]!r}, expected at least two, or none", "groups:")
     return groups
 
 
@@ -56,12 +56,15 @@ def check_groups(groups: Sequence[Group], datasets: Sequence[str]) -> None:
     """
     for group in groups:
         if unknown := [name for name in group.datasets if name not in datasets]:
-            raise ValueError(
-                f"group {group.name!r}: there is no dataset {unknown[0]!r}; expected some of {', '.join(datasets)}"
+            known = ", ".join(datasets)
+            raise SettingError(
+                "groups", f"there is no dataset {unknown[0]!r}; expected some of {known}", f"group {group.name!r}:"
             )
     seen = {name for group in groups for name in group.datasets or datasets}
     if groups and (unseen := [name for name in datasets if name not in seen]):
-        raise ValueError(f"groups: nobody would see the dataset {unseen[0]!r}; name it in at least one group")
+        raise SettingError(
+            "groups", f"nobody would see the dataset {unseen[0]!r}; name it in at least one group", "groups:"
+        )
 
 
 def group_of_slot(n_groups: int, seed: int, slot: int) -> tuple[int, int]:

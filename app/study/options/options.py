@@ -11,7 +11,7 @@ from pydantic_core import PydanticCustomError
 from app.study.design.design import Repetition
 from app.study.design.groups import MOST_GROUPS, Groups
 from app.study.languages.language_pack import MODEL
-from app.study.option_fields import ANY_TIME, WITH_FILMS, ListOf, Names, Options, Setting
+from app.study.option_fields import ANY_TIME, WITH_FILMS, ListOf, Names, Options, Setting, SettingError
 from app.study.options.lab_sheet import LabSheet
 from app.study.options.own_texts import (
     CONSENT,
@@ -267,7 +267,7 @@ class StudyOptions(Options):
         LongText,
         Setting(
             "Dataset for practice alone",
-            "no trial shows it; none: the set’s films for practice, else two films of the trials",
+            "a scene that no trial shows; none: the set’s films for practice, else two films of the trials",
             section="practice",
             change=WITH_FILMS,
             kind="dataset",
@@ -433,7 +433,8 @@ class StudyOptions(Options):
         check_with_protocol(self.protocol, self.scale, self.reference, only_of_pairs)
         of_pair_films = {"second_codec": self.second_codec, "lighter_films": self.lighter_films}
         if not self.has_pair_films and (wanted := [name for name, value in of_pair_films.items() if value]):
-            raise ValueError(f"{wanted[0]} is {of_pair_films[wanted[0]]!r}, and pair_films is 'decoded': leave one out")
+            value = of_pair_films[wanted[0]]
+            raise SettingError(wanted[0], f"is {value!r}, and pair_films is 'decoded': leave one out")
         return self
 
     @property
@@ -531,18 +532,13 @@ def parse_options(content: Mapping[str, Any]) -> StudyOptions:
     )
 
 
-def study_schema() -> dict[str, Any]:
-    """Return the JSON Schema of a study's options, with the words of the form as titles and descriptions."""
-    return StudyOptions.model_json_schema()
-
-
-def without_effect(options: StudyOptions) -> dict[str, str]:
-    """Return options that the study's protocol makes no use of, each with a sentence that says why."""
+def without_effect(options: StudyOptions) -> dict[str, SettingError]:
+    """Return options that the study's protocol makes no use of, each with the refusal that says why."""
     of_pairs = {"identical_pairs": options.identical_pairs, "minimum_viewing_s": options.minimum_viewing_s}
     if not options.is_shown_alone:
         return {}
     return {
-        name: f"{name} is {value:g}, but protocol {options.protocol} shows films one by one: expected 0"
+        name: SettingError(name, f"is {value:g}, but protocol {options.protocol} shows films one by one: expected 0")
         for name, value in of_pairs.items()
         if value
     }
@@ -562,7 +558,8 @@ def check_minimum_viewing(options: StudyOptions, exposure_s: float) -> None:
         If A and B cannot both be on screen for the minimum viewing time.
     """
     if not options.free_exposure and 2 * options.minimum_viewing_s > exposure_s:
-        raise ValueError(
-            f"minimum_viewing_s is {options.minimum_viewing_s:g}, and a pair is shown for {exposure_s:g} s: "
-            f"expected at most half of it, {exposure_s / 2:g}"
+        raise SettingError(
+            "minimum_viewing_s",
+            f"is {options.minimum_viewing_s:g}, and a pair is shown for {exposure_s:g} s: "
+            f"expected at most half of it, {exposure_s / 2:g}",
         )

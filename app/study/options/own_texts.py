@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import StringConstraints
 
 from app.study.languages.language_pack import TAG, Text, flat_texts, model_texts, text_faults
-from app.study.option_fields import Different, ListOf
+from app.study.option_fields import Different, ListOf, SettingError
 from app.study.protocols import IN_PROTOCOLS
 from app.study.questions.answers import QUESTIONS
 from app.study.questions.questionnaire import Question
@@ -38,7 +38,8 @@ def plain_document(plain: str, texts: dict[str, dict[str, Text]], language: str,
     """
     document = str(texts.get(language, {}).pop(key, plain))
     if plain not in ("", document):
-        raise ValueError(f"texts.{language}.{key} and the option {key.removeprefix('study.')} differ; leave one out")
+        option = key.removeprefix("study.")
+        raise SettingError(option, f"and the option {option} differ; leave one out", f"texts.{language}.{key}")
     return document
 
 
@@ -51,9 +52,9 @@ def flat_own_texts(content: Any) -> dict[str, dict[str, Any]]:
         If it has another form.
     """
     if not isinstance(content, Mapping) or not all(isinstance(texts, Mapping) for texts in content.values()):
-        raise ValueError("texts: expected a table of each language, such as [options.texts.en.trial]")
+        raise SettingError("texts", "expected a table of each language, such as [options.texts.en.trial]", "texts:")
     if unknown := [language for language in content if not TAG.fullmatch(language)]:
-        raise ValueError(f"texts: {unknown[0]!r} is no language's tag, expected one such as en or zh")
+        raise SettingError("texts", f"{unknown[0]!r} is no language's tag, expected one such as en or zh", "texts:")
     return {
         language: {key: text.strip() if isinstance(text, str) else text for key, text in flat_texts(texts).items()}
         for language, texts in content.items()
@@ -73,7 +74,7 @@ def check_own_texts(texts: OwnTexts, questions: Sequence[Question]) -> None:
     for language, said in texts.items():
         for key, text in said.items():
             if faults := _faults_of_own(key, text, by_name):
-                raise ValueError(f"texts.{language}: {faults[0]}")
+                raise SettingError("texts", faults[0], f"texts.{language}:")
 
 
 def _faults_of_own(key: str, text: Any, questions: Mapping[str, Question]) -> list[str]:

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Self
 
 from pydantic import StringConstraints, model_validator
 
-from app.study.option_fields import Options, Setting
+from app.study.option_fields import Options, Setting, SettingError
 
 MOST_PRACTICE = 10  # pairs; more are a study of their own
 
@@ -25,7 +25,7 @@ class PracticeFilms(Options):
     @model_validator(mode="after")
     def _are_two(self) -> Self:
         if self.a == self.b:
-            raise ValueError(
-                f"practice_pairs names {self.a!r} twice, expected two different conditions of {self.dataset}"
+            raise SettingError(
+                "practice_pairs", f"names {self.a!r} twice, expected two different conditions of {self.dataset}"
             )
         return self

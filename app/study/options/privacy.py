@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime, timedelta
 
+from app.study.option_fields import SettingError
 from app.study.options.options import StudyOptions
 from app.study.stages import INTERVIEW, PRACTICE, SCREENING
 
@@ -65,7 +66,8 @@ def check_days_left(options: StudyOptions, closed_at: datetime | None, now: date
         return
     ended_at = end - timedelta(days=options.privacy.keep_days)
     least = (now - ended_at).days + 1
-    raise ValueError(
-        f"privacy.keep_days is {options.privacy.keep_days}, but the study ended on {ended_at.date()}, so its personal "
-        f"data would be deleted within the hour; expected {least} or more ({least}: they go within a day), or 0"
+    raise SettingError(
+        "privacy.keep_days",
+        f"is {options.privacy.keep_days}, but the study ended on {ended_at.date()}, so its personal "
+        f"data would be deleted within the hour; expected {least} or more ({least}: they go within a day), or 0",
     )

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 
-from app.study.option_fields import ANY_TIME, ListOf, Options, Setting
+from app.study.option_fields import ANY_TIME, ListOf, Options, Setting, SettingError
 
 Resume = Literal["anywhere", "same browser"]
 Ending = Literal["complete", "screened_out", "no_consent", "full", "timed_out", "withdrawn", "failed"]
@@ -188,9 +188,9 @@ def _moment(value: Any) -> Any:
     except (TypeError, ValueError):
         has_zone = False
     if not has_zone:
-        raise ValueError(
-            f"limits: open_until is {value!r:.120}, expected a date and time with its zone such as "
-            "2027-03-31T18:00+02:00, or nothing"
+        raise SettingError(
+            "limits.open_until",
+            f"is {value!r:.120}, expected a date and time with its zone such as 2027-03-31T18:00+02:00, or nothing",
         )
     return text
 
@@ -233,18 +233,20 @@ def _encoded(value: str) -> str:
 def _check_together(options: OutsideOptions) -> None:
     names = (options.id, *options.keep) if options.id else options.keep
     if taken := [*(name for name in names if name in TAKEN_NAMES), *(name for name in options.keep if name == "id")]:
-        raise ValueError(f"outside: {taken[0]!r} has a meaning here already, expected another parameter's name")
+        words = f"{taken[0]!r} has a meaning here already, expected another parameter's name"
+        raise SettingError("outside.id" if taken[0] == options.id else "outside.keep", words, "outside:")
     if len(set(names)) < len(names):
-        raise ValueError(f"outside: a parameter is named twice in {', '.join(names)}")
+        raise SettingError("outside.keep", f"a parameter is named twice in {', '.join(names)}", "outside:")
     if options.keep and not options.id:
-        raise ValueError("outside: keep needs id, the parameter that says who comes")
+        raise SettingError("outside.keep", "needs id, the parameter that says who comes")
     if options.code and options.random_codes:
-        raise ValueError(f"outside: code is {options.code!r} and random_codes true, expected one of them")
+        raise SettingError("outside.code", f"is {options.code!r} and random_codes true, expected one of them")
     for ending in ENDINGS:
         if left := LEFT_TO_FILL.search(options.url(ending)):
-            raise ValueError(
-                f"outside: {ending}_url holds {left[0]}, which stands for what the platform shows you: put that in its "
-                "place, or empty the address"
+            raise SettingError(
+                f"outside.{ending}_url",
+                f"holds {left[0]}, which stands for what the platform shows you: put that in its "
+                "place, or empty the address",
             )
         _check_placeholders(options, ending)
 
@@ -256,4 +258,4 @@ def _check_placeholders(options: OutsideOptions, ending: Ending) -> None:
     for name in PLACEHOLDER.findall(options.url(ending)):
         if name not in known:
             expected = ", ".join(f"{{{each}}}" for each in known) or "no placeholder with these options"
-            raise ValueError(f"outside: {ending}_url holds {{{name}}}, expected {expected}")
+            raise SettingError(f"outside.{ending}_url", f"holds {{{name}}}, expected {expected}")

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field
 
 from app.study.languages.text import check_text
-from app.study.option_fields import ANY_TIME, Options, Setting
+from app.study.option_fields import ANY_TIME, Options, Setting, SettingError
 from app.study.options.options import StudyOptions, parse_options
 from ground.file_models import schema_name
 
@@ -102,21 +102,22 @@ def write_study_file(study: StudyFile) -> str:
     return "\n".join(lines) + "\n"
 
 
-def with_line(text: str, complaint: str) -> str:
-    """Name the line of a study file that a complaint of `parse_study_file` is about, where its setting is written.
+def with_line(text: str, refused: ValueError, said: str = "") -> str:
+    """Name the line of a study file where the setting is written that a refusal of `parse_study_file` is about.
 
     Parameters
     ----------
     text : of the file
-    complaint : it begins with the names of the setting, such as `screening: distance is`
+    refused : why it was refused
+    said : the same in a page's words; default: as it is
     """
-    lines = text.splitlines()
-    for name in reversed(re.findall(r"[a-z_][a-z0-9_]*", re.split(r" is | has |, expected", complaint)[0])):
+    names = refused.field.split(".") if isinstance(refused, SettingError) else []
+    for name in reversed(names):
         written = re.compile(rf"\s*(\[+[\w.]*\b{name}[\].]|[\w.\"']*\b{name}\b[\"']?\s*=)")
-        number = next((number for number, line in enumerate(lines, 1) if written.match(line)), None)
+        number = next((number for number, line in enumerate(text.splitlines(), 1) if written.match(line)), None)
         if number is not None:
-            return f"line {number}: {complaint}"
-    return complaint
+            return f"line {number}: {said or refused}"
+    return said or str(refused)
 
 
 def _line(key: str, value: Any) -> str:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, model_validator
 
-from app.study.option_fields import Different, ListOf, Options, Setting
+from app.study.option_fields import Different, ListOf, Options, Setting, SettingError
 
 Kind = Literal["choice", "scale", "number", "text"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -92,7 +92,7 @@ class Question(Options):
     @model_validator(mode="after")
     def _fits_kind(self) -> Self:
         if fault := next(_faults(self), ""):
-            raise ValueError(f"question {self.name}: {fault}")
+            raise SettingError("questions", fault, f"question {self.name}:")
         return self
 
 
@@ -116,7 +116,7 @@ LONGEST_QUESTION = 500  # characters
 def _have_different_names(questions: tuple[Question, ...]) -> tuple[Question, ...]:
     names = [question.name for question in questions]
     if twice := [name for name in names if names.count(name) > 1]:
-        raise ValueError(f"question {twice[0]!r} is there twice")
+        raise SettingError("questions", "is there twice", f"question {twice[0]!r}")
     return questions
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from app.study.option_fields import Different, ListOf, Options, Setting
+from app.study.option_fields import Different, ListOf, Options, Setting, SettingError
 from app.study.screening.acuity import (
     FEWEST_GAP_PIXELS,
     AcuityTest,
@@ -106,9 +106,10 @@ class ScreeningOptions(Options):
     @model_validator(mode="after")
     def _has_distance_where_fixed(self) -> Self:
         if (self.distance == "fixed") != (self.distance_cm is not None):
-            raise ValueError(
-                f"screening: distance is {self.distance!r} and distance_cm {self.distance_cm}, expected distance_cm "
-                "with the distance 'fixed' and only then; else 'typed'"
+            raise SettingError(
+                "screening.distance",
+                f"is {self.distance!r} and distance_cm {self.distance_cm}, expected distance_cm "
+                "with the distance 'fixed' and only then; else 'typed'",
             )
         return self
 

@@ -6,7 +6,6 @@ from typing import Literal
 
 Technique = Literal["stacked", "webcodecs", "two videos"]
 
-STACKED: Technique = "stacked"  # one film holds both, always at the same frame
 WEBCODECS: Technique = "webcodecs"  # a film of each, decoded picture by picture and drawn together
 TWO_VIDEOS: Technique = "two videos"  # two players side by side, which may be a frame apart
 

@@ -1,4 +1,4 @@
-"""Show the progress of what a thread of the server does, and cancel it."""
+"""Show the progress of a task, which a thread of the server does, and cancel it."""
 
 from __future__ import annotations
 
@@ -15,10 +15,16 @@ from app.web.roles import Acting, Person
 
 UPLOAD = "upload"  # begins the subject of a task that takes in an upload
 
-router = APIRouter(prefix="/admin/jobs", include_in_schema=False)
+router = APIRouter(prefix="/admin", include_in_schema=False)
 
 
-@router.get("/{task}")
+def task_address(task: str) -> str:
+    """Return the address of a task's page."""
+    return f"/admin/tasks/{task}"
+
+
+@router.get("/tasks/{task}")
+@router.get("/jobs/{task}")  # its address in 1.0
 def task_page(request: Request, task: Annotated[str, Path(max_length=32)], person: Person, database: Store) -> Response:
     with database.reading() as connection:
         known = task_by_id(connection, task)
@@ -30,7 +36,8 @@ def task_page(request: Request, task: Annotated[str, Path(max_length=32)], perso
     return page(request, "task", person, {"task": known, "stopped": STOPPED, "is_upload": is_upload})
 
 
-@router.post("/{task}/cancel")
+@router.post("/tasks/{task}/cancel")
+@router.post("/jobs/{task}/cancel")
 def cancel(task: Annotated[str, Path(max_length=32)], actor: Acting, person: Person, database: Store) -> Response:
     """Stop a task as soon as the step is done that runs now."""
     with database.writing() as connection:
@@ -39,4 +46,4 @@ def cancel(task: Annotated[str, Path(max_length=32)], actor: Acting, person: Per
             raise NotFoundError("There is no such work in progress.")
         if cancel_task(connection, task, actor.now):
             actor.note(connection, "work cancelled", subject=known.title)
-    return see(f"/admin/jobs/{task}")
+    return see(task_address(task))

@@ -161,7 +161,7 @@ def _dictionary(study: Study) -> str:
         parts.append(f"\n## Lab sheet\n\n| what | as noted by the experimenter |\n|---|---|\n{rows}")
     for name, columns in TABLES.items():
         described = columns | FURTHER.get(name, {})
-        rows = "".join(f"| {column} | {meaning} |\n" for column, meaning in described.items())
+        rows = "".join(f"| {column} | {about.meaning} |\n" for column, about in described.items())
         parts.append(f"\n## {name}.csv\n\n| column | meaning |\n|---|---|\n{rows}")
     parts.append(
         "\n## items.csv\n\nThe levels of the conditions, for `reconstudy analyse votes.csv --items items.csv`; missing "

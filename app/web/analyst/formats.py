@@ -22,7 +22,7 @@ from fastapi.responses import Response, StreamingResponse
 
 from app.files import without_formula
 from app.web import media
-from app.web.analyst.columns import DOCUMENTED, KINDS
+from app.web.analyst.columns import KINDS
 
 Format = Literal["json", "csv", "parquet"]
 CSV = "text/csv; charset=utf-8; header=present"
@@ -319,15 +319,15 @@ def _nested_as_text(value: Any) -> Any:
 
 def _kind(pyarrow: Any, column: str) -> Any:
     """Return the type of a documented column; text of any other."""
-    kinds = {"bool": pyarrow.bool_(), "int": pyarrow.int64(), "float": pyarrow.float64()}
-    kinds["time"] = pyarrow.timestamp("us", "UTC")
-    return kinds.get(KINDS.get(column, ""), pyarrow.string())
+    kinds = {bool: pyarrow.bool_(), int: pyarrow.int64(), float: pyarrow.float64()}
+    kinds[datetime] = pyarrow.timestamp("us", "UTC")
+    return kinds.get(KINDS.get(column, str), pyarrow.string())
 
 
 def _joined(pyarrow: Any, column: str, parts: Sequence[Any]) -> Any:
     """Join the parts of a column: in the type that it documents, else in their common type, or as text."""
     kinds = {part.type for part in parts} - {pyarrow.null()}
-    if not kinds or column in DOCUMENTED:
+    if not kinds or column in KINDS:
         kind = _kind(pyarrow, column)
         try:
             return pyarrow.chunked_array([part.cast(kind) for part in parts], kind)

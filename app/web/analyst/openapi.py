@@ -8,13 +8,14 @@ from typing import Any
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
-from app.web.analyst.columns import Columns
+from app.web.analyst.columns import EVERY, Columns, example_row
 from app.web.analyst.formats import PARQUET, csv_text
-from app.web.analyst.openapi_examples import EXAMPLES, example_row
+from app.web.analyst.openapi_examples import EXAMPLES
 
 Answers = dict[int | str, dict[str, Any]]
 
 JSON = "application/json"
+ROWS = {tuple(columns): example_row(columns) for columns in EVERY}
 BINARY = {"schema": {"type": "string", "format": "binary"}}
 PROBLEM = {
     "type": "object",
@@ -37,7 +38,7 @@ def table_answers(columns: Columns, further: Columns | None = None) -> Answers:
     columns : that every row has
     further : that rows have in some studies
     """
-    properties = {name: {"description": meaning} for name, meaning in (columns | (further or {})).items()}
+    properties = {name: {"description": column.meaning} for name, column in (columns | (further or {})).items()}
     row = {"type": "object", "properties": properties, "required": list(columns)}
     example = example_row(columns)
     json_table = {"schema": {"type": "array", "items": row}}
@@ -95,6 +96,6 @@ def _add_examples(operation: dict[str, Any]) -> None:
         schema = content["schema"]
         row = schema.get("items", schema)
         if "properties" in row:
-            content["example"] = [example_row(row["required"])]
+            content["example"] = [ROWS[tuple(row["required"])]]
         elif (name := str(row.get("$ref", "")).rsplit("/", 1)[-1]) in EXAMPLES:
             content["example"] = [EXAMPLES[name]] if "items" in schema else EXAMPLES[name]

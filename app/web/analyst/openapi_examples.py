@@ -1,12 +1,14 @@
-"""Examples for every body and response of the session interface, by schema; for tables, by column.
+"""Examples for every body and response of the session interface, by schema; those of tables stand in `columns`.
 
 `tests/app/web/analyst/test_openapi_examples.py` checks each against its schema.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
+
+from app.web.analyst import columns
+from app.web.analyst.columns import VIEWING
 
 PROGRESS = {"done": 12, "total": 90}
 SESSION: dict[str, Any] = {
@@ -58,44 +60,8 @@ TRIAL: dict[str, Any] = {
         "pixels": "fit",
     },
 }
-VIEWING: dict[str, Any] = {
-    "first_shown": "b",
-    "shown_ms": 15003.2,
-    "response_ms": 1840.5,
-    "switches": [
-        {"to": "a", "at_ms": 4210.7, "media_time_s": 4.2, "frame": 105, "frame_ms": 4218.2, "presented_ms": 4234.9},
-        {"to": "b", "at_ms": 9120.1, "media_time_s": 9.12, "frame": 228, "frame_ms": 9135.0, "presented_ms": 9151.7},
-    ],
-    "dwell_ms": {"a": 4909.4, "b": 10093.8},
-    "n_changes": 1,
-    "n_frames": 375,
-    "n_dropped": 0,
-    "n_mismatches": 0,
-    "smoothness": {"longest_gap_ms": 83.3, "n_presented": 374, "n_refreshes": 899},
-    "n_stalls": 0,
-    "happened": [{"what": "blur", "at_ms": 15904.4}, {"what": "focus", "at_ms": 16310.0}],
-    "display": {"window_width": 1920, "window_height": 1080, "device_pixel_ratio": 1.0, "full_screen": True},
-}
 VOTE_ID = "019aad55-2c00-7f5e-9a51-0c6b7f3d2e18"
-JOB: dict[str, Any] = {
-    "job": "4h8s2p6y0r3jWq1x",
-    "kind": "reconstruct",
-    "arguments": {"capture": "ball", "name": "ball", "temporal": True},
-    "output": "runs/ball",
-    "state": "running",
-    "is_cancelling": False,
-    "step": "matching",
-    "done": 12,
-    "total": 72,
-    "left_s": 95.0,
-    "detail": "",
-    "actor": "Eva",
-    "worker": "laboratory 4711 9f2c",
-    "attempt": 1,
-    "created_at": "2026-03-02T10:15:00+00:00",
-    "started_at": "2026-03-02T10:15:01+00:00",
-    "ended_at": None,
-}
+JOB = columns.example_row(columns.JOBS)
 JOB_KINDS: dict[str, Any] = {
     "kinds": [
         {
@@ -173,15 +139,10 @@ EXAMPLES: dict[str, Any] = {
     "TroubleBody": {"why": "PIPELINE_ERROR_DECODE: the film cannot be decoded"},
     "VoidBody": {"reason": "hidden", "viewing": VIEWING},
 }
+STUDY_ROW = columns.example_row(columns.STUDIES)
 STUDY_VIEW: dict[str, Any] = {
-    "slug": "temple",
-    "name": "Temple",
+    **STUDY_ROW,
     "state": "paused",
-    "exposure_s": 15.0,
-    "created_at": "2026-02-27T08:30:00+00:00",
-    "n_datasets": 6,
-    "n_conditions": 6,
-    "n_pairs": 90,
     "n_started": 0,
     "n_finished": 0,
     "n_votes": 0,
@@ -203,6 +164,7 @@ EXAMPLES |= {
     "SetBody": {"name": "Temple, first light", "levels": {"approach_1": {"light": "side"}}},
     "TextsBody": {"revision": 4, "texts": {"study.consent": "I take part of my own free will."}},
     "LabelBody": {"label": "Ada Example <ada@example.org>"},
+    "InterviewBody": {"answers": {"What did you look at?": "Mostly the faces."}},
     "EnteredBody": {
         "test": "acuity",
         "instrument": "Landolt C chart at 4 m",
@@ -233,196 +195,16 @@ EXAMPLES |= {
         "excluded_at": "2026-03-02T09:00:00+00:00",
     },
 }
-ROW: dict[str, Any] = {  # of any table, by column
-    "participant": "P001",
-    "session": "3n8v5k2d9x7q",
-    "language": "en",
-    "texts_sha256": "5d41402abc4b2a76b9719d911017c592f0e4d4b0b0f5d3f9a3f1c2e7d8b6a901",
-    "dataset": "ball",
-    "item": "approach_2",
-    "item_a": "approach_2",
-    "item_b": "approach_1",
-    "first_shown": "approach_2",
-    "choice": "a",
-    "rating": None,
-    "protocol": "PC",
-    "reference": False,
-    "condition": "approach_2",
-    "is_reference": False,
-    "n_ratings": 22,
-    "n": 22,
-    "mos": 3.91,
-    "sd": 0.75,
-    "dmos": 4.32,
-    "dmos_sd": 0.89,
-    "dmos_low": 3.92,
-    "dmos_high": 4.71,
-    "quality": 3.88,
-    "quality_se": 0.14,
-    "quality_low": 3.61,
-    "quality_high": 4.15,
-    "trial": "9f2m4c7w1z5t",
-    "number": 13,
-    "attempt": 1,
-    "role": "main",
-    "practice": False,
-    "excluded": False,
-    "reason": "",
-    "shown_ms": 15003.2,
-    "response_ms": 1840.5,
-    "mean_response_ms": 1712.9,
-    "n_switches": 2,
-    "technique": "stacked",
-    "frame_locked": True,
-    "lighter_film": False,
-    "n_mismatches": 0,
-    "longest_gap_ms": 83.3,
-    "frame_share": 0.9971,
-    "mismatch_share": 0.0,
-    "shown_smoothly": True,
-    "both_seen": True,
-    "looks_before": 0,
-    "press_to_picture_ms": 24.2,
-    "viewing": VIEWING,
-    "served_at": "2026-03-01T12:04:12+00:00",
-    "voted_at": "2026-03-01T12:04:31+00:00",
-    "voided_at": None,
-    "void_reason": None,
-    "stage": "trial",
-    "n_trials": 90,
-    "n_votes": 13,
-    "n_voided": 0,
-    "started_at": "2026-03-01T11:51:00+00:00",
-    "finished_at": None,
-    "last_vote_at": "2026-03-01T12:04:31+00:00",
-    "withdrawn_at": None,
-    "erased_at": None,
-    "question": "age",
-    "answer": 34,
-    "answered_at": "2026-03-01T12:31:07+00:00",
-    "source": "written",
-    "experimenter": None,
-    "comment": "The faces looked like wax.",
-    "tags": ["faces", "texture"],
-    "written_at": "2026-03-01T12:31:07+00:00",
-    "tag": "faces",
-    "n_comments": 9,
-    "n_participants": 7,
-    "among": "counted",
-    "text": "How old are you?",
-    "share": 0.5,
-    "mean": 36.6,
-    "minimum": 19,
-    "maximum": 59,
-    "group": "near",
-    "comparison": "all",
-    "score": 0.93,
-    "se": 0.12,
-    "se_participant": 0.15,
-    "ci_low": 0.62,
-    "ci_high": 1.24,
-    "wins": 61,
-    "losses": 22,
-    "ties": 7,
-    "status": "ok",
-    "jod": 0.85,
-    "jod_low": 0.56,
-    "jod_high": 1.13,
-    "jod_thurstone": 0.82,
-    "jod_thurstone_low": 0.55,
-    "jod_thurstone_high": 1.09,
-    "preference_to_mean": 0.72,
-    "preference_to_mean_low": 0.65,
-    "preference_to_mean_high": 0.78,
-    "ci_method": "t on participant errors",
-    "win_probability": 0.75,
-    "penalty": None,
-    "letters": "a",
-    "no_limit": None,
-    "p_best": 0.83,
-    "rank_low": 1,
-    "rank_high": 2,
-    "quasi_se": 0.13,
-    "n_items": 6,
-    "complete": True,
-    "circular": 1,
-    "circular_expected_ties": 1.25,
-    "circular_max": 8,
-    "zeta": 0.844,
-    "circular_by_chance": 5.0,
-    "strict_by_chance": 3.25,
-    "p_value": 0.021,
-    "flags": ["unusually many ties"],
-    "approach": "approach_2",
-    "measure": "accuracy",
-    "value": 3.41,
-    "direction": "less is better",
-    "unit": "mm",
-    "better": "lower",
-    "attached_at": "2026-03-02T09:00:00+00:00",
-    "entry": 41,
-    "at": "2026-03-02T09:00:00+00:00",
-    "actor": "Ada Example",
-    "film": "ball: approach_1 and approach_2",
-    "why": "Error: the film stands still",
-    "browser": "Firefox on Linux",
-    "happened_at": "2027-03-02T10:15:00+00:00",
-    "noted_at": None,
-    "action": "study paused",
-    "study": "temple",
-    "subject": "temple",
-    "detail": {"before": "open"},
-    "slug": "temple",
-    "name": "Temple",
-    "state": "open",
-    "exposure_s": 15.0,
-    "created_at": "2026-02-27T08:30:00+00:00",
-    "n_datasets": 6,
-    "n_conditions": 6,
-    "n_pairs": 90,
-    "n_started": 14,
-    "n_finished": 11,
-    "test": "acuity",
-    "verdict": "passed",
-    "logmar": -0.04,
-    "low": -0.09,
-    "high": 0.01,
-    "limit": 0.18,
-    "smallest": -0.21,
-    "pixel_mm": 0.277,
-    "distance_mm": 700.0,
-    "distance_source": "typed",
-    "n_answered": 30,
-    "details": {"n_not_seen": 3},
-    "is_bound": False,
-    "result_source": "entered",
-    "instrument": "Landolt C chart at 4 m",
-    "result": "0.1 logMAR, both eyes",
-}
-ROW |= {
-    "title": "Temple",
-    "sha256": "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08",
-    "n_films": 36,
-    "conditions": ["approach_1", "approach_2"],
-    "datasets": ["ball", "box"],
-    "factors": {"light": ["front", "side"]},
-    "is_here": True,
-    "studies": ["temple"],
-    "outside_id": "5f1e0c9d8b7a",
-    "completion_code": "C1X2Y3",
-    "figure": "scores_all",
-    "caption": "Scores of all conditions.",
-}
+SET = columns.example_row(columns.SETS)
 STIMULUS_SET: dict[str, Any] = {
-    **{name: ROW[name] for name in ("name", "title", "sha256", "n_films", "conditions", "datasets", "factors")},
-    **{name: ROW[name] for name in ("is_here", "studies")},
+    **SET,
     "levels": {"approach_1": {"light": "front"}, "approach_2": {"light": "side"}},
     "stimuli": [
         {
             "dataset": "ball",
             "approach": "approach_1",
             "video": "ball/approach_1.mp4",
-            "sha256": ROW["sha256"],
+            "sha256": SET["sha256"],
             "width": 1920,
             "height": 1080,
             "fps": 25.0,
@@ -435,7 +217,7 @@ STIMULUS_SET: dict[str, Any] = {
 }
 FILM_CHECK: dict[str, Any] = {
     "checked_at": "2026-03-02T09:00:00+00:00",
-    "films": ROW["sha256"],
+    "films": SET["sha256"],
     "n_films": 90,
     "n_played": 90,
     "browser": "Chromium 140",
@@ -454,7 +236,7 @@ TEXTS: dict[str, Any] = {
     "first_language": "en",
     "languages": {"en": "offered", "de": "the study's consent is missing"},
     "texts": {"en": {"study.consent": "I take part of my own free will."}},
-    "images": {"room.png": ROW["sha256"]},
+    "images": {"room.png": SET["sha256"]},
 }
 DESIGN: dict[str, Any] = {
     "conditions": {"approach_1": {"light": "front"}, "approach_2": {"light": "side"}},
@@ -475,11 +257,7 @@ PLAN: dict[str, Any] = {
     "claims": [],
     "participants_wanted": None,
 }
-MEASURED_BY = "validate mesh"  # the source of a measure; that of an answer is another
-STUDY = {
-    name: ROW[name] for name in ("slug", "name", "state", "exposure_s", "created_at", "n_datasets", "n_conditions")
-} | {
-    **{name: ROW[name] for name in ("n_pairs", "n_started", "n_finished", "n_votes")},
+STUDY = STUDY_ROW | {
     "datasets": ["ball", "box"],
     "conditions": [{"item": "approach_2", "levels": {"light": "side", "pose": "far"}}],
     "stimuli": [{"dataset": "ball", "item": "approach_2"}, {"dataset": "box", "item": "approach_2"}],
@@ -493,18 +271,13 @@ STUDY = {
 ANALYSIS = {
     "schema_version": 1,
     "scores": [
-        {name: ROW[name] for name in ("comparison", "dataset", "item", "score", "se", "ci_low", "ci_high", "status")}
+        {
+            name: columns.SCORES[name].example
+            for name in ["comparison", "dataset", "item", "score", "se", "ci_low", "ci_high", "status"]
+        }
     ],
     "findings": [
         {"about": "best", "text": "approach_2 is best: it has the highest score, +1.08 (95 % interval +0.83 to …"}
     ],
     "warnings": ["a single participant voted, so nothing can be said about other people"],
 }
-
-
-def example_row(columns: Iterable[str]) -> dict[str, Any]:
-    """Return an example of a table's row."""
-    if "job" in columns:
-        return JOB
-    row = {name: ROW.get(name) for name in columns}
-    return row | {"source": MEASURED_BY} if {"measure", "source"} <= set(row) else row

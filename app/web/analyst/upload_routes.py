@@ -289,6 +289,17 @@ def export_whole_study(
     return StreamingResponse(parts_of(content), media_type=ZIP, headers=headers)
 
 
+@router.post("/studies/{slug}/votes", status_code=409, response_class=Response)
+def votes_from_elsewhere(study: AStudy, actor: StudyEditor) -> Response:  # noqa: ARG001 (both are the gate)
+    """Refuse votes that were collected elsewhere (409): a study counts its own participants' votes only."""
+    raise ConflictError(
+        "A study takes votes of its own participants only, as it knows what each of them saw, when and by which rules. "
+        "To put votes from elsewhere on one scale with them, GET this address, and analyse both files together with "
+        "the same names of conditions and datasets: reconstudy analyse votes.csv other.csv. "
+        "POST /api/v1/votes analyses a table by itself."
+    )
+
+
 @router.post("/votes", responses=object_answers(READ_VOTES), openapi_extra=file_body())
 async def read_votes(
     request: Request,

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.checking.consistency import (
+    MAX_BRIGHTNESS,
     Comparison,
     Shared,
     compared,
@@ -31,8 +32,8 @@ from recon.capture.checking.continuity import (
 from recon.capture.checking.diagnosis import Correction
 from recon.capture.checking.lag import Lag
 from recon.capture.checking.matches import Matches, match_pictures
-from recon.capture.checking.sensor import SensorCheck, brightness_ratios, check_sensor, measured_frames
-from recon.capture.checking.sensor_report import SensorReport
+from recon.capture.checking.sensor import SensorCheck, brightness_ratios, check_sensor, measured_frames, unlike
+from recon.capture.checking.sensor_report import UNCHECKED, SensorReport
 from recon.capture.checking.silhouettes import Silhouette, Silhouettes, silhouette_of
 from recon.capture.checking.synchrony import SilhouetteFindings, silhouette_findings, synchrony_problems
 from recon.capture.format import (
@@ -77,6 +78,16 @@ class CheckReport:
     def verdicts(self) -> tuple[str, ...]:
         """Say one sentence for every sensor."""
         return tuple(sensor.verdict() for sensor in self.sensors)
+
+    @property
+    def conclusion(self) -> str:
+        """Say in a sentence whether the capture can be used."""
+        if self.problems:
+            return "The capture cannot be used as it is."
+        if self.warnings:
+            return "The capture can be used; mind the warnings."
+        unchecked = any(UNCHECKED in verdict for verdict in self.verdicts)
+        return f"Nothing is wrong{', as far as it could be checked' if unchecked else ''}."
 
     def as_json(self) -> dict[str, Any]:
         """Return the report as a JSON object."""
@@ -168,7 +179,7 @@ def _comparisons(folder: Path, draft: Draft, checks: Sequence[SensorCheck]) -> I
             comparison = compared(first.sensor, second.sensor, [shared for shared, _ in looks], tolerance)
             if comparison is not None:
                 ratios = np.concatenate([ratios for _, ratios in looks])
-                yield replace(comparison, brightness=float(np.median(ratios)) if len(ratios) else None)
+                yield replace(comparison, brightness=unlike(ratios, MAX_BRIGHTNESS))
 
 
 def _look_between(

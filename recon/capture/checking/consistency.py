@@ -68,7 +68,8 @@ class Comparison:
     n_points, n_agreeing : how many both see, and how many of them at the same place
     tolerance_mm : how far apart that may be
     explanation : why points are apart, None if they are not
-    brightness : of the points in the first sensor's pictures, as a multiple of that in the second's; None if unknown
+    brightness : of the points in the first sensor's pictures, as a multiple of that in the second's; None if it is
+        alike, or too few tell
     """
 
     sensors: tuple[str, str]
@@ -129,7 +130,7 @@ def compared(first: Sensor, second: Sensor, shared: Sequence[Shared], tolerance_
         ),
         key=lambda explanation: explanation.n_agreeing,
     )
-    is_apart = best.n_agreeing >= MIN_AGREEING and n_agreeing < MIN_KEPT * best.n_agreeing
+    is_apart = best.n_agreeing - n_agreeing >= MIN_AGREEING and n_agreeing < MIN_KEPT * best.n_agreeing
     if not is_apart and n_agreeing < MIN_AGREEING:
         return None
     return Comparison((first.id, second.id), len(in_first), n_agreeing, tolerance_mm, best if is_apart else None)
@@ -151,7 +152,7 @@ def unlike_exposures(comparisons: Sequence[Comparison]) -> Iterator[str]:
     """Say one sentence for every two sensors that show the points which both see unlike bright."""
     for comparison in comparisons:
         ratio = comparison.brightness
-        if ratio is not None and not 1 / MAX_BRIGHTNESS < ratio < MAX_BRIGHTNESS:
+        if ratio is not None:
             first, second = comparison.sensors if ratio > 1 else comparison.sensors[::-1]
             yield (
                 f"the pictures of sensor {first} are {max(ratio, 1 / ratio):.2f} times as bright as those of sensor "

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from recon.capture.checking.consistency import MIN_FOCAL_CHANGE, with_focal
 from recon.capture.checking.matches import Matches, epipolar_errors
-from recon.geometry.rig import Camera, Sensor, rigid
+from recon.geometry.rig import Sensor, rigid
 
 MIN_MATCHES = 20  # fewer say nothing about a calibration
 MIN_ERROR_PX = 0.15  # median; features are found to about 0.1 px, and a smaller error does no harm
@@ -21,9 +21,10 @@ MIN_GAIN = 0.65  # of the error is left by an explanation that is believed
 SAME_GAIN = 1.5  # times the best explanation's error: the one with fewer unknowns is taken
 MIN_TURN_DEG = 0.1
 MIN_COMMON_CHANGE = 0.05  # both focal lengths alike hardly move epipolar lines
-MIN_SURE_GAIN, SURE = 0.85, 15.0  # share of the error left, and natural logarithm of the likelihood ratio
+MIN_SURE_GAIN, SURE = 0.75, 15.0  # share of the error left, and natural logarithm of the likelihood ratio
 FEWER_UNKNOWNS = 1.1  # times the error of an explanation with three
 MIN_K1_CHANGE, LARGEST_K1_CHANGE = 0.1, 1.0  # less does little harm, more folds the picture back
+WRONG_K1 = 0.25  # what numbers of another model come to
 MAX_ASPECT = 0.02  # fx and fy of a camera with square pixels are equal
 INLIER_PX = 0.3  # scale of the robust cost in fits
 
@@ -53,7 +54,11 @@ def diagnose(sensor: Sensor, matches: Matches) -> tuple[str, ...]:
     others = [explanation for explanation in assumed if explanation is not None]
     small = small_correction(sensor, matches)
     best_other = min([*(explanation.error_px for explanation in others), *(() if small is None else (small.after_px,))])
-    if lenses is not None and lenses.error_px < FEWER_UNKNOWNS * best_other and _is_sure(lenses, error, len(matches)):
+    if (
+        lenses is not None
+        and lenses.error_px < FEWER_UNKNOWNS * best_other
+        and _is_sure(lenses.error_px, error, len(matches))
+    ):
         return (_told(sensor, lenses, error, len(matches)),)
     if small is not None and small.is_small:
         return ()
@@ -68,9 +73,19 @@ def diagnose(sensor: Sensor, matches: Matches) -> tuple[str, ...]:
     return (_told(sensor, likely, error, len(matches)),)
 
 
-def _is_sure(explanation: _Explanation, error: float, n_matches: int) -> bool:
+def would_lenses_show(sensor: Sensor, matches: Matches) -> bool:
+    """Tell whether lenses of another distortion would be noticed by matches.
+
+    Rows depend little on the distortion of both lenses where they are near each other, or long; depths do.
+    """
+    errors = [epipolar_errors(each, matches) for each in (sensor, _with_both_k1(sensor, WRONG_K1))]
+    error, shift = _median(errors[0]), _median(errors[1] - errors[0])
+    return _is_sure(error, float(np.hypot(error, shift)), len(matches))
+
+
+def _is_sure(after: float, before: float, n_matches: int) -> bool:
     """Tell whether an explanation of small errors is no chance: by the likelihood of errors of two widths."""
-    gain = explanation.error_px / error
+    gain = after / before
     return gain < MIN_SURE_GAIN and -n_matches * float(np.log(gain)) > SURE
 
 
@@ -199,8 +214,7 @@ def _both_focals(sensor: Sensor, matches: Matches) -> _Explanation | None:
 
 def _lenses(sensor: Sensor, matches: Matches) -> _Explanation | None:
     def changed(unknown: NDArray[np.float64]) -> Sensor:
-        left, right = (_with_k1(camera, float(unknown[0])) for camera in (sensor.left, sensor.right))
-        return replace(sensor, left=left, right=right)
+        return _with_both_k1(sensor, float(unknown[0]))
 
     unknown, error = _fit(changed, 1, matches)
     if not MIN_K1_CHANGE < abs(unknown[0]) < LARGEST_K1_CHANGE:
@@ -213,9 +227,13 @@ def _lenses(sensor: Sensor, matches: Matches) -> _Explanation | None:
     )
 
 
-def _with_k1(camera: Camera, change: float) -> Camera:
-    dist = np.pad(camera.dist, (0, max(0, 4 - len(camera.dist))))
-    return replace(camera, dist=dist + np.eye(1, len(dist))[0] * change)
+def _with_both_k1(sensor: Sensor, change: float) -> Sensor:
+    left, right = (
+        replace(camera, dist=dist + np.eye(1, len(dist))[0] * change)
+        for camera in (sensor.left, sensor.right)
+        for dist in (np.pad(camera.dist, (0, max(0, 4 - len(camera.dist)))),)
+    )
+    return replace(sensor, left=left, right=right)
 
 
 def _turned(sensor: Sensor, matches: Matches) -> _Explanation | None:

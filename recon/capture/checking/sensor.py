@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 from recon.capture.checking.agreement import FEWEST, LOWEST_SHARE, Agreement, agreeing, agreeing_with_each_other
 from recon.capture.checking.continuity import DARK_LEVELS
 from recon.capture.checking.depth import DepthCheck, bounds_area, check_depth_maps
-from recon.capture.checking.diagnosis import MIN_ERROR_PX, MIN_GAIN, MIN_MATCHES, Correction, diagnose, small_correction
+from recon.capture.checking.diagnosis import (
+    MIN_ERROR_PX,
+    MIN_GAIN,
+    MIN_MATCHES,
+    Correction,
+    diagnose,
+    small_correction,
+    would_lenses_show,
+)
 from recon.capture.checking.matches import Matches, epipolar_errors, joined, match_pictures
 from recon.capture.checking.rows import OFF_PX, fit_rows, pivot_of
 from recon.capture.checking.sensor_report import Rows, SensorReport
@@ -36,6 +44,9 @@ MATCHED_PX = 0.25  # what disparities are good to: root mean square on benchmark
 TEXTURE_WINDOW = 9  # pixels, about a matcher's
 MIN_TEXTURE = 2.5  # grey levels of local standard deviation, the noise's taken off
 MAX_LEFT_TO_RIGHT = 1.15  # of the brightness of matched points
+WHITE = 250  # grey levels, of all channels
+MOST_WHITE, MOST_WHITE_UNMASKED = 0.2, 0.6  # of the object; of what the bounds show, which may be a white wall
+SURE = 2.6  # standard deviations of a number of heads, for 99 %
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +61,7 @@ class _Look:
     left_to_right : (M,) ratios of brightness at the matches
     textured : share of the area; None if there is none
     inside : share of the left mask that lies within the bounds; None without a mask, or if it is empty
+    white : share of the area that is white in all channels, of the picture with more; None if there is no area
     """
 
     frame: int
@@ -58,6 +70,7 @@ class _Look:
     left_to_right: NDArray[np.float64]
     textured: float | None
     inside: float | None
+    white: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +163,7 @@ def _with_pair(
         textured=float(np.mean(textured)) if textured else None,
         rows=rows,
         is_checked=is_checked,
+        are_lenses_checked=agreement.is_enough and would_lenses_show(stream.sensor, matches),
     )
     return SensorCheck(
         report,
@@ -165,6 +179,7 @@ def _with_pair(
             *_row_warnings(report, misfit, correction, is_told=bool(row_faults)),
             *_exposure_warnings(stream.id, looks),
             *_texture_warnings(report),
+            *_white_warnings(stream, looks),
         ),
         {look.frame: look.matches for look in looks},
         correction,
@@ -261,6 +276,14 @@ def _look(
         brightness_ratios(left, right, matches),
         _textured(pair[0], areas[0]),
         float(bounds_area(stream.left.camera, bounds)[masks[0]].mean()) if masks and masks[0].any() else None,
+        max(
+            (
+                float((side[area] >= WHITE).all(axis=1).mean())
+                for side, area in zip(pair, areas, strict=True)
+                if area.any()
+            ),
+            default=None,
+        ),
     )
 
 
@@ -279,6 +302,18 @@ def brightness_ratios(left: NDArray[np.uint8], right: NDArray[np.uint8], matches
         levels.append(grey[rows, columns])
     bright = np.minimum(*levels) > DARK_LEVELS
     return np.asarray(levels[0][bright] / levels[1][bright])
+
+
+def unlike(ratios: NDArray[np.float64], most: float) -> float | None:
+    """Return the median of ratios (N,) if it is certain to be more than `most` or less than its inverse, else None.
+
+    Points that are matched wrongly, and highlights, spread them: of a few, the median is chance.
+    """
+    if not len(ratios):
+        return None
+    off = SURE * np.sqrt(len(ratios)) / 2  # places in order: the interval of a median
+    low, high = np.interp([len(ratios) / 2 - off, len(ratios) / 2 + off], np.arange(len(ratios)), np.sort(ratios))
+    return float(np.median(ratios)) if low > most or high < 1 / most else None
 
 
 def _textured(image: NDArray[np.uint8], area: NDArray[np.bool_]) -> float | None:
@@ -351,13 +386,20 @@ def _row_warnings(
 
 def _exposure_warnings(sensor_id: str, looks: list[_Look]) -> Iterator[str]:
     ratios = np.concatenate([look.left_to_right for look in looks]) if looks else np.zeros(0)
-    if len(ratios) < MIN_MATCHES:
-        return
-    ratio = float(np.median(ratios))
-    if not 1 / MAX_LEFT_TO_RIGHT < ratio < MAX_LEFT_TO_RIGHT:
+    ratio = unlike(ratios, MAX_LEFT_TO_RIGHT) if len(ratios) >= MIN_MATCHES else None
+    if ratio is not None:
         yield (
             f"sensor {sensor_id}: the left pictures are {ratio:.2f} times as bright as the right ones at matched "
             "points; use the same exposure and gain"
+        )
+
+
+def _white_warnings(stream: SensorStream, looks: Sequence[_Look]) -> Iterator[str]:
+    white = [look.white for look in looks if look.white is not None]
+    if white and np.mean(white) > (MOST_WHITE if stream.mask else MOST_WHITE_UNMASKED):
+        yield (
+            f"sensor {stream.id}: {np.mean(white):.0%} of what the {'masks' if stream.mask else 'bounds'} show is "
+            "overexposed, white without structure; use less light or a shorter exposure"
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+UNCHECKED = "could not be checked"
 TEXTURES = {"good": 0.7, "fair": 0.4, "poor": 0.0}  # by the textured share of what the bounds show
 
 
@@ -43,6 +44,7 @@ class SensorReport:
     depth_coverage : share of what the bounds (or masks) show that has a given depth, None without depth maps
     depth_mm : median of the given depths
     is_checked : whether enough matched points agree to judge the calibration; None where there is no pair to check
+    are_lenses_checked : whether a wrong distortion of both lenses would have been noticed; None as before
     """
 
     id: str
@@ -57,6 +59,7 @@ class SensorReport:
     depth_coverage: float | None = None
     depth_mm: float | None = None
     is_checked: bool | None = None
+    are_lenses_checked: bool | None = None
 
     @property
     def texture(self) -> str:
@@ -72,13 +75,15 @@ class SensorReport:
                 return f"{self.id}: nothing can be expected before the problems are solved"
             return f"{self.id}: {self.depth_coverage:.0%} of what the bounds or masks show has a given depth"
         if self.is_checked is False:
-            return f"{self.id}: its calibration could not be checked, so which accuracy to expect is not known"
+            return f"{self.id}: its calibration {UNCHECKED}, so which accuracy to expect is not known"
         if self.expected_error_mm is None or self.textured is None:
             return f"{self.id}: no accuracy can be expected before the problems are solved"
+        lenses = f"; whether the distortion of its lenses is right {UNCHECKED}, as rows hardly tell it"
         advice = {"good": "", "fair": "; plain areas will be filled in", "poor": "; add texture, light or sharpness"}
         return (
             f"{self.id}: expect depth errors of about {self.expected_error_mm:.1f} mm at the object; texture is "
             f"{self.texture} ({self.textured:.0%} can be matched){advice[self.texture]}"
+            f"{lenses if self.are_lenses_checked is False else ''}"
         )
 
     def as_line(self) -> str:

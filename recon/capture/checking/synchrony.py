@@ -78,7 +78,15 @@ def silhouette_findings(draft: Draft, silhouettes: Silhouettes) -> SilhouetteFin
     silhouettes : of its masks
     """
     n_frames, findings = draft.n_frames or 0, SilhouetteFindings()
-    if n_frames < MIN_FRAMES + MAX_LAG or draft.bounds is None or len(draft.sensors) < 2:
+    if draft.bounds is None or len(draft.sensors) < 2:
+        return findings
+    if n_frames < MIN_FRAMES + MAX_LAG:
+        if n_frames == 1:
+            return findings
+        findings.warnings.append(
+            "whether the sensors recorded the same instants could not be checked, which matters if something moved: "
+            f"that takes at least {MIN_FRAMES + MAX_LAG} frames, the recording has {n_frames}"
+        )
         return findings
     if unmasked := [stream.id for stream in draft.sensors if not stream.mask]:
         findings.warnings.append(

@@ -14,7 +14,6 @@ from pathlib import Path
 import cv2
 
 from recon.capture.format import CAPTURE_FILE, Capture, CaptureError
-from recon.capture.importing.bags import import_bag
 from recon.capture.importing.calibrations.benchmarks import read_kitti, read_middlebury_pair
 from recon.capture.importing.calibrations.matlab import read_matlab
 from recon.capture.importing.calibrations.multi_view import read_miv, read_mvsnet, read_strecha
@@ -22,7 +21,9 @@ from recon.capture.importing.calibrations.placed import Placed
 from recon.capture.importing.calibrations.robots import read_euroc, read_kalibr, read_ros
 from recon.capture.importing.colmap import import_colmap
 from recon.capture.importing.colmap_model import FOLDERS
-from recon.capture.importing.depth_cameras import read_scannet, read_tum
+from recon.capture.importing.depth_cameras.bags import import_bag
+from recon.capture.importing.depth_cameras.kinect import import_kinect
+from recon.capture.importing.depth_cameras.sequences import read_scannet, read_tum
 from recon.capture.importing.json_file import import_json
 from recon.capture.importing.meshroom import SFM_FILES, import_meshroom
 from recon.capture.importing.middlebury import FPS, TEMPLE_PAIRS, import_middlebury
@@ -140,7 +141,7 @@ def _likeness(pattern: str, name: str) -> float:
 
 def _beginning(path: Path) -> str:
     with path.open("rb") as file:
-        return file.read(LOOKED_AT).decode("utf-8", "replace")
+        return file.read(LOOKED_AT).decode("utf-8", "replace").removeprefix("\ufeff").replace("\r\n", "\n")
 
 
 def _placed(read: Callable[[Path, float], Placed], unit_mm: float) -> Callable[[Path, Path, ImportOptions], Capture]:
@@ -204,7 +205,7 @@ FORMATS: dict[str, Format] = {  # the first of those that know a source reads it
         ("calib_cam_to_cam.txt", "calib.txt", "../calib_cam_to_cam.txt", "*.txt"),
         "metres; raw recordings before or after rectification by the size of their pictures, odometry, or the file of "
         "one pair of the stereo benchmarks with its `disp_occ_0`",
-        r"(?m)^P(0|2|_rect_0[0-3]): ",
+        r"(?m)^P(0|2|_rect_0[0-3]):\s",
     ),
     "euroc": Format(
         _placed(read_euroc, METRE),
@@ -256,7 +257,7 @@ FORMATS: dict[str, Format] = {  # the first of those that know a source reads it
         ("units", "up"),
     ),
     "miv": Format(
-        _placed(read_miv, METRE),
+        _asking(read_miv),
         ("*.json",),
         "metres, z up, perspective; a folder or video of each camera's name; bounds from `Depth_range`",
         r'"Projection"',
@@ -289,10 +290,18 @@ FORMATS: dict[str, Format] = {  # the first of those that know a source reads it
     "rosbag": Format(
         import_bag,
         ("*.bag", "metadata.yaml", "*.db3", "*.mcap"),
-        "ROS 1 and 2, RealSense's by its ROS node: two topics with camera_info, a pair or pictures and depth maps that "
-        "are aligned to them; `--shots TOPIC,TOPIC` where there are more; `pip install reconstudy[ros]`",
+        "ROS 1 and 2, RealSense's viewer: two topics with camera_info, a pair or pictures and depth maps (of ROS "
+        "aligned to them); `--shots TOPIC,TOPIC` where there are more; `pip install reconstudy[ros]`",
         r"^#ROSBAG V2|rosbag2_bagfile_information|^SQLite format 3|MCAP0",
         ("units", "up", "shots"),
+    ),
+    "kinect": Format(
+        import_kinect,
+        ("*.mkv",),
+        "Azure Kinect's and Femto's recorder: tracks COLOR and DEPTH, which is brought into the pictures, and the "
+        "calibration attached",
+        r"CalibrationInformation|K4A_|DEPTH",
+        ("units", "up"),
     ),
     "opencv": Format(
         lambda source, out, options: import_opencv(source, out, options),

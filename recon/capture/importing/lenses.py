@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.images import CaptureError, Pixels
-from recon.geometry.lens_names import FISHEYE, PERSPECTIVE, plain_name
+from recon.geometry.lens_names import FISHEYE, PERSPECTIVE, UNLIKE, plain_name
 from recon.geometry.rig import Camera
 
 N_FISHEYE = 4
@@ -85,6 +85,8 @@ def with_lens(camera: Camera, model: str | None, dist: NDArray[np.float64]) -> C
         if lens.size == N_FISHEYE + 1 and not lens[-1]:  # programs that write five numbers whatever the model
             lens = lens[:N_FISHEYE]
         return FisheyeCamera(camera.K, camera.size, camera.cam_from_world, lens=lens)
+    if name in UNLIKE and not dist.any():
+        return camera
     if name is not None and name not in PERSPECTIVE:
         raise CaptureError(
             f"the camera model is {model}, expected one of {', '.join(PERSPECTIVE)} or {', '.join(FISHEYE)}; undistort "

@@ -207,7 +207,8 @@ class ValidateFilms(Command):
     )
     measure: str = option(
         "",
-        "More measures, by packages that are installed beside (the extra perceptual): flip, cvvdp; with commas.",
+        "More measures, by packages that are installed beside (the extra perceptual): flip, cvvdp, lpips, dists; with "
+        "commas.",
         label="More measures",
         form=NAMES,
         example="flip,cvvdp",
@@ -219,6 +220,13 @@ class ValidateFilms(Command):
         "cd/m2, as in a study's lab sheet.",
         metavar="WIDTHxHEIGHT,INCHES,CM,CD/M2",
     )
+    weights: list[str] | None = option(
+        None,
+        "File of the weights of a network, as torchvision publishes them, once for each of lpips (AlexNet) and dists "
+        "(VGG16); none is fetched.",
+        metavar="MEASURE=FILE",
+    )
+    methods: Path | None = option(None, "TOML file of measures by other programs.")
     every: int = option(
         1, "Measure each such frame only, from the first on.", ge=1, label="Every so many frames", high=1000
     )

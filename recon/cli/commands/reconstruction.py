@@ -194,6 +194,15 @@ class Render(Command):
         label="Background",
         choices={"studio": "a bright studio", "dark": "a dark room", "plain": "one colour"},
     )
+    floor: str = option(
+        "model",
+        "Height of the floor in all films of a scene: where its models stand, the bottom of the bounds, or a number in "
+        "mm; the manifest tells it.",
+        label="Floor",
+        note="",
+        metavar="model|bounds|MM",
+        choices={"model": "where the models stand", "bounds": "at the bottom of the bounds"},
+    )
     light: str = option(
         "studio",
         "Light on meshes and clouds: studio, or flat for the colours that they bring, so that light is no giveaway "
@@ -234,7 +243,9 @@ class Render(Command):
         form=NAMES,
         example="scan",
     )
-    renderer: str = option("auto", "Renderer: auto or a name.")
+    renderer: str = option(
+        "auto", "Renderer: auto, software, pyrender (OpenGL), or gsplat (Gaussian splats on an NVIDIA GPU)."
+    )
     master: bool = option(True, "Keep a near-lossless master beside each video.")
     practice: str = option(
         "", "Scene with two videos that a study's participants practise with.", metavar="DATASET", **PRACTICE

@@ -27,7 +27,8 @@ IMPORTED = {  # what each format is called, for people; `recon.capture.importing
     "miv": "MPEG's MIV content",
     "tum": "TUM's RGB-D benchmark",
     "scannet": "RGB-D folders as those of ScanNet",
-    "rosbag": "a bag of ROS 1 or 2",
+    "rosbag": "a bag of ROS 1 or 2, also RealSense's",
+    "kinect": "a recording of Azure Kinect or Femto",
     "json": "a JSON file of cameras",
 }
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, fields
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic.fields import FieldInfo
@@ -18,6 +18,9 @@ NUMBER = r"-?\d+(?:\.\d+)?"
 OUT = ("--out", "-o")
 OR_URL = "or an fsspec URL such as s3://BUCKET/NAME"
 PLUGIN_NAMES = "installed plug-ins"  # in a help: what stands for the names of those that are installed
+
+
+D = TypeVar("D")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,6 +78,17 @@ class Command(BaseModel):
     """The settings of a command, in the order of its help."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)  # built by the one command that runs
+
+    def filled_in(self, kind: type[D], **others: object) -> D:
+        """Fill a dataclass with the settings that have the names of its fields, and with others.
+
+        Parameters
+        ----------
+        kind : the dataclass
+        others : values of its other fields, and of those whose setting means something else
+        """
+        alike = {part.name: getattr(self, part.name) for part in fields(kind) if part.name in type(self).model_fields}  # type: ignore[arg-type]
+        return kind(**alike | others)
 
 
 def option(default: Any, meaning: str, *, ge: float | None = None, le: float | None = None, **said: Any) -> Any:

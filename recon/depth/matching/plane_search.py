@@ -211,7 +211,7 @@ def _window_cost(taps, target, plane, place, settings, enough):  # type: ignore[
         u = np.float32(-WINDOW_REACH + (row & 1))
         disparity = plane[0] + plane[1] * u + plane[2] * np.float32(2 * row - WINDOW_REACH)
         begin = np.float32(FINE) * (np.float32(width - 1 - x) - u + disparity)
-        seen = gather(target, begin, step, pitch - 1, line * pitch)
+        seen = gather(target, line * pitch, begin, step, pitch - 1)
         grey = truncated_difference(load(taps, TAPS + row * N_LANES), lower_half(seen), settings.grey_limit)
         slope = truncated_difference(load(taps, 2 * TAPS + row * N_LANES), upper_half(seen), settings.gradient_limit)
         cost = add_scaled(grey, settings.gradient_share, add_scaled(slope, np.float32(-1), grey))

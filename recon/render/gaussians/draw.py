@@ -71,7 +71,11 @@ def draw_splats(picture: NDArray[np.uint8], splats: Splats, camera: Camera, *, t
     splats, camera : as for `render_splats`
     threads : how many threads share the work; the picture does not depend on it
     """
-    layer = splat_layer(splats, camera, (picture.shape[1], picture.shape[0]), threads=threads)
+    lay_over(picture, splat_layer(splats, camera, (picture.shape[1], picture.shape[0]), threads=threads))
+
+
+def lay_over(picture: NDArray[np.uint8], layer: NDArray[np.float32]) -> None:
+    """Lay drawn splats, as `splat_layer` returns them, over a picture, uint8 (H, W, 3), in place."""
     _lay_over(layer, picture.astype(np.float32), picture)
 
 
@@ -94,25 +98,14 @@ def splat_layer(splats: Splats, camera: Camera, size: tuple[int, int], *, thread
     n_columns = -(-size[0] // TILE)
 
     def draw(first: int) -> None:
-        _draw_tiles(
-            ellipses.places,
-            ellipses.reaches,
-            ellipses.shapes,
-            ellipses.colours,
-            starts,
-            members,
-            layer,
-            n_columns,
-            first,
-            threads,
-        )
+        _draw_tiles(ellipses, starts, members, layer, n_columns, first, threads)
 
     in_threads(draw, threads)
     return layer
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _draw_tiles(places, reaches, shapes, colours, starts, members, layer, n_columns, first, step):  # type: ignore[no-untyped-def]  # numba
+def _draw_tiles(ellipses, starts, members, layer, n_columns, first, step):  # type: ignore[no-untyped-def]  # numba
     """Draw every `step`-th tile from `first` on."""
     height, width = layer.shape[0], layer.shape[1]
     tile_layer = np.empty((TILE, 4, TILE), np.float32)
@@ -125,15 +118,8 @@ def _draw_tiles(places, reaches, shapes, colours, starts, members, layer, n_colu
         n_open = TILE
         for m in range(starts[tile], starts[tile + 1]):
             i = members[m]
-            _cover(
-                places[i, 0] - np.float32(x0),
-                places[i, 1] - np.float32(y0),
-                reaches[i, 1],
-                shapes[i],
-                colours[i],
-                tile_layer,
-                is_open,
-            )
+            place = ellipses.places[i, 0] - np.float32(x0), ellipses.places[i, 1] - np.float32(y0)
+            _cover(place, ellipses.reaches[i, 1], ellipses.shapes[i], ellipses.colours[i], tile_layer, is_open)
             if (m - starts[tile]) % SPLATS_BETWEEN_LOOKS == SPLATS_BETWEEN_LOOKS - 1:
                 n_open = _look(tile_layer, is_open)
                 if n_open == 0:
@@ -159,9 +145,10 @@ def _look(tile_layer, is_open):  # type: ignore[no-untyped-def]  # numba
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _cover(x, y, reach, shape, colour, tile_layer, is_open):  # type: ignore[no-untyped-def]  # numba
+def _cover(place, reach, shape, colour, tile_layer, is_open):  # type: ignore[no-untyped-def]  # numba
     """Lay a splat behind what a tile shows already: whole rows at once, for the processor's wide registers."""
     full, half = np.float32(1), np.float32(0.5)
+    x, y = place
     top, bottom = max(0, int(np.ceil(y - reach))), min(TILE - 1, int(np.floor(y + reach)))
     xx, xy, yy, opacity = -half * shape[0], -shape[1], -half * shape[2], shape[3]
     red, green, blue = colour[0], colour[1], colour[2]

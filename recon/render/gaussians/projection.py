@@ -7,7 +7,7 @@ equation 9) takes from the opacity what it adds to the area.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -40,8 +40,7 @@ C3 = np.array(
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Ellipses:
+class Ellipses(NamedTuple):
     """Splats in a picture.
 
     Parameters
@@ -70,107 +69,81 @@ def project(splats: Splats, camera: Camera, size: tuple[int, int], *, threads: i
     threads : how many threads share the splats
     """
     n = len(splats)
-    depths = np.zeros(n, np.float32)
-    places, reaches = np.empty((n, 2), np.float32), np.empty((n, 2), np.float32)
-    shapes, colours = np.empty((n, 4), np.float32), np.empty((n, 3), np.float32)
-    model_from_world = np.ascontiguousarray(splats.model_from_world)
-    K = camera.K
-    lens = np.array([K[0, 0], K[0, 1], K[0, 2], K[1, 1], K[1, 2], *size], np.float64)
+    ellipses = Ellipses(np.zeros(n, np.float32), *(np.empty((n, columns), np.float32) for columns in (2, 2, 4, 3)))
+    ellipsoids = _Ellipsoids(splats.centres, splats.scales, splats.rotations, splats.opacities, splats.harmonics)
+    (fx, skew, cx), (_, fy, cy), _ = camera.K.tolist()
+    width, height = size
+    side_x, side_y = SIDE_SHARE * 0.5 * width / fx, SIDE_SHARE * 0.5 * height / fy
+    sides = (-(cx + 0.5) / fx - side_x, (width - cx - 0.5) / fx + side_x)
+    ends = (-(cy + 0.5) / fy - side_y, (height - cy - 0.5) / fy + side_y)
+    rows, turn = (tuple(map(tuple, matrix.tolist())) for matrix in (camera.cam_from_world[:3], splats.model_from_world))
+    pose = rows, tuple(zip(*rows, strict=True)), tuple(camera.centre.tolist()), turn
+    view = _View(*pose, fx, skew, cx, fy, cy, width, height, NEAREST * splats.unit, sides, ends)
 
     def work(part: int) -> None:
         first, end = n * part // threads, n * (part + 1) // threads
-        _project(
-            splats.centres,
-            splats.scales,
-            splats.rotations,
-            splats.opacities,
-            splats.harmonics,
-            np.ascontiguousarray(camera.cam_from_world),
-            camera.centre,
-            model_from_world,
-            lens,
-            NEAREST * splats.unit,
-            splats.antialiased,
-            depths,
-            places,
-            reaches,
-            shapes,
-            colours,
-            first,
-            end,
-        )
+        _project(ellipsoids, view, splats.antialiased, ellipses, first, end)
 
     in_threads(work, threads)
-    return Ellipses(depths, places, reaches, shapes, colours)
+    return ellipses
+
+
+class _Ellipsoids(NamedTuple):
+    """The arrays of `Splats`."""
+
+    centres: NDArray[np.float32]
+    scales: NDArray[np.float32]
+    rotations: NDArray[np.float32]
+    opacities: NDArray[np.float32]
+    harmonics: NDArray[np.float32]
+
+
+class _View(NamedTuple):
+    """From where splats are seen, in tuples, whose numbers numba keeps in registers.
+
+    `cam_from_world` in rows and in columns, the centre, the rotation of `Splats.model_from_world`, the camera's matrix
+    and the size of its picture, pixels, the least depth, and between which normalised coordinates shapes still change.
+    """
+
+    rows: tuple[tuple[float, ...], ...]
+    columns: tuple[tuple[float, ...], ...]
+    eye: tuple[float, ...]
+    model_from_world: tuple[tuple[float, ...], ...]
+    fx: float
+    skew: float
+    cx: float
+    fy: float
+    cy: float
+    width: int
+    height: int
+    nearest: float
+    sides: tuple[float, float]
+    ends: tuple[float, float]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _project(  # type: ignore[no-untyped-def]  # numba
-    centres,
-    scales,
-    rotations,
-    opacities,
-    harmonics,
-    pose,
-    eye,
-    model_from_world,
-    lens,
-    nearest,
-    antialiased,
-    depths,
-    places,
-    reaches,
-    shapes,
-    colours,
-    first,
-    end,
-):
+def _project(ellipsoids, view, antialiased, ellipses, first, end):  # type: ignore[no-untyped-def]  # numba
     """Project the splats from `first` to before `end`."""
-    fx, skew, cx, fy, cy, width, height = lens[0], lens[1], lens[2], lens[3], lens[4], lens[5], lens[6]
-    side_x, side_y = SIDE_SHARE * 0.5 * width / fx, SIDE_SHARE * 0.5 * height / fy
-    left, right = -(cx + 0.5) / fx - side_x, (width - cx - 0.5) / fx + side_x
-    top, bottom = -(cy + 0.5) / fy - side_y, (height - cy - 0.5) / fy + side_y
+    centres, scales, rotations, opacities, harmonics = ellipsoids
+    depths, places, reaches, shapes, colours = ellipses
     for i in range(first, end):
         opacity = np.float64(opacities[i])
         if opacity < LEAST_ALPHA:
             continue
-        px, py, pz = np.float64(centres[i, 0]), np.float64(centres[i, 1]), np.float64(centres[i, 2])
-        z = pose[2, 0] * px + pose[2, 1] * py + pose[2, 2] * pz + pose[2, 3]
-        if not z > nearest:
+        centre = _floats(centres[i])
+        z = _dot(view.rows[2], centre) + view.rows[2][3]
+        if not z > view.nearest:
             continue
-        x = pose[0, 0] * px + pose[0, 1] * py + pose[0, 2] * pz + pose[0, 3]
-        y = pose[1, 0] * px + pose[1, 1] * py + pose[1, 2] * pz + pose[1, 3]
-        u, v = x / z, y / z
-        column, row = fx * u + skew * v + cx, fy * v + cy
+        u = (_dot(view.rows[0], centre) + view.rows[0][3]) / z
+        v = (_dot(view.rows[1], centre) + view.rows[1][3]) / z
+        column, row = view.fx * u + view.skew * v + view.cx, view.fy * v + view.cy
         if not (abs(column) < FARTHEST_PIXEL and abs(row) < FARTHEST_PIXEL):
             continue
-        su, sv = min(max(u, left), right), min(max(v, top), bottom)
-        j00, j01, j02 = fx / z, skew / z, -(fx * su + skew * sv) / z
-        j11, j12 = fy / z, -fy * sv / z
-        # Rows of the picture's axes in the world: J times the rotation into the camera.
-        ax = j00 * pose[0, 0] + j01 * pose[1, 0] + j02 * pose[2, 0]
-        ay = j00 * pose[0, 1] + j01 * pose[1, 1] + j02 * pose[2, 1]
-        az = j00 * pose[0, 2] + j01 * pose[1, 2] + j02 * pose[2, 2]
-        bx = j11 * pose[1, 0] + j12 * pose[2, 0]
-        by = j11 * pose[1, 1] + j12 * pose[2, 1]
-        bz = j11 * pose[1, 2] + j12 * pose[2, 2]
-        qw, qx = np.float64(rotations[i, 0]), np.float64(rotations[i, 1])
-        qy, qz = np.float64(rotations[i, 2]), np.float64(rotations[i, 3])
-        s0, s1, s2 = np.float64(scales[i, 0]), np.float64(scales[i, 1]), np.float64(scales[i, 2])
-        # The ellipsoid's axes in the world, columns of its rotation, and what they are in the picture.
-        r00, r10, r20 = 1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy + qw * qz), 2 * (qx * qz - qw * qy)
-        r01, r11, r21 = 2 * (qx * qy - qw * qz), 1 - 2 * (qx * qx + qz * qz), 2 * (qy * qz + qw * qx)
-        r02, r12, r22 = 2 * (qx * qz + qw * qy), 2 * (qy * qz - qw * qx), 1 - 2 * (qx * qx + qy * qy)
-        a0 = (ax * r00 + ay * r10 + az * r20) * s0
-        a1 = (ax * r01 + ay * r11 + az * r21) * s1
-        a2 = (ax * r02 + ay * r12 + az * r22) * s2
-        b0 = (bx * r00 + by * r10 + bz * r20) * s0
-        b1 = (bx * r01 + by * r11 + bz * r21) * s1
-        b2 = (bx * r02 + by * r12 + bz * r22) * s2
-        xx, xy, yy = a0 * a0 + a1 * a1 + a2 * a2, a0 * b0 + a1 * b1 + a2 * b2, b0 * b0 + b1 * b1 + b2 * b2
+        a, b = _half_axes(rotations[i], _floats(scales[i]), view, u, v, z)
+        xx, xy, yy = _dot(a, a), _dot(a, b), _dot(b, b)
         # A sum of squares, so that a flat splat's area does not vanish in the rounding of xx * yy - xy * xy.
-        c01, c02, c12 = a0 * b1 - a1 * b0, a0 * b2 - a2 * b0, a1 * b2 - a2 * b1
-        area = c01 * c01 + c02 * c02 + c12 * c12
+        c = a[0] * b[1] - a[1] * b[0], a[0] * b[2] - a[2] * b[0], a[1] * b[2] - a[2] * b[1]
+        area = _dot(c, c)
         dilated = area + DILATION * (xx + yy) + DILATION * DILATION
         if antialiased:
             opacity *= np.sqrt(area / dilated)
@@ -179,24 +152,57 @@ def _project(  # type: ignore[no-untyped-def]  # numba
         xx, yy = xx + DILATION, yy + DILATION
         extent = 2 * np.log(opacity / LEAST_ALPHA)  # squared, in standard deviations
         reach_x, reach_y = np.sqrt(extent * xx), np.sqrt(extent * yy)
-        if column + reach_x < 0 or column - reach_x > width - 1 or row + reach_y < 0 or row - reach_y > height - 1:
+        is_beside = column + reach_x < 0 or column - reach_x > view.width - 1
+        if is_beside or row + reach_y < 0 or row - reach_y > view.height - 1:
             continue
         depths[i] = z
         places[i, 0], places[i, 1] = column, row
         reaches[i, 0], reaches[i, 1] = reach_x, reach_y
-        shapes[i, 0], shapes[i, 1], shapes[i, 2] = yy / dilated, -xy / dilated, xx / dilated
-        shapes[i, 3] = opacity
-        dx, dy, dz = px - eye[0], py - eye[1], pz - eye[2]
-        scale = 1 / np.sqrt(dx * dx + dy * dy + dz * dz)
-        dx, dy, dz = dx * scale, dy * scale, dz * scale
-        m = model_from_world
+        shape = shapes[i]
+        shape[0], shape[1], shape[2], shape[3] = yy / dilated, -xy / dilated, xx / dilated, opacity
+        seen = centre[0] - view.eye[0], centre[1] - view.eye[1], centre[2] - view.eye[2]
+        scale = 1 / np.sqrt(_dot(seen, seen))
+        seen = seen[0] * scale, seen[1] * scale, seen[2] * scale
         _shade(
-            np.float32(m[0, 0] * dx + m[0, 1] * dy + m[0, 2] * dz),
-            np.float32(m[1, 0] * dx + m[1, 1] * dy + m[1, 2] * dz),
-            np.float32(m[2, 0] * dx + m[2, 1] * dy + m[2, 2] * dz),
+            np.float32(_dot(view.model_from_world[0], seen)),
+            np.float32(_dot(view.model_from_world[1], seen)),
+            np.float32(_dot(view.model_from_world[2], seen)),
             harmonics[i],
             colours[i],
         )
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _half_axes(rotation, scale, view, u, v, z):  # type: ignore[no-untyped-def]  # numba
+    """Return what an ellipsoid's three half axes are along the columns and along the rows of the picture, pixels."""
+    u, v = min(max(u, view.sides[0]), view.sides[1]), min(max(v, view.ends[0]), view.ends[1])
+    to_column = view.fx / z, view.skew / z, -(view.fx * u + view.skew * v) / z
+    to_row = 0.0, view.fy / z, -view.fy * v / z
+    # The picture's axes in the world: the projection's derivative times the rotation into the camera.
+    x_axis, y_axis, z_axis = view.columns[0], view.columns[1], view.columns[2]
+    a = _dot(to_column, x_axis), _dot(to_column, y_axis), _dot(to_column, z_axis)
+    b = _dot(to_row, x_axis), _dot(to_row, y_axis), _dot(to_row, z_axis)
+    w, (x, y, z) = np.float64(rotation[0]), _floats(rotation[1:])
+    # The ellipsoid's axes in the world, columns of its rotation.
+    first = 1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)
+    second = 2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)
+    third = 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
+    return (
+        (_dot(a, first) * scale[0], _dot(a, second) * scale[1], _dot(a, third) * scale[2]),
+        (_dot(b, first) * scale[0], _dot(b, second) * scale[1], _dot(b, third) * scale[2]),
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _floats(numbers):  # type: ignore[no-untyped-def]  # numba
+    """Return three numbers in double precision."""
+    return np.float64(numbers[0]), np.float64(numbers[1]), np.float64(numbers[2])
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _dot(a, b):  # type: ignore[no-untyped-def]  # numba
+    """Return the product of two vectors of three numbers."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -41,14 +41,13 @@ def binned(
     """
     columns, rows = -(-size[0] // TILE), -(-size[1] // TILE)
     counts = np.zeros((threads, columns * rows), np.int64)
-    places, reaches, shapes = ellipses.places, ellipses.reaches, ellipses.shapes
     n = len(order)
 
     def part(number: int) -> NDArray[np.int32]:
         return order[n * number // threads : n * (number + 1) // threads]
 
     def count(number: int) -> None:
-        _count(places, reaches, shapes, part(number), columns, rows, counts[number])
+        _count(ellipses, part(number), columns, rows, counts[number])
 
     in_threads(count, threads)
     in_tiles = counts.T.ravel()  # of a tile first those of the first part, which are nearer
@@ -58,7 +57,7 @@ def binned(
     members = np.empty(int(starts[-1]), np.int32)
 
     def fill(number: int) -> None:
-        _fill(places, reaches, shapes, part(number), columns, rows, filled[number], members)
+        _fill(ellipses, part(number), columns, rows, filled[number], members)
 
     in_threads(fill, threads)
     return starts, members
@@ -96,28 +95,29 @@ def _sorted(keys):  # type: ignore[no-untyped-def]  # numba
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _tiles_of(places, reaches, i, columns, rows):  # type: ignore[no-untyped-def]  # numba
+def _tiles_of(ellipses, i, columns, rows):  # type: ignore[no-untyped-def]  # numba
     """Return the first and the last column and row of the tiles that a splat's box meets."""
-    x, y, reach_x, reach_y = places[i, 0], places[i, 1], reaches[i, 0], reaches[i, 1]
+    place, reach = ellipses.places[i], ellipses.reaches[i]
+    x, y, reach_x, reach_y = place[0], place[1], reach[0], reach[1]
     first, last = int(np.floor((x - reach_x) / TILE)), int(np.floor((x + reach_x) / TILE))
     top, bottom = int(np.floor((y - reach_y) / TILE)), int(np.floor((y + reach_y) / TILE))
     return max(first, 0), min(last, columns - 1), max(top, 0), min(bottom, rows - 1)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _span(places, reaches, shapes, i, row, first, last):  # type: ignore[no-untyped-def]  # numba
+def _span(ellipses, i, row, first, last):  # type: ignore[no-untyped-def]  # numba
     """Return the first and the last column of the tiles of a row that a splat's ellipse meets.
 
     Between two lines the ellipse reaches farthest at one of them, or where it reaches farthest at all.
     """
-    a, b = np.float64(shapes[i, 0]), np.float64(shapes[i, 1])
-    x, y = np.float64(places[i, 0]), np.float64(places[i, 1])
-    reach_x, reach_y = np.float64(reaches[i, 0]), np.float64(reaches[i, 1])
+    place, reach, shape = ellipses.places[i], ellipses.reaches[i], ellipses.shapes[i]
+    x, y, reach_x, reach_y = np.float64(place[0]), np.float64(place[1]), np.float64(reach[0]), np.float64(reach[1])
+    a, b, c = np.float64(shape[0]), np.float64(shape[1]), np.float64(shape[2])
     upper, lower = max(row * TILE - y, -reach_y), min(row * TILE + TILE - 1 - y, reach_y)
     if upper > lower:
         return last, first
     # At a height the ellipse is half * sqrt(1 - (height / reach_y)^2) wide to either side of -b / a * height.
-    inner = np.float64(shapes[i, 2]) - b * b / a
+    inner = c - b * b / a
     half = reach_y * np.sqrt(inner / a)  # as extent = reach_y^2 * inner
     low_side, high_side = np.inf, -np.inf
     for height in (upper, lower):
@@ -125,7 +125,7 @@ def _span(places, reaches, shapes, i, row, first, last):  # type: ignore[no-unty
         width = half * np.sqrt(max(1 - share * share, 0.0))
         middle = -b / a * height
         low_side, high_side = min(low_side, middle - width), max(high_side, middle + width)
-    farthest = -b / np.float64(shapes[i, 2]) * reach_x  # height where the ellipse reaches farthest to the right
+    farthest = -b / c * reach_x  # height where the ellipse reaches farthest to the right
     if upper <= farthest <= lower:
         high_side = reach_x
     if upper <= -farthest <= lower:
@@ -135,23 +135,23 @@ def _span(places, reaches, shapes, i, row, first, last):  # type: ignore[no-unty
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _count(places, reaches, shapes, order, columns, rows, counts):  # type: ignore[no-untyped-def]  # numba
+def _count(ellipses, order, columns, rows, counts):  # type: ignore[no-untyped-def]  # numba
     """Count the splats that meet each tile."""
     for i in order:
-        first, last, top, bottom = _tiles_of(places, reaches, i, columns, rows)
+        first, last, top, bottom = _tiles_of(ellipses, i, columns, rows)
         for row in range(top, bottom + 1):
-            left, right = _span(places, reaches, shapes, i, row, first, last)
+            left, right = _span(ellipses, i, row, first, last)
             for column in range(left, right + 1):
                 counts[row * columns + column] += 1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fill(places, reaches, shapes, order, columns, rows, filled, members):  # type: ignore[no-untyped-def]  # numba
+def _fill(ellipses, order, columns, rows, filled, members):  # type: ignore[no-untyped-def]  # numba
     """Enter the splats into the lists of the tiles that they meet, in their order."""
     for i in order:
-        first, last, top, bottom = _tiles_of(places, reaches, i, columns, rows)
+        first, last, top, bottom = _tiles_of(ellipses, i, columns, rows)
         for row in range(top, bottom + 1):
-            left, right = _span(places, reaches, shapes, i, row, first, last)
+            left, right = _span(ellipses, i, row, first, last)
             for column in range(left, right + 1):
                 tile = row * columns + column
                 members[filled[tile]] = i

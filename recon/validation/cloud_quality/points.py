@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import colour_rows, finite_rows
+from recon.runtime.files import naming
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,14 +36,12 @@ class PointSet:
     def __post_init__(self) -> None:
         if not len(self.points):
             raise ValueError(f"{self.name}: holds no points")
-        try:
+        with naming(self.name):
             object.__setattr__(self, "points", finite_rows(self.points, "points"))
             if self.normals is not None:
                 object.__setattr__(self, "normals", finite_rows(self.normals, "normals", len(self.points)))
             if self.colours is not None:
                 object.__setattr__(self, "colours", colour_rows(self.colours, len(self.points)))
-        except ValueError as error:
-            raise ValueError(f"{self.name}: {error}") from error
 
     def __len__(self) -> int:
         return len(self.points)

@@ -6,7 +6,7 @@ features of associated points, each of one cloud and its nearest of the other, a
 Source
 ------
 E. Alexiou, T. Ebrahimi, "Towards a Point Cloud Structural Similarity Metric", ICMEW 2020, and its authors'
-scripts: quantities, estimators of dispersion, relative difference and pooling.
+scripts: quantities, their variance as the dispersion, relative difference, and its mean, as both recommend.
 """
 
 from __future__ import annotations
@@ -24,85 +24,25 @@ from recon.validation.cloud_quality.neighbours import CHUNK, lowest_first
 from recon.validation.cloud_quality.quadric import fit_quadrics
 
 TINY = float(np.finfo(np.float64).eps)  # keeps the similarity of two zeros defined
-
-
-def quartile_dispersion(quantities: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (q3 - q1) / (q3 + q1) of quantities (N, K), with quartiles at (i - 0.5) / K, as float64 (N,)."""
-    q1, q3 = np.quantile(quantities, (0.25, 0.75), axis=1, method="hazen")
-    return np.asarray((q3 - q1) / (q3 + q1))
-
-
-def _median_deviation(quantities: NDArray[np.float64]) -> NDArray[np.float64]:
-    middle = np.median(quantities, axis=1, keepdims=True)
-    return np.asarray(np.median(np.abs(quantities - middle), axis=1))
-
-
-def _mean_deviation(quantities: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(np.abs(quantities - quantities.mean(axis=1, keepdims=True)).mean(axis=1))
-
-
-ESTIMATORS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {  # section 3.2; (N, K) to (N,)
-    "STD": lambda q: q.std(axis=1, ddof=1),
-    "VAR": lambda q: q.var(axis=1, ddof=1),
-    "MeanAD": _mean_deviation,
-    "MedianAD": _median_deviation,
-    "COV": lambda q: q.std(axis=1, ddof=1) / q.mean(axis=1),
-    "QCD": quartile_dispersion,
-    "Mean": lambda q: q.mean(axis=1),
-}
-POOLINGS: dict[str, Callable[[NDArray[np.float64]], float]] = {  # NaN are similarities of points without a feature
-    "Mean": lambda s: float(np.nanmean(s)),
-    "MSE": lambda s: float(np.nanmean(s**2)),
-    "RMSE": lambda s: float(np.sqrt(np.nanmean(s**2))),
-}
-
-
-@dataclass(frozen=True)
-class PointSsimParameters:
-    """Which variant of PointSSIM; the defaults are those that the paper recommends and its scripts have.
-
-    Parameters
-    ----------
-    estimator : of dispersion, one of `ESTIMATORS`
-    pooling : of similarities, one of `POOLINGS`
-    neighbours : number of points of a neighbourhood, its own point included; 6 at least for normals and curvatures
-
-    Raises
-    ------
-    ValueError
-        If there is no such estimator or pooling, or there are too few neighbours.
-    """
-
-    estimator: str = "VAR"
-    pooling: str = "Mean"
-    neighbours: int = 12
-
-    def __post_init__(self) -> None:
-        for kind, name, known in (("estimator", self.estimator, ESTIMATORS), ("pooling", self.pooling, POOLINGS)):
-            if name not in known:
-                raise ValueError(f"unknown {kind} {name!r}, expected one of {', '.join(known)}")
-        if self.neighbours < 3:
-            raise ValueError(f"{self.neighbours} neighbours have no dispersion, expected 3 at least")
+NEIGHBOURS = 12  # points of a neighbourhood, its own point included, as the paper recommends and its scripts have
 
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """A cloud's neighbourhoods, K places each, and what is known at each of its M places.
+    """A cloud's neighbourhoods, K = `NEIGHBOURS` places each, and what is known at each of its M places.
 
     Parameters
     ----------
     prepared : the cloud; a ValueError says that it has fewer places than a neighbourhood
-    neighbours : K
     """
 
     prepared: Prepared
-    neighbours: int
 
     def __post_init__(self) -> None:
-        if len(self) < self.neighbours:
+        if len(self) < NEIGHBOURS:
             raise ValueError(
                 f"{self.prepared.cloud.name}: has points at {len(self)} places, expected at least the "
-                f"{self.neighbours} of a neighbourhood"
+                f"{NEIGHBOURS} of a neighbourhood"
             )
 
     def __len__(self) -> int:
@@ -112,7 +52,7 @@ class Structure:
     def neighbourhoods(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
         """Rows int32 (M, K) of the nearest places, the place itself first, and their distances float64 (M, K)."""
         points = self.prepared.places.points
-        return lowest_first(points, points, self.prepared.tree, self.neighbours)
+        return lowest_first(points, points, self.prepared.tree, NEIGHBOURS)
 
     @cached_property
     def fits(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -135,18 +75,11 @@ class Structure:
         weighted = BT709[0, 0] * red + BT709[0, 1] * green + BT709[0, 2] * blue  # in this order: exact halves round off
         return np.asarray(np.floor(weighted + 0.5))
 
-    def features(self, measure: str, estimator: str) -> NDArray[np.float64]:
-        """Compute the dispersion of a quantity over each neighbourhood, float64 (M,).
-
-        Parameters
-        ----------
-        measure : one of `QUANTITIES`
-        estimator : one of `ESTIMATORS`
-        """
-        quantity, estimate = QUANTITIES[measure], ESTIMATORS[estimator]
+    def features(self, measure: str) -> NDArray[np.float64]:
+        """Compute the variance of a quantity, one of `QUANTITIES`, over each neighbourhood, float64 (M,)."""
+        quantity = QUANTITIES[measure]
         chunks = (slice(first, first + CHUNK) for first in range(0, len(self), CHUNK))
-        with np.errstate(divide="ignore", invalid="ignore"):  # relative dispersion about 0 does not exist
-            return np.concatenate([estimate(quantity(self, chunk)) for chunk in chunks])
+        return np.concatenate([quantity(self, chunk).var(axis=1, ddof=1) for chunk in chunks])
 
 
 def _distances(structure: Structure, chunk: slice) -> NDArray[np.float64]:
@@ -181,14 +114,13 @@ QUANTITIES: dict[str, Callable[[Structure, slice], NDArray[np.float64]]] = {  # 
 }
 
 
-def pointssim(measure: str, pair: Pair, parameters: PointSsimParameters = PointSsimParameters()) -> list[Value]:
+def pointssim(measure: str, pair: Pair) -> list[Value]:
     """Measure how similar two clouds are in one quantity: 1 is best.
 
     Parameters
     ----------
     measure : one of `QUANTITIES`
     pair : the clouds
-    parameters : the variant
 
     Convention
     ----------
@@ -204,19 +136,18 @@ def pointssim(measure: str, pair: Pair, parameters: PointSsimParameters = PointS
     ------
     Alexiou and Ebrahimi (2020): relative difference of features, pooled over the points.
     """
-    real, distorted = (_structure(cloud, parameters.neighbours) for cloud in (pair.reference, pair.distorted))
-    features, others = (each.features(measure, parameters.estimator) for each in (real, distorted))
+    features, others = (_structure(cloud).features(measure) for cloud in (pair.reference, pair.distorted))
     to_distorted = similarity(features, others[pair.first_in_distorted])
     to_reference = similarity(features[pair.first_in_reference], others)
     if np.isnan(to_distorted).all() or np.isnan(to_reference).all():
         raise ValueError(f"{pair.name}: no two neighbourhoods have a {measure} to compare; are all points on a line?")
-    pool = POOLINGS[parameters.pooling]
-    return both_ways(measure, pool(to_distorted), pool(to_reference), unit="", better="higher")
+    means = float(np.nanmean(to_distorted)), float(np.nanmean(to_reference))
+    return both_ways(measure, *means, unit="", better="higher")
 
 
 @lru_cache(maxsize=2)  # the reference, which several clouds are compared with, and the last of these
-def _structure(prepared: Prepared, neighbours: int) -> Structure:
-    return Structure(prepared, neighbours)
+def _structure(prepared: Prepared) -> Structure:
+    return Structure(prepared)
 
 
 def similarity(features: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Measures by programs of others: they get two PLY files, and print a number.
+"""Measures by programs of others: they get two PLY files, or other files, and print a number.
 
 A methods file declares them as tables ``[measure.NAME]``; docs/measures.md shows PCQM's.
 """
@@ -6,6 +6,7 @@ A methods file declares them as tables ``[measure.NAME]``; docs/measures.md show
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import partial
 from math import isnan
@@ -28,7 +29,7 @@ NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 @dataclass(frozen=True)
 class MeasureProgram(Program):
-    """How to call a program that compares two clouds; its limit of time is for one pair.
+    """How to call a program that compares two clouds, or films; its limit of time is for one pair.
 
     Parameters
     ----------
@@ -90,11 +91,16 @@ def program_measures(path: Path | None, folder: Path) -> dict[str, tuple[Measure
     ValueError
         If the file cannot be read, or a name or a value in it cannot be used.
     """
-    programs = {name: _program(table) for name, table in read_tables(path, "measure", MEASURES).items()}
+    programs = declared_programs(path, "measure", MEASURES)
     return {
         name: (partial(measure_by_program, name, program, folder / name), program.command)
         for name, program in programs.items()
     }
+
+
+def declared_programs(path: Path | None, kind: str, taken: Collection[str]) -> dict[str, MeasureProgram]:
+    """Read the programs of a kind of measure in a methods file, as `recon.methods.methods_file.read_tables` does."""
+    return {name: _program(table) for name, table in read_tables(path, kind, taken).items()}
 
 
 def measure_by_program(name: str, program: MeasureProgram, folder: Path, pair: Pair, _scale: Scale) -> list[Value]:
@@ -114,7 +120,7 @@ def measure_by_program(name: str, program: MeasureProgram, folder: Path, pair: P
     ProgramError
         If the program fails in any way; it names the log.
     """
-    place = folder.resolve() / _folder_name(pair.name)
+    place = folder.resolve() / folder_name(pair.name)
     files = {"reference": place / "reference.ply", "distorted": place / "distorted.ply"}
     with workplace(place):
         _write(files["reference"], pair.reference.cloud)
@@ -125,7 +131,7 @@ def measure_by_program(name: str, program: MeasureProgram, folder: Path, pair: P
     return [Value(name, value, program.unit, program.better, "")]
 
 
-def _folder_name(name: str) -> str:
+def folder_name(name: str) -> str:
     """Return the plain name, with a checksum where it is another one: "a b" shall not share the folder of "a_b"."""
     plain = plain_name(name)
     return plain if plain == name else f"{plain}-{crc32(name.encode(errors='replace')):08x}"

@@ -9,6 +9,7 @@ import numpy as np
 
 from recon.geometry.mesh import Shape
 from recon.geometry.normals import are_unit, area_vectors, unit_normals
+from recon.runtime.files import naming
 from recon.validation.cloud_quality.points import PointSet
 from recon.validation.clouds import read_shape
 from recon.validation.sampling import between_corners, spread_over_triangles, triangle_areas
@@ -74,10 +75,8 @@ def sampled(shape: Shape, name: str, sampling: Sampling) -> PointSet:
             f"{name}: {sampling.density:g} points per squared unit on an area of {area_of(shape):.3g} are {n} "
             f"points, expected {MOST_POINTS} at most; choose a lower density"
         )
-    try:
+    with naming(name):
         chosen, weights = spread_over_triangles(vertices.points, faces, n, np.random.default_rng(sampling.seed))
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from error
     corners = faces[chosen]
     points, normals, colours = vertices.points, vertices.normals, vertices.colours
     directions = area_vectors(points, corners) if normals is None else between_corners(normals, corners, weights)

@@ -14,7 +14,8 @@ from recon.render.encoding.quality import WINDOW_PX
 from recon.runtime.workers import Progress, no_progress, open_pool
 from recon.validation.films.film import MeasuredFilm, measure_film
 from recon.validation.films.likeness import SMALLEST_PX
-from recon.validation.films.perceptual import Display, check_measures
+from recon.validation.films.perceptual import Perceptual
+from recon.validation.films.programs import FilmPrograms
 from recon.validation.films.stimuli import Pair, paired, read_films
 from recon.validation.films.tables import WORST_PERCENT, pooled_rows, study_measures
 from recon.validation.films.vmaf import MODEL, has_vmaf
@@ -30,16 +31,15 @@ class FilmSettings:
     masters : whether to measure the near-lossless masters instead of the videos that participants see
     every : measure each `every`-th frame only, from the first on
     workers : local processes, one film each; 1 works in this process
-    perceptual : names of measures by other packages, of `recon.validation.films.perceptual.PACKAGES`
-    display : that these take the films to be shown on
+    perceptual, programs : measures by other packages, and by programs
     """
 
     reference: str
     masters: bool = False
     every: int = 1
     workers: int = 1
-    perceptual: tuple[str, ...] = ()
-    display: Display = field(default_factory=Display)
+    perceptual: Perceptual = field(default_factory=Perceptual)
+    programs: FilmPrograms = field(default_factory=FilmPrograms)
 
 
 def measure_films(
@@ -61,7 +61,7 @@ def measure_films(
     """
     if settings.every < 1:
         raise ValueError(f"every is {settings.every}, expected 1 or more")
-    check_measures(settings.perceptual)
+    settings.perceptual.check()
     pairs, remarks = paired(read_films(stimulus_set, masters=settings.masters), settings.reference)
     for pair in pairs:
         if min(pair.facts.width, pair.facts.height) < WINDOW_PX:
@@ -78,7 +78,7 @@ def measure_films(
             "every": settings.every,
             "worst_percent": WORST_PERCENT,
             "vmaf_model": MODEL if has_vmaf() else None,
-            **({"display": asdict(settings.display)} if settings.perceptual else {}),
+            **({"display": asdict(settings.perceptual.display)} if settings.perceptual.names else {}),
         },
         "remarks": remarks + _infinite(films),
         "films": [row for film in films for row in pooled_rows(film)],
@@ -105,7 +105,7 @@ def _measured(pairs: Sequence[Pair], settings: FilmSettings, progress: Progress)
             every=settings.every,
             threads=pool.threads,
             perceptual=settings.perceptual,
-            display=settings.display,
+            programs=settings.programs,
             tell=tell if is_alone else None,
         )
         for film in pool.run([partial(measure, pair) for pair in pairs]):

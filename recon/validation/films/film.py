@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import partial
 
 import numpy as np
@@ -12,14 +12,16 @@ from numpy.typing import NDArray
 
 from recon.render.encoding.video import read_luma
 from recon.validation.films.flicker import excess_change
+from recon.validation.films.kinds import ACTOR, KINDS, Kind
 from recon.validation.films.likeness import Likeness, likenesses
-from recon.validation.films.perceptual import PACKAGES, Display, perceptual_values
+from recon.validation.films.perceptual import Perceptual
 from recon.validation.films.pictures import comparison_picture
+from recon.validation.films.programs import FilmPrograms
 from recon.validation.films.stimuli import Pair
 from recon.validation.films.vmaf import has_vmaf, vmaf_scores
 
-MEASURES = ("psnr_y", "ssim", "ms_ssim", "vmaf", "flicker", *PACKAGES)
-ACTOR = "_actor"  # ends the names of measures inside the silhouettes
+NOTHING_MORE = Perceptual()
+NO_PROGRAMS = FilmPrograms()
 WHITE = 126  # luma from which a mask's pixel is of the model: half way from 16 to 235
 
 Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]  # a frame of the film, and the reference's
@@ -51,12 +53,18 @@ class MeasuredFilm:
     frames : numbers of the measured frames
     values : by measure, one for each frame; NaN where the frame has none
     worst : the frame that is least alike
+    others : what the measures by programs are
     """
 
     pair: Pair
     frames: list[int]
     values: dict[str, list[float]]
     worst: WorstFrame
+    others: Mapping[str, Kind] = field(default_factory=dict)
+
+    def kind(self, measure: str) -> Kind:
+        """Say what a measure of the film is, of the actor or of the whole frame."""
+        return {**KINDS, **self.others}[measure.removesuffix(ACTOR)]
 
     def is_of_actor(self, measure: str) -> bool:
         """Return whether a measure was taken inside the silhouettes, or over the whole frame."""
@@ -68,8 +76,8 @@ def measure_film(
     *,
     every: int,
     threads: int,
-    perceptual: Sequence[str] = (),
-    display: Display | None = None,
+    perceptual: Perceptual = NOTHING_MORE,
+    programs: FilmPrograms = NO_PROGRAMS,
     tell: Tell | None = None,
 ) -> MeasuredFilm:
     """Measure a film; ffmpeg computes VMAF beside the other measures.
@@ -79,14 +87,17 @@ def measure_film(
     pair : the film and its reference
     every : measure only each such frame, from the first on
     threads : of libvmaf
-    perceptual : names of measures by other packages, of `PACKAGES`
-    display : that they take the films to be shown on
+    perceptual, programs : measures by other packages, and by programs; default: none
     tell : told after each measured frame
 
     Raises
     ------
     VideoError
         If a film or a mask cannot be decoded from its first frame to its last.
+    ValueError
+        If a file of weights holds others.
+    ProgramError
+        If a program fails in any way.
     """
     frames: list[int] = []
     values: dict[str, list[float]] = {}
@@ -102,10 +113,12 @@ def measure_film(
                 tell(1)
         if waiting:
             values["vmaf"] = waiting.result()
-    for name in perceptual:
-        values[name] = perceptual_values(pair, name, display or Display(), every=every)
+    for name in perceptual.names:
+        values[name] = perceptual.values(pair, name, every=every)
+    for name in programs.programs:
+        values[name] = [programs.value(pair, name), *[np.nan] * (len(frames) - 1)]
     in_order = {name: values[name] for name in sorted(values, key=_rank)}
-    return MeasuredFilm(pair, frames, in_order, watch.shown())
+    return MeasuredFilm(pair, frames, in_order, watch.shown(), programs.kinds)
 
 
 @dataclass(eq=False)
@@ -169,4 +182,5 @@ def _either(a: NDArray[np.bool_] | None, b: NDArray[np.bool_] | None) -> NDArray
 
 def _rank(measure: str) -> tuple[bool, int]:
     """Order measures: the whole frame's first, then the actor's."""
-    return measure.endswith(ACTOR), MEASURES.index(measure.removesuffix(ACTOR))
+    name = measure.removesuffix(ACTOR)
+    return measure.endswith(ACTOR), list(KINDS).index(name) if name in KINDS else len(KINDS)

@@ -1,13 +1,17 @@
 """Measures of films that know eyes and displays, by packages that are taken where they are installed.
 
 FLIP compares two frames as somebody does who flips between them; ColorVideoVDP predicts from whole films by how much
-people see one of them as worse, in JOD. No weights are fetched: what a measure needs lies in its package.
+people see one of them as worse, in JOD; LPIPS and DISTS compare what a network trained on photographs sees. No weights
+are fetched: what a measure needs lies in its package, or in a file that the experimenter names.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -16,8 +20,16 @@ from numpy.typing import NDArray
 from recon.render.encoding.video import read_video
 from recon.validation.films.stimuli import Pair
 
-PACKAGES = {"flip": ("flip_evaluator", "flip-evaluator"), "cvvdp": ("pycvvdp", "cvvdp")}  # module, and what to install
-WHOLE_FILM = ("cvvdp",)  # measures that have one value for a film
+PACKAGES = {  # module, and what to install
+    "flip": ("flip_evaluator", "flip-evaluator"),
+    "cvvdp": ("pycvvdp", "cvvdp"),
+    "lpips": ("torchmetrics", "torchmetrics torchvision"),
+    "dists": ("torchmetrics", "torchmetrics torchvision"),
+}
+NETWORKS = {  # measures that need weights: torchvision's name of the network, and its file
+    "lpips": ("alexnet", "alexnet-owt-7be5be79.pth"),
+    "dists": ("vgg16", "vgg16-397923af.pth"),
+}
 INCH_M = 0.0254
 
 
@@ -63,36 +75,73 @@ def parse_display(text: str) -> Display:
     return Display((width, height), inches, distance, peak)
 
 
-def check_measures(names: Sequence[str]) -> None:
-    """Raise a ValueError if there is no such measure, or its package is not installed."""
-    from importlib.util import find_spec
+def parse_weights(texts: Sequence[str]) -> dict[str, Path]:
+    """Read files of weights, each as MEASURE=FILE; a ValueError says which of them is not."""
+    files = {}
+    for text in texts:
+        name, _, file = text.partition("=")
+        if name not in NETWORKS or not Path(file).is_file():
+            raise ValueError(f"the weights are {text!r}, expected {' or '.join(NETWORKS)}, = and a file that exists")
+        files[name] = Path(file)
+    return files
 
-    for name in names:
-        if name not in PACKAGES:
-            raise ValueError(f"there is no measure {name!r}; expected one or more of {', '.join(PACKAGES)}")
-        module, package = PACKAGES[name]
-        if find_spec(module) is None:
-            raise ValueError(f"{name} needs a package that is not installed: pip install {package}")
 
-
-def perceptual_values(pair: Pair, name: str, display: Display, *, every: int) -> list[float]:
-    """Measure a film.
+@dataclass(frozen=True)
+class Perceptual:
+    """What is measured by other packages, and how.
 
     Parameters
     ----------
-    pair : the film and its reference
-    name : in `PACKAGES`
+    names : of the measures, in `PACKAGES`
     display : that the films are shown on
-    every : measure each such frame only, from the first on; a measure of whole films takes all of them
-
-    Returns
-    -------
-    a value for each measured frame; of a measure of whole films one for the first frame, and NaN for the others
+    weights : the file of the network's weights of each measure that needs one, as torchvision publishes them
     """
-    n_frames = len(range(0, pair.facts.n_frames, every))
-    if name == "cvvdp":
-        return [_colour_video_vdp(pair, display), *[np.nan] * (n_frames - 1)]
-    return list(_flip(pair, display, every))
+
+    names: tuple[str, ...] = ()
+    display: Display = field(default_factory=Display)
+    weights: Mapping[str, Path] = field(default_factory=dict)
+
+    def check(self) -> None:
+        """Raise a ValueError if there is no such measure, or if its package or weights are missing."""
+        from importlib.util import find_spec
+
+        for name in self.names:
+            if name not in PACKAGES:
+                raise ValueError(f"there is no measure {name!r}; expected one or more of {', '.join(PACKAGES)}")
+            module, packages = PACKAGES[name]
+            if find_spec(module) is None:
+                raise ValueError(f"{name} needs a package that is not installed: pip install {packages}")
+            if name in NETWORKS and name not in self.weights:
+                network, file = NETWORKS[name]
+                raise ValueError(
+                    f"{name} needs the weights of {network}, which are not fetched; expected --weights {name}=FILE, as "
+                    f"torchvision publishes it: https://download.pytorch.org/models/{file}"
+                )
+
+    def values(self, pair: Pair, name: str, *, every: int) -> list[float]:
+        """Measure a film.
+
+        Parameters
+        ----------
+        pair : the film and its reference
+        name : of the measure
+        every : measure each such frame only, from the first on; a measure of whole films takes all of them
+
+        Returns
+        -------
+        a value for each measured frame; of a measure of whole films one for the first frame, and NaN for the others
+
+        Raises
+        ------
+        ValueError
+            If a file of weights holds others.
+        """
+        if name == "cvvdp":
+            n_frames = len(range(0, pair.facts.n_frames, every))
+            return [_colour_video_vdp(pair, self.display), *[np.nan] * (n_frames - 1)]
+        if name == "flip":
+            return list(_flip(pair, self.display, every))
+        return list(_deep_features(pair, name, self.weights[name], every))
 
 
 def _flip(pair: Pair, display: Display, every: int) -> Iterator[float]:
@@ -104,10 +153,47 @@ def _flip(pair: Pair, display: Display, every: int) -> Iterator[float]:
     import flip_evaluator  # of the extra `perceptual`
 
     parameters = {"ppd": display.pixels_per_degree}
-    for number, (image, reference) in enumerate(_frames(pair)):
-        if number % every == 0:
-            scaled = [np.asarray(each, np.float32) / np.float32(255) for each in (reference, image)]
-            yield float(flip_evaluator.evaluate(*scaled, "LDR", applyMagma=False, parameters=parameters)[1])
+    for image, reference in _scaled_frames(pair, every):
+        yield float(flip_evaluator.evaluate(reference, image, "LDR", applyMagma=False, parameters=parameters)[1])
+
+
+def _deep_features(pair: Pair, name: str, weights: Path, every: int) -> Iterator[float]:
+    """Yield LPIPS, of AlexNet, or DISTS of each frame; 0 for equal frames.
+
+    Source: Zhang, Isola, Efros, Shechtman, Wang, "The unreasonable effectiveness of deep features as a perceptual
+    metric" (2018); Ding, Ma, Wang, Simoncelli, "Image quality assessment: unifying structure and texture similarity"
+    (2020).
+    """
+    import torch  # of the extra `perceptual`, as the others
+    from torchmetrics.functional.image.dists import DISTSNetwork  # its metric would build it anew for each frame
+    from torchmetrics.image import LearnedPerceptualImagePatchSimilarity
+
+    with _only_weights(*NETWORKS[name], weights):
+        metric = LearnedPerceptualImagePatchSimilarity("alex", normalize=True) if name == "lpips" else DISTSNetwork()
+    with torch.no_grad():
+        for frames in _scaled_frames(pair, every):
+            yield float(metric(*(torch.from_numpy(frame).permute(2, 0, 1)[None] for frame in frames)))
+
+
+@contextmanager
+def _only_weights(network: str, name: str, file: Path) -> Iterator[None]:
+    """Let torchvision find a file where it keeps what it fetched, and nothing else, so that it fetches nothing."""
+    import torch
+    import torchvision
+
+    try:
+        getattr(torchvision.models, network)().load_state_dict(torch.load(file, weights_only=True))
+    except Exception as error:  # of many kinds, and many lines
+        raise ValueError(f"{file}: holds no weights of {network}; expected torchvision's file {name}") from error
+    before = torch.hub.get_dir()
+    with TemporaryDirectory() as folder:
+        (Path(folder) / "checkpoints").mkdir()
+        (Path(folder) / "checkpoints" / name).symlink_to(file.resolve())
+        torch.hub.set_dir(folder)
+        try:
+            yield
+        finally:
+            torch.hub.set_dir(before)
 
 
 def _colour_video_vdp(pair: Pair, display: Display) -> float:
@@ -161,3 +247,11 @@ def _colour_video_vdp(pair: Pair, display: Display) -> float:
 
 def _frames(pair: Pair) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8]]]:
     yield from zip(read_video(pair.film.video), read_video(pair.reference.video), strict=True)
+
+
+def _scaled_frames(pair: Pair, every: int) -> Iterator[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+    """Yield each `every`-th frame of the film and of its reference, 0 to 1."""
+    for number, frames in enumerate(_frames(pair)):
+        if number % every == 0:
+            image, reference = (np.asarray(each, np.float32) / np.float32(255) for each in frames)
+            yield image, reference

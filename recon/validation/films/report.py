@@ -9,19 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from recon.validation.films.film import ACTOR, MeasuredFilm
+from recon.validation.films.film import MeasuredFilm
+from recon.validation.films.kinds import ACTOR
 from recon.validation.films.tables import measured_values
 from recon.validation.page import PALETTE, Section, free_name, save_picture, write_figure, write_report
 
-TITLES = {
-    "psnr_y": "PSNR-Y, dB",
-    "ssim": "SSIM",
-    "ms_ssim": "MS-SSIM",
-    "vmaf": "VMAF",
-    "flicker": "flicker, grey levels",
-    "flip": "FLIP",
-    "cvvdp": "ColorVideoVDP, JOD",
-}
 WIDTH_PX, HEIGHT_PX = 560, 90
 
 
@@ -72,18 +64,17 @@ def _dataset_section(report: Mapping[str, Any], films: Sequence[MeasuredFilm], o
         picture = save_picture(out, f"{dataset}_{film.pair.film.approach}_worst", film.worst.picture)
         caption = f"{film.pair.film.approach}: its worst frame, {film.worst.number}, by SSIM ({film.worst.ssim:.3f})"
         figures.append((f"{caption}{'; in orange the outline of the actor' if has_masks else ''}.", picture))
-    return Section(dataset, text, _wide(rows), figures)
+    return Section(dataset, text, _wide(rows, films[0]), figures)
 
 
-def _wide(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def _wide(rows: Sequence[Mapping[str, Any]], film: MeasuredFilm) -> list[dict[str, Any]]:
     """Lay out means, a row for each approach and region."""
     table: dict[tuple[str, str], dict[str, Any]] = {}
     for row in rows:
         region = "actor" if row["region"] == "actor" else "frame"
-        name = row["measure"].removesuffix(ACTOR)
         cells = table.setdefault((row["approach"], region), {"approach": row["approach"], "region": region})
-        cells[TITLES[name]] = "∞" if row["mean"] is None else row["mean"]
-    columns = [title for title in TITLES.values() if any(title in cells for cells in table.values())]
+        cells[film.kind(row["measure"]).heading] = "∞" if row["mean"] is None else row["mean"]
+    columns = dict.fromkeys(film.kind(row["measure"]).heading for row in rows)
     return [
         {"approach": cells["approach"], "region": cells["region"]} | {title: cells.get(title) for title in columns}
         for cells in table.values()
@@ -94,14 +85,14 @@ def frames_chart(films: Sequence[MeasuredFilm]) -> Any:
     """Draw each measure over time, a line for each approach; of the actor where there are masks."""
     import altair as alt
 
-    shown = [_shown(films[0], name) for name in TITLES]
+    names = dict.fromkeys(name.removesuffix(ACTOR) for name in films[0].values if not films[0].kind(name).is_of_film)
     approaches = [film.pair.film.approach for film in films]
     colour = alt.Color("approach:N", title=None, sort=approaches, scale=alt.Scale(range=list(PALETTE)))
     dash = alt.StrokeDash("approach:N", legend=None, sort=approaches)
     charts = []
-    for measure in filter(None, shown):
-        name = measure.removesuffix(ACTOR)
-        title = TITLES[name] + (", actor" if films[0].is_of_actor(measure) else "")
+    for name in names:
+        measure = name + ACTOR if name + ACTOR in films[0].values else name
+        title = films[0].kind(name).heading + (", actor" if films[0].is_of_actor(measure) else "")
         values = [
             {"s": frame / film.pair.facts.fps, "value": value, "approach": film.pair.film.approach}
             for film in films
@@ -113,8 +104,3 @@ def frames_chart(films: Sequence[MeasuredFilm]) -> Any:
         line = line.encode(x=alt.X("s:Q", title="time, s"), y=y, color=colour, strokeDash=dash)
         charts.append(line.properties(width=WIDTH_PX, height=HEIGHT_PX, title=alt.Title(title, anchor="start")))
     return alt.vconcat(*charts, spacing=8)
-
-
-def _shown(film: MeasuredFilm, name: str) -> str | None:
-    """Choose the actor's measure where there is one, else the whole frame's."""
-    return next((measure for measure in (name + ACTOR, name) if measure in film.values), None)

@@ -8,18 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.validation.films.film import ACTOR, MeasuredFilm
-from recon.validation.films.perceptual import WHOLE_FILM
-from recon.validation.measures import BETTER, LESS, MORE, Measured, Subject, measure_rows
+from recon.validation.films.film import MeasuredFilm
+from recon.validation.films.kinds import Kind
+from recon.validation.measures import BETTER, LESS, Measured, Subject, measure_rows
 
 WORST_PERCENT = 5  # this share of the frames is worse than the worst percentile
-DIRECTIONS = {"psnr_y": MORE, "ssim": MORE, "ms_ssim": MORE, "vmaf": MORE, "flicker": LESS, "flip": LESS, "cvvdp": MORE}
-UNITS = {"psnr_y": "dB", "flicker": "grey levels", "cvvdp": "JOD"}
 SOURCE = "validate films"
 BYTES = "bytes"  # a model's size, which the analysis sets beside its score
 
 
-def pooled_measures(values: Sequence[float], measure: str) -> dict[str, float]:
+def pooled_measures(values: Sequence[float], measure: str, kind: Kind) -> dict[str, float]:
     """Pool a measure over frames: by its mean, by the harmonic mean, and by the worst percentile.
 
     The harmonic mean is libvmaf's, of the values plus 1, less 1, so that a frame of 0 does not make it 0; a measure of
@@ -30,18 +28,18 @@ def pooled_measures(values: Sequence[float], measure: str) -> dict[str, float]:
     ----------
     values : one for each frame; NaN where there is none
     measure : its name, such as "vmaf" or "ssim_actor"
+    kind : what it is
 
     Returns
     -------
     by name: MEASURE, MEASURE_harmonic, MEASURE_p5 (or _p95); empty if no frame has a value
     """
-    direction, _ = _kind(measure)
     known = np.array([value for value in values if not np.isnan(value)])
     if not len(known):
         return {}
-    if measure in WHOLE_FILM:
+    if kind.is_of_film:
         return {measure: float(known[0])}
-    if direction == LESS:
+    if kind.direction == LESS:
         percent = 100 - WORST_PERCENT
         return {measure: float(known.mean()), f"{measure}_p{percent}": _percentile(known, percent)}
     with np.errstate(divide="ignore"):  # of values that are all infinite
@@ -61,15 +59,15 @@ def measured_values(films: Sequence[MeasuredFilm]) -> list[Measured]:
 def pooled_rows(film: MeasuredFilm) -> Iterator[dict[str, Any]]:
     """Describe a film for report.json, a row for each measure; a value that is infinite is null."""
     for measure, values in film.values.items():
-        pooled = pooled_measures(values, measure)
+        kind = film.kind(measure)
+        pooled = pooled_measures(values, measure, kind)
         if pooled:
-            direction, unit = _kind(measure)
             yield {
                 "dataset": film.pair.film.dataset,
                 "approach": film.pair.film.approach,
                 "measure": measure,
-                "unit": unit,
-                "better": BETTER[direction],
+                "unit": kind.unit,
+                "better": BETTER[kind.direction],
                 "region": _region(film, measure),
                 "n_frames": int(np.sum(~np.isnan(values))),
                 **{
@@ -85,9 +83,9 @@ def study_measures(films: Sequence[MeasuredFilm]) -> list[dict[str, Any]]:
     for film in films:
         subject = Subject(film.pair.film.dataset, (film.pair.film.approach,))
         for measure, values in film.values.items():
-            direction, unit = _kind(measure)
-            mean = pooled_measures(values, measure).get(measure)
-            rows += measure_rows(subject, measure, mean, direction=direction, unit=unit)
+            kind = film.kind(measure)
+            mean = pooled_measures(values, measure, kind).get(measure)
+            rows += measure_rows(subject, measure, mean, direction=kind.direction, unit=kind.unit)
         rows += measure_rows(subject, BYTES, film.pair.film.model_bytes, direction=LESS, unit=BYTES)
     return rows
 
@@ -99,7 +97,7 @@ def _percentile(values: NDArray[np.float64], percent: float) -> float:
 
 def _pooled_values(film: MeasuredFilm) -> Iterator[Measured]:
     for measure, values in film.values.items():
-        for name, value in pooled_measures(values, measure).items():
+        for name, value in pooled_measures(values, measure, film.kind(measure)).items():
             yield _value(film, None, measure, name, value)
 
 
@@ -122,7 +120,7 @@ def _sizes(film: MeasuredFilm) -> Iterator[Measured]:
 
 def _frame_values(film: MeasuredFilm) -> Iterator[Measured]:
     for measure, values in film.values.items():
-        if measure in WHOLE_FILM:
+        if film.kind(measure).is_of_film:
             continue
         for frame, value in zip(film.frames, values, strict=True):
             if not np.isnan(value):
@@ -130,7 +128,7 @@ def _frame_values(film: MeasuredFilm) -> Iterator[Measured]:
 
 
 def _value(film: MeasuredFilm, frame: int | None, measure: str, name: str, value: float) -> Measured:
-    direction, unit = _kind(measure)
+    kind = film.kind(measure)
     return Measured(
         dataset=film.pair.film.dataset,
         approach=film.pair.film.approach,
@@ -138,17 +136,11 @@ def _value(film: MeasuredFilm, frame: int | None, measure: str, name: str, value
         measure=name,
         direction="",
         value=value,
-        unit=unit,
-        better=BETTER[direction],
+        unit=kind.unit,
+        better=BETTER[kind.direction],
         source=f"{SOURCE}, {_region(film, measure)}",
     )
 
 
 def _region(film: MeasuredFilm, measure: str) -> str:
     return "actor" if film.is_of_actor(measure) else "whole frame"
-
-
-def _kind(measure: str) -> tuple[str, str]:
-    """Return which direction is better, and the unit."""
-    name = measure.removesuffix(ACTOR)
-    return DIRECTIONS[name], UNITS.get(name, "")

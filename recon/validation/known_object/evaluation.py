@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.rig import transformed
+from recon.runtime.files import naming
 from recon.validation.clouds import read_measured, read_shape, unit_mm
 from recon.validation.known_object.registration import Placement, RegistrationParameters, place_model
 from recon.validation.measures import (
@@ -86,10 +87,8 @@ def measure_object(model: Path, cloud: Path, settings: ObjectSettings) -> tuple[
     if not len(shape.faces):
         raise ValueError(f"{model}: has no triangles, expected the mesh of the known object")
     vertices = shape.points.astype(np.float64) * to_mm
-    try:
+    with naming(model):
         tree = TriangleTree(vertices, shape.faces)
-    except ValueError as error:
-        raise ValueError(f"{model}: {error}") from error
     points = read_measured(cloud, settings.unit)
     try:
         placement = place_model(vertices, shape.faces, points, settings.registration)

@@ -6,9 +6,29 @@ Source: Mellado, Aiger, Mitra, "Super 4PCS: fast global pointcloud registration 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+
+class Grid(NamedTuple):
+    """Points sorted by the cells that they lie in.
+
+    Parameters
+    ----------
+    low : float64 (3,), lowest corner
+    cell : width of a cell
+    shape : int64 (3,), cells along each axis
+    starts, entries : int64 (C + 1,) and (N,), cell c holds the points `entries[starts[c] : starts[c + 1]]`
+    """
+
+    low: NDArray[np.float64]
+    cell: float
+    shape: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    entries: NDArray[np.int64]
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -20,11 +40,19 @@ def _cell_of(point, low, cell):  # type: ignore[no-untyped-def]  # numba
     )
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _points_in(grid, x, y, z):  # type: ignore[no-untyped-def]  # numba
+    """Return the points of a cell, none beyond the grid."""
+    shape, starts = grid.shape, grid.starts
+    if not (0 <= x < shape[0] and 0 <= y < shape[1] and 0 <= z < shape[2]):
+        return grid.entries[:0]
+    key = (x * shape[1] + y) * shape[2] + z
+    return grid.entries[starts[key] : starts[key + 1]]
+
+
 @njit(cache=True, nogil=True)
-def cell_table(
-    points: NDArray[np.float64], cell: float
-) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Sort points into a grid: lowest corner (3,), shape (3,), first entry of each cell (C + 1,), entries (N,)."""
+def cell_table(points: NDArray[np.float64], cell: float) -> Grid:
+    """Sort points (N, 3) into a grid."""
     low = np.empty(3)
     shape = np.empty(3, np.int64)
     for axis in range(3):
@@ -43,7 +71,7 @@ def cell_table(
     for i in range(len(points)):
         entries[filled[keys[i]]] = i
         filled[keys[i]] += 1
-    return low, shape, starts, entries
+    return Grid(low, cell, shape, starts, entries)
 
 
 @njit(cache=True, nogil=True)
@@ -60,7 +88,7 @@ def pairs_at_distance(points: NDArray[np.float64], distance: float, tolerance: f
     most : pairs that are returned
     """
     cell = max(distance / 8, tolerance)
-    low, shape, starts, entries = cell_table(points, cell)
+    grid = cell_table(points, cell)
     reach = int((distance + tolerance) / cell) + 1
     offsets = np.empty(((2 * reach + 1) ** 3, 3), np.int64)
     n_offsets = 0
@@ -76,14 +104,9 @@ def pairs_at_distance(points: NDArray[np.float64], distance: float, tolerance: f
     n = 0
     least, largest = max(distance - tolerance, 0.0) ** 2, (distance + tolerance) ** 2
     for i in range(len(points)):
-        cx, cy, cz = _cell_of(points[i], low, cell)
+        cx, cy, cz = _cell_of(points[i], grid.low, cell)
         for k in range(n_offsets):
-            x, y, z = cx + offsets[k, 0], cy + offsets[k, 1], cz + offsets[k, 2]
-            if not (0 <= x < shape[0] and 0 <= y < shape[1] and 0 <= z < shape[2]):
-                continue
-            key = (x * shape[1] + y) * shape[2] + z
-            for entry in range(starts[key], starts[key + 1]):
-                j = entries[entry]
+            for j in _points_in(grid, cx + offsets[k, 0], cy + offsets[k, 1], cz + offsets[k, 2]):
                 d2 = 0.0
                 for axis in range(3):
                     d2 += (points[i, axis] - points[j, axis]) ** 2
@@ -125,19 +148,17 @@ def congruent_bases(
             a, b = points[first[k, 0], axis], points[first[k, 1], axis]
             crossings[k, axis] = a + at[0] * (b - a)
     cell = max(tolerance, 0.01 * (crossings.max() - crossings.min()))  # a table of a million cells at most
-    low, shape, starts, entries = cell_table(crossings, cell)
+    grid = cell_table(crossings, cell)
     n = 0
     for k in range(len(second)):
         c, d = points[second[k, 0]], points[second[k, 1]]
         e = c + at[1] * (d - c)
-        cx, cy, cz = _cell_of(e, low, cell)
+        cx, cy, cz = _cell_of(e, grid.low, cell)
         length_cd = np.sqrt(((d - c) ** 2).sum())
-        for x in range(max(cx - 1, 0), min(cx + 2, shape[0])):
-            for y in range(max(cy - 1, 0), min(cy + 2, shape[1])):
-                for z in range(max(cz - 1, 0), min(cz + 2, shape[2])):
-                    key = (x * shape[1] + y) * shape[2] + z
-                    for entry in range(starts[key], starts[key + 1]):
-                        m = entries[entry]
+        for x in range(cx - 1, cx + 2):
+            for y in range(cy - 1, cy + 2):
+                for z in range(cz - 1, cz + 2):
+                    for m in _points_in(grid, x, y, z):
                         gap, dot, length_ab = 0.0, 0.0, 0.0
                         for axis in range(3):
                             gap += (crossings[m, axis] - e[axis]) ** 2
@@ -179,9 +200,12 @@ def overlaps(
         m = transforms[t]
         for i in range(len(points)):
             px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-            x = int(np.floor((m[0, 0] * px + m[0, 1] * py + m[0, 2] * pz + m[0, 3] - low[0]) / cell))
-            y = int(np.floor((m[1, 0] * px + m[1, 1] * py + m[1, 2] * pz + m[1, 3] - low[1]) / cell))
-            z = int(np.floor((m[2, 0] * px + m[2, 1] * py + m[2, 2] * pz + m[2, 3] - low[2]) / cell))
+            moved = (
+                m[0, 0] * px + m[0, 1] * py + m[0, 2] * pz + m[0, 3],
+                m[1, 0] * px + m[1, 1] * py + m[1, 2] * pz + m[1, 3],
+                m[2, 0] * px + m[2, 1] * py + m[2, 2] * pz + m[2, 3],
+            )
+            x, y, z = _cell_of(moved, low, cell)
             if 0 <= x < near.shape[0] and 0 <= y < near.shape[1] and 0 <= z < near.shape[2] and near[x, y, z]:
                 count += 1
         shares[t] = count / len(points)

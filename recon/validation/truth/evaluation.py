@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from recon.capture.format import read_capture
 from recon.geometry.mesh import Shape
+from recon.runtime.files import naming
 from recon.validation.clouds import read_measured_shape, read_shape, size_remarks
 from recon.validation.measures import LESS, MORE, Subject, check_thresholds, measure_rows
 from recon.validation.sampling import between_corners, cell_means, order_by_cells, search_tree, spread_over_triangles
@@ -201,10 +202,8 @@ def _seen(settings: MeshSettings, truth: Shape, real: NDArray[np.float64]) -> ND
 
 
 def _points(path: Path, shape: Shape, rng: np.random.Generator) -> NDArray[np.float64]:
-    try:
+    with naming(path):
         points = sample_evenly(shape, N_SAMPLES, rng)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
     if len(points) < 2:
         raise ValueError(f"{path}: holds a single point, expected a mesh or a cloud")
     return points

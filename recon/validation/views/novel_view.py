@@ -106,7 +106,7 @@ def rendered(mesh: Mesh | Splats, camera: Camera) -> Rendering:
     faces, projected = mesh.faces, _projected(mesh.vertices, camera)
     if not are_all_drawn(projected):
         vertices, faces, (colours, uv) = cut_before(camera, mesh.vertices, faces, (colours, texture.uv))
-        projected, texture = _projected(vertices, camera), replace(texture, uv=uv)
+        projected, texture = _projected(vertices, camera), texture._replace(uv=uv)
         white = np.full_like(colours, 255)
     shape = (camera.size[1], camera.size[0], 3)
     picture, cover, front = (np.zeros(shape, np.uint8) for _ in range(3))

@@ -232,6 +232,7 @@ def test_every_sentence_that_is_checked_is_said_of_some_kind(analyses: Analysed)
         assert claim in texts, claim
 
 
+@pytest.mark.slow
 def test_of_random_measures_none_is_said_to_go_with_the_scores() -> None:
     rng = np.random.default_rng(3)
     measures = {
@@ -242,6 +243,7 @@ def test_of_random_measures_none_is_said_to_go_with_the_scores() -> None:
     assert said(analysis, "measures").startswith("It is not shown that any of the 12 objective measures")
 
 
+@pytest.mark.slow
 def test_a_share_of_people_is_not_said_where_nothing_differs() -> None:
     for spread in (0.0, 0.4):
         analysis = analyse(votes_of(Truth(spread=spread)), AnalysisSettings(random_effects="participants"))
@@ -251,6 +253,7 @@ def test_a_share_of_people_is_not_said_where_nothing_differs() -> None:
     assert claim
 
 
+@pytest.mark.slow
 def test_results_before_the_planned_number_are_interim() -> None:
     votes = votes_of(Truth(CLEAR, people=11))
     early = analyse(votes, AnalysisSettings(planned_participants=22))
@@ -282,7 +285,56 @@ def test_groups_that_no_vote_links_have_scores_and_pairs_of_their_own() -> None:
     assert said(analysis, "ranking").count("Within {") == 2
 
 
+@pytest.mark.slow
 def test_a_single_participant_is_warned_of_once() -> None:
     votes = votes_of(Truth(CLEAR))
     analysis = analyse(votes.where(votes.participant == 0), AnalysisSettings(factors=FACTORS))
     assert sum("single participant" in warning for warning in analysis["warnings"]) == 1
+
+
+def all_of(analysis: Mapping[str, Any]) -> str:
+    return " ".join([*(row["text"] for row in analysis["findings"]), *analysis["warnings"]])
+
+
+def test_a_single_participant_or_only_ties_have_no_sentence_on_intervals_or_on_ranks() -> None:
+    votes = votes_of(Truth(CLEAR))
+    alone = analyse(votes.where(votes.participant == 0))
+    tied = analyse(replace(votes, choice=np.full(len(votes), 2, np.int8)))
+    for analysis in (alone, tied):
+        assert not re.search(r"Intervals over all datasets|Probability to have the highest", all_of(analysis))
+
+
+def test_who_is_the_best_is_no_probability_where_too_few_people_voted() -> None:
+    votes = votes_of(Truth(people=2))
+    assert "Probability to have the highest" not in all_of(analyse(votes))
+
+
+def test_two_conditions_have_no_circular_triads() -> None:
+    votes = votes_of(Truth(CLEAR))
+    two = votes.where((votes.item_a < 2) & (votes.item_b < 2))
+    assert "circular" not in all_of(analyse(two.with_items(np.arange(len(votes.items)) < 2)))
+
+
+def test_what_holds_of_many_fits_is_one_warning() -> None:
+    votes = votes_of(Truth(CLEAR))
+    analysis = analyse(replace(votes, choice=np.full(len(votes), 2, np.int8)))
+    assert sum("tie parameter grows" in text for text in analysis["warnings"]) == 1
+
+
+def test_effects_of_order_and_measures_carry_their_intervals_and_scope() -> None:
+    values = {f"d{k}": dict(zip(ITEMS, CLEAR, strict=True)) for k in range(5)}
+    analysis = analyse(votes_of(Truth(CLEAR, order=0.8)), AnalysisSettings(measures={"m": values}))
+    assert re.search(r"log-odds, 95 % interval \+\d\.\d\d to \+\d\.\d\d", said(analysis, "order"))
+    assert re.search(r"rank correlation \S+ \(95 % interval \S+ to \S+\)", said(analysis, "measures"))
+    assert "on these 5 datasets" in said(analysis, "measures")
+
+
+def test_interim_is_said_before_any_result() -> None:
+    analysis = analyse(votes_of(Truth(CLEAR, people=11)), AnalysisSettings(planned_participants=40))
+    assert analysis["findings"][0]["about"] == "interim"
+
+
+def test_a_predicted_share_of_a_factor_is_not_said_without_an_interval() -> None:
+    text = said(analyse(votes_of(Truth(DEPTH)), AnalysisSettings(factors=FACTORS)), "factors")
+    assert "decided votes" in text
+    assert "%" not in text.replace("95 %", "")

@@ -59,6 +59,7 @@ def shelved(folder: Path, kind: str, places: dict[str, bytes]) -> list[str]:
         ("films", ["mine/ball/a.mp4"], ["ball/a.mp4"]),
         ("captures", ["mine/left.mp4", "mine/right.mp4"], ["left.mp4", "right.mp4"]),
         ("clouds", ["mine/ball/0.ply"], ["0.ply"]),
+        ("clouds", ["mine/0.pcd", "mine/1.stl"], ["0.pcd", "1.stl"]),
     ],
 )
 def test_a_folder_around_what_is_sent_is_taken_off(
@@ -69,4 +70,4 @@ def test_a_folder_around_what_is_sent_is_taken_off(
 
 def test_clouds_without_a_cloud_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidError):
-        shelved(tmp_path, "clouds", {"notes.csv": b"a,b\n"})
+        shelved(tmp_path, "clouds", {"notes.md": b"a,b\n"})

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from app.cli import app
-from app.errors import StimuliError
+from app.errors import StimuliError, said_on_page
 from app.files import file_digest
 from app.intake.import_videos import import_stimuli
 from app.intake.stimuli import read_stimulus_set
@@ -157,12 +159,12 @@ def spoil(videos: Path, fault: str) -> None:
 @pytest.mark.parametrize(
     ("fault", "why"),
     [
-        ("missing", "street: has no video of low, which other datasets have; .* to practise with .--practice DATASET"),
+        ("missing", "street: has no video of low, which other datasets have; .* to practise with .*--practice DATASET"),
         (
             "long",
             "street/low has 12 frames at 25/s .*, expected 10 frames .* `--conform` makes them so, or `ffmpeg -i low",
         ),
-        ("uneven", r"low.mp4: its frames are \d+ to \d+ ms apart, .* encode it again, .* `ffmpeg -i low.mp4 -r 25 "),
+        ("uneven", r"low.mp4: its frames are \d+ to \d+ ms apart, .* encode it again by `ffmpeg -i low.mp4 -r 25 "),
         ("bytes", r"conditions\.csv: row 1: .* is not UTF-8"),
         ("text", "low.mp4: cannot be decoded as a video"),
         ("twice", "low.mkv and low.mp4 are both the condition low"),
@@ -201,3 +203,36 @@ def test_a_scene_for_practice_has_two_videos(videos: Path, tmp_path: Path) -> No
     (videos / "warm-up" / "low.mp4").unlink()
     with pytest.raises(StimuliError, match="has 1 videos; practice needs two"):
         import_stimuli(videos, tmp_path / "set", practice="warm-up")
+
+
+def changing_rate(folder: Path) -> None:
+    frames = ("-vf", "setpts=if(gt(N\\,4)\\,2*N\\,N)/25/TB", "-fps_mode", "vfr")
+    tiny_stimuli.encode(folder / "street" / "a.mp4", tiny_stimuli.flat("gray"), *frames)
+
+
+def transparent(folder: Path) -> None:
+    chain = ("-pix_fmt", "yuva444p10le", "-c:v", "prores_ks", "-profile:v", "4444")
+    tiny_stimuli.encode(folder / "street" / "a.mov", tiny_stimuli.flat("gray"), *chain)
+
+
+def unlike(folder: Path) -> None:
+    tiny_stimuli.encode(folder / "street" / "a.mp4", tiny_stimuli.flat("gray"))
+    tiny_stimuli.encode(folder / "street" / "b.mp4", "color=gray:size=128x96:rate=25")
+
+
+def incomplete(folder: Path) -> None:
+    for place in ("street/a", "street/b", "forest/a"):
+        tiny_stimuli.encode(folder / f"{place}.mp4", tiny_stimuli.flat("gray"))
+
+
+@pytest.mark.parametrize("make", [changing_rate, transparent, unlike, incomplete])
+def test_a_refusal_has_a_way_out_for_who_has_commands_and_one_for_who_has_pages(
+    make: Callable[[Path], None], tmp_path: Path
+) -> None:
+    make(tmp_path / "films")
+    with pytest.raises(StimuliError) as refused:
+        import_stimuli(tmp_path / "films", tmp_path / "set")
+    assert re.search("`(ffmpeg|--)", str(refused.value))
+    told = said_on_page(refused.value)
+    assert not re.search("`|ffmpeg|--", told)
+    assert told.rpartition("; ")[2].startswith(("export it again", "tick ", "add what lacks"))

@@ -15,14 +15,14 @@ from app.intake.part_uploads import (
     appending,
     begin_upload,
     checking,
-    note_job,
+    note_task,
     standing,
     unfinished,
     work_folder,
 )
 
 BALL = PartUpload("b" * 32, "captures", "ball", "ball.zip", 3, by="Eva")
-JOB = "/admin/jobs/1"
+TASK = "/admin/tasks/1"
 
 
 @pytest.fixture
@@ -31,12 +31,12 @@ def complete(tmp_path: Path) -> Path:
     begin_upload(tmp_path, BALL)
     with appending(tmp_path, BALL.id, 0) as file:
         file.write(b"zip")
-    note_job(tmp_path, BALL, JOB)
+    note_task(tmp_path, BALL, TASK)
     return tmp_path
 
 
 def facts_of(known: Standing) -> tuple[int, str | None]:
-    return known.offset, known.upload.job
+    return known.offset, known.upload.task
 
 
 @pytest.mark.parametrize("has_unpacked", [False, True])
@@ -51,9 +51,9 @@ def test_a_check_whose_process_was_killed_can_be_repeated(complete: Path, has_un
 
 def test_a_check_under_way_is_told_to_whoever_begins_again(complete: Path) -> None:
     with checking(complete, BALL.id):
-        assert facts_of(begin_upload(complete, BALL)) == (3, JOB)
+        assert facts_of(begin_upload(complete, BALL)) == (3, TASK)
         assert unfinished(complete) == []
-    assert facts_of(standing(complete, BALL.id)) == (3, JOB), "whoever asks late is led to the result"
+    assert facts_of(standing(complete, BALL.id)) == (3, TASK), "whoever asks late is led to the result"
     assert facts_of(begin_upload(complete, BALL)) == (0, None)
 
 

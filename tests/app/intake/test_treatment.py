@@ -99,10 +99,10 @@ def tagged(matrix: str, color_range: str = "tv", primaries: str = "bt709") -> st
 
 
 CASES: Mapping[str, Case] = {
-    **{f"h264{suffix}": Case(suffix=suffix) for suffix in (".mp4", ".mov", ".mkv")},
-    **{f"hevc{suffix}": Case(encoding=f"{HEVC} {TAGGED}", suffix=suffix) for suffix in (".mp4", ".mov", ".mkv")},
-    **{f"vp9{suffix}": Case(encoding=f"{VP9} {TAGGED}", suffix=suffix) for suffix in (".webm", ".mkv", ".mp4")},
-    **{f"av1{suffix}": Case(encoding=f"{AV1} {TAGGED}", suffix=suffix) for suffix in (".webm", ".mkv", ".mp4")},
+    **{f"h264{suffix}": Case(suffix=suffix) for suffix in (".mp4", ".mov")},
+    **{f"hevc{suffix}": Case(encoding=f"{HEVC} {TAGGED}", suffix=suffix) for suffix in (".mp4", ".mkv")},
+    "vp9.webm": Case(encoding=f"{VP9} {TAGGED}", suffix=".webm"),
+    "av1.mkv": Case(encoding=f"{AV1} {TAGGED}", suffix=".mkv"),
     "prores.mov": Case(f"{PLAIN.replace('yuv420p', 'yuv422p10le')}", encoding=f"{PRORES} {TAGGED}", suffix=".mov"),
     "601": Case(":m=smpte170m:r=limited,format=yuv420p", f"{H264} {tagged('smpte170m')}"),
     "untagged SD": Case(f":m=smpte170m:r=limited,format=yuv420p,{UNTAGGED}", H264),
@@ -130,6 +130,12 @@ CASES: Mapping[str, Case] = {
     "HLG": Case(
         ":m=2020_ncl:r=limited:p=bt2020:t=arib-std-b67:npl=203,format=yuv420p10le",
         f"{H264} {HDR_TAGS} arib-std-b67",
+        is_grey=True,
+    ),
+    "PQ without a matrix": Case(
+        ":m=2020_ncl:r=limited:p=bt2020:t=smpte2084:npl=203,format=yuv420p10le,setparams=colorspace=unknown"
+        ":color_primaries=unknown",
+        f"{H264} -color_range tv -color_trc smpte2084",
         is_grey=True,
     ),
     "transparent": Case(
@@ -163,7 +169,7 @@ def write_patches(patches: NDArray[np.uint8], path: Path, case: Case) -> None:
 def truth(name: str, case: Case) -> NDArray[np.float64]:
     """What the patches must look like, (3, 4, 3), turned as the film is."""
     patches = np.array(GREYS if case.is_grey else COLOURS, np.float64)
-    if name in ("PQ", "HLG"):
+    if name.startswith(("PQ", "HLG")):
         patches = 255 * mobius((patches / 255) ** 2.4, peak=1000 / 203) ** (1 / 2.4)
     return np.rot90(patches, case.turns)
 

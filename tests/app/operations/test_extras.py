@@ -26,11 +26,9 @@ EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["p
 # A module to hide, a command that needs it, and settings.
 NEEDS = [
     ("recon", "cv2", "capture check nowhere", {}),
-    ("recon", "numba", "capture synth box --scene box --frames 1 --size 48x32", {}),
     ("cluster", "distributed", "reconstruct ball -o run --cluster tcp://127.0.0.1:1", {}),
     ("postgres", "psycopg", "db upgrade", {"RECONSTUDY_DATABASE_URL": "postgresql://reader:secret@host/study"}),
     ("s3", "s3fs", "reconstruct s3://bucket/ball -o run", {}),
-    ("s3", "s3fs", "serve --port 0", {"RECONSTUDY_MEDIA_URL": "s3://bucket/pairs"}),
 ]
 
 

@@ -149,6 +149,7 @@ def test_no_script_copies_names_from_outside_into_an_object() -> None:
     assert {line for line in lines if COPIES.search(line) and not line.startswith(("*", "/"))} == OWN_NAMES
 
 
+@pytest.mark.slow
 def test_no_pattern_is_made_of_what_people_send() -> None:
     """Patterns of the server are written in the code; what varies in one is a constant or escaped."""
     found = []

@@ -108,31 +108,13 @@ def test_nobody_notices_that_workers_are_replaced_or_die(url: str, tmp_path: Pat
 def test_counts_and_logs_of_all_workers_name_routes_and_no_secrets(url: str, tmp_path: Path) -> None:
     voters, rng = seeded_voters(url, N_VOTERS, N_APPROACHES), Random(1)
     bundles = [letters_of(voter, rng) for voter in voters]
-    with two_workers(url, tmp_path) as (client, _supervisor):
+    settings = Settings(data_dir=tmp_path, database_url=url)
+    with two_workers(url, tmp_path) as (client, supervisor), ExitStack() as stack:
         port = client.base_url.port
         assert port is not None
         send(port, bundles)
         assert client.get("/s/invented-code", headers={"X-Request-ID": "abcdef123456"}).status_code == 404
         metrics = client.get("/metrics").text
-    route = "/api/v1/session/trials/{trial}/vote"
-    line = f'reconstudy_requests_total{{method="PUT",route="{route}",status="201"}} {float(N_VOTES)}'
-    assert line in metrics.splitlines()
-    text = (tmp_path / "log").read_text()
-    lines = [json.loads(line) for line in text.splitlines()]
-    votes = [line for line in lines if line.get("route") == route]
-    assert len(votes) == N_VOTES
-    assert len({line["request_id"] for line in votes}) == len(votes)
-    ended = [line for line in lines if "status" in line]
-    assert [line["status"] for line in ended if line["request_id"] == "abcdef123456"] == [404]
-    assert "invented-code" not in text + metrics
-    assert not [voter for voter in voters if voter.token in text or voter.trials[0][0] in text]
-
-
-@pytest.mark.slow
-def test_live_pages_end_whole_when_the_workers_are_stopped(url: str, tmp_path: Path) -> None:
-    seeded_voters(url, N_VOTERS, N_APPROACHES)
-    settings = Settings(data_dir=tmp_path, database_url=url)
-    with two_workers(url, tmp_path) as (client, supervisor), ExitStack() as stack:
         dashboard = stack.enter_context(signed_in(str(client.base_url), settings, "ada"))
         live = f"/admin/studies/{manage.list_studies(settings)[0]['slug']}/live"
         pages = [stack.enter_context(dashboard.stream("GET", live)).iter_lines() for _ in range(N_PAGES)]
@@ -141,6 +123,18 @@ def test_live_pages_end_whole_when_the_workers_are_stopped(url: str, tmp_path: P
         for page in pages:
             assert not [line for line in page if line.startswith("event")]  # and ends as a whole answer does
         assert supervisor.wait(START_TIMEOUT_S) == 0
+    text = (tmp_path / "log").read_text()
+    route = "/api/v1/session/trials/{trial}/vote"
+    line = f'reconstudy_requests_total{{method="PUT",route="{route}",status="201"}} {float(N_VOTES)}'
+    assert line in metrics.splitlines()
+    lines = [json.loads(line) for line in text.splitlines()]
+    votes = [line for line in lines if line.get("route") == route]
+    assert len(votes) == N_VOTES
+    assert len({line["request_id"] for line in votes}) == len(votes)
+    ended = [line for line in lines if "status" in line]
+    assert [line["status"] for line in ended if line["request_id"] == "abcdef123456"] == [404]
+    assert "invented-code" not in text + metrics
+    assert not [voter for voter in voters if voter.token in text or voter.trials[0][0] in text]
 
 
 def test_more_than_one_process_is_refused_on_sqlite(tmp_path: Path) -> None:

@@ -45,3 +45,17 @@ def test_what_was_done_before_the_first_line_does_not_make_the_estimate_short(
     told = lines(capsys, [(0, "models", 10, 15), (10, "models", 11, 15)])
     assert told == ["models: 10/15 (0 s)", "models: 11/15 (10 s, about 40 s left)"]
     assert lines(capsys, [(0, "models", 0, 2), (9, "films", 1, 2), (8, "films", 2, 2)])[1] == "films: 1/2 (0 s)"
+
+
+def test_a_line_that_is_being_rewritten_ends_before_an_error_is_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(progress: ProgressLine) -> None:
+        with progress:
+            progress("clouds", 1, 8)
+            raise ValueError("no points")
+
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    with pytest.raises(ValueError, match="no points"):
+        fail(ProgressLine())
+    assert capsys.readouterr().err.endswith("\n")

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.intake.summaries import MODELS
+from app.intake.summaries import CLOUDS, MODELS
 from recon.models.folder import find_models
 from recon.models.inspection import Facts, check_sizes, union
-from recon.models.read import MODEL_SUFFIXES
+from recon.models.read import MODEL_SUFFIXES, READERS
 from recon.models.scene_file import Orbit, orbit_rig, read_scene_file
 from recon.runtime.files import check_safe_name, write_json
+from recon.validation.clouds import TEXT_SUFFIXES
 
 SCENE: dict[str, Any] = {
     "schema_version": 1,
@@ -230,3 +231,4 @@ def test_the_union_holds_every_model_and_is_never_flat() -> None:
 
 def test_the_server_takes_what_is_read() -> None:
     assert set(MODELS) == set(MODEL_SUFFIXES)
+    assert set(CLOUDS) == {*READERS, *TEXT_SUFFIXES}

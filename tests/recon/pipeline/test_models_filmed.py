@@ -15,6 +15,7 @@ from recon.geometry.mesh import Cloud, Mesh
 from recon.geometry.mesh_files import write_cloud, write_mesh
 from recon.geometry.normals import surface_normals
 from recon.geometry.rig import Camera, look_at
+from recon.models.inspection import standing_height
 from recon.pipeline.film import Film, RenderOptions
 from recon.pipeline.film_plan import planned_films
 from recon.pipeline.render import render
@@ -147,9 +148,11 @@ def test_models_by_the_sensors_of_a_capture_have_its_cameras_and_bounds(
 
 
 def test_a_changed_file_is_filmed_anew_and_nothing_else(run: Path, models: Path, tmp_path: Path) -> None:
+    on_ground = replace(SHORT, floor=0.0)  # else the floor follows the models, in all films
+
     def n_rendered() -> int:
         seen: dict[str, int] = {}
-        render([run, models], tmp_path / "set", SHORT, lambda what, _done, total: seen.update({what: total}))
+        render([run, models], tmp_path / "set", on_ground, lambda what, _done, total: seen.update({what: total}))
         return seen["video frames"]
 
     assert n_rendered() == 12
@@ -241,6 +244,39 @@ def test_another_frame_rate_of_models_is_refused(run: Path, models: Path, tmp_pa
         render([run, models], tmp_path / "set", SHORT)
 
 
+def test_the_floor_lies_where_the_models_stand_unless_it_is_said(tmp_path: Path) -> None:
+    for name in ("a", "b", "c"):
+        (tmp_path / name).mkdir()
+    stand = {"a": 0.0, "b": -7.0, "c": 650.0}  # one whose feet are missing does not raise the floor of the others
+    for name, height in stand.items():
+        place = [[1, 0, 0, 0], [0, 1, 0, height], [0, 0, 1, 0], [0, 0, 0, 1]]
+        describe(tmp_path / name, bounds=[[-900, -400, -900], [900, 900, 900]], world_from_model=place)
+        write_obj(tmp_path / name / f"cube_{name}.obj")
+    folders = [tmp_path / name for name in stand]
+
+    def floors(folders: list[Path], **changes: Any) -> set[float]:
+        return {film.floor_y for film in films_of(folders, replace(SHORT, **changes)).values()}
+
+    assert floors(folders) == {0.0}
+    assert floors(folders[1:2]) == {-7.0}
+    assert floors(folders, floor="bounds") == {-400.0}
+    assert floors(folders, floor=12.5) == {12.5}
+    with pytest.raises(ValueError, match="floor is 'sky', expected model, bounds, or a height in mm"):
+        replace(SHORT, floor="sky")
+
+
+def test_specks_below_a_model_do_not_lower_the_floor() -> None:
+    points = np.random.default_rng(0).uniform(0, 1000, (5000, 3)).astype(np.float32)
+    points[:5, 1] = -300.0
+    faces = np.array([[0, 1, 2]], np.int32)
+    mesh = Mesh(points, faces, np.ones((5000, 3), np.float32) / np.float32(3**0.5), np.zeros((5000, 3), np.uint8))
+    bounds = np.array([[-2000.0] * 3, [2000.0] * 3])
+    height = standing_height(mesh, bounds)
+    assert height is not None
+    assert 0 <= height < 3
+    assert standing_height(mesh, bounds + 5000) is None
+
+
 def test_a_scene_has_one_path_and_one_floor(run: Path, models: Path, tmp_path: Path) -> None:
     describe(models, path={"orbit": {}})
     with pytest.raises(ValueError, match=r"ball: .*run and .*models would be filmed along different paths"):
@@ -248,7 +284,7 @@ def test_a_scene_has_one_path_and_one_floor(run: Path, models: Path, tmp_path: P
     render([run], tmp_path / "path", SHORT)
     along = replace(SHORT, path=tmp_path / "path/paths/ball.json")
     describe(models, path={"orbit": {}}, bounds=(BOUNDS * 1.1).tolist())
-    with pytest.raises(ValueError, match=r"ball: .* differ in bounds, so their floor and light would differ"):
+    with pytest.raises(ValueError, match=r"ball: .* differ in bounds, so their light would differ"):
         render([run, models], tmp_path / "set", along)
     describe(models, path={"orbit": {}}, bounds=BOUNDS.tolist())
     assert len(read_json(render([run, models], tmp_path / "set", along))["stimuli"]) == 3

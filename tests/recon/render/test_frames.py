@@ -148,6 +148,7 @@ def test_the_inside_of_an_open_surface_is_seen_and_darker_than_its_outside(rende
     assert (inside < outside).all()
 
 
+@pytest.mark.slow
 def test_light_never_makes_a_captured_colour_brighter_and_leaves_its_hue() -> None:
     mesh = uniform(ball(), (200, 120, 60))
     scene = scene_around(BOUNDS, cameras())

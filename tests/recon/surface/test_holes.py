@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from recon.geometry.mesh import Mesh
-from recon.surface.holes import close_holes, rims
+from recon.surface.holes import close_holes, neighbours_of, rims
 
 
 def sheet(n: int = 12) -> Mesh:
@@ -63,3 +63,16 @@ def test_a_closed_body_has_no_rim() -> None:
 def test_a_length_that_is_none_is_refused() -> None:
     with pytest.raises(ValueError, match="longest_rim is 0"):
         close_holes(sheet(), 0.0)
+
+
+def test_an_edge_that_three_faces_share_is_no_rim_to_follow() -> None:
+    fan = np.array([[0, 1, 2], [1, 0, 3], [1, 0, 4]], dtype=np.int32)
+    assert all(len(rim) >= 3 for rim in rims(fan))
+
+
+def test_neighbours_are_listed_once_and_in_order() -> None:
+    edges = np.random.default_rng(1).integers(0, 30, (400, 2)).astype(np.int32)
+    starts, ends = neighbours_of(edges, 30)
+    for vertex in range(30):
+        expected = np.unique(edges[edges[:, 0] == vertex, 1])
+        assert np.array_equal(ends[starts[vertex] : starts[vertex + 1]], expected)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from recon.geometry.mesh import Cloud, Mesh
 from recon.surface import SurfaceParameters, surface_from_cloud
 from recon.surface import vertex_colours as module
-from recon.surface.vertex_colours import colour_vertices, supports
+from recon.surface.vertex_colours import beside, colour_vertices, supports
 
 STRIPE_MM = 4.0
 
@@ -89,3 +89,15 @@ def test_depth_noise_smooths_the_shape_and_not_the_picture() -> None:
     shades = mesh.colours[inner, 0].astype(float)
     assert shades[middles & is_white].mean() > 205
     assert shades[middles & ~is_white].mean() < 35
+
+
+def test_the_clouds_that_colour_are_chosen_and_all_support() -> None:
+    near, dark = (
+        flat_cloud(noise_mm=0.0),
+        replace(flat_cloud(noise_mm=0.0, seed=3), colours=np.zeros((6000, 3), np.uint8)),
+    )
+    mesh = some_vertices(near, 200)
+    points = beside([dark, near], 1.1)
+    colours, weights = points.gather(mesh.vertices, mesh.normals, mesh.colours, range(1, 2))
+    assert np.array_equal(colours, colour_vertices(mesh, [near], 1.1).colours)
+    assert np.array_equal(weights, supports(mesh, [dark, near], 1.1))

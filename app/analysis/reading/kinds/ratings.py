@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from app.analysis.reading.cells import Column, named, shown, values_of
+from app.analysis.reading.cells import Column, named, number_or_nan, shown, values_of
 from app.analysis.reading.choices import grade_of
 from app.analysis.reading.description import COMPARISONS, JOIN, RATINGS, Description, QuestionError, Reading, Told
 from app.analysis.reading.kinds.seen import (
@@ -21,10 +22,14 @@ from app.analysis.reading.kinds.seen import (
     one_pair,
     rating_of,
     says,
+    summaries,
 )
 from app.analysis.reading.layouts import joined_column
 from app.analysis.reading.votes_table import VotesError
-from app.analysis.reading.words import GRADES, NEVER, RATING_OPTIONAL, SUMMARIES, is_suspicious, means, pair_in, plain
+from app.analysis.reading.words import GRADES, NEVER, RATING_OPTIONAL, is_suspicious, means, pair_in, plain
+
+ROUNDED = 0.006  # a mean of two decimals is nearer to the true one
+FEWEST_AVERAGED = 3
 
 
 def find_comparisons(seen: Seen) -> Description | None:
@@ -50,9 +55,24 @@ def find_comparisons(seen: Seen) -> Description | None:
         return Description(RATINGS, columns | optional)
     optional.pop("reference", None)
     choice = seen.column(rating[0])
+    is_sure = "rating" in seen.given or seen.told.format == "ccr" or plain(rating[0]) == "rating"
+    if not is_sure and {*values_of(choice)} <= {0.0, 0.5, 1.0}:
+        _ask_about_points(choice, rating[0], item_a, item_b)
     words = {word.lower(): grade for word in choice.filled if (grade := grade_of(word)) is not None}
     notes = ("grades say how much better item_b is than item_a",)
     return Description(COMPARISONS, columns | optional, words=words, notes=notes)
+
+
+def _ask_about_points(column: Column, name: str, item_a: str, item_b: str) -> None:
+    """Ask where grades of 0, 1/2 and 1 may be points, as of a game."""
+    words = {number: word for word in column.filled if not math.isnan(number := number_or_nan(word))}
+    points = {our: words[value] for our, value in (("a", 1.0), ("b", 0.0), ("none", 0.5)) if value in words}
+    if words:
+        readings = [
+            Reading(f"grades, how much better {item_b} is", Told(format="ccr")),
+            Reading(f"points of {item_a}, 1 where it is preferred", Told(columns={"choice": name}, choices=points)),
+        ]
+        raise QuestionError(f"the cells of {name!r} are only {named(sorted(words.values()))}", readings)
 
 
 def find_ratings(seen: Seen) -> Description | None:
@@ -109,7 +129,7 @@ def find_wide_ratings(seen: Seen) -> Description | None:
         "wide",
         {name: (name,) for name in rated},
         stands,
-        without=_summaries(seen, who[role]),
+        without=_summaries(seen, who[role], rated),
         notes=(note,),
     )
 
@@ -150,7 +170,7 @@ def _ask_if_something_else(seen: Seen, rated: Sequence[str], who: Mapping[str, t
             "choices of pairs, whose numbers --choices explains", Told(columns={"choice": JOIN.join(rated)})
         )
         raise QuestionError(f"{named(rated)} may be named by pairs", [votes, whole])
-    odd = _odd_names(rated)
+    odd = _odd_names(rated) or _odd_numbers(seen, rated)
     if odd:
         rest = [name for name in rated if name not in odd]
         raise QuestionError(
@@ -182,7 +202,10 @@ def _odd_names(rated: Sequence[str]) -> list[str]:
     odd = [
         name
         for name in rated
-        if {*re.split(r"[\W_]+", name.lower())} & (NEVER - {"", "n"}) or plain(name) == "id" or is_suspicious(name)
+        if {*re.split(r"[\W_]+", name.lower())} & (NEVER - {"", "n"})
+        or plain(name) == "id"
+        or is_suspicious(name)
+        or any(re.match(rf"{re.escape(other)}[\W_]", name) for other in rated)  # x_views beside x
     ]
     stems: dict[str, list[str]] = {}
     for name in rated:
@@ -194,6 +217,14 @@ def _odd_names(rated: Sequence[str]) -> list[str]:
     return odd if len(odd) < len(rated) else []
 
 
+def _odd_numbers(seen: Seen, rated: Sequence[str]) -> list[str]:
+    """Return columns of numbers with decimals among others of whole numbers: a mean rather than ratings."""
+    odd = [
+        name for name in rated if any(value != int(value) for value in values_of(seen.column(name)) if value == value)
+    ]
+    return odd if 2 * len(odd) < len(rated) else []
+
+
 def _are_ranks(seen: Seen, rated: Sequence[str]) -> bool:
     if len(rated) < FEWEST_RANKED or len(seen.table) < 2:
         return False
@@ -202,10 +233,12 @@ def _are_ranks(seen: Seen, rated: Sequence[str]) -> bool:
     return all(sorted(row) == wanted for row in cells.tolist())
 
 
-def _summaries(seen: Seen, names: Sequence[str]) -> tuple[int, ...]:
-    """Return the rows of a wide table whose name is that of a statistic: they are nobody's."""
-    column = seen.column(names[0])
+def _summaries(seen: Seen, names: Sequence[str], rated: Sequence[str]) -> tuple[int, ...]:
+    """Return the rows of a wide table that are nobody's: named as a statistic, or the mean of all others."""
     if names[0] in {name for theirs in seen.given.values() for name in theirs}:
         return ()
-    is_summary = column.meaning(lambda word: plain(word) in SUMMARIES, bool)
-    return tuple(np.flatnonzero(is_summary).tolist())
+    cells = np.stack([seen.column(name).meaning(number_or_nan, np.float64) for name in rated], axis=1)
+    means = (cells.sum(axis=0) - cells) / max(len(cells) - 1, 1)
+    is_mean = (np.abs(cells - means) < ROUNDED).all(axis=1) & (cells % 1 > 0).any(axis=1)
+    named_so = summaries(seen.column(names[0]))
+    return named_so or (tuple(np.flatnonzero(is_mean).tolist()) if len(cells) > FEWEST_AVERAGED else ())

@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from app.analysis.reading.cells import Column, Table, is_numeric, named
+from app.analysis.reading.cells import Column, Table, is_numeric, named, number_or_nan
 from app.analysis.reading.description import JOIN, Description, QuestionError, Reading, Told
 from app.analysis.reading.layouts import joined_column
 from app.analysis.reading.votes_table import CHOICES, VotesError
-from app.analysis.reading.words import ENDS, MORE_ENDS, OWN_VOTES, ROLES, WEAK_RATINGS, ends_of, is_never, means, plain
+from app.analysis.reading.words import (
+    ENDS,
+    MORE_ENDS,
+    OWN_VOTES,
+    ROLES,
+    SUMMARIES,
+    WEAK_RATINGS,
+    ends_of,
+    is_never,
+    means,
+    plain,
+)
 
 NOT_USED = "-"  # `--columns reference=-`: no column is that
 
@@ -219,4 +231,19 @@ def condition_of(seen: Seen) -> tuple[str, ...]:
 def columns_of_numbers(seen: Seen, taken: Sequence[str]) -> list[str]:
     """Return the columns of numbers that may be ratings by or of something."""
     others = {*taken, *seen.one("dataset")}
-    return [name for name in seen.free if name not in others and not is_never(name) and is_numeric(seen.column(name))]
+    return [
+        name for name in seen.free if name not in others and not is_never(name) and _mostly_numbers(seen.column(name))
+    ]
+
+
+def _mostly_numbers(column: Column) -> bool:
+    """Are most of a column's cells numbers? A few others are mistakes, which are named as such."""
+    if is_numeric(column):
+        return True
+    is_number = column.meaning(lambda word: not math.isnan(number_or_nan(word)), bool)
+    return bool(2 * is_number.sum() > column.meaning(bool, bool).sum())
+
+
+def summaries(column: Column) -> tuple[int, ...]:
+    """Return the rows whose name is that of a statistic: they are nobody's."""
+    return tuple(np.flatnonzero(column.meaning(lambda word: plain(word) in SUMMARIES, bool)).tolist())

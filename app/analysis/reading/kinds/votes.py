@@ -8,14 +8,36 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.analysis.reading.cells import Column, is_numeric, named, values_of
+from app.analysis.reading.cells import FLAGS, Column, is_numeric, named, values_of
 from app.analysis.reading.choices import Asked, Meaning, binary_meaning, codes_of, grade_of, understand_choices
 from app.analysis.reading.description import COMPARISONS, VOTES, Description, QuestionError, Reading, Told
-from app.analysis.reading.kinds.seen import NOT_USED, WIDE_ROLES, Seen, item_columns, one_pair, rating_of, says
+from app.analysis.reading.kinds.seen import (
+    NOT_USED,
+    WIDE_ROLES,
+    Seen,
+    item_columns,
+    one_pair,
+    rating_of,
+    says,
+    summaries,
+)
 from app.analysis.reading.layouts import joined_column, rows_of
 from app.analysis.reading.votes_table import VotesError
-from app.analysis.reading.words import BINARY_CHOICES, COMMENTS, ENDS, MULTIPLE, OPTIONAL, SWAPPED, pair_in, plain
+from app.analysis.reading.words import (
+    BINARY_CHOICES,
+    COMMENTS,
+    ENDS,
+    MULTIPLE,
+    OPTIONAL,
+    PLACED,
+    SUMMARIES,
+    SWAPPED,
+    pair_in,
+    plain,
+)
 
+TO_MATCH = ("x", "stimulusx", "stimx", "samplex", "videox", "clipx", "imagex")
+MOST_PLACES = 3  # different places that an item may have
 FEWEST_DASHED = 2  # columns named "x - y"; a single one may be anything
 
 
@@ -25,11 +47,14 @@ def find_matrix(seen: Seen) -> Description | None:
     if set(seen.told.columns) - {"participant", "dataset"} or len(names) < 3:
         return None
     first = seen.column(seen.table.names[0])
-    if len(first) != len(names) - 1 or len(first) < 2 or set(first.texts) != set(names[1:]):
+    spread = {name: (name.strip(),) for name in seen.table.names[1:] if plain(name) not in SUMMARIES}
+    totals = summaries(first)
+    items = [name for row, name in enumerate(first.texts) if row not in totals]
+    if len(items) != len(spread) or len(items) < 2 or set(items) != {item for (item,) in spread.values()}:
         return None
-    note = f"a matrix of win counts of {len(first)} items, of the row over the column"
-    spread = {name: (name.strip(),) for name in seen.table.names[1:]}
-    return Description(VOTES, {"item_a": (seen.table.names[0],)}, "matrix", spread, "condition", notes=(note,))
+    note = f"a matrix of win counts of {len(items)} items, of the row over the column"
+    columns = {"item_a": (seen.table.names[0],)}
+    return Description(VOTES, columns, "matrix", spread, "condition", without=totals, notes=(note,))
 
 
 def find_wide_pairs(seen: Seen) -> Description | None:
@@ -151,42 +176,32 @@ def _binary(seen: Seen, description: Description) -> Meaning | None:
 
 
 def _ask_about_sides(seen: Seen, description: Description, asked: Asked, meaning: Meaning) -> None:
-    """Ask where a choice is a side, and another column says which item was on a side."""
-    if description.layout != "rows" or meaning.by_item or {"a", "b", "by"} & set(seen.told.choices):
+    """Ask where a column that is not used may say which item stood where, or what else an answer was about."""
+    if description.layout != "rows" or {"a", "b", "by"} & set(seen.told.choices):
         return
     sides = [word for word in meaning.expected.split(" or ") if word in {end for ends in ENDS[1:] for end in ends}]
+    if sides and not sides[0].isdigit() and sides[0] in plain(asked.names[0]):
+        sides = []  # the items' own columns are called by the sides
     items = {*asked.item_a.filled, *asked.item_b.filled}
-    known = {*description.columns["item_a"], *description.columns["item_b"], *description.columns["choice"]}
-    _ask_about_swaps(seen, description, asked, sides)
-    for name in seen.table.names:
-        if name in known or not any(side in plain(name) for side in sides if not side.isdigit()):
-            continue
-        column = seen.column(name)
-        place = 0 if sides[0] in plain(name) else 1
-        theirs = (asked.item_a, asked.item_b)[place].texts
-        if column.filled and set(column.filled) <= items and (column.texts != theirs).any():
-            reading = Reading(
-                f"{sides[0]} is {asked.names[0]} and {sides[1]} is {asked.names[1]}",
-                Told(choices={"a": sides[0], "b": sides[1]}),
-            )
-            raise QuestionError(
-                f"choices are {sides[0]} and {sides[1]}, and the column {name!r} names another item on a side than "
-                f"{asked.names[place]!r} (if it is right, give the items of the sides as item_a and item_b)",
-                [reading],
-            )
-
-
-def _ask_about_swaps(seen: Seen, description: Description, asked: Asked, sides: Sequence[str]) -> None:
-    """Ask where choices are sides, and a column says that these were exchanged in some rows."""
     used = {name for names in description.columns.values() for name in names}
     for name in seen.table.names:
-        if name not in used and SWAPPED.search(name) and len(seen.column(name).filled) > 1 and len(sides) > 1:
+        column = seen.column(name)
+        holds_items = bool(column.filled) and set(column.filled) <= items
+        if plain(name) in TO_MATCH and name not in used and holds_items:
+            reading = Reading("answers say which of the two is preferred", Told(choices={"by": "side"}))
+            raise QuestionError(f"the column {name!r} may be what the two were to be compared with (ABX)", [reading])
+        is_told = name in used and name not in description.columns.get("first_shown", ())
+        if meaning.by_item or len(sides) < 2 or is_told or not len(column.filled) > 1:
+            continue
+        is_place = len(column.filled) <= MOST_PLACES and PLACED.search(name) and "trial" not in plain(name)
+        names_side = any(side in plain(name) for side in sides if not side.isdigit()) and holds_items
+        theirs = (asked.item_a, asked.item_b)[0 if sides[0] in plain(name) else 1].texts
+        if SWAPPED.search(name) or (is_place and not holds_items) or (names_side and (column.texts != theirs).any()):
             told = Told(choices={"a": sides[0], "b": sides[1]})
-            reading = Reading(f"{sides[0]} is {asked.names[0]} in all rows", told)
             raise QuestionError(
-                f"choices are {sides[0]} and {sides[1]}, and the column {name!r} may say that sides were exchanged in "
-                "some rows (if so, give the items as they stood)",
-                [reading],
+                f"choices are {sides[0]} and {sides[1]}, and the column {name!r} may say that items stood the other "
+                "way round in some rows (if so, give the items as they stood as item_a and item_b)",
+                [Reading(f"{sides[0]} is {asked.names[0]} and {sides[1]} is {asked.names[1]} in all rows", told)],
             )
 
 
@@ -226,7 +241,16 @@ def find_votes(seen: Seen) -> Description | None:
     who = seen.who_and_what()
     columns = {role: names for role in ("participant", "dataset") if (names := who.get(role))} | columns
     taken = [name for names in columns.values() for name in names]
-    return Description(VOTES, columns | seen.optional(OPTIONAL, taken))
+    return _with_ties(seen, Description(VOTES, columns | seen.optional(OPTIONAL, taken)))
+
+
+def _with_ties(seen: Seen, description: Description) -> Description:
+    """Use a column that says of each row whether nobody won, such as is_tie."""
+    ties = seen.given.get("ties") or tuple(seen.candidates("ties")[:1])
+    if not ties or not {word.lower() for word in seen.column(ties[0]).filled} <= FLAGS.keys():
+        return description
+    note = f"rows whose {ties[0]} is true are no preference"
+    return replace(description, columns={**description.columns, "ties": ties}, notes=(*description.notes, note))
 
 
 def _agreeing(seen: Seen, choices: Sequence[str], pair: tuple[str, str]) -> list[str]:
@@ -255,7 +279,7 @@ def find_won(seen: Seen) -> Description | None:
     taken = [name for theirs in columns.values() for name in theirs]
     winner, loser = names["winner"][0], names["loser"][0]
     note = f"item_a is the column {winner}, item_b the column {loser}, and item_a is always preferred"
-    return Description(VOTES, columns | seen.optional(OPTIONAL, taken), "won", notes=(note,))
+    return _with_ties(seen, Description(VOTES, columns | seen.optional(OPTIONAL, taken), "won", notes=(note,)))
 
 
 def find_wins(seen: Seen) -> Description | None:

@@ -67,7 +67,7 @@ def _check_set_up_link(database: Database, secret: str, now: datetime) -> None:
     if not is_valid:
         record_alone(database, STRANGER, Entry("set-up refused", detail={"by": "link"}), now)
         raise UnauthorisedError(
-            "This set-up link is not valid any more. `reconstudy serve` prints a new one while nobody has been added."
+            "This set-up link is not valid any more. The server prints a new one when it starts and has nobody."
         )
 
 
@@ -105,7 +105,7 @@ def _link_refused(request: Request, database: Database, now: datetime) -> Unauth
     record_alone(database, STRANGER, Entry("sign-in refused", detail={"by": "link"}), now)
     return UnauthorisedError(
         "This sign-in link is not valid any more: a link works once, for a day. An owner makes a new one under People, "
-        "or `reconstudy admin add NAME` prints one."
+        "or whoever runs the server."
     )
 
 

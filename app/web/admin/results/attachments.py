@@ -5,6 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse, Response
 
+from app.web.admin.background import task_address
 from app.web.gates import Store, settings
 from app.web.roles import AStudy
 from app.web.uploads import UploadingActor, begin_attaching
@@ -16,4 +17,4 @@ router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
 async def upload_results(request: Request, actor: UploadingActor, study: AStudy, database: Store) -> Response:
     """Take a table of measures, or zipped reports and models; they are checked and attached in the background."""
     task = await begin_attaching(request, settings(request), actor, database, study)
-    return JSONResponse({"job": f"/admin/jobs/{task}"}, 202)
+    return JSONResponse({"task": task_address(task)}, 202)

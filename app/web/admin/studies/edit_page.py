@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Form, Request
 from fastapi.responses import Response
 
-from app.errors import ConflictError, InvalidError
+from app.errors import ConflictError, InvalidError, said_on_page
 from app.ffmpeg import Progress
 from app.intake.bounds import typed_in_bounds
 from app.operations.studies.create import slugify
@@ -23,6 +23,7 @@ from app.store.studies.audit import Actor
 from app.store.studies.studies import Study, progress_of, study_by_id
 from app.store.trials.designs import conditions_of, datasets_of
 from app.study.options.study_file import LONGEST_FILE, StudyFile, parse_study_file, with_line, write_study_file
+from app.web.admin.background import task_address
 from app.web.admin.layout import attachment, see, study_page, unix
 from app.web.admin.studies.form import (
     WAS,
@@ -32,6 +33,7 @@ from app.web.admin.studies.form import (
     fixed_settings,
     merged,
     read_values,
+    refuse,
     study_of,
     values_of,
 )
@@ -67,9 +69,10 @@ def edit(
     except (ValueError, InvalidError) as error:
         values = {**values_of(study_file_of(study)), **given}
         form = _form(request, database, study, values)
-        reason = error.detail.removeprefix("Nothing was changed: ") if isinstance(error, InvalidError) else str(error)
-        return _page(request, person, study, replace(form, error=reason), status_code=422)
-    except ConflictError as error:
+        cause = error if isinstance(error, ValueError) else error.__cause__
+        refuse(request, cause if isinstance(cause, ValueError) else ValueError(error))
+        return _page(request, person, study, form, status_code=422)
+    except ConflictError:
         with database.reading() as connection:
             now_study = study_by_id(connection, study.id)
         if now_study is None or now_study.revision == revision:
@@ -77,7 +80,7 @@ def edit(
         now_values = values_of(study_file_of(now_study))
         mine = merged(str(fields.get(WAS, "")), given, now_values)
         form = replace(_form(request, database, now_study, mine.values), clashes=mine.clashes, others=mine.others)
-        return _page(request, person, now_study, replace(form, was=mine.was, error=error.detail), status_code=409)
+        return _page(request, person, now_study, replace(form, was=mine.was), status_code=409)
 
 
 @router.get("/edit/file", dependencies=[Depends(looking("experimenter"))])
@@ -98,7 +101,7 @@ def edit_file(
     try:
         wanted = typed_in_bounds(parse_study_file, unix(text))
     except ValueError as error:
-        raise InvalidError(f"Nothing was changed: {with_line(unix(text), str(error))}.") from error
+        raise InvalidError(f"Nothing was changed: {with_line(unix(text), error, said_on_page(error))}.") from error
     return save_study(request, study, wanted, revision, actor)
 
 
@@ -138,7 +141,7 @@ def save_study(
         return address
 
     task = start_task(store, actor, f"Making the films of {study.name} again", work, subject=f"study {study.slug}")
-    return see(f"/admin/jobs/{task}")
+    return see(task_address(task))
 
 
 def _form(request: Request, database: Database, study: Study, values: Mapping[str, Any]) -> StudyForm:

@@ -14,6 +14,7 @@ from app.store.access.experimenters import Experimenter
 from app.store.studies.studies import Study
 from app.store.trials.designs import STRIPS, film_file, pair_records, stimulus_records
 from app.study.options.options import parse_options
+from app.web.admin.background import task_address
 from app.web.admin.layout import see, study_page
 from app.web.admin.listing import listed
 from app.web.gates import Store, database, settings
@@ -33,7 +34,7 @@ def stimuli_page(request: Request, person: Person, study: AStudy) -> Response:
 def check_stimuli(request: Request, actor: Acting, study: AStudy, store: Store) -> Response:
     """Decode every film to its end, and play it in a browser where one is installed, in the background."""
     task = start_film_check(settings(request), store, study, actor)
-    return see(f"/admin/jobs/{task}")
+    return see(task_address(task))
 
 
 @router.get("/{media}/{half}.jpg")

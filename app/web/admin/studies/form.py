@@ -11,8 +11,8 @@ from typing import Annotated, Any
 from fastapi import Depends, Request
 from starlette.datastructures import FormData
 
-from app.errors import InvalidError
-from app.study.option_fields import Setting
+from app.errors import InvalidError, said_on_page
+from app.study.option_fields import Setting, SettingError
 from app.study.options.option_table import COLUMNS, SECTION_NOTES, SECTIONS, SETTINGS, why_fixed
 from app.study.options.options import StudyOptions, parse_options
 from app.study.options.own_texts import LONGEST_TEXT
@@ -23,6 +23,7 @@ from app.study.questions.answers import QUESTIONS
 from app.study.questions.questionnaire import KINDS, MOST_QUESTIONS
 from app.web.admin.layout import unix
 from app.web.gates import takes_any_field
+from app.web.problems import RefusedForm
 
 MARK = "field"  # names a field that a browser leaves out where nothing is chosen
 QUESTION_PARTS = ("name", "kind", "text", "options", "labels", "minimum", "maximum", "required")
@@ -44,7 +45,6 @@ class StudyForm:
     values : of the settings, by name
     fixed : why a setting cannot change now, by name
     datasets, conditions : names to choose from; empty: not known, to be typed
-    error : what is wrong with what was entered; empty: nothing
     clashes : label, typed value and present value of settings that somebody else has changed meanwhile, too
     others : labels of those that somebody else alone has changed, which are shown as they are now
     was : what the settings were when the page was opened, as `digests_of` returns it
@@ -54,7 +54,6 @@ class StudyForm:
     fixed: Mapping[str, str] = field(default_factory=dict)
     datasets: Sequence[str] = ()
     conditions: Sequence[str] = ()
-    error: str = ""
     clashes: Sequence[tuple[str, str, str]] = ()
     others: Sequence[str] = ()
     was: str = ""
@@ -75,28 +74,6 @@ class StudyForm:
             for key, title in SECTIONS.items()
             if (settings := [each for each in SETTINGS if each.section == key and not each.is_basic])
         }
-
-    @property
-    def wrong(self) -> str:
-        """The name of the setting that the error is about; empty: none, or not one alone."""
-        for setting in SETTINGS:
-            table, _, key = setting.name.rpartition(".")
-            starts = (f"{table}: {key}", f"{table}: '{key}'") if table else (f"{key} ", f"{key}:", f"{key}.")
-            if self.error.startswith(starts):
-                return setting.name
-        return "questions" if self.error.startswith("question ") else ""
-
-    @property
-    def said(self) -> str:
-        """The error in the form's words: the label in place of the setting's name."""
-        setting = next((each for each in SETTINGS if each.name == self.wrong), None)
-        if setting is None:
-            return self.error
-        table, _, key = setting.name.rpartition(".")
-        for start in (f"{table}: {key}", f"{table}: '{key}'", key):
-            if self.error.startswith(start):
-                return f"{setting.label}{self.error.removeprefix(start)}"
-        return self.error
 
     def reasons(self, settings: Sequence[Setting]) -> dict[str, list[str]]:
         """Labels of the settings that cannot change, by the reason."""
@@ -122,6 +99,19 @@ class StudyForm:
         chosen = [value] if isinstance(value, str) else list(value)
         known = self.datasets if setting.kind == "dataset" else self.conditions
         return list(dict.fromkeys([*known, *chosen]))
+
+
+def in_words(error: ValueError) -> str:
+    """Return a refusal in the form's words: the label in place of the setting's name."""
+    field = error.field if isinstance(error, SettingError) else ""
+    label = next((setting.label for setting in SETTINGS if setting.name == field), "")
+    return error.called(label) if isinstance(error, SettingError) and label else said_on_page(error)
+
+
+def refuse(request: Request, error: ValueError) -> None:
+    """Let the form's page, which is filled already, say why what was typed was refused."""
+    sentence = f"Nothing was changed: {in_words(error).removesuffix('.')}."
+    request.state.refused = RefusedForm(request.url.path, sentence, str(getattr(error, "field", "")))
 
 
 def values_of(study: StudyFile) -> dict[str, Any]:
@@ -273,9 +263,9 @@ def _value(fields: FormData, setting: Setting) -> Any:
         case "several" | "conditions":
             return [text for text in texts if text]
         case "whole" | "number":
-            return None if not text and setting.may_be_empty else _number(setting.name, text)
+            return None if not text and setting.may_be_empty else _number(setting.label, text)
         case "window":
-            return [_number(setting.name, text) for text in texts if text]
+            return [_number(setting.label, text) for text in texts if text]
         case "names":
             return text.replace(",", " ").split()
         case "spoken":
@@ -287,7 +277,7 @@ def _value(fields: FormData, setting: Setting) -> Any:
     return typed_scale(text) if setting.name == "scale" else text
 
 
-def _number(name: str, text: str) -> int | float:
+def _number(label: str, text: str) -> int | float:
     try:
         return int(text)
     except ValueError:
@@ -295,7 +285,7 @@ def _number(name: str, text: str) -> int | float:
     try:
         return float(text)
     except ValueError as error:
-        raise InvalidError(f"{name} is {text[:40]!r}, expected a number.") from error
+        raise InvalidError(f"{label} is {text[:40]!r}, expected a number.") from error
 
 
 def _rows(fields: FormData, name: str) -> Iterator[dict[str, str]]:

@@ -17,6 +17,7 @@ from app.store.studies.studies import Standing, all_studies, progress_by_study
 from app.store.trials.admission import begin_preview
 from app.study.options.options import parse_options
 from app.study.stages import INTRODUCTION
+from app.web.admin.background import task_address
 from app.web.admin.layout import page, see
 from app.web.analyst.results import load_analysis
 from app.web.gates import Store, settings
@@ -49,7 +50,7 @@ async def import_whole(
 ) -> Response:
     """Bring in a whole study from another server, in the background."""
     task = await begin_importing(request, settings(request), actor, database, name)
-    return JSONResponse({"job": f"/admin/jobs/{task}"}, 202)
+    return JSONResponse({"task": task_address(task)}, 202)
 
 
 @router.post("/studies/{slug}/state")

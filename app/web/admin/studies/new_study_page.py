@@ -10,24 +10,26 @@ from urllib.parse import quote
 from fastapi import APIRouter, Form, Query, Request
 from fastapi.responses import Response
 
-from app.errors import InvalidError, StudyError
+from app.errors import InvalidError, StudyError, said_on_page
 from app.intake.bounds import typed_in_bounds
 from app.operations.studies.create import new_slug, shows_anything
 from app.operations.studies.creation import begin_creation
-from app.operations.studies.forecast import forecast, without_pair_films
+from app.operations.studies.forecast import forecast, has_many_pairs, with_pair_films, without_pair_films
 from app.operations.studies.receive_films import found_and_done
 from app.operations.studies.stimulus_sets import KnownSet, known_sets, set_called
 from app.store.access.experimenters import Experimenter
 from app.store.studies.drafts import draft_of, drafts_of, drop_draft, keep_draft
+from app.study.option_fields import SettingError
 from app.study.options.neutral_words import neutral_words
 from app.study.options.options import StudyOptions
 from app.study.options.platforms import PLATFORMS, WAYS
 from app.study.options.presets import PRESETS, QUICK
 from app.study.options.study_file import LONGEST_FILE, parse_study_file, with_line
 from app.study.options.wording import check_languages, first_language, wording
+from app.web.admin.background import task_address
 from app.web.admin.layout import page, see, unix
 from app.web.admin.studies.drafts import Draft
-from app.web.admin.studies.form import Fields, StudyForm, digests_of
+from app.web.admin.studies.form import Fields, StudyForm, digests_of, in_words, refuse
 from app.web.gates import Store, languages, settings
 from app.web.markdown import render_markdown
 from app.web.roles import Acting, Looking
@@ -95,17 +97,18 @@ def create(
         known = set_called(settings(request), connection, stimulus_set)
     draft = Draft.sent(fields, preset, platform)
     try:
-        wanted = draft.study()
+        wanted = draft.study(has_many_pairs=has_many_pairs(known.content))
         new_slug(database, wanted.name)
         check_languages(wanted.options, languages(request))
         forecast(settings(request), known.content, wanted.options, wanted.exposure_s)  # which refuses what cannot be
     except ValueError as error:
         shown = draft if preset in PRESETS else replace(draft, preset=QUICK)
-        return _form_page(request, person, known, shown, str(error))
+        refuse(request, error)
+        return _form_page(request, person, known, shown, 422)
     with database.writing() as connection:
         keep_draft(connection, actor.name, known.name, draft.as_json(), actor.now)  # until the study is there
     task = begin_creation(settings(request), database, known.folder, wanted, actor, drawn_from=known.name)
-    return see(f"/admin/jobs/{task}")
+    return see(task_address(task))
 
 
 @router.post("/draft")
@@ -153,24 +156,26 @@ def create_from_file(
         new_slug(database, wanted.name)
         check_languages(wanted.options, languages(request))
         if wanted.manifest_sha256 not in (None, known.content.sha256):
-            raise ValueError(
-                f"manifest_sha256 is that of another stimulus set than {known.title}, whose is {known.content.sha256}; "
-                "choose the set that the file was written for, or delete this line"
+            raise SettingError(
+                "manifest_sha256",
+                f"is that of another stimulus set than {known.title}, whose is {known.content.sha256}; choose the set "
+                "that the file was written for, or delete this line",
             )
     except ValueError as error:
-        raise InvalidError(f"No study was created: {with_line(unix(text), str(error))}.") from error
+        raise InvalidError(f"No study was created: {with_line(unix(text), error, said_on_page(error))}.") from error
     task = begin_creation(settings(request), database, known.folder, wanted, actor)
-    return see(f"/admin/jobs/{task}")
+    return see(task_address(task))
 
 
-def _form_page(request: Request, person: Experimenter, known: KnownSet, draft: Draft, error: str = "") -> Response:
-    """Show the form, filled with what its way says and what was typed, and why it was refused."""
-    base = draft.base(is_neutral=shows_anything(known.content))
+def _form_page(
+    request: Request, person: Experimenter, known: KnownSet, draft: Draft, status_code: int = 200
+) -> Response:
+    """Show the form, filled with what its way says and what was typed."""
+    base = draft.base(is_neutral=shows_anything(known.content), has_many_pairs=has_many_pairs(known.content))
     form = StudyForm(
         base | dict(draft.typed),
         datasets=known.datasets,
         conditions=known.conditions,
-        error=error,
         was=digests_of(base),
     )
     looks = found_and_done(known.content)
@@ -185,26 +190,31 @@ def _form_page(request: Request, person: Experimenter, known: KnownSet, draft: D
         "address": f"/admin/studies/new?stimulus_set={quote(known.name)}",
         **_plan(request, known, draft),
     }
-    return page(request, "new_study_settings", person, context, 422 if error else 200)
+    return page(request, "new_study_settings", person, context, status_code)
 
 
 def _plan(request: Request, known: KnownSet, draft: Draft) -> dict[str, Any]:
     """Return what the study would be, and the first that its participants read; or why it cannot be made yet."""
     try:
-        wanted = replace(draft, typed={"name": "New study", **draft.typed}).study()
+        named = replace(draft, typed={"name": "New study", **draft.typed})
+        wanted = named.study(has_many_pairs=has_many_pairs(known.content))
         outlook = forecast(settings(request), known.content, wanted.options, wanted.exposure_s)
         check_languages(wanted.options, languages(request))
     except (ValueError, StudyError) as error:
-        said = StudyForm({}, error=str(error)).said
-        return {"outlook": None, "hindrance": said, "fewer": None, "pages": []}
-    fewer = None
-    if outlook.n_pairs > len(known.content.stimuli) and wanted.options.has_pair_films:
-        fewer = forecast(settings(request), known.content, without_pair_films(wanted.options), wanted.exposure_s)
+        hindrance = in_words(error) if isinstance(error, ValueError) else error.detail
+        return {"outlook": None, "hindrance": hindrance, "by_films": {}, "pages": []}
+    by_films = {}
+    if outlook.n_pairs > len(known.content.stimuli):
+        by_films = {
+            films: forecast(settings(request), known.content, other(wanted.options), wanted.exposure_s)
+            for films, other in (("made", with_pair_films), ("decoded", without_pair_films))
+        }
     options = neutral_words(wanted.options) if shows_anything(known.content) else wanted.options
     return {
         "outlook": outlook,
         "hindrance": "",
-        "fewer": fewer,
+        "by_films": by_films,
+        "chosen_films": wanted.options.pair_films,
         "pages": list(_read_first(request, options, outlook.n_trials)),
     }
 

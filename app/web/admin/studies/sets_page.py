@@ -23,6 +23,7 @@ from app.operations.studies.stimulus_sets import (
     set_called,
     studies_of,
 )
+from app.web.admin.background import task_address
 from app.web.admin.layout import page, see
 from app.web.gates import Store, settings
 from app.web.roles import Acting, Person, experimenter
@@ -140,4 +141,4 @@ async def upload(
     task = await begin_installing(
         request, server, actor, database, name, is_conformed=conform, is_for_study=then == "study"
     )
-    return JSONResponse({"job": f"/admin/jobs/{task}"}, 202)
+    return JSONResponse({"task": task_address(task)}, 202)

@@ -30,7 +30,7 @@ from app.intake.part_uploads import (
     bytes_to_come,
     checking,
     discard,
-    note_job,
+    note_task,
     remove_expired,
     standing,
     upload_id,
@@ -42,7 +42,7 @@ from app.operations.tasks import start_task
 from app.settings import Settings
 from app.store.database.engine import Database
 from app.store.studies.audit import Actor, Entry, record_alone
-from app.web.admin.background import UPLOAD
+from app.web.admin.background import UPLOAD, task_address
 from app.web.admin.layout import see
 from app.web.gates import Store, settings
 from app.web.roles import Acting, Looking
@@ -105,7 +105,7 @@ async def add_part(
     told = await run_in_threadpool(standing, server.intake_dir, upload)
     if told.offset == known.size:
         task = await run_in_threadpool(_start_shelving, server, database, actor, known)
-        return JSONResponse({**_told(told), "job": task}, 202)
+        return JSONResponse({**_told(told), "task": task}, 202)
     return JSONResponse(_told(told))
 
 
@@ -156,7 +156,7 @@ def _write(file: IO[bytes], chunk: bytes) -> None:
 def _told(known: Standing) -> dict[str, object]:
     upload = known.upload
     address = f"/admin/files/upload/{upload.id}"
-    return {"upload": address, "offset": known.offset, "size": upload.size, "job": upload.job}
+    return {"upload": address, "offset": known.offset, "size": upload.size, "task": upload.task}
 
 
 def _start_shelving(server: Settings, database: Database, actor: Actor, upload: PartUpload) -> str:
@@ -177,8 +177,8 @@ def _start_shelving(server: Settings, database: Database, actor: Actor, upload: 
         record_alone(database, actor.name, entry, actor.now)
         return f"/admin/files/{upload.kind}/{place.name}"
 
-    task = f"/admin/jobs/{start_task(database, actor, title, work, subject=f'{UPLOAD} {upload.id}')}"
-    note_job(intake, upload, task)
+    task = task_address(start_task(database, actor, title, work, subject=f"{UPLOAD} {upload.id}"))
+    note_task(intake, upload, task)
     return task
 
 

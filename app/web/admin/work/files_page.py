@@ -13,7 +13,7 @@ from anyio import CapacityLimiter, to_thread
 from fastapi import APIRouter, Form, Path, Request
 from fastapi.responses import FileResponse, Response
 
-from app.errors import ForbiddenError, InvalidError, NotFoundError, StimuliError
+from app.errors import ForbiddenError, InvalidError, NotFoundError, StimuliError, said_on_page
 from app.ffmpeg import Progress
 from app.files import read_json
 from app.films.strips import write_picture
@@ -33,6 +33,7 @@ from app.settings import Settings
 from app.store.database.engine import Database
 from app.store.queue import OPEN, QueuedJob, list_jobs
 from app.store.studies.studies import Study, all_studies
+from app.web.admin.background import task_address
 from app.web.admin.layout import page, see, viewing
 from app.web.gates import Store, settings
 from app.web.media import SANDBOX
@@ -160,7 +161,7 @@ def _preview(server: Settings, kind: str, name: str, place: str) -> FilePath:
     try:
         return preview_of(source, server.data_dir / "stills")
     except StimuliError as error:
-        reason = str(error).replace(f"{source}", source.name)
+        reason = said_on_page(error).replace(f"{source}", source.name)
         raise InvalidError(f"{place} cannot be shown: {reason}") from error
 
 
@@ -220,7 +221,7 @@ def attach_to_study(
             raise InvalidError(str(error).replace(str(path), name)) from error
         return f"/admin/studies/{chosen.slug}/objective"
 
-    return see(f"/admin/jobs/{start_task(store, actor, f'Attaching {name} to {chosen.name}', work)}")
+    return see(task_address(start_task(store, actor, f"Attaching {name} to {chosen.name}", work)))
 
 
 @router.post("/{kind}/{name}/delete")

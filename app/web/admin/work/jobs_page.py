@@ -14,7 +14,7 @@ from fastapi.responses import FileResponse, Response
 from starlette.concurrency import run_in_threadpool
 
 from app.errors import NotFoundError
-from app.operations.extras import has_extra, install_command
+from app.operations.extras import has_extra
 from app.operations.jobs import queueing
 from app.operations.jobs.command import LOG, job_folder, log_tail
 from app.operations.jobs.estimate import whole_left_s
@@ -174,10 +174,8 @@ def retry(actor: Acting, job: JobId, store: Store) -> Response:
 
 
 def missing_extra() -> dict[str, Any]:
-    """Return the kinds of jobs that this installation cannot run, and the command that changes that."""
-    if has_extra("recon"):
-        return {"missing": [], "install": ""}
-    return {"missing": [kind.title for kind in KINDS.values() if kind.needs_recon], "install": install_command("recon")}
+    """Return the kinds of jobs that this installation cannot run."""
+    return {"missing": [] if has_extra("recon") else [kind.title for kind in KINDS.values() if kind.needs_recon]}
 
 
 def _given(field: Field, values: list[str]) -> Any:

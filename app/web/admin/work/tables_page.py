@@ -13,6 +13,7 @@ from app.intake.shelves import free_path
 from app.operations.foreign_tables import analyse_table, understand
 from app.operations.tasks import start_task
 from app.store.studies.audit import Entry, record_alone
+from app.web.admin.background import task_address
 from app.web.admin.layout import page, see
 from app.web.admin.work.files_page import Name, entry_address, entry_of
 from app.web.analyst.upload_routes import Said, edits_of
@@ -95,7 +96,7 @@ def analyse(
         record_alone(store, actor.name, Entry("table analysed", subject=f"{SHELF}/{name}", detail=said.text), actor.now)
         return entry_address("runs", out)
 
-    return see(f"/admin/jobs/{start_task(store, actor, f'Analysing {name}', work)}")
+    return see(task_address(start_task(store, actor, f"Analysing {name}", work)))
 
 
 def _names(name: str) -> Any:

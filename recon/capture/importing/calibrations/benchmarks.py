@@ -51,7 +51,7 @@ def read_middlebury_pair(source: Path, unit_mm: float) -> Placed:
     truth = next((folder / name for name in TRUTHS if (folder / name).is_file()), None)
     to_depth = _depth_of(Ks[0][0, 0] * baseline, offset)
     depth = None if truth is None else DepthSource((truth,), 1.0, depth_of=to_depth)
-    ends = [float(entry[key]) for key in ("vmax", "vmin") if key in entry] or [float(entry.get("ndisp", "nan")), 1.0]
+    ends = [float(entry.get("vmax", entry.get("ndisp", "nan"))), float(entry.get("vmin", 1.0))]
     near, far = to_depth(np.array(ends, np.float32)).tolist()
     images = [needed_view(folder, ("im{number}",), side) for side in (0, 1)]
     views = {0: View("im0", left, images[0], depth), 1: View("im1", right, images[1])}

@@ -25,11 +25,13 @@ from recon.geometry.rig import Camera, rigid
 from recon.runtime.files import read_json
 
 STRECHA_NUMBERS = 26  # K, three of distortion, R, t and the size
+BYTE_BITS = 8
 STRECHA_IMAGES = ("", "images", "../images")
 MVSNET_IMAGES = ("images", "blended_images", "../images", "../Rectified")
 MVSNET_DEPTHS = ("rendered_depth_maps", "depths", "depth_est")
 OFF_MIDDLE = 0.25  # of the picture's size; cameras of another resolution have their principal point farther off
 MOST_DEEP = 20.0  # times the least depth; sets write 1000 m where they mean no end
+METRE = 1000.0
 MIV_VIEW = ("{name}", "{name}_texture", "textures/{name}")
 OPENCV_FROM_MIV = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 
@@ -102,10 +104,13 @@ def _mvsnet_camera(path: Path, size: tuple[int, int], unit_mm: float) -> tuple[C
     return camera, [float(word) for word in words[middle + 9 :]]
 
 
-def read_miv(source: Path, unit_mm: float) -> Placed:
+def read_miv(source: Path, unit_mm: float | None) -> Placed:
     """Read the cameras of an MIV content's JSON; pictures or a video of each have its name, v0 and so on."""
     path = source if source.is_file() else next(iter(sorted(source.glob("*.json"))))
     content, views, ranges, absent = read_json(path), {}, [], []
+    if unit_mm is None and content.get("lengthsInMeters") is False:
+        raise CaptureError(f"{path}: says that its lengths are not in metres; give the unit's length by --units")
+    unit_mm = unit_mm or METRE
     with faults_at(path):
         entries = list(enumerate(content["cameras"]))
     for place, entry in entries:
@@ -113,7 +118,7 @@ def read_miv(source: Path, unit_mm: float) -> Placed:
             name = str(entry["Name"])
             image = find_view(path.parent, MIV_VIEW, place, {"name": name})
             if image is None:
-                _refuse_raw(path.parent, name)
+                _refuse_raw(path.parent, name, entry, content)
                 absent.append(name)
                 continue
             camera = _miv_camera(entry, unit_mm)
@@ -136,13 +141,16 @@ def _miv_camera(entry: Mapping[str, Any], unit_mm: float) -> Camera:
     return Camera(pinhole((fx, fy, cx - HALF_PIXEL, cy - HALF_PIXEL)), (int(width), int(height)), pose)
 
 
-def _refuse_raw(folder: Path, name: str) -> None:
+def _refuse_raw(folder: Path, name: str, entry: Mapping[str, Any], content: Mapping[str, Any]) -> None:
     """Say how to bring in raw YUV, which says nothing of itself."""
     raw = next(iter(sorted(folder.glob(f"{name}_*.yuv"))), None)
     if raw is not None:
+        width, height = entry["Resolution"]
+        bits = int(entry.get("BitDepthColor", 10))
+        kind = "yuv420p" if bits <= BYTE_BITS else f"yuv420p{bits}le"
         raise CaptureError(
-            f"{raw.name} is raw; convert it: ffmpeg -f rawvideo -pix_fmt yuv420p10le -s WIDTHxHEIGHT -r FPS -i "
-            f"{raw.name} -c:v ffv1 {name}.mkv"
+            f"{raw.name} is raw; convert it: ffmpeg -f rawvideo -pix_fmt {kind} -s {width}x{height} -r "
+            f"{content.get('Fps', 25)} -i {raw.name} -c:v ffv1 {name}.mkv"
         )
 
 

@@ -63,7 +63,9 @@ def read_text(path: Path) -> str:
 def read_yaml(path: Path) -> dict[str, Any]:
     """Read the first map of a YAML file, as programs for robots write it."""
     try:
-        content = next(iter(yaml.safe_load_all(read_text(path))), None)
+        text = read_text(path)
+        text = text.partition("\n")[2] if text.startswith("%YAML:") else text  # as OpenCV begins it
+        content = next(iter(yaml.safe_load_all(text)), None)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         raise CaptureError(f"{path}: is not readable as YAML: {error}") from error
     if not isinstance(content, dict):

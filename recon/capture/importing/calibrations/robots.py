@@ -92,7 +92,7 @@ def read_kalibr(source: Path, unit_mm: float) -> Placed:
     path = source if source.is_file() else next(iter(sorted(source.glob("*camchain*.yaml"))))
     chain, folder = read_yaml(path), path.parent
     pose, views = CAMERA_FROM_WORLD, {}
-    for number in range(len(chain)):
+    for number in range(sum(name.startswith("cam") for name in chain)):
         with faults_at(f"{path}: cam{number}"):
             entry = chain[f"cam{number}"]
             if number:

@@ -128,7 +128,7 @@ def test_two_columns_that_may_be_the_choice_are_asked_unless_they_agree(tmp_path
 
 def test_a_side_is_asked_about_where_another_column_says_who_stood_there(tmp_path: Path) -> None:
     text = "participant,item_a,item_b,left_item,choice\np,x,y,x,left\np,x,y,y,left\n"
-    with pytest.raises(QuestionError, match="the column 'left_item' names another item on a side"):
+    with pytest.raises(QuestionError, match="the column 'left_item' may say that items stood the other way"):
         recognise_file(write(tmp_path, text))
 
 
@@ -285,19 +285,26 @@ PROGRAMS = {
         {("red", "blue"): 1, ("blue", "red"): 1, ("green", "red"): 1, ("red", "green"): 1},
     ),
     "psychopy": (
-        "left_image,right_image,key_resp.keys,key_resp.rt,participant,expName,psychopyVersion\n,,space,1.0,P1,e,2023\n"
-        "x,y,left,0.5,P1,e,2023\ny,z,right,0.6,P1,e,2023\n",
+        "left_image,right_image,trials.thisRepN,trials.thisN,thisRow.t,notes,key_resp_instr.keys,key_resp_instr.rt,"
+        "key_resp.keys,key_resp.rt,key_resp.duration,participant,session,date,expName,psychopyVersion,frameRate,\n"
+        ",,,,0.01,,space,1.0,,,,P1,001,2023-05-04_10h33.21.001,e,2023.1.2,59.9,\n"
+        "x,y,0,0,2.2,,,,left,0.5,None,P1,001,2023-05-04_10h33.21.001,e,2023.1.2,59.9,\n"
+        "y,z,0,1,4.4,,,,right,0.6,None,P1,001,2023-05-04_10h33.21.001,e,2023.1.2,59.9,\n",
         {("x", "y"): 1, ("z", "y"): 1},
     ),
     "revisit": (
-        "participantId,trialId,trialOrder,responseId,parameters_left,parameters_right,answer\n"
-        "p,intro,0,,,,\np,t1,1,q1,x,y,left\np,t2,2,q1,y,z,right\n",
+        "participantId,trialId,trialOrder,responseId,status,answer,duration,parameters_left,parameters_right\n"
+        '"p","participantTags","null","participantTags","undefined","[]","undefined","undefined","undefined"\n'
+        '"p","intro","0","","completed","undefined","9","undefined","undefined"\n'
+        '"p","demographics","1","age","completed","42","16","undefined","undefined"\n'
+        '"p","t1","2","q1","completed","left","9","x","y"\n"p","t2","3","q1","completed","right","9","y","z"\n',
         {("x", "y"): 1, ("z", "y"): 1},
     ),
     "webmushra-pairs": (
-        "session_test_id,age,session_uuid,trial_id,choice_reference,choice_non_reference,choice_answer,choice_time\n"
-        "t,30,u1,piano,x,y,reference,5\nt,31,u2,piano,x,y,non_reference,6\n",
-        {("x", "y"): 1, ("y", "x"): 1},
+        "session_test_id,email,age,trial_id,choice_reference,choice_non_reference,choice_answer,choice_time,choice_comment\n"
+        "t,a@b,30,piano,x,y,correct,5321,\nt,c@d,31,piano,x,y,incorrect,612,\nt,c@d,31,piano,x,z,undecided,99,\n"
+        "t,e@f,31,piano,x,z,unknown,99,\n",
+        {("x", "y"): 1, ("y", "x"): 1, ("x=z", ""): 1},
     ),
 }
 
@@ -331,8 +338,15 @@ RATED = {
         (0, 100), [("u1", "piano", "reference", 100), ("u1", "piano", "x", 55)],
     ),
     "avrateng": (
-        "user_ID,video_ID,video_name,rating_type,rating\n1,0,x.mkv,quality,4\n1,1,y.mkv,quality,2\n",
-        (1, 5), [("1", "", "x.mkv", 4), ("1", "", "y.mkv", 2)],
+        "rating;rating_type;timestamp;user_ID;video_ID;video_name\n"
+        "4;quality;2019-06-03 14:22:01 112233;1;0;['videos/x.mkv']\n"
+        "2;quality;2019-06-03 14:23:01 112233;1;1;['videos/y.mkv']\n",
+        (1, 5), [("1", "", "videos/x.mkv", 4), ("1", "", "videos/y.mkv", 2)],
+    ),
+    "webmushra-likert": (
+        "session_test_id,email,age,gender,trial_id,stimuli_rating,stimuli,rating_time\n"
+        'lss,a@b,30,f,piano," 4 ",x,5123\nlss,a@b,30,f,piano," 2 ",y,987\n',
+        (1, 5), [("a@b", "piano", "x", 4), ("a@b", "piano", "y", 2)],
     ),
 }  # fmt: skip
 
@@ -343,6 +357,47 @@ def test_ratings_of_programs_are_read_as_they_write_them(tmp_path: Path, program
     table, said = ratings_in(write(tmp_path, text), scale)
     assert rated(table) == wanted
     assert f"a table of {program}" in said[0]
+
+
+def test_what_real_exports_leave_open_is_refused_with_the_way_out(tmp_path: Path) -> None:
+    header = "rating;rating_type;timestamp;user_ID;video_ID;video_name\n"
+    with pytest.raises(VotesError, match=r"row 1: .* shows 2 films.*item_a and item_b"):
+        recognise_file(write(tmp_path, f"{header}4;quality;t;1;0;['ref.mkv', 'x.mkv']\n"))
+    header = "session_test_id,age,trial_id,rating_stimulus,rating_score,rating_time,rating_comment\n"
+    with pytest.raises(VotesError, match="participant"):
+        recognise_file(write(tmp_path, f"{header}t,30,piano,x,4,9,\nt,30,piano,y,4,9,\n"))
+    questions = "participantId,trialId,responseId,answer\np,x,quality,4\np,x,depth,2\n"
+    with pytest.raises(VotesError, match=r"several questions \('quality', 'depth'\).*--sheet quality"):
+        recognise_file(write(tmp_path, questions))
+    assert ratings_in(write(tmp_path, questions), sheet="depth")[0].rating.tolist() == [2]
+    with pytest.raises(VotesError, match="no answers to 'sound'; questions are 'quality', 'depth'"):
+        recognise_file(write(tmp_path, questions), Told(sheet="sound"))
+
+
+def test_comparisons_of_p910_crowd_turn_with_the_order_that_they_were_shown_in(tmp_path: Path) -> None:
+    path = write(
+        tmp_path,
+        "HITId,WorkerId,Answer.q0_url,Answer.q0,Answer.q0_order,Answer.q1_url,Answer.q1,Answer.q1_order\n"
+        "h,W1,http://s/x.mp4,-2,rp,http://s/y.mp4,-1,pr\n",
+    )
+    table, _ = understand_ratings(recognise_file(path))
+    assert isinstance(table, ComparisonTable)
+    names = [(table.items[a][1], table.items[b][1]) for a, b in zip(table.item_a, table.item_b, strict=True)]
+    assert names == [("reference", "x.mp4"), ("reference", "y.mp4")]
+    assert table.rating.tolist() == [-2, 1]
+    assert table.a_first.tolist() == [True, False]
+
+
+def test_paired_comparisons_of_sureal_are_votes(tmp_path: Path) -> None:
+    python = (
+        "ref_videos = [{'content_id': 0, 'content_name': 'caps', 'path': 'c.png'}]\n"
+        "dis_videos = [{'asset_id': 0, 'content_id': 0, 'path': 'a.png', 'os': {('ann', 1): 1, ('bob', 1): 1}},\n"
+        "  {'asset_id': 1, 'content_id': 0, 'path': 'b.png', 'os': {('cy', 0): 1}}]\n"
+    )
+    votes, _ = votes_in(write(tmp_path, python, "pairs.py"))
+    assert (wins(votes), votes.participants) == ({("0", "1"): 2, ("1", "0"): 1}, ("ann", "bob", "cy"))
+    with pytest.raises(VotesError, match=r"0\.5, expected a whole number of votes"):
+        recognise_file(write(tmp_path, python.replace("1}", "0.5}"), "half.py"))
 
 
 def rated(table: RatingTable) -> list[tuple[str, str, str, float]]:
@@ -380,15 +435,24 @@ def test_a_dataset_of_sureal_is_read_from_json_and_from_python_that_is_not_run(t
 
 def test_annotations_of_label_studio_and_argilla_are_votes(tmp_path: Path) -> None:
     task = {"id": 1, "data": {"model_a": "x", "model_b": "y", "text_a": "t"}, "annotations": [
-        {"completed_by": 7, "result": [{"type": "pairwise", "value": {"selected": "right"}}]},
+        {"id": 3, "completed_by": 7, "ground_truth": False, "lead_time": 4.2, "result": [
+            {"id": "Dx_a", "from_name": "pw", "to_name": "a,b", "type": "pairwise", "value": {"selected": "right"}},
+            {"id": "Dx_b", "from_name": "why", "to_name": "a", "type": "choices", "value": {"choices": ["left"]}}]},
         {"completed_by": 8, "was_cancelled": True, "result": [{"value": {"selected": "left"}}]}]}  # fmt: skip
-    votes, said = votes_in(write(tmp_path, json.dumps([task]), "label.json"))
+    path = write(tmp_path, json.dumps([task]), "label.json")
+    with pytest.raises(VotesError, match=r"several questions \('pw', 'why'\)"):
+        recognise_file(path)
+    votes, said = votes_in(path, sheet="pw")
     assert (wins(votes), votes.participants) == ({("y", "x"): 1}, ("7",))
     assert "1 cancelled annotations are left out" in said[0]
     record = {"fields": {"response1": "t", "response2": "u"}, "metadata": {"model_1": "x", "model_2": "y"},
               "responses": {"preference": [{"value": "response2", "user_id": "u1", "status": "submitted"},
-                                           {"value": "response1", "user_id": "u2", "status": "draft"}]}}  # fmt: skip
-    votes, said = votes_in(write(tmp_path, json.dumps([record]), "argilla.json"))
+                                           {"value": "response1", "user_id": "u2", "status": "draft"}],
+                            "why": [{"value": "shorter", "user_id": "u1", "status": "submitted"}]}}  # fmt: skip
+    path = write(tmp_path, json.dumps([record]), "argilla.json")
+    with pytest.raises(VotesError, match=r"several questions \('preference', 'why'\)"):
+        recognise_file(path)
+    votes, said = votes_in(path, sheet="preference")
     assert (wins(votes), votes.participants) == ({("y", "x"): 1}, ("u1",))
     assert "1 responses that were not submitted are left out" in said[0]
 
@@ -456,7 +520,7 @@ def test_a_column_is_taken_for_nothing_where_that_is_told(tmp_path: Path) -> Non
 
 def test_sides_that_were_exchanged_and_rows_that_may_count_often_are_asked_about(tmp_path: Path) -> None:
     path = write(tmp_path, "participant,item_a,item_b,choice,swapped\nA,x,y,left,1\nB,x,y,right,0\n")
-    with pytest.raises(QuestionError, match="'swapped' may say that sides were exchanged in some rows"):
+    with pytest.raises(QuestionError, match="'swapped' may say that items stood the other way round in some rows"):
         recognise_file(path)
     path = write(tmp_path, "item_a,item_b,choice,freq\nx,y,a,4\nx,y,b,5\n")
     with pytest.raises(QuestionError, match="'freq' may say how often a row counts") as asked:

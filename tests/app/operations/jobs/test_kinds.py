@@ -17,7 +17,7 @@ from app.cli import app as command_line
 from app.errors import InvalidError
 from app.files import write_json
 from app.operations.jobs.fields import Choice, Choices, Entries, Entry, Number, Switch, Text
-from app.operations.jobs.kinds import KINDS, job_kind, kinds_for
+from app.operations.jobs.kinds import KINDS, in_page_words, job_kind, kinds_for
 from app.settings import Settings
 
 FILES = (
@@ -195,13 +195,17 @@ def test_a_folder_of_clouds_stands_for_its_files(here: Settings) -> None:
 
 def test_a_folder_of_clouds_holds_some_in_any_case_of_letters(here: Settings) -> None:
     clouds = here.intake_dir / "clouds"
-    for name in ("upper/1.PLY", "nested/S1/1.ply"):
-        (clouds / name).parent.mkdir(parents=True)
+    for name in ("upper/1.PLY", "nested/S1/1.ply", "noted/1.las", "noted/2.xyz", "noted/notes.txt", "text/1.txt"):
+        (clouds / name).parent.mkdir(parents=True, exist_ok=True)
         (clouds / name).touch()
     kind = job_kind("validate-sphere")
     words = kind.argv(kind.read({"clouds": "upper", "radius": 150}, here).arguments, here)
     assert Path(words[2]) == (clouds / "upper/1.PLY").absolute()
-    with pytest.raises(InvalidError, match="expected the name of something that is or holds PLY files in clouds"):
+    assert [
+        len(kind.argv(kind.read({"clouds": name, "radius": 150}, here).arguments, here)) - len(words)
+        for name in ("noted", "text")
+    ] == [1, 0]  # notes beside clouds are none of them
+    with pytest.raises(InvalidError, match="expected the name of something that is or holds clouds in clouds"):
         kind.read({"clouds": "nested", "radius": 150}, here)
 
 
@@ -264,3 +268,12 @@ def test_an_entry_knows_what_can_be_done_with_it(here: Settings) -> None:
     assert "reconstruct" not in starts
     names = {name: {kind.name for kind, _, _ in kinds_for(here, "captures", name)} for name in ("ball", "recording")}
     assert names == {"ball": {"check", "segment", "reconstruct"}, "recording": {"import-recording"}}
+
+
+def test_a_page_names_the_job_instead_of_its_command() -> None:
+    assert (
+        in_page_words("no masks; make them by `capture segment`")
+        == "no masks; make them by the job “Segment a capture”"
+    )
+    said = "is no finished run; make one with `reconstudy reconstruct CAPTURE -o RUN`, or choose `voxel`"
+    assert in_page_words(said) == "is no finished run; make one with the job “Reconstruct”, or choose `voxel`"

@@ -9,8 +9,10 @@ from typing import Any
 import pytest
 
 from app.errors import UnavailableError
+from app.files import file_digest
 from app.films.pairs import FilmMaker, prepare_pairs
 from app.intake.stimuli import read_stimulus_set
+from app.operations.studies import check_films
 from app.operations.studies.check_films import H264_TYPE, check_study
 from app.operations.studies.create import create_study
 from app.operations.studies.play_films import PlayedFilm, find_browser, play_films
@@ -67,8 +69,9 @@ def test_a_studys_films_are_played_before_the_first_invitation(folder: Path, tmp
     assert json.loads((settings.data_dir / "checks" / "played.json").read_text())["n_played"] == 6
 
 
+@pytest.mark.slow
 def test_the_check_decodes_every_film_and_says_what_it_could_not_do(
-    folder: Path, tmp_path: Path, command: Command
+    folder: Path, tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     settings = Settings(data_dir=tmp_path / "study")
     made = create_study(settings, folder, "Checked")
@@ -76,10 +79,16 @@ def test_the_check_decodes_every_film_and_says_what_it_could_not_do(
     assert (checked["faults"], checked["browser"]) == ({}, "")
     assert "could not be played in a browser" in command("study", "check", made["slug"]).out
     first = next(settings.media_dir.glob("*.mp4"))
+    digest = file_digest(first)
     first.write_bytes(first.read_bytes() + b"x")
     assert list(check_study(settings, made["slug"])["faults"].values()) == [
         "the file is not what it was when the study was made"
     ]
+    monkeypatch.setattr(check_films, "file_digest", lambda _path: digest)
+    first.write_bytes(b"no film, though its digest is right")
+    (fault,) = check_study(settings, made["slug"])["faults"].values()
+    assert fault.startswith("cannot be decoded as a video")
+    monkeypatch.undo()
     first.unlink()
     assert list(check_study(settings, made["slug"])["faults"].values()) == ["the file is missing"]
     with pytest.raises(ValueError, match="there is no study 'nobodys'"):

@@ -21,10 +21,11 @@ from app.settings import Settings
 from app.store.database.engine import Database, open_database
 from app.store.database.migrate import newest_version, version_of
 from app.store.database.tables import metadata, pair, session, trial, vote
-from app.store.studies.images import image_digests, keep_image
+from app.store.studies.images import keep_image
 from app.store.studies.studies import study_by_id
 from app.store.trials.admission import begin_preview
 from tests.app.web.admin import small_models
+from tests.migrated_databases import on_sqlite
 from tests.postgresql import PostgresServer
 from tests.seeded_studies import NOW, seed_voters
 
@@ -79,6 +80,8 @@ def rows_of(settings: Settings) -> dict[str, list[Any]]:
 def test_every_row_comes_back_on_either_kind_of_database(
     here: Settings, kind: str, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
+    with open_store(here) as database, database.writing() as connection:
+        keep_image(connection, 1, "room.png", bytes(range(256)))
     back_up(here, tmp_path / "backup.zip")
     url = None if kind == "sqlite" else request.getfixturevalue("postgres").new_database(f"restored_{id(here)}")
     there = Settings(data_dir=tmp_path / "there", database_url=url)
@@ -92,22 +95,6 @@ def test_every_row_comes_back_on_either_kind_of_database(
     (new_id,) = seed_ids(database)
     assert new_id == 1 + max(row[0] for row in before["trial"])
     database.dispose()
-
-
-@pytest.mark.parametrize("kind", ["sqlite", pytest.param("postgresql", marks=pytest.mark.slow)])
-def test_images_that_a_study_shows_come_back(
-    here: Settings, kind: str, tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
-    with open_store(here) as database, database.writing() as connection:
-        keep_image(connection, 1, "room.png", bytes(range(256)))
-        before = image_digests(connection, 1)
-    back_up(here, tmp_path / "backup.zip")
-    url = None if kind == "sqlite" else request.getfixturevalue("postgres").new_database(f"images_{id(here)}")
-    there = Settings(data_dir=tmp_path / "there", database_url=url)
-    restore(there, tmp_path / "backup.zip")
-    assert rows_of(there) == rows_of(here)
-    with open_store(there) as database, database.reading() as connection:
-        assert image_digests(connection, 1) == before
 
 
 def seed_ids(database: Database) -> list[int]:
@@ -200,6 +187,7 @@ def test_another_programs_database_with_a_table_of_the_same_name_is_left_alone(
 
 
 @pytest.mark.slow
+@on_sqlite
 def test_people_and_tokens_are_not_dropped_unless_one_says_so(
     here: Settings, tmp_path: Path, new_database_url: Callable[[], str]
 ) -> None:
@@ -222,6 +210,7 @@ def test_people_and_tokens_are_not_dropped_unless_one_says_so(
 
 
 @pytest.mark.slow
+@on_sqlite
 def test_a_damaged_backup_changes_nothing(here: Settings, tmp_path: Path) -> None:
     back_up(here, tmp_path / "backup.zip")
     with ZipFile(tmp_path / "backup.zip") as whole, ZipFile(tmp_path / "damaged.zip", "w") as damaged:
@@ -263,6 +252,7 @@ def test_a_backup_that_is_not_whole_is_named_with_what_is_wrong(
     assert [person["name"] for person in manage.list_experimenters(settings)] == ["Ada"]
 
 
+@pytest.mark.slow
 def test_whatever_byte_of_a_backup_is_damaged_the_refusal_says_so(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path / "data")
     manage.upgrade_database(settings)
@@ -297,6 +287,7 @@ def test_a_backup_replaces_an_earlier_one_and_no_other_file(tmp_path: Path) -> N
     assert [person["name"] for person in manage.list_experimenters(there)] == ["Ada", "Eva"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("address", ["sqlite+pysqlite:///{}", "sqlite:///{}?timeout=5"])
 def test_a_database_is_found_by_any_address_that_sqlite_takes(tmp_path: Path, address: str) -> None:
     settings = Settings(data_dir=tmp_path, database_url=address.format(tmp_path / "elsewhere.sqlite"))
@@ -329,6 +320,8 @@ def test_a_video_whose_name_is_a_path_is_refused(tmp_path: Path, name: str) -> N
     assert not settings.media_dir.exists()
 
 
+@pytest.mark.slow
+@on_sqlite
 def test_a_backup_with_a_damaged_film_changes_nothing(here: Settings, tmp_path: Path) -> None:
     film = here.media_dir / "file.mp4"
     film.parent.mkdir(parents=True)
@@ -418,6 +411,7 @@ def test_videos_travel_with_a_backup_and_are_checked(stimulus_set: Path, tmp_pat
 
 
 @pytest.mark.slow
+@on_sqlite
 def test_attached_models_and_reports_are_checked(here: Settings, tmp_path: Path) -> None:
     (tmp_path / "report").mkdir()
     (tmp_path / "report" / "report.json").write_text('{"kind": "sphere", "measures": []}', encoding="utf-8")
@@ -442,6 +436,7 @@ def test_attached_models_and_reports_are_checked(here: Settings, tmp_path: Path)
     ]
 
 
+@on_sqlite
 def test_contradictions_are_found(here: Settings) -> None:
     database = open_database(here.url)
     with database.writing() as connection:
@@ -454,6 +449,7 @@ def test_contradictions_are_found(here: Settings) -> None:
     assert "1 finished sessions with trials without a vote" in faults
 
 
+@on_sqlite
 def test_a_preview_that_skipped_its_trials_is_no_fault(here: Settings) -> None:
     with open_store(here) as database:
         with database.reading() as connection:

@@ -64,14 +64,14 @@ def test_what_a_killed_upload_unpacked_is_removed_at_the_next_start(tmp_path: Pa
     killed = tmp_path / "uploads" / ".upload-killed"
     shutil.copytree(held.name, killed)  # with a lock that nobody holds
     facts = ("captures", "ball", "ball.zip", 3)
-    uploads = {name: PartUpload(name * 32, *facts, by="Eva", job="/admin/jobs/1") for name in "ab"}
+    uploads = {name: PartUpload(name * 32, *facts, by="Eva", task="/admin/tasks/1") for name in "ab"}
     for upload in uploads.values():
         begin_upload(settings.intake_dir, upload)
         work_folder(settings.intake_dir, upload.id).mkdir()
     with checking(settings.intake_dir, uploads["a"].id) as received:
         remove_leftovers(settings, utc_now())
         assert received.is_file()
-        assert standing(settings.intake_dir, uploads["a"].id).upload.job == "/admin/jobs/1"
+        assert standing(settings.intake_dir, uploads["a"].id).upload.task == "/admin/tasks/1"
     assert (Path(held.name).is_dir(), killed.exists()) == (True, False)
     assert [work_folder(settings.intake_dir, upload.id).is_dir() for upload in uploads.values()] == [True, False]
     held.cleanup()

@@ -28,6 +28,7 @@ from app.store.studies.studies import Study, study_by_slug
 from app.store.trials.designs import conditions_of
 from app.store.trials.sessions import shown_wordings
 from app.store.trials.vote_records import vote_records
+from tests.migrated_databases import on_sqlite
 from tests.seeded_studies import NOW
 
 PIXEL = b"\x89PNG\r\n\x1a\n" + bytes(20)
@@ -125,6 +126,7 @@ def test_a_study_arrives_on_another_server_with_all_it_had(
         assert {entry["actor"] for entry in entries} == {"command line", "imported: command line", "imported: Eva"}
 
 
+@on_sqlite
 def test_nobodys_code_travels_and_new_ones_are_made(
     settings: Settings, taken: dict[str, Any], packed: Path, tmp_path: Path
 ) -> None:
@@ -146,6 +148,7 @@ def test_nobodys_code_travels_and_new_ones_are_made(
         assert connection.execute(select(recruit)).all() == []
 
 
+@on_sqlite
 def test_outside_ids_travel_where_one_says_so(
     settings: Settings, taken: dict[str, Any], packed: Path, tmp_path: Path
 ) -> None:
@@ -160,6 +163,7 @@ def test_outside_ids_travel_where_one_says_so(
         assert "for Anna Example" in connection.scalars(select(invitation.c.label)).all()
 
 
+@on_sqlite
 def test_a_study_may_come_twice_under_two_names_and_shares_its_films(packed: Path, tmp_path: Path) -> None:
     there = Settings(data_dir=tmp_path / "there")
     import_file(there, packed)
@@ -170,6 +174,7 @@ def test_a_study_may_come_twice_under_two_names_and_shares_its_films(packed: Pat
     assert files_in(there.data_dir) == before
 
 
+@on_sqlite
 def test_a_film_of_the_same_name_with_other_content_stays(packed: Path, tmp_path: Path) -> None:
     there = Settings(data_dir=tmp_path / "there")
     with ZipFile(packed) as archive:
@@ -246,6 +251,7 @@ def have_other_options(entries: dict[str, bytes]) -> None:
     rewrite(entries, "study", lambda row: row.update(options={"protocol": "none of ours"}))
 
 
+@on_sqlite
 @pytest.mark.parametrize(
     ("harm", "complaint"),
     [
@@ -276,6 +282,7 @@ def test_what_is_not_whole_is_refused_and_leaves_nothing(
         assert audit_records(connection) == []
 
 
+@on_sqlite
 def test_who_was_erased_here_is_erased_again(packed: Path, tmp_path: Path, taken: dict[str, Any]) -> None:
     there = Settings(data_dir=tmp_path / "there")
     import_file(there, packed)
@@ -315,6 +322,7 @@ def test_a_missing_film_stops_the_export_and_leaves_no_file(stimulus_set: Path, 
     assert not (tmp_path / "study.zip").exists()
 
 
+@on_sqlite
 def test_votes_can_go_on_where_a_study_arrives(packed: Path, tmp_path: Path) -> None:
     there = Settings(data_dir=tmp_path / "there")
     made = import_file(there, packed)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -47,6 +49,7 @@ files = st.builds(
 )
 
 
+@pytest.mark.slow
 @given(files)
 def test_a_file_that_was_written_is_read_as_it_was(of: StudyFile) -> None:
     assert parse_study_file(write_study_file(of)) == of
@@ -90,7 +93,9 @@ def test_a_complaint_names_the_line_of_its_setting(text: str, line: int | None) 
     with pytest.raises(ValueError, match="expected") as refused:
         parse_study_file(text)
     complaint = str(refused.value)
-    assert with_line(text, complaint) == (f"line {line}: {complaint}" if line else complaint)
+    assert with_line(text, refused.value) == (f"line {line}: {complaint}" if line else complaint)
+    handed_on = pickle.loads(pickle.dumps(refused.value))  # files are read in a process of their own
+    assert (str(handed_on), handed_on.field) == (complaint, refused.value.field)  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(

@@ -167,6 +167,7 @@ def test_a_study_that_is_being_made_can_be_cancelled_and_made_again(
         assert "It stops after the step" in eva.act(f"{address}/cancel").text
         may_go_on.set()
         assert "It was cancelled" in ends(eva, address).text
+        assert "It was cancelled" in eva.get(address.replace("/tasks/", "/jobs/")).text  # its address in 1.0
         again = eva.act("/admin/studies/new", name="Stopped", stimulus_set="tiny").url.path
         assert again != address
         ends(eva, again)

@@ -37,7 +37,7 @@ def test_an_uploaded_set_is_checked_and_can_be_used(own_server: str, own: Settin
     with signed_in(own_server, own, "Eva") as eva:
         sent = upload(eva, zipped({f"folder/{name}": data for name, data in files.items()}))
         assert sent.status_code == 202
-        assert ends(eva, sent.json()["job"]).url.path == "/admin/sets/sent-by-post"
+        assert ends(eva, sent.json()["task"]).url.path == "/admin/sets/sent-by-post"
         assert "Sent by post" in eva.get("/admin/studies/new").text
         assert (own.sets_dir / "sent-by-post" / "manifest.json").is_file()
 
@@ -51,12 +51,12 @@ def test_a_zip_of_plain_films_becomes_a_set_that_says_what_was_found(
         token = {"X-CSRF-Token": eva.form_token}
         content = zipped(files_of(tmp_path))
         sent = eva.put("/admin/stimuli/upload?name=My+films", content=content, headers=token)
-        page = ends(eva, sent.json()["job"])
+        page = ends(eva, sent.json()["task"])
         assert page.url.path == "/admin/sets/my-films"
         assert "scaled from 64x48 with pixels 2:1 to 128x48" in page.text
         assert "(guessed)" in page.text
         flat = upload(eva, zipped({"a.mp4": (own.sets_dir / "my-films" / "street" / "a.mp4").read_bytes()}))
-        refused = ends(eva, flat.json()["job"]).text
+        refused = ends(eva, flat.json()["task"]).text
         assert "a.mp4 lies in no folder" in refused
         assert str(own.sets_dir) not in refused
 
@@ -85,7 +85,7 @@ def test_films_without_folders_are_named_by_their_names_or_by_a_table(
         token = {"X-CSRF-Token": eva.form_token}
         address = f"/admin/stimuli/upload?then=study&name=Flat+{len(names)}"
         sent = eva.put(address, content=zipped(files), headers=token)
-        page = ends(eva, sent.json()["job"])
+        page = ends(eva, sent.json()["task"])
     assert page.url.path == "/admin/studies/new"
     assert all(words in page.text for words in understood)
 
@@ -135,7 +135,7 @@ def last_renewed(settings: Settings, ago: timedelta, *, only_later: bool = False
 def test_a_page_that_calls_itself_a_film_is_refused(own_server: str, own: Settings) -> None:
     with signed_in(own_server, own, "Eva") as eva:
         sent = upload(eva, zipped({"film.mp4": b"<!doctype html><script>alert(1)</script>"}))
-        assert "is no MP4 file" in ends(eva, sent.json()["job"]).text
+        assert "is no MP4 file" in ends(eva, sent.json()["task"]).text
         assert "is no MP4 file" in eva.get("/admin/audit?search=work+failed").text
     assert not [path for path in own.sets_dir.iterdir() if path.name.startswith(".upload")]
 
@@ -160,11 +160,11 @@ def test_reports_and_models_are_uploaded(own_server: str, own: Settings, compare
         for page in ("objective", "models"):
             assert f'data-to="{compared}/upload"' in eva.get(f"{compared}/{page}").text
         sent = send_results(eva, compared, files)  # a folder for meshes and one for clouds, and nothing around them
-        shown = ends(eva, sent.json()["job"])
+        shown = ends(eva, sent.json()["task"])
         assert shown.url.path == f"{compared}/models"
         assert "pm_fb" in shown.text
         sent = send_results(eva, compared, {"a/report.json": REPORT, "a/curve.csv": b"threshold\n1\n"})
-        shown = ends(eva, sent.json()["job"])
+        shown = ends(eva, sent.json()["task"])
         assert shown.url.path == f"{compared}/objective"
         assert "the whole study" in shown.text
         assert eva.get("/admin/audit?search=results+attached").text.count("results attached") >= 2
@@ -181,12 +181,12 @@ def send_table(dashboard: Dashboard, study: str, content: bytes) -> httpx.Respon
 
 def test_a_table_of_measures_is_uploaded_as_it_is_or_zipped(own_server: str, own: Settings, compared: str) -> None:
     with signed_in(own_server, own, "Eva") as eva:
-        shown = ends(eva, send_table(eva, compared, MEASURES).json()["job"])
+        shown = ends(eva, send_table(eva, compared, MEASURES).json()["task"])
         assert shown.url.path == f"{compared}/objective"
         assert "31.5" in shown.text
         assert "the study does not compare statue/pm_fb: left out" in shown.text
         zipped_table = {"measures.csv": MEASURES.replace(b"31.5", b"32.25")}
-        assert "32.25" in ends(eva, send_results(eva, compared, zipped_table).json()["job"]).text
+        assert "32.25" in ends(eva, send_results(eva, compared, zipped_table).json()["task"]).text
     assert not list((own.data_dir / "uploads").iterdir())
 
 
@@ -204,7 +204,7 @@ def test_a_table_that_is_none_is_refused_with_a_message_and_an_entry(
     with signed_in(own_server, own, "Eva") as eva:
         answer = send_table(eva, compared, content)
         if answer.status_code == 202:
-            answer = ends(eva, answer.json()["job"])
+            answer = ends(eva, answer.json()["task"])
         assert complaint in answer.text
         assert str(own.data_dir) not in answer.text
         assert complaint in eva.get("/admin/audit").text
@@ -231,7 +231,7 @@ def test_hostile_results_are_refused_with_a_message_and_an_entry(
     with signed_in(own_server, own, "Eva") as eva:
         answer = send_results(eva, compared, files)
         if answer.status_code == 202:
-            answer = ends(eva, answer.json()["job"])
+            answer = ends(eva, answer.json()["task"])
         assert complaint in answer.text
         assert str(own.data_dir) not in answer.text
         assert complaint in eva.get("/admin/audit").text

@@ -182,7 +182,8 @@ def test_the_archive_is_whole_and_says_what_is_in_it(analyst: httpx.Client, take
     for name, columns in TABLES.items():
         section = dictionary.split(f"## {name}.csv")[1].split("\n## ")[0]
         header = next(csv.reader(io.StringIO(files[f"{name}.csv"].decode())))
-        assert all(f"| {column} |" in section for column in [*columns, *header]), name
+        assert all(f"| {column} | {about.meaning} |" in section for column, about in columns.items()), name
+        assert all(f"| {column} |" in section for column in header), name
 
 
 PERSONAL = ("participants", "screening", "questionnaire", "comments", "comment_tags", "demographics", "archive.zip")

@@ -16,9 +16,8 @@ import pyarrow.parquet
 import pytest
 from fastapi.responses import Response, StreamingResponse
 
-from app.web.analyst.columns import JOBS, STUDIES, TABLES, Columns
+from app.web.analyst.columns import JOBS, STUDIES, TABLES, Columns, example_row
 from app.web.analyst.formats import IN_MEMORY, ROWS_AT_ONCE, Format, TableRequest, json_bytes, table
-from app.web.analyst.openapi_examples import example_row
 
 COLUMNS = ("participant", "choice", "response_ms")
 

@@ -164,3 +164,12 @@ def test_a_refused_method_names_those_that_are_allowed(manager: httpx.Client, st
     assert is_problem(answer, 405)
     assert answer.headers["allow"] == "GET, HEAD, PATCH, DELETE"
     assert "it takes GET and HEAD and PATCH and DELETE" in answer.json()["detail"]
+
+
+def test_votes_from_elsewhere_are_refused_by_a_study_which_says_why_and_the_way(
+    manager: httpx.Client, study: str
+) -> None:
+    answer = manager.post(f"studies/{study}/votes", content=b"participant,item_a,item_b,choice\np,x,y,a\n")
+    assert answer.status_code == 409
+    assert "its own participants only" in answer.json()["detail"]
+    assert "analyse both files together" in answer.json()["detail"]

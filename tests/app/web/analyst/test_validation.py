@@ -127,15 +127,8 @@ def test_a_reports_values_are_those_of_its_table_of_measures(
     ],
 )
 def test_a_table_that_contradicts_the_study_is_refused_as_a_whole(
-    analyst: httpx.Client,
-    settings: Settings,
-    new_study: Callable[[], dict[str, Any]],
-    psnr: Path,
-    tmp_path: Path,
-    row: str,
-    message: str,
+    analyst: httpx.Client, settings: Settings, study: dict[str, Any], psnr: Path, tmp_path: Path, row: str, message: str
 ) -> None:
-    study = new_study()
     manage.attach_results(settings, [psnr], study["slug"])
     before = analyst.get(f"/api/v1/studies/{study['slug']}/validation").json()
     odd = tmp_path / "odd.csv"

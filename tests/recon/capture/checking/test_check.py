@@ -12,6 +12,7 @@ from recon.capture.checking.check import check_capture
 from recon.capture.checking.consistency import Shared, compared
 from recon.capture.checking.diagnosis import MIN_MATCHES
 from recon.capture.checking.matches import Matches, epipolar_errors
+from recon.capture.checking.sensor import unlike
 from recon.capture.format import Capture, image_path, read_frame, write_capture
 from recon.capture.images import read_image
 from recon.geometry.rig import rigid
@@ -81,7 +82,9 @@ def test_keys_that_a_capture_does_not_have_are_pointed_out(board: Capture) -> No
     report = check_capture(board.folder)
     assert report.problems == ()
     names = ("note", "sensor S1, masks", "sensor S2, right, distortion")
-    for name, warning in zip(names, report.warnings, strict=True):
+    *warnings, instants = report.warnings
+    assert "same instants could not be checked" in instants  # the recording is short
+    for name, warning in zip(names, warnings, strict=True):
         assert f"capture.json: {name} is no key of a capture, and is ignored; expected " in warning
 
 
@@ -199,10 +202,29 @@ def test_frames_with_empty_masks_and_sensors_without_masks_are_named(board: Capt
     assert report.sensors[0].textured == pytest.approx(whole, rel=0.2)  # the empty one says nothing about texture
 
 
+def test_few_points_that_differ_much_in_brightness_say_nothing() -> None:
+    few = np.array([1.1, 1.1, 1.2, 1.3, 1.6, 1.8, 5.6, 0.9, 1.4, 1.3, 1.5, 1.0])  # highlights and wrong matches
+    assert np.median(few) > 1.25
+    assert unlike(few, 1.25) is None
+    assert unlike(np.random.default_rng(0).normal(1.4, 0.15, 60), 1.25) == pytest.approx(1.4, abs=0.05)
+    assert unlike(1 / np.random.default_rng(0).normal(1.4, 0.15, 60), 1.25) == pytest.approx(1 / 1.4, abs=0.05)
+    assert unlike(np.zeros(0), 1.25) is None
+
+
+def test_an_object_that_is_overexposed_is_named(board: Capture) -> None:
+    for path in (board.folder / "S2").rglob("*.png"):
+        picture = cv2.imread(str(path))
+        picture[:, : picture.shape[1] * 4 // 5] = 255
+        cv2.imwrite(str(path), picture)
+    warnings = check_capture(board.folder).warnings
+    assert any("S2: " in warning and "is overexposed, white without structure" in warning for warning in warnings)
+
+
 def test_a_sensor_that_is_darker_than_another_is_named(board: Capture) -> None:
     for path in (board.folder / "S2").rglob("*.png"):
         cv2.imwrite(str(path), np.rint(0.7 * cv2.imread(str(path))).astype(np.uint8))
-    (warning,) = check_capture(board.folder).warnings
+    warning, instants = check_capture(board.folder).warnings
+    assert "could not be checked" in instants
     assert "sensor S1 are 1.4" in warning
     assert "as bright as those of sensor S2" in warning
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from recon.capture.checking.check import check_capture
 from recon.capture.checking.consistency import triangulated
-from recon.capture.checking.diagnosis import diagnose
+from recon.capture.checking.diagnosis import diagnose, would_lenses_show
 from recon.capture.checking.matches import Matches, epipolar_errors
 from recon.capture.format import Capture, write_capture
 from recon.geometry.rig import Camera, Sensor, look_at, rigid
@@ -87,6 +87,15 @@ def test_a_sound_sensor_has_no_fault_whatever_the_noise(seed: int, noise: float)
 def test_too_few_matches_say_nothing() -> None:
     few = Matches(matches().left[:10], matches().right[:10])
     assert diagnose(BROKEN["swapped"][0](SENSOR), few) == ()
+
+
+def test_whether_wrong_lenses_would_show_depends_on_how_far_they_move_rows() -> None:
+    assert would_lenses_show(SENSOR, matches())
+    far = Sensor("S1", *(replace(camera(x), K=camera(x).K * [[8, 1, 1], [1, 8, 1], [1, 1, 1]]) for x in (-20.0, 20.0)))
+    rng = np.random.default_rng(0)
+    points = rng.uniform((-100, -60, -100), (100, 60, 100), (400, 3))
+    left, right = (view.project(points) + rng.normal(0, 0.1, (400, 2)) for view in (far.left, far.right))
+    assert not would_lenses_show(far, Matches(left, right))
 
 
 def test_true_matches_are_on_their_epipolar_lines() -> None:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from recon.capture.checking.check import check_capture
 from recon.capture.checking.synchrony import MAX_LAG, MIN_MARGIN, lag
 from recon.capture.format import Capture, image_path
+from recon.studio import SynthParameters, synthesise
 
 N = 40
 
@@ -71,3 +72,9 @@ def test_cameras_that_started_late_are_named(
     found = [problem for problem in check_capture(folder).problems if "synchronised" in problem]
     assert [problem.startswith(expected or "-") for problem in found] == [True] * len(found)
     assert bool(found) == bool(expected)
+
+
+def test_a_few_frames_of_several_sensors_could_not_be_checked(tmp_path: Path) -> None:
+    synthesise(tmp_path / "few", SynthParameters("ball", n_sensors=2, n_frames=2, size=(160, 120)))
+    sentences = check_capture(tmp_path / "few").warnings
+    assert any("same instants could not be checked" in sentence for sentence in sentences)

@@ -43,7 +43,7 @@ def test_arithmetic_is_lane_by_lane() -> None:
 
 @njit
 def _bits(words, codes, first, step, out):  # type: ignore[no-untyped-def]  # lanes have no Python type
-    gathered = lanes.gather(words, first, step, 29, 10)
+    gathered = lanes.gather(words, 10, first, step, 29)
     lanes.store(out, 0, lanes.lower_half(gathered))
     lanes.store(out, 16, lanes.upper_half(gathered))
     lanes.store(out, 32, lanes.byte_distance(codes[3], gathered))

@@ -6,6 +6,7 @@ import csv
 import json
 import re
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from recon.render.encoding.video import read_luma
 from recon.validation.films import evaluation, film
 from recon.validation.films.evaluation import FilmSettings, measure_films
 from recon.validation.films.film import MeasuredFilm
+from recon.validation.films.kinds import KINDS
 from recon.validation.films.tables import pooled_measures
 from recon.validation.films.vmaf import vmaf_scores
 from tests.command_line import Command
@@ -75,6 +77,25 @@ def test_a_report_has_every_measure_pooled_and_by_frame(command: Command, stimul
     page = (tmp_path / "report.html").read_text()
     assert "soft: its worst frame" in page
     assert (tmp_path / "disc_frames.svg").exists()
+
+
+def test_a_program_of_others_measures_each_film_once(command: Command, stimuli: Path, tmp_path: Path) -> None:
+    count = "import os, sys; print('ratio', os.path.getsize(sys.argv[2]) / os.path.getsize(sys.argv[1]))"
+    (tmp_path / "ratio.py").write_text(count)
+    (tmp_path / "methods.toml").write_text(
+        f"[film.ratio]\nbetter = 'lower'\n"
+        f"command = '{sys.executable} {{folder}}/ratio.py {{reference}} {{distorted}}'\n"
+    )
+    options = ("--methods", tmp_path / "methods.toml", "--every", len(FRAMES))
+    told = command("validate", "films", stimuli, "--reference", "truth", "-o", tmp_path / "report", *options)
+    assert told.code == 0, told.err
+    ratios = {row["approach"]: row for row in table(tmp_path / "report") if row["measure"] == "ratio"}
+    sizes = {name: (stimuli / f"disc/{name}.mp4").stat().st_size for name in (*ratios, "truth")}
+    assert {name: float(row["value"]) for name, row in ratios.items()} == {
+        name: sizes[name] / sizes["truth"] for name in ("same", "soft", "noisy")
+    }
+    assert {(row["better"], row["frame"]) for row in ratios.values()} == {("lower", "")}
+    assert ">ratio<" in (tmp_path / "report/report.html").read_text()
 
 
 def test_equal_films_are_best_and_every_measure_sees_noise(measured: Measured) -> None:
@@ -227,16 +248,16 @@ def test_masters_are_measured_where_asked_for(tmp_path: Path) -> None:
 
 def test_frames_are_pooled_by_mean_harmonic_mean_and_worst_percentile() -> None:
     values = [0.0, *[1.0] * 9, *[3.0] * 30]
-    pooled = pooled_measures(values, "vmaf")
+    pooled = pooled_measures(values, "vmaf", KINDS["vmaf"])
     assert pooled["vmaf"] == pytest.approx(np.mean(values))
     assert pooled["vmaf_harmonic"] == pytest.approx(40 / (1 + 9 / 2 + 30 / 4) - 1)
     assert pooled["vmaf_p5"] == 1.0
-    assert pooled_measures([np.nan, *values], "flicker") == {
+    assert pooled_measures([np.nan, *values], "flicker", KINDS["flicker"]) == {
         "flicker": pytest.approx(np.mean(values)),
         "flicker_p95": 3.0,
     }
-    assert pooled_measures([np.nan], "vmaf") == {}
-    assert pooled_measures([np.inf, np.inf], "psnr_y") == dict.fromkeys(
+    assert pooled_measures([np.nan], "vmaf", KINDS["vmaf"]) == {}
+    assert pooled_measures([np.inf, np.inf], "psnr_y", KINDS["psnr_y"]) == dict.fromkeys(
         ("psnr_y", "psnr_y_harmonic", "psnr_y_p5"), np.inf
     )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from base64 import b64decode
 from collections.abc import Callable, Iterator
 from itertools import count
@@ -18,7 +17,7 @@ from playwright.sync_api import Browser, Page, Route, expect
 from app.operations.studies import manage
 from app.settings import Settings
 from tests.app.web.admin import small_models
-from tests.app.web.admin.dashboard_client import files_of, sign_in, zipped
+from tests.app.web.admin.dashboard_client import sign_in
 from tests.conftest import BROWSER_OPTIONS, browser_path
 
 pytestmark = [
@@ -177,21 +176,6 @@ def test_errors_are_colours_blue_inside_and_red_outside(page: Page, look: Look) 
     assert stronger[0] - stronger[1] > before
 
 
-def test_large_errors_are_told_in_whole_millimetres(page: Page, path: str) -> None:
-    def widen(route: Route) -> None:
-        answer = route.fetch()
-        route.fulfill(
-            response=answer, body=re.sub(r'"error_limit_mm": [\d.]+', '"error_limit_mm": 123.4', answer.text())
-        )
-
-    page.route(f"**{path}", widen)
-    page.goto(path)
-    page.get_by_label("Colours").select_option("error")
-    page.get_by_label("Distance of the full colour").fill("50")
-    assert page.locator("output").text_content() == "± 123 mm"
-    expect(page.get_by_label("Distance of the full colour")).to_have_attribute("aria-valuetext", "± 123 mm")
-
-
 def test_a_scene_without_truth_offers_no_errors(page: Page, look: Look) -> None:
     page.get_by_label("Dataset").select_option("box")
     expect(page.locator("#models-form [value=error]")).to_be_disabled()
@@ -241,25 +225,3 @@ def test_a_browser_without_webgl_says_so(browser: Browser, server: str, settings
     page.get_by_text("All models").click()
     expect(page.get_by_role("link", name="PLY").first).to_be_visible()
     without.close()
-
-
-def test_reports_and_models_are_uploaded_by_the_form(
-    page: Page, new_study: Callable[[], dict[str, Any]], tmp_path: Path
-) -> None:
-    base = f"/admin/studies/{new_study()['slug']}"
-
-    def send(where: str, files: dict[str, bytes]) -> None:
-        page.goto(f"{base}/{where}")
-        packed = {"name": "results.zip", "mimeType": "application/zip", "buffer": zipped(files)}
-        page.get_by_label("Zip file").set_input_files([packed])
-        page.get_by_role("button", name="Upload").click()
-
-    send("models", {"notes.txt": b"x"})
-    page.get_by_text("holds neither a report").wait_for()
-    send("models", files_of(small_models.write_folder(tmp_path)))
-    page.locator("#models-form").wait_for()
-    assert page.url.endswith(f"{base}/models")
-    assert set(page.locator("select").first.locator("option").all_inner_texts()) <= {"ball", "box"}
-    send("objective", {"report.json": b'{"kind": "sphere", "measures": []}', "curve.csv": b"threshold\n1\n"})
-    page.get_by_text("the whole study").wait_for()
-    assert page.url.endswith(f"{base}/objective")

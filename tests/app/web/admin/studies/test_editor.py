@@ -64,7 +64,7 @@ def edit(dashboard: Dashboard, base: str, options: str) -> httpx.Response:
     """Upload a study file with these options; where films are made, wait until they are."""
     text = f'name = "Edited"\nexposure_s = 0.4\n[options]\n{options}\n'
     answer = dashboard.act(f"{base}/edit/file", revision=revision(dashboard, base), text=text)
-    return ends(dashboard, answer.url.path) if "/jobs/" in answer.url.path else answer
+    return ends(dashboard, answer.url.path) if "/tasks/" in answer.url.path else answer
 
 
 def options_of(settings: Settings, base: str) -> StudyOptions:
@@ -105,8 +105,6 @@ def test_an_option_of_the_films_takes_effect_after_creation(eva: tuple[Dashboard
     [
         ('reference = "nobody"', "the reference &#39;nobody&#39; is not among them"),
         ('without = ["id_fa", "id_fb"]', "expected at least two to compare"),
-        ("adaptive_pairs = 2", "leave it out, and every pair is shown"),
-        ('protocol = "ACR"\nidentical_pairs = 1', "protocol ACR shows films one by one"),
     ],
 )
 def test_an_option_that_the_films_do_not_fit_changes_nothing(
@@ -143,15 +141,6 @@ def test_days_to_keep_that_are_over_would_delete_at_once_and_are_refused(eva: tu
     with open_database(settings.url) as database, database.reading() as connection:
         assert studies_to_forget(connection, utc_now()) == []
         assert len(studies_to_forget(connection, utc_now() + timedelta(days=1))) == 1
-
-
-def test_days_that_were_over_before_hinder_no_other_change(eva: tuple[Dashboard, Settings]) -> None:
-    dashboard, settings = eva
-    over = {"limits": {"open_until": "2025-01-01T00:00:00Z"}}
-    base = made(settings, "Forgotten", privacy={"keep_days": 30}, **over)
-    same = 'privacy.keep_days = 30\nlimits.open_until = 2025-01-01T00:00:00Z\nprivacy.contact = "lab@example.org"'
-    assert edit(dashboard, base, same).status_code == 200
-    assert options_of(settings, base).privacy.contact == "lab@example.org"
 
 
 def test_films_that_cannot_be_made_again_are_named(eva: tuple[Dashboard, Settings]) -> None:

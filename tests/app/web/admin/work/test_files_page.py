@@ -79,7 +79,7 @@ def send(dashboard: Dashboard, kind: str, name: str, content: bytes) -> httpx.Re
     """Upload in one part; the page that comes after the check."""
     begun = begin(dashboard, kind, name, content)
     assert begun.status_code == 201, begun.text
-    return ends(dashboard, add(dashboard, begun.json()["upload"], content, 0).json()["job"])
+    return ends(dashboard, add(dashboard, begun.json()["upload"], content, 0).json()["task"])
 
 
 def test_an_upload_goes_on_where_it_stopped(own_server: str, own: Settings) -> None:
@@ -93,10 +93,10 @@ def test_an_upload_goes_on_where_it_stopped(own_server: str, own: Settings) -> N
         assert (again.json()["upload"], again.json()["offset"]) == (upload, 100)
         assert eva.get(upload).json()["offset"] == 100
         sent = add(eva, upload, content[100:], 100)
-        shown = ends(eva, sent.json()["job"])
+        shown = ends(eva, sent.json()["task"])
         assert shown.url.path == "/admin/files/captures/ball"
         assert "1 sensor, 2 frames, 25 a second" in shown.text
-        assert eva.get(upload).json()["job"] == sent.json()["job"]
+        assert eva.get(upload).json()["task"] == sent.json()["task"]
         assert "captures/ball" in eva.get("/admin/audit?search=file+uploaded").text
         assert "already; choose another name" in begin(eva, "captures", "ball", content).text
     assert sorted(path.name for path in (own.intake_dir / "captures").rglob("*.png")) == [
@@ -124,7 +124,7 @@ def test_what_came_before_the_connection_was_lost_is_kept(
             eva.patch(upload, content=cut_off(), headers=headers)
         ended = (add(eva, upload, b"45", 3) for _ in range(500))  # 409 until the server notices
         last = next(answer for answer in ended if answer.status_code == 202)
-        assert "expected a zip file" in ends(eva, last.json()["job"]).text
+        assert "expected a zip file" in ends(eva, last.json()["task"]).text
     assert not [record for record in caplog.records if record.levelname == "ERROR"]
 
 
@@ -232,12 +232,12 @@ def test_an_upload_whose_check_runs_needs_no_more_room(
         upload = begin(eva, "captures", "ball", content).json()["upload"]
         known = part_uploads.standing(own.intake_dir, upload[-32:]).upload
         part_uploads.work_folder(own.intake_dir, known.id).with_suffix(".part").write_bytes(content)
-        part_uploads.note_job(own.intake_dir, known, "/admin/jobs/1")
+        part_uploads.note_task(own.intake_dir, known, "/admin/tasks/1")
         monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=0))
         assert begin(eva, "captures", "ball", content).status_code == 413, "it would be unpacked now"
         with part_uploads.checking(own.intake_dir, known.id):
             again = begin(eva, "captures", "ball", content)
-        assert (again.status_code, again.json()["job"]) == (200, "/admin/jobs/1")
+        assert (again.status_code, again.json()["task"]) == (200, "/admin/tasks/1")
 
 
 def test_a_complete_upload_is_kept_when_its_check_fails_for_the_servers_reasons(
@@ -254,8 +254,8 @@ def test_a_complete_upload_is_kept_when_its_check_fails_for_the_servers_reasons(
         assert "100 % of" in eva.get("/admin/files").text
         again = begin(eva, "captures", "ball", content)
         told = again.json()
-        assert (again.status_code, told["offset"], told["job"]) == (200, len(content), None)
-        shown = ends(eva, add(eva, told["upload"], b"", len(content)).json()["job"])
+        assert (again.status_code, told["offset"], told["task"]) == (200, len(content), None)
+        shown = ends(eva, add(eva, told["upload"], b"", len(content)).json()["task"])
         assert shown.url.path == "/admin/files/captures/ball"
     assert [path.suffix for path in (own.intake_dir / ".uploads").iterdir()] == [".json"]
 

@@ -149,11 +149,12 @@ def test_a_server_without_the_extra_says_what_it_cannot_do(
     monkeypatch.setattr(jobs_page, "has_extra", lambda _extra: False)
     with signed_in(server, here, "Eva", "experimenter") as eva:
         said = eva.get("/admin/work").text
-        assert "without the extra <code>recon</code>" in said
+        assert "without the reconstruction" in said
         assert "Reconstruct" in said
-        assert "pip install" in said
-        assert "without the extra" in eva.get("/admin/work/new/check").text
-        assert "without the extra" not in eva.get(FORM).text
+        assert "pip install" not in said
+        assert 'href="/admin/manual/work"' in said
+        assert "without the reconstruction" in eva.get("/admin/work/new/check").text
+        assert "without the reconstruction" not in eva.get(FORM).text
 
 
 def test_a_form_says_of_each_empty_field_what_it_means(server: str, here: Settings) -> None:

@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import re
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -18,61 +12,13 @@ from app.operations.jobs.command import LOG, job_folder
 from app.settings import Settings
 from app.store.database.engine import open_database
 from app.store.database.keys import utc_now
-from app.store.queue import JobProgress, NewJob, end_job, enqueue, take_job, tell_progress, workers
-from recon.pipeline.run import read_run
-from recon.studio import SynthParameters, synthesise
+from app.store.queue import JobProgress, NewJob, end_job, enqueue, take_job, tell_progress
 from tests.app.web.admin.dashboard_client import sign_in
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
-ROOT = Path(__file__).parents[5]
-ENDS_WITHIN_S = 60
 WORKER = "laboratory 4711"
 IS_AT_END = "(log) => log.scrollTop + log.clientHeight >= log.scrollHeight - 1"
-
-
-@contextmanager
-def served(settings: Settings) -> Iterator[str]:
-    """`reconstudy serve` as a researcher starts it; yields its address."""
-    environment = os.environ | settings.as_environment() | {"PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "app.cli", "serve", "--port", "0"]
-    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            address = re.search(r"http://\S+", process.stdout.readline())
-            assert address, "the server did not start"
-            yield address[0]
-        finally:
-            process.terminate()
-            process.wait(ENDS_WITHIN_S)
-
-
-def test_a_capture_is_reconstructed_from_the_dashboard(browser: Browser, tmp_path: Path) -> None:
-    here = Settings(data_dir=tmp_path)
-    synthesise(here.intake_dir / "captures" / "ball", SynthParameters(n_sensors=2, n_frames=1, size=(96, 128)))
-    with served(here) as url:
-        page = browser.new_page(base_url=url)
-        complaints: list[str] = []
-        page.on("console", lambda message: complaints.append(message.text))
-        sign_in(page, here)
-        page.goto("/admin/work")
-        page.get_by_role("link", name="Reconstruct", exact=True).click()
-        page.locator("select[name=capture]").select_option("ball")
-        page.locator("input[value=id]").check()
-        page.locator("input[value=fa]").check()
-        page.get_by_role("button", name="Start the job").click()
-        expect(page.get_by_role("button", name="Cancel")).to_be_visible()
-        expect(page.get_by_role("link", name="Look at the result")).to_be_visible()
-        expect(page.locator(".log")).to_contain_text("meshes: 1/1")
-        page.goto("/admin/work")
-        expect(page.get_by_role("row", name="Reconstruct ball")).to_contain_text("done")
-        page.close()
-        assert complaints == []
-    assert read_run(here.intake_dir / "runs" / "ball").approaches == ("id_fa_photographs",)
-    database = open_database(here.url)
-    with database.reading() as connection:
-        assert workers(connection, utc_now()) == [], "the worker ends with the server"
-    database.dispose()
 
 
 def test_a_live_log_stays_where_it_is_read_and_follows_at_its_end(browser: Browser, tmp_path: Path) -> None:
@@ -106,6 +52,6 @@ def test_a_live_log_stays_where_it_is_read_and_follows_at_its_end(browser: Brows
         expect(log).to_be_focused()
         end_job(database, WORKER, job, "failed", "out of memory", utc_now())
         expect(page.get_by_role("button", name="Try again")).to_be_visible()
-        assert log.evaluate("(log) => log.scrollTop") == 500
+        expect(log).to_have_js_property("scrollTop", 500)  # the page's script comes after what it shows
         page.close()
         database.dispose()

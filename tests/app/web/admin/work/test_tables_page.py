@@ -137,7 +137,7 @@ def test_a_posted_table_with_two_readings_is_asked_about_as_on_the_command_line(
     readings = asked.json()["readings"]
     assert [reading["columns"] for reading in readings] == ["choice=choice", "rating=rating"]
     for reading, holds in zip(readings, ("votes", "comparisons"), strict=True):
-        told = {key: reading[key] for key in ("columns", "choices", "format")}
+        told = {key: reading[key] for key in ("columns", "choices", "format")} | {"analyse": "false"}
         assert program.post("votes", params=told, content=BOTH.encode()).json()["holds"] == holds
 
 

@@ -465,8 +465,41 @@ def test_absent_pictures_of_a_set_are_named_and_raw_video_is_told_how_to_convert
     assert len(capture.sensors) == 1
     miv(tmp_path / "b")
     (tmp_path / "b/viewport_4096x2048_yuv420p10le.yuv").touch()
-    with pytest.raises(CaptureError, match="is raw; convert it: ffmpeg -f rawvideo"):
+    with pytest.raises(CaptureError, match="ffmpeg -f rawvideo -pix_fmt yuv420p10le -s 320x240 -r 30 "):
         import_recording(AUTO, tmp_path / "b", tmp_path / "again", options)
+
+
+@pytest.mark.parametrize(
+    ("write", "file", "change"),
+    [
+        (kalibr, "log-camchain.yaml", lambda text: "\ufeff" + text),
+        (kalibr, "log-camchain.yaml", lambda text: "%YAML:1.0\n" + text),  # as programs write it that read by OpenCV
+        (kalibr, "log-camchain.yaml", lambda text: text + "imu0: {update_rate: 200.0}\n"),
+        (kalibr, "log-camchain.yaml", lambda text: text.replace("\n", "\r\n")),
+        (kitti_odometry, "calib.txt", lambda text: text.replace(": ", ":\t")),
+        (middlebury_pair, "calib.txt", lambda text: text.replace("vmin=10\n", "")),
+        (middlebury_pair, "calib.txt", lambda text: text.replace("vmax=40\n", "")),
+    ],
+)
+def test_other_spellings_of_a_calibration_are_read_alike(
+    tmp_path: Path, write: Callable[[Path], list[Camera]], file: str, change: Callable[[str], str]
+) -> None:
+    write(tmp_path / "source")
+    path = tmp_path / "source" / file
+    path.write_bytes(change(path.read_text()).encode())
+    capture = import_recording(AUTO, tmp_path / "source", tmp_path / "out", OPTIONS)
+    left, right = write(tmp_path / "again")
+    relative = right.cam_from_world @ np.linalg.inv(left.cam_from_world)
+    first, second = (stream.camera for stream in capture.sensors[0].cameras)
+    np.testing.assert_allclose(second.cam_from_world @ np.linalg.inv(first.cam_from_world), relative, atol=1e-9)
+
+
+def test_lengths_of_miv_that_are_not_metres_are_a_question(tmp_path: Path) -> None:
+    miv(tmp_path / "source")
+    edited(tmp_path / "source/A.json", '"Fps"', '"lengthsInMeters": false, "Fps"')
+    options = ImportOptions(bounds=BOUNDS, pairs=[(0, 1)])
+    with pytest.raises(CaptureError, match="its lengths are not in metres; give the unit's length by --units"):
+        import_recording("miv", tmp_path / "source", tmp_path / "out", options)
 
 
 def test_a_pair_of_kittis_stereo_benchmark_comes_with_its_truth(tmp_path: Path) -> None:

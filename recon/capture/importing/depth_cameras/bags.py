@@ -2,13 +2,15 @@
 
 The frames are written beside each other in the form that the readers of such recordings take.
 
-Source: `sensor_msgs/Image.msg`, `CameraInfo.msg`; REP 104 and 118.
+RealSense's viewer tells where its cameras are: its depth maps are brought into the pictures.
+
+Source: `sensor_msgs/Image.msg`, `CameraInfo.msg`; REP 104 and 118; librealsense, "Record and playback".
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,15 +20,18 @@ import cv2
 import numpy as np
 import yaml
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from recon.capture.format import Capture
 from recon.capture.images import CaptureError, write_picture
-from recon.capture.importing.calibrations.placed import lens_camera
+from recon.capture.importing.calibrations.placed import CAMERA_FROM_WORLD, Placed, lens_camera
 from recon.capture.importing.calibrations.robots import read_ros
-from recon.capture.importing.depth_cameras import LATEST_S, METRE, DepthCamera, Shot, recorded
+from recon.capture.importing.depth_cameras.aligned import Alignment
+from recon.capture.importing.depth_cameras.sequences import LATEST_S, METRE, DepthCamera, Shot, recorded
 from recon.capture.importing.sources import ImportOptions, write_recording
-from recon.capture.importing.views import choose_sensors
+from recon.capture.importing.views import View, choose_sensors
 from recon.capture.recording import SIDES
+from recon.geometry.rig import Camera, rigid
 
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 INFO = "sensor_msgs/msg/CameraInfo"
@@ -43,22 +48,39 @@ COLOURS: Mapping[str, tuple[str, int, int | None]] = {  # type, channels, and wh
     "bayer_gbrg8": ("u1", 1, cv2.COLOR_BayerGR2RGB),
     "bayer_grbg8": ("u1", 1, cv2.COLOR_BayerGB2RGB),
 }  # OpenCV names the pattern by its second row
-DEPTHS = {"16UC1": ("u2", 1.0), "32FC1": ("f4", METRE)}  # type, and mm of a 1
+DEPTHS = {"16UC1": ("u2", None), "32FC1": ("f4", METRE)}  # type, and mm of a 1, None where the bag may tell
 ALIGNED = ("aligned", "registered")  # in the topic of depth maps that belong to another camera's pictures
+TRANSFORM = "geometry_msgs/msg/Transform"
+UNITS = ("option/Depth Units/value", "option/Depth_Units/value")  # of RealSense, in metres
 
 
 @dataclass(frozen=True)
 class _Topic:
-    """A topic of pictures, with the first message of its camera_info and the encoding of its first picture."""
+    """A topic of pictures, with the first message of its camera_info and the encoding of its first picture.
+
+    Parameters
+    ----------
+    pose : `cam_from_reference`, mm, where the bag tells it, as RealSense's viewer does; else None
+    step_mm : of depth maps in whole numbers
+    """
 
     name: str
     encoding: str
     info: Any
+    pose: NDArray[np.float64] | None = None
+    step_mm: float = 1.0
 
     @property
     def is_depth(self) -> bool:
         """Whether it has depth maps."""
-        return self.encoding in DEPTHS or (self.encoding == "mono16" and "depth" in self.name)
+        return self.encoding in DEPTHS or (self.encoding == "mono16" and "depth" in self.name.lower())
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of its pictures."""
+        content, size = _camera_info(self), (self.info.width, self.info.height)
+        K, pose = np.array(content["k"], np.float64).reshape(3, 3), np.eye(4) if self.pose is None else self.pose
+        return lens_camera(self.name, content, K, size, pose, content["d"])
 
 
 def import_bag(source: Path, out: Path, options: ImportOptions) -> Capture:
@@ -95,6 +117,8 @@ def import_bag(source: Path, out: Path, options: ImportOptions) -> Capture:
 
 def _import(reader: Any, source: Path, out: Path, work: Path, options: ImportOptions) -> Capture:
     first, second = _two_topics(reader, source, options.shots)
+    if not second.is_depth and first.pose is not None and second.pose is not None:
+        first, second = sorted((first, second), key=lambda topic: float(topic.camera.centre[0]))
     instants = _instants(reader, (first.name, second.name), options.n_frames)
     if second.is_depth:
         camera = _with_depth(source, first, second, instants, work)
@@ -102,28 +126,41 @@ def _import(reader: Any, source: Path, out: Path, work: Path, options: ImportOpt
     for number, messages in enumerate(instants):
         for side, topic, message in zip(SIDES, (first, second), messages, strict=True):
             _write_picture(work / side / f"{number:06d}.png", topic.name, message)
-    for side, topic in zip(SIDES, (first, second), strict=True):
-        (work / f"{side}.yaml").write_text(yaml.safe_dump(_camera_info(topic)), encoding="utf-8")
-    placed = read_ros(work, options.unit_mm or METRE)
+    if first.pose is not None and second.pose is not None:
+        placed = Placed(
+            {
+                number: View(side, replace(topic.camera, cam_from_world=pose), work / side)
+                for number, (side, topic, pose) in enumerate(
+                    zip(SIDES, (first, second), _from_left(first.pose, second.pose), strict=True)
+                )
+            }
+        )
+    else:
+        for side, topic in zip(SIDES, (first, second), strict=True):
+            (work / f"{side}.yaml").write_text(yaml.safe_dump(_camera_info(topic)), encoding="utf-8")
+        placed = read_ros(work, options.unit_mm or METRE)
     recording = choose_sensors(source, placed.views, placed.pairs, None)
     return write_recording(out, recording, options)
 
 
+def _from_left(left: NDArray[np.float64], right: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Return the poses of a pair in the world of its left camera, y up."""
+    return CAMERA_FROM_WORLD, right @ np.linalg.inv(left) @ CAMERA_FROM_WORLD
+
+
 def _two_topics(reader: Any, source: Path, names: Sequence[str] | None) -> tuple[_Topic, _Topic]:
     """Return the topics of a left and a right camera, in any order, or of pictures and of their depth maps."""
-    infos = {
-        connection.topic.rpartition("/")[0]: connection
-        for connection in reader.connections
-        if connection.msgtype == INFO
-    }
+    infos = {_place(connection.topic): connection for connection in reader.connections if connection.msgtype == INFO}
     topics = []
     for connection in reader.connections:
-        camera = infos.get(connection.topic.removesuffix("/compressed").rpartition("/")[0])
+        place = _place(connection.topic)
+        camera = infos.get(place)
         if connection.msgtype not in IMAGES or camera is None or (names and connection.topic not in names):
             continue
         picture, info = (_first(reader, each) for each in (connection, camera))
         if picture is not None and info is not None:
-            topics.append(_Topic(connection.topic, getattr(picture, "encoding", "compressed"), info))
+            encoding = getattr(picture, "encoding", "compressed")
+            topics.append(_Topic(connection.topic, encoding, info, _pose(reader, place), _step_mm(reader, place)))
     depths = [topic for topic in topics if topic.is_depth]
     colours = [topic for topic in topics if not topic.is_depth]
     if len(colours) == 1 and len(depths) == 1:
@@ -135,6 +172,33 @@ def _two_topics(reader: Any, source: Path, names: Sequence[str] | None) -> tuple
         f"{source}: its topics of pictures with camera_info are {listed}; expected two: a stereo pair, or pictures and "
         "depth maps. Name them by --shots TOPIC,TOPIC"
     )
+
+
+def _place(topic: str) -> str:
+    """Return what the topics of a camera begin with: `PLACE/camera_info`, of RealSense `PLACE/info/camera_info`."""
+    place = topic.removesuffix("/compressed").rpartition("/")[0]
+    return place.removesuffix("/info").removesuffix("/image")
+
+
+def _pose(reader: Any, place: str) -> NDArray[np.float64] | None:
+    """Return a camera's pose in the world of the device's reference, mm; None where the bag does not tell it."""
+    connection = next(
+        (each for each in reader.connections if each.topic == f"{place}/tf/0" and each.msgtype == TRANSFORM), None
+    )
+    told = None if connection is None else _first(reader, connection)
+    if told is None:
+        return None
+    turn, shift = told.rotation, told.translation
+    rotation = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
+    return rigid(rotation, np.array([shift.x, shift.y, shift.z], np.float64) * METRE)
+
+
+def _step_mm(reader: Any, place: str) -> float:
+    """Return the length of a depth of 1: a millimetre, as in ROS, unless the device tells another."""
+    sensor = place.rpartition("/")[0]
+    names = [f"{sensor}/{name}" for name in UNITS]
+    told = next((_first(reader, each) for each in reader.connections if each.topic in names), None)
+    return 1.0 if told is None else float(told.data) * METRE
 
 
 def _first(reader: Any, connection: Any) -> Any:
@@ -164,25 +228,24 @@ def _with_depth(
     source: Path, colour: _Topic, depth: _Topic, instants: Iterator[tuple[Any, Any]], work: Path
 ) -> DepthCamera:
     """Write pictures and depth maps; the camera is that of the pictures."""
-    info, shots, scale_mm = colour.info, [], 1.0
+    shots, is_placed = [], colour.pose is not None and depth.pose is not None
+    alignment = Alignment(depth.camera, colour.camera) if is_placed else None
     for number, (picture, values) in enumerate(instants):
         is_aligned = picture.header.frame_id == values.header.frame_id or any(word in depth.name for word in ALIGNED)
-        if not is_aligned:
+        if not (is_aligned or is_placed):
             raise CaptureError(
                 f"{source}: the depth maps of {depth.name} belong to another camera than {colour.name}; record them "
                 "aligned (RealSense: align_depth.enable:=true; ROS: depth_image_proc/register)"
             )
         shot = Shot(f"{number:06d}", work / f"{number:06d}.png", work / f"depth/{number:06d}.npy", None)
         _write_picture(shot.picture, colour.name, picture)
-        kind, scale_mm = DEPTHS.get(values.encoding, DEPTHS["16UC1"])
+        kind, step_mm = DEPTHS.get(values.encoding, DEPTHS["16UC1"])
+        z = _pixels(depth.name, values, kind, 1)[..., 0].astype(np.float32) * (step_mm or depth.step_mm)
+        z = np.where(z > 0, z, np.float32(np.nan))
         shot.depth.parent.mkdir(exist_ok=True)
-        np.save(shot.depth, _pixels(depth.name, values, kind, 1)[..., 0].astype(np.float32))
+        np.save(shot.depth, z if alignment is None else alignment.moved(z))
         shots.append(shot)
-    content = _camera_info(colour)
-    K = np.array(content["k"], np.float64).reshape(3, 3)
-    size = (info.width, info.height)
-    camera = lens_camera(f"{source}: {colour.name}", content, K, size, np.eye(4), content["d"])
-    return DepthCamera(camera, scale_mm, shots)
+    return DepthCamera(colour.camera, 1.0, shots, size=None if alignment is None else alignment.target.size)
 
 
 def _camera_info(topic: _Topic) -> dict[str, Any]:

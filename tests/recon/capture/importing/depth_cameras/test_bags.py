@@ -10,11 +10,14 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from recon.capture.depth_maps import read_depth_map
 from recon.capture.format import CaptureError, read_capture, read_frame
 from recon.capture.importing.formats import AUTO, find_format, import_recording
 from recon.capture.importing.sources import ImportOptions
+from recon.capture.rectify import scaled_camera
+from recon.geometry.rig import Camera, rigid
 from tests.recon.capture.importing.labelled_recording import BOUNDS, OPTIONS, RIG, SIZE, TURNED, seen
 
 rosbags = pytest.importorskip("rosbags")
@@ -141,6 +144,75 @@ def test_aligned_depth_maps_of_a_bag_come_in_and_others_are_refused(tmp_path: Pa
         CaptureError, match="belong to another camera than /camera/color/image_raw; record them aligned"
     ):
         import_recording("rosbag", other, tmp_path / "other", ImportOptions())
+
+
+COLOUR_POSE = rigid(Rotation.from_euler("xyz", (0.4, -0.3, 1.0), degrees=True).as_matrix(), (14.7, -0.2, 0.3))
+INFRARED = np.array([[380.0, 0, 160.5], [0, 380, 118.0], [0, 0, 1]])
+
+
+def viewer(with_depth: bool, lens: str = "Inverse Brown Conrady", k1: float = 0.0) -> Callable[[int, Any], Messages]:
+    """As RealSense's viewer records: all frames are called 0, the reference is the left infrared camera."""
+
+    def messages(version: int, types: Any) -> Messages:
+        apart = rigid(np.eye(3), (-50.0, 0, 0))
+        names = {"sensor_0/Depth_0": np.eye(4), "sensor_1/Color_0": COLOUR_POSE}
+        names = names if with_depth else {"sensor_0/Infrared_2": apart, "sensor_0/Infrared_1": np.eye(4)}
+        for name, pose in names.items():
+            K = LEFT.K if "Color" in name else INFRARED
+            content = info(version, types, K, np.array([k1, 0, 0, 0, 0]), np.zeros((3, 3)), np.zeros((3, 4)))
+            yield f"/device_0/{name}/info/camera_info", 0, replace(content, distortion_model=lens)
+            x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat()
+            yield (
+                f"/device_0/{name}/tf/0",
+                0,
+                types["geometry_msgs/msg/Transform"](
+                    translation=types["geometry_msgs/msg/Vector3"](*(pose[:3, 3] / 1000).tolist()),
+                    rotation=types["geometry_msgs/msg/Quaternion"](x, y, z, w),
+                ),
+            )
+        yield "/device_0/sensor_0/option/Depth Units/value", 0, types["std_msgs/msg/Float32"](data=0.0001)
+        for frame in range(2):
+            stamp_ns = 10**9 + frame * 33_000_000
+            for name in names:
+                kind = "mono16" if "Depth" in name else "rgb8" if "Color" in name else "mono8"
+                depth = np.full(SIZE[::-1], 15000 + 100 * frame, np.uint16)
+                shape = (*SIZE[::-1], 3) if kind == "rgb8" else SIZE[::-1]
+                pixels = depth if kind == "mono16" else np.full(shape, 60 + 10 * ("_2" in name), np.uint8)
+                yield f"/device_0/{name}/image/data", stamp_ns, image(types, stamp_ns, "0", kind, pixels)
+
+    return messages
+
+
+def test_depth_of_realsenses_viewer_is_brought_into_its_pictures(tmp_path: Path) -> None:
+    source = write(tmp_path / "a", 1, viewer(with_depth=True))
+    capture = import_recording(AUTO, source, tmp_path / "out", ImportOptions(fps=30))
+    assert capture.n_frames == 2
+    np.testing.assert_allclose(capture.sensors[0].left.camera.K, LEFT.K)
+    values = read_depth_map(tmp_path / "out", capture.sensors[0], 1)  # a plane at 1510 mm from the depth camera
+    K = scaled_camera(Camera(LEFT.K, SIZE, np.eye(4)), values.shape[::-1]).K
+    rows, columns = np.nonzero(np.isfinite(values))
+    rays = np.column_stack([columns, rows, np.ones(len(rows))]) @ np.linalg.inv(K).T
+    normal = COLOUR_POSE[:3, 2]
+    plane = (1510 + normal @ COLOUR_POSE[:3, 3]) / (rays @ normal)
+    assert np.abs(values[rows, columns] - plane).max() < 0.2
+    assert np.isfinite(values[80:120, 100:150]).all()
+
+
+def test_infrared_of_realsenses_viewer_is_a_pair_by_its_transforms(tmp_path: Path) -> None:
+    source = write(tmp_path / "a", 1, viewer(with_depth=False, lens="Brown Conrady"))
+    import_recording("rosbag", source, tmp_path / "out", OPTIONS)
+    sensor = read_capture(tmp_path / "out").sensors[0]
+    assert sensor.right is not None
+    relative = sensor.right.camera.cam_from_world @ np.linalg.inv(sensor.left.camera.cam_from_world)
+    np.testing.assert_allclose(relative, rigid(np.eye(3), (-50.0, 0, 0)), atol=1e-9)
+    left, right = read_frame(read_capture(tmp_path / "out"), "S1", 0)
+    assert (left[0, 0, 0], right[0, 0, 0]) == (60, 70)
+
+
+def test_a_lens_of_realsense_that_opencv_has_not_is_refused_where_it_has_numbers(tmp_path: Path) -> None:
+    source = write(tmp_path / "a", 1, viewer(with_depth=True, k1=0.1))
+    with pytest.raises(CaptureError, match="the camera model is Inverse Brown Conrady, expected one of"):
+        import_recording("rosbag", source, tmp_path / "out", ImportOptions())
 
 
 def test_topics_that_are_no_pair_are_listed(tmp_path: Path) -> None:

@@ -1,0 +1,1 @@
+"""What depth cameras record: pictures and depth maps, in folders, bags and films."""
