@@ -78,7 +78,7 @@ class Settings(BaseSettings):
     )
     backup_encrypt_to: str | None = Field(
         default=None,
-        description="public key (age1…, ssh-ed25519 …) to which `reconstudy backup` encrypts, or a file of such keys",
+        description="public key (age1…, ssh-ed25519 …) to which backups are encrypted, or a file of such keys",
     )
     log_format: Literal["text", "json"] = Field(
         default="text", description="json: a line for every request, to standard error"

@@ -152,7 +152,7 @@ def case_of(kind: Kind) -> Case:
         chain,
         _encoding(kind, matrix_tag, primaries_tag),
         kind.container,
-        size=size[:: -1 if kind.rotation in (90, 270) else 1],
+        size=size if kind.rotation in (0, 180) else (size[1], size[0]),
         turns=kind.rotation // 90,
         is_grey=is_hdr,
         before=f"-display_rotation {kind.rotation}" if kind.rotation else "",

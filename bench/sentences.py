@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ from app.analysis.objective.against_scores import measure_tables
 from app.analysis.objective.scores import score_sets
 from app.analysis.reading.votes_table import ALL, NONE, VotesTable, joined, votes_from_indices
 from app.analysis.screening.careless import careless_answers
+from app.analysis.screening.disagreement import krippendorff_alpha
 from app.study.design.adaptive import choose_pairs
 
 Array = NDArray[np.float64]
@@ -57,19 +58,37 @@ def report_lines(n_studies: int, seed: int) -> Iterator[str]:
             yield from (line(f"{name}, range {range_jod}: {what}", each) for what, each in values.items())
 
 
-def _truth(kind: Kind, seed: int) -> dict[str, Any]:
-    """Return the scores, effects and alpha of very many people, of whom as large a share clicks."""
-    share = kind.clickers / kind.people
-    large = replace(kind, people=LARGE, datasets=1, clickers=round(share * LARGE))
-    votes, _ = study(large, np.random.default_rng(seed))
-    few = votes.where(votes.participant % (LARGE // 400) == 0)
+def _of_many(kind: Kind, seed: int) -> VotesTable:
+    """Return the votes of very many people, of whom as large a share clicks."""
+    large = replace(kind, people=LARGE, datasets=1, clickers=round(kind.clickers / kind.people * LARGE))
+    return study(large, np.random.default_rng(seed))[0]
+
+
+def _truth(kind: Kind, seed: int) -> dict[str, float]:
+    """Return the scores of very many people."""
+    votes = _of_many(kind, seed)
     (fitted,) = compare(votes, AnalysisSettings(by_dataset=False))
     assert fitted.fit.scores is not None
-    of_many = analyse(few, AnalysisSettings(by_dataset=False))["disagreement"]
-    return {"scores": dict(zip(fitted.fit.items, fitted.fit.scores.tolist(), strict=True)), "alpha": of_many["alpha"]}
+    return dict(zip(fitted.fit.items, fitted.fit.scores.tolist(), strict=True))
 
 
-def _said(votes: VotesTable, kind: Kind, truth: dict[str, Any]) -> dict[str, float]:
+def alpha_lines(n_studies: int, seed: int) -> Iterator[str]:
+    """Print how often the interval of Krippendorff's alpha holds that of very many people."""
+    kinds = PANELS | {
+        "60 who differ by 1.0": Kind(people=60, spread=1.0),
+        "22, no difference": Kind(range_jod=0.0),
+        "22, two camps, range 2 JOD": Kind(camps=True, range_jod=2.0),
+    }
+    for name, kind in kinds.items():
+        truth = krippendorff_alpha(_of_many(kind, seed))["alpha"]
+        rng, holds = np.random.default_rng(seed), []
+        for _ in range(n_studies):
+            row = krippendorff_alpha(study(kind, rng)[0])
+            holds.append(_holds(row, "alpha", truth or 0.0))
+        yield line(f"{name}: alpha's interval holds {truth:.3f}", holds)
+
+
+def _said(votes: VotesTable, kind: Kind, scores: dict[str, float]) -> dict[str, float]:
     """Return what an analysis says, as 0 or 1, or the share of its intervals that hold the truth."""
     groups = {"age": {name: "young" if number % 2 else "old" for number, name in enumerate(votes.participants)}}
     margin = kind.range_jod / 5 if kind.range_jod else 0.1  # the true difference of neighbours
@@ -98,9 +117,8 @@ def _said(votes: VotesTable, kind: Kind, truth: dict[str, Any]) -> dict[str, flo
             for row in whole
             for first, last in [_ranks(own, row["item"])]
         ),
-        "alpha's interval": _holds(analysis["disagreement"], "alpha", "alpha", truth["alpha"]),
         "intervals with lapse rates": float(
-            np.mean([_holds(row, "score", "ci", own[row["item"]]) for row in analysis["lapse_scores"]] or [np.nan])
+            np.mean([_holds(row, "ci", own[row["item"]]) for row in analysis["lapse_scores"]] or [np.nan])
         ),
         "somebody named careless is honest": any(
             row["careless"] and "answers carelessly" in row["flags"]
@@ -115,7 +133,6 @@ def _said(votes: VotesTable, kind: Kind, truth: dict[str, Any]) -> dict[str, flo
         )
     if kind.range_jod:
         neighbours = [row for row in pairs if abs(int(row["item_a"][1:]) - int(row["item_b"][1:])) == 1]
-        scores = truth["scores"]
         farther = [
             row for row in neighbours if abs(scores[row["item_a"]] - scores[row["item_b"]]) >= margin * LOG_ODDS_PER_JOD
         ]
@@ -141,7 +158,7 @@ def _ranks(own: dict[str, float], item: str) -> tuple[int, int]:
     return 1 + above, sum(value >= own[item] - 1e-9 for value in own.values())
 
 
-def _holds(row: dict[str, Any], _name: str, ends: str, truth: float) -> float:
+def _holds(row: Mapping[str, Any], ends: str, truth: float) -> float:
     low, high = row[f"{ends}_low"], row[f"{ends}_high"]
     return np.nan if low is None else float(low <= truth <= high)
 
@@ -315,6 +332,7 @@ def _with_habits(votes: VotesTable, kind: Kind, habit: str, rng: np.random.Gener
 
 FAMILIES: dict[str, Callable[[int, int], Iterator[str]]] = {
     "report": report_lines,
+    "alpha": alpha_lines,
     "best": best_lines,
     "measures": measure_lines,
     "interim": interim_lines,

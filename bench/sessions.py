@@ -2,11 +2,11 @@
 
     python bench/sessions.py [--kills 60] [--only WORDS] [--json]
 
-Artificial people begin, agree, take the eye tests, vote and answer the questionnaire over HTTP, several at once. Every
-few seconds, at random moments, one of these happens: the server, one of its workers, the worker of jobs or all of PostgreSQL is
-killed by SIGKILL; the server's clock jumps a day forward or back (the study has a time limit of an hour); the next
-server finds the disk read-only (a tmpfs, where mounts are allowed). Jobs make stimulus sets meanwhile. Prints what was
-acknowledged and what is stored.
+Artificial people begin, agree, take the eye tests, vote and answer the questionnaire over HTTP, several at once. At
+random moments, every few seconds, one of these happens: the server, a worker of it, the worker of jobs or all of
+PostgreSQL is killed by SIGKILL; the server's clock jumps a day forward or back (the study has a time limit of an hour);
+the next server finds the disk read-only (a tmpfs, where mounts are allowed). Jobs make stimulus sets meanwhile. Prints
+what was acknowledged and what is stored.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
+import httpx
 from attacks import processes_below
 from server_changes import CLOCK
 
@@ -56,6 +57,7 @@ DISK_IS_FREE_WITHIN_S = 30.0
 PAUSE_S = (0.2, 2.0)  # from the start of a server to the next fault
 AT_ONCE = 4
 JOBS_END_WITHIN_S = 300.0
+ANSWERS_WITHIN_S = 180.0
 
 Fault = Callable[[], None]
 
@@ -134,6 +136,17 @@ def jobs_done(settings: Settings) -> dict[str, int]:
             time.sleep(0.5)
 
 
+def wait_for_answer(base_url: str) -> None:
+    """Wait until a server answers: its workers begin after it has said that it is there."""
+    ends_s = time.monotonic() + ANSWERS_WITHIN_S
+    while True:
+        with suppress(httpx.TransportError):
+            if httpx.get(f"{base_url}/readyz").status_code == httpx.codes.OK:
+                return
+        assert time.monotonic() < ends_s, "no server answers"
+        time.sleep(0.1)
+
+
 def under(names: tuple[str, ...], arguments: argparse.Namespace, postgres: PostgresServer | None) -> dict[str, Any]:
     """Let people take a study while these faults happen."""
     rng, tally, happened = Random(arguments.seed), Tally(), Counter[str]()
@@ -167,6 +180,7 @@ def under(names: tuple[str, ...], arguments: argparse.Namespace, postgres: Postg
             name = next(order)
             faults[name]()
             happened[name] += 1
+            wait_for_answer(server.base_url)
 
         def take(number: int) -> None:
             take_part(server.base_url, study["slug"], study["invitation"], number, tally)

@@ -2,52 +2,38 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from playwright.sync_api import ViewportSize, sync_playwright
 
 from app.analysis.drawing.charts_in_common import svg_png
 from app.analysis.report.figures import drawn_figures
-from app.experiment.study import TRUTH
 from app.files import read_json, write_bytes
-from app.main import running_server
-from app.operations.studies import create
-from app.settings import Settings
-from app.study.options.options import StudyOptions
 from recon.pipeline.preview import webp
 from recon.render.sheet import contact_sheet
 
 PICTURES = Path(__file__).parent / "pictures"
 LARGEST = 200_000  # bytes
-SCREEN = ViewportSize(width=1366, height=768)
-SEEN_MS = 1500  # of the first film
 WIDTH = 1100  # pixels on the page
 SCORES_WIDTH = 430  # of the figure, in the units of its letters, which are read in half of the page
 UPPER_BODY = np.s_[40:250, 125:335]  # of a model's picture: where the approaches differ most
 
 
 def main(demo: Path) -> None:
-    """Write the four pictures."""
+    """Write the two pictures."""
     front = demo / "front"
-    recorded = sorted(front.glob("recording_*.webp"))
-    depths = [front / f"depth_{method}.webp" for method in ("id", "dr", "pm")]
     models = [
         front / f"model_{depth}_{fusion}_photographs.webp" for fusion in ("fa", "fb") for depth in ("id", "dr", "pm")
     ]
-    keep("recording", sheet([*recorded, *depths], np.s_[:], columns=6))
     keep("models", sheet(models, UPPER_BODY, columns=3))
     figures = drawn_figures(read_json(demo / "analysis" / "analysis.json"), SCORES_WIDTH)
     scores = next(figure for figure in figures if figure.name == "scores")
     picture = cv2.imdecode(np.frombuffer(svg_png(scores.svg), np.uint8), cv2.IMREAD_COLOR_RGB)
     keep("scores", np.asarray(picture, np.uint8))
-    keep("trial", trial(demo))
 
 
 def sheet(paths: list[Path], part: Any, *, columns: int) -> NDArray[np.uint8]:
@@ -61,25 +47,6 @@ def read(path: Path) -> NDArray[np.uint8]:
     picture = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
     if picture is None:
         raise SystemExit(f"{path}: is no picture; run `reconstudy demo` first")
-    return np.asarray(picture, np.uint8)
-
-
-def trial(demo: Path) -> NDArray[np.uint8]:
-    """What a participant sees in the middle of a trial, in a study of the demo's films without a practice."""
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
-    with TemporaryDirectory() as folder:
-        settings = Settings(data_dir=Path(folder), database_url=None)
-        study = create.create_study(settings, demo / "stimuli", "Demo", options=StudyOptions(without=(TRUTH,)))
-        with running_server(settings) as url, sync_playwright() as playwright:
-            browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
-            page = browser.new_page(viewport=SCREEN)
-            page.goto(f"{url}/s/{study['invitation']}")
-            for view in ("welcome", "instructions-1", "instructions-2", "instructions-3"):
-                page.locator(f"[data-view={view}] [data-primary]").click()
-            page.locator("#trial[data-state=exposure]").wait_for()
-            page.wait_for_timeout(SEEN_MS)
-            picture = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR_RGB)
-            browser.close()
     return np.asarray(picture, np.uint8)
 
 

@@ -28,7 +28,7 @@ from tests import sqlite_disk
 from tests.processes import kill
 
 ROOT = Path(__file__).parent.parent
-START_TIMEOUT_S = 60
+START_TIMEOUT_S = 180
 PR_SET_PDEATHSIG = 1
 AGAIN_S = 0.2  # before a server that ended by itself is started again
 

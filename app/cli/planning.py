@@ -111,6 +111,15 @@ def _claims(plan: dict[str, Any], effect: str) -> str:
         if wanted
         else "more than 512 participants"
     )
+    named = plan.get("clickers_named")
+    if named:
+        shares = [
+            f"{100 * named[key]:.0f} ± {100 * named[f'{key}_error']:.0f} %" for key in ("by_votes", "with_checks")
+        ]
+        lines.append(
+            f"Of people who click at random a report names {shares[0]} by their votes alone, and {shares[1]} with five "
+            "identical and five repeated pairs."
+        )
     return "\n".join([*lines, f"For a power of 0.8 of the claim \u201c{plan['claim']}\u201d: {number}."])
 
 

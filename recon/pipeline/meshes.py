@@ -145,7 +145,8 @@ def _prepared(job: Job, method: str, frame: int) -> Prepared:
     if options.balance_colours:
         colours = _colours(job, method)
         clouds, filled = balance_colours(clouds, colours), balance_colours(filled, colours) if filled else []
-    sights, reasons = [], []
+    sights: list[Sight] = []
+    reasons: list[str] = []
     if options.outlines:
         sights = read_sights(job.capture, job.capture.sensors_for(method), clouds, frame)
         sights, reasons = believed(sights, job.step_mm)

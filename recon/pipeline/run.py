@@ -6,7 +6,7 @@ finished, with the digests of what the file was made from and of the file itself
 warnings and the meshes' digests: a folder without it is no run yet.
 
 A run is ``run.json``, ``log.jsonl`` (each file when it was made), ``capture.json`` (the rig and bounds),
-``matched/<method>/<sensor>/<frame>.tiff`` and ``depth/<method>/<sensor>/<frame>.npy`` (disparities before and after
+``matched/<method>/<sensor>/<frame>.tiff`` and ``depth/<method>/<sensor>/<frame>.tiff`` (disparities before and after
 filtering in time),
 ``programs/<method>/<sensor>/<frame>/log.txt`` and ``programs/<approach>/<frame>/log.txt`` (what programs of others
 printed), ``clouds/<method>/<sensor>/<frame>.ply``, ``meshes/<approach>/<frame>.ply`` (``.glb`` with a texture), and
@@ -73,7 +73,7 @@ class View(NamedTuple):
     @property
     def depth(self) -> str:
         """The disparity map, filtered in time."""
-        return f"depth/{self.method}/{self.sensor_id}/{self.frame:04d}.npy"
+        return f"depth/{self.method}/{self.sensor_id}/{self.frame:04d}.tiff"
 
     @property
     def cloud(self) -> str:

@@ -17,27 +17,29 @@ from recon.pipeline.keys import files_key
 from recon.pipeline.run import EXPOSURES_NAME, View, mesh_name
 from recon.runtime.artefacts import code_version
 from recon.runtime.files import read_json, write_json
-from recon.surface.photographs import Photograph, compare_exposures, exposed, read_photographs
+from recon.surface.exposures import Exposure, compare_exposures, exposed
+from recon.surface.photographs import Photograph, read_photographs
 from recon.surface.texturing import textured
 
 TOLERANCE_STEPS = 3  # a step is a third of the depth of a pixel of disparity
 
 
 def compare_photographs(job: Job) -> list[str]:
-    """Estimate the gains of all cameras once for a run, from the first frame's surface by the last approach."""
+    """Estimate once for a run what makes all cameras agree, from the first frame's surface by the last approach."""
     approach, frame = job.surfaces[-1][0], job.frames[0]
     mesh_file = mesh_name(str(approach), frame)
     key = {
         "mesh": job.artefacts.digest(mesh_file),
         "pictures": _all_pictures_key(job, frame),
         "tolerance_mm": _tolerance(job),
-        "code": code_version("surface/photographs.py", "capture/rectify.py"),
+        "code": code_version("surface/photographs.py", "surface/exposures.py", "capture/rectify.py"),
     }
 
     def write(path: Path) -> None:
         mesh = read_mesh(job.artefacts.path(mesh_file))
-        gains = compare_exposures(mesh, _photographs(job, frame), _tolerance(job))
-        write_json(path, {"gain": gains.tolist()})
+        exposures = compare_exposures(mesh, _photographs(job, frame), _tolerance(job))
+        matrices = [None if each.matrix is None else each.matrix.tolist() for each in exposures]
+        write_json(path, {"gain": [each.gain.tolist() for each in exposures], "matrix": matrices})
 
     return job.artefacts.make(EXPOSURES_NAME, key, write)
 
@@ -53,8 +55,10 @@ def make_textures(job: Job, approaches: Sequence[Approach], frame: int) -> list[
 
     @cache
     def photographs() -> list[Photograph]:
-        gains = np.array(read_json(job.artefacts.path(EXPOSURES_NAME))["gain"])
-        return [exposed(*each) for each in zip(_photographs(job, frame), gains, strict=True)]
+        content = read_json(job.artefacts.path(EXPOSURES_NAME))
+        matrices = [None if matrix is None else np.array(matrix) for matrix in content["matrix"]]
+        exposures = map(Exposure, np.array(content["gain"]), matrices)
+        return [exposed(*each) for each in zip(_photographs(job, frame), exposures, strict=True)]
 
     return [name for approach in approaches for name in _make_textured(job, approach, frame, photographs)]
 

@@ -10,8 +10,7 @@ something that the mesh lacks, such as a hand before a chest.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -22,7 +21,6 @@ from recon.capture.format import Capture, SensorStream, read_frame, read_masks
 from recon.capture.rectify import undistort
 from recon.geometry.mesh import Mesh
 from recon.geometry.rig import Camera
-from recon.surface.colours import MAD_TO_SIGMA, MIN_SHARED_PLACES, SATURATED
 
 COARSE_SIGMA_PX = 2.0  # what a photograph loses by this blur is fine detail
 EDGE_PX = 8.0  # a place that far from edges counts fully
@@ -31,8 +29,6 @@ CONTRADICTED = 40.0  # grey levels from the median of at least three cameras, wh
 SHARPNESS = 2  # power of the quality by which detail is averaged
 FALLBACK = 1e-4  # quality of the mesh's own colours
 MARGIN_PX = 16  # around the mesh in a photograph: room for the blur
-GAIN_SIGMA = 0.05  # of the logarithm of a gain: cameras of one studio are exposed alike
-LEAST_SPREAD = 0.02  # of logarithms of ratios: what pixels round off
 ROW = 1024  # places a row, as OpenCV maps images only
 
 
@@ -185,8 +181,8 @@ def colours_at(
     for number, view in enumerate(views):
         seen = np.flatnonzero(quality[number])
         pixels = view.photograph.camera.project(points[seen])
-        shades[number, seen] = _sampled(view.coarse, pixels)
-        colours[number, seen] = _sampled(view.photograph.pixels, pixels)
+        shades[number, seen] = sampled(view.coarse, pixels)
+        colours[number, seen] = sampled(view.photograph.pixels, pixels)
     weights = _uncontradicted(shades, quality)
     coarse, coarse_weight = FALLBACK * fallback, np.full(len(points), FALLBACK)
     best = np.maximum(weights.max(axis=0, initial=0), FALLBACK)
@@ -199,58 +195,6 @@ def colours_at(
         fine_weight += share
     blended = coarse / coarse_weight[:, None] + fine / fine_weight[:, None]
     return np.asarray(np.rint(np.clip(blended, 0, 255)), np.uint8)
-
-
-def compare_exposures(mesh: Mesh, photographs: Sequence[Photograph], tolerance_mm: float) -> NDArray[np.float64]:
-    """Estimate the gain of each camera that makes the cameras agree on the vertices which several see.
-
-    The ratios in which two cameras see colours differ by place where the light differs, not the exposure: the more they
-    differ, the less they count against `GAIN_SIGMA`. A camera that shares too little with others keeps the gain 1.
-
-    Parameters
-    ----------
-    mesh : whose vertices are compared
-    photographs : V of them, one per camera
-    tolerance_mm : how far surfaces may lie behind each other and count as one
-
-    Returns
-    -------
-    float64 (V, 3), per channel
-    """
-    seen = [_colours_of_vertices(mesh, photograph, tolerance_mm) for photograph in photographs]
-    n = len(photographs)
-    normal, target = np.tile(np.eye(n) / GAIN_SIGMA**2, (3, 1, 1)), np.zeros((3, n))
-    for a, b in combinations(range(n), 2):
-        ratio = np.log(seen[a] / seen[b])
-        ratio = ratio[np.isfinite(ratio).all(axis=1)]
-        if len(ratio) < MIN_SHARED_PLACES:
-            continue
-        middle = np.median(ratio, axis=0)
-        spread = MAD_TO_SIGMA * np.median(np.abs(ratio - middle), axis=0)
-        weight = 1 / np.maximum(spread, LEAST_SPREAD) ** 2
-        for i, j, sign in ((a, a, 1), (b, b, 1), (a, b, -1), (b, a, -1)):
-            normal[:, i, j] += sign * weight
-        target[:, a] -= weight * middle
-        target[:, b] += weight * middle
-    return np.asarray(np.exp(np.linalg.solve(normal, target[..., None])[..., 0]).T)
-
-
-def exposed(photograph: Photograph, gain: NDArray[np.float64]) -> Photograph:
-    """Multiply a photograph by a gain, float64 (3,)."""
-    table = np.rint(np.clip(np.arange(256)[:, None] * gain, 0, 255)).astype(np.uint8)
-    return replace(photograph, pixels=np.asarray(cv2.LUT(photograph.pixels, table[None]), np.uint8))
-
-
-def _colours_of_vertices(mesh: Mesh, photograph: Photograph, tolerance_mm: float) -> NDArray[np.float32]:
-    """Return the vertices' colours in a photograph, float32 (N, 3), NaN where it does not show them or is clipped."""
-    colours = np.full_like(mesh.vertices, np.nan)
-    views = prepare(mesh, [photograph], tolerance_mm)
-    for view, quality in zip(views, qualities(views, mesh.vertices, mesh.normals, tolerance_mm), strict=True):
-        is_seen = quality > 0
-        seen = _sampled(view.coarse, view.photograph.camera.project(mesh.vertices[is_seen]))
-        is_usable = ((seen > SATURATED[0]) & (seen < SATURATED[1])).all(axis=1, keepdims=True)
-        colours[is_seen] = np.where(is_usable, seen, np.nan)
-    return colours
 
 
 def _cut(photograph: Photograph, mesh: Mesh) -> Photograph | None:
@@ -287,7 +231,7 @@ def _blurred(pixels: NDArray[np.uint8], inside: NDArray[np.bool_]) -> NDArray[np
     return np.where(weight > 1e-3, np.rint(total / np.maximum(weight, 1e-3)), pixels).astype(np.uint8)
 
 
-def _sampled(picture: NDArray[np.uint8], pixels: NDArray[np.float64]) -> NDArray[np.uint8]:
+def sampled(picture: NDArray[np.uint8], pixels: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Interpolate a picture (H, W, 3) at columns and rows (N, 2), uint8 (N, 3)."""
     if not len(pixels):
         return np.zeros((0, 3), np.uint8)

@@ -24,6 +24,18 @@ form.addEventListener("input", () => {
   form.inert = way() !== rendered; // until the page is there again: what is typed now would be lost
   waiting = setTimeout(keep, form.inert ? 0 : WAITS_MS);
 });
+// The plan's choice of films sets the settings below, which are sent; with single films, others have no effect.
+plan.addEventListener("change", (event) => {
+  const chosen = /** @type {HTMLInputElement} */ (event.target);
+  if (chosen.name !== "films-of-pairs") return;
+  const field = (/** @type {string} */ name) => /** @type {any} */ (form.elements.namedItem(name));
+  field("pair_films").value = chosen.value;
+  if (chosen.value === "decoded") {
+    const lighter = /** @type {HTMLInputElement} */ (form.querySelector("[name=lighter_films][type=checkbox]"));
+    [lighter.checked, field("second_codec").value] = [false, ""];
+  }
+  form.dispatchEvent(new Event("input"));
+});
 addEventListener("pagehide", () => isChanged && keep());
 form.addEventListener("submit", () => {
   clearTimeout(waiting);

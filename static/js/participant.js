@@ -11,10 +11,11 @@ import { endingOnPage, showEnding } from "./ending.js";
 import { tellInvalidWhenTried } from "./invalid-fields.js";
 import { forgetDraft, keepDraft, readAnswers, restoreDraft } from "./interview.js";
 import { Begun, fillInCode, mayBeAnother, refuseCode, tellLost } from "./known-again.js";
-import { Outbox, openShelf, newId } from "./outbox.js";
+import { openShelf, newId } from "./outbox.js";
+import { OwnSession } from "./own-session.js";
 import { enterFullScreen, fill, stayOnSubmit } from "./page.js";
-import { OpenLook } from "./open-look.js";
-import { inBrowser, inTab } from "./remembered.js";
+import { practise } from "./practice.js";
+import { inBrowser } from "./remembered.js";
 import { takeScreening } from "./screening.js";
 import { beginSession, completeStage, eraseOwnData, markComprehension, readPractice, readSession, resumeSession, stayWith, tellTurnedAway, withdraw } from "./session.js";
 import { offerSingleKeys } from "./single-keys.js";
@@ -50,20 +51,9 @@ const shelf = openShelf(() => (byId("not-stored").hidden = false));
 const technique = await bestTechnique(byId("browser-check").dataset);
 const trials = new Trials(byId("trial"), technique, breakEvery);
 const questionnaire = /** @type {HTMLFormElement | null} */ (document.getElementById("questionnaire"));
-/** @type {Outbox} */
-let outbox; // of the session; undefined before it has begun
-/** @type {OpenLook} */
-let openLook; // of the session, too
-/** @type {object[]} rounds of practice */
-const practised = [];
-let wrongAnswers = 0;
-let pageKey = ""; // under which the tab remembers the open page of the session's instructions
+/** @type {OwnSession} */
+let own; // undefined before it has begun
 let agreedText = ""; // digest of the consent's text that was agreed to before the session began
-/** @type {import("./session.js").Ending | null} */
-let ending = null; // of the session
-let lighterKey = ""; // under which the browser remembers that the session's films are those for slow lines
-let consentKey = ""; // under which the tab remembers the digest of the consent's text that was agreed to
-let breakKey = ""; // under which the browser remembers the answers before the last break, and when one may go on
 let isUnderWay = false; // see `guarded`
 let stopClock = () => {}; // of a break
 
@@ -106,7 +96,7 @@ for (const id of ["practise", "practise-again"]) document.getElementById(id)?.ad
 document.getElementById("end-practice")?.addEventListener("click", endPractice);
 questionnaire?.addEventListener("submit", sendInterview);
 questionnaire?.addEventListener("keydown", stayOnEnter);
-questionnaire?.addEventListener("input", () => keepDraft(questionnaire, outbox.owner));
+questionnaire?.addEventListener("input", () => keepDraft(questionnaire, own.id));
 document.getElementById("begun")?.addEventListener("click", askForCode);
 byId("known").addEventListener("submit", goOnByCode);
 offerWithdrawal(leaveForGood, (isErasing) => (isErasing ? eraseOwnData() : withdraw()).catch(() => {}));
@@ -149,7 +139,7 @@ function askForCode() {
 
 /** Goes on with the session that this page has lost; at the door, where there is none yet, the form itself leads there. @param {Event} event */
 function goOnByCode(event) {
-  if (!outbox) return;
+  if (!own) return;
   event.preventDefault();
   const given = String(new FormData(/** @type {HTMLFormElement} */ (event.currentTarget)).get("resume_code"));
   guarded(async () => {
@@ -160,7 +150,7 @@ function goOnByCode(event) {
       refuseCode();
       return;
     }
-    await outbox.emptied().catch(() => {}); // the code may be another session's
+    await own.outbox.emptied().catch(() => {}); // the code may be another session's
     location.reload();
   });
 }
@@ -212,8 +202,8 @@ async function resume() {
 /** Sends what is left in this browser and leads to where the session then is. @param {Session} before */
 async function goOn(before) {
   if (before.stage !== "withdrawn") {
-    await openLook.settle(outbox);
-    await outbox.emptied();
+    await own.openLook.settle(own.outbox);
+    await own.outbox.emptied();
   }
   const session = await patiently(readSession); // counts the votes that were still in this browser
   tellSession(session);
@@ -221,7 +211,7 @@ async function goOn(before) {
     endByFilm();
     return;
   }
-  trials.lastBreak = restOfBreak(session.progress.done) ? 0 : session.progress.done;
+  trials.lastBreak = own.rested_s(session.progress.done) < leastBreak_s ? 0 : session.progress.done;
   if (session.stage !== "trial") await goTo(session);
   else if (session.was_away_long) showInstructions(1);
   else show("resume");
@@ -242,7 +232,7 @@ function watchLine(session) {
   const notice = byId("slow-line");
   const meanwhile = session.study.exposure_s + VOTING_S; // the next film comes during a trial
   if (trials.shouldLighten(meanwhile + SHORTEST_WAIT_S)) {
-    inBrowser.set(lighterKey, "yes");
+    own.lighten();
     trials.lighten();
     fetchFilms(session).catch(() => {}); // they are fetched when they are shown
     return;
@@ -259,9 +249,8 @@ async function goTo(session) {
 }
 
 function introduce() {
-  const number = Number(inTab.get(pageKey) ?? 0);
   if (!hasAgreed()) show("consent");
-  else showInstructions(Math.max(1, number));
+  else showInstructions(Math.max(1, own.instructions));
 }
 
 /** @param {Event} event */
@@ -269,17 +258,17 @@ function consent(event) {
   const form = /** @type {HTMLFormElement} */ (event.currentTarget);
   if (!isAgreed(form)) return;
   agreedText = form.dataset.sha256 ?? "";
-  if (!outbox) {
+  if (!own) {
     beginNow();
     return;
   }
-  inTab.set(consentKey, agreedText);
+  own.agreedText = agreedText;
   showInstructions(1);
 }
 
 /** Ends without consent: before the session by a word, and after it has begun by withdrawing. */
 function decline() {
-  if (outbox) {
+  if (own) {
     openDialog("withdraw");
     return;
   }
@@ -290,12 +279,12 @@ function decline() {
 /** Whether the participant has agreed, in this tab, to the present text of the consent, or the study asks for none. */
 function hasAgreed() {
   const form = document.getElementById("consent");
-  return !form || inTab.get(consentKey) === form.dataset.sha256;
+  return !form || own.agreedText === form.dataset.sha256;
 }
 
 /** @param {number} number */
 function showInstructions(number) {
-  inTab.set(pageKey, String(number));
+  own.instructions = number;
   show(`instructions-${number}`);
 }
 
@@ -319,10 +308,10 @@ function checkComprehension(event) {
     enterFullScreen();
     const { understood } = await patiently(() => markComprehension(answer));
     if (understood) {
-      await endIntroduction({ comprehension: answer, wrong_answers: wrongAnswers });
+      await endIntroduction({ comprehension: answer, wrong_answers: own.wrongAnswers });
       return;
     }
-    wrongAnswers += 1;
+    own.wrongAnswers += 1;
     showInstructions(1);
   });
 }
@@ -367,33 +356,14 @@ function sendInterview(event) {
   });
 }
 
-/** Practice: shows each pair again until the participant has switched; any choice will do. */
-async function practise() {
-  const pairs = await patiently(readPractice);
-  while (practised.length < pairs.length) {
-    const description = pairs[practised.length];
-    show("trial");
-    const { vote } = await trials.show(description, performance.now());
-    if (!vote) throw new Error("practice is not interrupted");
-    if (vote.viewing.switches.length === 0 && description.media.layout !== "single") {
-      show("practice-again");
-      return;
-    }
-    const { id: _, viewing, ...answer } = vote;
-    const { shown_ms, response_ms, switches } = viewing;
-    practised.push({ trial: description.trial, ...answer, shown_ms, response_ms, n_switches: switches.length });
-  }
-  show("practice-done");
-}
-
 function goOnWithPractice() {
   enterFullScreen();
-  guarded(practise);
+  guarded(async () => show(await practise(own, trials)));
 }
 
 function endPractice() {
   enterFullScreen();
-  guarded(() => completed("practice", { rounds: practised }));
+  guarded(() => completed("practice", { rounds: own.practised }));
 }
 
 /** Keeps Enter in a field from ending the interview. @param {KeyboardEvent} event */
@@ -409,7 +379,7 @@ function goOnWithTrials() {
 async function runTrials() {
   stopClock();
   show("trial");
-  const end = await trials.run(outbox, openLook);
+  const end = await trials.run(own.outbox, own.openLook);
   if (end === "over") {
     await goTo(await patiently(readSession));
     return;
@@ -420,23 +390,16 @@ async function runTrials() {
 
 /** Starts a break's clock, or goes on with that of a break during which the page was left. @param {number} answered */
 function takeBreak(answered) {
-  const rest_s = restOfBreak(answered);
-  if (!rest_s) inBrowser.set(breakKey, `${answered} ${Date.now() + 1000 * leastBreak_s}`);
-  stopClock = startBreak(viewOf("break"), rest_s || leastBreak_s);
-}
-
-/** @param {number} answered trials @returns {number} seconds until one may go on; 0: no such break goes on */
-function restOfBreak(answered) {
-  const [before, until] = (inBrowser.get(breakKey) ?? "").split(" ").map(Number);
-  if (before !== answered || !until) return 0;
-  return Math.min(leastBreak_s, Math.max(0, Math.ceil((until - Date.now()) / 1000))); // clocks may be set
+  const before_s = own.rested_s(answered);
+  const note = (/** @type {number} */ passed_s) => own.rest(answered, passed_s);
+  stopClock = startBreak(viewOf("break"), leastBreak_s, before_s < Infinity ? before_s : 0, note);
 }
 
 /** @param {string} view the last one */
 function end(view) {
   leaveFullScreen();
   show(view);
-  showEnding(viewOf(view), ending);
+  showEnding(viewOf(view), own?.ending ?? null);
 }
 
 /** Withdraws from the study, and deletes what was given where that is wanted; what was not sent is dropped. @param {boolean} isErasing */
@@ -445,17 +408,17 @@ function leaveForGood(isErasing) {
   leaveFullScreen();
   showAtTheEnd("leaving");
   patiently(withdraw)
-    .then((session) => (ending = session.ending)) // before what was given is deleted, which knows the way back
+    .then((session) => (own.ending = session.ending)) // before what was given is deleted, which knows the way back
     .then(() => (isErasing ? eraseForGood() : null))
-    .then(() => outbox.clear())
+    .then(() => own.outbox.clear())
     .then(() => {
       byId("erased").hidden = !isErasing;
       byId("not-erased").hidden = isErasing;
       if (isErasing) begun.forget();
       forgetDraft();
-      openLook.forget();
+      own.openLook.forget();
       showAtTheEnd("withdrawn");
-      showEnding(viewOf("withdrawn"), ending);
+      showEnding(viewOf("withdrawn"), own.ending);
     })
     .catch((error) => explain(error, showAtTheEnd));
 }
@@ -494,7 +457,7 @@ async function guarded(part) {
 
 /** Shows the end of a session whose time has run out; the server refuses whatever comes after. @param {unknown} error */
 async function isTimeOver(error) {
-  if (!outbox || !(error instanceof Refusal) || error.status !== NOT_IN_THIS_STAGE) return false;
+  if (!own || !(error instanceof Refusal) || error.status !== NOT_IN_THIS_STAGE) return false;
   const session = await readSession().catch(() => null);
   if (session?.stage !== "timed_out") return false;
   await goTo(session);
@@ -503,7 +466,7 @@ async function isTimeOver(error) {
 
 /** Ends here where a film failed again: trying it once more would lead in a circle. @param {unknown} error */
 async function hasStopped(error) {
-  if (!outbox || !(error instanceof FilmTrouble)) return false;
+  if (!own || !(error instanceof FilmTrouble)) return false;
   console.error(error);
   const session = await readSession().catch(() => null);
   if (!session?.stopped) return false;
@@ -527,7 +490,7 @@ function explain(error, showView) {
   console.error(error);
   const messages = JSON.parse(page.dataset.messages ?? "{}");
   const problem = JSON.parse(page.dataset.problem ?? "{}");
-  const isAtTheDoor = !outbox;
+  const isAtTheDoor = !own;
   if (isAtTheDoor) inBrowser.forget(beginKey);
   if (isAtTheDoor && error instanceof Refusal && error.status === TEXTS_HAVE_CHANGED) {
     location.reload();
@@ -565,14 +528,9 @@ function sentence(error, problem) {
 async function enterSession(session) {
   inBrowser.forget(beginKey); // the server has answered; the next participant at this browser makes a new key
   stayWith(session.session);
-  outbox = new Outbox(shelf, session.session);
-  openLook = new OpenLook(session.session);
-  pageKey = `instructions of ${session.session}`;
-  consentKey = `consent of ${session.session}`;
-  lighterKey = `films for slow lines of ${session.session}`;
-  breakKey = `break of ${session.session}`;
-  if (inBrowser.get(lighterKey)) trials.lighten();
-  if (agreedText) inTab.set(consentKey, agreedText);
+  own = new OwnSession(shelf, session.session);
+  if (own.isLighter) trials.lighten();
+  if (agreedText) own.agreedText = agreedText;
   if (questionnaire) restoreDraft(questionnaire, session.session);
   tellSession(session);
   if (ON_THE_WAY.has(session.stage)) {
@@ -620,7 +578,7 @@ function tellMinutes(minutes) {
 /** @param {Session} session */
 function tellSession({ study, stage, progress, resume_code, debriefing_html, ...session }) {
   page.dataset.stage = stage;
-  ending = session.ending;
+  own.ending = session.ending;
   trials.minutes = session.minutes;
   tellMinutes(session.minutes);
   begun.keep(resume_code);

@@ -22,6 +22,8 @@ from zipfile import ZipFile
 
 import pytest
 
+from recon.capture.masks.segment import segment_capture
+from recon.studio import SynthParameters, synthesise
 from tests.containers import ROOT, arguments_of, copied_files
 from tests.locks import RECON, SERVER, locked
 
@@ -195,8 +197,8 @@ def test_it_has_the_papers_numbers(server: Installed) -> None:
 def test_it_runs_the_whole_demo(recon: Installed) -> None:
     """With smaller films than its own, of a smaller recording: the demo goes on from what is there."""
     for folder, scene in (("demo/capture", "ball"), ("demo/practice/capture", "box")):
-        recon.run("reconstudy", "capture", "synth", folder, "--scene", scene, "--frames", 2, "--size", "90x160")
-        recon.run("reconstudy", "capture", "segment", folder)
+        synthesise(recon.work / folder, SynthParameters(scene, n_frames=2, size=(90, 160)))
+        segment_capture(recon.work / folder)
     told = recon.run("reconstudy", "demo", "--no-serve", "--participants", 1, "--port", 0, "--size", "160x90")
     assert "To see its pages:    reconstudy demo --out demo\n" in told
     assert "http://" not in told, "links of a server that has ended"

@@ -107,8 +107,8 @@ def test_the_filter_remembers_nothing_across_a_frame_without_foreground(command:
     empty_mask(capture, "S2", 1)
     run = capture.parent / "run"
     command("reconstruct", capture, "-o", run, "--depth", "id")
-    assert np.isnan(np.load(run / "depth/id/S2/0001.npy")).all()
-    matched, filtered = (read_disparity(run / name) for name in ("matched/id/S2/0002.tiff", "depth/id/S2/0002.npy"))
+    assert np.isnan(read_disparity(run / "depth/id/S2/0001.tiff")).all()
+    matched, filtered = (read_disparity(run / name) for name in ("matched/id/S2/0002.tiff", "depth/id/S2/0002.tiff"))
     assert np.array_equal(matched, filtered, equal_nan=True)
 
 
@@ -244,6 +244,7 @@ open(sys.argv[1], "w").write("\\n".join([*head, *faces, *corners, "3 0 1 2", ""]
 """
 
 
+@pytest.mark.slow
 def test_a_programs_mesh_outside_all_masks_is_named(command: Command, capture: Path, tmp_path: Path) -> None:
     (tmp_path / "fuse.py").write_text(TRIANGLE)
     methods = tmp_path / "methods.toml"

@@ -14,6 +14,7 @@ from app.analysis.comparisons.claims import CLAIMS, claim_power
 from app.analysis.comparisons.study_plan import PlannedStudy
 from app.analysis.comparisons.vote_studies import StudyPlan
 from app.analysis.reading.votes_table import VotesTable, votes_from_indices
+from app.analysis.screening.careless import FEWEST_PEOPLE, careless_answers
 from ground.progress import Progress, no_progress
 
 Array = NDArray[np.float64]
@@ -24,6 +25,8 @@ REPORTED = "told apart"  # the claim that a report makes of two conditions
 MOST_PARTICIPANTS = 512
 LARGEST_EFFECT = 4.0  # JOD, or grades
 PLACES = {"one_dataset": "one dataset", "pooled": "all datasets"}  # part of a key -> what is simulated
+CLICKERS, CHECKS, PASSES = 0.1, 5, 0.95  # people who click; identical pairs, as many repeated; passed by honest people
+STUDIES_OF_CLICKERS = 20
 HALVINGS = 9  # of the largest effect: to 0.01
 
 
@@ -46,6 +49,7 @@ def plan_study(
     if not 0 < effect_jod < np.inf:
         raise ValueError(f"effect_jod is {effect_jod}, expected a difference above 0")
     result = planned(plan, rng, effect_jod, replicates=replicates, progress=progress, claim=claim)
+    result["clickers_named"] = clickers_named(plan, effect_jod, rng)
     in_jod = {"effect": "effect_jod"} | {f"detectable_{where}": f"detectable_jod_{where}" for where in PLACES}
     return {in_jod.get(name, name): value for name, value in result.items()}
 
@@ -214,6 +218,55 @@ def simulate_votes(plan: StudyPlan, abilities: Array, rng: np.random.Generator) 
     who, dataset, pair = (part.ravel() for part in np.indices((people, plan.datasets, plan.trials)))
     names = tuple(map(str, range(people))), tuple(map(str, range(plan.datasets))), tuple(map(str, range(n)))
     return votes_from_indices(who, dataset, low[pair], high[pair], choice, names=names)
+
+
+def clickers_named(plan: StudyPlan, effect_jod: float, rng: np.random.Generator) -> dict[str, float] | None:
+    """Return which share of people who click at random a report would name, with its Monte Carlo error.
+
+    A tenth of the people click, or the plan's share of careless ones. Honest people see no difference in 95 % of the
+    pairs that have none.
+
+    Parameters
+    ----------
+    plan : the study
+    effect_jod : true difference of two conditions; the others lie halfway between them
+    rng : Generator
+
+    Returns
+    -------
+    dict, `by_votes` and `with_checks` (five identical and five repeated pairs), each with `…_error`; None with too few
+    people to compare them
+    """
+    if plan.participants < FEWEST_PEOPLE:
+        return None
+    n_clickers = max(1, round((plan.careless or CLICKERS) * plan.participants))
+    clicks = np.arange(plan.participants) >= plan.participants - n_clickers
+    random = np.array([(1 - plan.tie_rate) / 2, (1 - plan.tie_rate) / 2, plan.tie_rate])
+    abilities = np.array([0.5, -0.5, *np.zeros(plan.conditions - 2)]) * effect_jod * np.log(3)
+    shares: dict[str, list[float]] = {"by_votes": [], "with_checks": []}
+    for _ in range(STUDIES_OF_CLICKERS):
+        honest, again = (simulate_votes(replace(plan, spread=plan.spread * k), abilities, rng) for k in (1, 0))
+        same = np.mean(again.choice == simulate_votes(replace(plan, spread=0.0), abilities, rng).choice)
+        drawn = rng.choice(3, len(honest), p=random)
+        votes = replace(honest, choice=np.where(clicks[honest.participant], drawn, honest.choice).astype(np.int8))
+        identical = rng.binomial(CHECKS, np.where(clicks, plan.tie_rate, PASSES)).tolist()
+        repeated = rng.binomial(CHECKS, np.where(clicks, np.sum(random**2), same)).tolist()
+        rows = [
+            {
+                "participant": name,
+                "n_identical": CHECKS,
+                "n_identical_none": none,
+                "n_repeated": CHECKS,
+                "n_repeated_same": n,
+            }
+            for name, none, n in zip(votes.participants, identical, repeated, strict=True)
+        ]
+        for name, checks in (("by_votes", []), ("with_checks", rows)):
+            verdicts = careless_answers(votes, checks)
+            named = [verdicts[who].is_named for who, clicked in zip(votes.participants, clicks, strict=True) if clicked]
+            shares[name].append(float(np.mean(named)))
+    errors = {f"{name}_error": float(np.std(each, ddof=1) / np.sqrt(len(each))) for name, each in shares.items()}
+    return {name: float(np.mean(each)) for name, each in shares.items()} | errors
 
 
 def detectable(

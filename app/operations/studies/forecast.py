@@ -33,6 +33,7 @@ from app.study.trial.trial import PlannedPair
 
 SAMPLED_FRAMES, FEWEST_SAMPLED = 25, 8  # of a film: enough for an encoder to predict from
 SAMPLED_PIXELS = 25e6  # which take some seconds
+MOST_PAIR_FILMS = 1000  # pairs; of full-HD films of 10 s their films take two cores half a day
 CHECKING = 1.45  # time of a film with its check, by that of encoding it alone: 1.38 to 1.52 from 320x180 to 1920x1080
 
 
@@ -110,6 +111,17 @@ def _check(compared: StimulusSet, options: StudyOptions, exposure_s: float) -> N
         compared, _ = split_reference(compared, options.reference, 1 if options.protocol in WITH_REFERENCE else 2)
     if options.adaptive_pairs:
         check_adaptive(options.adaptive_pairs, len(compared.conditions))
+
+
+def has_many_pairs(stimulus_set: StimulusSet) -> bool:
+    """Are there too many pairs to make a film of each, which takes hours?"""
+    counted = (len(stimulus_set.of_dataset(dataset)) for dataset in stimulus_set.datasets)
+    return sum(n * (n - 1) // 2 for n in counted) > MOST_PAIR_FILMS
+
+
+def with_pair_films(options: StudyOptions) -> StudyOptions:
+    """Return the options of the same study with a film of each pair, which every browser plays."""
+    return options.but(pair_films="made")
 
 
 def without_pair_films(options: StudyOptions) -> StudyOptions:

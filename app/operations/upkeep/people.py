@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from app.errors import InvalidError
+from collections.abc import Mapping
+
+from app.errors import ConflictError, InvalidError
 from app.operations.upkeep.erasure import erase_participant
 from app.settings import Settings
 from app.store.database.engine import Database
+from app.store.participants.interviews import keep_spoken, spoken_of
 from app.store.participants.participants import (
     check_not_erased,
     exclude,
@@ -20,8 +23,10 @@ from app.store.studies.audit import Actor
 from app.store.studies.studies import Study
 from app.store.trials.sessions import new_resume_code
 from app.study.options.options import parse_options
+from app.study.questions.questionnaire import LONGEST_ANSWER
 from app.study.screening.screening import EnteredResult, check_entered
 
+NOTHING_SHOWN: Mapping[str, str] = {}
 AGAIN = "takes part again"  # why what somebody gave before counts no more
 
 
@@ -89,3 +94,42 @@ def enter_screening(database: Database, study: Study, label: str, entered: Enter
         check_not_erased(connection, participant.id)
         enter_result(connection, participant.id, entered, actor.name, actor.now)
         actor.note(connection, "screening result entered", study, label, test=entered.test)
+
+
+def note_interview(
+    database: Database,
+    study: Study,
+    label: str,
+    noted: Mapping[str, str],
+    actor: Actor,
+    shown: Mapping[str, str] = NOTHING_SHOWN,
+) -> None:
+    """Keep what a participant said in the spoken interview; a question that is not noted keeps its answer.
+
+    Parameters
+    ----------
+    noted : answers by question
+    shown : the answers as whoever notes saw them; one that is unchanged was not noted here
+
+    Raises
+    ------
+    InvalidError
+        If the study does not ask a question, or an answer is too long.
+    ConflictError
+        If somebody else has noted another answer meanwhile.
+    """
+    with database.writing() as connection:
+        participant = participant_labelled(connection, study.id, label)
+        check_not_erased(connection, participant.id)
+        kept = spoken_of(connection, participant.id)
+        known = {*parse_options(study.options).spoken_questions, *kept}
+        changed = {asked: said for asked, said in noted.items() if said != shown.get(asked)}
+        if unknown := sorted(set(changed) - known):
+            raise InvalidError(f"This study does not ask {unknown[0]!r:.80}.")
+        if long := [asked for asked, said in changed.items() if len(said) > LONGEST_ANSWER]:
+            raise InvalidError(f"The answer to {long[0]!r:.80} is longer than {LONGEST_ANSWER} characters.")
+        others = {asked for asked, said in shown.items() if kept.get(asked, "") not in (said, changed.get(asked))}
+        if lost := sorted(others & changed.keys()):
+            raise ConflictError(f"Somebody else has noted something on {lost[0]!r:.80} meanwhile. Nothing was kept.")
+        keep_spoken(connection, participant.id, changed, actor.name, actor.now)
+        actor.note(connection, "interview noted", study, label)

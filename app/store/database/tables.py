@@ -26,6 +26,7 @@ from sqlalchemy import (
 
 from app.store.database.engine import UtcDateTime
 from app.store.database.schema import digest, metadata, reference, required, table, unique_where
+from app.store.database.steady_clock import running_s, this_start
 
 
 def film() -> tuple[Column[Any], ...]:
@@ -227,6 +228,8 @@ session = table(
     Column("begin_hash", String(64), unique=True, index=True),  # of the key that the client made; NULL: it made none
     required("stage", String(40)),
     required("started_at", UtcDateTime),
+    Column("machine_start", String(36), default=this_start),  # in which it began; NULL: not known
+    Column("running_s", Float, default=running_s),  # when it began, by the clock of that start
     Column("finished_at", UtcDateTime),
     Column("withdrawn_at", UtcDateTime),
     Column("language", String(40)),  # of its texts, chosen once; NULL: begun by another client than the page

@@ -78,6 +78,13 @@ class ShownPair:
     bottom: str
 
 
+_TOP, _BOTTOM = stimulus.alias("top"), stimulus.alias("bottom")
+_TOP_CONDITION, _BOTTOM_CONDITION = condition.alias("top_condition"), condition.alias("bottom_condition")
+PAIR_NAMES = (
+    dataset.c.name.label("dataset"),
+    _TOP_CONDITION.c.name.label("top"),
+    _BOTTOM_CONDITION.c.name.label("bottom"),
+)
 SECOND_CODEC = second_film.c.codec.label("second_codec")
 
 
@@ -425,21 +432,17 @@ def shown_pairs(connection: Connection, study_id: int) -> dict[int, ShownPair]:
 
 def _named_pairs(study_id: int, *columns: Column[Any]) -> Select[Any]:
     """Select a study's pairs: the names of dataset, top and bottom condition, then other columns."""
-    top, bottom = stimulus.alias(), stimulus.alias()
-    top_condition, bottom_condition = condition.alias(), condition.alias()
-    names = (
-        dataset.c.name.label("dataset"),
-        top_condition.c.name.label("top"),
-        bottom_condition.c.name.label("bottom"),
-    )
+    return with_pair_names(select(*PAIR_NAMES, *columns).select_from(pair)).where(dataset.c.study_id == study_id)
+
+
+def with_pair_names(query: Select[Any]) -> Select[Any]:
+    """Join what `PAIR_NAMES` are read from to a query of pairs."""
     return (
-        select(*names, *columns)
-        .select_from(pair.join(dataset, pair.c.dataset_id == dataset.c.id))
-        .join(top, pair.c.top_id == top.c.id)
-        .join(bottom, pair.c.bottom_id == bottom.c.id)
-        .join(top_condition, top.c.condition_id == top_condition.c.id)
-        .join(bottom_condition, bottom.c.condition_id == bottom_condition.c.id)
-        .where(dataset.c.study_id == study_id)
+        query.join(dataset, pair.c.dataset_id == dataset.c.id)
+        .join(_TOP, pair.c.top_id == _TOP.c.id)
+        .join(_BOTTOM, pair.c.bottom_id == _BOTTOM.c.id)
+        .join(_TOP_CONDITION, _TOP.c.condition_id == _TOP_CONDITION.c.id)
+        .join(_BOTTOM_CONDITION, _BOTTOM.c.condition_id == _BOTTOM_CONDITION.c.id)
     )
 
 

@@ -7,6 +7,7 @@ from datetime import datetime, timedelta
 
 from sqlalchemy import ColumnElement, Connection, and_, case, exists, false, func, or_, select, update
 
+from app.store.database.steady_clock import running_s_before, this_start
 from app.store.database.tables import assignment, participant, session, stage_record, trial, vote
 from app.store.participants.exclusions import is_excluded, takes_part_in
 from app.store.studies.studies import Study
@@ -14,6 +15,7 @@ from app.store.trials.designs import planned_pairs, stimulus_names
 from app.study.design.adaptive import adaptive_pairs
 from app.study.design.balance import OrderPlan, TakenOrder
 from app.study.options.options import parse_options
+from app.study.options.recruiting import LimitOptions
 from app.study.stages import ENDS, FINISHED, INTERVIEW, SCREENED_OUT, TIMED_OUT, WITHDRAWN
 from app.study.trial.trial import MAIN, PlannedPair, PlannedTrial
 
@@ -151,18 +153,33 @@ def taken_orders(connection: Connection, study: Study, now: datetime) -> list[Ta
     ]
 
 
+def is_late(limits: LimitOptions, now: datetime) -> ColumnElement[bool]:
+    """SQL condition: the time that a study gives each participant to the last vote is over."""
+    if not limits.minutes:
+        return false()
+    return and_(session.c.stage.not_in((*ALL_VOTED, *ENDS)), _began_before(timedelta(minutes=limits.minutes), now))
+
+
+def _began_before(passed: timedelta, now: datetime) -> ColumnElement[bool]:
+    """SQL condition: a session began so long ago, whatever was done to the wall clock since the machine started."""
+    is_of_this_start = and_(session.c.machine_start == this_start(), session.c.machine_start.is_not(None))
+    return case(
+        (is_of_this_start, session.c.running_s < running_s_before(passed)), else_=session.c.started_at < now - passed
+    )
+
+
 def _is_given_up(study: Study, now: datetime) -> ColumnElement[bool]:
-    begun_before = parse_options(study.options).limits.begun_before(now)
     is_abandoned = and_(session.c.stage.not_in(ALL_VOTED), _is_silent(study, now))
-    is_late = and_(session.c.stage.not_in(ALL_VOTED), session.c.started_at < begun_before) if begun_before else false()
-    return or_(session.c.stage.in_((WITHDRAWN, TIMED_OUT, SCREENED_OUT)), is_abandoned, is_late, is_excluded())
+    has_ended = session.c.stage.in_((WITHDRAWN, TIMED_OUT, SCREENED_OUT))
+    return or_(has_ended, is_abandoned, is_late(parse_options(study.options).limits, now), is_excluded())
 
 
 def _is_silent(study: Study, now: datetime) -> ColumnElement[bool]:
     """SQL condition: nothing came from the participant for as many hours as the study's options say."""
-    long_ago = now - timedelta(hours=parse_options(study.options).abandoned_after_h)
+    silent = timedelta(hours=parse_options(study.options).abandoned_after_h)
+    long_ago = now - silent
     heard_of = (
         exists().where(vote.c.session_id == session.c.id, vote.c.received_at >= long_ago),
         exists().where(stage_record.c.session_id == session.c.id, stage_record.c.completed_at >= long_ago),
     )
-    return and_(session.c.started_at < long_ago, *(~signal for signal in heard_of))
+    return and_(_began_before(silent, now), *(~signal for signal in heard_of))

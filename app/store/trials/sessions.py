@@ -14,7 +14,7 @@ from app.store.database.engine import Database
 from app.store.database.keys import digest, new_secret, resume_code, resumed_token, typed_code
 from app.store.database.tables import participant, session, shown_texts, stage_record, study, trial, vote
 from app.store.participants.screening import close_screening
-from app.store.trials.orders import ALL_VOTED
+from app.store.trials.orders import ALL_VOTED, is_late
 from app.study.options.options import StudyOptions, parse_options
 from app.study.stages import (
     ENDS,
@@ -181,12 +181,14 @@ def withdraw(database: Database, leaving: Session, now: datetime) -> None:
 
 def end_overdue(database: Database, late: Session, now: datetime) -> Session:
     """End a session whose time is over, as the study limits it; returns the session as it is then."""
-    begun_before = late.options.limits.begun_before(now)
-    if begun_before is None or late.started_at >= begun_before or late.stage in (*ALL_VOTED, *ENDS):
+    overdue = (session.c.id == late.id, is_late(late.options.limits, now))
+    if not late.options.limits.minutes or late.stage in (*ALL_VOTED, *ENDS):
         return late
+    with database.reading() as connection:
+        if connection.scalar(select(session.c.id).where(*overdue)) is None:
+            return late
     with database.writing() as connection:
-        going_on = (session.c.id == late.id, session.c.stage.not_in((*ALL_VOTED, *ENDS)))
-        connection.execute(update(session).where(*going_on).values(stage=TIMED_OUT))
+        connection.execute(update(session).where(*overdue).values(stage=TIMED_OUT))
         ended = _session(connection, session.c.id == late.id)
     assert ended is not None
     return ended

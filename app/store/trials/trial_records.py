@@ -12,18 +12,17 @@ from sqlalchemy import Connection, Row, Select, func, select
 from app.store.database.engine import Database
 from app.store.database.tables import (
     assignment,
-    condition,
     dataset,
     exclusion,
     pair,
     participant,
     session,
-    stimulus,
     study,
     trial,
     vote,
 )
 from app.store.participants.exclusions import in_force, sessions_in, takes_part_in
+from app.store.trials.designs import PAIR_NAMES, with_pair_names
 from app.store.trials.trials import is_voted_on
 from app.study.protocols import PC, SHOWN_ALONE, WITH_REFERENCE
 from app.study.trial.smoothness import smoothness
@@ -190,18 +189,14 @@ def described(row: Row[Any], protocol: str, reference: str) -> dict[str, Any]:
 
 def all_records() -> Select[Any]:
     """Select all trials of all studies with what `described` needs."""
-    top, bottom = stimulus.alias("top"), stimulus.alias("bottom")
-    top_condition, bottom_condition = condition.alias("top_condition"), condition.alias("bottom_condition")
-    return (
+    given = (
         select(
             trial.c.public_id,
             session.c.public_id.label("session"),
             participant.c.label.label("participant"),
             assignment.c.position,
             trial.c.attempt,
-            dataset.c.name.label("dataset"),
-            top_condition.c.name.label("top"),
-            bottom_condition.c.name.label("bottom"),
+            *PAIR_NAMES,
             assignment.c.a_half,
             assignment.c.first_shown,
             assignment.c.role,
@@ -225,14 +220,8 @@ def all_records() -> Select[Any]:
         .join(participant, session.c.participant_id == participant.c.id)
         .join(assignment, trial.c.assignment_id == assignment.c.id)
         .join(pair, assignment.c.pair_id == pair.c.id)
-        .join(dataset, pair.c.dataset_id == dataset.c.id)
-        .join(top, pair.c.top_id == top.c.id)
-        .join(bottom, pair.c.bottom_id == bottom.c.id)
-        .join(top_condition, top.c.condition_id == top_condition.c.id)
-        .join(bottom_condition, bottom.c.condition_id == bottom_condition.c.id)
-        .outerjoin(vote, is_voted_on())
-        .outerjoin(exclusion, in_force(participant.c.id))
     )
+    return with_pair_names(given).outerjoin(vote, is_voted_on()).outerjoin(exclusion, in_force(participant.c.id))
 
 
 @dataclass(frozen=True)

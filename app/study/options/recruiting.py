@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from datetime import datetime, timedelta
+from datetime import datetime
 from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import BeforeValidator, Field, StringConstraints, model_validator
@@ -223,10 +223,6 @@ class LimitOptions(Options):
         """Is nobody more to be taken in while so many have finished and so many are under way?"""
         is_finished = bool(self.finished) and n_finished + n_under_way >= self.finished
         return is_finished or (bool(self.under_way) and n_under_way >= self.under_way)
-
-    def begun_before(self, now: datetime) -> datetime | None:
-        """Return when the participants began whose time is over now; None: it never is."""
-        return now - timedelta(minutes=self.minutes) if self.minutes else None
 
 
 def _encoded(value: str) -> str:

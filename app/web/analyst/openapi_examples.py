@@ -164,6 +164,7 @@ EXAMPLES |= {
     "SetBody": {"name": "Temple, first light", "levels": {"approach_1": {"light": "side"}}},
     "TextsBody": {"revision": 4, "texts": {"study.consent": "I take part of my own free will."}},
     "LabelBody": {"label": "Ada Example <ada@example.org>"},
+    "InterviewBody": {"answers": {"What did you look at?": "Mostly the faces."}},
     "EnteredBody": {
         "test": "acuity",
         "instrument": "Landolt C chart at 4 m",

@@ -14,6 +14,8 @@ from app.operations.upkeep.people import (
     erase_person,
     exclude_person,
     include_person,
+    let_take_part_again,
+    note_interview,
     renew_code,
     withdraw_person,
 )
@@ -24,6 +26,7 @@ from app.store.participants.recruits import recruit_records
 from app.store.studies.audit import Actor, Entry, record
 from app.store.studies.studies import Study
 from app.study.options.options import parse_options
+from app.study.questions.questionnaire import LONGEST_ANSWER
 from app.study.screening.screening import EnteredResult, TestName
 from app.web.analyst import columns
 from app.web.analyst.compression import CompressedRoute
@@ -53,6 +56,13 @@ class EnteredBody(Body):
     result: Annotated[Line, Field(description="as it was read")]
     verdict: Literal["passed", "failed"]
     logmar: Annotated[float | None, Field(ge=-1, le=3, allow_inf_nan=False, description="of acuity")] = None
+
+
+class InterviewBody(Body):
+    answers: Annotated[
+        dict[Annotated[str, StringConstraints(max_length=LONGEST_ANSWER)], str],
+        Field(description="what was said, by the question as the study asks it"),
+    ]
 
 
 class ExclusionView(BaseModel):
@@ -118,6 +128,23 @@ def enter_screening_result(
 ) -> Response:
     """Enter the result of a test beside the screen, such as a printed chart; the newest of a test counts."""
     enter_screening(database, study, label, EnteredResult(**body.model_dump()), actor)
+    return Response(status_code=204)
+
+
+@router.post(f"{BASE}/again", status_code=204, response_class=Response)
+def take_part_again(label: Label, actor: Excluder, study: AStudy, database: Store) -> Response:
+    """Let somebody begin anew by the same link, after bad luck; what they gave before stays, and counts no more."""
+    let_take_part_again(database, study, label, actor)
+    return Response(status_code=204)
+
+
+@router.put(f"{BASE}/interview", status_code=204, response_class=Response)
+def note_spoken_answers(body: InterviewBody, label: Label, actor: Excluder, study: AStudy, database: Store) -> Response:
+    """Note what a participant said in the spoken interview; the questions left out keep their answers.
+
+    The table `questionnaire` has all answers.
+    """
+    note_interview(database, study, label, body.answers, actor)
     return Response(status_code=204)
 
 

@@ -56,6 +56,7 @@ def only(rows: list[dict[str, Any]], **wanted: str) -> list[dict[str, Any]]:
     return [row for row in rows if all(row[key] == value for key, value in wanted.items())]
 
 
+@pytest.mark.slow
 def test_every_table_is_described_and_has_the_columns_that_are_explained() -> None:
     votes = study(datasets=("ball", "box", "cup"))
     analysis = analyse(votes, AnalysisSettings(factors=FACTORS, order_effect=True, random_effects="participants"))

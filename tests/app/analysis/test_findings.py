@@ -136,6 +136,7 @@ def test_a_measure_that_goes_against_the_scores_is_not_said_to_go_with_them() ->
     assert alone.startswith("It is not shown that the objective measure predicts the scores. Shown to go against")
 
 
+@pytest.mark.slow
 def test_the_order_of_showing_is_told_with_its_direction() -> None:
     votes = votes_by(dict.fromkeys("abcd", 0.0), 30)
     helped = [
@@ -246,6 +247,7 @@ def test_a_single_participant_says_nothing_about_other_people() -> None:
     assert not {"best", "worst", "told apart"} & set(text)
 
 
+@pytest.mark.slow
 def test_a_single_participant_on_several_datasets_gets_a_report(tmp_path: Path) -> None:
     votes = [vote | {"dataset": name} for name in ("x", "y", "z") for vote in votes_by(CLEAR, 1, seed=ord(name))]
     write_analysis(analyse(votes_from_rows(votes)), tmp_path)
@@ -257,6 +259,7 @@ def test_groups_that_no_vote_links_are_not_ranked() -> None:
     assert sentences(votes)["ranking"].startswith("No vote links these groups of conditions: {a and b}; {c and d}.")
 
 
+@pytest.mark.slow
 def test_a_condition_without_a_vote_that_counts_is_named() -> None:
     votes = votes_by(CLEAR, 12)
     practice = votes[0] | {"item_a": "new", "first_shown": "new", "practice": True}
@@ -264,6 +267,7 @@ def test_a_condition_without_a_vote_that_counts_is_named() -> None:
     assert "missing" not in sentences([*votes, practice | {"practice": False}])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_conditions", [2, 200])
 def test_two_and_two_hundred_conditions_are_ranked(n_conditions: int) -> None:
     names = [f"c{number}" for number in range(n_conditions)]

@@ -232,6 +232,7 @@ def test_every_sentence_that_is_checked_is_said_of_some_kind(analyses: Analysed)
         assert claim in texts, claim
 
 
+@pytest.mark.slow
 def test_of_random_measures_none_is_said_to_go_with_the_scores() -> None:
     rng = np.random.default_rng(3)
     measures = {
@@ -242,6 +243,7 @@ def test_of_random_measures_none_is_said_to_go_with_the_scores() -> None:
     assert said(analysis, "measures").startswith("It is not shown that any of the 12 objective measures")
 
 
+@pytest.mark.slow
 def test_a_share_of_people_is_not_said_where_nothing_differs() -> None:
     for spread in (0.0, 0.4):
         analysis = analyse(votes_of(Truth(spread=spread)), AnalysisSettings(random_effects="participants"))
@@ -251,6 +253,7 @@ def test_a_share_of_people_is_not_said_where_nothing_differs() -> None:
     assert claim
 
 
+@pytest.mark.slow
 def test_results_before_the_planned_number_are_interim() -> None:
     votes = votes_of(Truth(CLEAR, people=11))
     early = analyse(votes, AnalysisSettings(planned_participants=22))
@@ -282,6 +285,7 @@ def test_groups_that_no_vote_links_have_scores_and_pairs_of_their_own() -> None:
     assert said(analysis, "ranking").count("Within {") == 2
 
 
+@pytest.mark.slow
 def test_a_single_participant_is_warned_of_once() -> None:
     votes = votes_of(Truth(CLEAR))
     analysis = analyse(votes.where(votes.participant == 0), AnalysisSettings(factors=FACTORS))

@@ -53,6 +53,7 @@ def test_an_address_for_links_that_leads_nowhere_is_refused(command: Command, ur
     assert "is no address of a server; expected" in told.err
 
 
+@pytest.mark.slow
 def test_the_links_that_a_server_shows_are_those_of_studies_that_take_people(
     command: Command, monkeypatch: pytest.MonkeyPatch, stimuli: Path
 ) -> None:

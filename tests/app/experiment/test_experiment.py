@@ -29,6 +29,7 @@ from app.experiment.voted import is_against
 from app.intake.reports import Measure
 from app.simulation.rating import LOG_ODDS_OF_SCALE
 from recon.capture.format import read_capture
+from recon.depth import DEFAULTS, PmParameters
 from recon.methods.approaches import DEPTH_METHODS, FUSION_METHODS, approaches
 from recon.runtime.workers import no_progress
 from recon.studio import SynthParameters
@@ -335,9 +336,10 @@ def test_reports_on_approaches_of_an_earlier_start_do_not_count(
 
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The scale `small`, but so that it takes twenty seconds: one scene, one ball, three people."""
+    """The scale `small`, but so that it takes twenty seconds: one scene, one ball, three people, two sweeps of PM."""
     scale = reconstruction.Scale((108, 192), (140, 140), 2, 10.0, 1, 1, (96, 54), 25.0, 0.2, ("ball",))
     monkeypatch.setitem(reconstruction.SCALES, "small", scale)
+    monkeypatch.setitem(DEFAULTS, "pm", PmParameters(sweeps=2))
     monkeypatch.setattr(recon.validation.truth.evaluation, "N_SAMPLES", 2000)
     monkeypatch.setattr(recon.validation.cloud_quality.evaluation, "USUAL_POINTS", 2000)
     for name, value in {"N_PEOPLE": 3, "N_MEN": 1, "N_TRAINED": 2, "LACKING": 1}.items():

@@ -186,6 +186,7 @@ def test_a_store_that_browsers_cannot_reach_is_refused(url: str, complaint: str)
         MediaStore(url)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("keys", "complaint"), [({}, "Unable to locate credentials"), (KEYS, "Could not connect to")])
 def test_a_store_without_its_keys_or_its_host_is_named_in_one_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keys: dict[str, str], complaint: str

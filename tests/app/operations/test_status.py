@@ -46,6 +46,7 @@ def test_an_empty_address_of_a_database_is_none(tmp_path: Path) -> None:
     assert Settings(data_dir=tmp_path, database_url="").url == Settings(data_dir=tmp_path).url
 
 
+@pytest.mark.slow
 def test_a_folders_second_server_leaves_the_first_one_noted(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path)
     with running_server(settings) as first, noted(settings, first):
@@ -72,6 +73,7 @@ def test_a_server_that_is_told_to_end_is_noted_no_longer(tmp_path: Path, how: si
     assert not (tmp_path / "server.json").exists()
 
 
+@pytest.mark.slow
 def test_commands_print_links_of_the_server_that_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> None:

@@ -51,6 +51,7 @@ def test_the_better_item_wins_whatever_its_label(
     assert Counter(vote["choice"] for vote in votes) == {"a": 12, "b": 12}  # labels are balanced over four
 
 
+@pytest.mark.slow
 def test_an_invitation_is_taken_that_has_places_left(server: str, settings: Settings, new_study: NewStudy) -> None:
     study = new_study()
     with open_database(settings.url) as database, database.writing() as connection:

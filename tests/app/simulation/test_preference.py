@@ -16,6 +16,7 @@ abilities = st.floats(-50, 50)
 tie_rates = st.floats(0, 0.99)
 
 
+@pytest.mark.slow
 @given(abilities, abilities, tie_rates)
 def test_probabilities_sum_to_one_and_mirror(a: float, b: float, tie_rate: float) -> None:
     p_a, p_b, p_none = choice_probabilities(a, b, tie_rate)

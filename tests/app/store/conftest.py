@@ -9,6 +9,7 @@ import pytest
 
 from app.store.database.engine import Database
 from app.store.participants.invitations import Invitation, insert_invitation, invitation_by_code
+from app.store.trials import orders
 from tests.seeded_studies import NOW, seed_study
 
 MakeInvitation = Callable[[int | None], Invitation]
@@ -17,6 +18,12 @@ MakeInvitation = Callable[[int | None], Invitation]
 @pytest.fixture
 def now() -> datetime:
     return NOW
+
+
+@pytest.fixture(autouse=True)
+def times_that_tests_say(monkeypatch: pytest.MonkeyPatch) -> None:
+    """How long ago a session began is told by the times that a test passes in, as after a new start of the machine."""
+    monkeypatch.setattr(orders, "this_start", lambda: None)
 
 
 @pytest.fixture

@@ -38,6 +38,7 @@ def test_the_hierarchy_finds_what_the_full_search_finds() -> None:
         assert (found[visible] == truth[visible]).mean() > 0.98
 
 
+@pytest.mark.slow
 def test_id_is_whole_and_dr_is_not() -> None:
     pair, truth = layered_pair()
     whole, fine = match_id(pair), match_dr(pair)
@@ -70,6 +71,7 @@ def test_one_thread_and_two_give_the_same_bits(matcher: Matcher) -> None:
     np.testing.assert_array_equal(found[0], found[1])
 
 
+@pytest.mark.slow
 @every_matcher
 def test_a_mask_costs_no_more_than_its_box(matcher: Matcher) -> None:
     pair, _ = layered_pair()

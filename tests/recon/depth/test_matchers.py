@@ -62,6 +62,7 @@ def test_texture_in_one_view_alone_matches_nothing(matcher: Matcher) -> None:
         assert np.isnan(matcher(StereoPair(texture(), plain, 12))).all()
 
 
+@pytest.mark.slow
 @every_matcher
 def test_what_lies_behind_the_mask_is_unmatched_and_changes_nothing(matcher: Matcher) -> None:
     pair = shifted_pair(4)

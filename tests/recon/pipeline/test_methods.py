@@ -274,6 +274,7 @@ def test_a_methods_file_that_is_moved_with_its_programs_means_the_same(tmp_path:
     assert set(keys[0]["files"]) == {sys.executable, "match.py"}
 
 
+@pytest.mark.slow
 def test_match_takes_a_method_of_a_methods_file(command: Command, tmp_path: Path) -> None:
     pair = shifted_pair(5)
     for side, image in (("left", pair.left), ("right", pair.right)):
@@ -350,7 +351,7 @@ def test_a_parameter_of_table_2_changes_the_depth(capture: Capture, tmp_path: Pa
     path.write_text(f'[depth.changed]\nmethod = "dr"\n{change}\n')
     options = ReconstructOptions(depths=("dr", "changed"), fusions=("fb",), methods=read_methods(path))
     reconstruct(capture.folder, run, options)
-    depths = [read_disparity(run / f"depth/{method}/S1/0001.npy") for method in ("dr", "changed")]
+    depths = [read_disparity(run / f"depth/{method}/S1/0001.tiff") for method in ("dr", "changed")]
     assert not np.array_equal(*depths, equal_nan=True)
 
 

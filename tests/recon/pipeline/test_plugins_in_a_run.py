@@ -91,6 +91,7 @@ def test_a_plug_in_matches_with_its_parameters_and_those_of_a_methods_file(packa
     assert np.isnan(disparity[~mask]).all()
 
 
+@pytest.mark.slow
 def test_a_plug_in_fuses_with_the_voxel_of_the_run(packages: Path, tmp_path: Path) -> None:
     flat_package(packages, "others_coarse")
     methods = variants(tmp_path, '[fusion.coarser]\nmethod = "coarse"\ntimes = 5\n')

@@ -209,12 +209,16 @@ def test_a_start_with_other_options_that_is_stopped_leaves_no_run(capture: Captu
     assert reconstruct(capture.folder, changed, options)["options"]["surface"]["voxel_mm"] == 60.0
 
 
+@pytest.mark.slow
 def test_integer_disparities_stay_whole_when_they_are_filtered_in_time(run: Path) -> None:
-    for path in (run / "depth/id").rglob("*.npy"):
-        disparity = np.load(path)
+    paths = list((run / "depth/id").rglob("*.tiff"))
+    assert paths
+    for path in paths:
+        disparity = read_disparity(path)
         assert np.array_equal(disparity, np.rint(disparity), equal_nan=True)
 
 
+@pytest.mark.slow
 def test_balanced_colours_make_other_colours_and_the_same_shapes(capture: Capture, run: Path, tmp_path: Path) -> None:
     again = Path(copytree(run, tmp_path / "run"))
     reconstruct(capture.folder, again, ReconstructOptions(depths=("id",), balance_colours=True))
@@ -336,6 +340,7 @@ def test_another_path_makes_other_videos_and_the_same_path_none(run: Path, tmp_p
     assert not made[1].items() & made[2].items()
 
 
+@pytest.mark.slow
 def test_all_approaches_of_a_run_have_the_cameras_that_are_written(run: Path, tmp_path: Path) -> None:
     films = films_of(run, SMALL)
     texts = []
@@ -348,6 +353,7 @@ def test_all_approaches_of_a_run_have_the_cameras_that_are_written(run: Path, tm
         assert np.allclose(camera.cam_from_world, expected.cam_from_world, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_runs_of_one_dataset_with_other_bounds_would_take_other_paths(run: Path) -> None:
     described = read_run(run)
     source = run_source(described)
@@ -356,6 +362,7 @@ def test_runs_of_one_dataset_with_other_bounds_would_take_other_paths(run: Path)
         planned_films([source, run_source(wider)], SMALL, ThisProcess(), lambda *_: None)
 
 
+@pytest.mark.slow
 def test_a_set_is_not_rendered_by_the_path_that_it_would_replace(run: Path, tmp_path: Path) -> None:
     written = tmp_path / "paths/ball.json"
     with pytest.raises(ValueError, match="is written by this command"):
@@ -374,6 +381,7 @@ def test_the_command_offers_each_kind_of_path(command: Command, run: Path, tmp_p
         assert np.allclose(camera.cam_from_world, wanted.cam_from_world, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_command_refuses_a_path_that_is_neither_kind_nor_fitting_file(
     command: Command, run: Path, tmp_path: Path
 ) -> None:
@@ -424,6 +432,7 @@ def test_a_video_that_was_stopped_is_resumed_by_its_parts(run: Path, tmp_path: P
     assert [event for event in seen if event[0] == "video frames"] == [("video frames", 0)], "nothing is rendered again"
 
 
+@pytest.mark.slow
 def test_a_set_whose_films_were_being_replaced_has_no_manifest(run: Path, small_set: Path, tmp_path: Path) -> None:
     changed = copytree(small_set, tmp_path / "set")
 
@@ -441,6 +450,7 @@ def test_a_folder_that_is_no_run_is_named(tmp_path: Path) -> None:
         render([tmp_path], tmp_path / "set", SMALL)
 
 
+@pytest.mark.slow
 def test_a_run_from_before_recordings_were_noted_is_read_as_before(run: Path, tmp_path: Path) -> None:
     older = Path(copytree(run, tmp_path / "run"))
     content = read_json(older / "run.json")

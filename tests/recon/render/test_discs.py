@@ -69,6 +69,7 @@ def test_the_picture_is_that_of_a_slow_sampler(seed: int, n: int) -> None:
     assert difference[~on_an_edge].max() <= 0.51
 
 
+@pytest.mark.slow
 @given(x=st.floats(1, 22), y=st.floats(1, 18), depth=st.floats(10, 1e6))
 def test_a_disc_is_seen_however_far_it_is(x: float, y: float, depth: float) -> None:
     assert drawn(np.array([[x, y, depth]]), WHITE, (1e-3, 1e-3)).any()

@@ -44,6 +44,7 @@ def test_the_same_seed_makes_the_same_bytes_and_another_seed_others(tmp_path: Pa
     assert digest(tmp_path / "a") == digest(tmp_path / "b") != digest(tmp_path / "c")
 
 
+@pytest.mark.slow
 def test_points_of_the_sphere_lie_on_the_sphere(tmp_path: Path) -> None:
     position = (60.0, -40.0, 110.0)
     parameters = SynthParameters("sphere", n_sensors=2, n_frames=1, size=(320, 240), noise=0, position=position)

@@ -8,9 +8,9 @@ from typing import Annotated
 from fastapi import APIRouter, Form, Path, Request
 from fastapi.responses import Response
 
-from app.errors import ConflictError, InvalidError
-from app.store.participants.interviews import keep_spoken, spoken_of
-from app.store.participants.participants import check_not_erased, participant_labelled
+from app.operations.upkeep.people import note_interview
+from app.store.participants.interviews import spoken_of
+from app.store.participants.participants import participant_labelled
 from app.study.options.options import parse_options
 from app.study.questions.questionnaire import LONGEST_ANSWER
 from app.web.admin.layout import see, study_page, unix
@@ -50,22 +50,7 @@ def keep_interview(
     ----------
     seen : the answers as the page showed them; an answer unchanged since was not noted here, and keeps its stored value
     """
-    with database.writing() as connection:
-        participant = participant_labelled(connection, study.id, label)
-        check_not_erased(connection, participant.id)
-        kept = spoken_of(connection, participant.id)
-        known = {*parse_options(study.options).spoken_questions, *kept}
-        shown, noted = _by_question(question, seen), _by_question(question, answer)
-        noted = {asked: said for asked, said in noted.items() if said != shown.get(asked)}
-        if unknown := sorted(set(noted) - known):
-            raise InvalidError(f"This study does not ask {unknown[0]!r:.80}.")
-        if long := [asked for asked, said in noted.items() if len(said) > LONGEST_ANSWER]:
-            raise InvalidError(f"The answer to {long[0]!r:.80} is longer than {LONGEST_ANSWER} characters.")
-        others = {asked for asked, said in shown.items() if kept.get(asked, "") not in (said, noted.get(asked))}
-        if lost := sorted(others & noted.keys()):
-            raise ConflictError(f"Somebody else has noted something on {lost[0]!r:.80} meanwhile. Nothing was kept.")
-        keep_spoken(connection, participant.id, noted, actor.name, actor.now)
-        actor.note(connection, "interview noted", study, label)
+    note_interview(database, study, label, _by_question(question, answer), actor, _by_question(question, seen))
     return see(f"/admin/studies/{study.slug}/participants/{label}/interview?saved=1")
 
 

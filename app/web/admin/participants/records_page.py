@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
@@ -50,6 +48,8 @@ from app.study.stages import ENDS, INTERVIEW, SCREENING
 from app.web.admin.flags import PATIENCE_S, Flags
 from app.web.admin.layout import attachment, see, study_page
 from app.web.admin.listing import listing
+from app.web.analyst.columns import OUTSIDE_IDS
+from app.web.analyst.formats import csv_text
 from app.web.gates import Now, Store, database, now, settings
 from app.web.roles import Acting, AStudy, Looking
 
@@ -106,12 +106,8 @@ def export_outside_ids(person: Looking, study: AStudy, database: Store, moment: 
     with database.writing() as connection:
         rows = recruit_records(connection, study.id, options.code)
         record(connection, person.name, Entry("outside ids exported", study.id, study.slug), moment)
-    text = io.StringIO()
-    table = csv.DictWriter(text, ("participant", "outside_id", "state", "completion_code"), lineterminator="\n")
-    table.writeheader()
-    table.writerows(rows)
     headers = {"Content-Disposition": attachment(f"{study.slug}-outside-ids.csv")}
-    return Response(text.getvalue(), media_type="text/csv; charset=utf-8", headers=headers)
+    return Response(csv_text(rows, list(OUTSIDE_IDS)), media_type="text/csv; charset=utf-8", headers=headers)
 
 
 @router.get("/{label}")

@@ -18,6 +18,8 @@ from app.study.options.study_file import StudyFile
 from app.study.stages import PRACTICE
 from app.web.admin.studies.form import ANSWERS, WAS, WAY, changed_since, options_of, read_values, values_of
 
+SINGLE_FILMS: Mapping[str, Any] = {"pair_films": "decoded", "lighter_films": False, "second_codec": ""}
+
 
 @dataclass(frozen=True)
 class Draft:
@@ -75,19 +77,20 @@ class Draft:
     def as_json(self) -> dict[str, Any]:
         return asdict(self)
 
-    def base(self, *, is_neutral: bool) -> dict[str, Any]:
+    def base(self, *, is_neutral: bool, has_many_pairs: bool = False) -> dict[str, Any]:
         """Return what is filled in where nothing was typed, by setting.
 
         Parameters
         ----------
         is_neutral : do the films show anything? Then no words speak of models
+        has_many_pairs : too many to make a film of each? Then browsers decode single ones
         """
         options = read_options(None, {}, self.preset)
         values = values_of(StudyFile(name="", options=neutral_words(options) if is_neutral else options))
-        return values | self._outside(is_complete=False)
+        return {**values, **(SINGLE_FILMS if has_many_pairs else {}), **self._outside(is_complete=False)}
 
-    def study(self) -> StudyFile:
-        """Return the study that the form describes.
+    def study(self, *, has_many_pairs: bool = False) -> StudyFile:
+        """Return the study that the form describes; `has_many_pairs` as for `base`.
 
         Raises
         ------
@@ -96,7 +99,8 @@ class Draft:
         """
         chosen = read_preset(self.preset)
         base = parse_options(chosen.options)
-        changed = {**self._outside(is_complete=True), **self.typed}
+        single = SINGLE_FILMS if has_many_pairs else {}
+        changed = {**single, **self._outside(is_complete=True), **self.typed}
         if changed.get("consent") and "consent_version" not in changed:
             changed["consent_version"] = ""  # the version names the preset's text
         wanted = options_of(base, changed)

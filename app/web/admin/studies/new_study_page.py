@@ -14,7 +14,7 @@ from app.errors import InvalidError, StudyError, said_on_page
 from app.intake.bounds import typed_in_bounds
 from app.operations.studies.create import new_slug, shows_anything
 from app.operations.studies.creation import begin_creation
-from app.operations.studies.forecast import forecast, without_pair_films
+from app.operations.studies.forecast import forecast, has_many_pairs, with_pair_films, without_pair_films
 from app.operations.studies.receive_films import found_and_done
 from app.operations.studies.stimulus_sets import KnownSet, known_sets, set_called
 from app.store.access.experimenters import Experimenter
@@ -97,7 +97,7 @@ def create(
         known = set_called(settings(request), connection, stimulus_set)
     draft = Draft.sent(fields, preset, platform)
     try:
-        wanted = draft.study()
+        wanted = draft.study(has_many_pairs=has_many_pairs(known.content))
         new_slug(database, wanted.name)
         check_languages(wanted.options, languages(request))
         forecast(settings(request), known.content, wanted.options, wanted.exposure_s)  # which refuses what cannot be
@@ -171,7 +171,7 @@ def _form_page(
     request: Request, person: Experimenter, known: KnownSet, draft: Draft, status_code: int = 200
 ) -> Response:
     """Show the form, filled with what its way says and what was typed."""
-    base = draft.base(is_neutral=shows_anything(known.content))
+    base = draft.base(is_neutral=shows_anything(known.content), has_many_pairs=has_many_pairs(known.content))
     form = StudyForm(
         base | dict(draft.typed),
         datasets=known.datasets,
@@ -196,20 +196,25 @@ def _form_page(
 def _plan(request: Request, known: KnownSet, draft: Draft) -> dict[str, Any]:
     """Return what the study would be, and the first that its participants read; or why it cannot be made yet."""
     try:
-        wanted = replace(draft, typed={"name": "New study", **draft.typed}).study()
+        named = replace(draft, typed={"name": "New study", **draft.typed})
+        wanted = named.study(has_many_pairs=has_many_pairs(known.content))
         outlook = forecast(settings(request), known.content, wanted.options, wanted.exposure_s)
         check_languages(wanted.options, languages(request))
     except (ValueError, StudyError) as error:
         hindrance = in_words(error) if isinstance(error, ValueError) else error.detail
-        return {"outlook": None, "hindrance": hindrance, "fewer": None, "pages": []}
-    fewer = None
-    if outlook.n_pairs > len(known.content.stimuli) and wanted.options.has_pair_films:
-        fewer = forecast(settings(request), known.content, without_pair_films(wanted.options), wanted.exposure_s)
+        return {"outlook": None, "hindrance": hindrance, "by_films": {}, "pages": []}
+    by_films = {}
+    if outlook.n_pairs > len(known.content.stimuli):
+        by_films = {
+            films: forecast(settings(request), known.content, other(wanted.options), wanted.exposure_s)
+            for films, other in (("made", with_pair_films), ("decoded", without_pair_films))
+        }
     options = neutral_words(wanted.options) if shows_anything(known.content) else wanted.options
     return {
         "outlook": outlook,
         "hindrance": "",
-        "fewer": fewer,
+        "by_films": by_films,
+        "chosen_films": wanted.options.pair_films,
         "pages": list(_read_first(request, options, outlook.n_trials)),
     }
 

@@ -93,6 +93,7 @@ def test_effects_have_the_intervals_of_scores_if_a_single_factor_names_every_ite
         assert limits == pytest.approx((scores[item]["ci_low"], scores[item]["ci_high"]), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_additive_and_interaction_models_have_the_reference_values(real_data: Path) -> None:
     folder = real_data / "votes" / "reference" / "paper_like_22x5x6"
     expected = json.loads((folder / "expected.json").read_text(encoding="utf-8"))
@@ -127,6 +128,7 @@ def test_an_interaction_on_which_all_voted_alike_says_nothing_about_other_people
     assert {test["p_participant"] for test in tests if test["name"] == "interaction"} == {None}
 
 
+@pytest.mark.slow
 def test_the_order_effect_of_the_additive_model_has_the_reference_test(real_data: Path) -> None:
     folder = real_data / "votes" / "reference" / "paper_like_22x5x6"
     expected = json.loads((folder / "expected.json").read_text(encoding="utf-8"))["datasets"]

@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from app.analysis.comparisons.claims import CLAIMS, claim_power, pair_directions
-from app.analysis.comparisons.power import detectable, participants_wanted, plan_study, power, simulate_votes
+from app.analysis.comparisons.power import (
+    clickers_named,
+    detectable,
+    participants_wanted,
+    plan_study,
+    power,
+    simulate_votes,
+)
 from app.analysis.comparisons.vote_studies import StudyPlan, VoteStudies, simulated_votes
 from app.analysis.model.bradley_terry import fit_scores
 from app.analysis.model.contrasts import contrasts
@@ -145,3 +152,12 @@ def test_an_unknown_claim_is_refused() -> None:
 def test_a_measure_is_not_shown_by_scores_that_are_all_equal() -> None:
     """Two people and three conditions: in some simulated studies nothing differs, and no correlation is there."""
     assert claim_power(StudyPlan(3, 1, 2, spread=0.0), "measure", 0.05, 1, 200) < 0.2
+
+
+def test_a_plan_says_which_random_clickers_would_be_named() -> None:
+    small, large = (clickers_named(StudyPlan(6, 5, 22), jod, np.random.default_rng(1)) for jod in (1.1, 3.0))
+    assert small is not None
+    assert large is not None
+    assert small["by_votes"] < 0.5 < 0.8 < large["by_votes"]
+    assert small["with_checks"] > 0.8
+    assert clickers_named(StudyPlan(6, 5, 2), 1.1, np.random.default_rng(1)) is None

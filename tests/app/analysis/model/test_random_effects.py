@@ -57,6 +57,7 @@ def test_people_who_do_not_differ_have_the_scores_without_random_effects() -> No
     assert {row["level"]: row["sd"] for row in analysis["random_effects"]}["participants"] < 0.15
 
 
+@pytest.mark.slow
 def test_sentences_say_for_whom_intervals_hold(votes: VotesTable) -> None:
     def sentences(random_effects: str) -> list[str]:
         findings = analyse(votes, AnalysisSettings(random_effects=random_effects))["findings"]

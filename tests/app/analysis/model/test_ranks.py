@@ -18,6 +18,7 @@ def estimates(values: list[float], sd: float, n_participants: int | None = None)
     return Estimates(tuple("abcdef")[: len(values)], np.array(values), covariance, clustered, n_participants, False)
 
 
+@pytest.mark.slow
 def test_the_highest_score_is_the_best_as_often_as_is_said_where_any_spread_is_as_likely() -> None:
     rng, error = np.random.default_rng(1), 0.25
     said, right = [], []

@@ -70,6 +70,7 @@ def test_the_p_value_is_that_of_scipy_over_all_pairings(seed: int) -> None:
         assert chance(batch, batch[0], 5).p_value == pytest.approx(theirs.pvalue)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10_000), st.booleans())
 def test_the_interval_excludes_zero_just_where_chance_rarely_reaches_as_much(seed: int, has_ranks: bool) -> None:
     values, scores = np.random.default_rng(seed).normal(size=(2, 6))

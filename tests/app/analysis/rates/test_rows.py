@@ -100,6 +100,7 @@ def analysed(n_participants: int, seed: int, bootstrap: int) -> dict[str, Any]:
     return analyse(table, settings(by_dataset=False, bootstrap=bootstrap))
 
 
+@pytest.mark.slow
 def test_results_hold_the_tables_the_figure_and_its_section(analysis: dict[str, Any], tmp_path: Path) -> None:
     write_analysis(analysis, tmp_path)
     assert (tmp_path / "rates.csv").read_text().startswith("dataset,item,method,level,bytes,score,ci_low")

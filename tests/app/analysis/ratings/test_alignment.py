@@ -39,6 +39,7 @@ def simulated_study(rng: np.random.Generator) -> tuple[RatingTable, VotesTable, 
     return table, votes_from_indices(voter, dataset, a, b, choice, names=names), quality
 
 
+@pytest.mark.slow
 def test_slope_qualities_and_scores_are_recovered_with_intervals_and_better_than_from_ratings_alone() -> None:
     rng = np.random.default_rng(4)
     slopes, qualities, scores, errors, plain = [], [], [], [], []
@@ -180,6 +181,7 @@ def test_a_single_voter_among_many_raters_says_nothing_about_other_voters() -> N
     assert all(row["score_low"] is None for row in tables["alignment_items"])
 
 
+@pytest.mark.slow
 def test_intervals_hold_where_two_people_voted_and_many_rated() -> None:
     rng, covered = np.random.default_rng(8), []
     for _ in range(60):

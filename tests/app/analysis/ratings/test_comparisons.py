@@ -54,6 +54,7 @@ def test_scores_are_the_least_squares_of_the_pairs_and_differences_predict_ratin
     assert scores == pytest.approx({"c0": -1, "c1": 0, "c2": 1})
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_truth_where_people_differ() -> None:
     rng, covered, orders = np.random.default_rng(7), [], []
     truth = np.array([-0.6, 0.1, 0.5])
@@ -74,6 +75,7 @@ def test_intervals_cover_the_truth_where_people_differ() -> None:
     assert np.mean(orders) == pytest.approx(0.3, abs=0.03)
 
 
+@pytest.mark.slow
 def test_intervals_of_few_people_who_rated_different_pairs_cover_the_truth() -> None:
     rng, covered = np.random.default_rng(9), []
     pairs = np.array(list(combinations(range(6), 2)))
@@ -91,6 +93,7 @@ def test_intervals_of_few_people_who_rated_different_pairs_cover_the_truth() -> 
     assert 0.93 < np.mean(covered) < 0.98
 
 
+@pytest.mark.slow
 def test_a_pairs_interval_holds_what_is_uncertain_about_the_order_effect_taken_off() -> None:
     rng, covered = np.random.default_rng(3), []
     for _ in range(200):

@@ -84,6 +84,7 @@ def test_measures_are_compared_with_opinion_scores_in_grades(ratings: Path, tmp_
     assert "score (grades), relative to the dataset's mean" in report.replace("’", "'").replace("&#39;", "'")
 
 
+@pytest.mark.slow
 def test_measures_are_compared_with_scores_of_comparison_ratings(tmp_path: Path) -> None:
     pairs = [(a, b) for a in range(5) for b in range(5) if a != b]
     rows = [f"p{person},ball,c{a},c{b},{(b - a) * 3 / 4:g}" for person in range(3) for a, b in pairs]

@@ -193,6 +193,7 @@ def test_what_cannot_be_read_is_refused_without_printing_it(
     assert str(refused.value).isprintable()
 
 
+@pytest.mark.slow
 def test_a_notebook_passes_what_it_has(tmp_path: Path) -> None:
     frame = pd.DataFrame(VOTES, index=[5, 6, 7])
     assert votes_from_rows(frame).n_votes == 3

@@ -68,6 +68,7 @@ def texts(svg: str) -> str:
     return re.sub(r"\s", "", "".join(re.findall(r">([^<>]+)<", svg)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", WIDTHS.values())
 def test_thirty_long_names_are_whole_at_both_widths(many: dict[str, Any], width: int) -> None:
     for chart in (scores_chart(many, width=width), preference_chart(many, width=width)):
@@ -85,6 +86,7 @@ def test_a_pdf_is_as_wide_as_the_column(many: dict[str, Any]) -> None:
     assert 70 < float(box[1]) * 25.4 / 72 < 90
 
 
+@pytest.mark.slow
 def test_a_png_has_300_dots_in_an_inch_no_transparency_and_the_width_of_the_column(few: dict[str, Any]) -> None:
     for width, most_mm in zip(WIDTHS.values(), (88, 181), strict=True):
         with Image.open(BytesIO(svg_png(chart_svg(scores_chart(few, width=width), width)))) as picture:
@@ -97,6 +99,7 @@ def test_what_is_drawn_wider_than_the_column_is_made_smaller(few: dict[str, Any]
     assert drawn_width(chart_svg(scores_chart(few, width=FULL), 200)) == pytest.approx(200)
 
 
+@pytest.mark.slow
 def test_a_condition_that_wins_every_vote_is_an_arrow_with_a_legend() -> None:
     votes = [vote | {"dataset": name} for name in ("box", "ball") for vote in votes_by(CLEAR, 6)]
     best = max(CLEAR, key=lambda name: CLEAR[name])
@@ -231,6 +234,7 @@ def test_the_numbers_of_a_figure_are_those_that_it_draws(few: dict[str, Any]) ->
     assert all(figure_rows(figure.name, few) for figure in drawn_figures(few))
 
 
+@pytest.mark.slow
 def test_names_that_differ_in_signs_alone_have_figures_of_their_own() -> None:
     votes = votes_by(CLEAR, 6)
     items = sorted({vote[side] for vote in votes for side in ("item_a", "item_b")})

@@ -79,6 +79,7 @@ def test_the_interval_of_alpha_holds_it_where_people_differ() -> None:
     assert held >= 34
 
 
+@pytest.mark.slow
 def test_people_who_differ_in_nothing_disagree_as_often_as_the_level_says() -> None:
     p_values = [heterogeneity(panel(seed, spread=0.0))["p_value"] for seed in range(120)]  # type: ignore[index]
     assert np.mean(np.array(p_values) < 0.05) < 0.11

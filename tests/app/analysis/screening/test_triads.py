@@ -136,6 +136,7 @@ def test_chance_turns_every_vote_and_leaves_ties_and_gaps_in_place(preferred: ND
         assert share == pytest.approx(np.mean(same), abs=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ties", "missing"), [(0.0, 0.07), (0.15, 0.0), (0.3, 0.0), (0.2, 0.5)])
 def test_random_votes_are_more_consistent_than_chance_in_5_percent(ties: float, missing: float) -> None:
     """Over five datasets of six items each, where small p-values are possible."""

@@ -69,6 +69,7 @@ def test_a_studys_films_are_played_before_the_first_invitation(folder: Path, tmp
     assert json.loads((settings.data_dir / "checks" / "played.json").read_text())["n_played"] == 6
 
 
+@pytest.mark.slow
 def test_the_check_decodes_every_film_and_says_what_it_could_not_do(
     folder: Path, tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -15,6 +15,7 @@ from app.settings import Settings
 from tests.seeded_studies import seed_study
 
 
+@pytest.mark.slow
 def test_studies_of_the_same_set_may_be_created_at_the_same_time(tmp_path: Path, stimulus_set: Path) -> None:
     settings = Settings(data_dir=tmp_path)
     upgrade_database(settings)

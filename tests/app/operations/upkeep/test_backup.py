@@ -252,6 +252,7 @@ def test_a_backup_that_is_not_whole_is_named_with_what_is_wrong(
     assert [person["name"] for person in manage.list_experimenters(settings)] == ["Ada"]
 
 
+@pytest.mark.slow
 def test_whatever_byte_of_a_backup_is_damaged_the_refusal_says_so(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path / "data")
     manage.upgrade_database(settings)
@@ -286,6 +287,7 @@ def test_a_backup_replaces_an_earlier_one_and_no_other_file(tmp_path: Path) -> N
     assert [person["name"] for person in manage.list_experimenters(there)] == ["Ada", "Eva"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("address", ["sqlite+pysqlite:///{}", "sqlite:///{}?timeout=5"])
 def test_a_database_is_found_by_any_address_that_sqlite_takes(tmp_path: Path, address: str) -> None:
     settings = Settings(data_dir=tmp_path, database_url=address.format(tmp_path / "elsewhere.sqlite"))
@@ -318,6 +320,7 @@ def test_a_video_whose_name_is_a_path_is_refused(tmp_path: Path, name: str) -> N
     assert not settings.media_dir.exists()
 
 
+@pytest.mark.slow
 @on_sqlite
 def test_a_backup_with_a_damaged_film_changes_nothing(here: Settings, tmp_path: Path) -> None:
     film = here.media_dir / "file.mp4"

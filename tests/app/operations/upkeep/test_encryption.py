@@ -40,6 +40,7 @@ def restored(path: Path, identity: Path | None, tmp_path: Path) -> list[str]:
     return [row["name"] for row in manage.list_experimenters(there)]
 
 
+@pytest.mark.slow
 def test_a_backup_that_was_encrypted_comes_back_by_its_key_alone(settings: Settings, tmp_path: Path) -> None:
     backup = tmp_path / "backup.zip.age"
     assert back_up(settings, backup, encrypt_to=[str(tmp_path / "mine.pub")])["encrypted"] is True

@@ -81,6 +81,7 @@ def test_who_cannot_be_noted_on_a_full_disk_is_not_erased(settings: Settings, tm
     assert erased(settings) == {"P001"}
 
 
+@pytest.mark.slow
 def test_a_line_that_a_power_cut_tore_takes_no_later_one_with_it(settings: Settings, tmp_path: Path) -> None:
     back_up(settings, tmp_path / "before.zip")
     noted = settings.data_dir / LIST

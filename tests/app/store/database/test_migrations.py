@@ -39,6 +39,7 @@ from app.study.options.wording import missing_texts, own_texts
 
 ROOT = Path(__file__).parents[4]
 REVISIONS = revisions()[::-1]
+SOME_REVISIONS = [*REVISIONS[:-7:3], *REVISIONS[-7:-1]]  # the first goes all the way, the newest change most
 CHECKED = {
     "study.state": "open",
     "assignment.a_half": "top",
@@ -108,7 +109,7 @@ def test_a_database_of_a_newer_program_is_left_as_it_is_with_a_word_on_what_to_d
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("new_database_url", "revision"),
-    [*product(["sqlite"], REVISIONS[:-1]), *product(["postgresql"], REVISIONS[:-1:6])],  # the first goes all the way
+    [*product(["sqlite"], SOME_REVISIONS), *product(["postgresql"], SOME_REVISIONS[::3])],
     indirect=["new_database_url"],
 )
 def test_rows_of_every_older_version_live_on(new_database_url: Callable[[], str], revision: str) -> None:
@@ -133,6 +134,7 @@ def test_rows_of_every_older_version_live_on(new_database_url: Callable[[], str]
     database.dispose()
 
 
+@pytest.mark.slow
 def test_an_older_study_with_texts_of_its_own_is_offered_as_before(new_database_url: Callable[[], str]) -> None:
     database = open_database(new_database_url())
     question = {"name": "job", "kind": "choice", "text": "Your job?", "options": ["x", "y"]}
@@ -154,6 +156,7 @@ def test_an_older_study_with_texts_of_its_own_is_offered_as_before(new_database_
     database.dispose()
 
 
+@pytest.mark.slow
 def test_who_was_excluded_twice_is_so_once_by_the_first_reason(new_database_url: Callable[[], str]) -> None:
     database = open_database(new_database_url())
     reasons = ("first", "second", "third")
@@ -173,6 +176,7 @@ def test_who_was_excluded_twice_is_so_once_by_the_first_reason(new_database_url:
     database.dispose()
 
 
+@pytest.mark.slow
 def test_older_votes_on_films_that_did_not_run_are_found_by_their_counts_of_frames(
     new_database_url: Callable[[], str],
 ) -> None:

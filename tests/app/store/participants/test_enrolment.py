@@ -16,7 +16,7 @@ from app.store.database.tables import assignment, participant
 from app.store.participants.invitations import Invitation
 
 ROOT = Path(__file__).parents[4]
-N_PROCESSES, N_EACH, N_THREADS, N_PLACES = 3, 40, 10, 115
+N_PROCESSES, N_EACH, N_THREADS, N_PLACES = 2, 60, 15, 115
 
 
 @pytest.mark.slow

@@ -10,10 +10,12 @@ import pytest
 from sqlalchemy import select, update
 
 from app.errors import ClosedError
+from app.store.database import steady_clock
 from app.store.database.engine import Database
 from app.store.database.tables import assignment, participant, session, study
 from app.store.participants.invitations import Invitation
 from app.store.studies.studies import study_by_id
+from app.store.trials import orders as orders_of_trials
 from app.store.trials.orders import study_plan, taken_orders
 from app.store.trials.sessions import complete_stage, session_by_token, withdraw
 from app.store.trials.trials import mark_served, next_trials
@@ -131,6 +133,21 @@ def test_a_study_says_itself_after_how_many_hours_a_slot_is_abandoned(
     begin_session(database, invite(None), now + timedelta(minutes=29))
     begin_session(database, invite(None), now + timedelta(minutes=31))
     assert holders(database, study_id, now) == {0: "P003", 1: "P002"}
+
+
+def test_nobody_is_taken_for_silent_or_late_because_the_clock_was_set(
+    database: Database, study_id: int, invite: MakeInvitation, now: datetime, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(orders_of_trials, "this_start", steady_clock.this_start)
+    with database.writing() as connection:
+        connection.execute(update(study).values(options={"limits": {"minutes": 60}}))
+    begin_session(database, invite(None), now)
+    begin_session(database, invite(None), now + 2 * DAY)
+    assert holders(database, study_id, now + 2 * DAY) == {0: "P001", 1: "P002"}
+    with database.writing() as connection:
+        connection.execute(update(session).values(running_s=steady_clock.running_s() - 3601))
+    begin_session(database, invite(None), now - 2 * DAY)
+    assert holders(database, study_id, now - 2 * DAY)[0] == "P003"
 
 
 def test_slots_that_were_given_up_are_given_out_once_when_all_begin_at_once(

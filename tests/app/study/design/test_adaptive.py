@@ -83,6 +83,7 @@ def test_the_posterior_is_where_its_gradient_vanishes() -> None:
     assert np.linalg.eigvalsh(information).min() > 0
 
 
+@pytest.mark.slow
 def test_twenty_conditions_are_ordered_better_than_by_random_pairs() -> None:
     n, n_people, n_pairs = 20, 12, 30
     first, second = np.triu_indices(n, 1)

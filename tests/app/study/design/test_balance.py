@@ -38,6 +38,7 @@ def failing(plan: OrderPlan, orders: list[TakenOrder]) -> set[str]:
     return {rule["rule"] for rule in balance_report(plan, orders)["rules"] if not rule["ok"]}
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     st.integers(1, 4),
@@ -60,6 +61,7 @@ def test_both_orders_are_even_after_any_number_of_participants() -> None:
             assert failing(plan, orders[:n_people]) == set(), (seed, n_people)
 
 
+@pytest.mark.slow
 def test_trials_of_two_conditions_cannot_help_holding_both() -> None:
     plan = plan_of(2, 2, Repetition(both_orders=True, repeated_pairs=1))
     assert failing(plan, [taken(plan, slot) for slot in range(4)]) == set()

@@ -53,11 +53,13 @@ def test_everybody_sees_every_pair_once(design: list[int], seed: int, slot: int)
     assert sorted(trial.pair for trial in order) == [pair.key for pair in pairs]
 
 
+@pytest.mark.slow
 @given(designs, seeds, slots)
 def test_an_order_follows_from_seed_and_slot_alone(design: list[int], seed: int, slot: int) -> None:
     assert participant_order(pairs_of(design), seed, slot) == participant_order(pairs_of(design), seed, slot)
 
 
+@pytest.mark.slow
 @given(designs, seeds, slots)
 def test_a_study_has_the_same_orders_in_another_database(design: list[int], seed: int, slot: int) -> None:
     pairs = pairs_of(design)
@@ -123,6 +125,7 @@ def test_a_is_shown_first_as_often_as_b(design: list[int], seed: int, slot: int)
     assert abs(sum(1 if trial.first_shown == "a" else -1 for trial in order)) <= 1
 
 
+@pytest.mark.slow
 @given(designs, seeds, slots)
 def test_under_either_label_a_stimulus_is_first_as_often_as_second(design: list[int], seed: int, slot: int) -> None:
     pairs = pairs_of(design)
@@ -182,6 +185,7 @@ repetitions = st.builds(
 large_designs = st.lists(st.integers(4, 7), min_size=1, max_size=3)
 
 
+@pytest.mark.slow
 @given(large_designs, seeds, slots, repetitions)
 def test_repetitions_add_just_what_they_say(design: list[int], seed: int, slot: int, repetition: Repetition) -> None:
     pairs = with_identical(pairs_of(design))
@@ -195,6 +199,7 @@ def test_repetitions_add_just_what_they_say(design: list[int], seed: int, slot: 
     assert all(pairs[trial.pair].is_identical == (trial.role == "identical") for trial in order)
 
 
+@pytest.mark.slow
 @given(large_designs, seeds, slots, repetitions)
 def test_repetitions_make_no_run_longer(design: list[int], seed: int, slot: int, repetition: Repetition) -> None:
     pairs = with_identical(pairs_of(design))
@@ -215,6 +220,7 @@ def test_in_both_orders_each_stimulus_of_a_pair_is_a_once_and_first_once(
         assert {a for a, _ in ways[pair.key]} == {first for _, first in ways[pair.key]} == pair.stimuli
 
 
+@pytest.mark.slow
 @given(st.lists(st.integers(6, 7), min_size=1, max_size=3), seeds, slots, st.integers(1, 3))
 def test_a_repetition_comes_as_its_pair_was_and_far_from_it(design: list[int], seed: int, slot: int, n: int) -> None:
     pairs = pairs_of(design)

@@ -49,6 +49,7 @@ files = st.builds(
 )
 
 
+@pytest.mark.slow
 @given(files)
 def test_a_file_that_was_written_is_read_as_it_was(of: StudyFile) -> None:
     assert parse_study_file(write_study_file(of)) == of

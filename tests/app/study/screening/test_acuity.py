@@ -102,6 +102,7 @@ def test_a_posterior_is_a_distribution_whatever_is_answered(answers: list[Ring])
     assert np.all(probability >= 0)
 
 
+@pytest.mark.slow
 @given(looks, st.floats(-0.6, 0.8))
 def test_a_ring_is_never_smaller_than_the_display_can_draw(answers: list[Ring], smallest: float) -> None:
     size = next_size(answers, AcuityTest(n_trials=31, smallest=smallest))

@@ -15,11 +15,13 @@ from app.simulation.observer import Observer, gap_of_ring
 from app.study.screening.pictures import decode_srgb, encode_srgb, landolt_ring, png, read_png
 
 
+@pytest.mark.slow
 @given(st.floats(2, 40), st.integers(0, 7))
 def test_a_rings_gap_is_where_it_was_put(gap_px: float, direction: int) -> None:
     assert gap_of_ring(landolt_ring(gap_px, direction)) == direction
 
 
+@pytest.mark.slow
 @given(st.floats(2, 40), st.integers(0, 7))
 def test_a_ring_has_the_ink_that_its_standard_gives_it(gap_px: float, direction: int) -> None:
     """The ring less its gap, in linear light: pi (2.5^2 - 1.5^2) - 1 gap^2, the slit's curved ends aside."""

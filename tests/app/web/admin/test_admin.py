@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import httpx
+import pytest
 
 from app.operations.studies import create, manage
 from app.settings import Settings
@@ -85,6 +86,7 @@ def test_every_page_of_a_study_has_a_title_of_its_own(experimenter: Dashboard, s
     assert len({*titles}) == len(TABS), titles
 
 
+@pytest.mark.slow
 def test_a_closed_study_lets_nobody_in_until_it_is_opened_again(
     experimenter: Dashboard, client: httpx.Client, new_study: Callable[[], dict[str, Any]]
 ) -> None:

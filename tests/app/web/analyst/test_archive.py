@@ -58,6 +58,7 @@ def test_an_archive_of_many_trials_takes_little_memory(
     assert peak < 3 * IN_MEMORY
 
 
+@pytest.mark.slow
 def test_an_archive_is_of_one_moment_while_votes_come_in(
     tmp_path: Path, new_database_url: Callable[[], str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -97,6 +98,7 @@ def test_an_archive_is_of_one_moment_while_votes_come_in(
     assert analysis["findings"][0]["text"].split(",")[0] in report
 
 
+@pytest.mark.slow
 def test_an_archive_describes_the_study_of_which_its_tables_are(
     experimenter: Dashboard,
     analyst: httpx.Client,

@@ -95,3 +95,27 @@ def test_an_invitation_is_labelled_over_rest(manager: httpx.Client, lent: dict[s
     assert manager.patch(f"{path}/{made['code']}", json={"label": "Ada  Example"}).status_code == 204
     assert {row["label"] for row in manager.get(path).json() if row["code"] == made["code"]} == {"Ada Example"}
     assert is_problem(manager.patch(f"{path}/nosuchcode", json={"label": ""}), 404)
+
+
+def test_what_was_said_in_an_interview_is_noted_over_rest(
+    manager: httpx.Client, new_study: Callable[[], dict[str, Any]], server: str, token: str
+) -> None:
+    study = new_study()
+    question = "What did you look at?"
+    base = f"studies/{study['slug']}"
+    asked = {"optional_stages": ["interview"], "spoken_questions": [question]}
+    wanted = {"revision": manager.get(base).json()["revision"], "options": asked}
+    assert manager.patch(base, json=wanted).status_code == 200
+    simulate(server, study["slug"], study["invitation"], token, 1, ABILITIES, 0.2, seed=4)
+    person = f"{base}/participants/P001"
+    assert manager.put(f"{person}/interview", json={"answers": {question: "Faces."}}).status_code == 204
+    said = [row for row in manager.get(f"{base}/questionnaire").json() if row["source"] == "spoken"]
+    assert [(row["participant"], row["question"], row["answer"]) for row in said] == [("P001", question, "Faces.")]
+    assert is_problem(manager.put(f"{person}/interview", json={"answers": {"Another?": "No."}}), 422)
+
+
+def test_who_had_bad_luck_may_begin_anew_over_rest(manager: httpx.Client, lent: dict[str, Any]) -> None:
+    person = f"studies/{lent['slug']}/participants/P002"
+    assert manager.post(f"{person}/again").status_code == 204
+    rows = {row["participant"]: row for row in manager.get(f"studies/{lent['slug']}/participants").json()}
+    assert rows["P002"]["excluded"] is True

@@ -42,6 +42,7 @@ def test_a_study_tells_what_it_compares_and_how_far_it_is(analyst: httpx.Client,
     assert summary.items() <= found.items()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["votes", "scores", "analysis", "archive.zip"])
 def test_head_answers_the_headers_of_a_table_alone(
     server: str, analyst: httpx.Client, taken: dict[str, Any], name: str
@@ -56,6 +57,7 @@ def test_head_answers_the_headers_of_a_table_alone(
     assert httpx.head(server + address).status_code == 401
 
 
+@pytest.mark.slow
 def test_head_is_answered_wherever_something_is_read(analyst: httpx.Client) -> None:
     described = analyst.get("/api/v1/openapi.json").json()["paths"]
     read = [path for path, methods in described.items() if "get" in methods]

@@ -47,6 +47,7 @@ def n_read(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
     return count
 
 
+@pytest.mark.slow
 def test_whatever_changes_is_seen_and_votes_are_read_only_then(database: Database, n_read: Callable[[], int]) -> None:
     voters = seed_voters(database, 2, 3)
     with database.reading() as connection:

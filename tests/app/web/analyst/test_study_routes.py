@@ -88,6 +88,7 @@ def test_what_an_edit_leaves_out_of_a_table_stays(
     assert "size_inch" not in edit({"lab_sheet": {"size_inch": None}})["lab_sheet"]
 
 
+@pytest.mark.slow
 def test_a_study_with_votes_is_deleted_only_from_the_archive(
     server: str, settings: Settings, token: str, manager: httpx.Client, new_study: Callable[[], dict[str, Any]]
 ) -> None:

@@ -57,6 +57,7 @@ def test_a_session_sends_so_much_data_an_hour(
     assert client.put("/api/v1/session/stages/introduction", json={}).status_code == 200
 
 
+@pytest.mark.slow
 def test_a_page_tells_the_log_so_many_things_a_minute(client: httpx.Client, study: dict[str, Any]) -> None:
     remark = {"invitation": study["invitation"], "why": "films"}
     path = f"/api/v1/studies/{study['slug']}/turned-away"

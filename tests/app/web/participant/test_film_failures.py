@@ -49,6 +49,7 @@ def failures(server: str, token: str) -> Callable[[dict[str, Any]], list[dict[st
     return read
 
 
+@pytest.mark.slow
 def test_a_failing_film_is_told_with_the_browser_on_every_page_of_the_study_and_over_rest(
     server: str, fails: Fails, create: Create, experimenter: Dashboard, failures: Callable[..., list[dict[str, Any]]]
 ) -> None:
@@ -66,6 +67,7 @@ def test_a_failing_film_is_told_with_the_browser_on_every_page_of_the_study_and_
     assert "reconstudy_film_failures_total" in httpx.get(f"{server}/metrics").text
 
 
+@pytest.mark.slow
 def test_the_third_person_pauses_the_study_and_opening_it_ends_the_alarm(
     fails: Fails, create: Create, experimenter: Dashboard, failures: Callable[..., list[dict[str, Any]]]
 ) -> None:
@@ -85,6 +87,7 @@ def test_the_third_person_pauses_the_study_and_opening_it_ends_the_alarm(
     assert "state-open" in experimenter.get(page).text
 
 
+@pytest.mark.slow
 def test_the_rule_is_an_option_of_the_study(fails: Fails, create: Create, experimenter: Dashboard) -> None:
     never, at_once = create(pause_on_failures=0), create(pause_on_failures=1)
     for study, state in ((never, "state-open"), (at_once, "state-paused")):

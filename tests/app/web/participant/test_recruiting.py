@@ -22,6 +22,7 @@ from app.settings import Settings
 from app.simulation.participants import begin, next_trial, simulate
 from app.store.database.engine import open_database
 from app.store.database.keys import utc_now
+from app.store.database.steady_clock import running_s
 from app.store.database.tables import session
 from app.store.studies.studies import edit_study, set_standing, study_by_slug
 from app.store.trials.admission import begin_preview
@@ -264,7 +265,12 @@ def test_who_takes_too_long_reads_so_and_the_place_is_given_out_again(
     with database.writing() as connection:
         public_id = client.get("/api/v1/session").json()["session"]
         late = update(session).where(session.c.public_id == public_id)
-        connection.execute(late.values(started_at=utc_now() - timedelta(minutes=31)))
+        connection.execute(late.values(started_at=utc_now() - timedelta(days=2), running_s=running_s() - 29 * 60))
+    assert client.get("/api/v1/session").json()["stage"] == "trial"  # the clock was set; no two days have passed
+    with a_browser(server) as other:
+        assert is_problem(enters(other, study, "p-3"), 403)
+    with database.writing() as connection:
+        connection.execute(late.values(started_at=utc_now(), running_s=running_s() - 31 * 60))
     database.dispose()
     with a_browser(server) as other:
         assert enters(other, study, "p-2").status_code == 201

@@ -202,6 +202,7 @@ def test_a_test_has_begun_as_soon_as_its_first_picture_is_served(
     assert states[1][0]["n_answered"] == 0
 
 
+@pytest.mark.slow
 def test_a_laboratory_may_fix_the_distance(enter: Callable[[dict[str, Any]], httpx.Client], screened: NewStudy) -> None:
     client = enter(screened(distance="fixed", distance_cm=200))
     measured = client.put(f"{PATH}/display", json=CARD).json()

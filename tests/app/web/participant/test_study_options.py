@@ -63,6 +63,7 @@ def test_a_study_with_all_repetitions_is_balanced(server: str, token: str, setti
     assert {(row["n_shown"], row["n_1_is_a"], row["n_1_is_first"]) for row in report["pairs"]} == {(6, 3, 3)}
 
 
+@pytest.mark.slow
 def test_a_reference_lies_below_each_pair_and_is_not_compared(
     client: httpx.Client, settings: Settings, create: Create, vote_body: Callable[..., dict[str, Any]]
 ) -> None:

@@ -162,6 +162,7 @@ def test_a_printed_board_is_found_where_it_is_also_turned_round(text: str, is_tu
     np.testing.assert_allclose(found.pixels, expected, atol=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", ["charuco:14x10:50:37", "chessboard:9x6:22.5"])
 def test_a_board_is_drawn_in_its_true_size(text: str, tmp_path: Path, command: Command) -> None:
     board, out = parse_board(text), tmp_path / "board.svg"

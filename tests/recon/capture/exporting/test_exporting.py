@@ -64,6 +64,7 @@ def again_by_colmap(source: Path, out: Path) -> Capture:
     return import_colmap(source, out, PAIRS, ImportOptions(unit_mm=1000.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("export", "again"), [(export_nerfstudio, again_by_nerfstudio), (export_colmap, again_by_colmap)]
 )

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from recon.depth.matching.hierarchy import MARGIN, REACH, TILE, halved, halved_mask, search_windows
 
 
+@pytest.mark.slow
 @settings(deadline=None)  # the first call compiles
 @given(seed=st.integers(0, 50), height=st.integers(1, 40), width=st.integers(1, 40), n_disparities=st.integers(17, 90))
 def test_everything_found_nearby_is_searched_if_two_windows_can_hold_it(

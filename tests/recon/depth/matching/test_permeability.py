@@ -64,6 +64,7 @@ def test_the_winner_and_its_parabola_are_those_of_the_plain_reference(
     np.testing.assert_allclose(found, vertex, atol=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_held", [1, 4, 5, 12])
 def test_rows_computed_twice_are_the_same_rows(n_held: int) -> None:
     codes, facing = some_codes(3)

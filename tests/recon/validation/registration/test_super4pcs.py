@@ -72,6 +72,7 @@ def test_a_model_of_any_shape_is_found_among_outliers(seed: int) -> None:
     assert np.linalg.norm(off, axis=1).mean() < 25.0  # near enough for a refinement; the shape is 300 mm long
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_registration() -> None:
     first, second = (super4pcs(shape(800), shape(800, 1), Super4PCSParameters(delta=8.0, n_trials=5)) for _ in range(2))
     assert np.array_equal(first, second)

@@ -101,6 +101,7 @@ def test_a_spoilt_cap_is_left_out_with_reasons_and_kept_on_request(tmp_path: Pat
     assert next(row for row in kept["reconstructions"] if row["name"] == "1/S2")["reasons"]
 
 
+@pytest.mark.slow
 def test_a_part_that_is_off_together_is_noticed_where_it_does_not_move_the_fit() -> None:
     points, centre = simulate_cap(CapParameters(n_points=20_000, noise=2.0, outliers=0.02), np.random.default_rng(5))
     offsets = (points - centre).astype(np.float32)

@@ -126,6 +126,7 @@ def long_winded(settings: Settings, stimulus_set: Path) -> dict[str, Any]:
     return create.create_study(settings, stimulus_set, "Long", exposure_s=0.4, options=parse_options(content))
 
 
+@pytest.mark.slow
 def test_the_longest_answers_are_kept_in_any_alphabet(
     server: str, token: str, analyst: httpx.Client, long_winded: dict[str, Any]
 ) -> None:

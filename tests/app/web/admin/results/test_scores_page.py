@@ -53,6 +53,7 @@ def test_every_figure_is_there_as_picture_print_and_numbers(
         assert {row["item"] for row in rows} == {"id", "pm"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("choices", ["ab", "aabab", "aaab", "a"])  # none, chance's, a difference, and no vote against
 @pytest.mark.parametrize("participants", [1, 24])
 def test_every_result_begins_with_its_sentence_also_where_nothing_differs(choices: str, participants: int) -> None:

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import time
 from collections.abc import Iterator
 from html import unescape
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from app.operations.studies import creation, manage
+from app.operations.studies import creation, forecast, manage
 from app.settings import Settings
 from app.study.options.study_file import parse_study_file
+from tests.app.tiny_stimuli import write_set
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in
+from tests.study_server import StudyServer
 
 NEW = "/admin/studies/new"
 FORM = f"{NEW}?stimulus_set=tiny"
@@ -96,3 +101,39 @@ def test_what_cannot_be_made_is_said_in_the_words_of_the_form_while_it_is_typed(
     refused = eva.act(NEW, **hasty)  # before any film is made
     assert refused.status_code == 422
     assert "Minimum viewing, s is 3, and a pair is shown for 0.4 s" in refused.text
+
+
+@pytest.mark.slow
+def test_of_very_many_pairs_no_film_is_made_unless_it_is_wanted(
+    eva: Dashboard, own: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(forecast, "MOST_PAIR_FILMS", 5)
+    write_set(own.sets_dir / "many", ["ball"], ["id_fa", "id_fb", "pm_fa", "pm_fb"])
+    form = eva.get(f"{NEW}?stimulus_set=many").text
+    of_pairs, single = re.findall(r'name="films-of-pairs".*?</label>', form, re.DOTALL)
+    assert re.search(r"A film of each pair</strong>: 10 films, about", of_pairs)  # four are single ones, the fallback
+    assert re.search(r"checked>.*Single films</strong>: 4 films, about .* turned away", single, re.DOTALL)
+    wanted = eva.post(f"{NEW}/draft", data={"form_token": eva.form_token, **typed(form, pair_films="made")}).text
+    assert re.search(r'value="made" checked>', wanted)
+
+
+@pytest.mark.slow
+def test_a_server_that_is_killed_while_it_makes_a_study_makes_it_without_a_click(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    write_set(settings.sets_dir / "tiny", ["ball", "box"], ["id_fa", "id_fb", "pm_fa", "pm_fb"])
+    with (
+        StudyServer(tmp_path, log=subprocess.DEVNULL) as server,
+        signed_in(server.base_url, settings, "Eva") as eva,
+    ):
+        task = eva.act(NEW, **typed(eva.get(FORM).text, name="Killed", break_every="9")).url.path
+        while len(list(settings.media_dir.glob("[!.]*.mp4"))) < 2:  # of 20 films
+            time.sleep(0.01)
+        server.kill()
+        assert len(list(settings.media_dir.glob("[!.]*.mp4"))) < 20, "it was killed too late"
+        while (page := eva.get(task)).url.path == task:
+            assert 'role="alert"' not in page.text
+            time.sleep(0.1)
+        assert page.url.path == "/admin/studies/killed"
+        kept = {path.name for path in settings.media_dir.glob("[!.]*.mp4")}  # not what was half written
+        assert len(kept) == 20
+    assert parse_study_file(manage.export_study(settings, "killed")).options.break_every == 9

@@ -230,6 +230,7 @@ def test_two_editors_at_once_lose_nothing_that_they_typed(experimenter: Dashboar
     assert "By the second" in again.text
 
 
+@pytest.mark.slow
 def test_a_file_edits_a_study_and_bad_files_change_nothing(experimenter: Dashboard, new_study: NewStudy) -> None:
     base = f"/admin/studies/{new_study()['slug']}"
     good = 'name = "By file"\nexposure_s = 2\n[options]\nbreak_every = 5\n'
@@ -349,6 +350,7 @@ def test_studies_are_counted_in_one_query_however_many_there_are(
     assert cards[taken["slug"]][:4] == ["4", "24", "6", "3"]
 
 
+@pytest.mark.slow
 def test_a_preview_walks_the_whole_study_and_leaves_no_vote(
     experimenter: Dashboard, analyst: httpx.Client, vote_body: Callable[..., dict[str, Any]], new_study: NewStudy
 ) -> None:

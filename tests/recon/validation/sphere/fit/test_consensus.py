@@ -28,6 +28,7 @@ def cap(seed: int = 1, **changes: float | int) -> tuple[NDArray[np.float32], NDA
     return simulate_cap(CapParameters(**{"n_points": 8_000, **changes}), np.random.default_rng(seed))  # type: ignore[arg-type]  # floats and ints only
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("depth_step", [0.0, 8.0])
 @pytest.mark.parametrize("outliers", [0.05, 0.2, 0.4])
@@ -80,6 +81,7 @@ def test_ratios_count_both_sides_and_the_threshold_itself_at_that_of_the_table_a
     assert ratios.tolist() == [0.75, 0.5, 0.75, 1.0]
 
 
+@pytest.mark.slow
 def test_a_sphere_among_walls_is_found() -> None:
     rng = np.random.default_rng(4)
     points, centre = cap(n_points=3000)
@@ -137,6 +139,7 @@ def test_two_spheres_are_refused_with_both_places(method: str) -> None:
         METHODS[method](both, RADIUS, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("unit", "length"), [("m", 1000.0), ("cm", 10.0), ("in", 25.4)])
 def test_another_unit_is_named(unit: str, length: float, method: str) -> None:
@@ -145,6 +148,7 @@ def test_another_unit_is_named(unit: str, length: float, method: str) -> None:
         METHODS[method](points / np.float32(length), RADIUS, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("share", [0.5, 0.75, 1.5, 2.0])
 def test_the_radius_that_fits_is_named_where_another_was_given(share: float, method: str) -> None:
@@ -161,6 +165,7 @@ def causes(error: BaseException) -> Iterator[BaseException]:
         yield error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_a_failure_is_not_its_own_cause_or_whoever_looks_for_the_first_cause_never_ends(method: str) -> None:
     points, _ = cap()
