@@ -226,16 +226,16 @@ def clickers_named(plan: StudyPlan, effect_jod: float, rng: np.random.Generator)
     A tenth of the people click, or the plan's share of careless ones. Honest people see no difference in 95 % of the
     pairs that have none.
 
-    Returns
-    -------
-    dict, `by_votes` and `with_checks` (five identical and five repeated pairs), each with `…_error`; None with too few
-    people to compare them
-
     Parameters
     ----------
     plan : the study
     effect_jod : true difference of two conditions; the others lie halfway between them
     rng : Generator
+
+    Returns
+    -------
+    dict, `by_votes` and `with_checks` (five identical and five repeated pairs), each with `…_error`; None with too few
+    people to compare them
     """
     if plan.participants < FEWEST_PEOPLE:
         return None

@@ -22,17 +22,6 @@ FILLED = {False: ("participant", "condition", "rating"), True: ("participant", "
 MOST_GRADES = 12  # different ratings that are counted one by one
 
 
-def holds_ratings(path: Path) -> bool:
-    """Does a table hold ratings?
-
-    Raises
-    ------
-    VotesError
-        If the file cannot be read, or may be read in several ways.
-    """
-    return not recognise_file(path).holds_votes
-
-
 def understand_ratings(
     path: Path | str | Source, scale: tuple[float, float] | None = None, told: Told | None = None
 ) -> tuple[RatingTable | ComparisonTable, list[str]]:

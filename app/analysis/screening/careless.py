@@ -88,8 +88,7 @@ def careless_answers(
             break
         kept = trimmed
     evidence = _weighed(votes, who, names, by_name, panel, order_effect or 0.0, kept, rng, DRAWS)
-    of_few = 1 + (FEW / len(people)) ** 2  # what honest people do is itself uncertain; eight err twice as often
-    alarms = np.minimum(of_few * len(people) * evidence.chance, len(people))
+    alarms = np.minimum(_calibration(len(people), evidence) * len(people) * evidence.chance, len(people))
     return {
         name: Careless(
             float(evidence.total[row]),
@@ -99,6 +98,16 @@ def careless_answers(
         )
         for row, name in enumerate(names)
     }
+
+
+def _calibration(n_people: int, evidence: _Evidence) -> float:
+    """Return how many times as many honest people are named as their chance says (docs/simulation.md).
+
+    What honest people do is itself uncertain, so eight err twice as often. The chance of the votes of more is a bound,
+    which is above the truth.
+    """
+    few = FEW / n_people
+    return float(1 + few**2 if "checks" in evidence.parts else max(2 * few**1.4, 0.4))
 
 
 @dataclass(frozen=True)

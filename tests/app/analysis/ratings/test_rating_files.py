@@ -11,9 +11,9 @@ import pandas as pd
 import pytest
 
 from app.analysis import AnalysisSettings, analyse_file, analyse_ratings_file
-from app.analysis.ratings.reading import holds_ratings, understand_ratings
+from app.analysis.ratings.reading import understand_ratings
 from app.analysis.ratings.table import ComparisonTable, RatingTable
-from app.analysis.reading.read_votes import read_votes
+from app.analysis.reading.read_votes import read_votes, recognise_file
 from app.analysis.reading.votes_table import VotesError
 
 HEADER = "participant,dataset,condition,rating"
@@ -133,7 +133,7 @@ def test_what_is_wrong_with_a_file_is_named(write: Write, rows: list[str], heade
 
 @pytest.mark.parametrize("rows", [[], ["a,d,x,", "a,d,y,"]])
 def test_a_table_of_ratings_without_any_is_known_as_such(write: Write, rows: list[str]) -> None:
-    assert holds_ratings(write(*rows, header=HEADER))
+    assert not recognise_file(write(*rows, header=HEADER)).holds_votes
 
 
 def test_another_scale_is_accepted_when_it_is_named(write: Write) -> None:
@@ -187,7 +187,7 @@ def test_a_wide_table_has_datasets_and_names_the_cell_that_is_no_rating(write: W
 def test_tables_of_votes_are_not_taken_for_ratings(tmp_path: Path, table: str) -> None:
     path = tmp_path / "votes.csv"
     path.write_text(table, encoding="utf-8")
-    assert not holds_ratings(path)
+    assert recognise_file(path).holds_votes
     assert read_votes(path).n_votes > 0
 
 
