@@ -305,7 +305,8 @@ def test_a_preview_has_the_shape_of_the_film_and_is_made_once(tmp_path: Path) ->
     )
     preview = preview_of(film, tmp_path / "stills")
     facts = decode(preview)
-    assert (facts.width, facts.height, facts.pixel_shape) == (128, 48, 1)
+    assert (facts.width, facts.height) == (128, 48)
+    assert facts.pixel_shape == 1
     assert facts.look is not None
     assert facts.look.codec == "h264"
     made_at = preview.stat().st_mtime_ns

@@ -19,7 +19,7 @@ def surface(points: NDArray[np.float64], faces: NDArray[np.int64], colour: tuple
         points.astype(np.float32),
         faces.astype(np.int32),
         normals.astype(np.float32),
-        np.tile(np.uint8(colour), (len(points), 1)),
+        np.tile(np.array(colour, np.uint8), (len(points), 1)),
     )
 
 
