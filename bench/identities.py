@@ -132,11 +132,12 @@ class Filled:
                 name: Identity({"Authorization": f"Bearer {bearer}"}) for name, bearer in bearers.items()
             }
             self.identities["nobody"] = Identity({})
-            for name, role, sees in (
+            people: tuple[tuple[str, Role | None, list[str] | None], ...] = (
                 ("owner", None, None),
                 ("guest", "viewer", [self.slug]),
                 ("experimenter of another study", "experimenter", [self.other]),
-            ):
+            )
+            for name, role, sees in people:
                 self.identities[name] = self._person(settings, url, name, role, sees)
 
     def _person(self, settings: Settings, url: str, name: str, role: Role | None, sees: list[str] | None) -> Identity:

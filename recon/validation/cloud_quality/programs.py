@@ -103,7 +103,7 @@ def declared_programs(path: Path | None, kind: str, taken: Collection[str]) -> d
 
     Parameters
     ----------
-    path, kind, taken : as of `recon.methods.methods_file.read_tables`
+    path, kind, taken : as for `recon.methods.methods_file.read_tables`
     """
     return {name: _program(table) for name, table in read_tables(path, kind, taken).items()}
 

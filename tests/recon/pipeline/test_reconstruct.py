@@ -407,7 +407,8 @@ def test_worker_processes_share_a_video_and_make_the_same_bytes(run: Path, long_
 
 @pytest.mark.slow
 def test_a_video_that_was_stopped_is_resumed_by_its_parts(run: Path, tmp_path: Path) -> None:
-    films = films_of(run, LONG)
+    options = replace(LONG, floor="bounds")
+    films = films_of(run, options)
     make_part(films[0], tmp_path / "set", films[0].parts[1], threads=1)
     part = tmp_path / "set" / films[0].names(films[0].parts[1])[0]
     written = part.stat().st_mtime_ns
@@ -421,14 +422,14 @@ def test_a_video_that_was_stopped_is_resumed_by_its_parts(run: Path, tmp_path: P
                 raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        render([run], tmp_path / "set", LONG, stop)
+        render([run], tmp_path / "set", options, stop)
     assert told == [(0, 120), (50, 120), (50, 110), (100, 110)], "what was there says nothing about the time left"
     assert part.stat().st_mtime_ns == written
     seen: list[tuple[str, int]] = []
-    manifest = read_json(render([run], tmp_path / "set", LONG, lambda what, done, _total: seen.append((what, done))))
+    manifest = read_json(render([run], tmp_path / "set", options, lambda what, done, _total: seen.append((what, done))))
     assert [entry["n_frames"] for entry in manifest["stimuli"]] == [60, 60]
     seen.clear()
-    render([run], tmp_path / "set", LONG, lambda what, done, _total: seen.append((what, done)))
+    render([run], tmp_path / "set", options, lambda what, done, _total: seen.append((what, done)))
     assert [event for event in seen if event[0] == "video frames"] == [("video frames", 0)], "nothing is rendered again"
 
 

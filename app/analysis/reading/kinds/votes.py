@@ -185,18 +185,21 @@ def _ask_about_sides(seen: Seen, description: Description, asked: Asked, meaning
     items = {*asked.item_a.filled, *asked.item_b.filled}
     used = {name for names in description.columns.values() for name in names}
     for name in seen.table.names:
+        speaks = SWAPPED.search(name) or PLACED.search(name) if len(sides) > 1 and not meaning.by_item else None
+        if not (speaks or plain(name) in TO_MATCH):
+            continue  # the cells of few columns are looked at
         column = seen.column(name)
         holds_items = bool(column.filled) and set(column.filled) <= items
         if plain(name) in TO_MATCH and name not in used and holds_items:
             reading = Reading("answers say which of the two is preferred", Told(choices={"by": "side"}))
             raise QuestionError(f"the column {name!r} may be what the two were to be compared with (ABX)", [reading])
         is_told = name in used and name not in description.columns.get("first_shown", ())
-        if meaning.by_item or len(sides) < 2 or is_told or not len(column.filled) > 1:
+        if not speaks or is_told or not len(column.filled) > 1:
             continue
-        is_place = len(column.filled) <= MOST_PLACES and PLACED.search(name) and "trial" not in plain(name)
-        names_side = any(side in plain(name) for side in sides if not side.isdigit()) and holds_items
-        theirs = (asked.item_a, asked.item_b)[0 if sides[0] in plain(name) else 1].texts
-        if SWAPPED.search(name) or (is_place and not holds_items) or (names_side and (column.texts != theirs).any()):
+        is_place = len(column.filled) <= MOST_PLACES and "trial" not in plain(name) and not holds_items
+        names_side = holds_items and any(side in plain(name) for side in sides if not side.isdigit())
+        theirs = asked.item_a if sides[0] in plain(name) else asked.item_b
+        if SWAPPED.search(name) or is_place or (names_side and (column.texts != theirs.texts).any()):
             told = Told(choices={"a": sides[0], "b": sides[1]})
             raise QuestionError(
                 f"choices are {sides[0]} and {sides[1]}, and the column {name!r} may say that items stood the other "
