@@ -1,4 +1,4 @@
-"""Films of every kind through import and browser: `python bench/film_matrix.py [--minutes 10] [--whole]`.
+"""Films of every kind through import and browser: `python bench/film_matrix.py [--minutes 5] [--whole]`.
 
 The kinds are the whole product of 5 codecs, 4 containers, pixel shapes, rotations, ranges, matrices, transfers, depths,
 interlacing, odd sizes and sound, less what a codec or a container cannot hold: tens of thousands of films. Without
@@ -252,7 +252,7 @@ def checked(kinds: Sequence[Kind], minutes: float | None) -> Iterator[tuple[str,
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--minutes", type=float, default=10, help="after which no other film begins")
+    parser.add_argument("--minutes", type=float, default=5, help="after which no other film begins")
     parser.add_argument("--whole", action="store_true", help="the whole product, however long it takes: hours")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()

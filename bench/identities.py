@@ -1,13 +1,13 @@
 """Whether any request of anybody makes the server fail, or shows a study to whom it is not.
 
-    python bench/identities.py [--cases 20] [--only WORD] [--seed 1] [--json]
+    python bench/identities.py [--cases 20] [--minutes 600] [--only WORD] [--seed 1] [--json]
 
 Schemathesis sends each route, the dashboard's included, what its description allows, as everybody who may come: nobody,
 a participant, tokens that read or change this study or another one, an owner, a guest who may look at this study, and
-the experimenter of another one. Names in addresses are those of a real filled study, found by following the links of the
-dashboard. Then each form of those pages is sent as it stands, and with some of its fields changed. No answer may be 5xx,
-and who has rights of another study alone may not be let in. Where a request has ended an identity or deleted the study,
-the server goes on with a fresh copy. Live pages, which never end, are left out. Prints counts, and each failure.
+the experimenter of another one. Names in addresses are those of a real filled study, found by following the dashboard.
+Then each form of its pages is sent as it stands, and with some of its fields changed. No answer may be 5xx, and who has
+rights of another study alone may not be let in. Where a request has ended an identity or deleted the study, the server
+goes on with a fresh copy. Live pages, which never end, are left out. Prints counts, and each failure.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ import re
 import shutil
 import sys
 import tempfile
+import time
+import warnings
 from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -59,6 +61,7 @@ NO_LIMITS = ("--first", "bench.server_changes:no_limits")
 OPTIONS = {"screening": {"tests": ["acuity", "colour"]}, "limits": {"minutes": 600}}
 OTHERS = ("token of another study", "experimenter of another study")
 MOST_PAGES = 250
+MOST_TOLD = 300
 REAL = 0.8  # share of names in addresses that are real ones
 NASTY = (
     *(
@@ -129,11 +132,12 @@ class Filled:
                 name: Identity({"Authorization": f"Bearer {bearer}"}) for name, bearer in bearers.items()
             }
             self.identities["nobody"] = Identity({})
-            for name, role, sees in (
+            people: tuple[tuple[str, Role | None, list[str] | None], ...] = (
                 ("owner", None, None),
                 ("guest", "viewer", [self.slug]),
                 ("experimenter of another study", "experimenter", [self.other]),
-            ):
+            )
+            for name, role, sees in people:
                 self.identities[name] = self._person(settings, url, name, role, sees)
 
     def _person(self, settings: Settings, url: str, name: str, role: Role | None, sees: list[str] | None) -> Identity:
@@ -214,7 +218,7 @@ class Asking:
         self.asked[who] += 1
         is_private = PRIVATE.match(route) and not PUBLIC.match(route) and f"/{self.filled.slug}" in address
         if status >= 500 or (is_private and who in OTHERS and status < 300):
-            failure = {"who": who, "request": f"{method} {address}", "status": status, "told": told[:300]}
+            failure = {"who": who, "request": f"{method} {address}", "status": status, "told": told[:MOST_TOLD]}
             self.failures.append(failure | {"route": route, "body": repr(body)[:600]})
             print(json.dumps(self.failures[-1]), file=sys.stderr, flush=True)
 
@@ -251,7 +255,9 @@ def described(routes: list[Any]) -> dict[str, Any]:
     """Describe every route, those of pages, too."""
     for route in routes:
         route.include_in_schema = True
-    return get_openapi(title="all", version="1", routes=routes)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # GET and HEAD of a page are one operation to it
+        return get_openapi(title="all", version="1", routes=routes)
 
 
 def ask_by_schema(asking: Asking, schema: Any, known: dict[str, list[dict[str, str]]], arguments: Any) -> None:
@@ -260,10 +266,11 @@ def ask_by_schema(asking: Asking, schema: Any, known: dict[str, list[dict[str, s
         for found in values:
             for name, value in found.items():
                 by_name[name].append(value)
-    for found in schema.get_all_operations():
-        operation = found.ok()
-        path = operation.path
-        if arguments.only not in path:
+    operations = [found.ok() for found in schema.get_all_operations()]
+    asking.rng.shuffle(operations)
+    ends_s = time.monotonic() + 30 * arguments.minutes
+    for operation in operations:
+        if arguments.only not in operation.path or time.monotonic() > ends_s:
             continue
 
         @seed(arguments.seed)
@@ -290,8 +297,8 @@ def ask_by_schema(asking: Asking, schema: Any, known: dict[str, list[dict[str, s
                 case.body["form_token"] = person.form_token
             headers = dict(person.headers) | ({"X-CSRF-Token": person.form_token} if person.form_token else {})
             answer: Response = case.call(asking.url, headers=headers, timeout=120, allow_redirects=False)
-            address = answer.request.path_url
-            asking.note(who, case.method, case.path, address, answer.status_code, answer.text or "", case.body)
+            address, told = answer.request.path_url, answer.content[:MOST_TOLD].decode(errors="replace")
+            asking.note(who, case.method, case.path, address, answer.status_code, told, case.body)
 
         ask()
         if not asking.is_whole():
@@ -300,8 +307,9 @@ def ask_by_schema(asking: Asking, schema: Any, known: dict[str, list[dict[str, s
 
 def ask_by_forms(asking: Asking, routes: list[Any], arguments: Any) -> None:
     """Send each form of the dashboard as it stands, and changed."""
+    ends_s = time.monotonic() + 30 * arguments.minutes
     for method, place, fields in list(asking.forms.values()):
-        if method != "POST" or arguments.only not in place:
+        if method != "POST" or arguments.only not in place or time.monotonic() > ends_s:
             continue
         route = next(
             (r.path for r in routes if method in r.methods and r.path_regex.match(place.partition("?")[0])), ""
@@ -358,6 +366,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", type=int, default=20, help="of each route and form")
+    parser.add_argument("--minutes", type=float, default=600, help="after which it stops")
     parser.add_argument("--only", default="", help="routes whose address holds this")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--log", type=Path, default=Path(os.devnull), help="file for what the servers say")

@@ -120,7 +120,9 @@ def _pair(folder: Path, files: list[Path], focal: float, disparities: tuple[floa
     near, far = (focal * PAIR_BASELINE / disparity for disparity in reversed(disparities))
     across = np.array([width, height]) / focal / 2 * far
     bounds = np.array([[-across[0], -across[1], -far], [across[0], across[1], -near]])
-    capture = Capture(folder, folder.name, "scene", 25.0, 1, bounds, {}, (SensorStream(FAULTY, *streams),))
+    capture = Capture(
+        folder, folder.name, "scene", 25.0, 1, bounds, {}, (SensorStream(FAULTY, streams[0], streams[1]),)
+    )
     for stream, picture in zip(streams, pixels, strict=True):
         write_picture(image_path(folder, stream.image, 0), picture)
     write_capture(capture)

@@ -32,6 +32,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import httpx
 from attacks import processes_below
+from faults import restart
 from server_changes import CLOCK
 
 from app.operations.jobs.kinds import job_kind
@@ -169,7 +170,7 @@ def under(names: tuple[str, ...], arguments: argparse.Namespace, postgres: Postg
             "server": server.kill,
             "worker": lambda: kill_one(server.pid, "multiprocessing.spawn"),
             "job worker": lambda: kill_one(server.pid, "beside_server"),
-            "postgresql": lambda: (postgres.kill(), postgres.start_again())[0] if postgres else None,
+            **({"postgresql": partial(restart, postgres, 0.0)} if postgres else {}),
             "clock": partial(jump, clock, rng),
             **({"read-only": partial(start_on_read_only, server, data)} if has_disk else {}),
         }

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import inspect
 import json
 import re
-from collections.abc import Iterator, Sequence
-from functools import reduce
-from operator import getitem
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -16,10 +13,10 @@ import typer
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
+from app.web.admin.manual_reference import default_in_words, jobs, markdown_table, one_line, settings, tables
+
 if TYPE_CHECKING:
     from pydantic import BaseModel
-
-    from app.study.option_fields import Setting
 
 ROOT = Path(__file__).parent.parent
 REPOSITORY_PAGES = {
@@ -84,7 +81,7 @@ def imports() -> str:
         for name, words in IMPORTED.items()
         if name in FORMATS
     ]
-    return _table(("format", "what", "known by", "meaning", "takes"), rows)
+    return markdown_table(("format", "what", "known by", "meaning", "takes"), rows)
 
 
 def commands() -> str:
@@ -97,7 +94,7 @@ def commands() -> str:
         "everything else goes to standard error. The exit status is 0 on success, 1 on failure, 2 for wrong use.",
     ]
     for name, command in leaves(typer.main.get_command(app), ("reconstudy",)):
-        parts += [f"## {name}", _sentence(command.help), _parameters(command)]
+        parts += [f"## {name}", one_line(command.help), _parameters(command)]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -113,7 +110,7 @@ def leaves(command: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
 
 def _parameters(command: Any) -> str:
     rows = [row for parameter in command.params if (row := _row(parameter)) is not None]
-    return _table(("", "", "default"), rows) if rows else ""
+    return markdown_table(("", "", "default"), rows) if rows else ""
 
 
 def _row(parameter: Any) -> tuple[str, str, str] | None:
@@ -125,131 +122,8 @@ def _row(parameter: Any) -> tuple[str, str, str] | None:
     else:
         name = (parameter.metavar or parameter.name.upper()).replace("|", " or ")  # a bar would end the table's cell
         shown = f"`{name}{' …' if parameter.nargs == -1 else ''}`"
-    default = "required" if parameter.required else _default(parameter.default)
-    return shown, _sentence(getattr(parameter, "help", "")), default
-
-
-def _default(value: Any) -> str:
-    if callable(value) or value in (None, False, (), [], {}, "", 0, dataclasses.MISSING):
-        return ""
-    if isinstance(value, list):  # of an option that may be repeated
-        return f"`{' '.join(value)}`"
-    if isinstance(value, tuple):  # as TOML writes it
-        return f"`{json.dumps(value, ensure_ascii=False)}`"
-    return f"`{'yes' if value is True else value}`"
-
-
-def settings() -> str:
-    """Return the server's environment variables, the options of a study and the settings of an analysis."""
-    from app.analysis.model.settings import AnalysisSettings
-    from app.settings import Settings
-    from app.study.option_fields import settings_of
-    from app.study.options.options import StudyOptions
-    from app.study.questions.questionnaire import Question
-
-    default = StudyOptions().model_dump()
-    options = [
-        (
-            f"`{setting.name}`",
-            _described_setting(setting),
-            _default(reduce(getitem, setting.name.split("."), default)),
-            setting.change,
-        )
-        for setting in settings_of(StudyOptions)
-    ]
-    questions = [
-        (
-            f"`{setting.name}`",
-            _described_setting(setting),
-            "required" if info.is_required() else _default(info.default),
-        )
-        for setting, info in zip(settings_of(Question), Question.model_fields.values(), strict=True)
-    ]
-    prefix = str(Settings.model_config["env_prefix"])
-    server = [
-        (f"`{prefix}{name.upper()}`", _sentence(field.description), _default(field.default))
-        for name, field in Settings.model_fields.items()
-    ]
-    parts = [
-        "# Settings",
-        "## Server",
-        "Environment variables. Options of the command line override some of them for one run.",
-        _table(("variable", "", "default"), server),
-        "## Studies",
-        "Keys of the options file of `reconstudy study create --options` and of a study file. When they [may "
-        "change](studies.md#options): any time, until somebody has begun, or until then and with new films.",
-        _table(("key", "", "default", "may change"), options),
-        "### Questions",
-        "Keys of each table `[[options.questions]]`.",
-        _table(("key", "", "default"), questions),
-        "## Analyses",
-        "Options of `reconstudy analyse`, and the fields of `app.analysis.AnalysisSettings`.",
-        _table(("field", "", "default"), _fields(AnalysisSettings)),
-    ]
-    return "\n\n".join(parts) + "\n"
-
-
-def _described_setting(setting: Setting) -> str:
-    """Return what an option does, with its choices."""
-    choices = "; ".join(f"`{key}` {what}" if key else f"empty: {what}" for key, what in setting.choices.items())
-    return f"{setting.label}: {setting.text}{f' ({choices})' if choices else ''}"
-
-
-def _fields(kind: type[Any]) -> list[tuple[str, str, str]]:
-    """Return the fields of a dataclass with their descriptions from its docstring."""
-    from ground.dataclass_models import described
-
-    words = described(kind)
-    return [(f"`{item.name}`", words[item.name], _default(item.default)) for item in dataclasses.fields(kind)]
-
-
-def tables() -> str:
-    """Return the columns of every table of results that analysts fetch, and the tables of an analysis."""
-    from app.analysis.report.write import COLUMNS
-    from app.analysis.tables import TABLES as ANALYSIS
-    from app.web.analyst.columns import FIGURES, FURTHER, OUTSIDE_IDS, SETS, TABLES
-
-    parts = [
-        "# Tables of results",
-        "The columns of each table of [the REST interface](api.md#tables) and of a study's archive.",
-    ]
-    for name, columns in {**TABLES, "outside-ids": OUTSIDE_IDS, "figures": FIGURES, "sets": SETS}.items():
-        every = columns | FURTHER.get(name, {})
-        rows = [(f"`{column}`", _sentence(about.meaning)) for column, about in every.items()]
-        parts += [f"## {name.replace('_', ' ')}", _table(("column", "is"), rows)]
-    kept = [
-        (
-            f"`{name}`",
-            table.row,
-            "; ".join(f"`{column}`: {meaning}" for column, meaning in table.columns.items()),
-            f"`{name}.csv`" if name in COLUMNS else "",
-        )
-        for name, table in ANALYSIS.items()
-    ]
-    parts += [
-        "## Tables of an analysis",
-        "In `analysis.json` of [an analysis](analysis.md#tables), with the columns that their names do not explain.",
-        _table(("table", "a row for each", "columns", "file"), kept),
-    ]
-    return "\n\n".join(parts) + "\n"
-
-
-def jobs() -> str:
-    """Return every kind of job with its fields."""
-    from app.operations.jobs.kinds import GROUPS
-
-    parts = [
-        "# Jobs",
-        "The kinds of [jobs](work.md), with their names over REST and the fields of their forms. An empty field takes "
-        "the default of the command.",
-    ]
-    for group, kinds in GROUPS.items():
-        parts.append(f"## {group}")
-        for kind in kinds:
-            rows = [(f"`{field.name}`", f"{field.label}: {field.help}".rstrip(": ")) for field in kind.fields]
-            does = f"{kind.help.rstrip('.')}. By `reconstudy {kind.command}`."
-            parts += [f"### {kind.title}: `{kind.name}`", does, _table(("field", ""), rows)]
-    return "\n\n".join(parts) + "\n"
+    default = "required" if parameter.required else default_in_words(parameter.default)
+    return shown, one_line(getattr(parameter, "help", "")), default
 
 
 def file_keys() -> str:
@@ -274,7 +148,7 @@ def _model(model: type[BaseModel], shown: set[str]) -> Iterator[str]:
     from ground.fields import is_model, key_of, taken
 
     shown.add(model.__name__)
-    yield _sentence((inspect.getdoc(model) or "").partition("\n\n")[0])
+    yield one_line((inspect.getdoc(model) or "").partition("\n\n")[0])
     rows, below = [], []
     for name, info in model.model_fields.items():
         inner = list(dict.fromkeys(part for part in _inner_kinds(info.annotation) if is_model(part)))
@@ -283,8 +157,8 @@ def _model(model: type[BaseModel], shown: set[str]) -> Iterator[str]:
         default = (
             "required" if info.is_required() else "" if inner else _written(info.get_default(call_default_factory=True))
         )
-        rows.append((f"`{key_of(name, info)}`", _sentence(info.description), links or taken(info).words, default))
-    yield _table(("key", "", "takes", "default"), rows)
+        rows.append((f"`{key_of(name, info)}`", one_line(info.description), links or taken(info).words, default))
+    yield markdown_table(("key", "", "takes", "default"), rows)
     for part in dict.fromkeys(below):
         if part.__name__ not in shown:
             yield f"### {_title(part)}"
@@ -307,12 +181,3 @@ def _inner_kinds(kind: Any) -> Iterator[Any]:
     yield kind
     for part in get_args(kind):
         yield from _inner_kinds(part)
-
-
-def _sentence(text: str | None) -> str:
-    return " ".join((text or "").replace("\b", "").split())
-
-
-def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
-    lines = [head, ("---",) * len(head), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in lines)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from click import Choice
 
-from app.cli.shared import by_step
+from app.cli.shared import by_step, server_settings
 from app.files import read_json
 from app.operations.commands import Analyse
 from recon.cli.commands.setting import settings_of
@@ -47,11 +47,10 @@ def simulate(
     """Let artificial participants of known preference take the whole study over HTTP."""
     from app.experiment.study import fetched
     from app.main import running_server
-    from app.settings import Settings
     from app.simulation.known_order import came_back, came_out, came_out_sentence, put_in_sentence
     from app.simulation.participants import simulate_study
 
-    settings = Settings()
+    settings = server_settings()
     known = None if abilities is None else _read_abilities(abilities)
     with ProgressLine() as progress, nullcontext(url) if url else running_server(settings) as base_url:
         result = simulate_study(

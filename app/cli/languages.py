@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from app.cli.shared import server_settings
 from recon.cli.console import JsonOption, print_result
 
 app = typer.Typer()
@@ -22,9 +23,8 @@ def languages_list(context: typer.Context, as_json: JsonOption = False) -> None:
     if context.invoked_subcommand is not None:
         return
     from app.operations.studies.languages import find_language_packs
-    from app.settings import Settings
 
-    settings = Settings()
+    settings = server_settings()
     files = find_language_packs(settings)
     used = {file.pack.tag: file.path for file in files if file.pack is not None}
     rows = [

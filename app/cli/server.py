@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from app.cli.shared import UrlOption
+from app.cli.shared import UrlOption, server_settings
 from recon.cli.console import JsonOption, print_result
 
 EVERY_NETWORK = ("0.0.0.0", "::")  # addresses to listen on, where no other computer finds anything
@@ -38,9 +38,8 @@ def serve(
     from app.operations.jobs.beside_server import ends_in_order
     from app.operations.running import noted
     from app.operations.studies.manage import list_studies, set_up_path
-    from app.settings import Settings
 
-    settings = Settings()
+    settings = server_settings()
 
     def announce(listens_at: str) -> None:
         running.enter_context(noted(settings, listens_at))
@@ -68,9 +67,8 @@ def serve(
 def status(as_json: JsonOption = False) -> None:
     """Tell where the data lie, what they hold, whether the server runs and what is installed; nothing is changed."""
     from app.operations.status import server_status
-    from app.settings import Settings
 
-    result = server_status(Settings())
+    result = server_status(server_settings())
     lines = [f"{name + ':':<15} {text}" for name, text in _status_lines(result)]
     print_result(result, "\n".join(lines), as_json=as_json)
 
@@ -112,9 +110,8 @@ def work(
     """Run the dashboard's jobs until you press Ctrl-C; also on another machine, with the same database and folders."""
     from app.operations.extras import has_extra, install_command
     from app.operations.jobs.worker import work as run_jobs
-    from app.settings import Settings
 
-    settings = Settings()
+    settings = server_settings()
     print(f"Running the jobs of {settings.data_dir.absolute()} until you press Ctrl-C.", flush=True)
     if not has_extra("recon"):
         print(f"Only films are imported here; for the other jobs: {install_command('recon')}", flush=True)
@@ -138,12 +135,11 @@ def admin_add(
     """Make a sign-in link for an experimenter, valid once, for a day; older link, password and sessions end."""
     from app.operations.running import url_for_links
     from app.operations.studies.manage import add_experimenter
-    from app.settings import Settings
     from app.store.access.experimenters import ROLES
 
     if role is not None and role not in ROLES:
         raise typer.BadParameter(f"--role is {role!r}, expected one of {', '.join(ROLES)}")
-    settings = Settings()
+    settings = server_settings()
     added = add_experimenter(settings, experimenter, next((known for known in ROLES if known == role), None), study)
     added["link"] = (url or url_for_links(settings)) + added["path"]
     ended = "\nTheir old password does not hold any more; they choose a new one." if added["password_ended"] else ""
@@ -154,9 +150,8 @@ def admin_add(
 def admin_list(as_json: JsonOption = False) -> None:
     """List all experimenters with their roles."""
     from app.operations.studies.manage import list_experimenters
-    from app.settings import Settings
 
-    people = list_experimenters(Settings())
+    people = list_experimenters(server_settings())
     lines = [f"{person['name']}: {person['role']}, {person['state']}, {_seen(person['studies'])}" for person in people]
     sentence = "\n".join(lines) or "There is nobody yet; `reconstudy admin add NAME` adds an experimenter."
     print_result({"experimenters": people}, sentence, as_json=as_json)
@@ -173,9 +168,8 @@ def admin_remove(
 ) -> None:
     """End an experimenter's access and tokens at once; the audit log stays, and `admin add` lets them in again."""
     from app.operations.studies.manage import remove_experimenter
-    from app.settings import Settings
 
-    remove_experimenter(Settings(), experimenter)
+    remove_experimenter(server_settings(), experimenter)
     print_result({"name": experimenter}, f"{experimenter} has no access any more.", as_json=as_json)
 
 
@@ -183,9 +177,8 @@ def admin_remove(
 def token_list(as_json: JsonOption = False) -> None:
     """List all tokens, newest first; their secrets are not stored."""
     from app.operations.studies.manage import list_tokens
-    from app.settings import Settings
 
-    tokens = list_tokens(Settings())
+    tokens = list_tokens(server_settings())
     lines = [
         f"{token['name']}: {token['state']}, may {', '.join(token['scopes'])}, {_seen(token['studies'])}"
         for token in tokens
@@ -201,9 +194,8 @@ def token_revoke(
 ) -> None:
     """Revoke a token: it opens nothing from now on."""
     from app.operations.studies.manage import end_token
-    from app.settings import Settings
 
-    was_valid = end_token(Settings(), token_name)
+    was_valid = end_token(server_settings(), token_name)
     sentence = f"{token_name} is revoked." if was_valid else f"{token_name} was revoked before."
     print_result({"name": token_name, "was_valid": was_valid}, sentence, as_json=as_json)
 
@@ -230,14 +222,13 @@ def token_add(
 ) -> None:
     """Make a bearer token for fetching results over REST; it is shown only once."""
     from app.operations.studies.manage import add_token, only_study
-    from app.settings import Settings
     from app.store.access.tokens import READ, SCOPES
 
     if unknown := sorted(set(scope or ()) - SCOPES.keys()):
         raise typer.BadParameter(f"--scope is {unknown[0]!r}, expected some of {', '.join(SCOPES)}")
     if study and all_studies:
         raise typer.BadParameter("--study and --all-studies exclude each other; leave one out")
-    settings = Settings()
+    settings = server_settings()
     opened = None if all_studies else study or [only_study(settings)]
     added = add_token(settings, token_name, tuple(scope or (READ,)), opened, days=days or None)
     ends = f"until {added['expires_at'][:10]}" if days else "until it is revoked"
@@ -265,9 +256,8 @@ def backup(
 ) -> None:
     """Back up everything that is stored, as it is at one moment; the server may run meanwhile."""
     from app.operations.upkeep.backup import back_up
-    from app.settings import Settings
 
-    result = back_up(Settings(), file, with_media=media, encrypt_to=encrypt_to or ())
+    result = back_up(server_settings(), file, with_media=media, encrypt_to=encrypt_to or ())
     n_rows = sum(result["tables"].values())
     kept = f"{n_rows} rows and {result['videos']} videos are in {file}{', encrypted' * result['encrypted']}."
     print_result(result, kept, as_json=as_json)
@@ -285,9 +275,8 @@ def restore(
 ) -> None:
     """Restore a backup, all of it or nothing; the server may run meanwhile."""
     from app.operations.upkeep.backup import restore as restore_backup
-    from app.settings import Settings
 
-    result = restore_backup(Settings(), file, replace=replace, identity=identity)
+    result = restore_backup(server_settings(), file, replace=replace, identity=identity)
     again = f" {result['erased_again']} erasures since then were applied again." if result["erased_again"] else ""
     missing = result["missing_videos"]
     without = f" {missing} videos are missing here; a backup with --media has them." if missing else ""
@@ -299,9 +288,8 @@ def restore(
 def db_check(as_json: JsonOption = False) -> None:
     """Check the database and the films, models and reports it names; exit with 1 if anything is wrong."""
     from app.operations.upkeep.backup import check
-    from app.settings import Settings
 
-    result = check(Settings())
+    result = check(server_settings())
     print_result(result, "\n".join(result["faults"]) or "Nothing is wrong.", as_json=as_json)
     if result["faults"]:
         raise typer.Exit(1)
@@ -311,7 +299,6 @@ def db_check(as_json: JsonOption = False) -> None:
 def db_upgrade(as_json: JsonOption = False) -> None:
     """Upgrade the database to the newest version."""
     from app.operations.studies.manage import upgrade_database
-    from app.settings import Settings
 
-    result = upgrade_database(Settings())
+    result = upgrade_database(server_settings())
     print_result(result, f"The database is at version {result['version']}.", as_json=as_json)

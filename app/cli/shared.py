@@ -11,6 +11,7 @@ from recon.cli.console import ProgressLine
 
 if TYPE_CHECKING:
     from app.ffmpeg import Progress
+    from app.settings import Settings
 
 
 def _server_address(url: str | None) -> str | None:
@@ -32,3 +33,10 @@ UrlOption = Annotated[
 def by_step(progress: ProgressLine) -> Progress:
     """Show the server's progress with a line for each step: its first word names the step, the rest the item."""
     return lambda what, done, total: progress(what.split(" ")[0], done, total) if what else None
+
+
+def server_settings() -> Settings:
+    """Read the server's settings; commands that need none do not wait for the import."""
+    from app.settings import Settings
+
+    return Settings()

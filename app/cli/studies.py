@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from app.cli.shared import UrlOption, by_step
+from app.cli.shared import UrlOption, by_step, server_settings
 from app.cli.study_flags import GIVEN, CommandWithOptionFlags
 from app.operations.commands import StimuliImport
 from recon.cli.console import JsonOption, ProgressLine, counted, print_result
@@ -126,7 +126,6 @@ def study_create(
 ) -> None:
     """Create a study from a stimulus set, with an open invitation. Flags override the file, and it the preset."""
     from app.operations.studies.create import create_study, read_options
-    from app.settings import Settings
     from app.study.protocols import typed_scale
     from app.study.stages import PRACTICE
 
@@ -137,7 +136,7 @@ def study_create(
     if "practice_dataset" in given:
         options = options.with_stage(PRACTICE)
     with ProgressLine() as progress:
-        settings = Settings()
+        settings = server_settings()
         study = create_study(
             settings,
             stimulus_set,
@@ -172,10 +171,9 @@ def study_import(
     from app.intake.zips import is_zip
     from app.operations.studies.create import import_study
     from app.operations.upkeep.travel import import_file
-    from app.settings import Settings
 
     progress = ProgressLine()
-    settings = Settings()
+    settings = server_settings()
     if file.is_file() and is_zip(file):
         made = import_file(settings, file, name=study_name, progress=by_step(progress))
         progress.close()
@@ -212,17 +210,16 @@ def study_export(
     from app.files import write_text
     from app.operations.studies.manage import export_study
     from app.operations.upkeep.travel import export_to_file
-    from app.settings import Settings
 
     if package is not None:
         if package.suffix.lower() != ".zip" or out is not None:
             raise typer.BadParameter(f"{package}: expected a name that ends in .zip, and no --out beside it")
-        made = export_to_file(Settings(), study, package, has_outside=outside_ids)
+        made = export_to_file(server_settings(), study, package, has_outside=outside_ids)
         whole = f"{counted(made['participants'], 'participant')} and {counted(made['votes'], 'vote')}"
         notes = [f"{note[0].upper()}{note[1:]}." for note in made["notes"]]
         print_result(made, "\n".join([f"Wrote {package}: {study} with {whole}.", *notes]), as_json=as_json)
         return
-    text = export_study(Settings(), study)
+    text = export_study(server_settings(), study)
     if out is not None:
         write_text(out, text)
     result = {"study": study, "toml": text, "file": str(out) if out else None}
@@ -241,9 +238,8 @@ def study_invite(
     """Add an invitation to a study."""
     from app.operations.running import url_for_links
     from app.operations.studies.manage import add_invitation
-    from app.settings import Settings
 
-    settings = Settings()
+    settings = server_settings()
     made = add_invitation(settings, study, places=places)
     made["link"] = (url or url_for_links(settings)) + made["path"]
     people = "as many participants as come" if places is None else f"{counted(places, 'participant')}"
@@ -254,10 +250,9 @@ def study_invite(
 def study_check(study: StudyArgument, as_json: JsonOption = False) -> None:
     """Check a study's films: decode each to its end, and play it in a headless browser where one is installed."""
     from app.operations.studies.check_films import FilmCheck, check_study, in_words
-    from app.settings import Settings
 
     with ProgressLine() as progress:
-        checked = check_study(Settings(), study, progress=by_step(progress))
+        checked = check_study(server_settings(), study, progress=by_step(progress))
     faults = [f"{media}: {fault}" for media, fault in checked["faults"].items()]
     print_result(checked, "\n".join([in_words(FilmCheck(**checked)), *faults]), as_json=as_json)
     if faults:
@@ -271,9 +266,8 @@ def study_balance(
 ) -> None:
     """Check that orders follow from the seed and are balanced: labels, first looks, datasets; exit with 1 if not."""
     from app.operations.studies.manage import study_balance as balance_of
-    from app.settings import Settings
 
-    report = balance_of(Settings(), study)
+    report = balance_of(server_settings(), study)
     print_result(report, "\n".join(_balance_lines(report)), as_json=as_json)
     if not report["ok"]:
         raise typer.Exit(1)
@@ -297,9 +291,8 @@ def study_attach(
     """Attach objective measures, reports and models to a study, in place of those attached before."""
     from app.operations.studies.attach import listed
     from app.operations.studies.manage import attach_results
-    from app.settings import Settings
 
-    attached = attach_results(Settings(), results, study, only=only or ())
+    attached = attach_results(server_settings(), results, study, only=only or ())
     sentences = []
     if attached["measures"]:
         values = counted(attached["n_values"], "value")
@@ -341,9 +334,8 @@ def study_archive(study: StudyArgument, as_json: JsonOption = False) -> None:
 
 def _change_standing(study: str, standing: Standing, *, as_json: bool) -> None:
     from app.operations.studies.manage import change_study_standing
-    from app.settings import Settings
 
-    changed = change_study_standing(Settings(), study, standing)
+    changed = change_study_standing(server_settings(), study, standing)
     print_result(changed, f"{study} is {standing}; it was {changed['before']}.", as_json=as_json)
 
 
@@ -355,9 +347,8 @@ def study_duplicate(
 ) -> None:
     """Create a study of the same stimuli and options, without participants; it stays paused until opened."""
     from app.operations.studies.manage import copy_study
-    from app.settings import Settings
 
-    made = copy_study(Settings(), study, new_name)
+    made = copy_study(server_settings(), study, new_name)
     sentence = f"{made['study']} is a copy of {study}. It is paused; `reconstudy study open {made['study']}` opens it."
     print_result(made, sentence, as_json=as_json)
 
@@ -370,11 +361,10 @@ def study_delete(
 ) -> None:
     """Delete a study with all its votes for good; once somebody has begun, archive it first."""
     from app.operations.studies.manage import remove_study
-    from app.settings import Settings
 
     if not yes and typer.prompt(f"All votes of {study} will be gone. Type {study} to delete it", err=True) != study:
         raise ValueError(f"{study} was not deleted: another name was typed")
-    gone = remove_study(Settings(), study)
+    gone = remove_study(server_settings(), study)
     sentence = f"{study} is deleted, with {gone['votes']} votes of {gone['participants']} participants."
     print_result(gone, sentence, as_json=as_json)
 
@@ -383,9 +373,8 @@ def study_delete(
 def study_list(as_json: JsonOption = False) -> None:
     """List all studies with their progress, newest first."""
     from app.operations.studies.manage import list_studies
-    from app.settings import Settings
 
-    settings = Settings()
+    settings = server_settings()
     studies = list_studies(settings)
     nothing = f"There is no study yet in {settings.data_dir.absolute()}; `reconstudy study create` makes one."
     lines = [_study_sentence(study) for study in studies] or [nothing]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from recon.fusion.views import check_clouds
 from recon.geometry.mesh import Cloud, Mesh, merge_meshes
@@ -18,8 +19,9 @@ from recon.surface import (
     with_small_holes_closed,
     with_voxel,
 )
-from recon.surface.components import drop_islands
-from recon.surface.outlines import cut
+from recon.surface.components import component_labels, drop_islands
+from recon.surface.holes import rim_edges
+from recon.surface.outlines import cut, with_ring
 from recon.surface.vertex_colours import Beside, beside
 
 LEAST_SUPPORT = 0.5  # of what another sensor has there, for a sensor's own layer to stay
@@ -72,7 +74,21 @@ def _layer(cloud: Cloud, points: Beside, place: int, parameters: SurfaceParamete
     if not others.shape[1]:
         return mesh
     field = weights[:, place] - LEAST_SUPPORT * others.max(axis=1)
-    return drop_islands(cut(mesh, field), LEAST_ISLAND * len(mesh.faces))
+    kept = np.where(_from_rims(mesh.faces, field < 0), field, np.abs(field))
+    return drop_islands(cut(mesh, kept), LEAST_ISLAND * len(mesh.faces))
+
+
+def _from_rims(faces: NDArray[np.int32], is_weak: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Leave marked (N,) only what reaches in from a rim of faces (M, 3): within a layer, a cut would be a hole.
+
+    ID's slices have such places: a riser between two of them has few points of its own.
+    """
+    core = with_ring(faces, ~with_ring(faces, ~is_weak)) & is_weak  # what hangs on by a line does not reach
+    labels = component_labels(faces[core[faces].all(axis=1)], len(is_weak))
+    reaches = np.zeros(len(is_weak), bool)
+    rims = rim_edges(faces)[:, 0]
+    reaches[labels[rims[core[rims]]]] = True
+    return np.asarray(core & reaches[labels])
 
 
 def fuse_before(clouds: Sequence[Cloud], parameters: SurfaceParameters = SurfaceParameters()) -> Mesh:

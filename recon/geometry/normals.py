@@ -46,12 +46,12 @@ def area_vectors(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> 
     return np.asarray(np.cross(b - a, c - a) / 2)
 
 
-def vector_sums(vectors: NDArray[np.floating], groups: NDArray[np.integer], n: int) -> NDArray[np.float64]:
+def vector_sums(vectors: NDArray[np.number], groups: NDArray[np.integer], n: int) -> NDArray[np.float64]:
     """Add up the vectors (L, 3) of each of n groups, float64 (n, 3).
 
     Parameters
     ----------
-    vectors : floating (L, 3)
+    vectors : (L, 3)
     groups : integer (L,), the group of each, from 0
     n : number of groups
     """

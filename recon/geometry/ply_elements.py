@@ -196,20 +196,32 @@ def _text_elements(header: _Header, content: bytes) -> dict[str, Element]:
     return elements
 
 
+def numbers_of(text: str | bytes) -> NDArray[np.float64]:
+    """Return the numbers (N,) of a text, with spaces between; fewer than it has words where one is no number."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # where the text is no number; callers name it
+        try:
+            return np.fromstring(text, dtype=np.float64, sep=" ")
+        except ValueError:
+            return np.zeros(0)
+
+
+def are_numbers(text: str | bytes) -> bool:
+    """Tell whether all words of a text are numbers."""
+    try:
+        list(map(float, text.split()))
+    except ValueError:
+        return False
+    return True
+
+
 def _numbers(name: str, rows: Sequence[bytes], n_numbers: int) -> NDArray[np.float64]:
     """Return all numbers of rows of text, or say which row has something else."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # where the text is no number; it is named below
-        try:
-            numbers = np.fromstring(b" ".join(rows), dtype=np.float64, sep=" ")
-        except ValueError:
-            numbers = np.zeros(0)
+    numbers = numbers_of(b" ".join(rows))
     if len(numbers) != n_numbers:
         for number, row in enumerate(rows):
-            try:
-                [float(word) for word in row.split()]
-            except ValueError as error:
-                raise ValueError(f"row {number} of {name} is {_text(row)!r:.60}, expected numbers") from error
+            if not are_numbers(row):
+                raise ValueError(f"row {number} of {name} is {_text(row)!r:.60}, expected numbers")
         raise ValueError(f"its rows of {name} are not readable as numbers")
     return numbers
 

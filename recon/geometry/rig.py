@@ -158,6 +158,12 @@ def transformed(points: NDArray[np.floating], transform: NDArray[np.floating]) -
     return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])
 
 
+def direction_of(azimuth: float, elevation: float) -> NDArray[np.float64]:
+    """Return the unit vector, float64 (3,), at an azimuth about y, from z to x, and an elevation above, radians."""
+    level = np.cos(elevation)
+    return np.array([np.sin(azimuth) * level, np.sin(elevation), np.cos(azimuth) * level])
+
+
 def look_at(centre: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
     """Return `cam_from_world`, float64 (4, 4), of an upright camera at `centre` (3,) that looks at `target` (3,), mm.
 

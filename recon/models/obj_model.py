@@ -6,7 +6,6 @@ trimesh's reader (5.2) is not used, because it goes on in silence where an MTL f
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -15,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.geometry.ply_elements import are_numbers, numbers_of
 from recon.geometry.polygons import cut_polygons
 from recon.models.part import NEUTRAL, Contents, Part, cloud_part, colours_from, decode_picture
 from recon.runtime.files import why_no_file
@@ -178,16 +178,10 @@ def _numbers(lines: Sequence[str], keyword: str, n_columns: Sequence[int]) -> ND
     if not lines:
         return np.zeros((0, max(n_columns[0], 2)))
     width = len(lines[0].split())
-    text = " ".join(lines)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # where the text is no number; it is named below
-        try:
-            values = np.fromstring(text, dtype=np.float64, sep=" ")
-        except ValueError:
-            values = np.zeros(0)
+    values = numbers_of(" ".join(lines))
     if width not in n_columns or len(values) != width * len(lines) or not _are_alike(lines, width):
         for number, line in enumerate(lines, 1):
-            if len(line.split()) != width or width not in n_columns or not _is_numeric(line):
+            if len(line.split()) != width or width not in n_columns or not are_numbers(line):
                 expected = " or ".join(map(str, n_columns)) if number == 1 else str(width)
                 raise ValueError(f"its {keyword} number {number} is {line!r:.60}, expected {expected} numbers")
         raise ValueError(f"its {keyword} lines are not readable as numbers")
@@ -200,14 +194,6 @@ def _numbers(lines: Sequence[str], keyword: str, n_columns: Sequence[int]) -> ND
 
 def _are_alike(lines: Sequence[str], width: int) -> bool:
     return all(len(line.split()) == width for line in lines)
-
-
-def _is_numeric(line: str) -> bool:
-    try:
-        list(map(float, line.split()))
-    except ValueError:
-        return False
-    return True
 
 
 def _corners(faces: Sequence[_Faces], n_elements: tuple[int, int, int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -15,7 +15,7 @@ from pydantic import Field, ValidationError
 from ground.fields import Expected
 from ground.file_models import READS, FilePart, WholeFile, faults_of
 from recon.capture.format import CAPTURE_FILE, Capture, read_draft
-from recon.geometry.rig import Y_FROM, Camera, Rig, Sensor, look_at
+from recon.geometry.rig import Y_FROM, Camera, Rig, Sensor, direction_of, look_at
 from recon.models.folder import SafeName
 from recon.models.read import MM, Placement
 from recon.models.splats.read import holds_splats
@@ -255,9 +255,7 @@ def orbit_rig(orbit: Orbit, bounds: NDArray[np.float64]) -> Rig:
     bounds : float64 (2, 3), mm
     """
     centre, radius = bounds.mean(axis=0), float(np.linalg.norm(bounds[1] - bounds[0])) / 2
-    azimuth, elevation = np.deg2rad(orbit.azimuth_deg), np.deg2rad(orbit.elevation_deg)
-    level = np.cos(elevation)
-    direction = np.array([np.sin(azimuth) * level, np.sin(elevation), np.cos(azimuth) * level])
+    direction = direction_of(np.deg2rad(orbit.azimuth_deg), np.deg2rad(orbit.elevation_deg))
     place_ = centre + direction * (orbit.distance_mm or radius)
     aside = np.cross(direction, [0.0, 1.0, 0.0])
     aside *= SMALL_BASELINE_MM / 2 / np.linalg.norm(aside)

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from recon.geometry.rig import Camera
 from recon.pipeline.keys import camera_key
 from recon.pipeline.manifest import Stimulus
-from recon.pipeline.sources import ModelSequence, Setting
+from recon.pipeline.sources import ModelSequence, SceneSetting
 from recon.render.encoding.checked import holds_checked_frames, write_checked_video
 from recon.render.encoding.quality import VideoCheck
 from recon.render.encoding.video import SILHOUETTE, VideoError, join_videos, probe_video, write_video
 from recon.render.frames import describe_renderer, render_masked_frames
 from recon.render.path_file import write_path
-from recon.render.scene import check_background, scene_around, without_light
+from recon.render.scene import check_background, scene_around
 from recon.runtime.artefacts import Artefacts, code_version
 from recon.runtime.files import read_json, write_json
 
@@ -131,7 +131,7 @@ class Film:
     """
 
     sequence: ModelSequence
-    setting: Setting
+    setting: SceneSetting
     options: RenderOptions
 
     @property
@@ -204,6 +204,11 @@ class Film:
             "code": code_version("render", "models", "geometry", "pipeline/film.py", "pipeline/sources.py"),
         }
 
+    def is_finished(self, out: Path) -> bool:
+        """Return whether the video is finished in the folder of a stimulus set."""
+        key = self.key()
+        return all(Artefacts(out).has(name, key) for name in self.names())
+
 
 def path_name(dataset: str) -> str:
     """Name the file of a scene's cameras in the stimulus set."""
@@ -226,12 +231,6 @@ def make_path(film: Film, out: Path) -> dict[str, str]:
     return {"file": name, "sha256": artefacts.digest(name)}
 
 
-def is_finished(film: Film, out: Path) -> bool:
-    """Return whether a film's video is finished."""
-    key = film.key()
-    return all(Artefacts(out).has(name, key) for name in film.names())
-
-
 def make_part(film: Film, out: Path, part: range, *, threads: int) -> tuple[int, int]:
     """Render, encode and check some frames of a film, unless they are; returns how many were made, and how many found.
 
@@ -246,7 +245,7 @@ def make_part(film: Film, out: Path, part: range, *, threads: int) -> tuple[int,
         cameras = film.cameras()
         scene = scene_around(film.bounds, cameras, film.options.background, floor_y=film.floor_y)
         if film.options.light == "flat":
-            scene = without_light(scene)
+            scene = scene.without_light()
         shown = film.shown
         models = (film.sequence.read(shown[frame]) for frame in part)
         frames = render_masked_frames(

@@ -15,7 +15,7 @@ from recon.capture.recording import evenly_chosen
 from recon.models.inspection import Facts, check_sizes, is_seen, standing_height, union
 from recon.pipeline.film import Film, RenderOptions, path_name
 from recon.pipeline.keys import camera_key
-from recon.pipeline.sources import ModelSequence, Setting, Source, inspect_file, raise_problems
+from recon.pipeline.sources import ModelSequence, SceneSetting, Source, inspect_file, raise_problems
 from recon.runtime.remote import address_of
 from recon.runtime.workers import Pool, Progress
 
@@ -210,7 +210,7 @@ def _warnings(sequences: Sequence[ModelSequence], facts: Mapping[Path, Facts]) -
             yield f"{files[0]}: {warning}{more}"
 
 
-def _differing(dataset: str, setting: Setting, other: Setting, options: RenderOptions) -> Iterator[str]:
+def _differing(dataset: str, setting: SceneSetting, other: SceneSetting, options: RenderOptions) -> Iterator[str]:
     cameras, others = (each.cameras(options.path, options.n_frames, options.size) for each in (setting, other))
     assert setting.bounds is not None
     assert other.bounds is not None

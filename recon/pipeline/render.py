@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from recon.pipeline.film import PARTS, WHERE, Film, RenderOptions, is_finished, make_film, make_part, make_path
+from recon.pipeline.film import PARTS, WHERE, Film, RenderOptions, make_film, make_part, make_path
 from recon.pipeline.film_plan import check_loops, check_path_is_read_only, planned_films
 from recon.pipeline.manifest import MANIFEST, Stimulus, write_manifest
 from recon.pipeline.run import versions
@@ -72,7 +72,7 @@ def render(
 def _make_films(films: Sequence[Film], out: Path, pool: Pool, progress: Progress) -> list[Stimulus]:
     """Make the films that are not finished, and return the stimuli of all."""
     remove_leftovers(out)
-    unfinished = [film for film in films if not is_finished(film, out)]
+    unfinished = [film for film in films if not film.is_finished(out)]
     if unfinished:
         remove(out / MANIFEST)  # it describes the films of an earlier start, which this one may replace
     parts = [partial(make_part, film, out, part, threads=pool.threads) for film in unfinished for part in film.parts]

@@ -73,7 +73,7 @@ class ModelSequence:
 
 
 @dataclass(frozen=True, eq=False)
-class Setting:
+class SceneSetting:
     """What the films of a scene have in common.
 
     Parameters
@@ -136,7 +136,7 @@ class Source:
 
     dataset: str
     sequences: tuple[ModelSequence, ...]
-    setting: Setting
+    setting: SceneSetting
     provenance: dict[str, Any] = field(default_factory=dict)
     is_run: bool = True
     recorded_as: str = ""
@@ -219,7 +219,7 @@ def run_source(run: Run) -> Source:
                 is_still=approach in run.static,
             )
         )
-    setting = Setting(address_of(run.folder), run.capture.bounds, run.capture.rig)
+    setting = SceneSetting(address_of(run.folder), run.capture.bounds, run.capture.rig)
     return Source(run.dataset, tuple(sequences), setting, {"dataset": run.dataset, "versions": run.versions})
 
 
@@ -271,7 +271,7 @@ def _read_models_folder(folder: Path) -> tuple[Source | None, list[str]]:
         item = ModelSequence(scene.dataset, approach, levels, scene.fps, files, empty, placement, is_still)
         sequences.append(item)
     capture = scene.path.capture
-    setting = Setting(
+    setting = SceneSetting(
         str(folder),
         scene.bounds,
         None if capture is None else capture.rig,

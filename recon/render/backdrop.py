@@ -12,7 +12,7 @@ from recon.geometry.rig import Camera
 from recon.geometry.splats import Splats
 from recon.render.heights import height_map
 from recon.render.rasterise import in_threads
-from recon.render.scene import Scene, floor_grid, floor_reach
+from recon.render.scene import Scene
 
 CONTACT_HEIGHT = 0.06  # of the bounds' radius: how far above the floor a surface still darkens it by contact
 PENUMBRA_HEIGHT = 0.5  # of the bounds' radius: from how high a surface casts the wide, soft shadow alone
@@ -25,7 +25,7 @@ def floor_shade(model: Model, scene: Scene) -> NDArray[np.float32]:
 
     Returns
     -------
-    float32 (rows, columns) over the square of `floor_grid`, 0 (as it is) to 1 (black), 0 along the border
+    float32 (rows, columns) over the square of `Scene.floor_grid`, 0 (as it is) to 1 (black), 0 along the border
     """
     background = scene.background
     if not background.has_floor:
@@ -35,7 +35,7 @@ def floor_shade(model: Model, scene: Scene) -> NDArray[np.float32]:
         model = model.select(((model.centres >= low) & (model.centres <= high)).all(axis=1))
     straight, oblique = (
         height_map(model, grid)
-        for grid in (floor_grid(scene, np.array([0.0, 1.0, 0.0])), floor_grid(scene, scene.to_light))
+        for grid in (scene.floor_grid(np.array([0.0, 1.0, 0.0])), scene.floor_grid(scene.to_light))
     )
     radius = scene.radius
     contact = np.exp(-np.maximum(straight, 0) / np.float32(CONTACT_HEIGHT * radius))
@@ -67,7 +67,7 @@ def backdrop(scene: Scene, camera: Camera, shade: NDArray[np.float32], *, thread
     start = (camera.centre - scene.centre).astype(np.float32)
     drop = np.float32(camera.centre[1] - scene.floor_y) if background.has_floor else np.float32(-1)
     colours = np.array([background.floor, background.horizon, background.zenith], dtype=np.float32)
-    texel = np.float32(2 * floor_reach(scene) / (shade.shape[0] - 1))
+    texel = np.float32(2 * scene.floor_reach / (shade.shape[0] - 1))
     fade = np.float32(FADE * scene.radius)
 
     def draw(first: int) -> None:

@@ -18,10 +18,34 @@ from recon.render.scene import transformed
 Values = Sequence[NDArray[Any]]
 
 
-def are_all_drawn(projected: NDArray[np.float32]) -> bool:
-    """Tell whether the kernels draw faces of all vertices: column, row and depth of each, float32 (N, 3)."""
-    nearest, farthest = projected[:, 2].min(), np.abs(projected[:, :2]).max()
-    return bool(nearest >= NEAREST and farthest < FARTHEST_PIXEL)  # false for NaN
+def projected(vertices: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
+    """Project vertices (N, 3) to column, row and depth, float32 (N, 3)."""
+    homogeneous = transformed(vertices.astype(np.float64), camera.K @ camera.cam_from_world[:3])
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # beside or behind the camera: not drawn
+        homogeneous[:, :2] /= homogeneous[:, 2:]
+        return homogeneous.astype(np.float32)
+
+
+def drawn_by(
+    camera: Camera, vertices: NDArray[np.float32], faces: NDArray[np.int32], values: Values
+) -> tuple[NDArray[np.float32], NDArray[np.int32], Values]:
+    """Project a mesh, whose faces are cut before the camera where it stands among them.
+
+    Parameters
+    ----------
+    camera, vertices, faces, values : as of `cut_before`
+
+    Returns
+    -------
+    projected : float32 (N, 3), see `projected`
+    faces, values : as of `cut_before`, but as they were where nothing is to be cut
+    """
+    places = projected(vertices, camera)
+    nearest, farthest = places[:, 2].min(), np.abs(places[:, :2]).max()
+    if nearest >= NEAREST and farthest < FARTHEST_PIXEL:  # false for NaN
+        return places, faces, values
+    vertices, faces, values = cut_before(camera, vertices, faces, values)
+    return projected(vertices, camera), faces, values
 
 
 def cut_before(

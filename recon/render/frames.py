@@ -15,14 +15,14 @@ from recon.geometry.mesh import Model
 from recon.geometry.rig import Camera
 from recon.geometry.splats import Splats
 from recon.render.backdrop import backdrop, floor_shade
-from recon.render.cut import are_all_drawn, cut_before
+from recon.render.cut import drawn_by, projected
 from recon.render.discs import draw_discs
 from recon.render.gaussians.draw import draw_splats
 from recon.render.gaussians.gpu import draw_splats_by_gsplat, gsplat_device
 from recon.render.light import lit
 from recon.render.offscreen import NoRendererError, is_hardware, pyrender_frames, working_platform
 from recon.render.rasterise import draw_model
-from recon.render.scene import LitDiscs, LitMesh, Scene, Shot, transformed
+from recon.render.scene import LitDiscs, LitMesh, Scene, Shot
 from recon.render.texture import NO_MIPMAPS, mipmaps
 from recon.runtime.files import naming
 
@@ -46,19 +46,17 @@ def software_frames(shots: Iterable[Shot], *, over: Callable[..., None] = draw_s
             over(shot.picture, model, shot.camera, threads=shot.threads)
             yield shot.picture
             continue
-        projected = _projected(model.vertices, shot.camera)
         if isinstance(model, LitDiscs):
             reach = model.radius_mm * shot.camera.K[0, 0], model.radius_mm * shot.camera.K[1, 1]
-            draw_discs(shot.picture, projected, model.colours, reach, threads=shot.threads)
+            places = projected(model.vertices, shot.camera)
+            draw_discs(shot.picture, places, model.colours, reach, threads=shot.threads)
         else:
             if model is not drawn:
                 texture, drawn = mipmaps(model.texture) if model.texture else NO_MIPMAPS, model
-            faces, front, back, uv = model.faces, model.front, model.back, texture.uv
-            if not are_all_drawn(projected):
-                vertices, faces, (front, back, uv) = cut_before(shot.camera, model.vertices, faces, (front, back, uv))
-                projected = _projected(vertices, shot.camera)
+            values = model.front, model.back, texture.uv
+            places, faces, (front, back, uv) = drawn_by(shot.camera, model.vertices, model.faces, values)
             placed = texture._replace(uv=uv)
-            draw_model(shot.picture, projected, faces, front, back, texture=placed, threads=shot.threads)
+            draw_model(shot.picture, places, faces, front, back, texture=placed, threads=shot.threads)
         yield shot.picture
 
 
@@ -182,14 +180,6 @@ def _shots(
                 shown = lit(model, scene)
             shade, last = floor_shade(model, scene), model
         yield Shot(shown, camera, backdrop(scene, camera, shade, threads=threads), threads)
-
-
-def _projected(vertices: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
-    """Project vertices (N, 3) to column, row and depth, float32 (N, 3)."""
-    homogeneous = transformed(vertices.astype(np.float64), camera.K @ camera.cam_from_world[:3])
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # beside or behind the camera: not drawn
-        homogeneous[:, :2] /= homogeneous[:, 2:]
-        return homogeneous.astype(np.float32)
 
 
 def _has_gpu() -> bool:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from recon.geometry.mesh import Discs, Mesh, Model
 from recon.geometry.splats import Splats
 from recon.render.heights import height_map
-from recon.render.scene import LitDiscs, LitMesh, LitModel, Scene, light_grid
+from recon.render.scene import LitDiscs, LitMesh, LitModel, Scene
 from recon.render.texture import drawable
 
 GAMMA = 2.2  # light multiplies linear values; for a power law that is gain ** (1 / GAMMA) on encoded ones
@@ -76,7 +76,7 @@ def _sides(
     """Light the front and the back of points (N, 3) of a model that casts shadows on itself, uint8 (N, 3) each."""
     if scene.background.ambient >= 1:
         return colours, colours
-    grid = light_grid(scene)
+    grid = scene.light_grid()
     shadow = height_map(model, grid)
     # A disc that faces the light stands out of an oblique surface by as much as its radius.
     margin = np.float32(scene.radius * SHADOW_BIAS + (model.radius_mm if isinstance(model, Discs) else 0))

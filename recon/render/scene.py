@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Texture
-from recon.geometry.rig import Camera, bounds_corners, checked_bounds, look_at
+from recon.geometry.rig import Camera, bounds_corners, checked_bounds, direction_of, look_at
 from recon.geometry.splats import Splats
 
 KEY_AZIMUTH_DEG = 35.0  # the light stands to the left behind the camera, as in a portrait
@@ -79,6 +79,45 @@ class Scene:
     def radius(self) -> float:
         """Half the diagonal of the bounds, mm."""
         return float(np.linalg.norm(self.bounds[1] - self.bounds[0])) / 2
+
+    def without_light(self) -> Scene:
+        """Return the scene with models in the colours that they bring, as splats are; shadows on the floor stay."""
+        return replace(self, background=replace(self.background, ambient=1.0, sky=0.0))
+
+    def light_grid(self) -> TexelGrid:
+        """Project along the key light onto a grid that holds the bounds; depth grows away from the light."""
+        pose = look_at(self.centre + self.to_light, self.centre)
+        corners = bounds_corners(self.bounds) @ pose[:3, :3].T + pose[:3, 3]
+        low, high = corners.min(axis=0)[:2], corners.max(axis=0)[:2]
+        texel = float((high - low).max()) / (SHADOW_TEXELS - 1)
+        rows, columns = int(np.ceil((high - low)[1] / texel)) + 1, int(np.ceil((high - low)[0] / texel)) + 1
+        transform = pose[:3].copy()
+        transform[:2] /= texel
+        transform[:2, 3] -= low / texel
+        return TexelGrid(transform, (rows, columns), texel)
+
+    def floor_grid(self, along: NDArray[np.floating]) -> TexelGrid:
+        """Project onto the floor parallel to `along` (3,), upwards; depth is the height above the floor, mm.
+
+        The grid is a square around the bounds that the longest shadow does not leave; column is x, row is z.
+        """
+        half = self.floor_reach
+        texel = 2 * half / (FLOOR_TEXELS - 1)
+        slope_x, slope_z = float(along[0] / along[1]), float(along[2] / along[1])
+        to_floor = np.array([[1, -slope_x, 0, 0], [0, -slope_z, 1, 0], [0, 1, 0, -self.floor_y]], dtype=np.float64)
+        to_floor[:2, 3] = (
+            slope_x * self.floor_y - self.centre[0] + half,
+            slope_z * self.floor_y - self.centre[2] + half,
+        )
+        to_floor[:2] /= texel
+        return TexelGrid(to_floor, (FLOOR_TEXELS, FLOOR_TEXELS), texel)
+
+    @property
+    def floor_reach(self) -> float:
+        """Half the side of the square of floor that can hold shadows, mm."""
+        extent = self.bounds[1] - self.bounds[0]
+        footprint = float(np.hypot(extent[0], extent[2])) / 2
+        return 1.3 * footprint + float(extent[1]) / float(np.tan(np.deg2rad(KEY_ELEVATION_DEG)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,11 +231,6 @@ def scene_around(
     return Scene(BACKGROUNDS[background], bounds, _key_direction(bounds.mean(axis=0), cameras), floor_y)
 
 
-def without_light(scene: Scene) -> Scene:
-    """Return a scene in which every model has the colours that it brings, as splats do; shadows on the floor stay."""
-    return replace(scene, background=replace(scene.background, ambient=1.0, sky=0.0))
-
-
 def transformed(points: NDArray[Real], transform: NDArray[Real]) -> NDArray[Real]:
     """Transform points (N, 3) by an affine matrix (3, 4).
 
@@ -206,43 +240,6 @@ def transformed(points: NDArray[Real], transform: NDArray[Real]) -> NDArray[Real
     return np.stack([row[0] * x + row[1] * y + row[2] * z + row[3] for row in transform], axis=1)
 
 
-def light_grid(scene: Scene) -> TexelGrid:
-    """Project along the key light onto a grid that holds the bounds; depth grows away from the light."""
-    pose = look_at(scene.centre + scene.to_light, scene.centre)
-    corners = bounds_corners(scene.bounds) @ pose[:3, :3].T + pose[:3, 3]
-    low, high = corners.min(axis=0)[:2], corners.max(axis=0)[:2]
-    texel = float((high - low).max()) / (SHADOW_TEXELS - 1)
-    rows, columns = int(np.ceil((high - low)[1] / texel)) + 1, int(np.ceil((high - low)[0] / texel)) + 1
-    transform = pose[:3].copy()
-    transform[:2] /= texel
-    transform[:2, 3] -= low / texel
-    return TexelGrid(transform, (rows, columns), texel)
-
-
-def floor_grid(scene: Scene, along: NDArray[np.floating]) -> TexelGrid:
-    """Project onto the floor parallel to `along` (3,), upwards; depth is the height above the floor, mm.
-
-    The grid is a square around the bounds that the longest shadow does not leave; column is x, row is z.
-    """
-    half = floor_reach(scene)
-    texel = 2 * half / (FLOOR_TEXELS - 1)
-    slope_x, slope_z = float(along[0] / along[1]), float(along[2] / along[1])
-    to_floor = np.array([[1, -slope_x, 0, 0], [0, -slope_z, 1, 0], [0, 1, 0, -scene.floor_y]], dtype=np.float64)
-    to_floor[:2, 3] = (
-        slope_x * scene.floor_y - scene.centre[0] + half,
-        slope_z * scene.floor_y - scene.centre[2] + half,
-    )
-    to_floor[:2] /= texel
-    return TexelGrid(to_floor, (FLOOR_TEXELS, FLOOR_TEXELS), texel)
-
-
-def floor_reach(scene: Scene) -> float:
-    """Compute half the side of the square of floor that can hold shadows, mm."""
-    extent = scene.bounds[1] - scene.bounds[0]
-    footprint = float(np.hypot(extent[0], extent[2])) / 2
-    return 1.3 * footprint + float(extent[1]) / float(np.tan(np.deg2rad(KEY_ELEVATION_DEG)))
-
-
 def _key_direction(centre: NDArray[np.float64], cameras: Sequence[Camera]) -> NDArray[np.float64]:
     """Point towards the key light: to the left of where the cameras stand on average, and above."""
     towards = np.mean([camera.centre - centre for camera in cameras], axis=0)
@@ -250,6 +247,4 @@ def _key_direction(centre: NDArray[np.float64], cameras: Sequence[Camera]) -> ND
     if np.linalg.norm(towards[[0, 2]]) < 0.05 * np.linalg.norm(first):  # a whole orbit has no mean direction
         towards = first
     azimuth = float(np.arctan2(towards[0], towards[2])) - float(np.deg2rad(KEY_AZIMUTH_DEG))
-    elevation = float(np.deg2rad(KEY_ELEVATION_DEG))
-    level = np.cos(elevation)
-    return np.array([np.sin(azimuth) * level, np.sin(elevation), np.cos(azimuth) * level])
+    return direction_of(azimuth, float(np.deg2rad(KEY_ELEVATION_DEG)))

@@ -38,6 +38,17 @@ class Visibility:
     nearness: NDArray[np.float32]
     pixels: NDArray[np.float64]
 
+    def depths(self, size: tuple[int, int]) -> NDArray[np.float64]:
+        """Return the depth z at each pixel's centre of a whole image, float64 (H, W), mm; 0 where there is nothing.
+
+        `size` is its (width, height), pixels.
+        """
+        near = self.nearness[..., 0].astype(np.float64)
+        depths = np.zeros(size[::-1])
+        window = depths[self.row : self.row + len(near), self.column : self.column + near.shape[1]]
+        np.divide(1.0, near, out=window, where=near > 0)
+        return depths
+
 
 def see(camera: Camera, vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> Visibility:
     """Rasterise a closed mesh; faces that turn their back on the camera are skipped.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.geometry.rig import Camera, Rig, Sensor, look_at, rigid
+from recon.geometry.rig import Camera, Rig, Sensor, direction_of, look_at, rigid
 from recon.studio.actors.skeleton import axis_rotation, rotation
 
 NEAREST_SENSOR_MM, FARTHEST_SENSOR_MM = 2300.0, 2900.0  # section 4.2 of the paper
@@ -91,9 +91,7 @@ def between(first: Sensor, second: Sensor, field: Field) -> Camera:
 def _sensor(name: str, field: Field, azimuth_deg: float, size: tuple[int, int], rng: np.random.Generator) -> Sensor:
     distance = rng.uniform(NEAREST_SENSOR_MM + 100.0, FARTHEST_SENSOR_MM - 150.0)
     target = np.asarray(field.centre)
-    azimuth, elevation = np.radians(azimuth_deg), np.radians(rng.uniform(4.0, 9.0))
-    direction = np.array([np.sin(azimuth) * np.cos(elevation), np.sin(elevation), np.cos(azimuth) * np.cos(elevation)])
-    centre = target + distance * direction
+    centre = target + distance * direction_of(np.radians(azimuth_deg), np.radians(rng.uniform(4.0, 9.0)))
     half = 0.5 * rng.uniform(*BASELINES_MM) * look_at(centre, target)[0, :3]
     focal = distance * min(size[1] / field.height, size[0] / field.width) * rng.uniform(0.98, 1.0)
     left, right = (_camera(centre + offset, centre, target, focal, size, rng) for offset in (-half, half))

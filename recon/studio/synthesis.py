@@ -258,14 +258,12 @@ class _Recording:
     ) -> None:
         """Write the picture of a camera; `shot` is the camera's number, the frame (-1: the plate) and the instant."""
         index, frame, instant = shot
-        parameters, (pixels, column, row) = self._parameters, actors
+        parameters = self._parameters
         dimming = parameters.dimming(view.camera.size, instant / parameters.fps, parameters.fps)
-        picture = expose(
-            view.plate, pixels, column, row, view.gains, self._curve, view.floor_cells,
-            np.ones((FLOOR_CELLS, FLOOR_CELLS), np.float32) if floor is None else floor,
-            np.ones((0, 0), np.float32) if dimming is None else dimming,
-            parameters.noise, self._key(index, frame + 1),
-        )  # fmt: skip
+        shade = np.ones((FLOOR_CELLS, FLOOR_CELLS), np.float32) if floor is None else floor
+        dimmed = np.ones((0, 0), np.float32) if dimming is None else dimming
+        ground, key = (view.floor_cells, shade), self._key(index, frame + 1)
+        picture = expose(view.plate, actors, view.gains, self._curve, ground, dimmed, parameters.noise, key)
         path = self._folder / f"{view.name}/{'plate' if frame < 0 else f'{frame:04d}'}{parameters.suffix}"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(parameters.encoded(picture, NOISY_PNG))

@@ -11,7 +11,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,14 +39,9 @@ def write_view(folder: Path, view: str, frame: int, size: tuple[int, int], seen:
     size : (width, height) of the camera's image, pixels
     seen : what the camera sees
     """
-    depth, mask = np.zeros(size[::-1], np.uint16), np.zeros(size[::-1], np.uint8)
-    h, w = seen.nearness.shape[:2]
-    window = np.s_[seen.row : seen.row + h, seen.column : seen.column + w]
-    _quantise(seen.nearness, depth[window], mask[window], DEPTH_FROM_MM, DEPTH_STEP_MM)
-    for pattern, picture in ((DEPTH, depth), (MASK, mask)):
-        path = folder / pattern.format(view=view, frame=frame)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(cv2.imencode(".png", picture, PNG)[1].tobytes())
+    depth = _steps(seen.depths(size), DEPTH_FROM_MM, DEPTH_STEP_MM)
+    for pattern, picture in ((DEPTH, depth), (MASK, np.where(depth > 0, 255, 0).astype(np.uint8))):
+        _write_png(folder / pattern.format(view=view, frame=frame), picture)
 
 
 def write_depth_map(path: Path, size: tuple[int, int], seen: Visibility) -> None:
@@ -59,25 +53,18 @@ def write_depth_map(path: Path, size: tuple[int, int], seen: Visibility) -> None
     size : (width, height) of the camera's image, pixels
     seen : what the camera sees
     """
-    depth = np.zeros(size[::-1], np.uint16)
-    h, w = seen.nearness.shape[:2]
-    window = depth[seen.row : seen.row + h, seen.column : seen.column + w]
-    _quantise(seen.nearness, window, np.zeros((h, w), np.uint8), 0.0, DEPTH_MAP_STEP_MM)
+    _write_png(path, _steps(seen.depths(size), 0.0, DEPTH_MAP_STEP_MM))
+
+
+def _steps(depths: NDArray[np.float64], from_mm: float, step_mm: float) -> NDArray[np.uint16]:
+    """Count the steps to each depth (H, W), at least 1; 0 where there is none."""
+    steps = np.clip(np.rint((depths - from_mm) / step_mm), 1, np.iinfo(np.uint16).max)
+    return np.where(depths > 0, steps, 0).astype(np.uint16)
+
+
+def _write_png(path: Path, picture: NDArray[np.integer]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(cv2.imencode(".png", depth, PNG)[1].tobytes())
-
-
-@numba.njit(cache=True, nogil=True)
-def _quantise(
-    nearness: NDArray[np.float32], depth: NDArray[np.uint16], mask: NDArray[np.uint8], from_mm: float, step_mm: float
-) -> None:
-    for y in range(nearness.shape[0]):
-        for x in range(nearness.shape[1]):
-            near = nearness[y, x, 0]
-            if near > 0.0:
-                value = np.rint((1.0 / near - from_mm) / step_mm)
-                depth[y, x] = int(min(65535.0, max(1.0, value)))
-                mask[y, x] = 255
+    path.write_bytes(cv2.imencode(".png", picture, PNG)[1].tobytes())
 
 
 def read_depth(capture: Capture, sensor_id: str, side: str, frame: int) -> NDArray[np.float32]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Cloud
+from recon.geometry.normals import vector_sums
 
 SAME_SURFACE = 0.8  # cosine between the normals of two sensors' points that are the same place
 SATURATED = (8, 247)  # bytes beyond these may have been clipped
@@ -75,10 +76,7 @@ def _places(cloud: Cloud, place_mm: float) -> _Places:
     cubes, place = np.unique(np.floor(cloud.points / place_mm).astype(np.int64), axis=0, return_inverse=True)
     place = place.ravel()
     count = np.bincount(place)[:, None]
-    colours, normals = (
-        np.stack([np.bincount(place, values[:, axis]) for axis in range(3)], axis=1) / count
-        for values in (cloud.colours, cloud.normals)
-    )
+    colours, normals = (vector_sums(values, place, len(cubes)) / count for values in (cloud.colours, cloud.normals))
     return cubes, colours, normals
 
 

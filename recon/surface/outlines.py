@@ -286,7 +286,7 @@ def smooth_rims(
     is_rim[rims] = True
     moves = is_rim.copy()
     for _ in range(RINGS):
-        moves = _with_ring(mesh.faces, moves)
+        moves = with_ring(mesh.faces, moves)
     starts, neighbours = neighbours_of(_links(mesh.faces, rims, is_rim, moves), len(mesh.vertices))
     rows = np.flatnonzero(np.diff(starts))
     vertices = mesh.vertices.astype(np.float64)
@@ -300,8 +300,8 @@ def smooth_rims(
 
 
 @njit(cache=True)
-def _with_ring(faces, moves):  # type: ignore[no-untyped-def]  # numba
-    """Mark the vertices of all faces that have a marked one, bool (N,)."""
+def with_ring(faces, moves):  # type: ignore[no-untyped-def]  # numba
+    """Mark the vertices of all faces (M, 3) that have a marked one, bool (N,)."""
     after = moves.copy()
     for f in range(len(faces)):
         if moves[faces[f, 0]] or moves[faces[f, 1]] or moves[faces[f, 2]]:

@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from recon.geometry.normals import area_vectors
+from recon.geometry.normals import area_vectors, vector_sums
 from recon.runtime.workers import in_bands
 from recon.validation.sampling import order_by_cells
 
@@ -124,8 +124,8 @@ def _sums(
     numbers: NDArray[np.int64], normals: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Sum the faces' normals (M, 3), weighted (M, 3), over the corners or edges (M, 3) of the same number."""
-    weighted = ((weights * normals[:, [axis]]).ravel() for axis in range(3))
-    return np.stack([np.bincount(numbers.ravel(), along) for along in weighted], axis=1)
+    weighted = (weights[..., None] * normals[:, None]).reshape(-1, 3)
+    return vector_sums(weighted, numbers.ravel(), int(numbers.max()) + 1)
 
 
 @njit(cache=True, nogil=True)

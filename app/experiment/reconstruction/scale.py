@@ -6,12 +6,11 @@ from dataclasses import dataclass, replace
 from math import prod
 
 SCENES = ("ball", "box", "people", "standing", "face")  # figure 2
-# On disk, for each pixel of a frame: the paper's six approaches, and one. Measured were 130, with voxels of about three
-# times the width; meshes have five times the triangles since.
-SCENE_BYTES, OBJECT_BYTES = 205, 35
-# On two idle cores, for each pixel of a frame, microseconds; measured before PM took a fifth and surfaces four times of
-# what they took then, which about cancel.
-SCENE_US, OBJECT_US, FILM_US = 14.6, 7.6, 0.2
+# On disk, for each pixel of a frame: the paper's six approaches, and one; measured on two people at 1080x1920.
+SCENE_BYTES, OBJECT_BYTES = 145, 35
+# On two idle cores, for each pixel of a frame, microseconds: 36 s of processor time for the models of two people at
+# 1080x1920, and 10 s to record them; those of objects and films were measured before.
+SCENE_US, OBJECT_US, FILM_US = 11.0, 7.6, 0.2
 FILMS_OF_SCENE = 7  # of the paper's six approaches, and of the true models
 FURTHER_S = 400.0  # for 1 650 votes, comparisons and starting everything, at any scale
 

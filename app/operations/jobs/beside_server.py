@@ -84,7 +84,7 @@ def _keep(settings: Settings, n_at_once: int, stop: threading.Event) -> None:
 
 def _start(settings: Settings, n_at_once: int) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
-        [sys.executable, "-m", __name__, str(n_at_once), str(os.getpid())],
+        [sys.executable, "-P", "-m", __name__, str(n_at_once), str(os.getpid())],
         stdin=subprocess.DEVNULL,
         env=os.environ | settings.as_environment(),
         process_group=0,  # Ctrl-C reaches the server alone, which then ends the worker

@@ -26,7 +26,7 @@ from app.files import read_json, write_json
 from app.settings import Settings
 from app.store.queue import JobProgress
 
-PROGRAM = (sys.executable, "-m", "app.cli")
+PROGRAM = (sys.executable, "-P", "-m", "app.cli")  # -P: imports nothing from where the server was started
 LOG, PROGRESS, STEPS, LOCK, DONE = "log.txt", "progress.json", "steps.json", "lock", "done"
 PROGRESS_FILE = "RECONSTUDY_PROGRESS_FILE"  # as recon/cli/console.py reads it
 DONE_FILE = "RECONSTUDY_DONE_FILE"  # as app/cli reads it

@@ -10,6 +10,7 @@ from fastapi.responses import FileResponse, Response
 from app.errors import NotFoundError
 from app.files import packaged
 from app.web.admin.layout import page
+from app.web.admin.manual_reference import jobs, settings, tables
 from app.web.markdown import render_manual
 from app.web.roles import Person
 
@@ -41,8 +42,12 @@ PAGES = {  # in the order of the list, which leaves out what is for developers
     "comparison": "Other tools",
     "security": "Security",
     "operations": "Run a server",
+    "settings": "Settings",
+    "jobs": "Jobs",
+    "tables": "Tables of results",
     "troubleshooting": "When something is wrong",
 }
+WRITTEN = {"settings": settings, "jobs": jobs, "tables": tables}  # pages that follow from the program
 PICTURES = {".webp": "image/webp", ".svg": "image/svg+xml", ".png": "image/png"}
 
 router = APIRouter(prefix="/admin/manual", include_in_schema=False)
@@ -70,6 +75,10 @@ def manual_page(request: Request, person: Person, name: Name) -> Response:
     """Show a page of the manual, by its name in the list: a name from outside never becomes a path."""
     if name not in PAGES:
         raise NotFoundError("The manual has no such page.")
-    text = (packaged("docs") / f"{name}.md").read_text(encoding="utf-8")
-    context = {"text": render_manual(text, PAGES), "pages": PAGES, "name": name}
+    context = {"text": render_manual(text_of(name), PAGES), "pages": PAGES, "name": name}
     return page(request, "manual", person, context)
+
+
+def text_of(name: str) -> str:
+    """Return a page of the manual as Markdown."""
+    return WRITTEN[name]() if name in WRITTEN else (packaged("docs") / f"{name}.md").read_text(encoding="utf-8")

@@ -6,55 +6,16 @@ may read.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 
-from recon.cli.commands.experiments import Demo, ExperimentPaper
-from recon.cli.commands.measures import (
-    ValidateCloud,
-    ValidateCuboid,
-    ValidateFilms,
-    ValidateMesh,
-    ValidateObject,
-    ValidateSphere,
-    ValidateViews,
-)
-from recon.cli.commands.reconstruction import Export, Fuse, Match, Models, Reconstruct, Render
-from recon.cli.commands.recordings import (
-    CaptureBoard,
-    CaptureCalibrate,
-    CaptureCheck,
-    CaptureExport,
-    CaptureImport,
-    CaptureMask,
-    CaptureSegment,
-    CaptureSynth,
-    CaptureTruth,
-)
+from recon.cli.commands import experiments, measures, reconstruction, recordings
 from recon.cli.commands.setting import Command
 
+# by what is typed: `CaptureSynth` has the settings of `capture synth`
 COMMANDS: Mapping[str, type[Command]] = {
-    "match": Match,
-    "reconstruct": Reconstruct,
-    "fuse": Fuse,
-    "export": Export,
-    "models": Models,
-    "render": Render,
-    "capture synth": CaptureSynth,
-    "capture truth": CaptureTruth,
-    "capture export": CaptureExport,
-    "capture board": CaptureBoard,
-    "capture mask": CaptureMask,
-    "capture import": CaptureImport,
-    "capture calibrate": CaptureCalibrate,
-    "capture segment": CaptureSegment,
-    "capture check": CaptureCheck,
-    "validate sphere": ValidateSphere,
-    "validate cuboid": ValidateCuboid,
-    "validate object": ValidateObject,
-    "validate views": ValidateViews,
-    "validate mesh": ValidateMesh,
-    "validate cloud": ValidateCloud,
-    "validate films": ValidateFilms,
-    "experiment paper": ExperimentPaper,
-    "demo": Demo,
+    re.sub("(?<=[a-z])(?=[A-Z])", " ", name).lower(): command
+    for module in (reconstruction, recordings, measures, experiments)
+    for name, command in vars(module).items()
+    if isinstance(command, type) and issubclass(command, Command) and command is not Command
 }

@@ -27,6 +27,7 @@ ENCODER_THREADS = 2  # part of the result: x264 writes other bytes for another n
 # Full chroma resolution and exact rounding on the way from RGB; the same bytes whatever the processor can do.
 SCALER = "bitexact+accurate_rnd+full_chroma_int"
 QUIET = ("-hide_banner", "-loglevel", "error", "-y")
+STRICT = ("-hide_banner", "-loglevel", "error", "-xerror", "-err_detect", "explode")
 CONTAINER = ("-fflags", "+bitexact", "-map_metadata", "-1", "-movflags", "+faststart", "-f", "mp4")
 BT709 = ("-color_primaries", "bt709", "-color_trc", "bt709", "-colorspace", "bt709", "-color_range", "tv")
 
@@ -136,7 +137,7 @@ def probe_video(path: Path) -> VideoFacts:
     if not path.is_file():
         raise VideoError(f"{path}: {why_no_file(path)}")
     command = [*_reader(path), "-map", "0:v:0", "-c", "copy", "-f", "framecrc", "-"]
-    lines = _run(command, f"{path}: cannot be read as a video").decode("utf-8", "replace").splitlines()
+    lines = run_ffmpeg(command, f"{path}: cannot be read as a video").decode("utf-8", "replace").splitlines()
     header = dict(line[1:].split(": ", 1) for line in lines if line.startswith("#") and ": " in line)
     packets = [line.split(",") for line in lines if line and not line.startswith("#")]
     if "dimensions 0" not in header or not packets:
@@ -190,8 +191,8 @@ def join_videos(path: Path, parts: Sequence[Path]) -> VideoFacts:
         listing.writelines(f"file {_quoted(part.resolve())}\n" for part in parts)
         listing.flush()
         source = ("-f", "concat", "-safe", "0", "-i", listing.name)
-        command = [imageio_ffmpeg.get_ffmpeg_exe(), *QUIET, "-xerror", *source, "-c", "copy", *CONTAINER, str(target)]
-        _run(command, f"{path}: could not be joined")
+        command = [*QUIET, "-xerror", *source, "-c", "copy", *CONTAINER, str(target)]
+        run_ffmpeg(command, f"{path}: could not be joined")
         facts = probe_video(target)
         if facts.n_frames != n_frames:
             raise VideoError(f"{path}: its parts have {n_frames} frames, {facts.n_frames} came out")
@@ -259,7 +260,8 @@ def _feed(pipes: list[IO[bytes]], path: Path, frames: Iterable[NDArray[np.uint8]
 def _decoded(path: Path, facts: VideoFacts, pixels: str, n_bytes: int) -> Iterator[NDArray[np.uint8]]:
     """Decode raw frames of a video, flat; exactly as many as it holds."""
     conversion = f"scale=in_color_matrix=bt709:in_range=tv:flags={SCALER}" if pixels == "rgb24" else STUDIO_RANGE
-    command = [*_reader(path), "-vf", conversion, "-fps_mode", "passthrough", "-pix_fmt", pixels, "-f", "rawvideo", "-"]
+    raw = ("-vf", conversion, "-fps_mode", "passthrough", "-pix_fmt", pixels, "-f", "rawvideo", "-")
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), *_reader(path), *raw]
     with tempfile.TemporaryFile() as complaints:
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=complaints)
         assert process.stdout is not None  # it was opened as a pipe
@@ -278,9 +280,17 @@ def _decoded(path: Path, facts: VideoFacts, pixels: str, n_bytes: int) -> Iterat
             raise VideoError(f"{path}: {n_frames} of {facts.n_frames} frames could be decoded: {words}")
 
 
-def _run(command: list[str], failure: str) -> bytes:
-    """Run ffmpeg and return its standard output; a VideoError begins with `failure`."""
-    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True)
+def run_ffmpeg(arguments: Sequence[str], failure: str, folder: Path | None = None) -> bytes:
+    """Run ffmpeg and return its standard output.
+
+    Parameters
+    ----------
+    arguments : without the program
+    failure : how a VideoError begins
+    folder : where it works
+    """
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), *arguments]
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, cwd=folder)
     if done.returncode != 0:
         raise VideoError(f"{failure}: {_last_words(done.stderr, done.returncode)}")
     return done.stdout
@@ -292,10 +302,8 @@ def _quoted(path: Path) -> str:
 
 
 def _reader(path: Path) -> list[str]:
-    """Make the command of an ffmpeg that reads a file and stops at the first fault instead of hiding it."""
-    exe = imageio_ffmpeg.get_ffmpeg_exe()
-    strict = ("-hide_banner", "-loglevel", "error", "-xerror", "-err_detect", "explode")
-    return [exe, *strict, *FILE_ALONE, "-i", f"file:{path}"]
+    """Return the arguments of an ffmpeg that reads a file and stops at the first fault instead of hiding it."""
+    return [*STRICT, *FILE_ALONE, "-i", f"file:{path}"]
 
 
 def _read_again(file: IO[bytes]) -> bytes:

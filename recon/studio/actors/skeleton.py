@@ -14,6 +14,8 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from recon.geometry.normals import area_vectors, vector_sums
+
 Vector = NDArray[np.float64]
 
 REST_HEIGHT_MM = 1780.0
@@ -242,22 +244,8 @@ def skin(
     return moved
 
 
-@numba.njit(cache=True, nogil=True)
 def vertex_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
     """Compute area-weighted unit normals, float64 (N, 3), of vertices (N, 3) with counter-clockwise faces (M, 3)."""
-    normals = np.zeros((len(vertices), 3))
-    for f in range(len(faces)):
-        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        ux, uy, uz = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1], vertices[b, 2] - vertices[a, 2]
-        vx, vy, vz = vertices[c, 0] - vertices[a, 0], vertices[c, 1] - vertices[a, 1], vertices[c, 2] - vertices[a, 2]
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        for v in (a, b, c):
-            normals[v, 0] += nx
-            normals[v, 1] += ny
-            normals[v, 2] += nz
-    for i in range(len(normals)):
-        length = np.sqrt(normals[i, 0] ** 2 + normals[i, 1] ** 2 + normals[i, 2] ** 2)
-        if length > 0.0:
-            for axis in range(3):
-                normals[i, axis] /= length
-    return normals
+    normals = vector_sums(np.repeat(area_vectors(vertices, faces), 3, axis=0), faces.ravel(), len(vertices))
+    lengths = np.sqrt((normals * normals).sum(axis=1, keepdims=True))
+    return np.asarray(normals / np.where(lengths > 0, lengths, 1.0))

@@ -24,13 +24,10 @@ def plate_values(plate: NDArray[np.float32], gains: NDArray[np.float64]) -> NDAr
 @numba.njit(cache=True, nogil=True)
 def expose(
     plate: NDArray[np.float32],
-    actors: NDArray[np.float32],
-    column: int,
-    row: int,
+    actors: tuple[NDArray[np.float32], int, int],
     gains: NDArray[np.float64],
     curve: NDArray[np.float32],
-    floor_cells: NDArray[np.float32],
-    floor_shade: NDArray[np.float32],
+    floor: tuple[NDArray[np.float32], NDArray[np.float32]],
     dimming: NDArray[np.float32],
     noise: float,
     key: np.uint64,
@@ -40,20 +37,19 @@ def expose(
     Parameters
     ----------
     plate : float32 (H, W, 3), display values of the empty studio
-    actors : float32 (h, w, 4), linear colour and coverage, at `column`, `row`
+    actors : float32 (h, w, 4), linear colour and coverage, and the column and row where they stand
     gains : float64 (3,), the camera's exposure per channel
     curve : `display_curve()`
-    floor_cells : float32 (H, W, 2), column and row in `floor_shade` of each pixel, -1 where it shows no floor
-    floor_shade : float32 (S, S), factor on the floor's display values
+    floor : float32 (S, S), factor on its display values, after float32 (H, W, 2), column and row in it of each pixel,
+        -1 where there is no floor
     dimming : float32 (H, W), share of the light that reaches each pixel; (0, 0) for all of it
     noise : standard deviation, grey levels
     key : uint64, makes the noise of this picture
     """
     height, width = plate.shape[0], plate.shape[1]
-    h, w = actors.shape[0], actors.shape[1]
+    (pixels, column, row), (floor_cells, floor_shade) = actors, floor
     picture = np.empty((height, width, 3), np.uint8)
     sigma = np.float32(noise / 63.9980)  # of the sum of three uniform numbers 0 to 127: sqrt(3 (128^2 - 1) / 12)
-    half = np.float32(0.5)
     values = np.empty((width, 3), np.float32)
     for y in range(height):
         for x in range(width):
@@ -70,27 +66,38 @@ def expose(
             values[x, 0] = plate[y, x, 0] * factor
             values[x, 1] = plate[y, x, 1] * factor
             values[x, 2] = plate[y, x, 2] * factor
-        if row <= y < row + h:
-            for i in range(w):
-                share = actors[y - row, i, 3]
-                if share == 0.0:
-                    continue
+        if row <= y < row + pixels.shape[0]:
+            for i in range(pixels.shape[1]):
                 share_lit = dimming[y, column + i] if len(dimming) > 0 else np.float32(1.0)
-                for c in range(3):
-                    light = actors[y - row, i, c] * gains[c] * share_lit
-                    if share < 1.0:
-                        light = share * light + (1.0 - share) * (values[column + i, c] / 255.0) ** 2.2
-                    place = min(light, 1.0) * 4096.0
-                    k = int(place)
-                    values[column + i, c] = curve[k] + (place - k) * (curve[k + 1] - curve[k])
+                _lay_over(values[column + i], pixels[y - row, i], share_lit, gains, curve)
         for x in range(width):
-            state = key + np.uint64(y * width + x) * np.uint64(0x9E3779B97F4A7C15)
-            state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-            state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-            state = state ^ (state >> np.uint64(31))
+            state = _random_bits(key + np.uint64(y * width + x) * np.uint64(0x9E3779B97F4A7C15))
             for c in range(3):
                 bits = np.int32((state >> np.uint64(21 * c)) & np.uint64(0x1FFFFF))
                 deviate = np.float32((bits & 127) + ((bits >> 7) & 127) + (bits >> 14)) - np.float32(190.5)
-                value = values[x, c] + sigma * deviate + half
+                value = values[x, c] + sigma * deviate + np.float32(0.5)
                 picture[y, x, 2 - c] = np.uint8(max(np.float32(0.0), min(np.float32(255.0), value)))
     return picture
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _lay_over(values, actor, share_lit, gains, curve):  # type: ignore[no-untyped-def]  # numba
+    """Lay an actor's linear colour and coverage (4,) over the display values (3,) of a pixel."""
+    share = actor[3]
+    if share == 0.0:
+        return
+    for c in range(3):
+        light = actor[c] * gains[c] * share_lit
+        if share < 1.0:
+            light = share * light + (1.0 - share) * (values[c] / 255.0) ** 2.2
+        place = min(light, 1.0) * 4096.0
+        k = int(place)
+        values[c] = curve[k] + (place - k) * (curve[k + 1] - curve[k])
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _random_bits(state):  # type: ignore[no-untyped-def]  # numba
+    """Return 64 random bits of a pixel's number (splitmix64, Steele, Lea and Flood, 2014)."""
+    state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return state ^ (state >> np.uint64(31))

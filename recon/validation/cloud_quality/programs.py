@@ -99,7 +99,12 @@ def program_measures(path: Path | None, folder: Path) -> dict[str, tuple[Measure
 
 
 def declared_programs(path: Path | None, kind: str, taken: Collection[str]) -> dict[str, MeasureProgram]:
-    """Read the programs of a kind of measure in a methods file, as `recon.methods.methods_file.read_tables` does."""
+    """Read the programs of a kind of measure in a methods file.
+
+    Parameters
+    ----------
+    path, kind, taken : as for `recon.methods.methods_file.read_tables`
+    """
     return {name: _program(table) for name, table in read_tables(path, kind, taken).items()}
 
 

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import re
-import subprocess
 import tempfile
 from functools import cache
 from pathlib import Path
 
-import imageio_ffmpeg
-
-from recon.render.encoding.video import FILE_ALONE, STUDIO_RANGE, VideoError
+from recon.render.encoding.video import FILE_ALONE, STRICT, STUDIO_RANGE, run_ffmpeg
 from recon.runtime.files import read_json
 
 MODEL = "vmaf_v0.6.1"  # Netflix's default: a screen of full HD at three times its height
@@ -19,13 +16,8 @@ MODEL = "vmaf_v0.6.1"  # Netflix's default: a screen of full HD at three times i
 @cache
 def has_vmaf() -> bool:
     """Return whether the ffmpeg that is used has the filter libvmaf."""
-    done = subprocess.run(
-        [imageio_ffmpeg.get_ffmpeg_exe(), "-hide_banner", "-filters"],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-    )
-    return re.search(r"^\s*\S+\s+libvmaf\s", done.stdout, re.MULTILINE) is not None
+    filters = run_ffmpeg(("-hide_banner", "-filters"), "ffmpeg's filters cannot be listed").decode("utf-8", "replace")
+    return re.search(r"^\s*\S+\s+libvmaf\s", filters, re.MULTILINE) is not None
 
 
 def vmaf_scores(film: Path, reference: Path, *, every: int = 1, threads: int = 1) -> list[float]:
@@ -52,18 +44,8 @@ def vmaf_scores(film: Path, reference: Path, *, every: int = 1, threads: int = 1
     options = f"model=version={MODEL}:n_threads={threads}:n_subsample={every}:log_fmt=json:log_path=vmaf.json"
     graph = f"[0:v:0]{alike}[film];[1:v:0]{alike}[reference];[film][reference]libvmaf={options}"
     inputs = [part for video in (film, reference) for part in (*FILE_ALONE, "-i", f"file:{video.resolve()}")]
-    exact = ("-xerror", "-err_detect", "explode")
     with tempfile.TemporaryDirectory() as folder:  # the log's name is relative: a filter's options take no ":" or "\\"
-        done = subprocess.run(
-            [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", *exact, *inputs, "-lavfi", graph, "-f", "null", "-"],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            cwd=folder,
-        )
-        if done.returncode != 0:
-            words = done.stderr.strip().splitlines()
-            raise VideoError(f"{film}: VMAF failed: {words[-1] if words else 'ffmpeg gave no reason'}")
+        command = (*STRICT, *inputs, "-lavfi", graph, "-f", "null", "-")
+        run_ffmpeg(command, f"{film}: VMAF failed", Path(folder))
         log = read_json(Path(folder) / "vmaf.json")
     return [float(frame["metrics"]["vmaf"]) for frame in log["frames"] if frame["frameNum"] % every == 0]

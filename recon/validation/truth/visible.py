@@ -38,14 +38,9 @@ def seen_by_sensors(truth: Shape, points: NDArray[np.float64], capture: Capture)
 
 def _seen(camera: Camera, truth: Shape, points: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Mark the points that a camera sees: in its picture, and not behind the front of the truth."""
-    window = see(camera, truth.points.astype(np.float64), truth.faces)
-    width, height = camera.size
-    farthest = np.zeros((height, width), np.float32)
-    h, w = window.nearness.shape[:2]
-    near = window.nearness[..., 0]
-    depth = np.where(near > 0, 1 / np.maximum(near, np.float32(1e-9)), np.float32(0.0)).astype(np.float32)
-    farthest[window.row : window.row + h, window.column : window.column + w] = depth
-    farthest = np.asarray(cv2.dilate(farthest, np.ones((3, 3), np.uint8)))  # of the pixels around, where it slopes
+    depths = see(camera, truth.points.astype(np.float64), truth.faces).depths(camera.size)
+    farthest = np.asarray(cv2.dilate(depths, np.ones((3, 3), np.uint8)))  # of the pixels around, where it slopes
+    height, width = depths.shape
     columns, rows = np.rint(camera.project(points)).astype(int).T
     z = camera.points_in_camera(points)[:, 2]
     inside = (z > 0) & (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)

@@ -24,7 +24,7 @@ from recon.fusion import FUSIONS
 from recon.geometry.mesh import Mesh
 from recon.geometry.rig import Camera
 from recon.geometry.splats import Splats
-from recon.render.cut import are_all_drawn, cut_before
+from recon.render.cut import drawn_by
 from recon.render.gaussians.draw import splat_layer
 from recon.render.rasterise import draw_model
 from recon.render.texture import NO_MIPMAPS, mipmaps
@@ -101,16 +101,13 @@ def rendered(mesh: Mesh | Splats, camera: Camera) -> Rendering:
     """Render a mesh without light, or splats; faces are counter-clockwise seen from their front."""
     if isinstance(mesh, Splats):
         return _rendered_splats(mesh, camera)
-    white = np.full_like(mesh.colours, 255)
-    colours, texture = (mesh.colours, NO_MIPMAPS) if mesh.texture is None else (white, mipmaps(mesh.texture))
-    faces, projected = mesh.faces, _projected(mesh.vertices, camera)
-    if not are_all_drawn(projected):
-        vertices, faces, (colours, uv) = cut_before(camera, mesh.vertices, faces, (colours, texture.uv))
-        projected, texture = _projected(vertices, camera), texture._replace(uv=uv)
-        white = np.full_like(colours, 255)
+    colours = mesh.colours if mesh.texture is None else np.full_like(mesh.colours, 255)
+    texture = NO_MIPMAPS if mesh.texture is None else mipmaps(mesh.texture)
+    projected, faces, (colours, uv) = drawn_by(camera, mesh.vertices, mesh.faces, (colours, texture.uv))
+    white = np.full_like(colours, 255)
     shape = (camera.size[1], camera.size[0], 3)
     picture, cover, front = (np.zeros(shape, np.uint8) for _ in range(3))
-    draw_model(picture, projected, faces, colours, colours, texture=texture)
+    draw_model(picture, projected, faces, colours, colours, texture=texture._replace(uv=uv))
     draw_model(cover, projected, faces, white, white)
     draw_model(front, projected, faces, white, np.zeros_like(white))
     share = cover.astype(np.float32) / 255
@@ -125,14 +122,6 @@ def _rendered_splats(splats: Splats, camera: Camera) -> Rendering:
     full = np.rint(np.clip(layer[..., :3] / np.maximum(share, np.float32(1e-3)), 0, 1) * 255).astype(np.uint8)
     drawn = share[..., 0] >= COVERED
     return Rendering(full, drawn, np.zeros_like(drawn))
-
-
-def _projected(vertices: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
-    """Project vertices (N, 3) to column, row and depth, float32 (N, 3)."""
-    in_camera = camera.points_in_camera(vertices)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # beside or behind the camera: not drawn
-        pixels = (in_camera @ camera.K.T)[:, :2] / in_camera[:, 2:]
-        return np.column_stack([pixels, in_camera[:, 2]]).astype(np.float32)
 
 
 def view_rows(rendering: Rendering, photograph: Photograph) -> list[dict[str, Any]]:

@@ -8,6 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass, field
 from itertools import count
 from threading import Event, Lock
@@ -59,16 +60,21 @@ class Patient(httpx.BaseTransport):
                     request.method, request.url, headers=request.headers, content=content, extensions=request.extensions
                 )
                 answer = self._line.handle_request(again)
-                answer.read()
+                with closing(answer):  # which a broken line leaves open
+                    answer.read()
             except httpx.TransportError:
                 self._tally.n_broken += 1
                 self._line.close()
+                self._line = httpx.HTTPTransport()
             else:
                 self._tally.note(request, content, answer.status_code)
                 if answer.status_code not in NOT_NOW:
                     return answer
             assert time.monotonic() < ends_s, f"{request.method} {request.url} is not answered"
             time.sleep(ASKED_AGAIN_S)
+
+    def close(self) -> None:
+        self._line.close()
 
 
 def take_part(base_url: str, slug: str, invitation: str, seed: int, tally: Tally) -> None:

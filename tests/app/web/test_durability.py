@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import resource
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -14,9 +15,12 @@ from random import Random
 import pytest
 from sqlalchemy import select
 
+from app.operations.studies import create, manage
+from app.settings import Settings
 from app.store.database.engine import Database, open_database
 from app.store.database.tables import trial, vote
 from tests import sqlite_disk
+from tests.app.web import patient_people
 from tests.app.web.vote_senders import Tally, letters_of, send
 from tests.postgresql import PostgresServer
 from tests.seeded_studies import Voter, seeded_voters
@@ -67,6 +71,31 @@ def test_votes_survive_kills_of_the_server(new_database_url: Callable[[], str], 
     assert len(tally.acknowledged) == 21 * N_VOTERS
     assert tally.n_broken > 0
     database.dispose()
+
+
+@pytest.mark.slow
+def test_whole_sessions_survive_kills_of_the_server(
+    new_database_url: Callable[[], str], stimulus_set: Path, tmp_path: Path
+) -> None:
+    settings = Settings(data_dir=tmp_path, database_url=new_database_url())
+    manage.upgrade_database(settings)
+    study = create.create_study(settings, stimulus_set, "Killed", exposure_s=0.4, seed=1)
+    tally = patient_people.Tally()
+
+    def kill_after_more_votes() -> None:
+        n_before = len(tally.acknowledged)
+        while len(tally.acknowledged) < n_before + 4:
+            time.sleep(0.01)
+        server.kill()
+
+    with StudyServer(tmp_path, database_url=settings.url) as server:
+        take = partial(patient_people.take_part, server.base_url, study["slug"], study["invitation"], tally=tally)
+        n_people = patient_people.people_under(kill_after_more_votes, 3, lambda: 0.0, take, at_once=2)
+    found = patient_people.compare(settings.url, tally, n_people)
+    assert found.pop("people") == n_people >= 2
+    assert found.pop("acknowledged") == found.pop("stored") == 6 * n_people
+    assert set(found.values()) == {0}, found
+    assert tally.n_broken > 0
 
 
 @pytest.fixture

@@ -14,7 +14,8 @@ from app.main import create_app, running_server
 from app.operations.studies import create, manage
 from app.settings import Settings
 from app.store.access.tokens import SCOPES
-from tests.app.web.http_checks import all_routes
+from app.web.roles import AStudy
+from tests.app.web.http_checks import all_routes, ask
 
 pytestmark = pytest.mark.slow
 
@@ -96,6 +97,19 @@ def test_a_study_that_one_may_not_see_answers_as_one_that_is_not_there(
                     assert status < 500, (method, route.path, asked.keys(), text)
                     made_up = answer_to(client, method, route, MADE_UP, asked)
                     assert (status, text) == made_up, (method, route.path, asked.keys())
+
+
+def test_a_route_that_was_given_no_gate_shows_no_study(in_production: Settings, studies: tuple[str, str]) -> None:
+    app = create_app(in_production)
+
+    @app.get("/forgotten/{slug}")
+    def forgotten(study: AStudy) -> str:
+        return study.name
+
+    answer = ask(app, f"/forgotten/{studies[0]}", {"Host": "study.example.org"})
+    app.state.database.dispose()
+    assert answer.status_code == 401
+    assert "Mine" not in answer.text
 
 
 def test_log_and_metrics_name_the_route_behind_a_public_address(

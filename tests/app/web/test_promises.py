@@ -131,6 +131,24 @@ def test_scripts_run_no_text_and_make_html_of_two_answers_of_the_server_alone() 
     assert made == [("admin-draft.js", 1), ("participant.js", 1)]  # what a draft would make; the debriefing
 
 
+COPIES = re.compile(
+    r"Object\.assign\(|__proto__|\.prototype\b|for \((?:const|let) \w+ in |[\w)]\[[a-z_][\w.]*\] = ", re.I
+)
+OWN_NAMES = {  # whose keys stand in the script
+    "film[key] = input.value.trim();",
+    "Object.assign(this.canvas, { width: media.width, height: media.height });",
+    "Object.assign(this.viewing, this.seen(played));",
+    "for (const [name, count] of Object.entries(counts)) sums[name] = (sums[name] ?? 0) + count;",
+}
+
+
+def test_no_script_copies_names_from_outside_into_an_object() -> None:
+    lines = {
+        line.strip() for path in (ROOT / "static" / "js").glob("*.js") for line in path.read_text("utf-8").splitlines()
+    }
+    assert {line for line in lines if COPIES.search(line) and not line.startswith(("*", "/"))} == OWN_NAMES
+
+
 @pytest.mark.slow
 def test_no_pattern_is_made_of_what_people_send() -> None:
     """Patterns of the server are written in the code; what varies in one is a constant or escaped."""

@@ -129,6 +129,7 @@ def test_what_is_wrong_with_the_description_of_depth_maps_is_named(
         read_capture(capture.folder)
 
 
+@pytest.mark.slow
 def test_the_check_names_every_fault_of_depth_maps(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     sound = check_capture(capture.folder)

@@ -81,6 +81,7 @@ def test_a_point_lies_in_the_same_row_and_its_disparity_tells_its_depth(sensor: 
     np.testing.assert_allclose(made.focal * made.baseline / (disparity - made.offset), depth, rtol=1e-9)
 
 
+@pytest.mark.slow
 @given(sensors)
 @settings(max_examples=60, deadline=None)
 def test_the_disparities_of_the_bounds_are_small_and_covered(sensor: Sensor) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from recon.cloud import merge_clouds
@@ -53,6 +54,19 @@ def test_fusing_after_leaves_out_what_another_sensor_sees_far_better() -> None:
     ahead = fused.vertices[fused.vertices[:, 2] > 30]
     assert (np.abs(np.linalg.norm(ahead, axis=1) - 61) < 0.3).mean() < 0.05
     assert np.array_equal(fuse_after([thin], PARAMETERS).vertices, thin_alone.vertices), "alone it is whole"
+
+
+def test_fusing_after_cuts_no_hole_into_a_layer_where_another_sensor_has_more_points() -> None:
+    clear, other = cap((0.0, 0, 1), radius=60.0, seed=2), cap((0.0, 0, 1), radius=61.0, seed=3)
+    is_thin = np.abs(other.normals[:, 2] - 0.8) < 0.06  # a ring around what is ahead
+    other = other.select(~is_thin | (np.arange(len(other)) % 9 == 0))
+    alone, fused = surface_from_cloud(other, PARAMETERS).vertices, fuse_after([clear, other], PARAMETERS).vertices
+
+    def in_ring(vertices: NDArray[np.float32]) -> int:
+        distance = np.linalg.norm(vertices, axis=1)
+        return int(((np.abs(distance - 61) < 0.4) & (np.abs(vertices[:, 2] / distance - 0.8) < 0.03)).sum())
+
+    assert in_ring(fused) > 0.95 * in_ring(alone) > 100
 
 
 def test_fusing_before_is_the_surface_of_all_points() -> None:

@@ -28,7 +28,7 @@ from recon.pipeline.render import render
 from recon.pipeline.sources import read_sources
 from recon.render.encoding.video import read_video
 from recon.render.frames import render_masked_frames
-from recon.render.scene import scene_around, without_light
+from recon.render.scene import scene_around
 from recon.runtime.files import read_json, write_json
 from recon.runtime.workers import ThisProcess
 from recon.studio import SynthParameters, synthesise
@@ -65,7 +65,7 @@ def films_of(folder: Path, options: RenderOptions = OPTIONS) -> dict[str, Film]:
 def frames_of(film: Film) -> list[tuple[NDArray[np.uint8], NDArray[np.bool_]]]:
     cameras = film.cameras()
     around = scene_around(film.bounds, cameras, film.options.background)
-    around = without_light(around) if film.options.light == "flat" else around
+    around = around.without_light() if film.options.light == "flat" else around
     models = (film.sequence.read(number) for number in film.shown)
     return [
         (picture.copy(), mask) for picture, mask in render_masked_frames(models, cameras, around, renderer="software")

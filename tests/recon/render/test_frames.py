@@ -25,7 +25,7 @@ from recon.render.frames import (
 )
 from recon.render.light import lit, lit_mesh
 from recon.render.offscreen import NoRendererError, working_platform
-from recon.render.scene import BACKGROUNDS, Scene, Shot, floor_grid, floor_reach, scene_around
+from recon.render.scene import BACKGROUNDS, Scene, Shot, scene_around
 
 BOUNDS = np.array([[-300.0, 0.0, -300.0], [300.0, 600.0, 300.0]])
 CENTRE = BOUNDS.mean(axis=0)
@@ -194,8 +194,8 @@ def test_the_shadow_on_the_floor_lies_away_from_the_light_and_ends_before_the_ma
     body = trimesh.creation.box((40, 600, 40))
     body.apply_translation((0, 300, 0))
     shade = floor_shade(coloured(body), scene)
-    grid = floor_grid(scene, np.array([0.0, 1.0, 0.0]))
-    z, x = np.mgrid[0 : shade.shape[0], 0 : shade.shape[1]] * grid.texel - floor_reach(scene)
+    grid = scene.floor_grid(np.array([0.0, 1.0, 0.0]))
+    z, x = np.mgrid[0 : shade.shape[0], 0 : shade.shape[1]] * grid.texel - scene.floor_reach
     middle = np.array([(shade * x).sum(), (shade * z).sum()]) / shade.sum()
     along = scene.to_light[[0, 2]] / np.linalg.norm(scene.to_light[[0, 2]])
     assert middle @ along < -100

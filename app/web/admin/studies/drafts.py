@@ -87,7 +87,7 @@ class Draft:
         """
         options = read_options(None, {}, self.preset)
         values = values_of(StudyFile(name="", options=neutral_words(options) if is_neutral else options))
-        return values | (SINGLE_FILMS if has_many_pairs else {}) | self._outside(is_complete=False)
+        return {**values, **(SINGLE_FILMS if has_many_pairs else {}), **self._outside(is_complete=False)}
 
     def study(self, *, has_many_pairs: bool = False) -> StudyFile:
         """Return the study that the form describes; `has_many_pairs` as for `base`.

@@ -127,25 +127,18 @@ def _import(reader: Any, source: Path, out: Path, work: Path, options: ImportOpt
         for side, topic, message in zip(SIDES, (first, second), messages, strict=True):
             _write_picture(work / side / f"{number:06d}.png", topic.name, message)
     if first.pose is not None and second.pose is not None:
-        placed = Placed(
-            {
-                number: View(side, replace(topic.camera, cam_from_world=pose), work / side)
-                for number, (side, topic, pose) in enumerate(
-                    zip(SIDES, (first, second), _from_left(first.pose, second.pose), strict=True)
-                )
-            }
-        )
+        poses = CAMERA_FROM_WORLD, second.pose @ np.linalg.inv(first.pose) @ CAMERA_FROM_WORLD
+        cameras = [
+            replace(topic.camera, cam_from_world=pose) for topic, pose in zip((first, second), poses, strict=True)
+        ]
+        views = [View(side, camera, work / side) for side, camera in zip(SIDES, cameras, strict=True)]
+        placed = Placed(dict(enumerate(views)))
     else:
         for side, topic in zip(SIDES, (first, second), strict=True):
             (work / f"{side}.yaml").write_text(yaml.safe_dump(_camera_info(topic)), encoding="utf-8")
         placed = read_ros(work, options.unit_mm or METRE)
     recording = choose_sensors(source, placed.views, placed.pairs, None)
     return write_recording(out, recording, options)
-
-
-def _from_left(left: NDArray[np.float64], right: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Return the poses of a pair in the world of its left camera, y up."""
-    return CAMERA_FROM_WORLD, right @ np.linalg.inv(left) @ CAMERA_FROM_WORLD
 
 
 def _two_topics(reader: Any, source: Path, names: Sequence[str] | None) -> tuple[_Topic, _Topic]:

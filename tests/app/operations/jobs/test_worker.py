@@ -240,6 +240,20 @@ def test_a_job_whose_command_did_all_while_its_worker_died_is_done_and_not_begun
     assert (job(database, public_id).state, job(database, public_id).attempt) == ("done", 2)
 
 
+def test_nothing_that_people_uploaded_is_imported_even_where_the_server_was_started_beside_it(
+    here: Settings, database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    films = here.intake_dir / "films" / "mine"
+    for name in ("app/__init__.py", "json.py", "sitecustomize.py"):
+        (films / name).parent.mkdir(exist_ok=True)
+        (films / name).write_text("print('what was uploaded runs', flush=True)")
+    monkeypatch.chdir(films)
+    public_id = queued(here, database)
+    JobWorker(here, database).work(threading.Event(), once=True)
+    assert job(database, public_id).state == "failed"  # there is no film
+    assert "what was uploaded runs" not in "\n".join(log_tail(job_folder(here, public_id), 100))
+
+
 def test_a_job_that_was_given_to_another_worker_is_stopped(
     here: Settings, database: Database, runs: Callable[[str], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:

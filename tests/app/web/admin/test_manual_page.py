@@ -9,14 +9,14 @@ import pytest
 
 from app.files import packaged
 from app.web.admin.layout import MANUAL
-from app.web.admin.manual_page import PAGES
+from app.web.admin.manual_page import PAGES, text_of
 from app.web.markdown import render_manual
 from tests.app.web.admin.dashboard_client import Dashboard
 
 
 @cache
 def rendered(name: str) -> str:
-    return str(render_manual((packaged("docs") / f"{name}.md").read_text(encoding="utf-8"), PAGES))
+    return str(render_manual(text_of(name), PAGES))
 
 
 def leads_somewhere(place: str) -> bool:

@@ -37,6 +37,7 @@ def turn_right_camera(capture: Capture, turn_deg: float) -> Capture:
     return capture
 
 
+@pytest.mark.slow
 def test_a_sound_capture_has_no_problems_and_its_rows_agree(board: Capture) -> None:
     report = check_capture(board.folder)
     assert report.problems == ()
@@ -50,6 +51,7 @@ def test_a_sound_capture_has_no_problems_and_its_rows_agree(board: Capture) -> N
         assert sensor.mask_coverage is None
 
 
+@pytest.mark.slow
 def test_the_expected_depth_resolution_is_that_of_the_middle_of_the_bounds(board: Capture) -> None:
     (sensor, _) = check_capture(board.folder).sensors
     assert sensor.depth_per_disparity_mm == pytest.approx(600.0**2 / (502.5 * 40.0))  # the baseline is along the board
@@ -73,6 +75,7 @@ def test_everything_wrong_is_listed_in_one_go(board: Capture) -> None:
         assert sum(part in problem for problem in problems) == 1, part
 
 
+@pytest.mark.slow
 def test_keys_that_a_capture_does_not_have_are_pointed_out(board: Capture) -> None:
     content = json.loads((board.folder / "capture.json").read_text())
     content["note"] = "first try"
@@ -88,6 +91,7 @@ def test_keys_that_a_capture_does_not_have_are_pointed_out(board: Capture) -> No
         assert f"capture.json: {name} is no key of a capture, and is ignored; expected " in warning
 
 
+@pytest.mark.slow
 def test_a_camera_that_was_turned_after_calibration_is_noticed(board: Capture) -> None:
     turn_right_camera(board, turn_deg=0.5)
     (problem,) = check_capture(board.folder).problems
@@ -120,6 +124,7 @@ def test_an_object_outside_the_bounds_is_noticed(board: Capture) -> None:
     assert all("px (median), the bounds span 0 to" in problem for problem in problems)
 
 
+@pytest.mark.slow
 def test_bounds_beside_the_pictures_are_named(board: Capture) -> None:
     write_capture(replace(board, bounds=np.add(board.bounds, (100.0, 0.0, 0.0))))
     warnings = check_capture(board.folder).warnings
@@ -144,6 +149,7 @@ def masked(board: Capture, left_out: int) -> Capture:
     return replace(board, sensors=tuple(streams))
 
 
+@pytest.mark.slow
 def test_masks_that_lie_outside_the_bounds_are_noticed(board: Capture) -> None:
     low = masked(board, SIZE[1] * 9 // 10)
     write_capture(low)
@@ -156,6 +162,7 @@ def test_masks_that_lie_outside_the_bounds_are_noticed(board: Capture) -> None:
     )
 
 
+@pytest.mark.slow
 def test_masks_that_cover_the_pictures_edges_are_named(board: Capture) -> None:
     write_capture(masked(board, 0))
     assert any("S1: the masks of a camera cover" in warning for warning in check_capture(board.folder).warnings)
@@ -189,6 +196,7 @@ def test_a_mask_of_a_frame_that_is_not_measured_closely_is_read_once(
     assert read.count("mask1.png") == 4  # it is that of four cameras
 
 
+@pytest.mark.slow
 def test_frames_with_empty_masks_and_sensors_without_masks_are_named(board: Capture) -> None:
     for frame, level in enumerate((255, 0)):
         cv2.imwrite(str(board.folder / f"mask{frame}.png"), np.full((SIZE[1], SIZE[0]), level, dtype=np.uint8))
@@ -258,6 +266,7 @@ def test_a_video_that_cannot_be_decoded_is_one_problem(board: Capture) -> None:
     assert problem == f"{path}: is not a video that can be decoded"
 
 
+@pytest.mark.slow
 def test_the_report_is_json_and_text(board: Capture) -> None:
     report = check_capture(board.folder)
     content = json.loads(json.dumps(report.as_json(), allow_nan=False))

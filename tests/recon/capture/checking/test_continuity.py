@@ -42,6 +42,7 @@ def test_a_sound_recording_has_no_problems(board: Capture) -> None:
     assert report.problems == report.warnings == ()
 
 
+@pytest.mark.slow
 def test_a_repeated_frame_is_named(board: Capture) -> None:
     shutil.copyfile(picture(board, "left", 2), picture(board, "left", 3))
     assert check_capture(board.folder).warnings == ("S1/left/{frame:04d}.png: frame 3 repeats frame 2",)
@@ -55,6 +56,7 @@ def test_a_frozen_camera_is_named(board: Capture) -> None:
     assert problem.endswith("from frame 0 to 5")
 
 
+@pytest.mark.slow
 def test_one_cameras_pictures_on_both_sides_are_named_and_not_taken_for_a_turned_camera(board: Capture) -> None:
     for frame in range(N_FRAMES):
         shutil.copyfile(picture(board, "left", frame), picture(board, "right", frame))
@@ -92,6 +94,7 @@ def test_a_camera_that_is_darker_than_its_neighbour_is_named(board: Capture) -> 
     assert warning.startswith("sensor S1: the left pictures are 1.4")
 
 
+@pytest.mark.slow
 def test_more_pictures_than_frames_are_unequal_counts(board: Capture) -> None:
     for extra in range(2):
         shutil.copyfile(picture(board, "left", 0), picture(board, "left", N_FRAMES + extra))
@@ -109,6 +112,7 @@ def test_a_frame_that_all_cameras_lack_is_named(board: Capture) -> None:
     assert "right/{frame:04d}.png" in right
 
 
+@pytest.mark.slow
 def test_a_longer_video_is_an_unequal_count(board: Capture) -> None:
     writer = cv2.VideoWriter(
         str(board.folder / "left.avi"), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"FFV1"), 25.0, SIZE

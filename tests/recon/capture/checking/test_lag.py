@@ -32,6 +32,7 @@ def seen(late: float, seed: int, noise_px: float = 0.2) -> Tangents:
     return Tangents((np.stack(motion, axis=1) + noise) * PIXEL, PIXEL)
 
 
+@pytest.mark.slow
 @given(st.floats(-3, 3), st.integers(0, 10**6))
 @settings(deadline=None, max_examples=60)
 def test_a_lag_is_found_to_parts_of_a_frame_and_lies_in_its_interval(late: float, seed: int) -> None:

@@ -98,6 +98,7 @@ def test_cameras_that_lack_pictures_of_different_instants_are_refused(tmp_path: 
         assert import_json(path, tmp_path / "out", OPTIONS).n_frames == 3
 
 
+@pytest.mark.slow
 def test_an_instant_that_no_camera_has_is_named(command: Command, tmp_path: Path) -> None:
     record(tmp_path / "source", n_frames=3)
     path = described(tmp_path / "source")

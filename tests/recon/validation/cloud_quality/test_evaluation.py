@@ -218,6 +218,7 @@ def test_a_mesh_in_another_unit_is_refused_by_its_factor(
     assert f"mine.ply: is about {relation} than its reference" in line
 
 
+@pytest.mark.slow
 def test_a_cloud_of_odd_size_or_place_is_remarked(command: Command, tmp_path: Path) -> None:
     truth = write(tmp_path / "truth.ply", ball())
     large = write(tmp_path / "large.ply", ball(), scale=10)
@@ -296,6 +297,7 @@ def true_run(folder: Path) -> tuple[Path, Path]:
     return capture, run
 
 
+@pytest.mark.slow
 def test_a_run_brings_its_approaches_and_its_dataset(command: Command, tmp_path: Path) -> None:
     capture, run = true_run(tmp_path)
     report = validate(command, tmp_path / "report", run, "--reference", capture / "truth", *FAST, "--density", 0.01)

@@ -65,6 +65,7 @@ def test_a_program_that_fails_is_named_with_its_log_and_the_rest_is_measured(com
     assert any(row["measure"] == "d1_mse" for row in report["values"])
 
 
+@pytest.mark.slow
 def test_approaches_whose_names_differ_in_a_space_have_folders_of_their_own(command: Command, tmp_path: Path) -> None:
     methods = tmp_path / "methods.toml"
     methods.write_text("[measure.pcqm]\ncommand = 'no-such-PCQM {reference} {distorted}'\nbetter = 'lower'\n")

@@ -84,6 +84,7 @@ def test_a_bent_corner_is_measured_as_it_is() -> None:
     assert abs(angles[frozenset((1, 2))] - 90) < 0.1
 
 
+@pytest.mark.slow
 def test_the_order_of_the_size_does_not_matter() -> None:
     points, _, middle = corner_cloud(2)
     fit = fit_cuboid(points, (400.0, 300.0, 200.0))

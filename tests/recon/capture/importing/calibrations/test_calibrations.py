@@ -430,6 +430,7 @@ def panorama(folder: Path) -> None:
     edited(folder / "A.json", "Perspective", "Equirectangular")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "write", "sentence"),
     [

@@ -148,6 +148,7 @@ def test_another_unit_is_named(unit: str, length: float, method: str) -> None:
         METHODS[method](points / np.float32(length), RADIUS, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("share", [0.5, 0.75, 1.5, 2.0])
 def test_the_radius_that_fits_is_named_where_another_was_given(share: float, method: str) -> None:
@@ -164,6 +165,7 @@ def causes(error: BaseException) -> Iterator[BaseException]:
         yield error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_a_failure_is_not_its_own_cause_or_whoever_looks_for_the_first_cause_never_ends(method: str) -> None:
     points, _ = cap()
