@@ -37,6 +37,7 @@ from app.analysis.reading.words import (
 )
 
 TO_MATCH = ("x", "stimulusx", "stimx", "samplex", "videox", "clipx", "imagex")
+MOST_TOTALS = 5  # rows of a matrix that are no item's
 MOST_PLACES = 3  # different places that an item may have
 FEWEST_DASHED = 2  # columns named "x - y"; a single one may be anything
 
@@ -47,6 +48,8 @@ def find_matrix(seen: Seen) -> Description | None:
     if set(seen.told.columns) - {"participant", "dataset"} or len(names) < 3:
         return None
     first = seen.column(seen.table.names[0])
+    if len(first) > len(names) + MOST_TOTALS:
+        return None
     spread = {name: (name.strip(),) for name in seen.table.names[1:] if plain(name) not in SUMMARIES}
     totals = summaries(first)
     items = [name for row, name in enumerate(first.texts) if row not in totals]
