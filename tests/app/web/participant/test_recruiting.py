@@ -91,7 +91,7 @@ def test_who_is_sent_in_comes_back_with_a_code_that_the_experimenter_can_check(
     assert (platform.states, platform.codes) == ({"p-1": "complete"}, {"p-1": ending["code"]})
     base = f"/admin/studies/{study['slug']}/participants"
     table = experimenter.get(f"{base}/outside-ids.csv").text
-    assert table == f"participant,outside_id,state,completion_code\nP001,p-1,finished,{ending['code']}\n"
+    assert table == f"participant,outside_id,state,completion_code\r\nP001,p-1,finished,{ending['code']}\r\n"
     shown = experimenter.get(f"{base}/P001").text
     assert all(f">{text}" in shown for text in ("p-1", "task-7", ending["code"]))
     assert "p-1" in experimenter.get(base).text
