@@ -117,7 +117,7 @@ def read_outline(folder: Path) -> CaptureOutline:
     except (KeyError, TypeError, ValueError) as error:
         lacking = f"{error} is missing" if isinstance(error, KeyError) else str(error)[:LONGEST_FAULT]
         raise InvalidError(
-            f"{CAPTURE_FILE} does not describe a capture: {lacking}. *Check a recording* tells more."
+            f"{CAPTURE_FILE} does not describe a capture: {lacking}. “Check a recording” tells more."
         ) from error
 
 

@@ -15,6 +15,7 @@ from sqlalchemy import func, select, update
 from app.settings import Settings
 from app.store.database.engine import open_database
 from app.store.database.keys import utc_now
+from app.store.database.steady_clock import running_s_before
 from app.store.database.tables import session
 from app.study.options.options import parse_options
 from tests.browser.study_visitor import NewStudy, Study, Visitor
@@ -126,7 +127,9 @@ def test_who_runs_out_of_time_before_the_trials_is_told_so(
     database = open_database(settings.url)
     with database.writing() as connection:
         newest = session.c.id == select(func.max(session.c.id)).scalar_subquery()
-        connection.execute(update(session).where(newest).values(started_at=utc_now() - timedelta(hours=2)))
+        passed = timedelta(hours=2)
+        began = {"started_at": utc_now() - passed, "running_s": running_s_before(passed)}
+        connection.execute(update(session).where(newest).values(**began))
     database.dispose()
     page.keyboard.press("Enter")
     visitor.sees("timed-out")

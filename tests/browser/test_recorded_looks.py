@@ -107,7 +107,9 @@ def test_what_happens_to_the_window_is_recorded_and_next_asks_for_the_full_scree
     page.evaluate(OTHER_WINDOW)
     page.set_viewport_size({"width": 900, "height": 540})
     visitor.is_in("voting")
-    page.evaluate("document.exitFullscreen()")
+    page.evaluate(
+        "document.exitFullscreen().then(() => new Promise(requestAnimationFrame))"
+    )  # whose event comes before
     visitor.votes("1")
     visitor.is_in("exposure")
     assert page.evaluate("document.fullscreenElement !== null")

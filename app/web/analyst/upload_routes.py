@@ -290,7 +290,7 @@ def export_whole_study(
 
 
 @router.post("/studies/{slug}/votes", status_code=409, response_class=Response)
-def votes_from_elsewhere(study: AStudy, actor: StudyEditor) -> Response:  # noqa: ARG001 (both are the gate)
+def votes_from_elsewhere(actor: StudyEditor, study: AStudy) -> Response:  # noqa: ARG001 (both are the gate)
     """Refuse votes that were collected elsewhere (409): a study counts its own participants' votes only."""
     raise ConflictError(
         "A study takes votes of its own participants only, as it knows what each of them saw, when and by which rules. "

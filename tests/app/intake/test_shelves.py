@@ -19,7 +19,7 @@ from app.intake.summaries import walk
 from app.intake.zips import check_zip
 
 SENSOR = {"id": "S1", "left": {"image": "l.mp4", "size": [64, 48]}, "right": {"image": "r.mp4", "size": [64, 48]}}
-NO_CAPTURE = "capture.json does not describe a capture: 'n_frames' is missing. `reconstudy capture check` tells more."
+NO_CAPTURE = "capture.json does not describe a capture: 'n_frames' is missing. “Check a recording” tells more."
 
 
 def put(folder: Path, path: str, content: str = "x") -> Path:

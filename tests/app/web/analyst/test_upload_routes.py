@@ -130,7 +130,7 @@ def test_a_study_goes_out_and_comes_in_on_the_dashboard(manager: httpx.Client, s
         assert 'data-to="/admin/studies/import"' in eva.get("/admin").text
         headers = {"X-CSRF-Token": eva.form_token}
         taken_in = eva.put("/admin/studies/import?name=By+hand", content=packed, headers=headers)
-        assert ends(eva, taken_in.json()["job"]).url.path == "/admin/studies/by-hand"
+        assert ends(eva, taken_in.json()["task"]).url.path == "/admin/studies/by-hand"
         assert "study imported" in eva.get("/api/v1/studies/by-hand/audit?format=csv").text
 
 
