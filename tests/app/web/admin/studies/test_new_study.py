@@ -59,9 +59,9 @@ def test_what_was_typed_is_kept_and_stays_when_people_take_part_elsewhere(eva: D
 
 def test_nobody_sees_the_form_of_somebody_else(eva: Dashboard, own_server: str, own: Settings) -> None:
     eva.act(f"{NEW}/draft", **typed(eva.get(FORM).text, name="Only mine"))
-    with signed_in(own_server, own, "Ada") as ada:
-        assert "Only mine" not in ada.get(NEW).text
-        assert value_of(ada.get(FORM).text, "name") == ""
+    with signed_in(own_server, own, "Zoe") as zoe:
+        assert "Only mine" not in zoe.get(NEW).text
+        assert value_of(zoe.get(FORM).text, "name") == ""
 
 
 def test_the_answers_of_a_platform_fill_the_link_and_every_way_back(eva: Dashboard, own: Settings) -> None:
