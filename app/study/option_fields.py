@@ -65,15 +65,11 @@ class SettingError(ValueError):
     """
 
     def __init__(self, field: str, words: str, place: str = "") -> None:
-        super().__init__(field, words, place)
+        super().__init__(field, words, place)  # all of them, so that another process can hand it on
         self.field = field
         self._words = words
         self._name = field.replace(".", ": ")
         self._place = place or self._name
-
-    def __reduce__(self) -> tuple[type[SettingError], tuple[Any, ...]]:
-        """Hand it on to another process."""
-        return SettingError, self.args
 
     def __str__(self) -> str:
         return f"{self._place} {self._words}"

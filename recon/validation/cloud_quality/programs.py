@@ -6,7 +6,7 @@ A methods file declares them as tables ``[measure.NAME]``; docs/measures.md show
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import partial
 from math import isnan
@@ -62,6 +62,13 @@ class MeasureProgram(Program):
             raise ValueError(f"pattern is {self.pattern!r}, which is no regular expression: {error}") from error
         if self.pattern and groups != 1:
             raise ValueError(f"pattern is {self.pattern!r}, with {groups} groups, expected one around the value")
+
+    def measure(self, files: Mapping[str, Path], place: Path) -> float:
+        """Run in a place with a file for each placeholder, and return the value; a ProgramError says what failed."""
+        self.run({role: str(file) for role, file in files.items()}, place)
+        return self.value(
+            (place / LOG).read_text(encoding="utf-8", errors="replace").partition("\n")[2]
+        )  # after the command
 
     def value(self, printed: str) -> float:
         """Find the value in what the program printed; a ProgramError says that it is not there."""
@@ -130,9 +137,7 @@ def measure_by_program(name: str, program: MeasureProgram, folder: Path, pair: P
     with workplace(place):
         _write(files["reference"], pair.reference.cloud)
         _write(files["distorted"], pair.distorted.cloud)
-        program.run({role: str(file) for role, file in files.items()}, place)
-        printed = (place / LOG).read_text(encoding="utf-8", errors="replace").partition("\n")[2]  # after the command
-        value = program.value(printed)
+        value = program.measure(files, place)
     return [Value(name, value, program.unit, program.better, "")]
 
 

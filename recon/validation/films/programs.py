@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from recon.runtime.programs import LOG, workplace
+from recon.runtime.programs import workplace
 from recon.validation.cloud_quality.programs import MeasureProgram, declared_programs, folder_name
 from recon.validation.films.kinds import KINDS, Kind
 from recon.validation.films.stimuli import Pair
@@ -42,10 +42,8 @@ class FilmPrograms:
         """Measure a film; a ProgramError, which names the log, says that the program failed in any way."""
         place = self.folder.resolve() / name / folder_name(pair.film.name)
         with workplace(place):
-            films = {"reference": pair.reference.video, "distorted": pair.film.video}
-            self.programs[name].run({role: str(film.resolve()) for role, film in films.items()}, place)
-            printed = (place / LOG).read_text(encoding="utf-8", errors="replace").partition("\n")[2]
-            return self.programs[name].value(printed)
+            films = {"reference": pair.reference.video.resolve(), "distorted": pair.film.video.resolve()}
+            return self.programs[name].measure(films, place)
 
 
 def film_programs(path: Path | None, folder: Path) -> FilmPrograms:
