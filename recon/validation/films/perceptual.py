@@ -179,12 +179,7 @@ def _deep_features(pair: Pair, name: str, weights: Path, every: int) -> Iterator
 def _only_weights(network: str, name: str, file: Path) -> Iterator[None]:
     """Let torchvision find a file where it keeps what it fetched, and nothing else, so that it fetches nothing."""
     import torch
-    import torchvision
 
-    try:
-        getattr(torchvision.models, network)().load_state_dict(torch.load(file, weights_only=True))
-    except Exception as error:  # of many kinds, and many lines
-        raise ValueError(f"{file}: holds no weights of {network}; expected torchvision's file {name}") from error
     before = torch.hub.get_dir()
     with TemporaryDirectory() as folder:
         (Path(folder) / "checkpoints").mkdir()
@@ -192,6 +187,8 @@ def _only_weights(network: str, name: str, file: Path) -> Iterator[None]:
         torch.hub.set_dir(folder)
         try:
             yield
+        except Exception as error:  # of many kinds, and many lines
+            raise ValueError(f"{file}: holds no weights of {network}; expected torchvision's file {name}") from error
         finally:
             torch.hub.set_dir(before)
 
