@@ -12,7 +12,7 @@ import numpy as np
 from app.analysis.reading.cells import Table, column_of, is_numeric, number_or_nan, same, shown
 from app.analysis.reading.nested import QUESTION
 from app.analysis.reading.votes_table import VotesError
-from app.analysis.reading.words import TIGHT_VERSUS, VERSUS, ends_of, is_suspicious, pair_in, plain
+from app.analysis.reading.words import TIGHT_VERSUS, VERSUS, ends_of, is_suspicious, pair_in, pairs_in, plain
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def _with_pairs(table: Table) -> Table:
         return table
     for name, column in table.columns.items():
         if column.filled and all(VERSUS.match(word) or TIGHT_VERSUS.match(word) for word in column.filled):
-            pairs = {word: pair_in(word) or ("", "") for word in column.words}
+            pairs = {"": ("", "")} | {word: pair[:2] for word, pair in pairs_in(column.words).items()}
             items = [column_of(pairs[word][side] for word in column.texts) for side in (0, 1)]
             kept = {other: cells for other, cells in table.columns.items() if other != name}
             note = f"the column {name!r} names the pair of each row"

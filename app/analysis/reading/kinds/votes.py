@@ -32,7 +32,7 @@ from app.analysis.reading.words import (
     PLACED,
     SUMMARIES,
     SWAPPED,
-    pair_in,
+    pairs_in,
     plain,
 )
 
@@ -88,7 +88,7 @@ def _told_pairs(seen: Seen) -> dict[str, tuple[str, ...]]:
     """Return the pairs of the columns that were told to hold choices or grades."""
     for role in WIDE_ROLES:
         names = seen.given.get(role, ())
-        pairs = {name: pair[:2] for name in names if (pair := pair_in(name)) is not None}
+        pairs = {name: pair[:2] for name, pair in pairs_in(names).items()}
         if names and len(pairs) == len(names):
             return dict(pairs)
     return {}
@@ -100,7 +100,7 @@ def _named_pairs(seen: Seen) -> dict[str, tuple[str, ...]]:
         return {}
     if any(plain(name) in ("itema", "itemb") for name in seen.free):
         return {}
-    matches = {name: pair for name in seen.free if (pair := pair_in(name)) is not None and not COMMENTS.search(name)}
+    matches = pairs_in(name for name in seen.free if not COMMENTS.search(name))
     sure = {name: pair[:2] for name, pair in matches.items() if not pair[2]}
     items = {item for pair in sure.values() for item in pair}
     dashed: dict[str, tuple[str, str]] = {name: pair[:2] for name, pair in matches.items() if pair[2]}
