@@ -16,7 +16,7 @@ from app.operations.studies.create import new_slug, shows_anything
 from app.operations.studies.creation import begin_creation
 from app.operations.studies.forecast import forecast, has_many_pairs, with_pair_films, without_pair_films
 from app.operations.studies.receive_films import found_and_done
-from app.operations.studies.stimulus_sets import KnownSet, known_sets, set_called
+from app.operations.studies.stimulus_sets import KnownSet, known_sets, set_called, unreadable_sets
 from app.store.access.experimenters import Experimenter
 from app.store.studies.drafts import draft_of, drafts_of, drop_draft, keep_draft
 from app.study.option_fields import SettingError
@@ -63,11 +63,13 @@ def new_study_page(
     with database.reading() as connection:
         known = known_sets(settings(request), connection)
         drafts = drafts_of(connection, person.name)
+        unreadable = unreadable_sets(settings(request), connection)
     chosen = next((each for each in known if each.name == (stimulus_set or chosen_set)), None)
     if chosen is None:
         names = {each.name: each.title for each in known}
         context = {
             "sets": known,
+            "unreadable": unreadable,
             "drafts": [draft for draft in drafts if draft.stimulus_set in names],
             "titles": names,
             "longest_file": LONGEST_FILE,
