@@ -45,7 +45,7 @@ def studies_page(request: Request, person: Person, database: Store, afterwards: 
 
 
 @router.get("/studies")
-def short_address(person: Person) -> Response:
+def short_address(_person: Person) -> Response:
     """Lead from the address that the studies' own begin with to their list."""
     return see("/admin")
 
