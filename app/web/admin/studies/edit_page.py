@@ -12,7 +12,7 @@ from fastapi.responses import Response
 from app.errors import ConflictError, InvalidError, said_on_page
 from app.ffmpeg import Progress
 from app.intake.bounds import typed_in_bounds
-from app.operations.studies.create import slugify
+from app.operations.studies.create import slugify, telling_names
 from app.operations.studies.edit import check_edit, remake_films, save_edit
 from app.operations.studies.manage import study_file_of
 from app.operations.studies.stimulus_sets import set_of_study
@@ -161,6 +161,7 @@ def _page(request: Request, person: Experimenter, study: Study, form: StudyForm,
     context = {
         "form": form,
         "new_address": address,
+        "telling": telling_names(study.name, [each for each in form.conditions if each not in form.values["without"]]),
         "text": write_study_file(study_file_of(study)),
         "longest_file": LONGEST_FILE,
     }

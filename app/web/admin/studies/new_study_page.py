@@ -12,7 +12,7 @@ from fastapi.responses import Response
 
 from app.errors import InvalidError, StudyError, said_on_page
 from app.intake.bounds import typed_in_bounds
-from app.operations.studies.create import new_slug, shows_anything
+from app.operations.studies.create import new_slug, shows_anything, telling_names
 from app.operations.studies.creation import begin_creation
 from app.operations.studies.forecast import forecast, has_many_pairs, with_pair_films, without_pair_films
 from app.operations.studies.receive_films import found_and_done
@@ -215,6 +215,9 @@ def _plan(request: Request, known: KnownSet, draft: Draft) -> dict[str, Any]:
     return {
         "outlook": outlook,
         "hindrance": "",
+        "telling": telling_names(
+            wanted.name, [each for each in known.conditions if each not in wanted.options.without]
+        ),
         "by_films": by_films,
         "chosen_films": wanted.options.pair_films,
         "pages": list(_read_first(request, options, outlook.n_trials)),

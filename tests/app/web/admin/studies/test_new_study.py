@@ -65,6 +65,16 @@ def test_nobody_sees_the_form_of_somebody_else(eva: Dashboard, own_server: str, 
         assert value_of(zoe.get(FORM).text, "name") == ""
 
 
+def test_a_name_that_gives_conditions_away_is_warned_of_before_and_after_it_is_given(eva: Dashboard) -> None:
+    warning = "holds id_fa, pm_fb, and participants see it, also in the study&#39;s address"
+    form = eva.get(FORM).text
+    assert warning in eva.act(f"{NEW}/draft", **typed(form, name="ID_FA or pm_fb")).text
+    assert "participants see it" not in eva.act(f"{NEW}/draft", **typed(form, name="Bid_fair")).text
+    ends(eva, eva.act(NEW, **typed(form, name="ID_FA or pm_fb")).url.path)
+    for page in ("", "/edit"):
+        assert warning in eva.get(f"/admin/studies/id-fa-or-pm-fb{page}").text
+
+
 def test_films_that_cannot_be_read_are_named_with_the_reason(eva: Dashboard, own: Settings) -> None:
     broken, empty = own.sets_dir / "broken", own.sets_dir / "empty"
     write_set(broken, ["ball"], ["id_fa", "id_fb"])
