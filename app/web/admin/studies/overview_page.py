@@ -30,7 +30,7 @@ from app.store.trials.designs import conditions_of, datasets_of
 from app.store.trials.monitor import votes_by_minute
 from app.store.trials.orders import n_taken_in
 from app.study.options.options import parse_options
-from app.study.options.platforms import link_query
+from app.study.options.platforms import link_query, unknown_placeholders
 from app.study.options.privacy import forgets_at
 from app.study.stages import ENDS, FINISHED
 from app.web.admin.alarms import alarm_in
@@ -87,6 +87,7 @@ def overview_page(request: Request, person: Person, study: AStudy) -> Response:
         **monitor_of(request, study, PATIENCE_S),
         "link": link,
         "is_of_platform": bool(query),
+        "is_filled": not unknown_placeholders(options.outside),
         "practised": practised,
         "telling": telling,
     }
