@@ -22,6 +22,7 @@ from app.store.database.engine import Database
 from app.store.studies.audit import Actor
 from app.store.studies.studies import Study, progress_of, study_by_id
 from app.store.trials.designs import conditions_of, datasets_of
+from app.study.options.option_table import SETTINGS
 from app.study.options.study_file import LONGEST_FILE, StudyFile, parse_study_file, with_line, write_study_file
 from app.web.admin.background import task_address
 from app.web.admin.layout import attachment, see, study_page, unix
@@ -77,10 +78,10 @@ def edit(
             now_study = study_by_id(connection, study.id)
         if now_study is None or now_study.revision == revision:
             raise
-        now_values = values_of(study_file_of(now_study))
-        mine = merged(str(fields.get(WAS, "")), given, now_values)
+        labels = {setting.name: setting.label for setting in SETTINGS}
+        mine = merged(str(fields.get(WAS, "")), given, values_of(study_file_of(now_study)), labels)
         form = replace(_form(request, database, now_study, mine.values), clashes=mine.clashes, others=mine.others)
-        return _page(request, person, now_study, replace(form, was=mine.was), status_code=409)
+        return _page(request, person, now_study, form, status_code=409)
 
 
 @router.get("/edit/file", dependencies=[Depends(looking("experimenter"))])

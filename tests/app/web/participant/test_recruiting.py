@@ -378,7 +378,7 @@ def test_a_platform_that_fills_in_no_links_is_given_lines_for_its_own_page(
     base = f"/admin/studies/{create({**mturk, 'complete_url': ''})['slug']}"
     assert "brackets are left to fill in" in experimenter.get(base).text
     page = html.unescape(experimenter.get(f"{base}/invitations").text)
-    assert "MTurk fills in no links" in page
+    assert "MTurk, which fills in no links" in page
     assert 'for (const name of ["workerId", "assignmentId"]) ids.set(name' in page
     other = f"/admin/studies/{create()['slug']}/invitations"
     assert "the platform’s own placeholder in the place of <code>[PERSON]</code>" in experimenter.get(other).text
