@@ -44,6 +44,7 @@ class ReconstructOptions:
         that suits its error and the density of its points
     balance_colours : whether to make the sensors' colours agree, as estimated from what several of them saw
     agreement : whether the sensors' points are held against each other before they are fused
+    steady : how many frames before lend a surface what they saw of places that are as they were
     outlines : whether the surfaces' outlines follow the masks, where the capture has masks
     fill_px : how far surfaces are continued where a mask shows the object and nothing was measured, pixels of the
         photographs; 0 for not at all, as without outlines
@@ -64,6 +65,7 @@ class ReconstructOptions:
     surface: SurfaceParameters = field(default_factory=SurfaceParameters)
     balance_colours: bool = False
     agreement: bool = True
+    steady: int = 0
     outlines: bool = True
     fill_px: int = 16
     workers: int = 1
@@ -171,6 +173,11 @@ class Job:
     def temporal(self, method: str) -> TemporalParameters | None:
         """Return how the disparity maps of a depth method are filtered in time; None for not at all."""
         return self.options.methods.temporal_of(method, self.options.temporal)
+
+    def frames_before(self, method: str, frame: int) -> list[int]:
+        """List the frames that lend a frame's surfaces what is still true, the latest first."""
+        earlier = [frame - back for back in range(1, self.options.steady + 1)]
+        return [other for other in earlier if other in self.frames_of(method)]
 
     def clouds(self, method: str, frame: int) -> list[str]:
         """Name the clouds of all sensors that the depth method uses."""
