@@ -88,7 +88,7 @@ def say_of(others: Sequence[Seen], cloud: Cloud, camera: Camera) -> Say:
 
     Parameters
     ----------
-    others : the other sensors
+    others : what the other sensors measured
     cloud, camera : the points, and whose they are
     """
     assert cloud.sigma is not None

@@ -47,21 +47,24 @@ def still_true(
     Parameters
     ----------
     before, now : one per sensor, each point from the middle of a pixel; without sigma, nothing is known to hold
-    changes : of the sensors' pictures since then, see `changes_since`
+    changes : float32 (H, W) each, of the sensors' pictures since then, see `changes_since`
     cameras : of the pixels, without distortion
     """
     seen = [seen_by(camera, cloud) for cloud, camera in zip(now, cameras, strict=True)]
     kept = []
     for number, (cloud, change) in enumerate(zip(before, changes, strict=True)):
-        own, others = seen[number], [view for view in seen[:number] + seen[number + 1 :] if view is not None]
-        is_known = own is not None and cloud.sigma is not None
-        kept.append(_still_true(cloud, change, own, others) if is_known else cloud.select(np.zeros(len(cloud), bool)))
+        view, others = seen[number], [other for other in seen[:number] + seen[number + 1 :] if other is not None]
+        if view is None or cloud.sigma is None:
+            kept.append(cloud.select(np.zeros(len(cloud), np.bool_)))
+        else:
+            kept.append(_still_true(cloud, change, view, others))
     return kept
 
 
-def _still_true(cloud: Cloud, change: NDArray[np.float32], own: Seen, others: Sequence[Seen]) -> Cloud:
-    columns, rows = np.rint(own.camera.project(cloud.points)).astype(np.int64).T
-    gaps = own.camera.points_in_camera(cloud.points)[:, 2] - own.depth[rows, columns]
-    moved = np.abs(gaps) > SAME_SIGMAS * np.hypot(own.sigma[rows, columns], cloud.sigma)  # not where nothing is seen
+def _still_true(cloud: Cloud, change: NDArray[np.float32], seen: Seen, others: Sequence[Seen]) -> Cloud:
+    assert cloud.sigma is not None
+    columns, rows = np.rint(seen.camera.project(cloud.points)).astype(np.int64).T
+    gaps = seen.camera.points_in_camera(cloud.points)[:, 2] - seen.depth[rows, columns]
+    moved = np.abs(gaps) > SAME_SIGMAS * np.hypot(seen.sigma[rows, columns], cloud.sigma)  # not where nothing is seen
     still = cloud.select((change[rows, columns] < STILL_LEVELS) & ~moved)
-    return still.select(say_of(others, still, own.camera).votes[:, 1] == 0)
+    return still.select(say_of(others, still, seen.camera).votes[:, 1] == 0)

@@ -25,9 +25,9 @@ from recon.methods.plugins import PluginError
 from recon.pipeline.job import Job
 from recon.pipeline.keys import camera_key, digest_once, files_key
 from recon.pipeline.methods import fuse, fusion_key, needs_views
-from recon.pipeline.run import COLOURS_NAME, View, fusion_folder, mesh_name, read_clouds
-from recon.pipeline.stages import compared_method, rectified_view, store_program_log
-from recon.runtime.artefacts import code_version
+from recon.pipeline.run import COLOURS_NAME, View, fusion_folder, mesh_name
+from recon.pipeline.stages import cloud_key, clouds_of, compared_method, rectified_view, store_program_log
+from recon.runtime.artefacts import code_version, key_of
 from recon.runtime.files import read_json
 from recon.runtime.programs import ProgramError
 from recon.runtime.remote import fetched
@@ -52,6 +52,7 @@ class Prepared:
     voxel_mm : of the surface
     reach_mm : how far beside a mask a place may lie
     reasons : a sentence for each sensor whose masks are not believed
+    warnings : a sentence for each sensor that sees nothing, where no cloud says so
     """
 
     measured: list[Cloud]
@@ -60,6 +61,7 @@ class Prepared:
     voxel_mm: float
     reach_mm: float
     reasons: list[str]
+    warnings: list[str]
 
     @cached_property
     def inside(self) -> list[Cloud]:
@@ -100,7 +102,7 @@ def _make_mesh(job: Job, approach: Approach, frame: int, prepared: Callable[[], 
     options, fusion = job.options, job.options.methods.fusion[approach.fusion]
     surface = job.surface(approach.depth)
     key = {
-        "clouds": job.artefacts.digests(job.clouds(approach.depth, frame)),
+        "clouds": _clouds_key(job, approach.depth, frame),
         "colours": job.artefacts.digest(COLOURS_NAME) if options.balance_colours else None,
         "fusion": fusion_key(fusion, surface),
         "outlines": _outlines_key(job, approach.depth, frame) if options.outlines else None,
@@ -131,14 +133,14 @@ def _make_mesh(job: Job, approach: Approach, frame: int, prepared: Callable[[], 
             store_program_log(job, folder)
             raise type(error)(f"{approach}: frame {frame}: {error}") from error
         write_mesh(path, sensors.marked(mesh))
-        return [f"{approach}: frame {frame}: {reason}" for reason in left_out]
+        return [*sensors.warnings, *(f"{approach}: frame {frame}: {reason}" for reason in left_out)]
 
     return job.artefacts.make(mesh_name(str(approach), frame), key, write)
 
 
 def _prepared(job: Job, method: str, frame: int) -> Prepared:
     options = job.options
-    clouds, filled = read_clouds(job.artefacts, job.clouds(method, frame)), []
+    (clouds, warnings), filled = clouds_of(job, method, frame), []
     if options.agreement:
         clouds = agreed(clouds, [view.left for view in _rectifications(job, method, frame)])
     if job.frames_before(method, frame):
@@ -157,7 +159,7 @@ def _prepared(job: Job, method: str, frame: int) -> Prepared:
         sights, reasons = believed(sights, job.step_mm)
     voxel = job.surface(method).voxel_mm
     assert voxel is not None
-    return Prepared(clouds, filled, sights, voxel, job.step_mm, reasons)
+    return Prepared(clouds, filled, sights, voxel, job.step_mm, reasons, warnings)
 
 
 def _steadied(job: Job, method: str, frame: int, clouds: list[Cloud]) -> list[Cloud]:
@@ -171,7 +173,7 @@ def _steadied(job: Job, method: str, frame: int, clouds: list[Cloud]) -> list[Cl
     now, joined = pictures(frame), clouds
     for earlier in job.frames_before(method, frame):
         changes = list(map(changes_since, pictures(earlier), now))
-        lent = still_true(read_clouds(job.artefacts, job.clouds(method, earlier)), clouds, changes, cameras)
+        lent = still_true(clouds_of(job, method, earlier)[0], clouds, changes, cameras)
         joined = [_merged(cloud, more) for cloud, more in zip(lent, joined, strict=True)]
     return joined
 
@@ -206,12 +208,17 @@ def _outlines_key(job: Job, method: str, frame: int) -> dict[str, Any]:
     }
 
 
+def _clouds_key(job: Job, method: str, frame: int) -> list[str]:
+    """Describe the clouds of all sensors by what they are made of, since few of them stay on disk."""
+    return [key_of(cloud_key(job, view)) for view in job.views(method, frame)]
+
+
 def _before_key(job: Job, method: str, frame: int) -> list[dict[str, Any]]:
     """Describe what the frames before lend, and the pictures that tell whether it is still true."""
     frames = job.frames_before(method, frame)
     return [
         {
-            "clouds": job.artefacts.digests(job.clouds(method, each)),
+            "clouds": _clouds_key(job, method, each),
             "pictures": [
                 files_key(job.capture, View(method, stream.id, each), (stream.left,), ())
                 for stream in job.capture.sensors_for(method)
