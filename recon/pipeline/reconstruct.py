@@ -35,6 +35,7 @@ from recon.pipeline.run import (
     RUN_FILE,
     Run,
     address_from,
+    check_is_run,
     fetch_log,
     log,
     mesh_name,
@@ -174,6 +175,7 @@ def reconstruct_capture(
     run = run.resolve()
     if run == capture.folder.resolve():
         raise ValueError(f"{run}: is the capture itself; choose another folder for the run")
+    check_is_run(run)
     job = planned_job(capture, run, options)
     with alone_in(run):
         return _made(job, progress)

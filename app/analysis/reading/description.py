@@ -109,7 +109,7 @@ class Description:
     columns : our name -> theirs; several are joined to one text
     spread : for a wide table, its column -> the two items, the condition or the participant that it stands for
     spread_role : what a column of a wide table stands for: `pair`, `condition` or `participant`
-    layout : `rows`, `wide`, `matrix`, `won` (winner and loser), `wins` (counts), `ranking` or `best-worst`
+    layout : `rows`, `wide`, `won` (winner and loser), or one of `layouts.SEVERAL_VOTES`
     words : word of a choice, in lower case -> choice as in `VotesTable`; a rating for comparisons
     expected : words of a choice, for refusals
     by_item : a choice is the name of the preferred item

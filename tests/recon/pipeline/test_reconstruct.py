@@ -480,6 +480,13 @@ def test_how_to_film_is_checked_before_anything_is_read(wrong: dict[str, Any], s
         RenderOptions(**wrong)
 
 
+def test_a_folder_of_films_does_not_become_a_run(capture: Capture, tmp_path: Path) -> None:
+    (tmp_path / "manifest.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(ValueError, match=r"holds manifest\.json, which no reconstruction wrote"):
+        reconstruct(capture.folder, tmp_path, ReconstructOptions(depths=("id",)))
+    assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]
+
+
 def test_frames_that_a_capture_does_not_have_are_named(capture: Capture, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="has frames 0 to 1, none of them in 5:9"):
         reconstruct(capture.folder, tmp_path / "run", ReconstructOptions(frames=range(5, 9)))

@@ -19,7 +19,9 @@ from app.analysis.reading.kinds.seen import (
     columns_of_numbers,
     condition_of,
     item_columns,
+    names_in,
     one_pair,
+    rated_columns,
     rating_of,
     says,
     summaries,
@@ -38,8 +40,6 @@ def find_comparisons(seen: Seen) -> Description | None:
     is_other = says(seen, "choice", "condition", "winner", "wins_a", "rank") and not says(seen, "rating")
     if is_other and seen.told.format != "ccr":
         return None
-    if seen.told.format in ("votes", "ratings"):
-        return None
     rating = rating_of(seen)
     if not rating and seen.told.format == "ccr":
         rating = tuple(seen.candidates("choice")[:1])
@@ -47,8 +47,7 @@ def find_comparisons(seen: Seen) -> Description | None:
         return None
     item_a, item_b = one_pair(seen, seen.pairs, ())
     columns = seen.who_and_what() | item_columns(item_a, item_b) | {"rating": rating}
-    taken = [name for names in columns.values() for name in names]
-    optional = seen.optional(RATING_OPTIONAL, taken)
+    optional = seen.optional(RATING_OPTIONAL, names_in(columns))
     if {"protocol", "role"} <= set(optional) and set(seen.column(optional["protocol"][0]).filled) - {"ccr", "CCR"}:
         columns = {role: names for role, names in columns.items() if role not in ("item_a", "item_b")}
         columns["condition"] = (item_b,)  # a study's own table: what ACR, ACR-HR and DCR rate
@@ -80,8 +79,6 @@ def find_ratings(seen: Seen) -> Description | None:
     """Find ratings of single items: who rated what, and how."""
     if says(seen, "choice", "item_a", "item_b", "winner", "wins_a", "rank") and not says(seen, "rating", "condition"):
         return None
-    if seen.told.format == "votes":
-        return None
     if not says(seen, "condition", "rating") and {"item_a", "item_b"} <= {plain(n) for n in seen.table.names}:
         return None
     rating = rating_of(seen, weak=True) or seen.one("rating")
@@ -95,8 +92,7 @@ def find_ratings(seen: Seen) -> Description | None:
         raise VotesError(
             f"lacks the column participant; found {named(seen.table.names)}; who rated? --columns participant=…"
         )
-    taken = [name for names in columns.values() for name in names]
-    optional = seen.optional(RATING_OPTIONAL, taken)
+    optional = seen.optional(RATING_OPTIONAL, names_in(columns))
     optional.pop("first_shown", None)
     worded = {word.lower() for word in seen.column(rating[0]).filled}
     is_worded = len(worded) > 1 and worded <= set(GRADES)  # a single word is rather a mistake
@@ -108,13 +104,7 @@ def find_wide_ratings(seen: Seen) -> Description | None:
     """Find ratings in many columns: one for each condition, or one for each participant."""
     told = seen.given.get("rating", ())
     who = {role: names for role in ("participant", "condition") if (names := quietly(seen, role))}
-    rated = (
-        list(told)
-        if len(told) > 1
-        else []
-        if told
-        else columns_of_numbers(seen, [n for names in who.values() for n in names])
-    )
+    rated = rated_columns(seen, told, who)
     if len(who) != 1 or len(rated) < FEWEST_RATED:
         return None
     if len(told) < 2:
@@ -122,11 +112,10 @@ def find_wide_ratings(seen: Seen) -> Description | None:
     (role,) = who
     stands = "condition" if role == "participant" else "participant"
     dataset = {"dataset": names} if (names := seen.one("dataset")) else {}
-    taken = [*rated, *who[role], *(n for names in dataset.values() for n in names)]
     note = f"a row for each {role}, a column for each of {len(rated)} {stands}s"
     return Description(
         RATINGS,
-        who | dataset | seen.optional(("practice", "excluded"), taken),
+        who | dataset | seen.optional(("practice", "excluded"), names_in(who | dataset) | {*rated}),
         "wide",
         {name: (name,) for name in rated},
         stands,
@@ -252,7 +241,7 @@ def _are_ranks(seen: Seen, rated: Sequence[str]) -> bool:
 
 def _summaries(seen: Seen, names: Sequence[str], rated: Sequence[str]) -> tuple[int, ...]:
     """Return the rows of a wide table that are nobody's: named as a statistic, or the mean of all others."""
-    if names[0] in {name for theirs in seen.given.values() for name in theirs}:
+    if names[0] in names_in(seen.given):
         return ()
     cells = np.stack([seen.column(name).meaning(number_or_nan, np.float64) for name in rated], axis=1)
     means = (cells.sum(axis=0) - cells) / max(len(cells) - 1, 1)

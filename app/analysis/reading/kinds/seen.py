@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -38,6 +38,9 @@ FEWEST_RANKED = 3
 WIDE_ROLES = ("choice", "rating")  # told with several columns, they are spread over these
 
 
+Columns = dict[str, tuple[str, ...]]  # role -> names of a table's columns
+
+
 @dataclass(frozen=True)
 class Seen:
     """A table with what was told about it, and the columns that are left to recognise."""
@@ -46,7 +49,7 @@ class Seen:
     told: Told
 
     @cached_property
-    def given(self) -> dict[str, tuple[str, ...]]:
+    def given(self) -> Columns:
         """Columns as told, our name -> theirs."""
         unknown = [*set(self.told.columns).difference(ROLES), *set(self.told.choices).difference((*CHOICES, "by"))]
         if unknown:
@@ -83,7 +86,7 @@ class Seen:
     @cached_property
     def free(self) -> list[str]:
         """Names of columns that were not told, and are not empty where others could mean the same."""
-        taken = {name for names in self.given.values() for name in names}
+        taken = names_in(self.given)
         return [name for name in self.table.names if name not in taken]
 
     def column(self, name: str) -> Column:
@@ -157,8 +160,8 @@ class Seen:
         """Has the table our own names of the columns of votes?"""
         return set(self.table.names) >= OWN_VOTES and not set(self.told.columns) & OWN_VOTES
 
-    def optional(self, roles: Sequence[str], taken: Sequence[str]) -> dict[str, tuple[str, ...]]:
-        """Return the optional columns that are there."""
+    def optional(self, roles: Sequence[str], taken: Collection[str]) -> Columns:
+        """Return the optional columns that are there, and are not taken by other roles."""
         matches = {}
         for role in roles:
             names = self.given.get(role) or tuple(name for name in self.candidates(role)[:1] if name not in taken)
@@ -166,7 +169,7 @@ class Seen:
                 matches[role] = names
         return matches
 
-    def who_and_what(self) -> dict[str, tuple[str, ...]]:
+    def who_and_what(self) -> Columns:
         """Return the columns of participants and datasets."""
         return {role: names for role in ("participant", "dataset") if (names := self.one(role))}
 
@@ -179,7 +182,7 @@ def says(seen: Seen, *roles: str) -> bool:
     return bool(set(roles) & set(seen.given))
 
 
-def item_columns(item_a: str, item_b: str) -> dict[str, tuple[str, ...]]:
+def item_columns(item_a: str, item_b: str) -> Columns:
     return {"item_a": tuple(item_a.split(JOIN)), "item_b": tuple(item_b.split(JOIN))}
 
 
@@ -228,7 +231,24 @@ def condition_of(seen: Seen) -> tuple[str, ...]:
     return (min(matches, key=lambda name: len(seen.column(name).seen)),)
 
 
-def columns_of_numbers(seen: Seen, taken: Sequence[str]) -> list[str]:
+def names_in(columns: Mapping[str, Iterable[str]]) -> set[str]:
+    """Return the names of a table's columns that have a role."""
+    return {name for names in columns.values() for name in names}
+
+
+def rated_columns(seen: Seen, told: Sequence[str], who: Columns) -> list[str]:
+    """Return the columns that hold ratings or ranks: several as told, else all of numbers.
+
+    Parameters
+    ----------
+    seen : the table
+    told : names of columns
+    who : columns of participants and conditions
+    """
+    return list(told) if len(told) > 1 else [] if told else columns_of_numbers(seen, names_in(who))
+
+
+def columns_of_numbers(seen: Seen, taken: Iterable[str]) -> list[str]:
     """Return the columns of numbers that may be ratings by or of something."""
     others = {*taken, *seen.one("dataset")}
     return [

@@ -16,6 +16,7 @@ from app.analysis.reading.kinds.seen import (
     WIDE_ROLES,
     Seen,
     item_columns,
+    names_in,
     one_pair,
     rating_of,
     says,
@@ -72,10 +73,9 @@ def find_wide_pairs(seen: Seen) -> Description | None:
             f"has a column for each of {len(spread)} pairs, beside {named(others)}; "
             "say which column names the participants, e.g. --columns participant=judge"
         )
-    taken = [*spread, *(name for names in who.values() for name in names)]
     description = Description(
         VOTES,
-        who | seen.optional(("practice", "excluded", "reason"), taken),
+        who | seen.optional(("practice", "excluded", "reason"), names_in(who) | {*spread}),
         "wide",
         spread,
         "pair",
@@ -186,7 +186,7 @@ def _ask_about_sides(seen: Seen, description: Description, asked: Asked, meaning
     if sides and not sides[0].isdigit() and sides[0] in plain(asked.names[0]):
         sides = []  # the items' own columns are called by the sides
     items = {*asked.item_a.filled, *asked.item_b.filled}
-    used = {name for names in description.columns.values() for name in names}
+    used = names_in(description.columns)
     for name in seen.table.names:
         speaks = SWAPPED.search(name) or PLACED.search(name) if len(sides) > 1 and not meaning.by_item else None
         if not (speaks or plain(name) in TO_MATCH):
@@ -229,8 +229,6 @@ def find_votes(seen: Seen) -> Description | None:
     """Find votes: two items and which is preferred."""
     if says(seen, "rating", "condition", "winner", "loser", "wins_a", "rank") and not says(seen, "choice"):
         return None
-    if seen.told.format == "ratings":
-        return None
     binaries = tuple(name for known in BINARY_CHOICES.values() for name in known)
     choices = seen.candidates("choice", binaries)
     if "choice" not in seen.told.columns:
@@ -244,10 +242,8 @@ def find_votes(seen: Seen) -> Description | None:
     if seen.told.format != "ccr" and "choice" not in seen.given and len(choices) > 1:
         choices = _agreeing(seen, choices, (item_a, item_b))
     columns = item_columns(item_a, item_b) | {"choice": seen.given.get("choice") or (choices[0],)}
-    who = seen.who_and_what()
-    columns = {role: names for role in ("participant", "dataset") if (names := who.get(role))} | columns
-    taken = [name for names in columns.values() for name in names]
-    return _with_ties(seen, Description(VOTES, columns | seen.optional(OPTIONAL, taken)))
+    columns = seen.who_and_what() | columns
+    return _with_ties(seen, Description(VOTES, columns | seen.optional(OPTIONAL, names_in(columns))))
 
 
 def _with_ties(seen: Seen, description: Description) -> Description:
@@ -282,10 +278,10 @@ def find_won(seen: Seen) -> Description | None:
     if not all(names.values()) or says(seen, "item_a", "choice", "rating"):
         return None
     columns = seen.who_and_what() | {"item_a": names["winner"], "item_b": names["loser"]}
-    taken = [name for theirs in columns.values() for name in theirs]
+    columns |= seen.optional(OPTIONAL, names_in(columns))
     winner, loser = names["winner"][0], names["loser"][0]
     note = f"item_a is the column {winner}, item_b the column {loser}, and item_a is always preferred"
-    return _with_ties(seen, Description(VOTES, columns | seen.optional(OPTIONAL, taken), "won", notes=(note,)))
+    return _with_ties(seen, Description(VOTES, columns, "won", notes=(note,)))
 
 
 def find_wins(seen: Seen) -> Description | None:

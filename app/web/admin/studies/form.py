@@ -125,45 +125,62 @@ def values_of(study: StudyFile) -> dict[str, Any]:
     return values
 
 
+@dataclass(frozen=True)
+class Merged:
+    """What somebody typed into a page, and what somebody else has saved meanwhile, by name.
+
+    Parameters
+    ----------
+    values : as typed where it was typed, else as saved
+    clashes, others : as of StudyForm
+    """
+
+    values: Mapping[str, Any]
+    clashes: Sequence[tuple[str, str, str]]
+    others: Sequence[str]
+
+
 def digests_of(values: Mapping[str, Any]) -> str:
-    """Return a short digest of each setting's value, as JSON: enough to tell later which were changed."""
-    return json.dumps({setting.name: _digest(values.get(setting.name)) for setting in SETTINGS}, separators=(",", ":"))
+    """Return a short digest of each value, as JSON: enough to tell later which were changed."""
+    return json.dumps({name: _digest(value) for name, value in values.items()}, separators=(",", ":"))
 
 
 def changed_since(was: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings that were changed since a page was opened; all of them where its digests are not known."""
-    try:
-        before = dict(json.loads(was)) if was else {}
-    except (ValueError, TypeError):
-        before = {}
+    """Return the values that were changed since a page was opened; all of them where its digests are not known."""
+    before = _digests(was)
     return {name: value for name, value in given.items() if _digest(value) != before.get(name)}
 
 
-def merged(was: str, given: Mapping[str, Any], now: Mapping[str, Any]) -> StudyForm:
-    """Return a form that keeps what somebody typed although somebody else has changed the study meanwhile.
+def merged(was: str, given: Mapping[str, Any], now: Mapping[str, Any], labels: Mapping[str, str]) -> Merged:
+    """Keep what somebody typed although somebody else has saved something meanwhile.
 
     Parameters
     ----------
     was : the digests of the page that was typed into; empty: not known, so that every difference is a clash
     given : as it was typed
-    now : values of all settings as they are now
+    now : all values as they are saved now
+    labels : how the page calls each that it shows
     """
-    try:
-        before = dict(json.loads(was)) if was else {}
-    except (ValueError, TypeError):
-        before = {}
+    before = _digests(was)
     values, clashes, others = dict(now), [], []
-    for setting in SETTINGS:
-        if setting.name not in given or _digest(given[setting.name]) == _digest(now.get(setting.name)):
+    for name, label in labels.items():
+        if name not in given or _digest(given[name]) == _digest(now.get(name)):
             continue
-        typed, present, first = given[setting.name], now.get(setting.name), before.get(setting.name)
+        typed, present, first = given[name], now.get(name), before.get(name)
         if first is not None and _digest(typed) == first:
-            others.append(setting.label)
+            others.append(label)
             continue
-        values[setting.name] = typed
+        values[name] = typed
         if first is None or _digest(present) != first:
-            clashes.append((setting.label, _in_words(typed), _in_words(present)))
-    return StudyForm(values, clashes=clashes, others=others, was=digests_of(now))
+            clashes.append((label, _in_words(typed), _in_words(present)))
+    return Merged(values, clashes, others)
+
+
+def _digests(was: str) -> dict[str, str]:
+    try:
+        return dict(json.loads(was)) if was else {}
+    except (ValueError, TypeError):
+        return {}
 
 
 def _digest(value: Any) -> str:

@@ -12,11 +12,11 @@ from fastapi.responses import Response
 
 from app.errors import InvalidError, StudyError, said_on_page
 from app.intake.bounds import typed_in_bounds
-from app.operations.studies.create import new_slug, shows_anything
+from app.operations.studies.create import new_slug, shows_anything, telling_names
 from app.operations.studies.creation import begin_creation
 from app.operations.studies.forecast import forecast, has_many_pairs, with_pair_films, without_pair_films
 from app.operations.studies.receive_films import found_and_done
-from app.operations.studies.stimulus_sets import KnownSet, known_sets, set_called
+from app.operations.studies.stimulus_sets import KnownSet, known_sets, set_called, unreadable_sets
 from app.store.access.experimenters import Experimenter
 from app.store.studies.drafts import draft_of, drafts_of, drop_draft, keep_draft
 from app.study.option_fields import SettingError
@@ -63,11 +63,13 @@ def new_study_page(
     with database.reading() as connection:
         known = known_sets(settings(request), connection)
         drafts = drafts_of(connection, person.name)
+        unreadable = unreadable_sets(settings(request), connection)
     chosen = next((each for each in known if each.name == (stimulus_set or chosen_set)), None)
     if chosen is None:
         names = {each.name: each.title for each in known}
         context = {
             "sets": known,
+            "unreadable": unreadable,
             "drafts": [draft for draft in drafts if draft.stimulus_set in names],
             "titles": names,
             "longest_file": LONGEST_FILE,
@@ -213,6 +215,9 @@ def _plan(request: Request, known: KnownSet, draft: Draft) -> dict[str, Any]:
     return {
         "outlook": outlook,
         "hindrance": "",
+        "telling": telling_names(
+            wanted.name, [each for each in known.conditions if each not in wanted.options.without]
+        ),
         "by_films": by_films,
         "chosen_films": wanted.options.pair_films,
         "pages": list(_read_first(request, options, outlook.n_trials)),

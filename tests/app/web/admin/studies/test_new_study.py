@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import subprocess
 import time
 from collections.abc import Iterator
@@ -62,6 +63,32 @@ def test_nobody_sees_the_form_of_somebody_else(eva: Dashboard, own_server: str, 
     with signed_in(own_server, own, "Zoe") as zoe:
         assert "Only mine" not in zoe.get(NEW).text
         assert value_of(zoe.get(FORM).text, "name") == ""
+
+
+def test_a_name_that_gives_conditions_away_is_warned_of_before_and_after_it_is_given(eva: Dashboard) -> None:
+    warning = "holds id_fa, pm_fb, and participants see it, also in the study&#39;s address"
+    form = eva.get(FORM).text
+    assert warning in eva.act(f"{NEW}/draft", **typed(form, name="ID_FA or pm_fb")).text
+    assert "participants see it" not in eva.act(f"{NEW}/draft", **typed(form, name="Bid_fair")).text
+    ends(eva, eva.act(NEW, **typed(form, name="ID_FA or pm_fb")).url.path)
+    for page in ("", "/edit"):
+        assert warning in eva.get(f"/admin/studies/id-fa-or-pm-fb{page}").text
+
+
+def test_films_that_cannot_be_read_are_named_with_the_reason(eva: Dashboard, own: Settings) -> None:
+    broken, empty = own.sets_dir / "broken", own.sets_dir / "empty"
+    write_set(broken, ["ball"], ["id_fa", "id_fb"])
+    (broken / "manifest.json").write_text("{", encoding="utf-8")
+    empty.mkdir()
+    try:
+        for page in (eva.get(NEW).text, eva.get("/admin/sets").text):
+            assert re.search(r"<strong>broken</strong> .*manifest.json: is not readable as JSON", page)
+            assert re.search(r"<strong>empty</strong> .*there is no such file", page)
+            assert str(own.sets_dir) not in page
+    finally:
+        shutil.rmtree(broken)
+        empty.rmdir()
+    assert "cannot be read" not in eva.get(NEW).text
 
 
 def test_the_answers_of_a_platform_fill_the_link_and_every_way_back(eva: Dashboard, own: Settings) -> None:
