@@ -106,7 +106,7 @@ def _with_pairs(table: Table) -> Table:
     for name, column in table.columns.items():
         if column.filled and all(VERSUS.match(word) or TIGHT_VERSUS.match(word) for word in column.filled):
             pairs = pairs_in(column.words)
-            a, b = (column.mapped(pairs[word][side] if word else "" for word in column.words) for side in (0, 1))
+            a, b = (column.mapped(pairs[word][:2][side] if word else "" for word in column.words) for side in (0, 1))
             kept = {other: cells for other, cells in table.columns.items() if other != name}
             note = f"the column {name!r} names the pair of each row"
             return replace(table, columns={"item_a": a, "item_b": b, **kept}, notes=(*table.notes, note))

@@ -202,7 +202,7 @@ def _with_lists(seen: Seen, description: Description) -> Description:
     return replace(description, not_used=rest, warnings=tuple(warnings))
 
 
-REPEATABLE = ("rows", "won", "ranking", "ranks", "best-worst")  # layouts whose rows may be those of one person
+REPEATABLE = ("rows", "won", "ranking", "ranked", "ranks", "best-worst")  # layouts whose rows may be one person's
 MOST_KINDS = 20  # different texts of a column that may tell repeated rows apart; more are numbers of trials
 
 
