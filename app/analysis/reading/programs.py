@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from app.analysis.reading.cells import Column, Table, column_of, is_numeric, number_or_nan, same, shown
 from app.analysis.reading.files.nested import QUESTION
 from app.analysis.reading.votes_table import VotesError
-from app.analysis.reading.words import TIGHT_VERSUS, VERSUS, ends_of, is_suspicious, pair_in, plain
+from app.analysis.reading.words import TIGHT_VERSUS, VERSUS, ends_of, is_suspicious, pair_in, pairs_in, plain
 
 
 @dataclass(frozen=True)
@@ -106,8 +106,8 @@ def _with_pairs(table: Table) -> Table:
         return table
     for name, column in table.columns.items():
         if column.filled and all(VERSUS.match(word) or TIGHT_VERSUS.match(word) for word in column.filled):
-            pairs = [(pair_in(word) or ("", ""))[:2] for word in column.words]
-            a, b = (column.mapped(pair[side] for pair in pairs) for side in (0, 1))
+            pairs = pairs_in(column.words)
+            a, b = (column.mapped(pairs[word][:2][side] if word else "" for word in column.words) for side in (0, 1))
             kept = {other: cells for other, cells in table.columns.items() if other != name}
             note = f"the column {name!r} names the pair of each row"
             return replace(table, columns={"item_a": a, "item_b": b, **kept}, notes=(*table.notes, note))

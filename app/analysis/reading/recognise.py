@@ -178,6 +178,7 @@ def _with_lists(seen: Seen, description: Description) -> Description:
     return replace(description, not_used=rest, warnings=tuple(warnings))
 
 
+REPEATABLE = ("rows", "won", "ranking", "ranked", "ranks", "best-worst")  # layouts whose rows may be one person's
 MOST_KINDS = 20  # different texts of a column that may tell repeated rows apart; more are numbers of trials
 
 
@@ -198,7 +199,14 @@ def _repeats(seen: Seen, description: Description, rest: Sequence[str]) -> list[
         and not (is_never(name) and is_numeric(seen.column(name)))
         and name not in weights
     ]
-    if description.layout not in ("rows", "won") or "participant" not in columns or not few:
+    if "participant" not in columns and description.layout in REPEATABLE:
+        warnings += [
+            f"the column {name!r} is not used, and may name the participants: {Told(columns={'participant': name})} "
+            "makes the intervals those over people"
+            for name in rest
+            if plain(name).endswith("id") and 1 < len(seen.column(name).filled) < len(seen.table)
+        ]
+    if description.layout not in REPEATABLE or "participant" not in columns or not few:
         return warnings
     key = np.zeros(len(seen.table), np.int64)
     for role in ("participant", *what):

@@ -28,10 +28,11 @@ from app.analysis.reading.kinds.seen import (
 )
 from app.analysis.reading.layouts import joined_column
 from app.analysis.reading.votes_table import VotesError
-from app.analysis.reading.words import GRADES, NEVER, RATING_OPTIONAL, is_suspicious, means, pair_in, plain
+from app.analysis.reading.words import GRADES, NEVER, RATING_OPTIONAL, is_never, is_suspicious, means, pair_in, plain
 
 ROUNDED = 0.006  # a mean of two decimals is nearer to the true one
 FEWEST_AVERAGED = 3
+MOST_LEVELS = 20  # different texts of a column that is part of a condition's name; more are numbers or names of rows
 
 
 def find_comparisons(seen: Seen) -> Description | None:
@@ -133,7 +134,7 @@ def _ask_if_something_else(seen: Seen, rated: Sequence[str], who: Mapping[str, t
     rows = joined_column(seen.table, [name for names in (*who.values(), seen.one("dataset")) for name in names])
     if len(rows.seen) < len(rows):
         as_votes = Told(columns={"item_a": rated[0], "item_b": rated[1], "choice": rated[-1]})
-        readings = [Reading(f"{whole.text}, more than once", whole.told)]
+        readings = [*_rated_one(seen, rated, who), Reading(f"{whole.text}, more than once", whole.told)]
         if len(rated) > FEWEST_RATED:
             readings.append(Reading("votes, if columns name two items and the choice, such as", as_votes))
         repeated = shown(rows.words[int(np.argmax(np.bincount(rows.codes)))])
@@ -179,6 +180,22 @@ def _ask_if_something_else(seen: Seen, rated: Sequence[str], who: Mapping[str, t
 def _without(rated: Sequence[str], odd: Sequence[str]) -> Reading:
     rest = [name for name in rated if name not in odd]
     return Reading(f"ratings without {named(odd)}", Told(columns={"rating": JOIN.join(rest)}))
+
+
+def _rated_one(seen: Seen, rated: Sequence[str], who: Mapping[str, tuple[str, ...]]) -> list[Reading]:
+    """Return the reading of one column as the rating, of the conditions that the other columns make together."""
+    names = [name for name in rated if means("rating", name)]
+    taken = {*names, *(name for theirs in (*who.values(), seen.one("dataset")) for name in theirs)}
+    parts = [
+        name
+        for name in seen.free
+        if name not in taken and not is_never(name) and 1 < len(seen.column(name).filled) <= MOST_LEVELS
+    ]
+    rows = joined_column(seen.table, [*taken.difference(names), *parts])
+    if len(names) != 1 or "participant" not in who or len(rows.seen) < len(rows):
+        return []
+    told = Told(columns={"condition": JOIN.join(parts), "rating": names[0]})
+    return [Reading(f"ratings in {names[0]!r} of conditions in {named(parts)}", told)]
 
 
 def _odd_names(rated: Sequence[str]) -> list[str]:

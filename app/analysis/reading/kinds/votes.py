@@ -33,7 +33,7 @@ from app.analysis.reading.words import (
     SUMMARIES,
     SWAPPED,
     TRUE_FALSE,
-    pair_in,
+    pairs_in,
     plain,
 )
 
@@ -88,7 +88,7 @@ def _told_pairs(seen: Seen) -> dict[str, tuple[str, ...]]:
     """Return the pairs of the columns that were told to hold choices or grades."""
     for role in WIDE_ROLES:
         names = seen.given.get(role, ())
-        pairs = {name: pair[:2] for name in names if (pair := pair_in(name)) is not None}
+        pairs = {name: pair[:2] for name, pair in pairs_in(names).items()}
         if names and len(pairs) == len(names):
             return dict(pairs)
     return {}
@@ -100,7 +100,7 @@ def _named_pairs(seen: Seen) -> dict[str, tuple[str, ...]]:
         return {}
     if any(plain(name) in ("itema", "itemb") for name in seen.free):
         return {}
-    matches = {name: pair for name in seen.free if (pair := pair_in(name)) is not None and not COMMENTS.search(name)}
+    matches = pairs_in(name for name in seen.free if not COMMENTS.search(name))
     sure = {name: pair[:2] for name, pair in matches.items() if not pair[2]}
     items = {item for pair in sure.values() for item in pair}
     dashed: dict[str, tuple[str, str]] = {name: pair[:2] for name, pair in matches.items() if pair[2]}
@@ -138,12 +138,12 @@ def with_meaning(seen: Seen, description: Description) -> Description:
             f"the choices {named(sorted(choice.filled)[:6])} are numbers",
             [Reading("grades, how much better the second of two items is", Told(format="ccr"))],
         )
-    first, second = (description.columns.get(role, (role,))[0] for role in ("item_a", "item_b"))
+    name_a, name_b = (description.columns.get(role, (role,))[0] for role in ("item_a", "item_b"))
     asked = Asked(
         choice,
         item_a,
         item_b,
-        (first, second),
+        (name_a, name_b),
         is_own=seen.is_own,
         is_told="choice" in seen.told.columns,
         strengths_as="votes" if seen.told.format == "votes" else "",
