@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from recon.geometry.srgb import light_of, light_of_bytes, srgb_bytes
 from recon.models.atlas import SLACK
-from recon.models.gltf_data import INSTANCES, VISIBILITY, GltfData, chunks
+from recon.models.gltf.data import INSTANCES, VISIBILITY, GltfData, chunks
 from recon.models.part import Contents, Part, check_finite, decode_picture
 from recon.runtime.files import why_no_file
 
