@@ -73,7 +73,7 @@ class SharedMonitor:
 def overview_page(request: Request, person: Person, study: AStudy) -> Response:
     with database(request).reading() as connection:
         compared = datasets_of(connection, study.id)
-        telling = telling_names(study.name, conditions_of(connection, study.id))
+        telling = telling_names(study.name, list(conditions_of(connection, study.id)))
         invitations = [
             invitation
             for invitation in invitations_of(connection, study.id)

@@ -223,7 +223,7 @@ NEEDED = {  # the role that each route of the dashboard takes
     r"/admin/sets/\{name\}(/films/\{number\})?": "viewer",
     r"/admin/sets/\{name\}/(factors|name|delete)": "experimenter",
     r"POST /admin/((jobs|tasks)/\{task\}/cancel|studies/\{slug\}/failures)": "experimenter",
-    r"/admin(/sets|/account.*|/logout|/(jobs|tasks)/[^/]*)?": "viewer",
+    r"/admin(/studies|/sets|/account.*|/logout|/(jobs|tasks)/[^/]*)?": "viewer",
     r"GET /admin/files(/\{kind\}/\{name\}.*|/captures/\{name\}/pictures/.*)?": "viewer",
     r"/admin/files/captures/\{name\}/strokes.*": "experimenter",
     r"/admin/files/votes/\{name\}/(reading|analyse)": "experimenter",
