@@ -139,12 +139,12 @@ def with_meaning(seen: Seen, description: Description) -> Description:
             f"the choices {named(sorted(choice.filled)[:6])} are numbers",
             [Reading("grades, how much better the second of two items is", Told(format="ccr"))],
         )
-    names = tuple(description.columns.get(role, (role,))[0] for role in ("item_a", "item_b"))
+    name_a, name_b = (description.columns.get(role, (role,))[0] for role in ("item_a", "item_b"))
     asked = Asked(
         choice,
         item_a,
         item_b,
-        names,
+        (name_a, name_b),
         is_own=seen.is_own,
         is_told="choice" in seen.told.columns,
         strengths_as="votes" if seen.told.format == "votes" else "",
