@@ -54,6 +54,10 @@ def check_is_run(folder: Path) -> None:
                 )
 
 
+_NO_POINTS = np.empty((0, 3), np.float32)
+NO_CLOUD = Cloud(_NO_POINTS, _NO_POINTS, _NO_POINTS.astype(np.uint8), _NO_POINTS[:, 0])  # where a sensor saw nothing
+
+
 def mesh_name(approach: str, frame: int) -> str:
     """Name the mesh of a frame by an approach such as "pm_fb"; one with a texture is a GLB file."""
     suffix = "ply" if parse_approach(approach).colour == VERTICES else "glb"
@@ -95,9 +99,7 @@ class View(NamedTuple):
 
 def read_clouds(artefacts: Artefacts, names: Iterable[str]) -> list[Cloud]:
     """Read clouds of a run, in their order; one without points where a sensor saw nothing."""
-    points = np.empty((0, 3), np.float32)
-    nothing = Cloud(points, points, points.astype(np.uint8), points[:, 0])
-    return [read_cloud(path) if holds_points(path) else nothing for path in map(artefacts.path, names)]
+    return [read_cloud(path) if holds_points(path) else NO_CLOUD for path in map(artefacts.path, names)]
 
 
 @dataclass(frozen=True, eq=False)
