@@ -11,7 +11,7 @@ function showAgain(message) {
   const typed = JSON.parse(message.dataset.typed ?? "[]");
   const form = [...document.forms].find((form) => form.getAttribute("action") === message.dataset.action && isOf(form, typed));
   if (typed.length) history.replaceState(null, "", document.referrer); // at the form's address there is no page to load
-  if (!form) return; // its long texts stay there, to be copied
+  if (!form) return; // what was sent stays there, to be copied
   document.getElementById("typed")?.remove();
   form.dataset.refused = "";
   if (typed.length) fill(form, typed);
