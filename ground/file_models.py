@@ -70,6 +70,11 @@ def faults_of(error: ValidationError, model: type[BaseModel], content: Any = Non
     return list({(fault.place, fault.words): fault for fault in faults}.values())
 
 
+def first_fault(error: OSError | ValueError, model: type[BaseModel]) -> str:
+    """Say what is wrong first with a file that cannot be read as a model."""
+    return str(faults_of(error, model)[0] if isinstance(error, ValidationError) else error)
+
+
 def schema_name(name: str) -> str:
     """Return the file in which a file of a kind expects its JSON Schema; `reconstudy schema NAME` prints it."""
     return f"{name}.schema.json"
