@@ -17,6 +17,7 @@ from app.analysis.reading.votes_table import NONE, VotesTable, only_compared
 
 Array = NDArray[np.float64]
 
+FEWEST = 10  # decided votes of a participant, on average; fewer do not tell how far opinions differ
 FEWEST_DRAWS = 60  # honest people whose votes a participant's are compared with
 SIMULATED = 1000  # careless people, who tell how often honest ones look like them
 TOGETHER = 1_000_000  # logits at once
@@ -25,7 +26,7 @@ MOST_ITEMS = 60  # above, a person's opinions have more dimensions than draws ca
 MEDIAN = 0.87  # of a chi-square with five degrees of freedom, in units of its mean
 NOISE = 0.2  # standard deviation of the logarithm of somebody's own noise
 FEW = 8.0  # people, of whom the estimate of how far opinions differ has half its value again as error
-UNKNOWN = 1.0  # standard errors, by which the variance of opinions is taken to be larger than it is found
+MOST_UNKNOWN = 0.16  # up to which the variance of opinions is taken to be a standard error larger than it is found
 LEAST_SPREAD = 0.2  # log-odds, of honest opinions, also where the votes show none
 LEAST_APART = 0.15  # log-odds; datasets whose scores differ by less are taken together
 DISSENTERS, DISSENT = 0.05, 2.0  # share of honest people with opinions that lie so many times farther apart
@@ -51,7 +52,7 @@ class Panel:
 
 
 def panel_of(votes: VotesTable, who: NDArray[np.intp], n_people: int, order_effect: float | None) -> Panel | None:
-    """Count the decided votes; None with too few people or too many items to follow.
+    """Count the decided votes; None with too few people or votes, or too many items to follow.
 
     Parameters
     ----------
@@ -61,7 +62,7 @@ def panel_of(votes: VotesTable, who: NDArray[np.intp], n_people: int, order_effe
     order_effect : as in `careless_answers`
     """
     decided = votes.choice != NONE
-    if n_people < 3 or not decided.any() or len(votes.items) > 4 * MOST_ITEMS:
+    if n_people < 3 or votes.count[decided].sum() < FEWEST * n_people or len(votes.items) > 4 * MOST_ITEMS:
         return None
     rows = votes.where(decided)
     compared = only_compared(rows)
@@ -202,7 +203,7 @@ def _honest_scores(panel: Panel, order_effect: float, kept: NDArray[np.bool_]) -
     inverse, rank, n_kept = np.linalg.pinv(information, hermitian=True), n - 1, int(kept.sum())
     excess = _excess if not kept.all() else _typical_excess  # before careless people are left out, by the median
     error = np.sqrt(2 * rank / n_kept) / max(_gain(of_people[kept], inverse), 1e-9)
-    spread = np.sqrt(excess(gradients[kept], of_people[kept], inverse, rank) + UNKNOWN * error)
+    spread = np.sqrt(excess(gradients[kept], of_people[kept], inverse, rank) + min(error, MOST_UNKNOWN))
     influence = gradients @ inverse
     covariance = influence[kept].T @ influence[kept] * n_kept / max(n_kept - 1, 1)
     n_datasets = int(panel.dataset.max()) + 1
