@@ -90,7 +90,8 @@ PURE_EXCEPTIONS = {
     "app/analysis/analyse.py": {"pandas"},
     "app/analysis/reading/cells.py": {"pandas"},
     "app/analysis/reading/read_votes.py": {"pandas"},
-    "app/analysis/reading/tabular.py": {"pandas", "pyarrow"},
+    "app/analysis/reading/files/tabular.py": {"pandas", "pyarrow"},
+    "app/analysis/reading/files/text.py": {"pandas", "pyarrow"},
     "app/analysis/reading/votes_table.py": {"pandas"},
 }
 IMPURE_STANDARD_LIBRARY = {"sqlite3", "random", "secrets", "time", "socket", "http", "urllib", "uuid"}

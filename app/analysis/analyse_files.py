@@ -19,7 +19,8 @@ from app.analysis.ratings.score_sets import comparison_score_sets, opinion_score
 from app.analysis.ratings.table import ComparisonTable, RatingTable
 from app.analysis.reading.attributes import MeasureValues, read_items, read_measures, read_participants
 from app.analysis.reading.description import Told
-from app.analysis.reading.read_votes import WARNING, Source, in_several, understand_votes
+from app.analysis.reading.read_votes import understand_votes
+from app.analysis.reading.sources import WARNING, Source, in_several
 from app.analysis.reading.votes_table import ALL, VotesError, VotesTable
 from app.analysis.report.figures import font_warnings
 from app.analysis.report.write import refuse_to_replace, write_analysis

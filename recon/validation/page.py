@@ -170,7 +170,9 @@ def write_figure(stem: Path, chart: Any) -> str:
     """Write a chart as SVG, PNG and PDF beside each other, and return the SVG's text."""
     import vl_convert
 
-    spec = chart.configure(font=FONT).configure_axis(labelFlush=False).configure_view(stroke=None).to_dict()
+    room = {"left": 5, "top": 5, "right": 48, "bottom": 5}  # other fonts than ours are wider, and cut legends
+    whole = chart.configure(font=FONT, padding=room)
+    spec = whole.configure_axis(labelFlush=False).configure_view(stroke=None).to_dict()
     svg = str(vl_convert.vegalite_to_svg(spec))
     write_bytes(stem.with_name(f"{stem.name}.svg"), svg.encode("utf-8"))
     write_bytes(stem.with_name(f"{stem.name}.png"), bytes(vl_convert.vegalite_to_png(spec, scale=2.0)))

@@ -17,7 +17,8 @@ from app.analysis.model.likelihood.counts import PairCounts
 from app.analysis.model.likelihood.existence import recession
 from app.analysis.model.likelihood.ties import TIE_MODELS, WITHOUT_TIES, Derivatives, TieModel
 from app.analysis.model.scales import LOG_ODDS_PER_JOD
-from app.analysis.ratings.table import RatingTable, numbered_names
+from app.analysis.ratings.table import RatingTable
+from app.analysis.reading.cells import numbered_names
 from app.analysis.reading.votes_table import NONE, A, B, VotesTable
 
 Array = NDArray[np.float64]

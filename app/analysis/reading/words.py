@@ -158,6 +158,7 @@ IN_BRACKETS = re.compile(r"^[^()\[\]]*[(\[]([^()\[\]]*\s(?:vs\.?|versus)\s[^()\[
 VERSUS = re.compile(r"^(.+?)\s+(?:vs\.?|versus)\s+(.+)$", re.IGNORECASE)
 TIGHT_VERSUS = re.compile(r"^(.+?)_(?:vs|versus)_(.+)$", re.IGNORECASE)
 DASH = re.compile(r"^(.+?)\s+(?:-|–|—|:|\||/)\s+(.+)$")
+TAIL = re.compile(r"(?:\s+[-–—|]\s+|\s*[:;(\[]\s*)\S.*$")  # " - Which is better?", " (left or right)"
 
 
 def plain(name: str) -> str:
@@ -217,3 +218,14 @@ def pair_in(name: str) -> tuple[str, str, bool] | None:
                 match = divided.match(bare) or match
         return match[1].strip(), match[2].strip(), divided is DASH
     return None
+
+
+def pairs_in(names: Iterable[str]) -> dict[str, tuple[str, str, bool]]:
+    """Read the names of columns that are pairs, as `pair_in` does, without the question that all of them end with."""
+    pairs = {name: pair for name in names if (pair := pair_in(name)) is not None}
+    tails = {match[0] if (match := TAIL.search(second)) else "" for _, second, _ in pairs.values()}
+    tail = tails.pop() if len(tails) == 1 else ""
+    is_question = tail.rstrip(")]").endswith("?") or len(pairs) > 1
+    if not tail or not is_question or any(first.endswith(tail) for first, _, _ in pairs.values()):
+        return pairs
+    return {name: (first, second.removesuffix(tail), is_dash) for name, (first, second, is_dash) in pairs.items()}

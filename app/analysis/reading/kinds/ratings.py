@@ -10,34 +10,35 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from app.analysis.reading.cells import Column, named, number_or_nan, shown, values_of
-from app.analysis.reading.choices import grade_of
 from app.analysis.reading.description import COMPARISONS, JOIN, RATINGS, Description, QuestionError, Reading, Told
 from app.analysis.reading.kinds.seen import (
     FEWEST_RANKED,
     FEWEST_RATED,
     Seen,
+    as_grades,
     columns_of_numbers,
     condition_of,
     item_columns,
+    names_in,
     one_pair,
+    rated_columns,
     rating_of,
     says,
     summaries,
 )
 from app.analysis.reading.layouts import joined_column
 from app.analysis.reading.votes_table import VotesError
-from app.analysis.reading.words import GRADES, NEVER, RATING_OPTIONAL, is_suspicious, means, pair_in, plain
+from app.analysis.reading.words import GRADES, NEVER, RATING_OPTIONAL, is_never, is_suspicious, means, pair_in, plain
 
 ROUNDED = 0.006  # a mean of two decimals is nearer to the true one
 FEWEST_AVERAGED = 3
+MOST_LEVELS = 20  # different texts of a column that is part of a condition's name; more are numbers or names of rows
 
 
 def find_comparisons(seen: Seen) -> Description | None:
     """Find comparison ratings: two items and how much better the second is."""
     is_other = says(seen, "choice", "condition", "winner", "wins_a", "rank") and not says(seen, "rating")
     if is_other and seen.told.format != "ccr":
-        return None
-    if seen.told.format in ("votes", "ratings"):
         return None
     rating = rating_of(seen)
     if not rating and seen.told.format == "ccr":
@@ -46,8 +47,7 @@ def find_comparisons(seen: Seen) -> Description | None:
         return None
     item_a, item_b = one_pair(seen, seen.pairs, ())
     columns = seen.who_and_what() | item_columns(item_a, item_b) | {"rating": rating}
-    taken = [name for names in columns.values() for name in names]
-    optional = seen.optional(RATING_OPTIONAL, taken)
+    optional = seen.optional(RATING_OPTIONAL, names_in(columns))
     if {"protocol", "role"} <= set(optional) and set(seen.column(optional["protocol"][0]).filled) - {"ccr", "CCR"}:
         columns = {role: names for role, names in columns.items() if role not in ("item_a", "item_b")}
         columns["condition"] = (item_b,)  # a study's own table: what ACR, ACR-HR and DCR rate
@@ -58,9 +58,7 @@ def find_comparisons(seen: Seen) -> Description | None:
     is_sure = "rating" in seen.given or seen.told.format == "ccr" or plain(rating[0]) == "rating"
     if not is_sure and {*values_of(choice)} <= {0.0, 0.5, 1.0}:
         _ask_about_points(choice, rating[0], item_a, item_b)
-    words = {word.lower(): grade for word in choice.filled if (grade := grade_of(word)) is not None}
-    notes = ("grades say how much better item_b is than item_a",)
-    return Description(COMPARISONS, columns | optional, words=words, notes=notes)
+    return as_grades(Description(COMPARISONS, columns | optional), choice)
 
 
 def _ask_about_points(column: Column, name: str, item_a: str, item_b: str) -> None:
@@ -79,8 +77,6 @@ def find_ratings(seen: Seen) -> Description | None:
     """Find ratings of single items: who rated what, and how."""
     if says(seen, "choice", "item_a", "item_b", "winner", "wins_a", "rank") and not says(seen, "rating", "condition"):
         return None
-    if seen.told.format == "votes":
-        return None
     if not says(seen, "condition", "rating") and {"item_a", "item_b"} <= {plain(n) for n in seen.table.names}:
         return None
     rating = rating_of(seen, weak=True) or seen.one("rating")
@@ -94,8 +90,7 @@ def find_ratings(seen: Seen) -> Description | None:
         raise VotesError(
             f"lacks the column participant; found {named(seen.table.names)}; who rated? --columns participant=…"
         )
-    taken = [name for names in columns.values() for name in names]
-    optional = seen.optional(RATING_OPTIONAL, taken)
+    optional = seen.optional(RATING_OPTIONAL, names_in(columns))
     optional.pop("first_shown", None)
     worded = {word.lower() for word in seen.column(rating[0]).filled}
     is_worded = len(worded) > 1 and worded <= set(GRADES)  # a single word is rather a mistake
@@ -107,13 +102,7 @@ def find_wide_ratings(seen: Seen) -> Description | None:
     """Find ratings in many columns: one for each condition, or one for each participant."""
     told = seen.given.get("rating", ())
     who = {role: names for role in ("participant", "condition") if (names := quietly(seen, role))}
-    rated = (
-        list(told)
-        if len(told) > 1
-        else []
-        if told
-        else columns_of_numbers(seen, [n for names in who.values() for n in names])
-    )
+    rated = rated_columns(seen, told, who)
     if len(who) != 1 or len(rated) < FEWEST_RATED:
         return None
     if len(told) < 2:
@@ -121,11 +110,10 @@ def find_wide_ratings(seen: Seen) -> Description | None:
     (role,) = who
     stands = "condition" if role == "participant" else "participant"
     dataset = {"dataset": names} if (names := seen.one("dataset")) else {}
-    taken = [*rated, *who[role], *(n for names in dataset.values() for n in names)]
     note = f"a row for each {role}, a column for each of {len(rated)} {stands}s"
     return Description(
         RATINGS,
-        who | dataset | seen.optional(("practice", "excluded"), taken),
+        who | dataset | seen.optional(("practice", "excluded"), names_in(who | dataset) | {*rated}),
         "wide",
         {name: (name,) for name in rated},
         stands,
@@ -146,7 +134,7 @@ def _ask_if_something_else(seen: Seen, rated: Sequence[str], who: Mapping[str, t
     rows = joined_column(seen.table, [name for names in (*who.values(), seen.one("dataset")) for name in names])
     if len(rows.seen) < len(rows):
         as_votes = Told(columns={"item_a": rated[0], "item_b": rated[1], "choice": rated[-1]})
-        readings = [Reading(f"{whole.text}, more than once", whole.told)]
+        readings = [*_rated_one(seen, rated, who), Reading(f"{whole.text}, more than once", whole.told)]
         if len(rated) > FEWEST_RATED:
             readings.append(Reading("votes, if columns name two items and the choice, such as", as_votes))
         raise QuestionError(f"{', '.join(who)} {shown(_repeated(rows))} has several rows of numbers", readings)
@@ -192,6 +180,22 @@ def _ask_if_something_else(seen: Seen, rated: Sequence[str], who: Mapping[str, t
         raise QuestionError(f"each row of {named(rated)} holds the numbers from 1 to {len(rated)}", readings)
 
 
+def _rated_one(seen: Seen, rated: Sequence[str], who: Mapping[str, tuple[str, ...]]) -> list[Reading]:
+    """Return the reading of one column as the rating, of the conditions that the other columns make together."""
+    names = [name for name in rated if means("rating", name)]
+    taken = {*names, *(name for theirs in (*who.values(), seen.one("dataset")) for name in theirs)}
+    parts = [
+        name
+        for name in seen.free
+        if name not in taken and not is_never(name) and 1 < len(seen.column(name).filled) <= MOST_LEVELS
+    ]
+    rows = joined_column(seen.table, [*taken.difference(names), *parts])
+    if len(names) != 1 or "participant" not in who or len(rows.seen) < len(rows):
+        return []
+    told = Told(columns={"condition": JOIN.join(parts), "rating": names[0]})
+    return [Reading(f"ratings in {names[0]!r} of conditions in {named(parts)}", told)]
+
+
 def _repeated(column: Column) -> str:
     """Return a text that several cells have."""
     return column.words[int(np.argmax(np.bincount(column.codes, minlength=len(column.words))))]
@@ -235,7 +239,7 @@ def _are_ranks(seen: Seen, rated: Sequence[str]) -> bool:
 
 def _summaries(seen: Seen, names: Sequence[str], rated: Sequence[str]) -> tuple[int, ...]:
     """Return the rows of a wide table that are nobody's: named as a statistic, or the mean of all others."""
-    if names[0] in {name for theirs in seen.given.values() for name in theirs}:
+    if names[0] in names_in(seen.given):
         return ()
     cells = np.stack([seen.column(name).meaning(number_or_nan, np.float64) for name in rated], axis=1)
     means = (cells.sum(axis=0) - cells) / max(len(cells) - 1, 1)

@@ -157,4 +157,6 @@ def _cell(text: str) -> str:
 
 
 def _value(value: float | None) -> str:
-    return NOTHING if value is None else f"{value:.4g}".replace("-", MINUS)
+    if value is None:
+        return NOTHING
+    return (f"{value:,.0f}".replace(",", "\u202f") if abs(value) >= 1e4 else f"{value:.4g}").replace("-", MINUS)

@@ -15,7 +15,8 @@ from app.analysis.ratings.opinion_scores import item_rows
 from app.analysis.ratings.reading import understand_ratings
 from app.analysis.ratings.table import ComparisonTable, RatingTable
 from app.analysis.reading.description import QuestionError, Told
-from app.analysis.reading.read_votes import recognise_file, understand_votes
+from app.analysis.reading.read_votes import understand_votes
+from app.analysis.reading.sources import recognise_file
 from app.analysis.reading.votes_table import VotesError, VotesTable
 
 REAL = {"practice_cap.csv": 18, "is_practice.csv": 18, "count_cap2.csv": 252, "wide_12.csv": 36, "wide_q.csv": 6}
@@ -541,3 +542,39 @@ def test_words_of_absolute_categories_are_grades_and_several_questions_are_a_war
     assert any(
         "'attribute' is not used: what it tells apart ('sharp', 'colour') counts as the same" in line for line in said
     )
+
+
+def test_a_question_at_the_end_of_every_pairs_name_is_no_part_of_an_item(tmp_path: Path) -> None:
+    asked = "participant,Q1. x vs. y - Which is better?,Q2. x vs. z - Which is better?\nA,left,left\nB,right,left\n"
+    votes, _ = votes_in(write(tmp_path, asked))
+    assert votes.items == ("x", "y", "z")
+    in_cells = "participant,pair,choice\nA,x vs y (which is better?),left\nB,z vs x (which is better?),left\n"
+    votes, _ = votes_in(write(tmp_path, in_cells))
+    assert sorted(votes.items) == ["x", "y", "z"]
+
+
+def test_items_whose_names_all_end_alike_keep_their_ends(tmp_path: Path) -> None:
+    votes, _ = votes_in(write(tmp_path, "participant,x - fast vs y - fast,z - fast vs y - fast\nA,left,right\n"))
+    assert sorted(votes.items) == ["x - fast", "y - fast", "z - fast"]
+
+
+def test_a_score_of_conditions_in_two_columns_is_offered_as_a_reading(tmp_path: Path) -> None:
+    rows = [f"{who},{codec},{rate},{rate // 250}" for who in "ABC" for codec in ("avc", "hevc") for rate in (500, 1000)]
+    path = write(tmp_path, "\n".join(["observer,codec,bitrate,score", *rows]))
+    with pytest.raises(QuestionError) as raised:
+        ratings_in(path)
+    told = raised.value.readings[0].told
+    table, _ = ratings_in(path, columns=told.columns)
+    assert [name for _, name in table.items] == ["avc 500", "avc 1000", "hevc 500", "hevc 1000"]
+
+
+def test_rankings_of_one_person_that_an_unused_column_tells_apart_are_warned_about(tmp_path: Path) -> None:
+    ranked = "rater,image,rank_1,rank_2,rank_3\nA,sea,x,y,z\nA,park,y,x,z\nB,sea,x,z,y\nB,park,z,x,y\n"
+    _, said = votes_in(write(tmp_path, ranked))
+    assert any("differ in the column 'image'" in line for line in said)
+
+
+def test_ids_that_repeat_where_nobody_is_named_are_warned_about(tmp_path: Path) -> None:
+    best = 'id,options,best,worst\n7,"x;y;z",x,z\n7,"x;y;u",u,y\n8,"x;y;z",y,z\n'
+    _, said = votes_in(write(tmp_path, best))
+    assert any("may name the participants: --columns participant=id" in line for line in said)
