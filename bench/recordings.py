@@ -1,14 +1,15 @@
 """Which faults of recordings `capture check` finds, and how often it finds one where there is none.
 
-    python bench/recordings.py [--scenes ball,box,people,standing] [--seeds 2] [--size 640x480] [--good N] [--json]
-    python bench/recordings.py --real ../shared/data
+    python bench/recordings.py [--scenes ball,box,people,standing] [--seeds 1-2] [--size 320x240] [--good 1-9]
+    python bench/recordings.py --real ../shared/data [--kept F]
 
 Recordings of the studio by three sensors, with masks as `capture segment` makes them. Each gets one fault at a time: a
 sensor late by a quarter to three frames, pictures swapped, a wrong baseline sign, a wrong lens, one to three rows,
-unrelated pictures, overexposure, masks missing. A fault is found, "could not be checked", or missed. Good recordings
-are plain, and with the imperfections of good cameras: noise, casts, vignetting, JPEG, a shutter of 5 ms; `--good` adds
-so many of each scene alone. With `--real`, the temple, the sphere, Teddy, Cloth and Tsukuba are taken, the same faults
-put into them; a fault counts where it is new. Good ones are they with less light, noise and JPEG.
+unrelated pictures, overexposure, masks missing. A fault is found, "could not be checked", or missed. `--good` records
+good ones by number, each drawn anew: two to four sensors, films and shots, any scene, noise, exposures, casts,
+vignetting, flicker, JPEG, a shutter, distortion and errors of the calibration as good cameras have them. With `--real`,
+the temple, the sphere, Teddy, Cloth and Tsukuba are taken, the same faults put into them; a fault counts where it is
+new. Good ones are they with less light, noise and JPEG. Verdicts are kept in a file, with which a next run goes on.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from pathlib import Path
 
 import cv2
@@ -28,7 +30,7 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from recon.capture.checking.check import check_capture
+from recon.capture.checking.check import CheckReport, check_capture
 from recon.capture.format import (
     CameraStream,
     Capture,
@@ -45,7 +47,17 @@ from recon.capture.importing.sources import ImportOptions
 from recon.capture.masks.segment import segment_capture
 from recon.geometry.rig import Camera
 from recon.studio import SynthParameters, synthesise
-from tests.recon.capture.checking.faults import FAULTS, FAULTY, MISSED, excerpt, false_alarms, lag, plain, swapped
+from tests.recon.capture.checking.faults import (
+    FAULTS,
+    FAULTY,
+    MISSED,
+    Fault,
+    excerpt,
+    false_alarms,
+    lag,
+    plain,
+    swapped,
+)
 
 QUARTERS = 4  # recorded frames to one of a film
 N_FRAMES = 24
@@ -57,42 +69,60 @@ PAIRS = {  # files, a focal length, and disparities between which the pair lies,
     "tsukuba": (("im3.png", "im4.png"), 600.0, (4.0, 15.0)),
 }
 PAIR_BASELINE = 160.0  # mm
-LENSES = {
-    "plain": {},
-    "imperfect": {"colour_cast": 0.05, "vignetting": 0.3, "compression": 92, "shutter_ms": 5.0, "distortion": -0.1},
-}
+SCENES = ("ball", "box", "people", "standing", "face")
+ALIKE = ("ball", "box", "people", "standing")  # seen by three sensors as people are
+
+Cells = Iterator[tuple[str, Callable[[], str]]]
+"""What is put into a recording, or "none" and a word, and what tells the verdict of the check."""
 
 
-def recorded(folder: Path, scene: str, seed: int, size: tuple[int, int], n_frames: int, **imaging: object) -> Capture:
+def recorded(folder: Path, parameters: SynthParameters) -> Capture:
     """Record a scene, and make its masks."""
-    synthesise(folder, SynthParameters(scene, 3, n_frames, size, seed=seed, **imaging))  # type: ignore[arg-type]
+    synthesise(folder, parameters)
     return segment_capture(folder)
 
 
-def matrix(folder: Path, scene: str, seed: int, size: tuple[int, int]) -> Iterator[tuple[str, str]]:
-    """Yield a fault and its verdict, for all faults and for recordings without one."""
+def matrix(folder: Path, scene: str, seed: int, size: tuple[int, int]) -> Cells:
+    """Yield all faults of one recording, and none; it is made when the first is asked for."""
     quarters = QUARTERS * N_FRAMES
-    base = recorded(folder / "base", scene, seed, size, quarters)
     film, shots = list(range(0, quarters, QUARTERS)), list(range(0, quarters, quarters // SHOTS))
-    for late in range(13):
-        report = check_capture(excerpt(base, folder / f"late{late}", film, {FAULTY: late}).folder)
-        if late:
-            yield lag(late).name, lag(late).verdict(report)
-        else:
-            yield "none: film", "; ".join(false_alarms(report)) or "nothing"
-    for number, fault in enumerate(FAULTS):
-        capture = excerpt(base, folder / f"fault{number}", shots)
+    base = cache(lambda: recorded(folder / "base", SynthParameters(scene, 3, quarters, size, seed=seed)))
+
+    def checked(fault: Fault, frames: list[int], late: int = 0) -> CheckReport:
+        capture = excerpt(base(), folder / fault.name, frames, {FAULTY: late})
         fault.put(capture)
-        yield fault.name, fault.verdict(check_capture(capture.folder))
-    yield from good_ones(folder, scene, 1, size, seed)
+        return check_capture(capture.folder)
+
+    yield "none: film", lambda: _alarms(checked(lag(0), film))
+    for late in range(1, 13):
+        yield lag(late).name, partial(lambda late: lag(late).verdict(checked(lag(late), film, late)), late)
+    for fault in FAULTS:
+        yield fault.name, partial(lambda fault: fault.verdict(checked(fault, shots)), fault)
 
 
-def good_ones(folder: Path, scene: str, count: int, size: tuple[int, int], first: int = 1) -> Iterator[tuple[str, str]]:
-    """Yield what is said of recordings without a fault."""
-    for seed in range(first, first + count):
-        for name, imaging in LENSES.items():
-            capture = recorded(folder / f"{name}{seed}", scene, seed + 100, size, SHOTS, **imaging)
-            yield f"none: {name}", "; ".join(false_alarms(check_capture(capture.folder))) or "nothing"
+def good_ones(folder: Path, numbers: range, size: tuple[int, int]) -> Cells:
+    """Yield recordings without a fault, each drawn by its number."""
+    for number in numbers:
+        yield (
+            f"none: {number}",
+            partial(lambda n: _alarms(check_capture(_good(folder / f"{n}", n, size).folder)), number),
+        )
+
+
+def _good(folder: Path, number: int, size: tuple[int, int]) -> Capture:
+    rng = np.random.default_rng((58, number))
+    drawn = SynthParameters(
+        str(rng.choice(SCENES)), int(rng.integers(2, 5)), int(rng.choice((1, 4, 13))), size, seed=1000 + number,
+        noise=rng.uniform(0.3, 3.0), exposure_spread=rng.uniform(0, 0.03), calibration_error_px=rng.uniform(0, 0.1),
+        distortion=rng.uniform(-0.2, 0.1), colour_cast=rng.uniform(0, 0.04), vignetting=rng.uniform(0, 0.3),
+        flicker=rng.uniform(0, 0.02), shutter_ms=rng.uniform(0, 5), gloss=rng.uniform(0, 1.5),
+        compression=(None, 85, 92, 97)[rng.integers(4)],
+    )  # fmt: skip
+    return recorded(folder, drawn)
+
+
+def _alarms(report: CheckReport) -> str:
+    return "; ".join(false_alarms(report)) or "nothing"
 
 
 def real_recordings(data: Path, folder: Path) -> Iterator[Capture]:
@@ -146,74 +176,112 @@ def _jpeg(pixels: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(cv2.imdecode(packed, cv2.IMREAD_COLOR), np.float64)
 
 
-def real_matrix(base: Capture, folder: Path) -> Iterator[tuple[str, str]]:
-    """Yield a fault and its verdict, for the faults that a real recording can have."""
-    rng = np.random.default_rng(0)
-    n, several = base.n_frames, len(base.sensors) > 1
-    base = excerpt(base, folder / "base", list(range(n)))
-    before = check_capture(base.folder)
-    known = (*before.problems, *before.warnings)
-    print(f"{base.name}: as it is: {'; '.join(known) or 'nothing'}", file=sys.stderr)
-    for name, change in {
-        "darker": lambda pixels: pixels * 0.8,
-        "noisy": lambda pixels: pixels + rng.normal(0, 2, pixels.shape),
-        "JPEG": _jpeg,
-    }.items():
-        capture = changed(base, folder / name, change)
-        alarms = {*map(plain, false_alarms(check_capture(capture.folder)))} - {*map(plain, known)}
-        yield f"none: {name}", "; ".join(alarms) or "nothing"
-    faults = [fault for fault in FAULTS if not fault.name.startswith(("shots", "masks"))]
-    faults += [swapped(range(n), "S2.*(swapped|order of left)")]
-    faults += [swapped(range(1, 2), "S2: left and right are swapped in frame 1")] * (n > 1)
-    faults += [fault for fault in FAULTS if fault.name.startswith("masks") and several]
-    for number, fault in enumerate(faults):
-        capture = excerpt(base, folder / f"fault{number}", list(range(n)))
+def real_matrix(base: Capture, folder: Path) -> Cells:
+    """Yield the faults that a real recording can have, and none."""
+    frames, several = list(range(base.n_frames)), len(base.sensors) > 1
+    before = cache(lambda: check_capture(excerpt(base, folder / "as it is", frames).folder))
+
+    def known() -> tuple[str, ...]:
+        return (*before().problems, *before().warnings)
+
+    def good(name: str) -> str:
+        alarms = false_alarms(check_capture(changed(base, folder / name, CHANGES[name]).folder))
+        return "; ".join({*map(plain, alarms)} - {*map(plain, known())}) or "nothing"
+
+    def verdict(fault: Fault, late: int = 0) -> str:
+        capture = excerpt(base, folder / fault.name, frames, {FAULTY: late})
         fault.put(capture)
-        yield fault.name.replace(f"0 to {n - 1}", "all"), fault.verdict(check_capture(capture.folder), known)
+        return fault.verdict(check_capture(capture.folder), known())
+
+    for name in CHANGES:
+        yield f"none: {name}", partial(good, name)
+    faults = [fault for fault in FAULTS if not fault.name.startswith("shots")]
+    faults += [replace(swapped(range(len(frames)), "S2.*(swapped|order of left)"), name="all shots swapped")]
+    faults += [swapped(range(1, 2), "S2: left and right are swapped in frame 1")] * (len(frames) > 1)
+    for fault in faults:
+        if several or not fault.name.startswith("masks"):
+            yield fault.name, partial(verdict, fault)
     if several:
-        capture = excerpt(base, folder / "late", list(range(n)), {FAULTY: 1})
-        yield lag(QUARTERS).name, lag(QUARTERS).verdict(check_capture(capture.folder))
+        yield lag(QUARTERS).name, partial(verdict, lag(QUARTERS), 1)
+
+
+CHANGES = {
+    "darker": lambda pixels: pixels * 0.8,
+    "noisy": lambda pixels: pixels + np.random.default_rng(0).normal(0, 2, pixels.shape),
+    "JPEG": _jpeg,
+}
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Verdicts by recording and fault, in memory and, if there is one, in a file of a line of JSON each."""
+
+    verdicts: dict[tuple[str, str], str]
+    file: Path | None
+
+    @classmethod
+    def read(cls, file: Path | None) -> Kept:
+        """Read those of a run before."""
+        lines = file.read_text().splitlines() if file is not None and file.exists() else []
+        return cls({(place, fault): verdict for place, fault, verdict in map(json.loads, lines)}, file)
+
+    def add(self, place: str, cells: Cells) -> None:
+        """Judge what is not known yet."""
+        for fault, verdict in cells:
+            if (place, fault) in self.verdicts:
+                continue
+            told = self.verdicts[place, fault] = verdict()
+            print(f"{place}: {fault}: {told}", file=sys.stderr, flush=True)
+            if self.file is not None:
+                with self.file.open("a") as file:
+                    file.write(json.dumps([place, fault, told]) + "\n")
+
+    def told(self) -> Iterator[str]:
+        """Say each fault's verdicts, and the shares that count."""
+        by_fault: dict[str, Counter[str]] = {}
+        for (_, fault), verdict in self.verdicts.items():
+            name = "none" if fault.startswith("none") else fault
+            by_fault.setdefault(name, Counter())[verdict] += 1
+        for fault, counts in by_fault.items():
+            yield f"{fault}: " + ", ".join(f"{verdict} {n}" for verdict, n in counts.most_common())
+        good = by_fault.pop("none", Counter())
+        n_faults = sum(map(Counter.total, by_fault.values()))
+        n_missed = sum(counts[MISSED] for counts in by_fault.values())
+        if n_faults:
+            share = f"{1 - n_missed / n_faults:.1%} of {n_faults}"
+            yield f"found or could not be checked: {share}, at least {FEWEST_FOUND:.0%}"
+        if good:
+            share = f"{1 - good['nothing'] / good.total():.1%} of {good.total()}"
+            yield f"false alarms: {share}, at most {MOST_ALARMS:.0%}"
+
+
+def _numbers(text: str) -> range:
+    first, _, last = text.partition("-")
+    return range(int(first), int(last or first) + 1)
 
 
 def main() -> None:
     """Print the matrix, and the shares that count."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", default="ball,box,people,standing")
-    parser.add_argument("--seeds", type=int, default=2)
-    parser.add_argument("--size", default="640x480")
-    parser.add_argument("--good", type=int, default=0)
+    parser.add_argument("--scenes", default=",".join(ALIKE))
+    parser.add_argument("--seeds", default=range(1, 3), type=_numbers, help="first and last, as in 1-2")
+    parser.add_argument("--size", default="320x240")
+    parser.add_argument("--good", default=range(0), type=_numbers, help="numbers of good recordings, as in 1-9")
     parser.add_argument("--real", type=Path)
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--kept", type=Path)
     asked = parser.parse_args()
     width, height = map(int, asked.size.split("x"))
-    verdicts: dict[str, Counter[str]] = {}
-
-    def add(place: str, rows: Iterator[tuple[str, str]]) -> None:
-        for fault, verdict in rows:
-            verdicts.setdefault(fault, Counter())[verdict] += 1
-            print(f"{place}: {fault}: {verdict}", file=sys.stderr, flush=True)
-
-    if asked.real:
-        with tempfile.TemporaryDirectory() as folder:
-            for base in real_recordings(asked.real, Path(folder)):
-                add(base.name, real_matrix(base, Path(folder) / f"{base.name}_faults"))
+    kept = Kept.read(asked.kept)
+    with tempfile.TemporaryDirectory() as folder:
+        for base in real_recordings(asked.real, Path(folder)) if asked.real else ():
+            kept.add(base.name, real_matrix(base, Path(folder) / f"{base.name} changed"))
+        if not asked.real:
+            kept.add(f"good {asked.size}", good_ones(Path(folder), asked.good, (width, height)))
     for scene in asked.scenes.split(",") if not asked.real else ():
-        for seed in range(1, asked.seeds + 1):
+        for seed in asked.seeds:
             with tempfile.TemporaryDirectory() as folder:
-                add(f"{scene} {seed}", matrix(Path(folder), scene, seed, (width, height)))
-        with tempfile.TemporaryDirectory() as folder:
-            add(scene, good_ones(Path(folder), scene, asked.good, (width, height)))
-    good = {fault: counts for fault, counts in verdicts.items() if fault.startswith("none")}
-    faults = {fault: counts for fault, counts in verdicts.items() if fault not in good}
-    n_faults, n_missed = (sum(map(of, faults.values())) for of in (Counter.total, lambda counts: counts[MISSED]))
-    n_good, n_quiet = (sum(map(of, good.values())) for of in (Counter.total, lambda counts: counts["nothing"]))
-    if asked.json:
-        print(json.dumps({"faults": faults, "good": good}))
-        return
-    for fault, counts in verdicts.items():
-        print(f"{fault}: " + ", ".join(f"{verdict} {n}" for verdict, n in counts.most_common()))
-    print(f"found or could not be checked: {1 - n_missed / n_faults:.1%} of {n_faults}, at least {FEWEST_FOUND:.0%}")
-    print(f"false alarms: {1 - n_quiet / n_good:.1%} of {n_good}, at most {MOST_ALARMS:.0%}")
+                kept.add(f"{scene} {seed} {asked.size}", matrix(Path(folder), scene, seed, (width, height)))
+    print(*kept.told(), sep="\n")
 
 
 if __name__ == "__main__":

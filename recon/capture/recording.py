@@ -21,7 +21,7 @@ from pydantic import AfterValidator, ConfigDict, Field, ValidationError
 from ground.fields import Expected
 from ground.file_models import FilePart, WholeFile, faults_of
 from recon.capture.images import IMAGE_SUFFIXES, VIDEO_SUFFIXES, CaptureError, is_video
-from recon.geometry.rig import Camera, Rig, Sensor, checked_bounds, rigid
+from recon.geometry.rig import FARTHEST_MM, Camera, Rig, Sensor, checked_bounds, rigid
 from recon.runtime.files import check_safe_name
 
 GIVEN = "given"  # the depth method that takes the depth maps of the capture
@@ -32,7 +32,23 @@ STAND_IN_MM = 1.0  # from a camera with depth maps to the second one that stands
 FRAME_FIELD = re.compile(r"\{frame(:0\d+d)?\}")
 
 
-Millimetres = Annotated[float, Field(gt=0)]
+MOST_FRAMES = 1_000_000  # eleven hours of 25 a second
+LEAST = 1e-6  # millimetres, or frames a second: one in twelve days
+
+
+def _not_tiny(value: float) -> float:
+    if value < LEAST:
+        raise ValueError(f"is {value:g}, expected at least {LEAST:g}; check its unit")
+    return value
+
+
+def _countable(value: int) -> int:
+    if value > MOST_FRAMES:
+        raise ValueError(f"is {value}, expected at most {MOST_FRAMES}")
+    return value
+
+
+Millimetres = Annotated[float, Field(gt=0, le=FARTHEST_MM), AfterValidator(_not_tiny)]
 Size = Annotated[
     list[Annotated[int, Field(ge=1)]],
     Field(min_length=2, max_length=2),
@@ -62,8 +78,10 @@ class Facts(WholeFile):
     kind: Annotated[
         Literal["scene", "sphere", "cuboid"], Field(description="scene, or for validation sphere or cuboid")
     ]
-    fps: Annotated[float, Field(gt=0, description="frames a second")]
-    n_frames: Annotated[int, Field(ge=1, description="how many frames every camera has recorded")]
+    fps: Annotated[float, Field(gt=0, le=1e6, description="frames a second"), AfterValidator(_not_tiny)]
+    n_frames: Annotated[
+        int, Field(ge=1, description="how many frames every camera has recorded"), AfterValidator(_countable)
+    ]
     object: Annotated[ObjectFacts, Field(description="of a sphere or a cuboid")] = ObjectFacts()
 
 

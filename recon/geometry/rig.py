@@ -13,6 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 ROTATION_TOLERANCE = 1e-3  # published calibrations carry about four digits
 MIN_BASELINE_MM = 1e-3
+FARTHEST_MM, SMALLEST_MM = 1e10, 1e-3  # the Earth from pole to equator; values beyond are slips, not places
+MOST_PIXELS = 1_000_000  # of a picture's side
+MOST_OFF_AXIS = 50.0  # focal lengths: 88.9 degrees
+LONGEST_FOCAL = 1e5  # times the picture's longer side
+MOST_DISTORTION = 1e4  # of any one number at the picture's corners, where 1 is as far as they are from the axis
+DIST_POWERS = (2, 4, 1, 1, 6, 2, 4, 6, 1, 3, 1, 3, 0, 0)  # of the distance from the axis, by which they grow
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "in": 25.4, "m": 1000.0}  # of recordings and clouds from elsewhere
 UP = np.array([0.0, 1.0, 0.0])
 OPENGL = np.array([1.0, -1.0, -1.0])  # per camera axis: OpenGL's y points up and its z backwards, OpenCV's do not
@@ -40,8 +46,8 @@ class Camera:
     Raises
     ------
     ValueError
-        If K is not an upper triangular matrix with positive focal lengths, the size is not positive, or the
-        pose is not a rigid transform.
+        If K is not an upper triangular matrix with positive focal lengths, the size is not positive, the pose is not
+        a rigid transform, or a number is one that no camera has.
     """
 
     K: NDArray[np.float64]
@@ -56,8 +62,8 @@ class Camera:
         object.__setattr__(self, "size", (int(self.size[0]), int(self.size[1])))
         _check_intrinsics(self.K, self.size)
         _check_rigid(self.cam_from_world)
-        if self.dist.size not in (0, 4, 5, 8, 12, 14) or not np.isfinite(self.dist).all():
-            raise ValueError(f"dist has {self.dist.size} values, expected 0, 4, 5, 8, 12 or 14 finite numbers")
+        _check_place(self.cam_from_world)
+        _check_distortion(self.dist, _off_axis(self.K, self.size))
 
     @property
     def rotation(self) -> NDArray[np.float64]:
@@ -137,6 +143,11 @@ def checked_bounds(bounds: ArrayLike) -> NDArray[np.float64]:
         raise ValueError(f"bounds is {box.tolist()}, expected [[x, y, z] lowest, [x, y, z] highest] in mm")
     if not (box[0] < box[1]).all():
         raise ValueError(f"bounds: the lowest corner {box[0].tolist()} is not below the highest {box[1].tolist()}")
+    if np.abs(box).max() > FARTHEST_MM or (box[1] - box[0]).min() < SMALLEST_MM:
+        raise ValueError(
+            f"bounds is {box.tolist()}, beyond {FARTHEST_MM:g} mm or without edges of at least {SMALLEST_MM:g} mm; "
+            "they are the box around the object, in mm"
+        )
     return box
 
 
@@ -191,8 +202,48 @@ def _matrix(values: ArrayLike, shape: tuple[int, int], name: str) -> NDArray[np.
 def _check_intrinsics(K: NDArray[np.float64], size: tuple[int, int]) -> None:
     if K[0, 0] <= 0 or K[1, 1] <= 0 or K[1, 0] != 0 or not np.array_equal(K[2], (0, 0, 1)):
         raise ValueError(f"K = {K.tolist()} is not a camera matrix: expected [[fx, s, cx], [0, fy, cy], [0, 0, 1]]")
-    if min(size) < 1:
-        raise ValueError(f"image size {size} is not positive")
+    if not 1 <= min(size) <= max(size) <= MOST_PIXELS:
+        raise ValueError(f"image size {size} is not positive and at most {MOST_PIXELS}")
+    if K[[0, 1], [0, 1]].max() > LONGEST_FOCAL * max(size):
+        raise ValueError(
+            f"K has a focal length of {K[[0, 1], [0, 1]].max():g} px for pictures of {size[0]}x{size[1]}, expected at "
+            f"most {LONGEST_FOCAL:g} times as long; is it in pixels?"
+        )
+    if not abs(K[0, 1]) < K[0, 0]:
+        raise ValueError(f"K has a skew of {K[0, 1]:g} px, expected less than fx, {K[0, 0]:g} px")
+    if not _off_axis(K, size) <= MOST_OFF_AXIS:
+        raise ValueError(
+            f"K = {K.tolist()}: corners of a picture of {size[0]}x{size[1]} lie {_off_axis(K, size):.3g} focal lengths "
+            f"beside its axis, expected at most {MOST_OFF_AXIS:g}; are focal lengths and centre in pixels of this size?"
+        )
+
+
+def _off_axis(K: NDArray[np.float64], size: tuple[int, int]) -> float:
+    """Return how far the picture's farthest corner is from the axis, focal lengths."""
+    with np.errstate(over="ignore"):
+        ways = [max(abs(K[axis, 2]), abs(size[axis] - 1 - K[axis, 2])) / K[axis, axis] for axis in (0, 1)]
+        return float(np.hypot(*ways))
+
+
+def _check_place(transform: NDArray[np.float64]) -> None:
+    if (away := float(np.abs(transform[:3, 3]).max())) > FARTHEST_MM:
+        raise ValueError(
+            f"cam_from_world puts the camera {away:g} mm from the world's origin, expected at most {FARTHEST_MM:g} mm; "
+            "check the unit"
+        )
+
+
+def _check_distortion(dist: NDArray[np.float64], off_axis: float) -> None:
+    if dist.size not in (0, 4, 5, 8, 12, 14) or not np.isfinite(dist).all():
+        raise ValueError(f"dist has {dist.size} values, expected 0, 4, 5, 8, 12 or 14 finite numbers")
+    with np.errstate(over="ignore"):
+        shares = np.abs(dist) * off_axis ** np.array(DIST_POWERS[: dist.size])
+    if (shares > MOST_DISTORTION).any():
+        worst = int(shares.argmax())
+        raise ValueError(
+            f"dist[{worst}] is {dist[worst]:g}, which throws a corner of the picture {shares[worst]:.3g} times as far "
+            f"as it is from the axis, expected at most {MOST_DISTORTION:g} times"
+        )
 
 
 def _check_rigid(transform: NDArray[np.float64]) -> None:

@@ -53,6 +53,7 @@ def check_is_run(folder: Path) -> None:
                     f"{folder}: holds {name}, which no reconstruction wrote; choose another folder for the run"
                 )
 
+
 _NO_POINTS = np.empty((0, 3), np.float32)
 NO_CLOUD = Cloud(_NO_POINTS, _NO_POINTS, _NO_POINTS.astype(np.uint8), _NO_POINTS[:, 0])  # where a sensor saw nothing
 

@@ -76,7 +76,7 @@ class Beside:
         lowest = np.minimum(self.blocks.min(axis=0), vertex_blocks.min(axis=0)) - 1
         around = neighbours_in(vertex_blocks, block_keys(self.blocks - lowest), lowest)
         near = _Near(self.starts, self.offsets, self.points, self.colours, self.voxel, self.depth)
-        places = _Places(vertices, normals, number, vertex_blocks, around, (around >= 0).any(axis=1))
+        places = _Places(vertices, normals, number, vertex_blocks, around, np.any(around >= 0, axis=1))
         in_bands(len(vertices), partial(_gather, places, near, (colouring.start, colouring.stop), gathered, weights))
         return gathered, weights
 

@@ -75,6 +75,11 @@ class Column:
         codes = np.array([place.get(word, 0) for word in self.words], np.int32)
         return self if len(place) == len(self.words) else Column(codes[self.codes], self.seen, self.missing)
 
+    def tells_alike(self, other: Column) -> bool:
+        """Does another column tell the same rows apart?"""
+        pairs = len(np.unique(self.codes.astype(np.int64) * len(other.words) + other.codes))
+        return pairs == len(self.seen) == len(other.seen)
+
     def mapped(self, words: Iterable[str]) -> Column:
         """Return the column with other words in the place of its own; those that are the same become one."""
         known: dict[str, int] = {}

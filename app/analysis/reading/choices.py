@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from app.analysis.reading.cells import Column, number_or_nan, shown
 from app.analysis.reading.description import BY_ITEM, QuestionError, Reading, Told
-from app.analysis.reading.votes_table import CHOICES, NONE, A, B, VotesError
+from app.analysis.reading.votes_table import CHOICE_CODES, CHOICES, NONE, A, B, VotesError
 from app.analysis.reading.words import ENDS, SIDES, STRENGTH, STRENGTHS, TIES, TRUE_FALSE, ends_of, words_of
 
 Codes = NDArray[np.int8]
@@ -143,7 +143,7 @@ def codes_of(meaning: Meaning, asked: Asked) -> Codes:
 def _readings(asked: Asked, ties: Mapping[str, int]) -> list[tuple[Meaning, Codes]]:
     """Return all ways to understand the words, ours first, with each cell's choice."""
     said = _ties_in(asked.choice, ties)
-    ours = Meaning({word: code for code, word in enumerate(CHOICES)} | dict(ties), expected=", ".join(CHOICES))
+    ours = Meaning(CHOICE_CODES | dict(ties), expected=", ".join(CHOICES))
     if set(map(str.lower, asked.choice.filled)) - set(CHOICES):
         ours = replace(ours, note=f"choice is a for item_a and b for item_b{said}")
     known = [ours]

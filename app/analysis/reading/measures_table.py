@@ -163,13 +163,10 @@ def _row(number: int, cells: Mapping[str, str]) -> _Row:
             f"row {number}: direction is {cells['direction']!r}, expected {', '.join(DIRECTIONS[1:])} or nothing"
         )
     value = MeasuredValue(
-        dataset=cells["dataset"],
-        approach=cells["approach"],
         measure=_full_name(cells["measure"], cells["direction"]),
         value=_number(number, cells["value"]),
         better=cast(Better, cells["better"]),
-        unit=cells["unit"],
-        source=cells["source"],
+        **{name: cells[name] for name in ("dataset", "approach", "unit", "source")},
     )
     return _Row(number, _frame(number, cells["frame"]), value)
 

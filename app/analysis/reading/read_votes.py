@@ -22,6 +22,7 @@ from app.analysis.reading.layouts import LongTable, flags, rows_of, stacked
 from app.analysis.reading.recognise import recognise
 from app.analysis.reading.sources import Source, fingerprint, in_lists, in_several, recognise_file
 from app.analysis.reading.votes_table import (
+    CHOICE_CODES,
     CHOICES,
     IDENTICAL,
     NAMES,
@@ -255,10 +256,8 @@ def _both(a: Column, b: Column) -> tuple[NDArray[np.int32], NDArray[np.int32], t
 def _choice(rows: LongTable, description: Description, problems: Problems) -> NDArray[np.int8]:
     columns = rows.columns
     column = columns["choice"]
-    if description.layout in ("rows", "wide"):
-        meaning = Meaning({word: int(code) for word, code in description.words.items()}, description.by_item)
-    else:
-        meaning = Meaning({word: code for code, word in enumerate(CHOICES)})
+    words = {word: int(code) for word, code in description.words.items()} or CHOICE_CODES
+    meaning = Meaning(words, description.by_item)
     codes = codes_of(meaning, Asked(column, columns["item_a"], columns["item_b"]))
     expected = description.expected or ", ".join(CHOICES)
     if column.missing is not None:

@@ -57,10 +57,8 @@ def recognise(table: Table, told: Told = Told()) -> Description:  # frozen
         If none does.
     """
     seen = Seen(table, told)
-    finders = FINDERS if told.format not in LAYOUTS else {told.format: LAYOUTS[told.format]}
-    for find in finders.values():
-        description = find(seen)
-        if description is not None:
+    for find in LAYOUTS.get(told.format, FINDERS):
+        if (description := find(seen)) is not None:
             return _with_lists(seen, description)
     raise VotesError(_lacking(seen))
 
@@ -69,7 +67,7 @@ def _by_names(seen: Seen) -> Description | None:
     """Find what the names of the columns say: votes, comparisons, ratings, counts, rankings."""
     if any(len(seen.given.get(role, ())) > 1 for role in WIDE_ROLES):
         return None
-    matches = {name: description for name, find in BY_NAMES.items() if (description := find(seen)) is not None}
+    matches = {name: description for name, (find, _) in BY_NAMES.items() if (description := find(seen)) is not None}
     for stronger, weaker in (
         ("votes", "winner-loser"), ("votes", "ranking"), ("votes", "best-worst"), ("ccr", "ratings"),
         ("best-worst", "ratings"), ("wins", "winner-loser"),
@@ -95,11 +93,6 @@ def _by_names(seen: Seen) -> Description | None:
 
 
 def _several(matches: Mapping[str, Description]) -> QuestionError:
-    kinds = {
-        "votes": "votes: {choice} says which item is preferred", "ccr": "comparison ratings: {rating} is the grade",
-        "ratings": "ratings of {condition} in {rating}", "wins": "counts of wins",
-        "ranking": "rankings in {rank}", "winner-loser": "votes: a winner and a loser", "best-worst": "best and worst",
-    }  # fmt: skip
     readings = []
     for name, description in matches.items():
         names = {role: repr(JOIN.join(theirs)) for role, theirs in description.columns.items()}
@@ -107,51 +100,37 @@ def _several(matches: Mapping[str, Description]) -> QuestionError:
         for role in ("choice", "rating", "rank"):
             if role in description.columns:
                 told = Told(columns={role: JOIN.join(description.columns[role])})
-        readings.append(Reading(kinds[name].format_map(names), told))
+        readings.append(Reading(BY_NAMES[name][1].format_map(names), told))
     return QuestionError(f"the columns can be read in {len(readings)} ways", readings)
 
 
-BY_NAMES: dict[str, Finder] = {
-    "votes": find_votes,
-    "ccr": find_comparisons,
-    "winner-loser": find_won,
-    "wins": find_wins,
-    "ratings": find_ratings,
-    "best-worst": find_best_worst,
-    "ranking": lambda seen: find_ranking(seen) or find_ranked_columns(seen),
+BY_NAMES: dict[str, tuple[Finder, str]] = {
+    "votes": (find_votes, "votes: {choice} says which item is preferred"),
+    "ccr": (find_comparisons, "comparison ratings: {rating} is the grade"),
+    "winner-loser": (find_won, "votes: a winner and a loser"),
+    "wins": (find_wins, "counts of wins"),
+    "ratings": (find_ratings, "ratings of {condition} in {rating}"),
+    "best-worst": (find_best_worst, "best and worst"),
+    "ranking": (lambda seen: find_ranking(seen) or find_ranked_columns(seen), "rankings in {rank}"),
 }
+FINDERS: tuple[Finder, ...] = (find_matrix, find_wide_pairs, _by_names, find_wide_ratings)
 
 
-FINDERS: dict[str, Finder] = {
-    "matrix": find_matrix,
-    "pairs": find_wide_pairs,
-    "names": _by_names,
-    "cells": find_wide_ratings,
-}
-
-
-def _first(*finders: Finder) -> Finder:
-    def find(seen: Seen) -> Description | None:
-        return next((matches for finder in finders if (matches := finder(seen)) is not None), None)
-
-    return find
+def _find_meant(seen: Seen) -> Description | None:
+    return with_meaning(seen, description) if (description := find_votes(seen)) else None
 
 
 # What `--format` may name, beside programs; each allows one kind of reading.
-LAYOUTS: dict[str, Finder] = {
-    "votes": _first(find_wide_pairs, lambda seen: _meant(seen, find_votes(seen)), find_won, find_wins, find_matrix),
-    "ratings": _first(find_ratings, find_wide_ratings),
-    "ccr": _first(find_comparisons, find_wide_pairs),
-    "winner-loser": find_won,
-    "wins": find_wins,
-    "matrix": find_matrix,
-    "ranking": _first(find_ranking, find_ranked_columns, find_wide_ranks),
-    "best-worst": find_best_worst,
+LAYOUTS: dict[str, tuple[Finder, ...]] = {
+    "votes": (find_wide_pairs, _find_meant, find_won, find_wins, find_matrix),
+    "ratings": (find_ratings, find_wide_ratings),
+    "ccr": (find_comparisons, find_wide_pairs),
+    "winner-loser": (find_won,),
+    "wins": (find_wins,),
+    "matrix": (find_matrix,),
+    "ranking": (find_ranking, find_ranked_columns, find_wide_ranks),
+    "best-worst": (find_best_worst,),
 }
-
-
-def _meant(seen: Seen, description: Description | None) -> Description | None:
-    return None if description is None else with_meaning(seen, description)
 
 
 def _lacking(seen: Seen) -> str:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 CHOICES = ("a", "b", "none")
 A, B, NONE = range(3)
+CHOICE_CODES = {choice: code for code, choice in enumerate(CHOICES)}
 ROLES = ("main", "repeat", "identical")
 MAIN, REPEAT, IDENTICAL = range(3)
 ROLE_CODES = {"": MAIN} | {role: code for code, role in enumerate(ROLES)}  # an empty cell is a vote to score

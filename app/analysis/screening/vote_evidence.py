@@ -110,8 +110,9 @@ def against_scores(
         panel = _on_one_dataset(panel)
     n = panel.incidence.shape[1]
     roots = _root(covariance)
-    far = np.where(rng.random(n_draws) < DISSENTERS, DISSENT, 1.0)
-    opinions = spread * far[:, None] * rng.standard_normal((n_draws, n)) + rng.standard_normal((n_draws, n)) @ roots
+    is_far = np.arange(n_draws) % 4 == 0  # more draws than dissenters: their likelihood needs as many
+    own = spread * np.where(is_far, DISSENT, 1.0)[:, None] * rng.standard_normal((n_draws, n))
+    opinions = own + rng.standard_normal((n_draws, n)) @ roots
     shifts = (opinions @ panel.incidence.T).astype(np.float32)
     noise = np.exp(NOISE * rng.standard_normal(n_draws)).astype(np.float32)[:, None]
     shift = order_effect * panel.shown
@@ -126,7 +127,13 @@ def against_scores(
     design = votes[rng.integers(0, n_people, SIMULATED)]
     clicks = rng.binomial(design.astype(np.int64), 0.5).astype(np.float64)
     of_clicks = _loglik(noise * (centres.mean(axis=0) + shifts), clicks, design)
-    return _coin(votes) - _mean(of_votes), _coin(design) - _mean(of_clicks)
+    return _coin(votes) - _mixed(of_votes, is_far), _coin(design) - _mixed(of_clicks, is_far)
+
+
+def _mixed(logliks: Array, is_far: NDArray[np.bool_]) -> Array:
+    """Return the log-likelihood of honest people, of whom some dissent, float64 (M,)."""
+    near, far = _mean(logliks[:, ~is_far]), _mean(logliks[:, is_far])
+    return np.asarray(np.logaddexp(np.log1p(-DISSENTERS) + near, np.log(DISSENTERS) + far))
 
 
 def _coin(votes: Array) -> Array:

@@ -163,7 +163,7 @@ def _small_change(sensor: Sensor, change: NDArray[np.float64]) -> Sensor:
     axis = along / np.linalg.norm(along)
     rotation = cv2.Rodrigues(turn * axis)[0] @ cv2.Rodrigues(np.array([0.0, 0.0, roll]))[0]
     turned = replace(camera, cam_from_world=rigid(rotation, np.zeros(3)) @ camera.cam_from_world)
-    return replace(sensor, right=with_focal(turned, float(np.exp(scale))))
+    return replace(sensor, right=with_focal(turned, _factor(scale)))
 
 
 def _aspect(sensor: Sensor, side: str) -> float:
@@ -186,7 +186,7 @@ def _swapped(sensor: Sensor, matches: Matches) -> _Explanation:
 
 def _one_focal(sensor: Sensor, matches: Matches) -> _Explanation | None:
     def changed(unknown: NDArray[np.float64]) -> Sensor:
-        return replace(sensor, right=with_focal(sensor.right, np.exp(unknown[0])))
+        return replace(sensor, right=with_focal(sensor.right, _factor(unknown[0])))
 
     unknown, error = _fit(changed, 1, matches)
     change = float(np.exp(unknown[0]))
@@ -202,7 +202,7 @@ def _one_focal(sensor: Sensor, matches: Matches) -> _Explanation | None:
 
 def _both_focals(sensor: Sensor, matches: Matches) -> _Explanation | None:
     def changed(unknown: NDArray[np.float64]) -> Sensor:
-        left, right = (with_focal(camera, np.exp(unknown[0])) for camera in (sensor.left, sensor.right))
+        left, right = (with_focal(camera, _factor(unknown[0])) for camera in (sensor.left, sensor.right))
         return replace(sensor, left=left, right=right)
 
     unknown, error = _fit(changed, 1, matches)
@@ -214,7 +214,7 @@ def _both_focals(sensor: Sensor, matches: Matches) -> _Explanation | None:
 
 def _lenses(sensor: Sensor, matches: Matches) -> _Explanation | None:
     def changed(unknown: NDArray[np.float64]) -> Sensor:
-        return _with_both_k1(sensor, float(unknown[0]))
+        return _with_both_k1(sensor, float(np.clip(unknown[0], -2 * LARGEST_K1_CHANGE, 2 * LARGEST_K1_CHANGE)))
 
     unknown, error = _fit(changed, 1, matches)
     if not MIN_K1_CHANGE < abs(unknown[0]) < LARGEST_K1_CHANGE:
@@ -248,6 +248,11 @@ def _turned(sensor: Sensor, matches: Matches) -> _Explanation | None:
     return _Explanation(
         error, 3, f"the right camera is rotated by {angle:.2f} degrees against the left since the calibration"
     )
+
+
+def _factor(logarithm: float) -> float:
+    """Return a factor that a fit tries, within what a camera can have."""
+    return float(np.exp(np.clip(logarithm, -1.0, 1.0)))
 
 
 def _fit(

@@ -192,4 +192,5 @@ def _is_written(pattern: ast.expr) -> bool:
         isinstance(pattern, ast.Constant)
         or ast.unparse(pattern).isupper()
         or ast.unparse(pattern).startswith("re.escape(")
+        or re.fullmatch(r"'\|'\.join\([A-Z_]+\)", ast.unparse(pattern)) is not None
     )

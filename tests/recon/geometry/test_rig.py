@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from recon.geometry.rig import Camera, Rig, Sensor, bounds_corners, look_at, rigid
+from recon.geometry.rig import Camera, Rig, Sensor, bounds_corners, checked_bounds, look_at, rigid
 
 K = np.array([[500.0, 0.3, 319.5], [0.0, 510.0, 239.5], [0.0, 0.0, 1.0]])
 
@@ -83,6 +83,17 @@ def test_looking_along_up_is_refused() -> None:
         ),
         ({"cam_from_world": rigid(np.diag([1.0, 1.0, -1.0]), (0, 0, 0))}, "det R = -1"),
         ({"cam_from_world": np.vstack([np.eye(4)[:3], [0, 0, 1, 1]])}, "last row [0.0, 0.0, 1.0, 1.0]"),
+        ({"K": np.diag([1e-300, 500.0, 1.0])}, "lie 6.39e+302 focal lengths beside its axis, expected at most 50"),
+        ({"K": K + np.eye(3)[:, :1] * (0.0, 0.0, 1e30)}, "focal lengths beside its axis"),
+        ({"K": np.diag([1e30, 500.0, 1.0])}, "a focal length of 1e+30 px for pictures of 640x480, expected at most"),
+        ({"K": K + np.eye(3)[:, :1] * (0.0, 1e30, 0.0)}, "a skew of 1e+30 px, expected less than fx"),
+        ({"size": (640, 10**9)}, "image size (640, 1000000000) is not positive and at most 1000000"),
+        ({"dist": [-0.1, 1e308, 0, 0]}, "dist[1] is 1e+308, which throws a corner of the picture"),
+        ({"dist": [0, 0, 0, 0, 0, 0, 0, 1e30]}, "dist[7] is 1e+30, which throws a corner of the picture"),
+        (
+            {"cam_from_world": rigid(np.eye(3), (0, 0, 1e30))},
+            "1e+30 mm from the world's origin, expected at most 1e+10",
+        ),
     ],
 )
 def test_a_wrong_camera_is_named_with_its_value(change: dict[str, object], message: str) -> None:
@@ -111,6 +122,18 @@ def test_a_rig_needs_different_ids_and_at_least_one_sensor() -> None:
         Rig((sensor, sensor))
     with pytest.raises(ValueError, match="at least one sensor"):
         Rig(())
+
+
+@pytest.mark.parametrize(
+    ("bounds", "message"),
+    [
+        ([[-1e308, 0, 0], [1, 1, 1]], "beyond 1e+10 mm"),
+        ([[0, 0, 0], [1e-300, 1, 1]], "edges of at least 0.001 mm"),
+    ],
+)
+def test_bounds_that_no_object_has_are_refused(bounds: list[list[float]], message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        checked_bounds(bounds)
 
 
 def test_bounds_have_eight_different_corners() -> None:

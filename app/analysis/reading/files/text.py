@@ -43,11 +43,11 @@ def table_of_text(content: bytes, told: Told) -> Table:
     text, encoding = decode(content, told.encoding)
     if not text.strip():
         raise VotesError("is empty, expected a header and at least one row")
-    if "\0" in text:
-        row = _lines_in(text[: text.index("\0")])
-        raise VotesError(f"row {row} holds a NUL character, so it is no text; save the file as CSV in UTF-8")
     if "\n" not in text:
         text = text.replace("\r", "\n")  # ends of lines as on old Macs
+    if "\0" in text:
+        row = text[: text.index("\0")].count("\n")
+        raise VotesError(f"row {row} holds a NUL character, so it is no text; save the file as CSV in UTF-8")
     text = text.lstrip("\r\n")
     first, _, rest = text.partition("\n")
     named = SEPARATOR_LINE.fullmatch(first)
@@ -86,11 +86,6 @@ def _named_once(header: Sequence[str]) -> list[str]:
     """Return names of columns in which empty ones, as R and trailing commas leave them, are numbered."""
     empty = [place for place, name in enumerate(header) if not name]
     return [name or (f"Unnamed: {place}" if len(empty) > 1 else "") for place, name in enumerate(header)]
-
-
-def _lines_in(text: str) -> int:
-    """Count the ends of lines, of any kind."""
-    return text.count("\n") or text.count("\r")
 
 
 def decode(content: bytes, encoding: str = "") -> tuple[str, str]:

@@ -10,12 +10,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from app.analysis.reading.cells import Column, named, number_or_nan, shown, values_of
-from app.analysis.reading.choices import grade_of
 from app.analysis.reading.description import COMPARISONS, JOIN, RATINGS, Description, QuestionError, Reading, Told
 from app.analysis.reading.kinds.seen import (
     FEWEST_RANKED,
     FEWEST_RATED,
     Seen,
+    as_grades,
     columns_of_numbers,
     condition_of,
     item_columns,
@@ -58,9 +58,7 @@ def find_comparisons(seen: Seen) -> Description | None:
     is_sure = "rating" in seen.given or seen.told.format == "ccr" or plain(rating[0]) == "rating"
     if not is_sure and {*values_of(choice)} <= {0.0, 0.5, 1.0}:
         _ask_about_points(choice, rating[0], item_a, item_b)
-    words = {word.lower(): grade for word in choice.filled if (grade := grade_of(word)) is not None}
-    notes = ("grades say how much better item_b is than item_a",)
-    return Description(COMPARISONS, columns | optional, words=words, notes=notes)
+    return as_grades(Description(COMPARISONS, columns | optional), choice)
 
 
 def _ask_about_points(column: Column, name: str, item_a: str, item_b: str) -> None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from app.analysis.reading.cells import Column, Table, is_numeric, named, number_or_nan
-from app.analysis.reading.description import JOIN, Description, QuestionError, Reading, Told
+from app.analysis.reading.choices import grade_of
+from app.analysis.reading.description import COMPARISONS, JOIN, Description, QuestionError, Reading, Told
 from app.analysis.reading.layouts import joined_column
 from app.analysis.reading.votes_table import CHOICES, VotesError
 from app.analysis.reading.words import (
@@ -126,15 +127,15 @@ class Seen:
 
     def tell_alike(self, name: str, other: str) -> bool:
         """Do two columns tell the same rows apart?"""
-        a, b = self.column(name), self.column(other)
-        pairs = len(np.unique(a.codes.astype(np.int64) * len(b.words) + b.codes))
-        return pairs == len(a.seen) == len(b.seen)
+        return self.column(name).tells_alike(self.column(other))
 
     @cached_property
     def pairs(self) -> list[tuple[str, str]]:
         """Columns that name two items, our own names first."""
-        if {"item_a", "item_b"} <= set(self.given):
-            return [(JOIN.join(self.given["item_a"]), JOIN.join(self.given["item_b"]))]
+        if {"item_a", "item_b"} & self.given.keys():
+            ours = ((role, [name for name in self.free if plain(name) == plain(role)]) for role in ("item_a", "item_b"))
+            a, b = (JOIN.join(self.given.get(role, names[:1])) for role, names in ours)
+            return [(a, b)] if a and b else []
         ends: dict[tuple[str, int], dict[int, str]] = {}
         for name in self.free:
             if (end := ends_of(name)) is not None:
@@ -147,12 +148,6 @@ class Seen:
             if len(sides) == 2 and not third:
                 matches.append((sides[0], sides[1]))
         matches.sort(key=lambda pair: (plain(pair[0]), plain(pair[1])) != ("itema", "itemb"))
-        if len(self.given.keys() & {"item_a", "item_b"}) == 1:
-            (role,) = self.given.keys() & {"item_a", "item_b"}
-            other = "item_b" if role == "item_a" else "item_a"
-            ours = [name for name in self.free if plain(name) == plain(other)]
-            half = JOIN.join(self.given[role])
-            matches = [(half, ours[0]) if role == "item_a" else (ours[0], half)] if ours else []
         return matches
 
     @property
@@ -162,12 +157,8 @@ class Seen:
 
     def optional(self, roles: Sequence[str], taken: Collection[str]) -> Columns:
         """Return the optional columns that are there, and are not taken by other roles."""
-        matches = {}
-        for role in roles:
-            names = self.given.get(role) or tuple(name for name in self.candidates(role)[:1] if name not in taken)
-            if names:
-                matches[role] = names
-        return matches
+        free = {role: tuple(name for name in self.candidates(role)[:1] if name not in taken) for role in roles}
+        return {role: names for role in roles if (names := self.given.get(role) or free[role])}
 
     def who_and_what(self) -> Columns:
         """Return the columns of participants and datasets."""
@@ -210,6 +201,14 @@ def one_pair(seen: Seen, pairs: Sequence[tuple[str, str]], choices: Sequence[str
     raise QuestionError(f"{len(readings)} pairs of columns may name the two items", readings)
 
 
+def as_grades(description: Description, choice: Column) -> Description:
+    """Take the choices of a description for grades of comparisons, whose words are numbers."""
+    words = {word.lower(): grade for word in choice.filled if (grade := grade_of(word)) is not None}
+    columns = {("rating" if role == "choice" else role): names for role, names in description.columns.items()}
+    note = "grades say how much better item_b is than item_a"
+    return replace(description, holds=COMPARISONS, columns=columns, words=words, notes=(*description.notes, note))
+
+
 def rating_of(seen: Seen, *, weak: bool = False) -> tuple[str, ...]:
     """Return the column of ratings that is not empty."""
     names = seen.one("rating") or (seen.one("rating", WEAK_RATINGS) if weak else ())
@@ -222,12 +221,9 @@ def condition_of(seen: Seen) -> tuple[str, ...]:
     dataset = seen.one("dataset")
     if "condition" in seen.given or len(matches) < 2 or not dataset:
         return seen.one("condition")
-    within = {name: joined_column(seen.table, (*dataset, name)) for name in matches}
-    first = within[matches[0]]
-    for column in within.values():
-        pairs = len(np.unique(first.codes.astype(np.int64) * len(column.words) + column.codes))
-        if not pairs == len(first.seen) == len(column.seen):
-            return seen.one("condition")
+    first, *others = (joined_column(seen.table, (*dataset, name)) for name in matches)
+    if not all(first.tells_alike(column) for column in others):
+        return seen.one("condition")
     return (min(matches, key=lambda name: len(seen.column(name).seen)),)
 
 

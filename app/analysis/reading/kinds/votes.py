@@ -10,11 +10,12 @@ import numpy as np
 
 from app.analysis.reading.cells import FLAGS, Column, is_numeric, named, values_of
 from app.analysis.reading.choices import Asked, Meaning, binary_meaning, codes_of, grade_of, understand_choices
-from app.analysis.reading.description import COMPARISONS, VOTES, Description, QuestionError, Reading, Told
+from app.analysis.reading.description import VOTES, Description, QuestionError, Reading, Told
 from app.analysis.reading.kinds.seen import (
     NOT_USED,
     WIDE_ROLES,
     Seen,
+    as_grades,
     item_columns,
     names_in,
     one_pair,
@@ -130,7 +131,7 @@ def with_meaning(seen: Seen, description: Description) -> Description:
     rows = rows_of(seen.table, description)
     choice, item_a, item_b = (rows.columns[name] for name in ("choice", "item_a", "item_b"))
     if seen.told.format == "ccr":
-        return _as_grades(description, choice)
+        return as_grades(description, choice)
     is_graded = is_numeric(choice) and any(value != int(value) or not -1 <= value <= 3 for value in values_of(choice))
     are_items = set(choice.filled) <= {*item_a.filled, *item_b.filled}
     if is_graded and not are_items and not {"a", "b", "by"} & set(seen.told.choices):
@@ -138,14 +139,12 @@ def with_meaning(seen: Seen, description: Description) -> Description:
             f"the choices {named(sorted(choice.filled)[:6])} are numbers",
             [Reading("grades, how much better the second of two items is", Told(format="ccr"))],
         )
-    names = ("item_a", "item_b")
-    if description.layout == "rows":
-        names = (description.columns["item_a"][0], description.columns["item_b"][0])
+    name_a, name_b = (description.columns.get(role, (role,))[0] for role in ("item_a", "item_b"))
     asked = Asked(
         choice,
         item_a,
         item_b,
-        names,
+        (name_a, name_b),
         is_own=seen.is_own,
         is_told="choice" in seen.told.columns,
         strengths_as="votes" if seen.told.format == "votes" else "",
@@ -158,23 +157,15 @@ def with_meaning(seen: Seen, description: Description) -> Description:
     )
 
 
-def _as_grades(description: Description, choice: Column) -> Description:
-    words = {word.lower(): grade for word in choice.filled if (grade := grade_of(word)) is not None}
-    columns = {("rating" if role == "choice" else role): names for role, names in description.columns.items()}
-    note = "grades say how much better item_b is than item_a"
-    return replace(description, holds=COMPARISONS, columns=columns, words=words, notes=(*description.notes, note))
-
-
 def _binary(seen: Seen, description: Description) -> Meaning | None:
     """Return the meaning of a column such as `is_A_selected`."""
     names = description.columns.get("choice", ())
     if len(names) != 1 or {"a", "b", "by"} & set(seen.told.choices):
         return None
     for side, known in BINARY_CHOICES.items():
-        if plain(names[0]) in known and {word.lower() for word in seen.column(names[0]).filled} <= set(
-            binary_meaning(side).words
-        ):
-            return binary_meaning(side)
+        meaning = binary_meaning(side)
+        if plain(names[0]) in known and {word.lower() for word in seen.column(names[0]).filled} <= meaning.words.keys():
+            return meaning
     return None
 
 

@@ -13,6 +13,7 @@ from app.errors import ConflictError, InvalidError, said_on_page
 from app.ffmpeg import Progress
 from app.intake.bounds import typed_in_bounds
 from app.operations.studies.create import slugify, telling_names
+from app.operations.studies.drafts import values_of
 from app.operations.studies.edit import check_edit, remake_films, save_edit
 from app.operations.studies.manage import study_file_of
 from app.operations.studies.stimulus_sets import set_of_study
@@ -36,7 +37,6 @@ from app.web.admin.studies.form import (
     read_values,
     refuse,
     study_of,
-    values_of,
 )
 from app.web.gates import Store, database, languages, settings
 from app.web.roles import Acting, AStudy, Looking, looking

@@ -12,14 +12,14 @@ from fastapi import Depends, Request
 from starlette.datastructures import FormData
 
 from app.errors import InvalidError, said_on_page
+from app.operations.studies.drafts import options_of
 from app.study.option_fields import Setting, SettingError
 from app.study.options.option_table import COLUMNS, SECTION_NOTES, SECTIONS, SETTINGS, why_fixed
-from app.study.options.options import StudyOptions, parse_options
+from app.study.options.options import parse_options
 from app.study.options.own_texts import LONGEST_TEXT
 from app.study.options.practice import MOST_PRACTICE
 from app.study.options.study_file import StudyFile
-from app.study.protocols import RATED, typed_scale
-from app.study.questions.answers import QUESTIONS
+from app.study.protocols import typed_scale
 from app.study.questions.questionnaire import KINDS, MOST_QUESTIONS
 from app.web.admin.layout import unix
 from app.web.gates import takes_any_field
@@ -112,17 +112,6 @@ def refuse(request: Request, error: ValueError) -> None:
     """Let the form's page, which is filled already, say why what was typed was refused."""
     sentence = f"Nothing was changed: {in_words(error).removesuffix('.')}."
     request.state.refused = RefusedForm(request.url.path, sentence, str(getattr(error, "field", "")))
-
-
-def values_of(study: StudyFile) -> dict[str, Any]:
-    """Return the values of all settings by name."""
-    options = study.options.as_json()
-    values: dict[str, Any] = {name: getattr(study, name) for name in COLUMNS}
-    for setting in SETTINGS:
-        table, _, key = setting.name.rpartition(".")
-        if setting.name not in COLUMNS:
-            values[setting.name] = options[table].get(key) if table else options[key]
-    return values
 
 
 @dataclass(frozen=True)
@@ -234,41 +223,6 @@ def study_of(now: StudyFile, given: Mapping[str, Any]) -> StudyFile:
     """
     columns = {name: given[name] for name in COLUMNS if given.get(name) is not None}
     return now.but(**columns, options=parse_options(options_of(now.options, given)))
-
-
-def options_of(now: StudyOptions, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options, as `parse_options` reads them, with what a form gives in place.
-
-    Raises
-    ------
-    ValueError
-        If a number is none.
-    """
-    options = now.as_json()
-    for name, value in given.items():
-        if name in COLUMNS:
-            continue
-        table, _, key = name.rpartition(".")
-        place = options[table] if table else options
-        place[key] = value
-        if value is None:
-            del place[key]
-    if options["screening"].get("distance") != "fixed":
-        options["screening"].pop("distance_cm", None)
-    if options["protocol"] not in RATED:
-        options.pop("scale")
-    asked = {question["name"] for question in options["questions"]}
-    options["texts"] = {
-        language: {key: text for key, text in said.items() if _is_of(key, asked)}
-        for language, said in options["texts"].items()
-    }
-    return options
-
-
-def _is_of(key: str, asked: set[str]) -> bool:
-    """Is it a text of the study, or of a question that is asked?"""
-    group, _, rest = key.partition(".")
-    return group != QUESTIONS or rest.partition(".")[0] in asked
 
 
 def _value(fields: FormData, setting: Setting) -> Any:

@@ -199,8 +199,8 @@ def _rows(options: StudyOptions, pack: LanguagePack) -> Iterator[Row]:
 
 def _said(options: StudyOptions, pack: LanguagePack) -> dict[str, str]:
     """Return the study's own texts in a language as the page edits them, by key."""
-    said = own_texts(options, pack.tag)
-    plain = {key: str(said.get(key, "")) for key in LABELS}
+    texts = own_texts(options, pack.tag)
+    plain = {key: str(texts.get(key, "")) for key in LABELS}
     return {**plain, **{row.key: row.said for row in _rows(options, pack)}}
 
 

@@ -218,6 +218,7 @@ NEEDED = {  # the role that each route of the dashboard takes
     r"POST /admin/studies/\{slug\}/stimuli": "experimenter",
     r"/admin/studies/\{slug\}(/live|/design|/results|/objective|/objective/scores|/figures/.*)?": "viewer",
     r"GET /admin/studies/\{slug\}/(stimuli.*|objective/\{digest\}/\{name\})": "viewer",
+    r"GET /admin/studies": "viewer",
     r"/admin/manual(/\{name\}|/pictures/\{name\})?": "viewer",
     r"/admin/sets/\{name\}(/films/\{number\})?": "viewer",
     r"/admin/sets/\{name\}/(factors|name|delete)": "experimenter",

@@ -14,13 +14,16 @@ from typing import Any
 import pytest
 
 from app.operations.studies import creation, forecast, manage
+from app.operations.studies.drafts import Draft
 from app.settings import Settings
+from app.study.options.option_table import SETTINGS
 from app.study.options.study_file import parse_study_file
 from tests.app.tiny_stimuli import write_set
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in
 from tests.study_server import StudyServer
 
 NEW = "/admin/studies/new"
+DRAFTS = "/api/v1/drafts"
 FORM = f"{NEW}?stimulus_set=tiny"
 
 
@@ -56,6 +59,49 @@ def test_what_was_typed_is_kept_and_stays_when_people_take_part_elsewhere(eva: D
     assert "checked" in re.findall(r'name="optional_stages" value="screening"([^>]*)>', page)[0]
     eva.act(f"{NEW}/drop", stimulus_set="tiny")
     assert value_of(eva.get(FORM).text, "name") == ""
+
+
+def test_a_program_keeps_reads_and_drops_the_form_that_its_person_sees(eva: Dashboard) -> None:
+    headers = {"X-CSRF-Token": eva.form_token, "Accept": "application/json"}
+    content = {"preset": "online", "platform": "prolific", "typed": {"name": "By program", "break_every": 3}}
+    kept = eva.put(f"{DRAFTS}/tiny", json=content, headers=headers).json()
+    assert "Prolific: Code of a completed study is empty" in kept["hindrance"]
+    assert kept["study"] is None
+    content["answers"] = {"prolific.code": "DONE1"}
+    kept = eva.put(f"{DRAFTS}/tiny", json=content, headers=headers).json()
+    assert (kept["hindrance"], kept["study"]["name"], kept["study"]["options"]["break_every"]) == ("", "By program", 3)
+    assert kept["study"]["options"]["outside"]["code"] == "DONE1"
+    assert kept["n_pairs"] == 6
+    assert kept["minutes"]["screening"] > 0
+    page = eva.get(FORM).text
+    assert (value_of(page, "name"), value_of(page, "break_every")) == ("By program", "3")
+    listed = eva.get(DRAFTS, headers=headers).json()
+    assert [(draft["stimulus_set"], draft["typed"]) for draft in listed] == [("tiny", content["typed"])]
+    assert eva.get(f"{DRAFTS}/tiny", headers=headers).json() == kept
+    assert [eva.delete(f"{DRAFTS}/tiny", headers=headers).status_code for _ in range(2)] == [204, 204]
+    assert eva.get(f"{DRAFTS}/tiny", headers=headers).status_code == 404
+    assert value_of(eva.get(FORM).text, "name") == ""
+
+
+def fault_of(name: str, value: object) -> str:
+    try:
+        Draft.given({"typed": {name: value}})
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+@pytest.mark.parametrize(
+    "value", [None, True, -1, 1e300, "x", [], ["x"], [1], [{}], [{"name": ["x"]}], [{"name": "x", "minimum": 1}], {}]
+)
+def test_what_a_program_keeps_can_be_shown_or_is_refused_by_name(eva: Dashboard, value: object) -> None:
+    headers = {"X-CSRF-Token": eva.form_token, "Accept": "application/json"}
+    faults = {setting.name: fault_of(setting.name, value) for setting in SETTINGS}
+    assert all(f"{name.rpartition('.')[2]} is " in fault for name, fault in faults.items() if fault)
+    accepted = {name: value for name, fault in faults.items() if not fault}
+    assert eva.put(f"{DRAFTS}/tiny", json={"typed": accepted}, headers=headers).status_code == 200
+    assert eva.get(FORM).status_code == 200
+    eva.act(f"{NEW}/drop", stimulus_set="tiny")
 
 
 def test_nobody_sees_the_form_of_somebody_else(eva: Dashboard, own_server: str, own: Settings) -> None:
