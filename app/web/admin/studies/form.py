@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any
@@ -254,9 +255,12 @@ def _number(label: str, text: str) -> int | float:
     except ValueError:
         pass
     try:
-        return float(text)
-    except ValueError as error:
-        raise InvalidError(f"{label} is {text[:40]!r}, expected a number.") from error
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise InvalidError(f"{label} is {text[:40]!r}, expected a number.")
+    return number
 
 
 def _rows(fields: FormData, name: str) -> Iterator[dict[str, str]]:

@@ -302,6 +302,9 @@ def test_a_lab_sheet_is_noted_at_any_time_and_exported(
     refused = experimenter.act(f"{base}/edit", revision="2", name="Same", **{"lab_sheet.size_inch": "0"})
     assert refused.status_code == 422
     assert "Size, inch is 0, expected a number from 1 to 500" in refused.text
+    endless = experimenter.act(f"{base}/edit", revision="2", name="Same", **{"lab_sheet.size_inch": "1e400"})
+    assert endless.status_code == 422
+    assert "Size, inch is &#39;1e400&#39;, expected a number" in endless.text
 
 
 def test_an_edit_waits_for_who_begins_at_that_moment(
