@@ -64,6 +64,11 @@ def test_the_chance_of_an_honest_person_is_never_above_the_inverse_ratio() -> No
         assert verdict.is_named == (verdict.log_ratio > 0 and verdict.false_alarms < FALSE_ALARMS)
 
 
+def test_three_votes_of_each_of_a_few_people_name_nobody() -> None:
+    studies = (simulate_votes(StudyPlan(3, 1, 8), np.zeros(3), np.random.default_rng(seed)) for seed in range(20))
+    assert [named(votes) for votes in studies] == [set()] * 20
+
+
 def test_with_fewer_than_five_people_nobody_is_judged() -> None:
     votes = panel(1)
     assert careless_answers(votes.where(votes.participant < 4), []) == {}
