@@ -182,7 +182,7 @@ def odd_provenance(manifest: dict[str, Any]) -> None:
         (path_of("paths/ball.json"), r"theirs/paths/ball\.json: its SHA-256 is .* it was changed"),
         (path_of("../ours/paths/ball.json"), "the camera path of ball lies outside"),
         (path_of("paths/none.json"), r"paths/none\.json: the camera path of ball is missing; copy the whole folder"),
-        (odd_provenance, r"manifest\.json: provenance\.paths\.ball: "),
+        (odd_provenance, r"manifest\.json: provenance\.paths\.ball is "),
     ],
 )
 def test_what_cannot_be_merged_is_named_and_leaves_nothing(
