@@ -72,10 +72,11 @@ $(KERNELS): $(shell grep --recursive --files-with-matches --include=*.py njit re
 collected:
 	@pytest --collect-only --quiet >/dev/null || true  # the run says what is wrong
 
-# The pages' scripts: their pure parts by node's own test runner, all types by TypeScript.
+# The pages' scripts: their pure parts by node's own test runner, all types by TypeScript, with those of the REST interface.
 browser-code:
 	$(NODE) --test --test-reporter=dot "tests/static/js/*.test.mjs"
 	@test -f $(TSC) || { echo "$(TSC) is missing: run make setup where npm's registry can be reached" >&2; exit 1; }
+	python -m tests.api_types
 	$(NODE) $(TSC) -p frontend
 
 bench: setup

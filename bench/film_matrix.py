@@ -120,7 +120,7 @@ def can_be(kind: Kind) -> bool:
     return (
         kind.codec in held.get(kind.container, LOSSLESS)
         and (kind.codec != "prores" or kind.bits == 10)
-        and not (kind.codec == "prores" and kind.color_range == "pc")  # which nothing in the file says; asked about
+        and not (kind.codec == "prores" and kind.color_range == "pc")  # said to be guessed
         and not (kind.is_interlaced and kind.codec not in ("h264", "prores"))
         and not (kind.is_interlaced and kind.is_odd)
         and not (kind.is_odd and kind.matrix == "untagged HD")  # one film fewer of each size

@@ -81,7 +81,8 @@ HOMES = {
 }
 PURE = {"numpy", "pydantic", "pydantic_core", "scipy"}
 PURE_EXCEPTIONS = {
-    "app/analysis/report/charts.py": {"altair"},
+    "app/analysis/report/score_charts.py": {"altair"},
+    "app/analysis/report/vote_charts.py": {"altair"},
     "app/analysis/drawing/charts_in_common.py": {"PIL", "altair", "vl_convert"},
     "app/analysis/report/objective_charts.py": {"altair"},
     "app/analysis/report/rate_charts.py": {"altair"},

@@ -80,7 +80,7 @@ def analyse_file(
     paths = [file.path if isinstance(file, Source) else Path(file) for file in files]
     refuse_to_replace([*paths, items, measures, participants, ratings], out)
     source = ", ".join(path.name for path in paths)
-    votes, understood = understand_votes(files, columns, choices, told)
+    votes, understood = understand_votes(files, told or Told(columns or {}, choices or {}))
     settings, notes = read_beside(
         votes, settings or AnalysisSettings(), items=items, factors=factors, measures=measures,
         participants=participants, groups=groups,

@@ -14,7 +14,7 @@ function showAgain(message) {
   const same = forms.find((form) => isOf(form, typed));
   const form = same ?? forms.find((form) => isOf(form, typed, AS_SEEN));
   if (typed.length) history.replaceState(null, "", document.referrer); // at the form's address there is no page to load
-  if (!form) return; // its long texts stay there, to be copied
+  if (!form) return; // what was sent stays there, to be copied
   document.getElementById("typed")?.remove();
   form.dataset.refused = "";
   if (typed.length) fill(form, typed, !same);

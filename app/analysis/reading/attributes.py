@@ -95,7 +95,10 @@ def read_measures(path: Path) -> MeasureValues:
     """
     table = read_csv(path)
     if is_long(table.names):
-        return _long_measures(path)
+        long, values = read_measures_table(path), dict[str, dict[str, dict[str, float]]]()
+        for row in long.values:
+            values.setdefault(row.measure, {}).setdefault(row.dataset, {})[row.approach] = row.value
+        return MeasureValues(values, {row.measure: row.better for row in long.values}, long.notes)
     with naming(path):
         return _wide_measures(table)
 
@@ -125,11 +128,3 @@ def _numbers(table: Table, measure: str, problems: Problems) -> NDArray[np.float
     is_wrong = np.isnan(values) & column.meaning(bool, bool)
     problems.add(is_wrong, lambda row: f"{measure} is {shown(column.text(row))}, expected a number or nothing")
     return values
-
-
-def _long_measures(path: Path) -> MeasureValues:
-    table = read_measures_table(path)
-    values: dict[str, dict[str, dict[str, float]]] = {}
-    for row in table.values:
-        values.setdefault(row.measure, {}).setdefault(row.dataset, {})[row.approach] = row.value
-    return MeasureValues(values, {row.measure: row.better for row in table.values}, table.notes)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -18,7 +18,6 @@ from app.analysis.reading.votes_table import VotesError
 LONGEST_VALUE = 80  # letters of a file that a message repeats
 MOST_NAMED = 40  # columns that it names
 DECIMAL_COMMA = re.compile(r"[+-]?(?!\d{1,3}(,\d{3})+$)\d+,\d+|[+-]?0,\d+")  # 1,5 and 0,125; 1,234 may be thousands
-FLAGS = {"": 0, "0": 0, "false": 0, "no": 0, "1": 1, "true": 1, "yes": 1}  # in lower case
 
 
 @dataclass(frozen=True)
@@ -38,6 +37,11 @@ class Column:
 
     def __len__(self) -> int:
         return len(self.codes)
+
+    @property
+    def is_missing(self) -> NDArray[np.bool_]:
+        """Which cells are not there at all? bool (N,)."""
+        return np.broadcast_to(np.bool_(False), len(self)) if self.missing is None else self.missing
 
     @cached_property
     def texts(self) -> NDArray[np.object_]:
@@ -170,7 +174,7 @@ class Table:
 
     def without_empty_rows(self) -> Self:
         """Return the table without the rows in which every cell is empty."""
-        if not self.columns:
+        if not all("" in column.words for column in self.columns.values()) or not self.columns:
             return self
         is_there = np.logical_or.reduce([column.meaning(bool, bool) for column in self.columns.values()])
         return self if is_there.all() else self.where(is_there)
@@ -192,6 +196,7 @@ def table_of_rows(rows: Sequence[Mapping[str, Any]], how: str = "") -> Table:
     return Table({name: column_of([row.get(name) for row in rows]) for name in names}, how)
 
 
+@dataclass
 class Problems:
     """Collect what is wrong with cells, one line for each kind, and raise them together.
 
@@ -200,9 +205,8 @@ class Problems:
     row : the row of the file of a row counted from 0
     """
 
-    def __init__(self, row: Callable[[int], int]) -> None:
-        self.row = row
-        self.lines: list[str] = []
+    row: Callable[[int], int]
+    lines: list[str] = field(default_factory=list)
 
     def add(self, is_bad: NDArray[np.bool_], why: str | Callable[[int], str]) -> None:
         """Note the first of the bad rows, bool (N,), with the reason and the number of further ones."""

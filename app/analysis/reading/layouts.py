@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.reading.cells import (
-    FLAGS,
     Column,
     Problems,
     Table,
@@ -24,7 +23,7 @@ from app.analysis.reading.cells import (
 )
 from app.analysis.reading.description import JOIN, Description
 from app.analysis.reading.votes_table import UNRECORDED, VotesError, unrecorded
-from app.analysis.reading.words import OPTIONAL, RATING_OPTIONAL
+from app.analysis.reading.words import OPTIONAL, RATING_OPTIONAL, TRUE_FALSE
 
 
 @dataclass(frozen=True)
@@ -87,7 +86,7 @@ class LongTable(Table):
         absent = unrecorded(role, len(self))
         if (column := self.columns.get(role)) is None:
             return absent
-        empty = UNRECORDED.get(role, False)
+        empty = UNRECORDED.get(role, np.False_)
         meanings = [empty if may_be_empty and not word else understand(word) for word in column.words]
         is_bad = np.array([meaning is None for meaning in meanings], bool)[column.codes]
         problems.add(is_bad, lambda row: self.wrong(role, row, expected))
@@ -103,7 +102,7 @@ def flags(rows: LongTable, role: str, problems: Problems) -> NDArray[Any]:
     role : of the column
     problems : get what is neither
     """
-    return rows.recorded(role, lambda word: FLAGS.get(word.lower()), "true or false", problems)
+    return rows.recorded(role, lambda word: TRUE_FALSE.get(word.lower()), "true or false", problems)
 
 
 def joined_column(table: Table, names: Sequence[str]) -> Column:

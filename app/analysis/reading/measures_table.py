@@ -10,6 +10,7 @@ from typing import Literal, cast, get_args
 
 from app.analysis.reading.cells import named, number
 from app.analysis.reading.files.tabular import read_csv
+from app.analysis.reading.phrases import counted
 from app.analysis.reading.votes_table import VotesError, naming
 
 Better = Literal["higher", "lower"]
@@ -21,7 +22,7 @@ SYMMETRIC = ("", "symmetric")  # directions that add nothing to a measure's name
 DIRECTIONS = (*SYMMETRIC, "reference_to_distorted", "distorted_to_reference")
 WORDS = {"lower": "less is better", "higher": "more is better"}  # the direction in a study's validation.csv
 LARGEST_TABLE = 32 * 1024 * 1024  # bytes; 300 000 rows, more than all measures of a large study frame by frame
-LONGEST_NAME, LONGEST_UNIT, LONGEST_SOURCE = 200, 40, 500  # characters, as the study server stores them
+LONGEST = {**dict.fromkeys(("dataset", "approach", "measure"), 200), "unit": 40, "source": 500}  # characters, as stored
 MOST_NAMED = 5  # of the places that a note is about
 
 
@@ -136,25 +137,19 @@ def measures_from_columns(columns: Mapping[str, Sequence[str]], numbers: Sequenc
 
 
 def _check_columns(columns: Sequence[str]) -> None:
-    missing = [name for name in REQUIRED if name not in columns]
-    if not missing:
-        return
-    more = "; better is higher or lower, for each measure" if missing == ["better"] else ""
-    raise VotesError(
-        f"has the columns {named(columns)}, without {', '.join(missing)}; expected {', '.join(REQUIRED)}, and "
-        f"{', '.join(OPTIONAL)} where known{more}"
-    )
+    if missing := [name for name in REQUIRED if name not in columns]:
+        more = "; better is higher or lower, for each measure" if missing == ["better"] else ""
+        raise VotesError(
+            f"has the columns {named(columns)}, without {', '.join(missing)}; expected {', '.join(REQUIRED)}, and "
+            f"{', '.join(OPTIONAL)} where known{more}"
+        )
 
 
 def _row(number: int, cells: Mapping[str, str]) -> _Row:
-    for name, longest in (
-        *((name, LONGEST_NAME) for name in ("dataset", "approach", "measure")),
-        ("unit", LONGEST_UNIT),
-        ("source", LONGEST_SOURCE),
-    ):
+    for name, longest in LONGEST.items():
         if len(cells[name]) > longest:
             raise VotesError(f"row {number}: {name} has {len(cells[name])} characters, expected {longest} at most")
-        if not cells[name] and longest == LONGEST_NAME:
+        if not cells[name] and name in REQUIRED:
             raise VotesError(f"row {number}: {name} is empty")
     if cells["better"] not in get_args(Better):
         raise VotesError(f"row {number}: better is {cells['better']!r}, expected higher or lower")
@@ -242,16 +237,14 @@ def _whole_sequences(places: Sequence[Mapping[int | None, _Row]]) -> MeasuresTab
 def _mean(rows: Sequence[_Row]) -> MeasuredValue:
     mean = math.fsum(row.value.value for row in rows) / len(rows)
     sources = "; ".join(dict.fromkeys(row.value.source for row in rows if row.value.source))
-    return replace(rows[0].value, value=mean, source=sources[:LONGEST_SOURCE])
+    return replace(rows[0].value, value=mean, source=sources[: LONGEST["source"]])
 
 
 def _averages(averaged: Mapping[str, Sequence[int]]) -> Iterator[str]:
     for measure, counts in averaged.items():
         fewest, most = min(counts), max(counts)
-        if fewest < most:
-            yield f"{measure} is the mean of {fewest} to {most} frames; not all approaches have equally many"
-        else:
-            yield f"{measure} is the mean of {most} frame{'s' * (most > 1)}"
+        frames = f"{fewest} to {most} frames; not all approaches have equally many"
+        yield f"{measure} is the mean of {frames if fewest < most else counted(most, 'frame')}"
 
 
 def _absences(rows: Sequence[_Row]) -> Iterator[str]:

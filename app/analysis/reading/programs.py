@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -209,28 +210,24 @@ def _crowd(table: Table) -> Table:
     orders = {answer: name for answer in columns for name in table.names if name.lower() == f"{answer.lower()}_order"}
     rows: list[tuple[int, str, str, str, str]] = []
     n_traps = 0
-    for row in range(len(table)):
-        for answer, film in columns.items():
-            url, rating = table.columns[film].texts[row], table.columns[answer].texts[row]
-            if url in traps:
-                n_traps += 1
-            elif rating:
-                name, order = url.rsplit("/", 1)[-1], table.columns[orders[answer]].texts[row] if orders else "rp"
-                if order not in ("rp", "pr"):
-                    raise VotesError(f"row {table.row(row)}: {orders[answer]} is {shown(order)}, expected rp or pr")
-                if order == "pr":
-                    rating = f"{-number_or_nan(rating):g}"
-                person = (who and table.columns[who].texts[row]) or ""
-                rows.append((row, person, name, rating, REFERENCE if order == "rp" else name))
-    place = np.array([row[0] for row in rows], np.intp)
-    names = ("participant", "item_b" if orders else "condition", "rating", *(["first_shown"] if orders else []))
+    for row, (answer, film) in product(range(len(table)), columns.items()):
+        url, rating = (table.columns[name].text(row) for name in (film, answer))
+        if url in traps:
+            n_traps += 1
+        elif rating:
+            name, order = url.rsplit("/", 1)[-1], table.columns[orders[answer]].text(row) if orders else "rp"
+            if order not in ("rp", "pr"):
+                raise VotesError(f"row {table.row(row)}: {orders[answer]} is {shown(order)}, expected rp or pr")
+            if order == "pr":
+                rating = f"{-number_or_nan(rating):g}"
+            person = table.columns[who].text(row) if who else ""
+            rows.append((row, person, name, rating, REFERENCE if order == "rp" else name))
+    names = ("participant", "item_b", "rating", "first_shown") if orders else ("participant", "condition", "rating")
     cells = {name: column_of(row[at] for row in rows) for at, name in enumerate(names, start=1)}
-    if orders:
-        cells["item_a"] = same(REFERENCE, len(rows))
-    used = {*columns, *columns.values(), *orders.values(), who}
-    kept = {
-        name: column.where(place) for name, column in table.columns.items() if name not in used and name not in names
-    }
+    cells |= {"item_a": same(REFERENCE, len(rows))} if orders else {}
+    used = {*columns, *columns.values(), *orders.values(), who, *names}
+    place = np.array([row[0] for row in rows], np.intp)
+    kept = {name: column.where(place) for name, column in table.columns.items() if name not in used}
     notes = (*table.notes, f"{len(columns)} answers in each row, each a rating of the film that it names")
     warnings = (f"{n_traps} answers on trapping or gold films are left out",) if n_traps else ()
     return Table({**cells, **kept}, table.how, table.numbers[place], notes, warnings)

@@ -59,10 +59,7 @@ def votes_from_rows(
         Naming the row and the value.
     """
     table = _table_of(rows)
-    description = recognise(table, Told(columns or {}, choices or {}))
-    if description.holds != VOTES:
-        raise VotesError(f"holds {description.holds}, expected votes: item_a, item_b and choice")
-    return _votes(rows_of(table, description), description)
+    return _votes(table, recognise(table, Told(columns or {}, choices or {})))
 
 
 def _table_of(rows: Rows | pd.DataFrame) -> Table:
@@ -92,22 +89,16 @@ def read_votes(
     VotesError
         Naming the file, the row and the value.
     """
-    return understand_votes([path], columns, choices)[0]
+    return understand_votes([path], Told(columns or {}, choices or {}))[0]
 
 
-def understand_votes(
-    paths: Sequence[Path | str | Source],
-    columns: Mapping[str, str] | None = None,
-    choices: Mapping[str, str] | None = None,
-    told: Told | None = None,
-) -> tuple[VotesTable, list[str]]:
+def understand_votes(paths: Sequence[Path | str | Source], told: Told | None = None) -> tuple[VotesTable, list[str]]:
     """Read the votes of one or several files as one table, and say how each was understood.
 
     Parameters
     ----------
     paths : as in `read_votes`, or files already recognised; a name means the same person in all of them
-    columns, choices : as in `votes_from_rows`, for every file
-    told : all that the user said, instead
+    told : all that the user said, for every file
 
     Returns
     -------
@@ -118,7 +109,6 @@ def understand_votes(
     VotesError
         Naming the file, the row and the value.
     """
-    told = told or Told(columns or {}, choices or {})
     tables, sentences, warnings = [], [], []
     for path in paths:
         source = path if isinstance(path, Source) else recognise_file(path, told)
@@ -132,10 +122,8 @@ def understand_votes(
 
 def votes_of(source: Source) -> VotesTable:
     """Read the votes of a recognised file by its description."""
-    if not source.holds_votes:
-        raise VotesError(f"{source.path}: holds {source.description.holds}, expected votes: item_a, item_b and choice")
     with naming(source.path):
-        return _votes(rows_of(source.table, source.description), source.description)
+        return _votes(source.table, source.description)
 
 
 def _sentence(source: Source, votes: VotesTable) -> str:
@@ -188,8 +176,11 @@ def _look_alikes(votes: VotesTable) -> list[str]:
     return sentences
 
 
-def _votes(rows: LongTable, description: Description) -> VotesTable:
-    """Return the votes of rows under our names."""
+def _votes(table: Table, description: Description) -> VotesTable:
+    """Return the votes of a table under our names."""
+    if description.holds != VOTES:
+        raise VotesError(f"holds {description.holds}, expected votes: item_a, item_b and choice")
+    rows = rows_of(table, description)
     if not len(rows):
         raise VotesError("has no row, expected at least one vote")
     problems = Problems(rows.row)
@@ -230,10 +221,8 @@ def _votes(rows: LongTable, description: Description) -> VotesTable:
 
 def _check_there(rows: LongTable, role: str, problems: Problems) -> None:
     column = rows.columns[role]
-    if column.missing is not None:
-        problems.add(column.missing, f"{role} is missing")
-    is_empty = column.meaning(lambda word: not word, bool)
-    problems.add(is_empty if column.missing is None else is_empty & ~column.missing, f"{role} is empty")
+    problems.add(column.is_missing, f"{role} is missing")
+    problems.add(column.meaning(lambda word: not word, bool) & ~column.is_missing, f"{role} is empty")
 
 
 def _names(rows: LongTable, role: str, problems: Problems) -> tuple[NDArray[np.int32], tuple[str, ...]]:
@@ -254,19 +243,14 @@ def _both(a: Column, b: Column) -> tuple[NDArray[np.int32], NDArray[np.int32], t
 
 
 def _choice(rows: LongTable, description: Description, problems: Problems) -> NDArray[np.int8]:
-    columns = rows.columns
-    column = columns["choice"]
+    column = rows.columns["choice"]
     words = {word: int(code) for word, code in description.words.items()} or CHOICE_CODES
-    meaning = Meaning(words, description.by_item)
-    codes = codes_of(meaning, Asked(column, columns["item_a"], columns["item_b"]))
+    asked = Asked(column, rows.columns["item_a"], rows.columns["item_b"])
+    codes = codes_of(Meaning(words, description.by_item), asked)
     expected = description.expected or ", ".join(CHOICES)
-    if column.missing is not None:
-        problems.add(column.missing, "choice is missing")
-    problems.add(
-        (codes == UNKNOWN) & (True if column.missing is None else ~column.missing),
-        lambda r: rows.wrong("choice", r, expected),
-    )
-    return np.where(flags(rows, "ties", problems), NONE, codes).astype(np.int8) if "ties" in columns else codes
+    problems.add(column.is_missing, "choice is missing")
+    problems.add((codes == UNKNOWN) & ~column.is_missing, lambda r: rows.wrong("choice", r, expected))
+    return np.where(flags(rows, "ties", problems), NONE, codes).astype(np.int8)
 
 
 def _first_shown(

@@ -31,14 +31,16 @@ from app.analysis.reading.layouts import joined_column
 from app.analysis.reading.votes_table import VotesError
 from app.analysis.reading.words import MULTIPLE, SEVERAL, is_never, is_suspicious, plain
 
-SHORTENED = re.compile(r"\d([.,]\d+)?E\+?\d{2,}", re.IGNORECASE)  # 5.6E+23: what Excel leaves of a long id
-
-
-DATE = re.compile(
-    r"\d{4}-\d\d-\d\d([ T]00:00(:00)?)?|\d{1,2}-(jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)[a-z]*(-\d{2,4})?|"
-    r"(jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)[a-z]*-\d{2,4}",
-    re.IGNORECASE,
-)
+MONTH = "(jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)[a-z]*"
+# Names that a spreadsheet made of others: an id such as 5.6E+23, and dates.
+ODD = {
+    re.compile(r"\d([.,]\d+)?E\+?\d{2,}", re.IGNORECASE): (
+        "a long id that a spreadsheet shortened: different ones may look alike"
+    ),
+    re.compile(
+        rf"\d{{4}}-\d\d-\d\d([ T]00:00(:00)?)?|\d{{1,2}}-{MONTH}(-\d{{2,4}})?|{MONTH}-\d{{2,4}}", re.IGNORECASE
+    ): "a date, which a spreadsheet may have made of another name",
+}
 
 
 def recognise(table: Table, told: Told = Told()) -> Description:  # frozen
@@ -135,20 +137,15 @@ LAYOUTS: dict[str, tuple[Finder, ...]] = {
 
 def _lacking(seen: Seen) -> str:
     """Say what a table lacks, for what it comes nearest to."""
-    names = seen.table.names
-    given = seen.given
-    is_rated = bool(quietly(seen, "condition") or seen.candidates("rating") or "rating" in given) and not seen.pairs
+    is_rated = (quietly(seen, "condition") or seen.candidates("rating")) and not seen.pairs
     wanted = ("participant", "condition", "rating") if is_rated else ("item_a", "item_b", "choice")
-    pair = seen.pairs[0] if seen.pairs else None
-    there = {
-        role for role in wanted if role in given or seen.candidates(role) or (pair and role in ("item_a", "item_b"))
-    }
+    there = {role for role in wanted if seen.candidates(role) or (seen.pairs and role in ("item_a", "item_b"))}
     missing = [role for role in wanted if role not in there] or ["choice"]
     return (
         f"lacks {'the column' if len(missing) == 1 else 'the columns'} {', '.join(missing)}; found "
-        f"{named(names) or 'none'}. Map other names, e.g. --columns participant=judge, or item_a=type+level for an "
-        "item in two columns; ratings have the columns participant, condition and rating, or one for each condition "
-        "(--columns rating=c1+c2+c3 names them); --format names a layout"
+        f"{named(seen.table.names) or 'none'}. Map other names, e.g. --columns participant=judge, or "
+        "item_a=type+level for an item in two columns; ratings have the columns participant, condition and rating, or "
+        "one for each condition (--columns rating=c1+c2+c3 names them); --format names a layout"
     )
 
 
@@ -238,10 +235,7 @@ def _odd_cells(seen: Seen, description: Description) -> list[str]:
     named_in = {name: seen.column(name).filled for role in roles for name in description.columns.get(role, ())}
     named_in["a column"] = tuple(label for labels in description.spread.values() for label in labels)
     for name, words in named_in.items():
-        if words:
-            for pattern, what in ((SHORTENED, "a long id that a spreadsheet shortened: different ones may look alike"),
-                                  (DATE, "a date, which a spreadsheet may have made of another name")):  # fmt: skip
-                odd = [word for word in words if pattern.fullmatch(word)]
-                if odd:
-                    warnings.append(f"{name} is {shown(odd[0])}, {what}")
+        for pattern, what in ODD.items():
+            if odd := next(filter(pattern.fullmatch, words), None):
+                warnings.append(f"{name} is {shown(odd)}, {what}")
     return warnings

@@ -183,21 +183,14 @@ def bounds_of(ordered: NDArray[np.integer[Any]]) -> list[int]:
 
 
 SIXTEEN_BITS = 2**16
-KINDS: dict[str, type[Any]] = {
-    **dict.fromkeys(("participant", "dataset", "item_a", "item_b"), np.int32),
-    **dict.fromkeys(("choice", "first_shown", "both_seen", "shown_smoothly", "role"), np.int8),
-    **dict.fromkeys(("response_ms", "press_to_picture_ms"), np.float64),
-    "count": np.int64,
-    "reason": np.object_,
-}  # of numpy; any other column is true or false
-UNRECORDED: dict[str, Any] = {
-    **dict.fromkeys(("first_shown", "both_seen", "shown_smoothly"), -1),
-    **dict.fromkeys(("response_ms", "press_to_picture_ms"), np.nan),
-    "count": 1,
-    "practice": False,
-    "excluded": False,
-    "reason": "",
-    "role": MAIN,
+UNRECORDED: dict[str, Any] = {  # what a column holds, and as what, where nothing is known; any other is false
+    **dict.fromkeys(("participant", "dataset", "item_a", "item_b"), np.int32(0)),
+    **dict.fromkeys(("choice", "role"), np.int8(MAIN)),
+    **dict.fromkeys(("first_shown", "both_seen", "shown_smoothly"), np.int8(-1)),
+    **dict.fromkeys(("response_ms", "press_to_picture_ms"), np.float64(np.nan)),
+    **dict.fromkeys(("practice", "excluded"), np.False_),
+    "count": np.int64(1),
+    "reason": np.array("", np.object_),
 }
 NAMES = ("participants", "datasets", "items")
 NAMES_OF = {"participant": "participants", "dataset": "datasets", "item_a": "items", "item_b": "items"}
@@ -254,7 +247,7 @@ def votes_from_indices(
     columns = {"participant": participant, "dataset": dataset, "item_a": item_a, "item_b": item_b, "choice": choice}
     columns |= {} if count is None else {"count": count}
     columns |= {} if first_shown is None else {"first_shown": first_shown}
-    made: dict[str, Any] = {name: column.astype(KINDS[name], copy=False) for name, column in columns.items()}
+    made: dict[str, Any] = {name: column.astype(UNRECORDED[name].dtype, copy=False) for name, column in columns.items()}
     made |= {name: unrecorded(name, len(choice)) for name in UNRECORDED.keys() - made.keys()}
     participants, datasets, items = map(tuple, names)
     return VotesTable(participants, datasets, items, **made)
@@ -268,7 +261,7 @@ def unrecorded(role: str, n: int) -> NDArray[Any]:
     role : name of the column
     n : N
     """
-    return np.broadcast_to(np.array(UNRECORDED.get(role, False), KINDS.get(role, np.bool_)), n)
+    return np.broadcast_to(UNRECORDED.get(role, np.False_), n)
 
 
 def only_compared(votes: VotesTable) -> VotesTable:

@@ -113,8 +113,8 @@ def against_scores(
     n = panel.incidence.shape[1]
     roots = _root(covariance)
     is_far = np.arange(n_draws) % 4 == 0  # more draws than dissenters: their likelihood needs as many
-    tastes = spread * np.where(is_far, DISSENT, 1.0)[:, None] * rng.standard_normal((n_draws, n))
-    opinions = tastes + rng.standard_normal((n_draws, n)) @ roots
+    apart = spread * np.where(is_far, DISSENT, 1.0)[:, None] * rng.standard_normal((n_draws, n))
+    opinions = apart + rng.standard_normal((n_draws, n)) @ roots
     shifts = (opinions @ panel.incidence.T).astype(np.float32)
     noise = np.exp(NOISE * rng.standard_normal(n_draws)).astype(np.float32)[:, None]
     shift = order_effect * panel.shown

@@ -68,7 +68,7 @@ class Draft:
             If it names a preset, a platform or a setting that is not known, or a value is of another kind.
         """
         draft = cls(**content)
-        for name, known, what in (("preset", PRESETS, draft.preset), ("platform", PLATFORMS, draft.platform)):
+        for name, what, known in (("preset", draft.preset, [*PRESETS]), ("platform", draft.platform, [*PLATFORMS])):
             if what not in known:
                 raise SettingError(name, f"is {what!r:.60}, expected one of {', '.join(filter(None, known))}")
         settings = {setting.name: setting for setting in SETTINGS}

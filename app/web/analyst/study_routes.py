@@ -25,7 +25,7 @@ from app.operations.studies.invitations import (
     stop_invitation,
 )
 from app.operations.studies.manage import study_file_of, study_summary
-from app.operations.studies.standing import change_standing, delete_study
+from app.operations.studies.standing import change_standing, delete_study, give_new_address
 from app.operations.studies.stimulus_sets import set_called
 from app.operations.tasks import wait_for_task
 from app.store.access.tokens import STUDIES
@@ -327,6 +327,12 @@ def change_state(body: StateBody, actor: StudyEditor, study: AStudy, database: S
     """Open, pause, close or archive a study; sent again, it changes nothing."""
     change_standing(database, study, body.state, actor)
     return _view(database, study.slug)
+
+
+@router.put("/studies/{slug}/address", response_model=ManagedStudyView)
+def change_address(request: Request, actor: StudyEditor, study: AStudy, database: Store) -> dict[str, Any]:
+    """Give a renamed study the address of its name; the older address is unknown from then on."""
+    return _view(database, give_new_address(settings(request), database, study, actor))
 
 
 @router.post("/studies/{slug}/duplicate", status_code=201, response_model=ManagedStudyView)

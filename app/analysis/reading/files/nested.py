@@ -114,9 +114,7 @@ def _sureal(content: Mapping[str, Any]) -> tuple[list[Row], Notes]:
                 f"the film {shown(condition)} has no ratings (os); mean scores (groundtruth) say nothing of people"
             )
         is_listed = is_listed or isinstance(scores, list | tuple)
-        people = (
-            scores.items() if isinstance(scores, dict) else ((f"{n}", value) for n, value in enumerate(scores, start=1))
-        )
+        people = scores if isinstance(scores, dict) else dict(enumerate(scores, start=1))
         content_id = video.get("content_id", "")
         dataset = str(contents.get(content_id) or content_id)
         if isinstance(scores, dict) and scores and all(isinstance(person, tuple) for person in scores):
@@ -126,7 +124,7 @@ def _sureal(content: Mapping[str, Any]) -> tuple[list[Row], Notes]:
         names = {"dataset": dataset, "condition": condition}
         rows += [
             {"participant": str(person), **names, "rating": rating}
-            for person, value in people
+            for person, value in people.items()
             for rating in _each(value)
         ]
     if any("winner" in row for row in rows):

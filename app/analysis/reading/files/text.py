@@ -8,13 +8,11 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from app.analysis.reading.cells import Column, Table, column_of_series, numbered_names, shown
+from app.analysis.reading.cells import Column, Table, column_of_series, shown
 from app.analysis.reading.description import Told
 from app.analysis.reading.votes_table import VotesError
 from app.files import FORMULA
@@ -162,38 +160,20 @@ def quick_table(path: Path, told: Told) -> Table | None:
         options = arrow_csv.ConvertOptions(
             column_types=dict.fromkeys(header, dictionary(int32(), string())), null_values=[], strings_can_be_null=False
         )
-        with arrow_csv.open_csv(
-            path, read_options=arrow_csv.ReadOptions(block_size=BLOCK), convert_options=options
-        ) as reader:
-            columns = _coded(reader, header)
+        read = arrow_csv.ReadOptions(block_size=BLOCK, use_threads=False)
+        texts = arrow_csv.read_csv(path, read_options=read, convert_options=options).unify_dictionaries()
     except (ValueError, OSError, StopIteration, csv.Error, ArrowException):
         return None
+    columns = {}
+    for name, cells in zip(names, texts.itercolumns(), strict=True):
+        coded = cells.combine_chunks()
+        words = tuple(word.strip() for word in coded.dictionary.to_pylist())
+        if any(word[:1] in ("'", '"') or "\0" in word for word in words):
+            return None  # it needs a closer look
+        columns[name] = Column(coded.indices.to_numpy(), words).mapped(words)
     with path.open("rb") as raw:
         encoding = "UTF-8 with a byte-order mark" if raw.read(1) == b"\xef" else "UTF-8"
-    how = f"text in {encoding}, commas between cells"
-    return Table(dict(zip(names, columns, strict=True)), how) if columns else None
-
-
-def _coded(reader: Any, header: Sequence[str]) -> list[Column] | None:
-    """Return columns from batches of dictionary-encoded ones; None if a cell needs a closer look."""
-    known: list[dict[str, int]] = [{} for _ in header]
-    parts: list[list[NDArray[np.int32]]] = [[] for _ in header]
-    for batch in reader:
-        for place, (words, cells) in enumerate(zip(known, batch.columns, strict=True)):
-            texts = [word.strip() for word in cells.dictionary.to_pylist()]
-            if any(word[:1] in ("'", '"') or "\0" in word for word in texts):
-                return None
-            parts[place].append(numbered_names(texts, words, np.int32)[cells.indices.to_numpy()])
-    columns = [
-        Column(np.concatenate(codes) if codes else np.array([], np.int32), tuple(words))
-        for codes, words in zip(parts, known, strict=True)
-    ]
-    may_be_empty = [column for column in columns if "" in column.words]
-    if len(may_be_empty) == len(columns):  # rows in which all cells are empty are left out elsewhere
-        is_empty = np.logical_and.reduce([column.codes == column.words.index("") for column in columns])
-        if is_empty.any():
-            return None
-    return columns
+    return Table(columns, f"text in {encoding}, commas between cells").without_empty_rows()
 
 
 def _separator(header: str) -> str:

@@ -54,7 +54,7 @@ def find_ranked_columns(seen: Seen) -> Description | None:
 
 def find_best_worst(seen: Seen) -> Description | None:
     """Find the best and the worst of several items in each row."""
-    names = {role: seen.given.get(role) or tuple(seen.candidates(role)[:1]) for role in ("best", "worst")}
+    names = {role: seen.first(role) for role in ("best", "worst")}
     if not all(names.values()):
         return None
     options = seen.given.get("options") or tuple(

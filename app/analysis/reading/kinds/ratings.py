@@ -137,20 +137,19 @@ def _ask_if_something_else(seen: Seen, rated: Sequence[str], who: Mapping[str, t
         readings = [*_rated_one(seen, rated, who), Reading(f"{whole.text}, more than once", whole.told)]
         if len(rated) > FEWEST_RATED:
             readings.append(Reading("votes, if columns name two items and the choice, such as", as_votes))
-        raise QuestionError(f"{', '.join(who)} {shown(_repeated(rows))} has several rows of numbers", readings)
+        repeated = shown(rows.words[int(np.argmax(np.bincount(rows.codes)))])
+        raise QuestionError(f"{', '.join(who)} {repeated} has several rows of numbers", readings)
     roles = [name for name in rated if means("choice", name) or means("rank", name) or means("rating", name)]
     if roles or (seen.pairs and len(rated) > len(seen.pairs[0]) and set(seen.pairs[0]) <= set(rated)):
         readings = [whole]
         if seen.pairs:
             a, b = seen.pairs[0]
-            choice = next((name for name in rated if name not in (a, b)), "…")
-            columns = {"item_a": a, "item_b": b, "choice": choice}
+            columns = {"item_a": a, "item_b": b, "choice": next((name for name in rated if name not in (a, b)), "…")}
             readings.insert(0, Reading(f"votes on the items in {a!r} and {b!r}", Told(columns=columns)))
         odd = list(dict.fromkeys((*roles, *_odd_names([name for name in rated if name not in roles]))))
         for names in [[name] for name in odd] + ([odd] if len(odd) > 1 else []):
-            rest = [other for other in rated if other not in names]
-            if len(rest) >= FEWEST_RATED:
-                readings.append(Reading(f"ratings without {named(names)}", Told(columns={"rating": JOIN.join(rest)})))
+            if len(rated) - len(names) >= FEWEST_RATED:
+                readings.append(_without(rated, names))
         raise QuestionError(f"the numbers in {named(rated)} can be read in {len(readings)} ways", readings)
     dashed = [pair[:2] for name in rated if (pair := pair_in(name)) is not None]
     if len(dashed) == len(rated) and max(Counter(item for pair in dashed for item in pair).values()) > 1:
@@ -161,10 +160,8 @@ def _ask_if_something_else(seen: Seen, rated: Sequence[str], who: Mapping[str, t
     odd = _odd_names(rated) or _odd_numbers(seen, rated)
     if odd:
         rest = [name for name in rated if name not in odd]
-        raise QuestionError(
-            f"{named(odd)} may be something else than {named(rest)}",
-            [whole, Reading(f"ratings without {named(odd)}", Told(columns={"rating": JOIN.join(rest)}))],
-        )
+        about = f"{named(odd)} may be something else than {named(rest)}"
+        raise QuestionError(about, [whole, _without(rated, odd)])
     values = {value for name in rated for value in values_of(seen.column(name))}
     if len(values) == 2 and values <= {0.0, 1.0, 2.0} and len(seen.table) > 1:
         raise QuestionError(
@@ -178,6 +175,11 @@ def _ask_if_something_else(seen: Seen, rated: Sequence[str], who: Mapping[str, t
             Reading("ranks, 1 is best", Told(format="ranking")),
         ]
         raise QuestionError(f"each row of {named(rated)} holds the numbers from 1 to {len(rated)}", readings)
+
+
+def _without(rated: Sequence[str], odd: Sequence[str]) -> Reading:
+    rest = [name for name in rated if name not in odd]
+    return Reading(f"ratings without {named(odd)}", Told(columns={"rating": JOIN.join(rest)}))
 
 
 def _rated_one(seen: Seen, rated: Sequence[str], who: Mapping[str, tuple[str, ...]]) -> list[Reading]:
@@ -194,11 +196,6 @@ def _rated_one(seen: Seen, rated: Sequence[str], who: Mapping[str, tuple[str, ..
         return []
     told = Told(columns={"condition": JOIN.join(parts), "rating": names[0]})
     return [Reading(f"ratings in {names[0]!r} of conditions in {named(parts)}", told)]
-
-
-def _repeated(column: Column) -> str:
-    """Return a text that several cells have."""
-    return column.words[int(np.argmax(np.bincount(column.codes, minlength=len(column.words))))]
 
 
 def _odd_names(rated: Sequence[str]) -> list[str]:

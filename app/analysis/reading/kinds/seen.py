@@ -157,8 +157,12 @@ class Seen:
 
     def optional(self, roles: Sequence[str], taken: Collection[str]) -> Columns:
         """Return the optional columns that are there, and are not taken by other roles."""
-        free = {role: tuple(name for name in self.candidates(role)[:1] if name not in taken) for role in roles}
-        return {role: names for role in roles if (names := self.given.get(role) or free[role])}
+        matches = {role: self.first(role) for role in roles}
+        return {role: n for role, n in matches.items() if n and (role in self.given or n[0] not in taken)}
+
+    def first(self, role: str, more: Sequence[str] = ()) -> tuple[str, ...]:
+        """Return the first column that may have a role, or what was told; none if there is none."""
+        return self.given.get(role) or tuple(self.candidates(role, more)[:1])
 
     def who_and_what(self) -> Columns:
         """Return the columns of participants and datasets."""

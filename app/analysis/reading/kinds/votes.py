@@ -6,9 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from app.analysis.reading.cells import FLAGS, Column, is_numeric, named, values_of
+from app.analysis.reading.cells import Column, is_numeric, named, values_of
 from app.analysis.reading.choices import Asked, Meaning, binary_meaning, codes_of, grade_of, understand_choices
 from app.analysis.reading.description import VOTES, Description, QuestionError, Reading, Told
 from app.analysis.reading.kinds.seen import (
@@ -34,6 +32,7 @@ from app.analysis.reading.words import (
     PLACED,
     SUMMARIES,
     SWAPPED,
+    TRUE_FALSE,
     pairs_in,
     plain,
 )
@@ -226,21 +225,20 @@ def find_votes(seen: Seen) -> Description | None:
         choices = [name for name in choices if not seen.is_empty(name) or not len(seen.table) or seen.is_own]
         if seen.is_own and "choice" in choices and seen.is_empty("choice") and rating_of(seen):
             return None  # a study's own table of ratings
-    pairs = seen.pairs
-    if not pairs or not choices:
+    if not seen.pairs or not choices:
         return None
-    item_a, item_b = one_pair(seen, pairs, choices)
+    item_a, item_b = one_pair(seen, seen.pairs, choices)
     if seen.told.format != "ccr" and "choice" not in seen.given and len(choices) > 1:
         choices = _agreeing(seen, choices, (item_a, item_b))
-    columns = item_columns(item_a, item_b) | {"choice": seen.given.get("choice") or (choices[0],)}
-    columns = seen.who_and_what() | columns
+    choice = {"choice": seen.given.get("choice") or (choices[0],)}
+    columns = seen.who_and_what() | item_columns(item_a, item_b) | choice
     return _with_ties(seen, Description(VOTES, columns | seen.optional(OPTIONAL, names_in(columns))))
 
 
 def _with_ties(seen: Seen, description: Description) -> Description:
     """Use a column that says of each row whether nobody won, such as is_tie."""
-    ties = seen.given.get("ties") or tuple(seen.candidates("ties")[:1])
-    if not ties or not {word.lower() for word in seen.column(ties[0]).filled} <= FLAGS.keys():
+    ties = seen.first("ties")
+    if not ties or not {word.lower() for word in seen.column(ties[0]).filled} <= TRUE_FALSE.keys():
         return description
     note = f"rows whose {ties[0]} is true are no preference"
     return replace(description, columns={**description.columns, "ties": ties}, notes=(*description.notes, note))
@@ -249,14 +247,12 @@ def _with_ties(seen: Seen, description: Description) -> Description:
 def _agreeing(seen: Seen, choices: Sequence[str], pair: tuple[str, str]) -> list[str]:
     """Return columns that may be the choice, if all of them say the same; else ask."""
     items = [joined_column(seen.table, names) for names in item_columns(*pair).values()]
-    matches = []
-    for name in choices:
-        asked = Asked(seen.column(name), items[0], items[1], (pair[0], pair[1]), is_own=seen.is_own)
-        try:
-            matches.append(codes_of(understand_choices(asked, seen.told.choices), asked))
-        except QuestionError:
-            matches.append(np.full(len(seen.table), -2, np.int8))
-    if all((codes == matches[0]).all() and (codes != -2).all() for codes in matches):
+    asked = [Asked(seen.column(name), items[0], items[1], pair, is_own=seen.is_own) for name in choices]
+    try:
+        codes = [codes_of(understand_choices(each, seen.told.choices), each) for each in asked]
+    except QuestionError:
+        codes = []
+    if codes and all((each == codes[0]).all() for each in codes):
         return list(choices)
     readings = [Reading(f"the choice is the column {name!r}", Told(columns={"choice": name})) for name in choices]
     raise QuestionError(f"{len(readings)} columns may be the choice, and do not say the same", readings)
@@ -265,7 +261,7 @@ def _agreeing(seen: Seen, choices: Sequence[str], pair: tuple[str, str]) -> list
 def find_won(seen: Seen) -> Description | None:
     """Find a winner and a loser in each row."""
     more = {"winner": ("chosen",), "loser": ()}  # chosen beside rejected
-    names = {role: seen.given.get(role) or tuple(seen.candidates(role, more[role])[:1]) for role in more}
+    names = {role: seen.first(role, more[role]) for role in more}
     if not all(names.values()) or says(seen, "item_a", "choice", "rating"):
         return None
     columns = seen.who_and_what() | {"item_a": names["winner"], "item_b": names["loser"]}

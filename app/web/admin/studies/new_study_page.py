@@ -219,6 +219,9 @@ def _form_page(
         "ways": WAYS,
         "platforms": PLATFORMS,
         "done": {name: look["done"] for name, look in looks.items() if look["done"]},
+        "n_guessed": sum(
+            "unknown" in (look["found"].get("matrix"), look["found"].get("range")) for look in looks.values()
+        ),
         "n_sound": sum(bool(look["found"].get("sound")) for look in looks.values()),
         "address": f"/admin/studies/new?stimulus_set={quote(known.name)}",
         **_plan(request, known, draft),
