@@ -3,10 +3,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := app ground recon migrations tests bench deploy docs setup.py
 export PATH := $(CURDIR)/$(BIN):$(PATH)
-# All tests run in a process for each core and two more, as those in a browser wait half of their time; quick ones, which
-# do not wait, in one for each core. File by file, so that what a file's tests share is made once; in the order of their
-# names, as the files of few and long tests would otherwise come last, and alone.
+# All tests run in a process for each core and two more, as those in a browser wait half of their time. File by file, so
+# that what a file's tests share is made once; in the order of their names, but those in a browser between the others
+# (tests/conftest.py), as the files of few and long tests would otherwise come last, and alone.
+# Quick tests, which do not wait, run in two halves beside each other, as to read all files takes a process 20 seconds.
 CORES := $(shell nproc)
+HALF := $(shell expr $(CORES) / 2)
 PARALLEL := --maxprocesses 6 --dist loadfile --no-loadscope-reorder --numprocesses
 # A test that fails may only have been late on a busy machine: it is tried once more, with nothing beside it.
 ONCE_MORE := { [ $$? -eq 1 ] && grep --quiet :: .pytest_cache/v/cache/lastfailed && pytest --last-failed --maxfail=3; }
@@ -20,7 +22,7 @@ KERNELS := $(VENV)/.kernels
 BESIDE := $(MAKE) --no-print-directory --jobs 2 --output-sync=target
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check types browser-code collected bench serve audit lock
+.PHONY: help setup demo test check quick-app quick-rest types browser-code collected bench serve audit lock
 
 help:
 	@echo "make setup   install everything that demo and test need (seconds when it is there)"
@@ -51,8 +53,14 @@ test: setup
 check: setup
 	ruff format $(SOURCES)
 	ruff check $(SOURCES)
-	@$(BESIDE) types $(KERNELS) browser-code
-	pytest $(PARALLEL) $(CORES) -m "not slow and not browser"
+	@$(BESIDE) quick-app types browser-code quick-rest
+
+QUICK := pytest $(PARALLEL) $(if $(filter-out 0 1,$(HALF)),$(HALF),0) -m "not slow and not browser"
+quick-app: $(KERNELS)
+	$(QUICK) tests/app
+
+quick-rest: $(KERNELS)
+	$(QUICK) --ignore tests/app
 
 types:
 	mypy
@@ -64,10 +72,11 @@ $(KERNELS): $(shell grep --recursive --files-with-matches --include=*.py njit re
 collected:
 	@pytest --collect-only --quiet >/dev/null || true  # the run says what is wrong
 
-# The pages' scripts: their pure parts by node's own test runner, all types by TypeScript.
+# The pages' scripts: their pure parts by node's own test runner, all types by TypeScript, with those of the REST interface.
 browser-code:
 	$(NODE) --test --test-reporter=dot "tests/static/js/*.test.mjs"
 	@test -f $(TSC) || { echo "$(TSC) is missing: run make setup where npm's registry can be reached" >&2; exit 1; }
+	python -m tests.api_types
 	$(NODE) $(TSC) -p frontend
 
 bench: setup

@@ -16,8 +16,7 @@ from weakref import WeakValueDictionary
 
 import anyio
 import uvicorn
-from fastapi import APIRouter, Depends, FastAPI
-from fastapi.routing import APIRoute
+from fastapi import Depends, FastAPI
 from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
 from jinja2 import Environment
@@ -40,102 +39,24 @@ from app.settings import Settings
 from app.store.database.engine import Database, open_database
 from app.store.database.keys import utc_now
 from app.store.trials.vote_writer import VoteWriter
-from app.web import media
-from app.web.admin import background, manual_page
-from app.web.admin.access import account_page, server_page, sign_in_page, users_page
 from app.web.admin.flags import Flags
-from app.web.admin.participants import (
-    comments_page,
-    demographics_page,
-    interview_page,
-    invitations_page,
-    records_page,
-    votes_page,
-)
-from app.web.admin.results import attachments, models_page, objective_page, scores_page
-from app.web.admin.studies import (
-    design_page,
-    edit_page,
-    films_page,
-    lifecycle_page,
-    new_study_page,
-    overview_page,
-    sets_page,
-    texts_page,
-)
-from app.web.admin.work import file_uploads, files_page, jobs_page, strokes_page, tables_page
-from app.web.analyst import (
-    api_page,
-    job_routes,
-    material_routes,
-    people_routes,
-    routes,
-    study_routes,
-    upload_routes,
-)
 from app.web.analyst.openapi import describe
-from app.web.front import front_routes
 from app.web.gates import check_request_text
 from app.web.limits.connections import GuardedProtocol, open_files
 from app.web.limits.hosts import KnownHosts
 from app.web.limits.throttle import Throttle
 from app.web.markdown import with_code
-from app.web.monitoring import health
 from app.web.monitoring.metrics import SHARED_FOLDER, Metrics
 from app.web.monitoring.request_log import Requests, start_logging
-from app.web.participant import beginning, joined, pages, screening, session, trials, votes
+from app.web.participant import votes
+from app.web.participant.front import front_routes
 from app.web.problems import UnforeseenErrors, install_problems
+from app.web.routers import ROUTERS, joined_routers
 from app.web.security import BodyLimit, RenewedSession, SameOrigin, SecurityHeaders
 
 START_TIMEOUT_S = 30
 LOOKS_FOR_TASKS_EVERY_S = 5  # a worker leaves the study at the end of a chain of jobs
 FOR_OTHERS = 0o027  # what a server's new files do not allow: others nothing, the group (nginx) reading alone
-ROUTERS = (
-    trials.router,
-    beginning.router,
-    session.router,
-    screening.router,
-    routes.router,
-    study_routes.router,
-    people_routes.router,
-    upload_routes.router,
-    material_routes.router,
-    api_page.router,
-    job_routes.router,
-    media.router,
-    health.router,
-    sign_in_page.router,
-    account_page.router,
-    users_page.router,
-    server_page.router,
-    sets_page.router,
-    file_uploads.router,  # before those of entries: "upload" is no kind
-    strokes_page.router,
-    tables_page.router,
-    files_page.router,
-    background.router,
-    manual_page.router,
-    jobs_page.router,
-    new_study_page.router,  # before those of one study: "new" is no study
-    lifecycle_page.router,
-    overview_page.router,
-    comments_page.router,  # before those of one participant
-    demographics_page.router,
-    records_page.router,
-    interview_page.router,
-    votes_page.router,
-    design_page.router,
-    films_page.router,
-    invitations_page.router,
-    scores_page.router,
-    objective_page.router,
-    models_page.router,
-    attachments.router,
-    edit_page.router,
-    texts_page.router,
-    pages.router,
-    joined.router,
-)
 UVICORN_OPTIONS: dict[str, Any] = {
     "http": GuardedProtocol,
     "ws": "none",
@@ -189,35 +110,12 @@ def create_app(settings: Settings, front: Path | None = None) -> FastAPI:
     if front is not None:
         app.include_router(front_routes(front))  # before the entrance, which has the same address
     app.include_router(votes.router)  # whose bodies hold no free text
-    for router in ROUTERS:
-        _answer_head(router)
-        app.include_router(router, dependencies=[Depends(check_request_text)])
+    app.include_router(joined_routers(ROUTERS), dependencies=[Depends(check_request_text)])
     app.mount("/static", StaticFiles(directory=packaged("static")), name="static")
     install_problems(app)
-    describe(app)
+    describe(app, [route for router in (votes.router, *ROUTERS) for route in router.routes])
     _add_middleware(app)
     return app
-
-
-def _answer_head(router: APIRouter) -> None:
-    """Answer HEAD, the headers alone, wherever something is read: monitors and downloads ask for it."""
-    routes = [(route, route.methods or set()) for route in router.routes if isinstance(route, APIRoute)]
-    asked = {route.path for route, methods in routes if methods == {"HEAD"}}  # a process's applications share routers
-    for route, methods in routes:
-        if methods != {"GET"} or route.path in asked:
-            continue
-        if route.include_in_schema:  # described once, as GET
-            path = route.path.removeprefix(router.prefix)
-            router.add_api_route(
-                path,
-                route.endpoint,
-                methods=["HEAD"],
-                dependencies=route.dependencies,
-                response_model=route.response_model,
-                include_in_schema=False,
-            )
-        else:
-            methods.add("HEAD")
 
 
 def _set_state(app: FastAPI, settings: Settings, database: Database, writer: VoteWriter) -> None:

@@ -4,10 +4,11 @@
 
 Schemathesis sends each route, the dashboard's included, what its description allows, as everybody who may come: nobody,
 a participant, tokens that read or change this study or another one, an owner, a guest who may look at this study, and
-the experimenter of another one. Names in addresses are those of a real filled study, found by following the dashboard.
-Then each form of its pages is sent as it stands, and with some of its fields changed. No answer may be 5xx, and who has
-rights of another study alone may not be let in. Where a request has ended an identity or deleted the study, the server
-goes on with a fresh copy. Live pages, which never end, are left out. Prints counts, and each failure.
+the experimenter of another one; half of the requests come from whom the address lets in. Names in addresses are those
+of a real filled study, found by following the dashboard. Then each form of its pages is sent as it stands, and with
+some of its fields changed. No answer may be 5xx, and who has rights of another study alone may not be let in. Where a
+request has ended an identity or deleted the study, the server goes on with a fresh copy. Live pages, which never end,
+are left out. Prints counts, and each failure.
 """
 
 from __future__ import annotations
@@ -62,6 +63,11 @@ OPTIONS = {"screening": {"tests": ["acuity", "colour"]}, "limits": {"minutes": 6
 OTHERS = ("token of another study", "experimenter of another study")
 MOST_PAGES = 250
 MOST_TOLD = 300
+FITTING = (  # who gets behind the gate of an address
+    *(("/admin", "owner"), ("/api/v1/session", "participant"), ("/api/v1/studies", "changing token")),
+    *(("/api/v1", "token of all"), ("/", "nobody")),
+)
+LET_IN = 0.5  # share of requests by them
 REAL = 0.8  # share of names in addresses that are real ones
 NASTY = (
     *(
@@ -284,7 +290,8 @@ def ask_by_schema(asking: Asking, schema: Any, known: dict[str, list[dict[str, s
         @given(case=operation.as_strategy())
         def ask(case: Any) -> None:
             rng = asking.rng
-            who = rng.choice([*asking.filled.identities])
+            fitting = next(name for begins, name in FITTING if case.path.startswith(begins))
+            who = fitting if rng.random() < LET_IN else rng.choice([*asking.filled.identities])
             person = asking.filled.identities[who]
             if rng.random() < REAL and case.path_parameters:
                 together = rng.choice(known[case.path]) if known[case.path] else {}

@@ -116,7 +116,7 @@ def _good(folder: Path, number: int, size: tuple[int, int]) -> Capture:
         noise=rng.uniform(0.3, 3.0), exposure_spread=rng.uniform(0, 0.03), calibration_error_px=rng.uniform(0, 0.1),
         distortion=rng.uniform(-0.2, 0.1), colour_cast=rng.uniform(0, 0.04), vignetting=rng.uniform(0, 0.3),
         flicker=rng.uniform(0, 0.02), shutter_ms=rng.uniform(0, 5), gloss=rng.uniform(0, 1.5),
-        compression=rng.choice((None, 85, 92, 97)),
+        compression=(None, 85, 92, 97)[rng.integers(4)],
     )  # fmt: skip
     return recorded(folder, drawn)
 

@@ -10,6 +10,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+LISTS = (list, tuple, Sequence)
+
 
 @dataclass(frozen=True)
 class Expected:
@@ -42,7 +44,7 @@ class Taken:
             info = field_of(self.kind, key)
             return None if info is None else taken(info)
         parts = get_args(self.kind)
-        if get_origin(self.kind) in (list, tuple, dict) and parts:
+        if get_origin(self.kind) in (*LISTS, dict) and parts:
             return plain(parts[1] if get_origin(self.kind) is dict else parts[0])
         return None
 
@@ -117,7 +119,7 @@ def _words(value: Taken) -> str:
 
 
 def _collection(value: Taken) -> str:
-    if get_origin(value.kind) in (list, tuple):
+    if get_origin(value.kind) in LISTS:
         least, most = value.bound("min_length"), value.bound("max_length")
         return "a list" if least is None else f"a list of {'' if least == most else 'at least '}{least}"
     return "an object with keys"

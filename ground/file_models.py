@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from functools import reduce
 from operator import getitem
@@ -70,6 +70,11 @@ def faults_of(error: ValidationError, model: type[BaseModel], content: Any = Non
     return list({(fault.place, fault.words): fault for fault in faults}.values())
 
 
+def first_fault(error: OSError | ValueError, model: type[BaseModel]) -> str:
+    """Say what is wrong first with a file that cannot be read as a model."""
+    return str(faults_of(error, model)[0] if isinstance(error, ValidationError) else error)
+
+
 def schema_name(name: str) -> str:
     """Return the file in which a file of a kind expects its JSON Schema; `reconstudy schema NAME` prints it."""
     return f"{name}.schema.json"
@@ -88,20 +93,26 @@ def without(content: Any, places: Sequence[Place]) -> Any:
 
 def _fault(detail: Any, model: type[BaseModel], content: Any) -> Fault:
     place, kind = tuple(key for key in detail["loc"] if key != "[key]"), detail["type"]
-    if kind == "missing":
-        return Fault(place, "is missing")
     if kind == "extra_forbidden":
         holder = _at(model, place[:-1])
         known = ", ".join(key_of(*field) for field in holder.kind.model_fields.items() if field[1].alias != SCHEMA_KEY)
         return Fault(place, f"is unknown, expected one of {known}", is_unknown=True)
     if kind == "value_error":  # of a check of our own, which says it all
         return Fault(place, str(detail["ctx"]["error"]), is_told=True)
-    value = detail["input"]
     for n in range(1, len(place)):
         if _at(model, place[:n]).is_whole:
-            place, value = place[:n], reduce(getitem, place[:n], content)
+            place, detail = place[:n], {"type": "whole", "input": reduce(getitem, place[:n], content)}
             break
-    return Fault(place, f"is {shown(value)}, expected {_at(model, place).words}")
+    return Fault(place, fault_in_words(detail, _at(model, place).words))
+
+
+def fault_in_words(detail: Mapping[str, Any], expected: str) -> str:
+    """Say what a validation found at a place, and what is expected there."""
+    if detail["type"] == "missing":
+        return "is missing"
+    if detail["type"] == "json_invalid":
+        return f"is no JSON ({detail['ctx']['error']})"
+    return f"is {shown(detail['input'])}, expected {expected}"
 
 
 def _at(model: type[BaseModel], place: Place) -> Taken:

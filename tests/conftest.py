@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import re
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator
@@ -30,11 +31,14 @@ from tests.postgresql import PostgresServer, empty
 
 # How long an example takes is the machine's business.
 settings.register_profile("no deadline", deadline=None, max_examples=50)
+settings.register_profile("quick", deadline=None, max_examples=20)
 settings.load_profile("no deadline")
 
 ROOT = Path(__file__).parent.parent
 os.environ.setdefault("RECONSTUDY_CHECK_BROWSER", "none")  # each study's films would be played before its test
 NUMBERS = count(1)
+QUICK = "not slow and not browser"
+WITHOUT_QUICK = re.compile(r"^pytestmark = .*pytest\.mark\.(slow|browser)\b", re.MULTILINE)
 BROWSER_TIMEOUT_MS = 60_000
 # Each window would draw pages of the browser's own besides, which takes more than ours.
 BROWSER_OPTIONS = ("--no-sandbox", "--disable-gpu", "--disable-features=WebUIOmniboxPopup,WebUIOmniboxAimPopup")
@@ -149,6 +153,33 @@ def database(new_migrated_url: Callable[[], str], emptied: list[str]) -> Iterato
         yield database
     if url.startswith("postgresql") and empty(url):
         emptied.append(url)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.option.markexpr == QUICK:
+        settings.load_profile("quick")
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Spare quick runs what files without a quick test would import."""
+    is_file = collection_path.suffix == ".py" and config.option.markexpr == QUICK
+    return True if is_file and WITHOUT_QUICK.search(collection_path.read_text(encoding="utf-8")) else None
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Spread the files that wait for a browser evenly between those that compute, where processes share the cores."""
+    if not hasattr(config, "workerinput"):
+        return
+    files: dict[Path, list[pytest.Item]] = {}
+    for item in items:
+        files.setdefault(item.path, []).append(item)
+    waits = {path: any(item.get_closest_marker("browser") for item in found) for path, found in files.items()}
+    places: dict[Path, float] = {}
+    for kind in (True, False):
+        paths = [path for path in files if waits[path] is kind]
+        places |= {path: (number + 0.5) / len(paths) for number, path in enumerate(paths)}
+    items[:] = [item for path in sorted(files, key=places.__getitem__) for item in files[path]]
 
 
 def pytest_collection_finish() -> None:

@@ -81,7 +81,8 @@ HOMES = {
 }
 PURE = {"numpy", "pydantic", "pydantic_core", "scipy"}
 PURE_EXCEPTIONS = {
-    "app/analysis/report/charts.py": {"altair"},
+    "app/analysis/report/score_charts.py": {"altair"},
+    "app/analysis/report/vote_charts.py": {"altair"},
     "app/analysis/drawing/charts_in_common.py": {"PIL", "altair", "vl_convert"},
     "app/analysis/report/objective_charts.py": {"altair"},
     "app/analysis/report/rate_charts.py": {"altair"},
@@ -90,7 +91,8 @@ PURE_EXCEPTIONS = {
     "app/analysis/analyse.py": {"pandas"},
     "app/analysis/reading/cells.py": {"pandas"},
     "app/analysis/reading/read_votes.py": {"pandas"},
-    "app/analysis/reading/tabular.py": {"pandas", "pyarrow"},
+    "app/analysis/reading/files/tabular.py": {"pandas", "pyarrow"},
+    "app/analysis/reading/files/text.py": {"pandas", "pyarrow"},
     "app/analysis/reading/votes_table.py": {"pandas"},
 }
 IMPURE_STANDARD_LIBRARY = {"sqlite3", "random", "secrets", "time", "socket", "http", "urllib", "uuid"}

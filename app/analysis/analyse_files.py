@@ -19,7 +19,8 @@ from app.analysis.ratings.score_sets import comparison_score_sets, opinion_score
 from app.analysis.ratings.table import ComparisonTable, RatingTable
 from app.analysis.reading.attributes import MeasureValues, read_items, read_measures, read_participants
 from app.analysis.reading.description import Told
-from app.analysis.reading.read_votes import WARNING, Source, in_several, understand_votes
+from app.analysis.reading.read_votes import understand_votes
+from app.analysis.reading.sources import WARNING, Source, in_several
 from app.analysis.reading.votes_table import ALL, VotesError, VotesTable
 from app.analysis.report.figures import font_warnings
 from app.analysis.report.write import refuse_to_replace, write_analysis
@@ -79,7 +80,7 @@ def analyse_file(
     paths = [file.path if isinstance(file, Source) else Path(file) for file in files]
     refuse_to_replace([*paths, items, measures, participants, ratings], out)
     source = ", ".join(path.name for path in paths)
-    votes, understood = understand_votes(files, columns, choices, told)
+    votes, understood = understand_votes(files, told or Told(columns or {}, choices or {}))
     settings, notes = read_beside(
         votes, settings or AnalysisSettings(), items=items, factors=factors, measures=measures,
         participants=participants, groups=groups,

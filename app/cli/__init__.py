@@ -15,7 +15,7 @@ from typing import Annotated
 
 import typer
 
-from app.cli import analysis, experiments, languages, planning, schema, server, studies
+from app.cli import analysis, experiments, languages, planning, schema, server, stimuli, studies
 from app.errors import StudyError, said_on_page
 from app.operations.extras import missing_extra
 from recon.cli.main import app as recon_app
@@ -31,6 +31,7 @@ app = typer.Typer(cls=LocalPathsGroup, no_args_is_help=True, pretty_exceptions_e
 for part in (
     recon_app,
     experiments.app,
+    stimuli.app,
     studies.app,
     languages.app,
     server.app,

@@ -23,7 +23,7 @@ from recon.cli.options import wrong_use
 if TYPE_CHECKING:
     from app.analysis import AnalysisSettings
     from app.analysis.reading.description import QuestionError, Told
-    from app.analysis.reading.read_votes import Source
+    from app.analysis.reading.sources import Source
 
 app = typer.Typer()
 
@@ -134,7 +134,7 @@ OPTIONS_OF_RATINGS = (
 def _recognised(paths: Sequence[Path], told: Told, *, can_ask: bool) -> list[Source]:
     """Read and recognise files; in a terminal, what can be read in several ways is asked."""
     from app.analysis.reading.description import QuestionError
-    from app.analysis.reading.read_votes import recognise_file
+    from app.analysis.reading.sources import recognise_file
 
     sources: list[Source] = []
     while len(sources) < len(paths):

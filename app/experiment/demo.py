@@ -17,7 +17,7 @@ from app.simulation.known_order import came_out, came_out_sentence, put_in_sente
 from app.simulation.participants import simulate_study
 from app.study.options.presets import QUICK
 from app.study.stages import PRACTICE
-from app.web.front import FRONT_FILE
+from app.web.participant.front import FRONT_FILE
 
 NAME, SLUG = "Demo", "demo"
 DEPTHS, FUSIONS = ("id", "dr", "pm"), ("fa", "fb")

@@ -8,8 +8,8 @@ from typing import Any
 from app.analysis.drawing.charts_in_common import chart_svg
 from app.analysis.objective.prediction import measures_by_rank
 from app.analysis.reading.votes_table import ALL
-from app.analysis.report.charts import triads_chart
 from app.analysis.report.objective_charts import measure_chart, ranking_chart
+from app.analysis.report.vote_charts import triads_chart
 from app.experiment.figures import levels_bars
 from app.experiment.parts import Figure, Section, Table
 from app.experiment.results import Results, order_text

@@ -26,6 +26,7 @@ SDR_TRANSFERS = (  # shown alike by browsers: as if all were sRGB
     "bt2020-10",
     "bt2020-12",
 )
+WITHOUT_RANGE = ("prores",)  # codecs in which no film says its range: the decoder names what is usual
 SDR_NITS = 203  # of white among highlights: ITU-R BT.2408
 USUAL_PEAK_NITS = 1000.0  # of films that do not say theirs
 
@@ -162,7 +163,7 @@ def parse_look(log: str) -> Look:
         pixel_shape=Fraction(int(wide), int(high)) if int(wide) and int(high) else Fraction(1),
         rotation=float(rotation[1]) if rotation else 0.0,
         matrix=matrix,
-        color_range=color_range,
+        color_range=UNTAGGED if films[0][0] in WITHOUT_RANGE else color_range,
         primaries=primaries,
         transfer=transfer,
         is_interlaced=any(picture[-1] in "TB" for picture in pictures),

@@ -227,17 +227,18 @@ def _check_complete(
 def _read_levels(path: Path, conditions: Sequence[str]) -> Levels:
     if not path.exists():
         return {condition: {} for condition in conditions}
-    from app.analysis.reading.tabular import read_csv  # pandas loads slowly
+    from app.analysis.reading.files.tabular import read_csv  # pandas loads slowly
 
     try:
         table = read_csv(path)
     except ValueError as error:
         raise StimuliError(str(error)) from error
-    if "condition" not in table.columns or len(table.columns) < 2:
+    if "condition" not in table.names or len(table.names) < 2:
         raise StimuliError(
-            f"{path}: has the columns {', '.join(table.columns)}; expected condition and a column per factor"
+            f"{path}: has the columns {', '.join(table.names)}; expected condition and a column per factor"
         )
-    rows: list[dict[Any, str]] = table.to_dict("records")
+    texts = [column.texts for column in table.columns.values()]
+    rows = [dict(zip(table.names, row, strict=True)) for row in zip(*texts, strict=True)]
     levels = {row.pop("condition"): {factor: level for factor, level in row.items() if level} for row in rows}
     if len(levels) != len(rows):
         raise StimuliError(f"{path}: a condition appears twice")

@@ -16,7 +16,7 @@ from app.errors import StimuliError
 from app.ffmpeg import Progress, in_parallel, no_progress
 from app.files import file_digest, read_json, whole_folder, write_json
 from app.intake.stimuli import MANIFEST, Stimulus, StimulusSet, check_videos, level_notes, read_manifest
-from ground.file_models import SCHEMA_KEY, schema_name
+from ground.file_models import SCHEMA_KEY, first_fault, schema_name
 
 
 @dataclass(frozen=True)
@@ -184,8 +184,7 @@ def _read(folder: Path) -> _Source:
     try:
         provenance = _Provenance.model_validate(manifest.get("provenance") or {})
     except ValidationError as error:
-        where = ".".join(map(str, error.errors()[0]["loc"]))
-        raise StimuliError(f"{manifest_path}: provenance.{where}: {error.errors()[0]['msg']}") from error
+        raise StimuliError(f"{manifest_path}: provenance.{first_fault(error, _Provenance)}") from error
     paths = {dataset: path for dataset, path in provenance.paths.items() if dataset in stimulus_set.datasets}
     for dataset, path in paths.items():
         _check_path(stimulus_set.folder, dataset, path)

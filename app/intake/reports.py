@@ -9,10 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from app.files import is_plain_name, read_json_bytes
 from app.intake.stimuli import StimulusSet
+from ground.fields import Expected
+from ground.file_models import first_fault
 
 REPORT = "report.json"
 TABLE = "measures.csv"  # of a report; a table of somebody else's measures may have any name that ends in .csv
@@ -74,7 +76,7 @@ class _ReportFile(BaseModel):
 
     model_config = ConfigDict(extra="ignore", strict=True)
 
-    kind: Annotated[str, Field(pattern=r"^[a-z]{1,20}$")] = "measures"
+    kind: Annotated[str, Field(pattern=r"^[a-z]{1,20}$"), Expected("1 to 20 letters from a to z")] = "measures"
     measures: Sequence[Measure]  # empty for reports on sensors or objects, which name no approach
 
 
@@ -120,7 +122,7 @@ def read_report(path: Path) -> Report:
     except FileNotFoundError as error:
         raise ValueError(f"{file}: there is no such report; a validation writes them") from error
     except (OSError, ValueError) as error:
-        raise ValueError(f"{file}: is no report that can be attached: {_first_fault(error)}") from error
+        raise ValueError(f"{file}: is no report that can be attached: {first_fault(error, _ReportFile)}") from error
     if not report.measures and not report_files(path):
         raise ValueError(
             f"{file}: lists no measure and comes without tables and figures; attach its folder, or evaluate again with "
@@ -254,10 +256,3 @@ def by_measure(rows: Sequence[Mapping[str, object]]) -> dict[str, dict[str, dict
 def better_by_measure(rows: Sequence[Mapping[str, object]]) -> dict[str, str]:
     """Return for each measure whether `higher` or `lower` is better, as the analysis takes it."""
     return {str(row["measure"]): str(row["better"]) for row in rows}
-
-
-def _first_fault(error: OSError | ValueError) -> str:
-    if not isinstance(error, ValidationError):
-        return str(error)
-    fault = error.errors()[0]
-    return f"{'.'.join(map(str, fault['loc'])) or 'the file'}: {fault['msg']}"

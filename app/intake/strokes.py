@@ -14,11 +14,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from app.errors import InvalidError
 from app.files import read_json_bytes, write_json
 from app.intake.captures import SIDES, CameraPictures
+from ground.file_models import first_fault
 
 STROKES_FILE = "strokes.json"
 MOST_STROKES = 400  # on a picture
@@ -61,9 +62,9 @@ def read_strokes(folder: Path) -> list[PlacedStroke]:
     except FileNotFoundError:
         return []
     except (OSError, ValueError) as error:
-        fault = error.errors()[0]["msg"] if isinstance(error, ValidationError) else str(error)
         raise InvalidError(
-            f"{STROKES_FILE} in the capture's folder cannot be read: {fault}. Correct the file or delete it."
+            f"{STROKES_FILE} in the capture's folder cannot be read: {first_fault(error, _StrokesFile)}. "
+            "Correct the file or delete it."
         ) from error
 
 

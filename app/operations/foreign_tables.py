@@ -76,7 +76,8 @@ def analysed(path: Path, told: Told, out: Path, scale: Scale = None) -> dict[str
 def _understand(path: Path, told: Told, scale: Scale) -> Understood:
     from app.analysis.ratings.reading import understand_ratings
     from app.analysis.reading.description import QuestionError, written
-    from app.analysis.reading.read_votes import WARNING, recognise_file, understand_votes
+    from app.analysis.reading.read_votes import understand_votes
+    from app.analysis.reading.sources import WARNING, recognise_file
 
     columns: tuple[tuple[str, str], ...] = ()
     try:
@@ -101,7 +102,7 @@ def _understand(path: Path, told: Told, scale: Scale) -> Understood:
 def _analyse(path: Path, told: Told, out: Path, scale: Scale) -> dict[str, Any]:
     from app.analysis import analyse_file, analyse_ratings_file
     from app.analysis.reading.description import QuestionError
-    from app.analysis.reading.read_votes import recognise_file
+    from app.analysis.reading.sources import recognise_file
 
     try:
         source = recognise_file(path, told)
@@ -123,8 +124,8 @@ def _roles(source: Any) -> tuple[tuple[str, str], ...]:
 
 def _names(path: Path, told: Told) -> tuple[tuple[str, str], ...]:
     """Return the columns of a table that is not understood yet; none where it cannot be read at all."""
+    from app.analysis.reading.files.tabular import read_table
     from app.analysis.reading.programs import restated
-    from app.analysis.reading.tabular import read_table
 
     try:
         table = restated(read_table(path, told), told.format, told.sheet)

@@ -16,6 +16,7 @@ from typing import Annotated, Any, TypeVar
 from fastapi import Depends, Request
 from fastapi.dependencies.models import Dependant
 from fastapi.responses import Response
+from pydantic.fields import FieldInfo
 from starlette.types import Scope
 
 from app.errors import InvalidError, NoSessionError, NotFoundError, StudyError
@@ -94,7 +95,7 @@ def _refuse_unknown(request: Request, names: Iterable[str]) -> None:
     dependant = getattr(request.scope.get("route"), "dependant", None)
     if dependant is None or not WHOLE_FORMS.isdisjoint(_calls(dependant)):
         return
-    known = {FORM_TOKEN, *fields_of_form(dependant)}
+    known = {FORM_TOKEN, *fields_of(dependant)}
     if unknown := next((name for name in names if name not in known), None):
         raise InvalidError(
             f"This form has no field {unknown[:40]!r}, so nothing was done. Load the page again, then repeat."
@@ -107,11 +108,17 @@ def _calls(dependant: Dependant) -> Iterator[Any]:
         yield from _calls(each)
 
 
-def fields_of_form(dependant: Dependant) -> Iterator[str]:
-    """Yield the names of the fields of forms that a route and what it depends on take."""
-    yield from (field.alias for field in dependant.body_params)
+def fields_of(dependant: Dependant, part: str = "body") -> dict[str, FieldInfo]:
+    """Return the fields that a route and what it depends on take, by name.
+
+    Parameters
+    ----------
+    part : of a request: "body" for forms, or "query", "path", "header", "cookie"
+    """
+    fields = {field.alias: field.field_info for field in getattr(dependant, f"{part}_params")}
     for each in dependant.dependencies:
-        yield from fields_of_form(each)
+        fields |= fields_of(each, part)
+    return fields
 
 
 def database(request: Request) -> Database:

@@ -21,8 +21,10 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.errors import ClosedError, StudyError, TooManyError, UnavailableError
 from app.web.form_token import page_with_form
-from app.web.gates import note_refusal, now, render, route_of
+from app.web.gates import fields_of, note_refusal, now, render, route_of
 from app.web.roles import signed_in_person
+from ground.fields import taken
+from ground.file_models import fault_in_words
 
 Typed = Sequence[tuple[str, str]]  # fields of a form, in order; a name may come more than once
 
@@ -43,7 +45,6 @@ FULL = (errno.ENOSPC, errno.EDQUOT)
 NOWHERE = (404, 410)  # forged ids, and invitations that are used up
 METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE")
 SECRET = ("form_token", "current", "password", "again")
-FEWEST_TYPED = 20  # characters; shorter texts are soon typed again
 LOGGED_PARAMETERS = ("slug", "stage", "trial")
 HEADINGS = {  # of pages, for people; programs get the phrases of HTTP
     403: "Not allowed",
@@ -80,11 +81,6 @@ class RefusedForm:
     message: str
     field: str = ""
     typed: Typed = ()
-
-    @property
-    def long_texts(self) -> Typed:
-        """Fields that are not soon typed again, to be copied where the form cannot be filled."""
-        return [(name, text) for name, text in self.typed if name != "seen" and len(text) >= FEWEST_TYPED]
 
 
 def problem(
@@ -179,11 +175,18 @@ async def _validation_error(request: Request, error: Exception) -> Response:
     _log_refusal(request, 422, where)
     if not _is_page(request):
         return problem(422, f"The request is not as described: {where}.", extra={"errors": faults})
-    place = where.partition(".")[2].replace("_", " ") or where  # a reader of pages knows no "body" or "query"
-    field = str(error.errors()[0]["loc"][-1]) if faults else ""
-    refused = RefusedForm(request.url.path, f"The form is not as expected: {place}.", field, await _typed(request))
+    field, words = _in_words(request, error.errors()[0]) if faults else ("", "cannot be read")
+    sentence = f"The form is not as expected: {field.replace('_', ' ')} {words}."
+    refused = RefusedForm(request.url.path, sentence, field, await _typed(request))
     answer = await run_in_threadpool(_answer, request, 422, refused.message, refused=refused)
     return await _form_again(request, 422, refused) or answer
+
+
+def _in_words(request: Request, fault: Mapping[str, Any]) -> tuple[str, str]:
+    """Return the field of a form or an address that is wrong, and what was found and is expected."""
+    part, name = fault["loc"][0], str(fault["loc"][-1])
+    info = fields_of(request.scope["route"].dependant, part).get(name)
+    return name, fault_in_words(fault, taken(info).words if info else "another value")
 
 
 async def _system_error(request: Request, error: Exception) -> Response:
@@ -268,7 +271,7 @@ def _answer(
     context: dict[str, Any] = {
         "title": HEADINGS.get(status, HTTPStatus(status).phrase),
         "detail": detail,
-        "typed": refused.long_texts if refused else (),
+        "typed": refused.typed if refused else (),
     }
     if status == 401 and _is_dashboard(request):
         context["asked"] = _asked_page(request)

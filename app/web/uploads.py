@@ -66,14 +66,15 @@ async def begin_installing(
 
     Parameters
     ----------
-    is_for_study : the task leads on to the form of a study of them
+    is_for_study : the task leads on to the form of a study of them, and a name that is taken gets a number
     """
     folder, packed = await receive(request, actor, database, server.sets_dir, server.largest_upload_mb, check_zip)
 
     def work(progress: Progress) -> str:
         with folder:
             unpacked = Path(folder.name) / "unpacked"
-            made = install_set(server, packed, unpacked, progress, name=name, is_conformed=is_conformed)
+            told = {"is_wish": is_for_study, "is_conformed": is_conformed}
+            made = install_set(server, packed, unpacked, progress, name=name, **told)
         record_alone(database, actor.name, Entry("stimulus set uploaded", subject=made), actor.now)
         if is_for_study:  # whose form shows it: it is measured once
             forecast(server, read_manifest(server.sets_dir / made), StudyOptions(), None)

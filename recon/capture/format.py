@@ -14,7 +14,7 @@ from recon.capture.recording import CameraStream, Capture, DepthMaps, HeldOut, S
 from recon.capture.schema import Draft, capture_json, parse_capture
 from recon.geometry.rig import Camera
 from recon.runtime.files import read_json, write_json
-from recon.runtime.remote import fetched, missing, stored
+from recon.runtime.remote import fetched, is_there, missing, stored
 
 __all__ = [
     "CAPTURE_FILE",
@@ -86,7 +86,8 @@ def read_draft(folder: Path) -> Draft:
     try:
         content = read_json(fetched(path))
     except ValueError as error:
-        return Draft(problems=(str(error),))
+        what = "" if is_there(path) else f"; a capture is a folder with a {CAPTURE_FILE}"
+        return Draft(problems=(f"{error}{what}",))
     return parse_capture(path, content)
 
 

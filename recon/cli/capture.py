@@ -28,6 +28,7 @@ from recon.cli.options import (
     parse_pairs,
     parse_position,
     parse_size,
+    split_names,
 )
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ def capture_import(asked: CaptureImport, *, as_json: bool) -> None:
         bounds=parse_bounds(asked.bounds),
         unit_mm=parse_unit(asked.units) if asked.units else None,
         pairs=parse_pairs(asked.pairs) if asked.pairs else None,
-        shots=tuple(shot.strip() for shot in asked.shots.split(",")) if asked.shots else None,
+        shots=split_names(asked.shots or "") or None,
     )
     import_recording(kind, source, out, options)
     report = check_capture(out)

@@ -127,9 +127,14 @@ def parse_size(text: str) -> tuple[int, int]:
     return int(size[1]), int(size[2])
 
 
+def split_names(text: str) -> tuple[str, ...]:
+    """Read the names in "a,b,c" as they are written."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
 def parse_names(text: str) -> tuple[str, ...]:
-    """Read the names in "a,b,c"."""
-    return tuple(name.strip().lower() for name in text.split(",") if name.strip())
+    """Read the names of ours in "a,b,c", which have no capitals."""
+    return split_names(text.lower())
 
 
 def parse_approaches(text: str) -> tuple[Approach, ...]:
@@ -202,7 +207,7 @@ def parse_loops(texts: list[str], static: str) -> tuple[str, dict[str, str]]:
     texts : as given
     static : approaches that do not move, separated by commas
     """
-    loops = {name.strip(): "static" for name in static.split(",") if name.strip()}
+    loops = dict.fromkeys(split_names(static), "static")
     for text in texts:
         name, _, loop = (part.strip() for part in text.rpartition("="))
         if (before := loops.setdefault(name, loop)) != loop:

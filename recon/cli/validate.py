@@ -19,7 +19,7 @@ from recon.cli.commands.measures import (
 )
 from recon.cli.console import ProgressLine, print_result
 from recon.cli.flags import with_settings
-from recon.cli.options import parse_frames, parse_names, parse_position, refuse_url
+from recon.cli.options import parse_frames, parse_names, parse_position, refuse_url, split_names
 from recon.cli.validation_sentences import (
     cloud_sentences,
     cuboid_sentences,
@@ -194,7 +194,7 @@ def validate_films(asked: ValidateFilms, *, as_json: bool) -> None:
     from recon.validation.films.report import write_films_report
 
     with ProgressLine() as progress:
-        names = tuple(name for name in asked.measure.replace(" ", "").split(",") if name)
+        names = split_names(asked.measure)
         perceptual = Perceptual(names, parse_display(asked.display), parse_weights(asked.weights or ()))
         programs = film_programs(asked.methods, asked.out / "programs")
         settings = FilmSettings(asked.reference, asked.masters, asked.every, asked.workers, perceptual, programs)

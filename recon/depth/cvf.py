@@ -19,7 +19,7 @@ from recon.depth.gpu import Gpu, GpuView
 from recon.depth.matching.census import WINDOW, WINDOWS
 from recon.depth.matching.hierarchy import TILE_BITS, search_windows
 from recon.depth.matching.lanes import N_LANES
-from recon.depth.matching.permeability import WORST, aggregate_and_choose, rows_held
+from recon.depth.matching.permeability import WORST, Searched, Winners, aggregate_and_choose, rows_held
 from recon.depth.matching.slanted import aggregate_along_surface
 from recon.depth.matching.slopes import tile_slopes
 from recon.depth.matching.views import View, views_of
@@ -243,11 +243,10 @@ def _search(view: View, other: View, tiles: Tiles) -> NDArray[np.float32]:
     if isinstance(view, GpuView) and isinstance(other, GpuView):
         return view.gpu.search(view, other, starts, slopes, tile_bits, flip)
     best, vertex = np.full(view.shape, WORST, np.int32), np.zeros(view.shape, np.float32)
-    facing, n_disparities = (other.framed_codes, other.origin), view.level.n_disparities
-    n_held = rows_held(*view.shape)
+    winners = Winners(best, vertex, view.level.n_disparities, flip)
+    facing = view.codes, other.framed_codes, other.origin, view.passages
     for start in starts:
-        along = (start, slopes, tile_bits)
-        aggregate_and_choose(view.codes, *facing, view.passages, *along, n_disparities, flip, n_held, best, vertex)
+        aggregate_and_choose(Searched(*facing, start, slopes, tile_bits), winners, rows_held(*view.shape))
     return vertex
 
 

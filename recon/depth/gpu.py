@@ -152,8 +152,8 @@ class Gpu:
         Parameters
         ----------
         view, other : whose pixels search, and where
-        starts : of the windows that are searched one after another, as `start` of `aggregate_and_choose`
-        slopes, tile_bits, flip : as in `aggregate_and_choose`
+        starts : of the windows that are searched one after another, as `start` of `Searched`
+        slopes, tile_bits, flip : as in `permeability`
         """
         (height, width), n_disparities = view.shape, np.int32(view.level.n_disparities)
         with self._working():

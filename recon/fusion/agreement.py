@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -37,7 +38,7 @@ def agreed(clouds: Sequence[Cloud], cameras: Sequence[Camera]) -> list[Cloud]:
     clouds : one per sensor, each point from the middle of a pixel; clouds without sigma are left as they are
     cameras : of the pixels, without distortion
     """
-    seen = [_seen(cloud, camera) for cloud, camera in zip(clouds, cameras, strict=True)]
+    seen = [seen_by(camera, cloud) for cloud, camera in zip(clouds, cameras, strict=True)]
     after = list(clouds)
     for number, cloud in enumerate(clouds):
         if seen[number] is not None:
@@ -46,10 +47,32 @@ def agreed(clouds: Sequence[Cloud], cameras: Sequence[Camera]) -> list[Cloud]:
     return after
 
 
-_Seen = tuple[Camera, NDArray[np.float32], NDArray[np.float32]]  # depth and sigma (H, W), mm, NaN where there is none
+class Seen(NamedTuple):
+    """What a sensor measured, in its pixels: depth and sigma, float32 (H, W), mm, NaN where there is none."""
+
+    camera: Camera
+    depth: NDArray[np.float32]
+    sigma: NDArray[np.float32]
 
 
-def _seen(cloud: Cloud, camera: Camera) -> _Seen | None:
+class Say(NamedTuple):
+    """What other sensors say of points.
+
+    Parameters
+    ----------
+    rays : (N, 3), unit vectors along the own lines of sight
+    votes : int32 (N, 2), how many sensors measured the same, and how many look through
+    weights, moves : float64 (N,), certainties, 1/mm^2, and ways along the rays to what was measured, mm, times these
+    """
+
+    rays: NDArray[np.float64]
+    votes: NDArray[np.int32]
+    weights: NDArray[np.float64]
+    moves: NDArray[np.float64]
+
+
+def seen_by(camera: Camera, cloud: Cloud) -> Seen | None:
+    """Put a cloud back into the pixels of its camera; None where it has no points, or does not say how certain."""
     if cloud.sigma is None or not len(cloud):
         return None
     width, height = camera.size
@@ -57,10 +80,17 @@ def _seen(cloud: Cloud, camera: Camera) -> _Seen | None:
     columns, rows = np.rint(camera.project(cloud.points)).astype(np.int64).T
     depth[rows, columns] = camera.points_in_camera(cloud.points)[:, 2]
     sigma[rows, columns] = cloud.sigma
-    return camera, depth, sigma
+    return Seen(camera, depth, sigma)
 
 
-def _agreed_with(cloud: Cloud, camera: Camera, others: Sequence[_Seen]) -> Cloud:
+def say_of(others: Sequence[Seen], cloud: Cloud, camera: Camera) -> Say:
+    """Hold the points of a sensor's cloud, which has sigmas, against what other sensors measured.
+
+    Parameters
+    ----------
+    others : what the other sensors measured
+    cloud, camera : the points, and whose they are
+    """
     assert cloud.sigma is not None
     rays = cloud.points - camera.centre
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
@@ -72,6 +102,11 @@ def _agreed_with(cloud: Cloud, camera: Camera, others: Sequence[_Seen]) -> Cloud
             other.points_in_camera(cloud.points) @ other.K.T, other.centre, depth, sigma, votes, weights, moves,
         )  # fmt: skip
         in_bands(len(cloud), compare)
+    return Say(rays, votes, weights, moves)
+
+
+def _agreed_with(cloud: Cloud, camera: Camera, others: Sequence[Seen]) -> Cloud:
+    rays, votes, weights, moves = say_of(others, cloud, camera)
     kept = votes[:, 1] <= votes[:, 0]
     points = (cloud.points + rays * (moves / weights)[:, None]).astype(np.float32)
     return Cloud(points, cloud.normals, cloud.colours, (weights**-0.5).astype(np.float32)).select(kept)

@@ -21,7 +21,7 @@ from recon.surface import (
 )
 from recon.surface.components import component_labels, drop_islands
 from recon.surface.holes import rim_edges
-from recon.surface.outlines import cut, with_ring
+from recon.surface.rims import cut, with_ring
 from recon.surface.vertex_colours import Beside, beside
 
 LEAST_SUPPORT = 0.5  # of what another sensor has there, for a sensor's own layer to stay

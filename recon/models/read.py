@@ -14,7 +14,7 @@ from recon.geometry.mesh import Cloud, Discs, Mesh, Model, check_resolved, stack
 from recon.geometry.normals import UPWARDS, surface_normals, unit_normals
 from recon.geometry.rig import transformed
 from recon.models.atlas import one_texture
-from recon.models.gltf_model import VertexColours, read_gltf_model
+from recon.models.gltf.model import VertexColours, read_gltf_model
 from recon.models.obj_model import read_obj_model
 from recon.models.part import NEUTRAL, Contents, Part
 from recon.models.ply_model import read_ply_model

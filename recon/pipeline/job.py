@@ -23,6 +23,7 @@ from recon.surface import SurfaceParameters, default_voxel
 from recon.surface.outlines import widened
 
 MOVING, STATIC = "moving", "static"  # what PM makes: models of all frames, or of the first alone
+FEW, ALL = "few", "all"  # which clouds stay on disk
 STRETCH = 12  # frames of PM in which each starts from the one before; more would keep fewer workers busy
 
 
@@ -42,8 +43,10 @@ class ReconstructOptions:
     temporal : of the filter over a sensor's frames; None for none
     cloud, surface : parameters of these stages; without a voxel size, each depth method gets one
         that suits its error and the density of its points
+    clouds : `ALL`, or `FEW`: those of the first and the middle frame stay on disk, others are made when they are needed
     balance_colours : whether to make the sensors' colours agree, as estimated from what several of them saw
     agreement : whether the sensors' points are held against each other before they are fused
+    steady : how many frames before lend a surface what they saw of places that are as they were
     outlines : whether the surfaces' outlines follow the masks, where the capture has masks
     fill_px : how far surfaces are continued where a mask shows the object and nothing was measured, pixels of the
         photographs; 0 for not at all, as without outlines
@@ -62,8 +65,10 @@ class ReconstructOptions:
     temporal: TemporalParameters | None = field(default_factory=TemporalParameters)
     cloud: CloudParameters = field(default_factory=CloudParameters)
     surface: SurfaceParameters = field(default_factory=SurfaceParameters)
+    clouds: str = ALL
     balance_colours: bool = False
     agreement: bool = True
+    steady: int = 0
     outlines: bool = True
     fill_px: int = 16
     workers: int = 1
@@ -172,9 +177,23 @@ class Job:
         """Return how the disparity maps of a depth method are filtered in time; None for not at all."""
         return self.options.methods.temporal_of(method, self.options.temporal)
 
+    def frames_before(self, method: str, frame: int) -> list[int]:
+        """List the frames that lend a frame's surfaces what is still true, the latest first."""
+        earlier = [frame - back for back in range(1, self.options.steady + 1)]
+        return [other for other in earlier if other in self.frames_of(method)]
+
+    @property
+    def kept_frames(self) -> Sequence[int]:
+        """The frames whose clouds stay on disk."""
+        return self.frames if self.options.clouds == ALL else (self.frames[0], self.frames[len(self.frames) // 2])
+
+    def views(self, method: str, frame: int) -> list[View]:
+        """List the views of all sensors that a depth method uses."""
+        return [View(method, stream.id, frame) for stream in self.capture.sensors_for(method)]
+
     def clouds(self, method: str, frame: int) -> list[str]:
         """Name the clouds of all sensors that the depth method uses."""
-        return [View(method, stream.id, frame).cloud for stream in self.capture.sensors_for(method)]
+        return [view.cloud for view in self.views(method, frame)]
 
 
 def planned_job(capture: Capture, run: Path, options: ReconstructOptions) -> Job:

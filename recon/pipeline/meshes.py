@@ -9,13 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from recon.capture.format import mask_pictures
-from recon.capture.rectify import Rectification
+from recon.capture.format import mask_pictures, read_frame
+from recon.capture.rectify import Rectification, rectify_left
 from recon.cloud import merge_clouds
 from recon.fusion import view_of_cloud
 from recon.fusion.agreement import agreed
 from recon.fusion.filling import fill_holes
+from recon.fusion.steadying import changes_since, still_true
 from recon.geometry.mesh import Cloud, Mesh
 from recon.geometry.mesh_files import write_mesh
 from recon.methods.approaches import Approach
@@ -23,9 +25,9 @@ from recon.methods.plugins import PluginError
 from recon.pipeline.job import Job
 from recon.pipeline.keys import camera_key, digest_once, files_key
 from recon.pipeline.methods import fuse, fusion_key, needs_views
-from recon.pipeline.run import COLOURS_NAME, View, fusion_folder, mesh_name, read_clouds
-from recon.pipeline.stages import compared_method, rectified_view, store_program_log
-from recon.runtime.artefacts import code_version
+from recon.pipeline.run import COLOURS_NAME, View, fusion_folder, mesh_name
+from recon.pipeline.stages import cloud_key, clouds_of, compared_method, rectified_view, store_program_log
+from recon.runtime.artefacts import code_version, key_of
 from recon.runtime.files import read_json
 from recon.runtime.programs import ProgramError
 from recon.runtime.remote import fetched
@@ -50,6 +52,7 @@ class Prepared:
     voxel_mm : of the surface
     reach_mm : how far beside a mask a place may lie
     reasons : a sentence for each sensor whose masks are not believed
+    warnings : a sentence for each sensor that sees nothing, where no cloud says so
     """
 
     measured: list[Cloud]
@@ -58,6 +61,7 @@ class Prepared:
     voxel_mm: float
     reach_mm: float
     reasons: list[str]
+    warnings: list[str]
 
     @cached_property
     def inside(self) -> list[Cloud]:
@@ -98,13 +102,14 @@ def _make_mesh(job: Job, approach: Approach, frame: int, prepared: Callable[[], 
     options, fusion = job.options, job.options.methods.fusion[approach.fusion]
     surface = job.surface(approach.depth)
     key = {
-        "clouds": job.artefacts.digests(job.clouds(approach.depth, frame)),
+        "clouds": _clouds_key(job, approach.depth, frame),
         "colours": job.artefacts.digest(COLOURS_NAME) if options.balance_colours else None,
         "fusion": fusion_key(fusion, surface),
         "outlines": _outlines_key(job, approach.depth, frame) if options.outlines else None,
         "agreement": options.agreement,
+        "before": _before_key(job, approach.depth, frame),
         "filled": _filled_key(job, approach.depth, frame) if options.fill_px else None,
-        "code": code_version("surface", "fusion", "geometry"),
+        "code": code_version("surface", "fusion", "geometry", "depth/matching/guide.py"),
     }
     folder = fusion_folder(str(approach), frame)
 
@@ -128,16 +133,18 @@ def _make_mesh(job: Job, approach: Approach, frame: int, prepared: Callable[[], 
             store_program_log(job, folder)
             raise type(error)(f"{approach}: frame {frame}: {error}") from error
         write_mesh(path, sensors.marked(mesh))
-        return [f"{approach}: frame {frame}: {reason}" for reason in left_out]
+        return [*sensors.warnings, *(f"{approach}: frame {frame}: {reason}" for reason in left_out)]
 
     return job.artefacts.make(mesh_name(str(approach), frame), key, write)
 
 
 def _prepared(job: Job, method: str, frame: int) -> Prepared:
     options = job.options
-    clouds, filled = read_clouds(job.artefacts, job.clouds(method, frame)), []
+    (clouds, warnings), filled = clouds_of(job, method, frame), []
     if options.agreement:
         clouds = agreed(clouds, [view.left for view in _rectifications(job, method, frame)])
+    if job.frames_before(method, frame):
+        clouds = _steadied(job, method, frame, clouds)
     if options.fill_px:
         for stream in job.capture.sensors_for(method):
             photographs = read_photographs(job.capture, stream, frame)
@@ -152,7 +159,23 @@ def _prepared(job: Job, method: str, frame: int) -> Prepared:
         sights, reasons = believed(sights, job.step_mm)
     voxel = job.surface(method).voxel_mm
     assert voxel is not None
-    return Prepared(clouds, filled, sights, voxel, job.step_mm, reasons)
+    return Prepared(clouds, filled, sights, voxel, job.step_mm, reasons, warnings)
+
+
+def _steadied(job: Job, method: str, frame: int, clouds: list[Cloud]) -> list[Cloud]:
+    """Add to what the sensors measured what is still true of the frames before."""
+    rectifications = _rectifications(job, method, frame)
+    cameras = [view.left for view in rectifications]
+
+    def pictures(when: int) -> list[NDArray[np.uint8]]:
+        return [rectify_left(view, read_frame(job.capture, view.sensor_id, when)[0]) for view in rectifications]
+
+    now, joined = pictures(frame), clouds
+    for earlier in job.frames_before(method, frame):
+        changes = list(map(changes_since, pictures(earlier), now))
+        lent = still_true(clouds_of(job, method, earlier)[0], clouds, changes, cameras)
+        joined = [_merged(cloud, more) for cloud, more in zip(lent, joined, strict=True)]
+    return joined
 
 
 def _merged(measured: Cloud, filled: Cloud) -> Cloud:
@@ -183,6 +206,26 @@ def _outlines_key(job: Job, method: str, frame: int) -> dict[str, Any]:
         "frame": frame,
         "voxel_mm": job.step_mm,
     }
+
+
+def _clouds_key(job: Job, method: str, frame: int) -> list[str]:
+    """Describe the clouds of all sensors by what they are made of, since few of them stay on disk."""
+    return [key_of(cloud_key(job, view)) for view in job.views(method, frame)]
+
+
+def _before_key(job: Job, method: str, frame: int) -> list[dict[str, Any]]:
+    """Describe what the frames before lend, and the pictures that tell whether it is still true."""
+    frames = job.frames_before(method, frame)
+    return [
+        {
+            "clouds": _clouds_key(job, method, each),
+            "pictures": [
+                files_key(job.capture, View(method, stream.id, each), (stream.left,), ())
+                for stream in job.capture.sensors_for(method)
+            ],
+        }
+        for each in ([frame, *frames] if frames else [])
+    ]
 
 
 def _filled_key(job: Job, method: str, frame: int) -> dict[str, Any]:

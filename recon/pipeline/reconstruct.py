@@ -35,6 +35,7 @@ from recon.pipeline.run import (
     RUN_FILE,
     Run,
     address_from,
+    check_is_run,
     fetch_log,
     log,
     mesh_name,
@@ -49,6 +50,7 @@ from recon.pipeline.stages import (
     make_cloud,
     match_stretch,
     measure_rows,
+    nothing_seen,
 )
 from recon.pipeline.textures import compare_photographs, make_textures
 from recon.render.camera_path import NoPathError
@@ -174,6 +176,7 @@ def reconstruct_capture(
     run = run.resolve()
     if run == capture.folder.resolve():
         raise ValueError(f"{run}: is the capture itself; choose another folder for the run")
+    check_is_run(run)
     job = planned_job(capture, run, options)
     with alone_in(run):
         return _made(job, progress)
@@ -184,7 +187,7 @@ def _made(job: Job, progress: Progress) -> dict[str, Any]:
     run = job.artefacts.folder
     options, models = job.options, job.models
     by_frame = chain.from_iterable(zip_longest(*job.sequences))  # so that the time left can be told
-    views = [view for view in by_frame if view is not None]
+    views = [view for view in by_frame if view is not None and view.frame in job.kept_frames]
 
     timings: dict[str, float] = {}
     with open_pool(options.workers, options.cluster) as pool:
@@ -214,7 +217,7 @@ def _made(job: Job, progress: Progress) -> dict[str, Any]:
     finished = Run(run, job.capture, names, tuple(job.frames), versions(), recording, still)
     files = [ROWS_NAME.format(sensor=sensor) for sensor in job.matched_sensors]
     files += [view.cloud for view in views] + [mesh_name(str(approach), frame) for approach, frame in job.surfaces]
-    warnings = job.artefacts.warnings(files)
+    warnings = list(dict.fromkeys(job.artefacts.warnings(files)))
     try:
         make_preview(finished, job.frames[0])
     except NoPathError as error:
@@ -271,11 +274,7 @@ def _check_points(job: Job) -> None:
     for method in job.options.depth_methods:
         empty = frames_without_points(job, method)
         if empty:
-            raise ValueError(
-                f"{job.capture.folder}: no sensor sees anything in frame {', '.join(map(str, empty))} (depth method "
-                f"{method}), so that there is no model to show; look at the masks and pictures, or choose other frames "
-                "with --frames A:B"
-            )
+            raise nothing_seen(job, method, empty)
 
 
 def _run_stage(

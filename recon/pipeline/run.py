@@ -30,7 +30,7 @@ from recon.capture.format import Capture, CaptureError, read_draft, write_captur
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import holds_points, read_cloud
 from recon.methods.approaches import VERTICES, parse_approach
-from recon.runtime.artefacts import Artefacts
+from recon.runtime.artefacts import NOTES, Artefacts
 from recon.runtime.files import read_json, write_json
 from recon.runtime.remote import address_of, fetched, is_copy, is_there, place, stored
 
@@ -40,6 +40,22 @@ LOG_FILE = "log.jsonl"
 ROWS_NAME = "rows/{sensor}.json"  # how far the rows of a sensor's rectified pictures are apart
 COLOURS_NAME = "colours.json"  # gains and offsets of the sensors' colours
 EXPOSURES_NAME = "exposures.json"  # gains of the cameras' photographs
+OWN = (LOG_FILE, "programs")  # what may lie in a run of which nothing is finished yet
+
+
+def check_is_run(folder: Path) -> None:
+    """Raise a ValueError if a folder holds what no reconstruction wrote, which a run would mix its files with."""
+    entries = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+    if {RUN_FILE, NOTES}.isdisjoint(entries):
+        for name in entries:
+            if name not in OWN and not name.startswith("."):
+                raise ValueError(
+                    f"{folder}: holds {name}, which no reconstruction wrote; choose another folder for the run"
+                )
+
+
+_NO_POINTS = np.empty((0, 3), np.float32)
+NO_CLOUD = Cloud(_NO_POINTS, _NO_POINTS, _NO_POINTS.astype(np.uint8), _NO_POINTS[:, 0])  # where a sensor saw nothing
 
 
 def mesh_name(approach: str, frame: int) -> str:
@@ -83,9 +99,7 @@ class View(NamedTuple):
 
 def read_clouds(artefacts: Artefacts, names: Iterable[str]) -> list[Cloud]:
     """Read clouds of a run, in their order; one without points where a sensor saw nothing."""
-    points = np.empty((0, 3), np.float32)
-    nothing = Cloud(points, points, points.astype(np.uint8), points[:, 0])
-    return [read_cloud(path) if holds_points(path) else nothing for path in map(artefacts.path, names)]
+    return [read_cloud(path) if holds_points(path) else NO_CLOUD for path in map(artefacts.path, names)]
 
 
 @dataclass(frozen=True, eq=False)

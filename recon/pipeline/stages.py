@@ -24,12 +24,13 @@ from recon.cloud import NothingSeenError, cloud_from_disparity, crop_cloud
 from recon.depth import Past, StereoPair, rectified_pair
 from recon.depth.disparity_io import read_disparity, write_disparity
 from recon.depth.temporal import TemporalParameters, filtered
+from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import no_cloud_digest, write_cloud, write_no_cloud
 from recon.methods.plugins import PluginError
 from recon.pipeline.job import Job
 from recon.pipeline.keys import picture_key
 from recon.pipeline.methods import DepthMethod, depth_key, is_pm, match
-from recon.pipeline.run import COLOURS_NAME, ROWS_NAME, View, read_clouds
+from recon.pipeline.run import COLOURS_NAME, NO_CLOUD, ROWS_NAME, View, read_clouds
 from recon.runtime.artefacts import code_version, key_of
 from recon.runtime.files import read_json, write_json
 from recon.runtime.programs import LOG, ProgramError
@@ -172,39 +173,84 @@ def filter_sequence(job: Job, views: Sequence[View]) -> list[str]:
 
 def make_cloud(job: Job, view: View) -> list[str]:
     """Make the cloud of a disparity map within the capture's bounds; a file without points where nothing is seen."""
-    capture, parameters = job.capture, job.options.cloud
-    method, sensor_id, frame = view
-    key = {
+
+    def write(path: Path) -> list[str]:
+        cloud, warnings = _measured(job, view)
+        write_cloud(path, cloud) if len(cloud) else write_no_cloud(path)
+        return warnings
+
+    return job.artefacts.make(view.cloud, cloud_key(job, view), write)
+
+
+def cloud_key(job: Job, view: View) -> dict[str, Any]:
+    """Describe what a cloud is made of."""
+    return {
         "depth": job.artefacts.digest(view.depth),
-        "pictures": picture_key(capture, view),
-        "parameters": asdict(parameters),
+        "pictures": picture_key(job.capture, view),
+        "parameters": asdict(job.options.cloud),
         "code": code_version("cloud.py", "geometry", "capture/rectify.py"),
     }
 
-    def write(path: Path) -> list[str]:
-        rectification = rectified_view(capture, view)
-        left = rectify_left(rectification, read_frame(capture, sensor_id, frame)[0])
-        disparity = read_disparity(job.artefacts.path(view.depth))
-        try:
-            write_cloud(
-                path, crop_cloud(cloud_from_disparity(disparity, left, rectification, parameters), capture.bounds)
-            )
-        except NothingSeenError as error:
-            write_no_cloud(path)
-            reason = "its mask is empty" if _is_masked(capture, rectification, view) else error
-            return [f"{method}: sensor {sensor_id} sees nothing in frame {frame}: {reason}"]
-        return []
 
-    return job.artefacts.make(view.cloud, key, write)
+def clouds_of(job: Job, method: str, frame: int) -> tuple[list[Cloud], list[str]]:
+    """Read the sensors' clouds where they are kept, else make them; also a sentence for each sensor that sees nothing.
+
+    Parameters
+    ----------
+    job : whose depth maps are finished
+    method, frame : which clouds
+
+    Raises
+    ------
+    ValueError
+        If no sensor sees anything.
+    """
+    if frame in job.kept_frames:
+        return read_clouds(job.artefacts, job.clouds(method, frame)), []
+    made = [_measured(job, view) for view in job.views(method, frame)]
+    if not any(len(cloud) for cloud, _ in made):
+        raise nothing_seen(job, method, [frame])
+    return [cloud for cloud, _ in made], [warning for _, warnings in made for warning in warnings]
+
+
+def nothing_seen(job: Job, method: str, frames: Sequence[int]) -> ValueError:
+    """Say that there is no model to show of frames.
+
+    Parameters
+    ----------
+    job : whose recording it is
+    method, frames : by which depth method, and of what nothing is seen
+    """
+    named = ", ".join(map(str, frames))
+    return ValueError(
+        f"{job.capture.folder}: no sensor sees anything in frame {named} (depth method {method}), so that there is no "
+        "model to show; look at the masks and pictures, or choose other frames with --frames A:B"
+    )
 
 
 def frames_without_points(job: Job, method: str) -> list[int]:
-    """List the frames of which no sensor has a cloud by a depth method."""
-    return [
-        frame
-        for frame in job.frames_of(method)
-        if set(job.artefacts.digests(job.clouds(method, frame))) == {no_cloud_digest()}
-    ]
+    """List the frames of which no sensor has a cloud by a depth method; no depth either, where clouds are not kept."""
+    return [frame for frame in job.frames_of(method) if not any(_sees(job, view) for view in job.views(method, frame))]
+
+
+def _sees(job: Job, view: View) -> bool:
+    if view.frame in job.kept_frames:
+        return job.artefacts.digest(view.cloud) != no_cloud_digest()
+    return bool(np.isfinite(read_disparity(job.artefacts.path(view.depth))).any())
+
+
+def _measured(job: Job, view: View) -> tuple[Cloud, list[str]]:
+    """Make the cloud of a view, without points where nothing is seen; and a sentence that says so."""
+    capture, (method, sensor_id, frame) = job.capture, view
+    rectification = rectified_view(capture, view)
+    left = rectify_left(rectification, read_frame(capture, sensor_id, frame)[0])
+    disparity = read_disparity(job.artefacts.path(view.depth))
+    try:
+        cloud = cloud_from_disparity(disparity, left, rectification, job.options.cloud)
+        return crop_cloud(cloud, capture.bounds), []
+    except NothingSeenError as error:
+        reason = "its mask is empty" if _is_masked(capture, rectification, view) else error
+        return NO_CLOUD, [f"{method}: sensor {sensor_id} sees nothing in frame {frame}: {reason}"]
 
 
 def store_program_log(job: Job, folder: str) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 from numba import njit
@@ -64,14 +66,17 @@ def backdrop(scene: Scene, camera: Camera, shade: NDArray[np.float32], *, thread
     background = scene.background
     picture = np.empty((camera.size[1], camera.size[0], 3), dtype=np.uint8)
     rays = (camera.rotation.T @ np.linalg.inv(camera.K)).astype(np.float32)  # world direction of a pixel, unnormalised
-    start = (camera.centre - scene.centre).astype(np.float32)
-    drop = np.float32(camera.centre[1] - scene.floor_y) if background.has_floor else np.float32(-1)
-    colours = np.array([background.floor, background.horizon, background.zenith], dtype=np.float32)
-    texel = np.float32(2 * scene.floor_reach / (shade.shape[0] - 1))
-    fade = np.float32(FADE * scene.radius)
+    surroundings = _Surroundings(
+        start=(camera.centre - scene.centre).astype(np.float32),
+        drop=np.float32(camera.centre[1] - scene.floor_y) if background.has_floor else np.float32(-1),
+        colours=np.array([background.floor, background.horizon, background.zenith], dtype=np.float32),
+        shade=shade,
+        texel=np.float32(2 * scene.floor_reach / (shade.shape[0] - 1)),
+        fade=np.float32(FADE * scene.radius),
+    )
 
     def draw(first: int) -> None:
-        _draw_backdrop(picture, rays, start, drop, colours, shade, texel, fade, first, threads)
+        _draw_backdrop(picture, rays, surroundings, first, threads)
 
     in_threads(draw, threads)
     return picture
@@ -89,11 +94,21 @@ def _window(shape: tuple[int, ...]) -> NDArray[np.float32]:
     return np.asarray(np.outer(smooth[0], smooth[1]), np.float32)
 
 
+class _Surroundings(NamedTuple):
+    """What a camera sees from `start`, `drop` above the floor; that is negative where there is none."""
+
+    start: NDArray[np.float32]
+    drop: np.float32
+    colours: NDArray[np.float32]
+    shade: NDArray[np.float32]
+    texel: np.float32
+    fade: np.float32
+
+
 @njit(cache=True, nogil=True)
-def _draw_backdrop(  # type: ignore[no-untyped-def]  # numba
-    picture, rays, start, drop, colours, shade, texel, fade, first, step
-):
-    """Draw every `step`-th row from `first` on. `drop` is the camera's height above the floor, negative without one."""
+def _draw_backdrop(picture, rays, surroundings, first, step):  # type: ignore[no-untyped-def]  # numba
+    """Draw every `step`-th row from `first` on."""
+    start, drop, colours, shade, texel, fade = surroundings
     full = np.float32(1)
     middle = np.float32((shade.shape[0] - 1) * 0.5)
     for y in range(first, picture.shape[0], step):

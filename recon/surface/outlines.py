@@ -7,8 +7,7 @@ where two other sensors measured the place, a mask beside it says nothing.
 
 Source
 ------
-Laurentini, The visual hull concept for silhouette-based image understanding, 1994; the smoothing without shrinking is
-from Taubin, A signal processing approach to fair surface design, 1995.
+Laurentini, The visual hull concept for silhouette-based image understanding, 1994.
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -29,7 +27,7 @@ from recon.geometry.mesh import Cloud, Mesh
 from recon.geometry.rig import Camera
 from recon.surface import SurfaceParameters
 from recon.surface.components import component_labels, whole_components
-from recon.surface.holes import neighbours_of, rim_edges
+from recon.surface.rims import cut, smooth_rims
 
 FAR_PX = 1e3  # the distance to a mask that says nothing
 UNCERTAIN_PX = 0.25  # of a mask's edge
@@ -43,11 +41,8 @@ STEP = 10  # every tenth point tells that share
 SNAPPING_ROUNDS = 4
 TURNED_AWAY = 0.5  # cosine between the normal and the way out of a mask from which a surface bulges out of it
 TOUCHING = 0.05  # of the reach: what was drawn in stops that near to the edge
-SMOOTHING_ROUNDS = 10
-SMOOTHING_STEPS = (0.5, -0.52)  # there and back
 ROUNDS_AFTER = 40  # after the cut: a surface that is rough in depth is cut into teeth
 BESIDE = 0.3  # of the reach: what is smoothed then may lie so far beside a mask
-RINGS = 2  # of vertices beside a rim, which follow it
 MIN_COMPONENT = 0.002  # of the largest one's faces, seen by two sensors: a hand
 MIN_UNSUPPORTED = 0.1  # of the largest one's faces, seen by a single one: a flap is smaller
 SUPPORTED = 0.5  # of a component's vertices that a sensor measured
@@ -237,123 +232,6 @@ def follow_masks(mesh: Mesh, sights: Sequence[Sight], reach: float) -> Mesh:
     return smooth_rims(mesh, ROUNDS_AFTER, lambda places: _lie_within(places, sights, reach))
 
 
-def cut(mesh: Mesh, field: NDArray[np.floating]) -> Mesh:
-    """Cut a mesh without texture where a field on its vertices, (N,), falls below 0: on the zeros along its edges."""
-    is_inside = field >= 0
-    n_inside = is_inside[mesh.faces].sum(axis=1)
-    single = _turned(mesh.faces[n_inside == 1], is_inside)  # the vertex inside comes first
-    pair = _turned(mesh.faces[n_inside == 2], ~is_inside)  # the vertex outside comes first
-    crossed = np.concatenate(
-        [single[:, [0, 1]], single[:, [0, 2]], pair[:, [1, 0]], pair[:, [2, 0]]]
-    )  # inside, outside
-    keys, places = np.unique(crossed[:, 0].astype(np.int64) << 32 | crossed[:, 1], return_inverse=True)
-    edges = np.column_stack([keys >> 32, keys & 0xFFFFFFFF])
-    share = (field[edges[:, 0]] / (field[edges[:, 0]] - field[edges[:, 1]]))[:, None]
-
-    def extended(values: NDArray[np.float32] | NDArray[np.uint8]) -> NDArray[np.float32]:
-        a, b = values[edges[:, 0]].astype(np.float64), values[edges[:, 1]].astype(np.float64)
-        return np.concatenate([values, a + share * (b - a)]).astype(np.float32)
-
-    normals = extended(mesh.normals)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
-    ends = np.cumsum([len(single), len(single), len(pair)])
-    first, second, third, fourth = np.split(places.ravel() + len(mesh.vertices), ends)
-    faces = [
-        mesh.faces[n_inside == 3],
-        np.column_stack([single[:, 0], first, second]),
-        np.column_stack([third, pair[:, 1:]]),
-        np.column_stack([third, pair[:, 2], fourth]),
-    ]
-    colours = np.rint(extended(mesh.colours)).astype(np.uint8)
-    return Mesh(extended(mesh.vertices), np.concatenate(faces), normals, colours)
-
-
-def smooth_rims(
-    mesh: Mesh,
-    rounds: int = SMOOTHING_ROUNDS,
-    may_lie: Callable[[NDArray[np.float64]], NDArray[np.bool_]] | None = None,
-) -> Mesh:
-    """Smooth the open rims of a mesh along themselves, within the surface; the vertices beside them follow.
-
-    Parameters
-    ----------
-    mesh : without texture
-    rounds : how often; more take longer waves
-    may_lie : tells for places (N, 3), mm, whether a vertex may be there, asked every tenth round; else it stays
-    """
-    rims = rim_edges(mesh.faces)
-    is_rim = np.zeros(len(mesh.vertices), dtype=bool)
-    is_rim[rims] = True
-    moves = is_rim.copy()
-    for _ in range(RINGS):
-        moves = with_ring(mesh.faces, moves)
-    starts, neighbours = neighbours_of(_links(mesh.faces, rims, is_rim, moves), len(mesh.vertices))
-    rows = np.flatnonzero(np.diff(starts))
-    vertices = mesh.vertices.astype(np.float64)
-    for done in range(0, rounds, SMOOTHING_ROUNDS):
-        before = vertices[rows]
-        steps = np.array(SMOOTHING_STEPS * min(SMOOTHING_ROUNDS, rounds - done))
-        _smooth(vertices, mesh.normals, rows, starts, neighbours, steps)
-        if may_lie is not None:
-            vertices[rows] = np.where(may_lie(vertices[rows])[:, None], vertices[rows], before)
-    return replace(mesh, vertices=vertices.astype(np.float32))
-
-
-@njit(cache=True)
-def with_ring(faces, moves):  # type: ignore[no-untyped-def]  # numba
-    """Mark the vertices of all faces (M, 3) that have a marked one, bool (N,)."""
-    after = moves.copy()
-    for f in range(len(faces)):
-        if moves[faces[f, 0]] or moves[faces[f, 1]] or moves[faces[f, 2]]:
-            after[faces[f, 0]] = after[faces[f, 1]] = after[faces[f, 2]] = True
-    return after
-
-
-@njit(cache=True)
-def _links(faces, rims, is_rim, moves):  # type: ignore[no-untyped-def]  # numba
-    """List whom each vertex that moves follows, int32 (E, 2): one of a rim those beside it there, others all around."""
-    count = 2 * len(rims)
-    for f in range(len(faces)):
-        for corner in range(3):
-            vertex = faces[f, corner]
-            count += 2 if moves[vertex] and not is_rim[vertex] else 0
-    links = np.empty((count, 2), np.int32)
-    for edge in range(len(rims)):
-        links[2 * edge, 0] = links[2 * edge + 1, 1] = rims[edge, 0]
-        links[2 * edge, 1] = links[2 * edge + 1, 0] = rims[edge, 1]
-    count = 2 * len(rims)
-    for f in range(len(faces)):
-        for corner in range(3):
-            vertex = faces[f, corner]
-            if moves[vertex] and not is_rim[vertex]:
-                links[count, 0] = links[count + 1, 0] = vertex
-                links[count, 1], links[count + 1, 1] = faces[f, corner - 1], faces[f, corner - 2]
-                count += 2
-    return links
-
-
-@njit(cache=True)
-def _smooth(vertices, normals, rows, starts, neighbours, steps):  # type: ignore[no-untyped-def]  # numba
-    """Move vertices, float64 (N, 3), of some rows by steps towards the mean of their neighbours, within the surface."""
-    moved, move = np.empty((len(rows), 3)), np.empty(3)
-    for step in steps:
-        for r in range(len(rows)):
-            row = rows[r]
-            first, last = starts[row], starts[row + 1]
-            along = 0.0
-            for axis in range(3):
-                total = 0.0
-                for place in range(first, last):
-                    total += vertices[neighbours[place], axis]
-                move[axis] = total / (last - first) - vertices[row, axis]
-                along += move[axis] * normals[row, axis]
-            for axis in range(3):
-                moved[r, axis] = vertices[row, axis] + step * (move[axis] - along * normals[row, axis])
-        for r in range(len(rows)):
-            for axis in range(3):
-                vertices[rows[r], axis] = moved[r, axis]
-
-
 def drop_flaps(mesh: Mesh, sights: Sequence[Sight], reach: float) -> Mesh:
     """Drop components that are too small: those that a single sensor measured soonest, where there are several.
 
@@ -414,9 +292,3 @@ def _drawn_in(mesh: Mesh, sights: Sequence[Sight], reach: float) -> Mesh:
     near = np.linalg.norm(places - before, axis=1) <= reach / TURNED_AWAY
     vertices[chosen[near]] = places[near].astype(np.float32)
     return replace(mesh, vertices=vertices)
-
-
-def _turned(faces: NDArray[np.int32], is_first: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Turn faces (M, 3) such that the only vertex that `is_first` (N,) says comes first."""
-    start = is_first[faces].argmax(axis=1)[:, None]
-    return np.take_along_axis(faces, (start + np.arange(3)) % 3, axis=1)

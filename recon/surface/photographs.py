@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -157,7 +158,8 @@ def qualities(
     for view, focal, row in zip(views, focals, quality, strict=True):
         camera = view.photograph.camera
         projection = camera.K @ camera.cam_from_world[:3]
-        _judge(points, normals, projection, camera.centre, view.trust, view.nearness, focal / finest, tolerance_mm, row)
+        sight = _Sight(projection, camera.centre, view.trust, view.nearness, focal / finest)
+        _judge(points, normals, sight, tolerance_mm, row)
     return quality
 
 
@@ -265,9 +267,20 @@ def _draw_faces(projected, faces, face, nearness):  # type: ignore[no-untyped-de
                         nearness[y, x], face[y, x] = near, f
 
 
+class _Sight(NamedTuple):
+    """What a view sees: its projection (3, 4), centre (3,), and maps; `scale` is its focal length by the finest's."""
+
+    projection: NDArray[np.float64]
+    centre: NDArray[np.float64]
+    trust: NDArray[np.float32]
+    nearness: NDArray[np.float32]
+    scale: float
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def _judge(points, normals, projection, centre, trust, nearness, scale, tolerance, quality):  # type: ignore[no-untyped-def]  # numba
+def _judge(points, normals, sight, tolerance, quality):  # type: ignore[no-untyped-def]  # numba
     """Write how well a view sees each point (N, 3), 0 where it does not."""
+    projection, centre, trust, nearness, scale = sight
     height, width = trust.shape
     for i in range(points.shape[0]):
         px, py, pz = points[i]

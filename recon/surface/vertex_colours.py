@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -74,13 +75,38 @@ class Beside:
         vertex_blocks, number = _blocks_of(vertices, self.voxel)
         lowest = np.minimum(self.blocks.min(axis=0), vertex_blocks.min(axis=0)) - 1
         around = neighbours_in(vertex_blocks, block_keys(self.blocks - lowest), lowest)
-        gather = partial(
-            _gather, vertices, normals, vertex_blocks, number, around, self.starts, self.offsets,
-            self.points, self.colours, (around >= 0).any(axis=1), self.voxel, self.depth,
-            colouring.start, colouring.stop, gathered, weights,
-        )  # fmt: skip
-        in_bands(len(vertices), gather)
+        near = _Near(self.starts, self.offsets, self.points, self.colours, self.voxel, self.depth)
+        places = _Places(vertices, normals, number, vertex_blocks, around, np.any(around >= 0, axis=1))
+        in_bands(len(vertices), partial(_gather, places, near, (colouring.start, colouring.stop), gathered, weights))
         return gathered, weights
+
+
+class _Near(NamedTuple):
+    """The points of a `Beside`."""
+
+    starts: NDArray[np.int64]
+    offsets: NDArray[np.int32]
+    points: NDArray[np.float32]
+    colours: NDArray[np.uint8]
+    voxel: float
+    depth: float
+
+
+class _Places(NamedTuple):
+    """Vertices with their normals (N, 3), and the number (N,) of each one's block.
+
+    Parameters
+    ----------
+    blocks, around : int64 (V, 3) and int32 (V, 27), the vertices' blocks, and the points' blocks around each
+    has_points : bool (V,), whether any of these holds points
+    """
+
+    vertices: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    number: NDArray[np.int64]
+    blocks: NDArray[np.int64]
+    around: NDArray[np.int32]
+    has_points: NDArray[np.bool_]
 
 
 def beside(clouds: Sequence[Cloud], voxel: float) -> Beside:
@@ -167,38 +193,34 @@ def _sort_by_cell(
 
 
 @njit(cache=True, nogil=True)
-def _gather(  # type: ignore[no-untyped-def]  # numba
-    vertices, vertex_normals, blocks, number, around, starts, offsets, points, colours, has_points, voxel, depth,
-    first_own, last_own, gathered, weights, first, last,
-):  # fmt: skip
-    """Write the colours and the weights of vertices `first` to `last`; arrays as in `Beside`."""
+def _gather(places, near, colouring, gathered, weights, first, last):  # type: ignore[no-untyped-def]  # numba
+    """Write the colours, from the clouds `colouring` (2,), and the weights of vertices `first` to `last`."""
     sums = np.zeros((weights.shape[1], 4))
+    from_cloud, to_cloud = colouring
     for vertex in range(first, last):
-        if not has_points[number[vertex]]:
+        number = places.number[vertex]
+        if not places.has_points[number]:
             continue
+        place, normal, block = places.vertices[vertex], places.normals[vertex], places.blocks[number]
         radius, known = RADIUS_VOXELS, False
         for _ in range(2):
             sums[:] = 0.0
-            _sum_beside(
-                vertices[vertex], vertex_normals[vertex], blocks[number[vertex]], around[number[vertex]], starts,
-                offsets, points, colours, voxel, radius, depth, sums,
-            )  # fmt: skip
+            _sum_beside(place, normal, block, places.around[number], near, radius, sums)
             if not known and sums[:, 3].sum() > 0:
                 weights[vertex], known = sums[:, 3], True
-            if sums[first_own:last_own, 3].sum() > 0:
-                _blend(sums[first_own:last_own], gathered[vertex])
+            if sums[from_cloud:to_cloud, 3].sum() > 0:
+                _blend(sums[from_cloud:to_cloud], gathered[vertex])
                 break
             radius *= WIDENED
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sum_beside(  # type: ignore[no-untyped-def]  # numba
-    vertex, normal, block, around, starts, offsets, points, colours, voxel, radius, depth, sums
-):
+def _sum_beside(vertex, normal, block, around, near, radius, sums):  # type: ignore[no-untyped-def]  # numba
     """Add the weighted colours and the weights of the points beside a vertex to the sums (S, 4) of their sensors.
 
     The points lie in a cylinder, whose cells are met row by row along z: those of a row in a block stand together.
     """
+    starts, offsets, points, colours, voxel, depth = near
     x, y, z = (vertex[0] / voxel - 8 * block[0], vertex[1] / voxel - 8 * block[1], vertex[2] / voxel - 8 * block[2])
     nx, ny, nz = float(normal[0]), float(normal[1]), float(normal[2])
     cx, cy, cz = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
@@ -249,11 +271,11 @@ def _sum_beside(  # type: ignore[no-untyped-def]  # numba
                         facing = nx * points[place, 3] + ny * points[place, 4] + nz * points[place, 5]
                         px, py, pz = points[place, 0] - left, points[place, 1] - before, points[place, 2] - under
                         away = px * nx + py * ny + pz * nz
-                        near = 1 - (px * px + py * py + pz * pz - away * away) * inverse_square
-                        if not ((facing >= SAME_SIDE) & (near > 0) & (abs(away) < depth)):  # one branch, not three
+                        closeness = 1 - (px * px + py * py + pz * pz - away * away) * inverse_square
+                        if not ((facing >= SAME_SIDE) & (closeness > 0) & (abs(away) < depth)):  # one branch, not three
                             continue
                         far = away * inverse_depth
-                        weight = near * near * (1 - far * far) * facing
+                        weight = closeness * closeness * (1 - far * far) * facing
                         source = colours[place, 3]
                         for channel in range(3):
                             sums[source, channel] += weight * colours[place, channel]

@@ -15,6 +15,7 @@ from recon.geometry.mesh import Cloud, Mesh, Shape
 from recon.geometry.mesh_files import read_mesh, write_cloud, write_measured, write_mesh
 from recon.methods.approaches import parse_approach
 from recon.pipeline.run import Run, View, mesh_name, read_clouds, read_run, recorded_in
+from recon.runtime.remote import is_there
 from recon.runtime.workers import Progress
 from recon.studio.truth import MESH
 from recon.validation.clouds import read_shape
@@ -53,6 +54,11 @@ def _write_approach(run: Run, approach: str, frame: int, out: Path) -> list[Path
     truth = _truth(run, frame)
     depth = parse_approach(approach).depth
     names = [View(depth, stream.id, frame).cloud for stream in run.capture.sensors_for(depth)]
+    if not all(is_there(run.folder / name) for name in names):
+        raise ValueError(
+            f"{run.folder}: the clouds of frame {frame} are not on disk, those of frames {run.frames[0]} and "
+            f"{run.frames[len(run.frames) // 2]} are; choose one of these, or reconstruct again with --clouds all"
+        )
     cloud = replace(merge_clouds(read_clouds(run.artefacts, names)), sigma=None)  # nobody looks at sigmas
     mesh = replace(read_mesh(run.artefacts.path(mesh_name(approach, frame))), texture=None)  # PLY holds none
     return [

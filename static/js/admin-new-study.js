@@ -36,6 +36,7 @@ begin.addEventListener("click", send);
 /** @param {{ path: string, file: File }[]} given */
 function take(given) {
   const zip = given.find(({ path }) => /\.zip$/i.test(path));
+  required(HTMLInputElement, "[name=name]", form).value = (zip ? zip.file.name.replace(/\.zip$/i, "") : folderOf(given.map(({ path }) => path))).slice(0, 100);
   if (zip) return sendFile(form, zip.file);
   const found = given.filter(({ path }) => FILM.test(path) && !/(^|\/)\./.test(path));
   if (!found.length) return tell("There is no film among these: expected mp4, mov, m4v, mkv, webm or avi, or a zip file.");
@@ -43,6 +44,12 @@ function take(given) {
   films = guess.films;
   if (guess.isSure) return send();
   ask();
+}
+
+/** The folder that holds all folders of scenes; empty: there is none. @param {string[]} paths */
+function folderOf(paths) {
+  const [first = "", ...below] = paths[0]?.split("/") ?? [];
+  return below.length > 1 && paths.every((path) => path.startsWith(`${first}/`)) ? first : "";
 }
 
 /** Shows the table of names, to be corrected. */

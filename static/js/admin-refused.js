@@ -1,6 +1,7 @@
 // Fills the form of a page as it was sent when it was refused, and shows which field is wrong.
 
 const KEPT = ["hidden", "submit", "button", "reset", "file", "password"]; // types of inputs that keep the page's value
+const AS_SEEN = ["revision", "seen"]; // what a form says that its page showed
 
 const refused = document.getElementById("refused");
 if (refused) showAgain(refused);
@@ -9,24 +10,35 @@ if (refused) showAgain(refused);
 function showAgain(message) {
   /** @type {[string, string][]} */
   const typed = JSON.parse(message.dataset.typed ?? "[]");
-  const form = [...document.forms].find((form) => form.getAttribute("action") === message.dataset.action && isOf(form, typed));
+  const forms = [...document.forms].filter((form) => form.getAttribute("action") === message.dataset.action);
+  const same = forms.find((form) => isOf(form, typed));
+  const form = same ?? forms.find((form) => isOf(form, typed, AS_SEEN));
   if (typed.length) history.replaceState(null, "", document.referrer); // at the form's address there is no page to load
-  if (!form) return; // its long texts stay there, to be copied
+  if (!form) return; // what was sent stays there, to be copied
   document.getElementById("typed")?.remove();
   form.dataset.refused = "";
-  if (typed.length) fill(form, typed);
+  if (typed.length) fill(form, typed, !same);
   const field = message.dataset.field;
   if (field) point(message, form, field);
 }
 
-/** Hidden fields tell forms of one address apart. @param {HTMLFormElement} form @param {[string, string][]} typed */
-function isOf(form, typed) {
+/**
+ * Hidden fields tell forms of one address apart.
+ * @param {HTMLFormElement} form
+ * @param {[string, string][]} typed
+ * @param {string[]} besides names of fields that may differ
+ */
+function isOf(form, typed, besides = []) {
   const hidden = /** @type {NodeListOf<HTMLInputElement>} */ (form.querySelectorAll("input[type=hidden]:not([name=form_token])"));
-  return !typed.length || [...hidden].every((input) => typed.some(([name, value]) => name === input.name && value === input.value));
+  return !typed.length || [...hidden].every((input) => besides.includes(input.name) || typed.some(([name, value]) => name === input.name && value === input.value));
 }
 
-/** @param {HTMLFormElement} form @param {[string, string][]} typed */
-function fill(form, typed) {
+/**
+ * @param {HTMLFormElement} form
+ * @param {[string, string][]} typed
+ * @param {boolean} hasChanged has somebody else saved something meanwhile, which stands in the form? It is shown beside
+ */
+function fill(form, typed, hasChanged) {
   /** @type {Map<string, string[]>} */
   const left = new Map();
   for (const [name, value] of typed) left.set(name, [...(left.get(name) ?? []), value]);
@@ -35,9 +47,20 @@ function fill(form, typed) {
       field.checked = typed.some(([name, value]) => name === field.name && value === field.value);
     } else if (field instanceof HTMLInputElement || field instanceof HTMLSelectElement || field instanceof HTMLTextAreaElement) {
       const value = field.disabled ? undefined : left.get(field.name)?.shift();
-      if (value !== undefined && !KEPT.includes(field.type)) field.value = value;
+      if (value === undefined || KEPT.includes(field.type)) continue;
+      const saved = field.value;
+      field.value = value;
+      if (hasChanged && field.value !== saved) field.after(savedMeanwhile(saved));
     }
   }
+}
+
+/** @param {string} text */
+function savedMeanwhile(text) {
+  const note = document.createElement("span");
+  note.className = "of lines";
+  note.textContent = `Saved meanwhile: ${text || "nothing"}`;
+  return note;
 }
 
 /** @param {HTMLElement} message @param {HTMLFormElement} form @param {string} name of the field */

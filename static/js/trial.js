@@ -34,7 +34,7 @@ const REFERENCE_KEY = "r"; // or what lies in its place on keyboards of other al
 const RIGHT_BUTTON = 2;
 const MAY_COME_AGAIN = 1; // attempts; an interrupted repetition goes on, and its record says so
 
-/** What happens to the page -> the reason that it is to interrupt a look, if the study's `void_on` has it. @type {Partial<Record<Happening, Reason>>} */
+/** What happens to the page -> the reason that it is to interrupt a look, if the study's `void_on` has it. @type {Partial<Record<Happening, TrialDescription["void_on"][number]>>} */
 const REASONS = { hidden: "hidden", "full screen left": "full screen", blur: "blur", resize: "resize" };
 
 let pageIsLeft = false; // leaving the page hides it, too, and is a reason of its own
@@ -59,7 +59,7 @@ export class Trial {
    * @param {TrialDescription} description
    * @param {import("./films.js").Film} film
    * @param {import("./session.js").Technique} technique
-   * @param {Vote["viewing"]["happened"]} happened since the trial before it, at times of performance.now()
+   * @param {import("./session.js").Viewing["happened"]} happened since the trial before it, at times of performance.now()
    */
   constructor(screen, description, film, technique, happened) {
     this.screen = screen;

@@ -50,12 +50,24 @@ class Remote:
         self.tell("PerformActions", actions=[{"type": "key", "id": "keyboard", "actions": actions}])
 
     def press_mouse(self, x: int, y: int) -> None:
+        self._press(x, y, "mouse")
+
+    def tap(self, selector: str) -> None:
+        """Put a finger on the middle of the first of what a selector of CSS names and is shown."""
+        box = (
+            f"[...document.querySelectorAll({selector!r})].find((one) => one.checkVisibility()).getBoundingClientRect()"
+        )
+        x, y = self.run(f"(({{ x, y, width, height }}) => [x + width / 2, y + height / 2])({box})")
+        self._press(round(x), round(y), "touch")
+
+    def _press(self, x: int, y: int, kind: str) -> None:
         actions = [
             {"type": "pointerMove", "x": x, "y": y, "duration": 0},
             {"type": "pointerDown", "button": 0},
             {"type": "pointerUp", "button": 0},
         ]
-        self.tell("PerformActions", actions=[{"type": "pointer", "id": "mouse", "actions": actions}])
+        pointer = {"type": "pointer", "id": kind, "parameters": {"pointerType": kind}, "actions": actions}
+        self.tell("PerformActions", actions=[pointer])
 
     def picture(self) -> NDArray[np.uint8]:
         """The window, uint8 (H, W), grey levels."""
@@ -85,9 +97,9 @@ class Firefox(Remote):
         "browser.shell.checkDefaultBrowser": False,
     }
 
-    def __init__(self, program: str, folder: Path, size: tuple[int, int]) -> None:
+    def __init__(self, program: str, folder: Path, size: tuple[int, int], **preferences: int) -> None:
         port = free_port()
-        preferences = {**self.PREFERENCES, "marionette.port": port}
+        preferences = {**self.PREFERENCES, **preferences, "marionette.port": port}
         lines = [f"user_pref({json.dumps(name)}, {json.dumps(value)});" for name, value in preferences.items()]
         (folder / "user.js").write_text("\n".join(lines))
         command = [program, "--headless", "--marionette", "--profile", str(folder), "--no-remote"]

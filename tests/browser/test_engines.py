@@ -24,8 +24,9 @@ from tests.browser.test_storage import NO_OPENING
 pytestmark = [pytest.mark.browser, pytest.mark.slow, pytest.mark.alone]
 
 SIZE = (1000, 700)
-ENTER = "\ue007"
+ENTER, ESCAPE = "\ue007", "\ue00c"
 EXPOSURE_S = 1.6
+MOST_CLICKS = 400  # of an impatient person until the trials: most come while presses do not count
 
 
 @pytest.fixture(scope="module", params=["firefox", "webkit"])
@@ -117,6 +118,71 @@ def test_films_decoded_picture_by_picture_and_storage_that_never_answers(
     for look in looks(study):
         assert look["technique"] == "webcodecs"
         assert (look["both_seen"], look["mismatch_share"], look["shown_smoothly"]) == (True, 0, True)
+
+
+def test_impatient_clicking_at_the_places_of_next_and_withdraw_withdraws_nobody(
+    engine: Remote, new_study: NewStudy, short_films: Path
+) -> None:
+    study = new_study(short_films, 0.8)
+    engine.open(study.address)
+    sees(engine, "[data-view=welcome]")
+    width = engine.run("window.innerWidth")
+    x, y = engine.run(MIDDLE_OF_BEGIN)
+    for number in range(MOST_CLICKS):
+        engine.press_mouse(round(x), round(y))
+        if number % 20 == 19:
+            engine.press_mouse(width - 50, 20)
+            engine.press_key(ESCAPE)
+        if engine.run("document.getElementById('study').dataset.stage") == "trial":
+            break
+    assert [row["stage"] for row in study.read("participants")] == ["trial"]
+
+
+MIDDLE_OF_BEGIN = """(({ x, y, width, height }) => [x + width / 2, y + height / 2])(
+    document.getElementById("begin").getBoundingClientRect()
+)"""
+
+
+@pytest.fixture
+def other_firefox(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Firefox]:
+    browser = Firefox(installed("firefox-esr", "firefox"), tmp_path, SIZE, **request.param)
+    yield browser
+    browser.close()
+
+
+@pytest.mark.parametrize("other_firefox", [{"network.cookie.cookieBehavior": 2}], ids=["no cookies"], indirect=True)
+def test_a_firefox_that_refuses_cookies_is_told_before_the_study(
+    other_firefox: Firefox, new_study: NewStudy, short_films: Path
+) -> None:
+    study = new_study(short_films, EXPOSURE_S)
+    other_firefox.open(study.address)
+    sees(other_firefox, "#no-cookies")
+    assert not other_firefox.run("document.getElementById('begin').checkVisibility()")
+    other_firefox.press_key(ENTER)
+    assert study.read("participants") == []
+
+
+FINGERS_ALONE = {"ui.primaryPointerCapabilities": 1, "ui.allPointerCapabilities": 1, "dom.w3c_touch_events.enabled": 1}
+
+
+@pytest.mark.parametrize("other_firefox", [FINGERS_ALONE], ids=["fingers"], indirect=True)
+def test_a_study_is_taken_by_taps_alone_in_firefox(
+    other_firefox: Firefox, new_study: NewStudy, short_films: Path
+) -> None:
+    study = new_study(short_films, EXPOSURE_S)
+    other_firefox.open(study.address)
+    for view in ("welcome", "instructions-1", "instructions-2", "instructions-3"):
+        sees(other_firefox, f"[data-view={view}]")
+        assert not other_firefox.run("[...document.querySelectorAll('kbd')].some((key) => key.checkVisibility())")
+        other_firefox.tap(f"[data-view={view}] .foot .button-primary")
+    for _ in range(3):
+        sees(other_firefox, "#trial[data-state=exposure]")
+        other_firefox.tap("#trial .film")
+        sees(other_firefox, "#trial[data-state=voting]")
+        other_firefox.tap("#trial .choice")
+        other_firefox.tap("#trial .next")
+    sees(other_firefox, "[data-view=thanks]")
+    assert [(look["choice"], len(look["viewing"]["switches"])) for look in looks(study)] == 3 * [("a", 1)]
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from tests.browser.numbered_films import DARK, HEIGHT, LIGHT, WIDTH, decode_squa
 from tests.browser.playback_techniques import leave_only
 from tests.browser.study_visitor import MakeFilms, NewStudy, Visitor
 
-pytestmark = [pytest.mark.browser, pytest.mark.slow, pytest.mark.alone]
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 FPS = 1.0  # a frame stays long enough for three pictures of the screen, also on a busy machine
 N_FRAMES = 10
@@ -25,6 +25,7 @@ NO_SHIFT = 4  # grey levels: what compression leaves between the halves; a shift
 BADGE = np.s_[:90, :160]  # it tells A from B and so differs
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize("technique", ["stacked", "webcodecs"])
 def test_a_and_b_are_the_same_frame_whenever_the_participant_switches(
     technique: str, new_study: NewStudy, films: MakeFilms, page: Page, visitor: Visitor
@@ -56,6 +57,7 @@ def test_a_and_b_are_the_same_frame_whenever_the_participant_switches(
         assert recorded & {frame, frame - LATE[technique]}
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize("technique", ["stacked", "webcodecs"])
 def test_a_stimulus_is_on_the_screen_as_soon_as_it_is_switched_to(
     technique: str, new_study: NewStudy, films: MakeFilms, page: Page, visitor: Visitor
@@ -93,6 +95,7 @@ def test_a_browser_that_could_play_two_videos_only_is_turned_away(
     expect(page.locator("#begin")).to_be_hidden()
 
 
+@pytest.mark.alone
 def test_films_that_begin_again_stay_in_step_when_decoded(
     new_study: NewStudy, films: MakeFilms, page: Page, visitor: Visitor
 ) -> None:
@@ -119,7 +122,7 @@ def test_nothing_moves_on_the_screen_when_both_stimuli_are_alike(
 ) -> None:
     """Both halves are scaled alike at any size of the window, and neither shows a row of the other."""
     page.set_viewport_size({"width": size[0], "height": size[1]})
-    visitor.begin(new_study(films(5.0, 20, _stripes), 4.0))
+    visitor.begin(new_study(films(5.0, 60, _stripes), 12.0))
     visitor.is_in("exposure")
     height = page.locator(".film").evaluate("(film) => film.getBoundingClientRect().height")
     assert height == int(height)  # Firefox would let the ground through a part of the last row, below one stimulus only

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from app.analysis.comparisons.datasets_sample import FEWEST_DATASETS
 from app.analysis.comparisons.study_plan import PlannedStudy, Studies
 from app.analysis.model.contrasts import SIGNIFICANT
 
@@ -18,7 +19,6 @@ Array = NDArray[np.float64]
 
 TOGETHER = 1_500_000  # trials simulated at once
 MEASURE_CORRELATION = 0.9  # of a good measure with the true scores
-FEWEST_DATASETS = 3
 
 
 def holm_together(p_values: Array) -> Array:

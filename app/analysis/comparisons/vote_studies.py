@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import binom, norm
 from scipy.stats import t as student
 
+from app.analysis.comparisons.datasets_sample import FEWEST_DATASETS
 from app.analysis.comparisons.study_plan import PlannedStudy, Studies
 from app.analysis.model.bootstrap import RUNAWAY
 from app.analysis.model.contrasts import FEWEST_PARTICIPANTS
@@ -104,19 +105,27 @@ class VoteStudies:
         return contrast_p_values(self.fitted, self.votes.sum(axis=2), directions)
 
     def p_over_datasets(self) -> Array:
-        """Return p-values of the first pair with datasets as a sample, float64 (R,)."""
+        """Return p-values of the first pair with datasets as a sample, float64 (R,), as `pair_p_values` has them."""
         n_studies, n_people, n_datasets = self.votes.shape[:3]
         apart = np.swapaxes(self.votes, 1, 2).reshape(n_studies * n_datasets, n_people, *self.votes.shape[3:])
-        scores = fitted_together(apart).scores.reshape(n_studies, n_datasets, -1)
-        differences = scores[..., 0] - scores[..., 1]
-        spread = differences.var(axis=1, ddof=1) / n_datasets
+        fitted = fitted_together(apart)
+        is_there = fitted.is_there.reshape(n_studies, n_datasets, 1)
+        scores = np.where(is_there, fitted.scores.reshape(n_studies, n_datasets, -1), 0.0)
+        there = is_there.sum(axis=(1, 2))
+        means = scores.sum(axis=1) / np.maximum(there, 1)[:, None]
+        deviations = np.where(is_there, scores - means[:, None], 0.0)
+        spread = np.swapaxes(deviations, 1, 2) @ deviations / np.maximum(there * (there - 1), 1)[:, None, None]
+        total, size = np.trace(spread, axis1=1, axis2=2), np.sum(spread**2, axis=(1, 2))
+        is_known = self.has_scores & (there >= FEWEST_DATASETS) & (total > 0)
+        common = np.where(is_known, total, 1.0) / (scores.shape[2] - 1)
+        df_common = (there - 1) * total**2 / np.where(is_known, size, 1.0)
         people, of_votes = (
-            part[:, 0, 0] + part[:, 1, 1] - 2 * part[:, 0, 1] for part in (self.fitted.people, self.fitted.votes)
+            (part[:, 0, 0] + part[:, 1, 1] - 2 * part[:, 0, 1]) / 2 for part in (self.fitted.people, self.fitted.votes)
         )
         shared = np.maximum(people - of_votes, 0.0)
-        df = (spread + shared) ** 2 / (spread**2 / (n_datasets - 1) + shared**2 / (n_people - 1))
-        ratio = np.abs(differences.mean(axis=1)) / np.sqrt(spread + shared)
-        return np.where(self.has_scores, 2 * student.sf(ratio, df), 1.0)
+        df = (common + shared) ** 2 / (common**2 / np.maximum(df_common, 1.0) + shared**2 / (n_people - 1))
+        ratio = np.abs(means[:, 0] - means[:, 1]) / np.sqrt(2 * (common + shared))
+        return np.where(is_known, 2 * student.sf(ratio, df), 1.0)
 
 
 def simulated_votes(plan: StudyPlan, abilities: Array, n_studies: int, rng: np.random.Generator) -> Array:

@@ -30,7 +30,7 @@ ADAPTIVE = (  # bench/sentences.py
 )
 UNSEEN = (  # bench/verdicts.py
     "Without attention checks, who answers at random is found only where conditions differ clearly: in simulations of "
-    "75 votes a person, 12 % of them at a range of 1.1 JOD, 89 % at 3 JOD."
+    "75 votes a person, 9 % of them at a range of 1.1 JOD, 93 % at 3 JOD."
 )
 TRIAD = 3  # conditions
 LAPSES = 0.2  # lapse rate from which on a sentence names somebody

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from app.analysis.findings.pairs import contrast_between
-from app.analysis.model.contrasts import MOST_ITEMS, SIGNIFICANT
+from app.analysis.model.contrasts import FEWEST_PARTICIPANTS, MOST_ITEMS, SIGNIFICANT
 from app.analysis.reading.phrases import (
     counted,
     finding,
@@ -301,8 +301,15 @@ def _difference(best: str, worst: str, analysis: Mapping[str, Any], model: Row) 
     return (
         f"Of {best} and {worst}, {best} is preferred in {counts}; the model predicts {share} (95 % interval {low} to "
         f"{high}, simultaneous over all pairs), {size_of(preferred_share(pair['difference'], log_theta))}, "
-        f"{p_phrase(pair['p_holm'])} (Holm{',' if where else ''}{where}){_doubt(pair)}."
+        f"{p_phrase(pair['p_holm'])} (Holm{',' if where else ''}{where}){_doubt(pair)}{_of_few(analysis)}."
     )
+
+
+def _of_few(analysis: Mapping[str, Any]) -> str:
+    """Say that what few people show is larger than it is, for which no interval allows (docs/simulation.md)."""
+    people = analysis["votes"]["participants"]
+    is_few = people is not None and 1 < people < FEWEST_PARTICIPANTS
+    return "; with so few people, a small difference that is found looks larger than it is" if is_few else ""
 
 
 def size_of(share: float) -> str:

@@ -15,12 +15,11 @@ from scipy.sparse.csgraph import connected_components
 from app.analysis.model.contrasts import critical_value
 from app.analysis.model.likelihood.counts import PairCounts
 from app.analysis.model.likelihood.existence import recession
-from app.analysis.model.likelihood.ties import TIE_MODELS, WITHOUT_TIES, Derivatives, TieModel
 from app.analysis.model.scales import LOG_ODDS_PER_JOD
-from app.analysis.ratings.table import RatingTable, numbered_names
+from app.analysis.ratings.joint_likelihood import Array, JointLikelihood, Observations
+from app.analysis.ratings.table import RatingTable
+from app.analysis.reading.cells import numbered_names
 from app.analysis.reading.votes_table import NONE, A, B, VotesTable
-
-Array = NDArray[np.float64]
 
 FEWEST_SHARED = 3  # items that are both rated and compared; a line through two says nothing
 STEEPEST = 50.0  # log-odds per standard deviation of the ratings; beyond it the slope grows without limit
@@ -28,34 +27,6 @@ CERTAIN = -0.01  # log-likelihood of all votes; above it they all follow the rat
 STILL = 1e-6  # of a direction whose largest step is 1
 TOLERANCE = 1e-6  # of the gradient, per observation
 MOST_ITERATIONS = 500
-
-
-@dataclass(frozen=True)
-class Observations:
-    """Ratings and votes with common numbers of items and participants.
-
-    Parameters
-    ----------
-    items : the K items, each (dataset, condition)
-    rating : float64 (R,)
-    rated : intp (R,), the item of each rating
-    rater : intp (R,), the participant of each rating
-    difference : sparse (V, K), 1 at the first and -1 at the second item of each vote
-    choice : int8 (V,), as in `VotesTable`
-    count : float64 (V,), votes that each row stands for
-    voter : intp (V,), the participant of each vote
-    n_participants : number of different participants; 0 if they are not all known
-    """
-
-    items: tuple[tuple[str, str], ...]
-    rating: Array
-    rated: NDArray[np.intp]
-    rater: NDArray[np.intp]
-    difference: csr_array
-    choice: NDArray[np.int8]
-    count: Array
-    voter: NDArray[np.intp]
-    n_participants: int
 
 
 def align(table: RatingTable, votes: VotesTable) -> dict[str, list[dict[str, Any]]]:
@@ -214,98 +185,11 @@ def _placed_observations(table: RatingTable, votes: VotesTable) -> tuple[Observa
     return seen, left_out
 
 
-@dataclass(frozen=True)
-class _Likelihood:
-    """The joint log-likelihood of parameters theta: qualities (K,), k, log noise and, with ties, log nu."""
-
-    seen: Observations
-    rating: Array
-    wins: Array
-    losses: Array
-    ties: Array
-
-    @property
-    def has_ties(self) -> bool:
-        return bool(self.ties.any())
-
-    @property
-    def model(self) -> TieModel:
-        """Davidson's model; without ties Bradley and Terry's, which it is then."""
-        return TIE_MODELS["davidson"] if self.has_ties else WITHOUT_TIES
-
-    def _split(self, theta: Array) -> tuple[Array, float, float, Array]:
-        n = len(self.seen.items)
-        log_nu = theta[n + 2 :] if self.has_ties else np.zeros(1)
-        return theta[:n], float(theta[n]), float(theta[n + 1]), log_nu
-
-    def of_votes(self, theta: Array) -> float:
-        quality, slope, _, log_nu = self._split(theta)
-        d = np.asarray(slope * (self.seen.difference @ quality))
-        return float(self.model.loglik(d, log_nu, self.wins, self.losses, self.ties).sum())
-
-    def value(self, theta: Array) -> float:
-        quality, _, log_noise, _ = self._split(theta)
-        residue = (self.rating - quality[self.seen.rated]) / np.exp(log_noise)
-        return float(self.of_votes(theta) - len(residue) * (log_noise + np.log(2 * np.pi) / 2) - residue @ residue / 2)
-
-    def parts(self, theta: Array) -> tuple[csr_array, csr_array]:
-        """Return the gradient of each vote (V, M) and of each rating (R, M)."""
-        quality, slope, log_noise, log_nu = self._split(theta)
-        gap, vote = self._votes(quality, slope, log_nu)
-        columns: list[Any] = [self.seen.difference * (slope * vote.d)[:, None]]
-        columns += [csr_array(column[:, None]) for column in (vote.d * gap, np.zeros_like(gap))]
-        columns += [csr_array(vote.t[:, None])] if self.has_ties else []
-        residue = (self.rating - quality[self.seen.rated]) / np.exp(log_noise)
-        n_ratings, n = len(residue), len(quality)
-        rows = np.arange(n_ratings)
-        ratings = csr_array(
-            (
-                np.r_[residue / np.exp(log_noise), residue**2 - 1],
-                (np.tile(rows, 2), np.r_[self.seen.rated, np.full(n_ratings, n + 1)]),
-            ),
-            shape=(n_ratings, len(theta)),
-        )
-        return csr_array(hstack(columns)), ratings
-
-    def _votes(self, quality: Array, slope: float, log_nu: Array) -> tuple[Array, Derivatives]:
-        gap = np.asarray(self.seen.difference @ quality)
-        d, t = slope * gap, np.broadcast_to(log_nu, gap.shape)
-        return gap, self.model.derivatives(d, t, self.wins, self.losses, self.ties)
-
-    def loss(self, theta: Array) -> float:
-        return -self.value(theta)
-
-    def loss_gradient(self, theta: Array) -> Array:
-        votes, ratings = self.parts(theta)
-        return -np.asarray(votes.sum(axis=0) + ratings.sum(axis=0), float)
-
-    def information(self, theta: Array) -> Array:
-        """Return the negative Hessian, float64 (M, M)."""
-        quality, slope, log_noise, log_nu = self._split(theta)
-        n, precision = len(quality), np.exp(-2 * log_noise)
-        gap, vote = self._votes(quality, slope, log_nu)
-        across = self.seen.difference
-        result = np.zeros((len(theta), len(theta)))
-        result[:n, :n] = slope**2 * (across.T @ (across * vote.dd[:, None])).toarray()
-        result[:n, n] = across.T @ (slope * vote.dd * gap - vote.d)
-        result[n, n] = vote.dd @ gap**2
-        residue = self.rating - quality[self.seen.rated]
-        result[np.arange(n), np.arange(n)] += precision * np.bincount(self.seen.rated, minlength=n)
-        result[:n, n + 1] = 2 * precision * np.bincount(self.seen.rated, residue, minlength=n)
-        result[n + 1, n + 1] = 2 * precision * (residue @ residue)
-        if self.has_ties:
-            result[:n, n + 2] = slope * (across.T @ vote.dt)
-            result[n, n + 2] = vote.dt @ gap
-            result[n + 2, n + 2] = vote.tt.sum()
-        upper = np.triu(result, 1)
-        return np.asarray(np.diag(np.diagonal(result)) + upper + upper.T)
-
-
 def _fit(seen: Observations) -> _Fit | None:
     """Return the maximum of the joint likelihood; None if there is none."""
     centre, unit = float(seen.rating.mean()), float(seen.rating.std()) or 1.0
     counts = [seen.count * (seen.choice == choice) for choice in (A, B, NONE)]
-    likelihood = _Likelihood(seen, (seen.rating - centre) / unit, *counts)
+    likelihood = JointLikelihood(seen, (seen.rating - centre) / unit, *counts)
     start = _start(seen, likelihood)
     n, n_observations = len(seen.items), len(seen.rating) + seen.count.sum()
 
@@ -368,7 +252,7 @@ def _items_without_place(seen: Observations) -> list[tuple[str, str]]:
     return [seen.items[index] for index in unrated[np.abs(direction[: len(unrated)]) > STILL]]
 
 
-def _start(seen: Observations, likelihood: _Likelihood) -> Array:
+def _start(seen: Observations, likelihood: JointLikelihood) -> Array:
     """Return the mean ratings, 1 log-odds per standard deviation, and the ratings' noise."""
     n = len(seen.items)
     times = np.bincount(seen.rated, minlength=n)
@@ -377,7 +261,7 @@ def _start(seen: Observations, likelihood: _Likelihood) -> Array:
     return np.concatenate([quality, [1.0, np.log(noise)], [0.0] if likelihood.has_ties else []])
 
 
-def _influence(seen: Observations, likelihood: _Likelihood, theta: Array, inverse: Array) -> tuple[Array, Array]:
+def _influence(seen: Observations, likelihood: JointLikelihood, theta: Array, inverse: Array) -> tuple[Array, Array]:
     """Return what each participant's votes, and ratings, add to the estimates, both float64 (J, M).
 
     It is the gradient times the inverse information; its square has the factor n / (n - 1) of n people who voted, or

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.ratings.table import PROTOCOLS, ComparisonTable, RatingTable, numbered_names
-from app.analysis.reading.cells import Column, Problems, number_or_nan, same, shown
+from app.analysis.ratings.table import PROTOCOLS, ComparisonTable, RatingTable
+from app.analysis.reading.cells import Column, Problems, number_or_nan, numbered_names, same, shown
 from app.analysis.reading.description import COMPARISONS, Description, Told
-from app.analysis.reading.layouts import LongTable, rows_of
-from app.analysis.reading.read_votes import WARNING, Source, fingerprint, flags, in_lists, recognise_file
+from app.analysis.reading.layouts import LongTable, flags, rows_of
+from app.analysis.reading.sources import Source, fingerprint, in_lists, recognise_file
 from app.analysis.reading.votes_table import ROLE_CODES, VotesError
 
 SCALE = (1.0, 5.0)  # of ITU-T P.910, five-level
@@ -53,12 +53,12 @@ def understand_ratings(
         table = read(rows, source.description, scale)
     except ValueError as error:  # VotesError is one, as is what the table itself raises
         raise VotesError(f"{source.path}: {error}") from error
-    warnings = [*source.table.warnings, *source.description.warnings]
+    warnings = []
     if isinstance(table, ComparisonTable) and not source.description.words and table.rating.min() > 0:
         warnings.append(
             "no grade is 0 or below: if the scale begins at 1, write its middle as 0 and the first item's side below it"
         )
-    return table, [_sentence(source, table, left_out), *(f"{WARNING}{source.path.name}: {text}" for text in warnings)]
+    return table, [_sentence(source, table, left_out), *source.warned(warnings)]
 
 
 def _sentence(source: Source, table: RatingTable | ComparisonTable, left_out: str) -> str:

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.ratings.table import ComparisonTable, RatingTable, numbered_names
+from app.analysis.ratings.table import ComparisonTable, RatingTable
+from app.analysis.reading.cells import numbered_names
 from app.analysis.reading.votes_table import VotesTable
 from app.analysis.screening.observers import NOT_SMOOTH, n_without
 

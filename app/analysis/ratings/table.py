@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +16,6 @@ PROTOCOLS = {
     "acr-hr": "absolute category rating with hidden reference (ITU-T P.910)",
     "dcr": "degradation category rating (ITU-T P.910; double-stimulus impairment scale of ITU-R BT.500)",
 }
-
-
-def numbered_names(values: Iterable[Hashable], known: dict[Any, int]) -> NDArray[np.intp]:
-    """Return each value's number, intp (N,), in order of appearance after those already known.
-
-    Parameters
-    ----------
-    values : names
-    known : name -> number; gets the new ones
-    """
-    return np.array([known.setdefault(value, len(known)) for value in values], np.intp)
 
 
 @dataclass(frozen=True)

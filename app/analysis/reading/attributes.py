@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from app.analysis.reading.cells import numbers
+from app.analysis.reading.cells import Problems, Table, is_repeated, number_or_nan, shown
+from app.analysis.reading.files.tabular import read_csv
 from app.analysis.reading.measures_table import is_long, read_measures_table
-from app.analysis.reading.tabular import read_csv
-from app.analysis.reading.votes_table import ALL, VotesError
+from app.analysis.reading.votes_table import ALL, VotesError, naming
 
 
 def read_items(path: Path) -> dict[str, dict[str, str]]:
@@ -38,20 +40,17 @@ def read_participants(path: Path) -> dict[str, dict[str, str]]:
 
 
 def _read_attributes(path: Path, key: str, attribute: str) -> dict[str, dict[str, str]]:
-    frame = read_csv(path)
-    if key not in frame.columns or len(frame.columns) < 2:
-        columns = ", ".join(frame.columns)
-        raise VotesError(f"{path}: has the columns {columns}; expected {key} and at least one {attribute}")
-    empty = np.flatnonzero(frame[key].isna() | (frame[key] == ""))
-    if len(empty):
-        raise VotesError(f"{path}: row {empty[0] + 1}: {key} is empty")
-    twice = np.flatnonzero(frame[key].duplicated())
-    if len(twice):
-        raise VotesError(f"{path}: row {twice[0] + 1}: the {key} {frame[key][twice[0]]!r} appears a second time")
-    names = frame[key].tolist()
+    table = read_csv(path)
+    with naming(path):
+        if key not in table.columns or len(table.names) < 2:
+            raise VotesError(f"has the columns {', '.join(table.names)}; expected {key} and at least one {attribute}")
+        names, problems = table.columns[key].texts, Problems(table.row)
+        problems.add(names == "", f"{key} is empty")
+        problems.add((names != "") & is_repeated(names), lambda row: f"the {key} {names[row]!r} appears a second time")
+        problems.check()
     return {
-        column: {name: value for name, value in zip(names, frame[column].tolist(), strict=True) if value}
-        for column in frame.columns
+        column: {name: value for name, value in zip(names, cells.texts, strict=True) if value}
+        for column, cells in table.columns.items()
         if column != key
     }
 
@@ -94,35 +93,38 @@ def read_measures(path: Path) -> MeasureValues:
     VotesError
         If a column is missing, a value stands there twice, or a value is no number.
     """
-    frame = read_csv(path)
-    if is_long([str(name) for name in frame.columns]):
-        return _long_measures(path)
-    if not {"dataset", "item"} <= set(frame.columns) or len(frame.columns) < 3:
-        columns = ", ".join(frame.columns)
+    table = read_csv(path)
+    if is_long(table.names):
+        long, values = read_measures_table(path), dict[str, dict[str, dict[str, float]]]()
+        for row in long.values:
+            values.setdefault(row.measure, {}).setdefault(row.dataset, {})[row.approach] = row.value
+        return MeasureValues(values, {row.measure: row.better for row in long.values}, long.notes)
+    with naming(path):
+        return _wide_measures(table)
+
+
+def _wide_measures(table: Table) -> MeasureValues:
+    if not {"dataset", "item"} <= set(table.names) or len(table.names) < 3:
         raise VotesError(
-            f"{path}: has the columns {columns}; expected dataset, item and a column for each measure, or dataset, "
-            "approach, measure, value, better"
+            f"has the columns {', '.join(table.names)}; expected dataset, item and a column for each measure, or "
+            "dataset, approach, measure, value, better"
         )
-    twice = np.flatnonzero(frame.duplicated(["dataset", "item"]))
-    if len(twice):
-        raise VotesError(f"{path}: row {twice[0] + 1}: this item of this dataset appears a second time")
+    problems = Problems(table.row)
+    places = [*zip(*(table.columns[name].texts for name in ("dataset", "item")), strict=True)]
+    problems.add(is_repeated(places), "this item of this dataset appears a second time")
     measures: dict[str, dict[str, dict[str, float]]] = {}
-    for measure in (name for name in frame.columns if name not in ("dataset", "item")):
-        texts = frame[measure].to_list()
-        try:
-            values = numbers(np.array(texts, object), measure, may_be_negative=True)
-        except VotesError as error:
-            raise VotesError(f"{path}: {error}") from error
-        by_dataset = measures.setdefault(measure, {})
-        for dataset, item, text, value in zip(frame["dataset"], frame["item"], texts, values, strict=True):
-            if text:
-                by_dataset.setdefault(dataset, {})[item] = float(value)
+    for measure in (name for name in table.names if name not in ("dataset", "item")):
+        for (dataset, item), value in zip(places, _numbers(table, measure, problems), strict=True):
+            if not math.isnan(value):
+                measures.setdefault(measure, {}).setdefault(dataset, {})[item] = float(value)
+    problems.check()
     return MeasureValues(measures)
 
 
-def _long_measures(path: Path) -> MeasureValues:
-    table = read_measures_table(path)
-    values: dict[str, dict[str, dict[str, float]]] = {}
-    for row in table.values:
-        values.setdefault(row.measure, {}).setdefault(row.dataset, {})[row.approach] = row.value
-    return MeasureValues(values, {row.measure: row.better for row in table.values}, table.notes)
+def _numbers(table: Table, measure: str, problems: Problems) -> NDArray[np.float64]:
+    """Return a column of numbers, NaN where empty."""
+    column = table.columns[measure]
+    values = column.meaning(number_or_nan, np.float64)
+    is_wrong = np.isnan(values) & column.meaning(bool, bool)
+    problems.add(is_wrong, lambda row: f"{measure} is {shown(column.text(row))}, expected a number or nothing")
+    return values

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -18,8 +18,6 @@ from app.analysis.reading.votes_table import VotesError
 LONGEST_VALUE = 80  # letters of a file that a message repeats
 MOST_NAMED = 40  # columns that it names
 DECIMAL_COMMA = re.compile(r"[+-]?(?!\d{1,3}(,\d{3})+$)\d+,\d+|[+-]?0,\d+")  # 1,5 and 0,125; 1,234 may be thousands
-LARGEST_COUNT = 1e12  # of a row; sums of millions of such rows are whole numbers still
-FLAGS = {"": 0, "0": 0, "false": 0, "no": 0, "1": 1, "true": 1, "yes": 1}  # in lower case
 
 
 @dataclass(frozen=True)
@@ -39,6 +37,11 @@ class Column:
 
     def __len__(self) -> int:
         return len(self.codes)
+
+    @property
+    def is_missing(self) -> NDArray[np.bool_]:
+        """Which cells are not there at all? bool (N,)."""
+        return np.broadcast_to(np.bool_(False), len(self)) if self.missing is None else self.missing
 
     @cached_property
     def texts(self) -> NDArray[np.object_]:
@@ -69,27 +72,59 @@ class Column:
         """Return some cells, which are bool (N,) or int (M,)."""
         return Column(self.codes[rows], self.words, None if self.missing is None else self.missing[rows])
 
+    @cached_property
+    def compact(self) -> Column:
+        """Return the column with only the texts that some cell has."""
+        place = {word: code for code, word in enumerate(self.seen)}
+        codes = np.array([place.get(word, 0) for word in self.words], np.int32)
+        return self if len(place) == len(self.words) else Column(codes[self.codes], self.seen, self.missing)
+
+    def tells_alike(self, other: Column) -> bool:
+        """Does another column tell the same rows apart?"""
+        pairs = len(np.unique(self.codes.astype(np.int64) * len(other.words) + other.codes))
+        return pairs == len(self.seen) == len(other.seen)
+
+    def mapped(self, words: Iterable[str]) -> Column:
+        """Return the column with other words in the place of its own; those that are the same become one."""
+        known: dict[str, int] = {}
+        return Column(numbered_names(words, known, np.int32)[self.codes], tuple(known))
+
+
+def numbered_names(values: Iterable[Hashable], known: dict[Any, int], kind: type[Any] = np.intp) -> NDArray[Any]:
+    """Return each value's number, `kind` (N,), in order of appearance after those already known.
+
+    Parameters
+    ----------
+    values : names
+    known : name -> number; gets the new ones
+    kind : of numbers
+    """
+    return np.array([known.setdefault(value, len(known)) for value in values], kind)
+
+
+def is_repeated(values: Iterable[Hashable]) -> NDArray[np.bool_]:
+    """Which values stand there before, too? bool (N,)."""
+    return np.asarray(np.diff(np.maximum.accumulate(numbered_names(values, {})), prepend=-1) == 0)
+
 
 def column_of(cells: Iterable[Any]) -> Column:
     """Make a column of any cells; numbers, dates and None become texts as `texts` says."""
     values = list(cells)
     known: dict[str, int] = {}
-    codes = np.array([known.setdefault(_text(value), len(known)) for value in values], np.int32)
+    codes = numbered_names(map(_text, values), known, np.int32)
     missing = np.array([value is None or _is_nan(value) for value in values], bool)
     return Column(codes, tuple(known), missing if missing.any() else None)
 
 
-def _column_of_series(series: pd.Series) -> Column:
+def column_of_series(series: pd.Series) -> Column:
     """Make a column of one of pandas; where its cells are all of a kind, each different one is looked at once."""
     if pd.api.types.infer_dtype(series, skipna=True) not in ("string", "integer", "floating", "boolean"):
         return column_of(series.tolist())
     codes, different = pd.factorize(series)
     known: dict[str, int] = {}
-    index = [known.setdefault(_text(value), len(known)) for value in different.tolist()]
-    missing = codes < 0
-    if missing.any():
-        index.append(known.setdefault("", len(known)))  # where the code is -1
-    return Column(np.array(index, np.int32)[codes], tuple(known), missing if missing.any() else None)
+    missing = codes < 0  # the last of the texts
+    texts = [*map(_text, different.tolist()), *([""] if missing.any() else [])]
+    return Column(numbered_names(texts, known, np.int32)[codes], tuple(known), missing if missing.any() else None)
 
 
 def same(word: str, n_rows: int) -> Column:
@@ -137,19 +172,22 @@ class Table:
         columns = {name: column.where(rows) for name, column in self.columns.items()}
         return replace(self, columns=columns, rows=self.numbers[rows])
 
-    def with_columns(self, columns: Mapping[str, Column], **changes: Any) -> Table:
-        """Return the table with other columns of the same rows."""
-        return replace(self, columns=columns, **changes)
+    def without_empty_rows(self) -> Self:
+        """Return the table without the rows in which every cell is empty."""
+        if not all("" in column.words for column in self.columns.values()) or not self.columns:
+            return self
+        is_there = np.logical_or.reduce([column.meaning(bool, bool) for column in self.columns.values()])
+        return self if is_there.all() else self.where(is_there)
 
 
-def table_of_frame(frame: pd.DataFrame) -> Table:
-    """Make a table of a pandas one, whose `attrs["understood"]` say how it was read."""
-    columns = {str(name): _column_of_series(frame.iloc[:, place]) for place, name in enumerate(frame.columns)}
+def table_of_frame(frame: pd.DataFrame, how: str = "") -> Table:
+    """Make a table of a pandas one."""
+    columns = {str(name): column_of_series(frame.iloc[:, place]) for place, name in enumerate(frame.columns)}
     if len(columns) < frame.shape[1]:
         names = [str(name) for name in frame.columns]
         twice = next(name for name in names if names.count(name) > 1)
         raise VotesError(f"has {names.count(twice)} columns named {shown(twice)}, expected one")
-    return Table(columns, frame.attrs.get("understood", ""))
+    return Table(columns, how)
 
 
 def table_of_rows(rows: Sequence[Mapping[str, Any]], how: str = "") -> Table:
@@ -158,6 +196,7 @@ def table_of_rows(rows: Sequence[Mapping[str, Any]], how: str = "") -> Table:
     return Table({name: column_of([row.get(name) for row in rows]) for name in names}, how)
 
 
+@dataclass
 class Problems:
     """Collect what is wrong with cells, one line for each kind, and raise them together.
 
@@ -166,49 +205,21 @@ class Problems:
     row : the row of the file of a row counted from 0
     """
 
-    def __init__(self, row: Callable[[int], int]) -> None:
-        self.row = row
-        self.lines: list[str] = []
+    row: Callable[[int], int]
+    lines: list[str] = field(default_factory=list)
 
     def add(self, is_bad: NDArray[np.bool_], why: str | Callable[[int], str]) -> None:
         """Note the first of the bad rows, bool (N,), with the reason and the number of further ones."""
         rows = np.flatnonzero(is_bad)
         if len(rows):
-            reason = why if isinstance(why, str) else why(int(rows[0]))
-            self.lines.append(_line(self.row(int(rows[0])), reason, len(rows)))
+            first = int(rows[0])
+            more = f" (and {len(rows) - 1} more rows like it)" if len(rows) > 1 else ""
+            self.lines.append(f"row {self.row(first)}: {why if isinstance(why, str) else why(first)}{more}")
 
     def check(self) -> None:
         """Raise if anything is wrong."""
         if self.lines:
             raise VotesError("\n".join(self.lines))
-
-
-def _line(row: int, reason: str, n_rows: int) -> str:
-    more = f" (and {n_rows - 1} more rows like it)" if n_rows > 1 else ""
-    return f"row {row}: {reason}{more}"
-
-
-def refuse(is_bad: NDArray[np.bool_], why: str | Callable[[int], str]) -> None:
-    """Raise for the first bad row, with the reason and the number of further ones.
-
-    Parameters
-    ----------
-    is_bad : bool (N,)
-    why : the reason, or a function that returns that of a row, counted from 0
-
-    Raises
-    ------
-    VotesError
-        If any row is bad.
-    """
-    problems = Problems(lambda row: row + 1)
-    problems.add(is_bad, why)
-    problems.check()
-
-
-def texts(cells: Iterable[Any]) -> NDArray[np.object_]:
-    """Return cells as stripped texts, object (N,): empty where missing, whole numbers without decimals."""
-    return np.array([_text(cell) for cell in cells], object)
 
 
 def _text(cell: Any) -> str:
@@ -221,31 +232,6 @@ def _text(cell: Any) -> str:
 
 def _is_nan(cell: Any) -> bool:
     return not isinstance(cell, str) and bool(pd.api.types.is_scalar(cell) and pd.isna(cell))
-
-
-def numbers(values: NDArray[np.object_], name: str, *, may_be_negative: bool = False) -> NDArray[np.float64]:
-    """Return a column's texts as numbers, NaN where empty.
-
-    Parameters
-    ----------
-    values : object (N,), texts
-    name : of the column, for the error
-    may_be_negative : accept numbers below 0
-
-    Returns
-    -------
-    float64 (N,)
-
-    Raises
-    ------
-    VotesError
-        Naming the row and the value.
-    """
-    expected = "a number or nothing" if may_be_negative else "a number, 0 or more, or nothing"
-    parsed = np.array([number_or_nan(value) for value in values], np.float64)
-    is_bad = ~np.isfinite(parsed) | ((parsed < 0) & (not may_be_negative))
-    refuse(is_bad & (values != ""), lambda row: f"{name} is {shown(values[row])}, expected {expected}")
-    return parsed
 
 
 def number(text: str) -> float:
@@ -277,10 +263,10 @@ def shown(value: object) -> str:
     return repr(printable(value))
 
 
-def printable(value: object) -> str:
+def printable(value: object, most: int = LONGEST_VALUE) -> str:
     """Return a value for a message: short, and without letters that a terminal cannot print."""
     text = "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in str(value))
-    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}…"
+    return text if len(text) <= most else f"{text[:most]}…"
 
 
 def named(names: Sequence[str], most: int = MOST_NAMED) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from app.analysis.reading.cells import Column, number_or_nan, shown
 from app.analysis.reading.description import BY_ITEM, QuestionError, Reading, Told
-from app.analysis.reading.votes_table import CHOICES, NONE, A, B, VotesError
+from app.analysis.reading.votes_table import CHOICE_CODES, CHOICES, NONE, A, B, VotesError
 from app.analysis.reading.words import ENDS, SIDES, STRENGTH, STRENGTHS, TIES, TRUE_FALSE, ends_of, words_of
 
 Codes = NDArray[np.int8]
@@ -77,19 +77,13 @@ def understand_choices(asked: Asked, told: Mapping[str, str]) -> Meaning:
     columns = asked.choice, asked.item_a, asked.item_b
     sizes = [len(column.words) for column in columns]
     if math.prod(sizes) < len(asked.choice):
-        n = np.int64(1)
-        code = np.zeros(len(asked.choice), np.int64)
-        for column, size in zip(columns, sizes, strict=True):
-            code += n * column.codes
-            n *= size
-        is_there = np.zeros(n, bool)
-        is_there[code] = True
-        rest = np.flatnonzero(is_there)
-        few = []
-        for column, size in zip(columns, sizes, strict=True):
-            few.append(Column((rest % size).astype(np.int32), column.words))
-            rest = rest // size
-        asked = replace(asked, choice=few[0], item_a=few[1], item_b=few[2])
+        is_there = np.zeros(math.prod(sizes), bool)
+        is_there[np.ravel_multi_index([column.codes for column in columns], sizes)] = True
+        few = np.unravel_index(np.flatnonzero(is_there), sizes)
+        choice, item_a, item_b = (
+            Column(codes.astype(np.int32), c.words) for codes, c in zip(few, columns, strict=True)
+        )
+        asked = replace(asked, choice=choice, item_a=item_a, item_b=item_b)
     return _understand(asked, told)
 
 
@@ -111,9 +105,10 @@ def _understand(asked: Asked, told: Mapping[str, str]) -> Meaning:
         raise VotesError(f"by={by} is not known, expected by=item (a cell names the preferred item) or by=side")
     given = {word: told[word] for word in CHOICES if word in told}
     ties = TIES | ({given["none"].lower(): NONE} if "none" in given else {})
+    names = [given.get(word, word) for word in CHOICES]
+    theirs = Meaning({name.lower(): code for code, name in enumerate(names)}, expected=", ".join(names))
     if {"a", "b"} & set(given):
-        words = {given.get(word, word).lower(): code for code, word in enumerate(CHOICES)}
-        return Meaning(words, expected=", ".join(given.get(word, word) for word in CHOICES))
+        return theirs
     readings = _readings(asked, ties)
     if by:
         readings = [(reading, codes) for reading, codes in readings if reading.by_item == (by == BY_ITEM)]
@@ -130,9 +125,8 @@ def _understand(asked: Asked, told: Mapping[str, str]) -> Meaning:
         return whole[0][0]
     best = max(readings, key=lambda known: int((known[1] != UNKNOWN).sum()), default=None)
     if best is None or not ((best[1] != UNKNOWN) & (best[1] != NONE)).any():
-        words = {given.get(word, word).lower(): code for code, word in enumerate(CHOICES)}
-        expected = f"{', '.join(given.get(word, word) for word in CHOICES)}, or the name of one of the two items"
-        return Meaning(words, expected=f"{expected} (other words: --choices a=…,b=…,none=…)")
+        also = "or the name of one of the two items (other words: --choices a=…,b=…,none=…)"
+        return replace(theirs, expected=f"{theirs.expected}, {also}")
     return best[0]
 
 
@@ -149,26 +143,17 @@ def codes_of(meaning: Meaning, asked: Asked) -> Codes:
 def _readings(asked: Asked, ties: Mapping[str, int]) -> list[tuple[Meaning, Codes]]:
     """Return all ways to understand the words, ours first, with each cell's choice."""
     said = _ties_in(asked.choice, ties)
-    ours = Meaning({word: code for code, word in enumerate(CHOICES)} | dict(ties), expected=", ".join(CHOICES))
+    ours = Meaning(CHOICE_CODES | dict(ties), expected=", ".join(CHOICES))
     if set(map(str.lower, asked.choice.filled)) - set(CHOICES):
-        ours = Meaning(ours.words, note=f"choice is a for item_a and b for item_b{said}", expected=ours.expected)
+        ours = replace(ours, note=f"choice is a for item_a and b for item_b{said}")
     known = [ours]
     for first, second in (*SIDES[1:], tuple(name.lower() for name in asked.names), *ENDS[4:]):
-        words = dict(ties)
-        for word in asked.choice.filled:
-            side = _side(word, first, second)
-            if side is not None:
-                words[word.lower()] = side
+        sides = {word.lower(): _side(word, first, second) for word in asked.choice.filled}
+        words = {**ties, **{word: side for word, side in sides.items() if side is not None}}
         note = f"choice is {first} for item_a and {second} for item_b{said}"
         known.append(Meaning(words, note=note, expected=f"{first} or {second}"))
-    known.append(
-        Meaning(
-            dict(ties),
-            by_item=True,
-            note="choice is the name of the preferred item",
-            expected="the name of one of the two items",
-        )
-    )
+    note = "choice is the name of the preferred item"
+    known.append(Meaning(dict(ties), by_item=True, note=note, expected="the name of one of the two items"))
     if any(STRENGTH.fullmatch(word) for word in asked.choice.filled):
         known += _strengths(asked, ties)
     return [(reading, codes_of(reading, asked)) for reading in known]
@@ -188,6 +173,11 @@ def _side(word: str, first: str, second: str) -> int | None:
     return ends[2] if ends and ENDS[ends[1]] == (first, second) and not ends[0].startswith("name") else None
 
 
+def _any_side(who: str) -> int | None:
+    """Return the side that words mean by any of its names; None for others."""
+    return next((known for ends in SIDES if (known := _side(who, *ends)) is not None), None)
+
+
 def _ties_in(choice: Column, ties: Mapping[str, int]) -> str:
     used = sorted({word for word in choice.filled if word.lower() in ties and word.lower() not in CHOICES})
     return f", {' or '.join(used)} for none" if used else ""
@@ -198,24 +188,17 @@ def _own(asked: Asked, known: tuple[Meaning, Codes]) -> Meaning:
     meaning, codes = known
     named = codes_of(Meaning({"none": NONE}, by_item=True), asked)
     if (named != UNKNOWN).all() and (named != codes).any():
-        note = "choice a is item_a and b is item_b, although items are named a and b, too"
-        return Meaning(meaning.words, note=note, expected=meaning.expected)
+        return replace(meaning, note="choice a is item_a and b is item_b, although items are named a and b, too")
     return meaning
 
 
 def _question(asked: Asked, whole: list[tuple[Meaning, Codes]]) -> QuestionError:
     """Ask which of several meanings of all words is right; of those that agree, one is shown."""
-    shown_readings: list[Reading] = []
-    seen: list[Codes] = []
-    for reading, codes in whole:
-        if not any((codes == other).all() for other in seen):
-            seen.append(codes)
-            shown_readings.append(Reading(_in_words(reading), _told(reading)))
-    return QuestionError(f"the choices {_some_of(asked.choice)} can be read in {len(seen)} ways", shown_readings)
-
-
-def _in_words(reading: Meaning) -> str:
-    return reading.note or "a is item_a, b is item_b"
+    readings = {codes.tobytes(): reading for reading, codes in reversed(whole)}  # the first of those that agree
+    ways = [
+        Reading(reading.note or "a is item_a, b is item_b", _told(reading)) for reading in reversed(readings.values())
+    ]
+    return QuestionError(f"the choices {_some_of(asked.choice)} can be read in {len(ways)} ways", ways)
 
 
 def _told(reading: Meaning) -> Told:
@@ -236,10 +219,9 @@ def _ask_if_items_are_called_like_sides(asked: Asked, whole: list[tuple[Meaning,
     if by or asked.is_told or not words & items or whole[0][0].by_item:
         return
     if words & items & {"1", "2"}:
-        first, second = Meaning({"1": A, "2": B}, note="1 is item_a and 2 is item_b"), Meaning({}, by_item=True)
         readings = [
-            Reading(first.note, _told(first)),
-            Reading("a cell is the name of the preferred item", _told(second)),
+            Reading("1 is item_a and 2 is item_b", Told(choices={"a": "1", "b": "2"})),
+            Reading("a cell is the name of the preferred item", Told(choices={"by": BY_ITEM})),
         ]
         raise QuestionError(f"items are called {', '.join(sorted(words & items))}, and choices are, too", readings)
 
@@ -249,21 +231,14 @@ def _ask_about_numbers(asked: Asked, given: Mapping[str, str]) -> None:
     words = {word.lower() for word in asked.choice.filled}
     if len(words) < 2 or given:  # one number alone is a mistake rather than a code
         return
+    ours = {"a": f"{asked.names[0]} preferred", "b": f"{asked.names[1]} preferred", "none": "no preference"}
     for known, ways in NUMBER_CODES.items():
         if words <= known:
-            readings = [
-                Reading(
-                    ", ".join(f"{theirs} is {_ours(ours, asked)}" for ours, theirs in way.items()), Told(choices=way)
-                )
-                for way in ways
-            ]
+            said = [", ".join(f"{theirs} is {ours[our]}" for our, theirs in way.items()) for way in ways]
+            readings = [Reading(text, Told(choices=way)) for text, way in zip(said, ways, strict=True)]
             if not words <= TRUE_FALSE.keys():
                 readings.append(Reading(f"grades, how much better {asked.names[1]} is", Told(format="ccr")))
             raise QuestionError(f"the choices {_some_of(asked.choice)} can be read in {len(readings)} ways", readings)
-
-
-def _ours(word: str, asked: Asked) -> str:
-    return {"a": f"{asked.names[0]} preferred", "b": f"{asked.names[1]} preferred", "none": "no preference"}[word]
 
 
 def _strengths(asked: Asked, ties: Mapping[str, int]) -> list[Meaning]:
@@ -286,7 +261,7 @@ def _strengths(asked: Asked, ties: Mapping[str, int]) -> list[Meaning]:
                 raise _ask_about_strengths(asked)
             words[word.lower()] = B if match["way"].lower() == "better" else A
             continue
-        side = next((known for ends in SIDES if (known := _side(who, *ends)) is not None), None)
+        side = _any_side(who)
         if side is None or who in items:
             by_item = True
             continue
@@ -317,16 +292,9 @@ def grade_of(word: str) -> float | None:
     match = STRENGTH.fullmatch(letters)
     if match is None:
         return None
-    strength = STRENGTHS[match["much"] or ""]
-    sign = 1 if match["way"] == "better" else -1
-    side = (
-        None
-        if match["who"] is None
-        else next((known for ends in SIDES if (known := _side(match["who"], *ends)) is not None), UNKNOWN)
-    )
-    if side == UNKNOWN:
-        return None
-    return float(strength * sign * (-1 if side == A else 1))
+    grade = float(STRENGTHS[match["much"] or ""] * (1 if match["way"] == "better" else -1))
+    side = _any_side(match["who"]) if match["who"] else B
+    return None if side is None else -grade if side == A else grade
 
 
 def binary_meaning(side: int) -> Meaning:

@@ -6,10 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from app.analysis.reading.cells import named
 from app.analysis.reading.votes_table import VotesError
 
 VOTES, RATINGS, COMPARISONS = "votes", "ratings", "comparisons"
+MOST_NAMED = 12  # columns of a wide table
 BY_ITEM = "item"  # `--choices by=item`: a cell names the preferred item
+SINGLE = ("format", "encoding", "sheet")  # what is told in a word
 JOIN = "+"  # between columns that name an item together, or that hold the ratings or choices of a wide table
 
 
@@ -38,17 +41,15 @@ class Told:
             self,
             columns={**self.columns, **edits.columns},
             choices={**self.choices, **edits.choices},
-            format=edits.format or self.format,
-            encoding=edits.encoding or self.encoding,
-            sheet=edits.sheet or self.sheet,
+            **{name: getattr(edits, name) or getattr(self, name) for name in SINGLE},
         )
 
     def __str__(self) -> str:
         """Write it as the options of a command."""
         mappings = (("--columns", self.columns), ("--choices", self.choices))
         words = [f"{name} {_quoted(written(pairs))}" for name, pairs in mappings if pairs]
-        single = (("--format", self.format), ("--encoding", self.encoding), ("--sheet", self.sheet))
-        return " ".join([*words, *(f"{name} {_quoted(value)}" for name, value in single if value)])
+        single = [f"--{name} {_quoted(value)}" for name in SINGLE if (value := getattr(self, name))]
+        return " ".join([*words, *single])
 
 
 def pairs_of(text: str, option: str) -> dict[str, str]:
@@ -109,7 +110,7 @@ class Description:
     columns : our name -> theirs; several are joined to one text
     spread : for a wide table, its column -> the two items, the condition or the participant that it stands for
     spread_role : what a column of a wide table stands for: `pair`, `condition` or `participant`
-    layout : `rows`, `wide`, `matrix`, `won` (winner and loser), `wins` (counts), `ranking` or `best-worst`
+    layout : `rows`, `wide`, `won` (winner and loser), or one of `layouts.SEVERAL_VOTES`
     words : word of a choice, in lower case -> choice as in `VotesTable`; a rating for comparisons
     expected : words of a choice, for refusals
     by_item : a choice is the name of the preferred item
@@ -140,9 +141,5 @@ class Description:
         ]
         if self.spread:
             what = {"pair": "pairs", "condition": "conditions", "participant": "participants"}[self.spread_role]
-            said.append(f"the columns of {what} are {_some(list(self.spread))}")
+            said.append(f"the columns of {what} are {named([*map(repr, self.spread)], MOST_NAMED)}")
         return said
-
-
-def _some(names: Sequence[str], most: int = 12) -> str:
-    return ", ".join(map(repr, names[:most])) + (f" and {len(names) - most} more" if len(names) > most else "")

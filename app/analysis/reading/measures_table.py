@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Literal, cast, get_args
 
 from app.analysis.reading.cells import named, number
-from app.analysis.reading.tabular import read_csv
-from app.analysis.reading.votes_table import VotesError
+from app.analysis.reading.files.tabular import read_csv
+from app.analysis.reading.phrases import counted
+from app.analysis.reading.votes_table import VotesError, naming
 
 Better = Literal["higher", "lower"]
 
@@ -21,7 +22,7 @@ SYMMETRIC = ("", "symmetric")  # directions that add nothing to a measure's name
 DIRECTIONS = (*SYMMETRIC, "reference_to_distorted", "distorted_to_reference")
 WORDS = {"lower": "less is better", "higher": "more is better"}  # the direction in a study's validation.csv
 LARGEST_TABLE = 32 * 1024 * 1024  # bytes; 300 000 rows, more than all measures of a large study frame by frame
-LONGEST_NAME, LONGEST_UNIT, LONGEST_SOURCE = 200, 40, 500  # characters, as the study server stores them
+LONGEST = {**dict.fromkeys(("dataset", "approach", "measure"), 200), "unit": 40, "source": 500}  # characters, as stored
 MOST_NAMED = 5  # of the places that a note is about
 
 
@@ -79,6 +80,10 @@ class _Row:
     def place(self) -> tuple[str, str, str]:
         return self.value.dataset, self.value.approach, self.value.measure
 
+    @property
+    def where(self) -> str:
+        return f"{self.value.dataset}/{self.value.approach}"
+
 
 def is_long(columns: Sequence[str]) -> bool:
     """Tell the long table, with a row for each value, from the wide one, with a column for each measure."""
@@ -99,14 +104,13 @@ def read_measures_table(path: Path) -> MeasuresTable:
             f"{path}: has {size / 2**20:.0f} MB, expected {LARGEST_TABLE // 2**20} MB at most; keep the rows of the "
             "whole sequence (no frame), or divide the table"
         )
-    frame = read_csv(path)
-    try:
-        return measures_from_columns({str(name): frame[name].tolist() for name in frame.columns})
-    except VotesError as error:
-        raise VotesError(f"{path}: {error}") from error
+    table = read_csv(path)
+    with naming(path):
+        columns = {name: column.texts.tolist() for name, column in table.columns.items()}
+        return measures_from_columns(columns, table.numbers.tolist())
 
 
-def measures_from_columns(columns: Mapping[str, Sequence[str]]) -> MeasuresTable:
+def measures_from_columns(columns: Mapping[str, Sequence[str]], numbers: Sequence[int] | None = None) -> MeasuresTable:
     """Return one value for each dataset, approach and measure.
 
     Rows without a frame are the value. Where a measure has values of frames alone, it is their mean. Values that are
@@ -116,6 +120,7 @@ def measures_from_columns(columns: Mapping[str, Sequence[str]]) -> MeasuresTable
     ----------
     columns : texts by column: `dataset, approach, measure, value, better`, and `frame, direction, unit, source` where
         there are any; other columns are ignored
+    numbers : of the rows, counted from 1 below the header; all in order by default
 
     Raises
     ------
@@ -124,34 +129,27 @@ def measures_from_columns(columns: Mapping[str, Sequence[str]]) -> MeasuresTable
         measure contradict each other in what is better or in the unit.
     """
     _check_columns(list(columns))
-    n_rows = len(columns["dataset"])
-    texts = {name: [cell.strip() for cell in columns.get(name, [""] * n_rows)] for name in (*REQUIRED, *OPTIONAL)}
+    numbers = numbers or range(1, len(columns["dataset"]) + 1)
+    texts = {name: [cell.strip() for cell in columns.get(name, [""] * len(numbers))] for name in (*REQUIRED, *OPTIONAL)}
     cells = zip(*texts.values(), strict=True)
-    rows = [_row(number, dict(zip(texts, row, strict=True))) for number, row in enumerate(cells, start=1)]
-    _check_agreement(rows)
-    return _whole_sequences(rows)
+    rows = [_row(number, dict(zip(texts, row, strict=True))) for number, row in zip(numbers, cells, strict=True)]
+    return _whole_sequences(_by_place(rows))
 
 
 def _check_columns(columns: Sequence[str]) -> None:
-    missing = [name for name in REQUIRED if name not in columns]
-    if not missing:
-        return
-    more = "; better is higher or lower, for each measure" if missing == ["better"] else ""
-    raise VotesError(
-        f"has the columns {named(columns)}, without {', '.join(missing)}; expected {', '.join(REQUIRED)}, and "
-        f"{', '.join(OPTIONAL)} where known{more}"
-    )
+    if missing := [name for name in REQUIRED if name not in columns]:
+        more = "; better is higher or lower, for each measure" if missing == ["better"] else ""
+        raise VotesError(
+            f"has the columns {named(columns)}, without {', '.join(missing)}; expected {', '.join(REQUIRED)}, and "
+            f"{', '.join(OPTIONAL)} where known{more}"
+        )
 
 
 def _row(number: int, cells: Mapping[str, str]) -> _Row:
-    for name, longest in (
-        *((name, LONGEST_NAME) for name in ("dataset", "approach", "measure")),
-        ("unit", LONGEST_UNIT),
-        ("source", LONGEST_SOURCE),
-    ):
+    for name, longest in LONGEST.items():
         if len(cells[name]) > longest:
             raise VotesError(f"row {number}: {name} has {len(cells[name])} characters, expected {longest} at most")
-        if not cells[name] and longest == LONGEST_NAME:
+        if not cells[name] and name in REQUIRED:
             raise VotesError(f"row {number}: {name} is empty")
     if cells["better"] not in get_args(Better):
         raise VotesError(f"row {number}: better is {cells['better']!r}, expected higher or lower")
@@ -160,13 +158,10 @@ def _row(number: int, cells: Mapping[str, str]) -> _Row:
             f"row {number}: direction is {cells['direction']!r}, expected {', '.join(DIRECTIONS[1:])} or nothing"
         )
     value = MeasuredValue(
-        dataset=cells["dataset"],
-        approach=cells["approach"],
         measure=_full_name(cells["measure"], cells["direction"]),
         value=_number(number, cells["value"]),
         better=cast(Better, cells["better"]),
-        unit=cells["unit"],
-        source=cells["source"],
+        **{name: cells[name] for name in ("dataset", "approach", "unit", "source")},
     )
     return _Row(number, _frame(number, cells["frame"]), value)
 
@@ -194,16 +189,24 @@ def _frame(row: int, text: str) -> int | None:
     return int(text)
 
 
-def _check_agreement(rows: Sequence[_Row]) -> None:
-    places: dict[tuple[str, str, str, int | None], _Row] = {}
+def _by_place(rows: Sequence[_Row]) -> list[dict[int | None, _Row]]:
+    """Return the rows of each dataset, approach and measure, by frame, in the order of the first.
+
+    Raises
+    ------
+    VotesError
+        If a frame of a place has two values, or a measure two units or directions.
+    """
+    places: dict[tuple[str, str, str], dict[int | None, _Row]] = {}
     measures: dict[str, _Row] = {}
     for row in rows:
-        first = places.setdefault((*row.place, row.frame), row)
+        first = places.setdefault(row.place, {}).setdefault(row.frame, row)
         if first is not row:
             frame = "" if row.frame is None else f" in frame {row.frame}"
             raise VotesError(
-                f"row {row.number}: {_what(row)}{frame} is {row.value.value:g}, row {first.number} has it already with "
-                f"{first.value.value:g}; keep one of them, or give them different names"
+                f"row {row.number}: {row.value.measure} of {row.where}{frame} is {row.value.value:g}, row "
+                f"{first.number} has it already with {first.value.value:g}; keep one of them, or give them different "
+                "names"
             )
         earlier = measures.setdefault(row.value.measure, row)
         for name in ("better", "unit"):
@@ -213,44 +216,35 @@ def _check_agreement(rows: Sequence[_Row]) -> None:
                     f"row {row.number}: {name} of {row.value.measure} is {value!r}, row {earlier.number} says "
                     f"{value_before!r}; expected the same for all values of a measure"
                 )
+    return [*places.values()]
 
 
-def _whole_sequences(rows: Sequence[_Row]) -> MeasuresTable:
+def _whole_sequences(places: Sequence[Mapping[int | None, _Row]]) -> MeasuresTable:
     values: list[MeasuredValue] = []
     left_out: list[_Row] = []
     averaged: dict[str, list[int]] = {}  # measure -> numbers of frames
-    for place in _by_place(rows):
-        whole = [row for row in place if row.frame is None]
-        used = [row for row in whole or place if math.isfinite(row.value.value)]
-        left_out += [row for row in whole or place if not math.isfinite(row.value.value)]
-        if used and not whole:
+    for place in places:
+        rows = [place[None]] if None in place else [*place.values()]
+        used = [row for row in rows if math.isfinite(row.value.value)]
+        left_out += [row for row in rows if row not in used]
+        if used and None not in place:
             averaged.setdefault(used[0].value.measure, []).append(len(used))
         if used:
             values.append(_mean(used))
     return MeasuresTable(tuple(values), (*_averages(averaged), *_absences(left_out)))
 
 
-def _by_place(rows: Sequence[_Row]) -> Iterator[list[_Row]]:
-    """Yield the rows of each dataset, approach and measure, in the order of the first."""
-    places: dict[tuple[str, str, str], list[_Row]] = {}
-    for row in rows:
-        places.setdefault(row.place, []).append(row)
-    yield from places.values()
-
-
 def _mean(rows: Sequence[_Row]) -> MeasuredValue:
     mean = math.fsum(row.value.value for row in rows) / len(rows)
     sources = "; ".join(dict.fromkeys(row.value.source for row in rows if row.value.source))
-    return replace(rows[0].value, value=mean, source=sources[:LONGEST_SOURCE])
+    return replace(rows[0].value, value=mean, source=sources[: LONGEST["source"]])
 
 
 def _averages(averaged: Mapping[str, Sequence[int]]) -> Iterator[str]:
     for measure, counts in averaged.items():
         fewest, most = min(counts), max(counts)
-        if fewest < most:
-            yield f"{measure} is the mean of {fewest} to {most} frames; not all approaches have equally many"
-        else:
-            yield f"{measure} is the mean of {most} frame{'s' * (most > 1)}"
+        frames = f"{fewest} to {most} frames; not all approaches have equally many"
+        yield f"{measure} is the mean of {frames if fewest < most else counted(most, 'frame')}"
 
 
 def _absences(rows: Sequence[_Row]) -> Iterator[str]:
@@ -259,12 +253,7 @@ def _absences(rows: Sequence[_Row]) -> Iterator[str]:
     for row in rows:
         frame = "" if row.frame is None else f" frame {row.frame}"
         value = "not a number" if math.isnan(row.value.value) else f"{row.value.value:+g}"
-        text = f"{row.value.dataset}/{row.value.approach}{frame} ({value})"
-        by_measure.setdefault(row.value.measure, []).append(text)
+        by_measure.setdefault(row.value.measure, []).append(f"{row.where}{frame} ({value})")
     for measure, places in by_measure.items():
         more = f" and {len(places) - MOST_NAMED} more" if len(places) > MOST_NAMED else ""
         yield f"{measure} leaves out what has no finite value: {', '.join(places[:MOST_NAMED])}{more}"
-
-
-def _what(row: _Row) -> str:
-    return f"{row.value.measure} of {row.value.dataset}/{row.value.approach}"

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
-from app.analysis.reading.cells import Table, column_of, is_numeric, number_or_nan, same, shown
-from app.analysis.reading.nested import QUESTION
+from app.analysis.reading.cells import Column, Table, column_of, is_numeric, number_or_nan, same, shown
+from app.analysis.reading.files.nested import QUESTION
 from app.analysis.reading.votes_table import VotesError
 from app.analysis.reading.words import TIGHT_VERSUS, VERSUS, ends_of, is_suspicious, pair_in, pairs_in, plain
 
@@ -27,7 +29,7 @@ class Program:
     asks : may there be answers to several questions?
     """
 
-    is_it: Callable[[Table], bool]
+    is_it: Callable[[Table], object]
     restate: Callable[..., Table]
     says: str
     asks: bool = False
@@ -65,14 +67,21 @@ def _without_missing(table: Table) -> Table:
     """Take NA and its like for empty cells in columns of numbers."""
     changed = {}
     for name, column in table.columns.items():
-        if any(word in column.words for word in NOT_THERE):
-            words = tuple("" if word in NOT_THERE else word for word in column.words)
-            if is_numeric(cleared := column_of(np.array(words, object)[column.codes])):
-                changed[name] = cleared
+        cleared = column.mapped("" if word in NOT_THERE else word for word in column.words)
+        if cleared.words != column.words and is_numeric(cleared):
+            changed[name] = cleared
     if not changed:
         return table
     note = f"NA and the like are empty cells in {', '.join(map(shown, changed))}"
-    return table.with_columns({**table.columns, **changed}, notes=(*table.notes, note))
+    return replace(table, columns={**table.columns, **changed}, notes=(*table.notes, note))
+
+
+def _shorn(table: Table, is_kept: NDArray[np.bool_], which: str) -> Table:
+    """Leave out rows, and note how many, if any."""
+    if is_kept.all():
+        return table
+    kept = table.where(is_kept)
+    return replace(kept, notes=(*kept.notes, f"{int((~is_kept).sum())} rows {which}"))
 
 
 def _one_question(table: Table, column: str, question: str) -> Table:
@@ -86,7 +95,7 @@ def _one_question(table: Table, column: str, question: str) -> Table:
             f"--sheet {asked[0]} takes those to one"
         )
     kept = table.where(table.columns[column].meaning(lambda word: not question or word == question, bool))
-    return kept.with_columns({name: cells for name, cells in kept.columns.items() if name != column})
+    return replace(kept, columns={name: cells for name, cells in kept.columns.items() if name != column})
 
 
 def _with_pairs(table: Table) -> Table:
@@ -97,11 +106,11 @@ def _with_pairs(table: Table) -> Table:
         return table
     for name, column in table.columns.items():
         if column.filled and all(VERSUS.match(word) or TIGHT_VERSUS.match(word) for word in column.filled):
-            pairs = {"": ("", "")} | {word: pair[:2] for word, pair in pairs_in(column.words).items()}
-            items = [column_of(pairs[word][side] for word in column.texts) for side in (0, 1)]
+            pairs = pairs_in(column.words)
+            a, b = (column.mapped(pairs[word][:2][side] if word else "" for word in column.words) for side in (0, 1))
             kept = {other: cells for other, cells in table.columns.items() if other != name}
             note = f"the column {name!r} names the pair of each row"
-            return table.with_columns({"item_a": items[0], "item_b": items[1], **kept}, notes=(*table.notes, note))
+            return replace(table, columns={"item_a": a, "item_b": b, **kept}, notes=(*table.notes, note))
     return table
 
 
@@ -109,10 +118,10 @@ def _has(*names: str) -> Callable[[Table], bool]:
     return lambda table: set(names) <= {plain(name) for name in table.names}
 
 
-def _renamed(table: Table, names: Mapping[str, str], note: str = "") -> Table:
+def _renamed(table: Table, names: Mapping[str, str]) -> Table:
     """Rename columns, which `names` has as `plain` spells them -> new name."""
     columns = {names.get(plain(name), name): column for name, column in table.columns.items()}
-    return table.with_columns(columns, notes=(*table.notes, *([note] if note else [])))
+    return replace(table, columns=columns)
 
 
 def _is_qualtrics(table: Table) -> bool:
@@ -121,12 +130,12 @@ def _is_qualtrics(table: Table) -> bool:
 
 def _qualtrics(table: Table) -> Table:
     """Leave out the rows of questions and of import ids; a question that names a pair names its column."""
-    columns, notes = {}, ["the rows of questions and of import ids are left out"]
+    columns: dict[str, Column] = {}
     for name, column in table.columns.items():
         question = column.text(0)
         better = question if pair_in(name) is None and (VERSUS.search(question) and pair_in(question)) else name
         columns[better if better not in columns else name] = column
-    kept = table.with_columns(columns).where(np.arange(len(table)) >= 2)  # two rows of three headers
+    kept = replace(table, columns=columns).where(np.arange(len(table)) >= 2)  # two rows of three headers
     warnings = []
     for name, words in (("Status", ("survey preview", "spam", "1")), ("Finished", ("false", "0"))):
         if name in columns:
@@ -135,7 +144,8 @@ def _qualtrics(table: Table) -> Table:
                 warnings.append(
                     f"{name} says of {int(odd.sum())} rows that they are previews or unfinished; they count"
                 )
-    return replace(kept, notes=(*table.notes, *notes), warnings=tuple(warnings))
+    note = "the rows of questions and of import ids are left out"
+    return replace(kept, notes=(*table.notes, note), warnings=tuple(warnings))
 
 
 def _psychopy(table: Table) -> Table:
@@ -149,25 +159,18 @@ def _psychopy(table: Table) -> Table:
     if not shown_names:
         return table
     is_shown = np.logical_and.reduce([table.columns[name].meaning(bool, bool) for name in shown_names])
-    kept, notes = table.where(is_shown), list(table.notes)
-    if not is_shown.all():
-        notes.append(f"{int((~is_shown).sum())} rows that show no item are left out, as instructions")
-    columns = dict(kept.columns)
-    for ending, role in (
-        ((".keys", ".clicked_name", ".response"), "choice") if pairs else ((".response", ".rating", ".keys"), "rating"),
-    ):
-        answers = [name for name in columns if name.lower().endswith(ending) and columns[name].filled]
-        if len(answers) == 1 and role not in {plain(name) for name in columns}:
-            columns = {role if name == answers[0] else name: column for name, column in columns.items()}
-            notes.append(f"{role} is the column {answers[0]!r}")
-    return kept.with_columns(columns, notes=tuple(notes))
+    kept = _shorn(table, is_shown, "that show no item are left out, as instructions")
+    role, endings = ("choice", (".keys", ".clicked_name", ".response")) if pairs else (
+        "rating", (".response", ".rating", ".keys"),
+    )  # fmt: skip
+    answers = [name for name in kept.names if name.lower().endswith(endings) and kept.columns[name].filled]
+    if len(answers) != 1 or role in map(plain, kept.names):
+        return kept
+    columns = {role if name == answers[0] else name: column for name, column in kept.columns.items()}
+    return replace(kept, columns=columns, notes=(*kept.notes, f"{role} is the column {answers[0]!r}"))
 
 
 ANSWER = re.compile(r"^answer[._](q(?:uestion)?_?\d+)$", re.IGNORECASE)
-
-
-def _is_crowd(table: Table) -> bool:
-    return bool(_crowd_columns(table))
 
 
 def _crowd_columns(table: Table) -> dict[str, str]:
@@ -207,28 +210,24 @@ def _crowd(table: Table) -> Table:
     orders = {answer: name for answer in columns for name in table.names if name.lower() == f"{answer.lower()}_order"}
     rows: list[tuple[int, str, str, str, str]] = []
     n_traps = 0
-    for row in range(len(table)):
-        for answer, film in columns.items():
-            url, rating = table.columns[film].texts[row], table.columns[answer].texts[row]
-            if url in traps:
-                n_traps += 1
-            elif rating:
-                name, order = url.rsplit("/", 1)[-1], table.columns[orders[answer]].texts[row] if orders else "rp"
-                if order not in ("rp", "pr"):
-                    raise VotesError(f"row {table.row(row)}: {orders[answer]} is {shown(order)}, expected rp or pr")
-                if order == "pr":
-                    rating = f"{-number_or_nan(rating):g}"
-                person = (who and table.columns[who].texts[row]) or ""
-                rows.append((row, person, name, rating, REFERENCE if order == "rp" else name))
-    place = np.array([row[0] for row in rows], np.intp)
-    names = ("participant", "item_b" if orders else "condition", "rating", *(["first_shown"] if orders else []))
+    for row, (answer, film) in product(range(len(table)), columns.items()):
+        url, rating = (table.columns[name].text(row) for name in (film, answer))
+        if url in traps:
+            n_traps += 1
+        elif rating:
+            name, order = url.rsplit("/", 1)[-1], table.columns[orders[answer]].text(row) if orders else "rp"
+            if order not in ("rp", "pr"):
+                raise VotesError(f"row {table.row(row)}: {orders[answer]} is {shown(order)}, expected rp or pr")
+            if order == "pr":
+                rating = f"{-number_or_nan(rating):g}"
+            person = table.columns[who].text(row) if who else ""
+            rows.append((row, person, name, rating, REFERENCE if order == "rp" else name))
+    names = ("participant", "item_b", "rating", "first_shown") if orders else ("participant", "condition", "rating")
     cells = {name: column_of(row[at] for row in rows) for at, name in enumerate(names, start=1)}
-    if orders:
-        cells["item_a"] = same(REFERENCE, len(rows))
-    used = {*columns, *columns.values(), *orders.values(), who}
-    kept = {
-        name: column.where(place) for name, column in table.columns.items() if name not in used and name not in names
-    }
+    cells |= {"item_a": same(REFERENCE, len(rows))} if orders else {}
+    used = {*columns, *columns.values(), *orders.values(), who, *names}
+    place = np.array([row[0] for row in rows], np.intp)
+    kept = {name: column.where(place) for name, column in table.columns.items() if name not in used}
     notes = (*table.notes, f"{len(columns)} answers in each row, each a rating of the film that it names")
     warnings = (f"{n_traps} answers on trapping or gold films are left out",) if n_traps else ()
     return Table({**cells, **kept}, table.how, table.numbers[place], notes, warnings)
@@ -238,30 +237,24 @@ def _gorilla(table: Table) -> Table:
     """Leave out rows without a response: each thing on a screen has one."""
     renamed = _renamed(table, {"participantprivateid": "participant"})
     is_there = next(cells for name, cells in renamed.columns.items() if plain(name) == "response").meaning(bool, bool)
-    note = [f"{int((~is_there).sum())} rows without a response are left out"] if not is_there.all() else []
-    return replace(renamed.where(is_there), notes=(*table.notes, *note))
+    return _shorn(renamed, is_there, "without a response are left out")
 
 
 def _revisit(table: Table, question: str) -> Table:
     """Leave out rows without an answer, and those that show no item where others do; parameters lose that word."""
     names = {name: re.sub(r"^parameters?_", "", name) for name in table.names}
     columns = {
-        (names[name] if names[name] not in table.columns else name): replace(column, words=_known(column.words))
+        (names[name] if names[name] not in table.columns else name): column.mapped(
+            "" if word in ("undefined", "null", "[]") else word for word in column.words
+        )
         for name, column in table.columns.items()
     }
     answer = next(name for name in columns if plain(name) == "answer")
     shown_names = [name for name in columns if (end := ends_of(name)) and end[0]]
     needed = [name for name in (answer, *shown_names) if columns[name].filled]
     is_there = np.logical_and.reduce([np.ones(len(table), bool), *(columns[n].meaning(bool, bool) for n in needed)])
-    kept = table.with_columns(columns).where(is_there)
-    notes = [f"{int((~is_there).sum())} rows without an answer or an item are left out"] if not is_there.all() else []
-    kept = _one_question(kept, next(name for name in columns if plain(name) == "responseid"), question)
-    return replace(_rated_trials(kept), notes=(*table.notes, *notes))
-
-
-def _known(words: Sequence[str]) -> tuple[str, ...]:
-    """Return words without those that reVISit writes where there is nothing."""
-    return tuple("" if word in ("undefined", "null", "[]") else word for word in words)
+    kept = _shorn(replace(table, columns=columns), is_there, "without an answer or an item are left out")
+    return _rated_trials(_one_question(kept, next(name for name in columns if plain(name) == "responseid"), question))
 
 
 def _rated_trials(table: Table) -> Table:
@@ -288,10 +281,9 @@ def _avrateng(table: Table, question: str) -> Table:
                 f"row {table.row(row)}: {shown(word)} shows {len(films[word])} films, and nothing says what was rated; "
                 "name the films of a comparison in columns item_a and item_b, or one film in each row"
             )
-    cells = column_of("".join(films[word][0]) for word in table.columns[name].texts)
-    return _renamed(
-        table.with_columns({**table.columns, name: cells}), {"userid": "participant", "videoname": "condition"}
-    )
+    cells = table.columns[name].compact
+    named = {**table.columns, name: cells.mapped("".join(films[word][0]) for word in cells.words)}
+    return _renamed(replace(table, columns=named), {"userid": "participant", "videoname": "condition"})
 
 
 def _webmushra(table: Table, names: Mapping[str, str]) -> Table:
@@ -310,21 +302,17 @@ def _webmushra_pairs(table: Table) -> Table:
     """Say which of the two the answer of a webMUSHRA paired comparison is."""
     answer = next(name for name in table.names if plain(name) == "choiceanswer")
     is_known = table.columns[answer].meaning(lambda word: word.lower() != "unknown", bool)
-    kept = table.where(is_known)
-    cells = column_of(MUSHRA_WORDS.get(word.lower(), word) for word in kept.columns[answer].texts)
-    notes = [
-        "correct is the reference",
-        *([f"{int((~is_known).sum())} rows without an answer are left out"] * (not is_known.all())),
-    ]
+    noted = replace(table, notes=(*table.notes, "correct is the reference"))
+    kept = _shorn(noted, is_known, "without an answer are left out")
+    cells = kept.columns[answer].mapped(MUSHRA_WORDS.get(word.lower(), word) for word in kept.columns[answer].words)
     names = {"choicereference": "item_a", "choicenonreference": "item_b", "choiceanswer": "choice"}
-    restated = kept.with_columns({**kept.columns, answer: cells}, notes=(*table.notes, *notes))
-    return _webmushra(restated, names)
+    return _webmushra(replace(kept, columns={**kept.columns, answer: cells}), names)
 
 
 PROGRAMS: dict[str, Program] = {
     "qualtrics": Program(_is_qualtrics, _qualtrics, "three rows of headers; the third holds ImportId"),
     "p910-crowd": Program(
-        _is_crowd,
+        _crowd_columns,
         _crowd,
         "a row for each worker: answer.q1, answer.q1_url (or input.q1), answer.q2, …; answer.q1_order in CCR",
     ),

@@ -31,14 +31,16 @@ from app.analysis.reading.layouts import joined_column
 from app.analysis.reading.votes_table import VotesError
 from app.analysis.reading.words import MULTIPLE, SEVERAL, is_never, is_suspicious, plain
 
-SHORTENED = re.compile(r"\d([.,]\d+)?E\+?\d{2,}", re.IGNORECASE)  # 5.6E+23: what Excel leaves of a long id
-
-
-DATE = re.compile(
-    r"\d{4}-\d\d-\d\d([ T]00:00(:00)?)?|\d{1,2}-(jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)[a-z]*(-\d{2,4})?|"
-    r"(jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)[a-z]*-\d{2,4}",
-    re.IGNORECASE,
-)
+MONTH = "(jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)[a-z]*"
+# Names that a spreadsheet made of others: an id such as 5.6E+23, and dates.
+ODD = {
+    re.compile(r"\d([.,]\d+)?E\+?\d{2,}", re.IGNORECASE): (
+        "a long id that a spreadsheet shortened: different ones may look alike"
+    ),
+    re.compile(
+        rf"\d{{4}}-\d\d-\d\d([ T]00:00(:00)?)?|\d{{1,2}}-{MONTH}(-\d{{2,4}})?|{MONTH}-\d{{2,4}}", re.IGNORECASE
+    ): "a date, which a spreadsheet may have made of another name",
+}
 
 
 def recognise(table: Table, told: Told = Told()) -> Description:  # frozen
@@ -57,10 +59,8 @@ def recognise(table: Table, told: Told = Told()) -> Description:  # frozen
         If none does.
     """
     seen = Seen(table, told)
-    finders = FINDERS if told.format not in LAYOUTS else {told.format: LAYOUTS[told.format]}
-    for find in finders.values():
-        description = find(seen)
-        if description is not None:
+    for find in LAYOUTS.get(told.format, FINDERS):
+        if (description := find(seen)) is not None:
             return _with_lists(seen, description)
     raise VotesError(_lacking(seen))
 
@@ -69,7 +69,7 @@ def _by_names(seen: Seen) -> Description | None:
     """Find what the names of the columns say: votes, comparisons, ratings, counts, rankings."""
     if any(len(seen.given.get(role, ())) > 1 for role in WIDE_ROLES):
         return None
-    matches = {name: description for name, find in BY_NAMES.items() if (description := find(seen)) is not None}
+    matches = {name: description for name, (find, _) in BY_NAMES.items() if (description := find(seen)) is not None}
     for stronger, weaker in (
         ("votes", "winner-loser"), ("votes", "ranking"), ("votes", "best-worst"), ("ccr", "ratings"),
         ("best-worst", "ratings"), ("wins", "winner-loser"),
@@ -95,11 +95,6 @@ def _by_names(seen: Seen) -> Description | None:
 
 
 def _several(matches: Mapping[str, Description]) -> QuestionError:
-    kinds = {
-        "votes": "votes: {choice} says which item is preferred", "ccr": "comparison ratings: {rating} is the grade",
-        "ratings": "ratings of {condition} in {rating}", "wins": "counts of wins",
-        "ranking": "rankings in {rank}", "winner-loser": "votes: a winner and a loser", "best-worst": "best and worst",
-    }  # fmt: skip
     readings = []
     for name, description in matches.items():
         names = {role: repr(JOIN.join(theirs)) for role, theirs in description.columns.items()}
@@ -107,69 +102,50 @@ def _several(matches: Mapping[str, Description]) -> QuestionError:
         for role in ("choice", "rating", "rank"):
             if role in description.columns:
                 told = Told(columns={role: JOIN.join(description.columns[role])})
-        readings.append(Reading(kinds[name].format_map(names), told))
+        readings.append(Reading(BY_NAMES[name][1].format_map(names), told))
     return QuestionError(f"the columns can be read in {len(readings)} ways", readings)
 
 
-BY_NAMES: dict[str, Finder] = {
-    "votes": find_votes,
-    "ccr": find_comparisons,
-    "winner-loser": find_won,
-    "wins": find_wins,
-    "ratings": find_ratings,
-    "best-worst": find_best_worst,
-    "ranking": lambda seen: find_ranking(seen) or find_ranked_columns(seen),
+BY_NAMES: dict[str, tuple[Finder, str]] = {
+    "votes": (find_votes, "votes: {choice} says which item is preferred"),
+    "ccr": (find_comparisons, "comparison ratings: {rating} is the grade"),
+    "winner-loser": (find_won, "votes: a winner and a loser"),
+    "wins": (find_wins, "counts of wins"),
+    "ratings": (find_ratings, "ratings of {condition} in {rating}"),
+    "best-worst": (find_best_worst, "best and worst"),
+    "ranking": (lambda seen: find_ranking(seen) or find_ranked_columns(seen), "rankings in {rank}"),
 }
+FINDERS: tuple[Finder, ...] = (find_matrix, find_wide_pairs, _by_names, find_wide_ratings)
 
 
-FINDERS: dict[str, Finder] = {
-    "matrix": find_matrix,
-    "pairs": find_wide_pairs,
-    "names": _by_names,
-    "cells": find_wide_ratings,
-}
-
-
-def _first(*finders: Finder) -> Finder:
-    def find(seen: Seen) -> Description | None:
-        return next((matches for finder in finders if (matches := finder(seen)) is not None), None)
-
-    return find
+def _find_meant(seen: Seen) -> Description | None:
+    return with_meaning(seen, description) if (description := find_votes(seen)) else None
 
 
 # What `--format` may name, beside programs; each allows one kind of reading.
-LAYOUTS: dict[str, Finder] = {
-    "votes": _first(find_wide_pairs, lambda seen: _meant(seen, find_votes(seen)), find_won, find_wins, find_matrix),
-    "ratings": _first(find_ratings, find_wide_ratings),
-    "ccr": _first(find_comparisons, find_wide_pairs),
-    "winner-loser": find_won,
-    "wins": find_wins,
-    "matrix": find_matrix,
-    "ranking": _first(find_ranking, find_ranked_columns, find_wide_ranks),
-    "best-worst": find_best_worst,
+LAYOUTS: dict[str, tuple[Finder, ...]] = {
+    "votes": (find_wide_pairs, _find_meant, find_won, find_wins, find_matrix),
+    "ratings": (find_ratings, find_wide_ratings),
+    "ccr": (find_comparisons, find_wide_pairs),
+    "winner-loser": (find_won,),
+    "wins": (find_wins,),
+    "matrix": (find_matrix,),
+    "ranking": (find_ranking, find_ranked_columns, find_wide_ranks),
+    "best-worst": (find_best_worst,),
 }
-
-
-def _meant(seen: Seen, description: Description | None) -> Description | None:
-    return None if description is None else with_meaning(seen, description)
 
 
 def _lacking(seen: Seen) -> str:
     """Say what a table lacks, for what it comes nearest to."""
-    names = seen.table.names
-    given = seen.given
-    is_rated = bool(quietly(seen, "condition") or seen.candidates("rating") or "rating" in given) and not seen.pairs
+    is_rated = (quietly(seen, "condition") or seen.candidates("rating")) and not seen.pairs
     wanted = ("participant", "condition", "rating") if is_rated else ("item_a", "item_b", "choice")
-    pair = seen.pairs[0] if seen.pairs else None
-    there = {
-        role for role in wanted if role in given or seen.candidates(role) or (pair and role in ("item_a", "item_b"))
-    }
+    there = {role for role in wanted if seen.candidates(role) or (seen.pairs and role in ("item_a", "item_b"))}
     missing = [role for role in wanted if role not in there] or ["choice"]
     return (
         f"lacks {'the column' if len(missing) == 1 else 'the columns'} {', '.join(missing)}; found "
-        f"{named(names) or 'none'}. Map other names, e.g. --columns participant=judge, or item_a=type+level for an "
-        "item in two columns; ratings have the columns participant, condition and rating, or one for each condition "
-        "(--columns rating=c1+c2+c3 names them); --format names a layout"
+        f"{named(seen.table.names) or 'none'}. Map other names, e.g. --columns participant=judge, or "
+        "item_a=type+level for an item in two columns; ratings have the columns participant, condition and rating, or "
+        "one for each condition (--columns rating=c1+c2+c3 names them); --format names a layout"
     )
 
 
@@ -202,7 +178,7 @@ def _with_lists(seen: Seen, description: Description) -> Description:
     return replace(description, not_used=rest, warnings=tuple(warnings))
 
 
-REPEATABLE = ("rows", "won", "ranking", "ranks", "best-worst")  # layouts whose rows may be those of one person
+REPEATABLE = ("rows", "won", "ranking", "ranked", "ranks", "best-worst")  # layouts whose rows may be one person's
 MOST_KINDS = 20  # different texts of a column that may tell repeated rows apart; more are numbers of trials
 
 
@@ -259,10 +235,7 @@ def _odd_cells(seen: Seen, description: Description) -> list[str]:
     named_in = {name: seen.column(name).filled for role in roles for name in description.columns.get(role, ())}
     named_in["a column"] = tuple(label for labels in description.spread.values() for label in labels)
     for name, words in named_in.items():
-        if words:
-            for pattern, what in ((SHORTENED, "a long id that a spreadsheet shortened: different ones may look alike"),
-                                  (DATE, "a date, which a spreadsheet may have made of another name")):  # fmt: skip
-                odd = [word for word in words if pattern.fullmatch(word)]
-                if odd:
-                    warnings.append(f"{name} is {shown(odd[0])}, {what}")
+        for pattern, what in ODD.items():
+            if odd := next(filter(pattern.fullmatch, words), None):
+                warnings.append(f"{name} is {shown(odd)}, {what}")
     return warnings

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 
 CHOICES = ("a", "b", "none")
 A, B, NONE = range(3)
+CHOICE_CODES = {choice: code for code, choice in enumerate(CHOICES)}
 ROLES = ("main", "repeat", "identical")
 MAIN, REPEAT, IDENTICAL = range(3)
 ROLE_CODES = {"": MAIN} | {role: code for code, role in enumerate(ROLES)}  # an empty cell is a vote to score
@@ -21,6 +24,21 @@ WITHDRAWN = "withdrawn"  # reason of the participant's own exclusion, which an e
 
 class VotesError(ValueError):
     """A table is not a votes table; the message names the row and the value."""
+
+    def at(self, place: Path | str) -> VotesError:
+        """Return the refusal of a file."""
+        return VotesError(f"{place}: {self}")
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Name the file in what is refused of it."""
+    try:
+        yield
+    except FileNotFoundError as error:
+        raise VotesError(f"{path}: there is no such file") from error
+    except VotesError as error:
+        raise error.at(path) from error
 
 
 @dataclass(frozen=True)
@@ -165,6 +183,15 @@ def bounds_of(ordered: NDArray[np.integer[Any]]) -> list[int]:
 
 
 SIXTEEN_BITS = 2**16
+UNRECORDED: dict[str, Any] = {  # what a column holds, and as what, where nothing is known; any other is false
+    **dict.fromkeys(("participant", "dataset", "item_a", "item_b"), np.int32(0)),
+    **dict.fromkeys(("choice", "role"), np.int8(MAIN)),
+    **dict.fromkeys(("first_shown", "both_seen", "shown_smoothly"), np.int8(-1)),
+    **dict.fromkeys(("response_ms", "press_to_picture_ms"), np.float64(np.nan)),
+    **dict.fromkeys(("practice", "excluded"), np.False_),
+    "count": np.int64(1),
+    "reason": np.array("", np.object_),
+}
 NAMES = ("participants", "datasets", "items")
 NAMES_OF = {"participant": "participants", "dataset": "datasets", "item_a": "items", "item_b": "items"}
 
@@ -217,40 +244,24 @@ def votes_from_indices(
     count : int (N,), votes of each row; one by default
     first_shown : int (N,), as in `VotesTable`; not recorded by default
     """
-    n = len(choice)
-    participants, datasets, items = (tuple(part) for part in names)
-    return VotesTable(
-        participants,
-        datasets,
-        items,
-        participant=participant.astype(np.int32, copy=False),
-        dataset=dataset.astype(np.int32, copy=False),
-        item_a=item_a.astype(np.int32, copy=False),
-        item_b=item_b.astype(np.int32, copy=False),
-        choice=choice.astype(np.int8, copy=False),
-        first_shown=constant(-1, np.int8, n) if first_shown is None else first_shown.astype(np.int8, copy=False),
-        both_seen=constant(-1, np.int8, n),
-        shown_smoothly=constant(-1, np.int8, n),
-        count=constant(1, np.int64, n) if count is None else count.astype(np.int64, copy=False),
-        response_ms=constant(np.nan, np.float64, n),
-        press_to_picture_ms=constant(np.nan, np.float64, n),
-        practice=constant(False, np.bool_, n),
-        excluded=constant(False, np.bool_, n),
-        reason=constant("", np.object_, n),
-        role=constant(0, np.int8, n),
-    )
+    columns = {"participant": participant, "dataset": dataset, "item_a": item_a, "item_b": item_b, "choice": choice}
+    columns |= {} if count is None else {"count": count}
+    columns |= {} if first_shown is None else {"first_shown": first_shown}
+    made: dict[str, Any] = {name: column.astype(UNRECORDED[name].dtype, copy=False) for name, column in columns.items()}
+    made |= {name: unrecorded(name, len(choice)) for name in UNRECORDED.keys() - made.keys()}
+    participants, datasets, items = map(tuple, names)
+    return VotesTable(participants, datasets, items, **made)
 
 
-def constant(value: object, kind: type[Any], n: int) -> NDArray[Any]:
-    """Return a column (N,) with the same value in all rows, read-only, that takes the memory of one.
+def unrecorded(role: str, n: int) -> NDArray[Any]:
+    """Return a column (N,) of what is not recorded, or not so: read-only, and it takes the memory of one value.
 
     Parameters
     ----------
-    value : of all rows
-    kind : numpy type of the column
+    role : name of the column
     n : N
     """
-    return np.broadcast_to(np.array(value, kind), n)
+    return np.broadcast_to(UNRECORDED.get(role, np.False_), n)
 
 
 def only_compared(votes: VotesTable) -> VotesTable:

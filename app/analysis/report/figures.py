@@ -10,18 +10,11 @@ from app.analysis.drawing.charts_in_common import FULL, chart_svg, drawn_width, 
 from app.analysis.drawing.figure_code import figure_code, level_rows, names_by_file
 from app.analysis.objective.prediction import measures_by_rank
 from app.analysis.reading.votes_table import ALL
-from app.analysis.report.charts import (
-    groups_chart,
-    levels_chart,
-    preference_chart,
-    residual_chart,
-    response_chart,
-    scores_chart,
-    triads_chart,
-)
 from app.analysis.report.objective_charts import measure_chart, ranking_chart
 from app.analysis.report.rate_charts import rates_chart
 from app.analysis.report.rating_charts import rating_charts
+from app.analysis.report.score_charts import groups_chart, levels_chart, scores_chart
+from app.analysis.report.vote_charts import preference_chart, residual_chart, response_chart, triads_chart
 
 Row = Mapping[str, Any]
 

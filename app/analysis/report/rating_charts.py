@@ -20,7 +20,7 @@ from app.analysis.drawing.charts_in_common import (
     panels_in_rows,
 )
 from app.analysis.reading.votes_table import ALL
-from app.analysis.report.charts import MOST_PARTICIPANTS_IN_A_CHART
+from app.analysis.report.vote_charts import MOST_PARTICIPANTS_IN_A_CHART
 
 Row = Mapping[str, Any]
 

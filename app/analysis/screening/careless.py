@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 FALSE_ALARMS = 0.05  # expected in a whole study of honest people, below which somebody is named
 FEWEST_PEOPLE = 5  # fewer tell nothing about what the others do
-DRAWS, QUICK = 600, 150  # honest people whose votes a participant's are compared with, last and before
+DRAWS, QUICK = 1200, 150  # honest people whose votes a participant's are compared with, last and before
 TRIMMED = (0.0, 1.0, 2.0, 2.0)  # log likelihood ratios, by round, above which somebody does not tell what honest do
 
 
@@ -88,7 +88,7 @@ def careless_answers(
             break
         kept = trimmed
     evidence = _weighed(votes, who, names, by_name, panel, order_effect or 0.0, kept, rng, DRAWS)
-    alarms = np.minimum(_calibration(len(people), evidence) * len(people) * evidence.chance, len(people))
+    alarms = false_alarms(_calibration(len(people), evidence) * evidence.chance)
     return {
         name: Careless(
             float(evidence.total[row]),
@@ -98,6 +98,24 @@ def careless_answers(
         )
         for row, name in enumerate(names)
     }
+
+
+def false_alarms(chance: Array) -> Array:
+    """Return how many honest people are expected to look as careless, among all who do not look more careless still.
+
+    Parameters
+    ----------
+    chance : float64 (J,), that an honest person does
+
+    Source
+    ------
+    Holm (1979): those who stand out more are no honest people any more when the next is judged.
+    """
+    order = np.argsort(chance)
+    left = np.arange(len(chance), 0, -1)
+    alarms = np.empty(len(chance))
+    alarms[order] = np.maximum.accumulate(np.minimum(chance[order] * left, left))
+    return alarms
 
 
 def _calibration(n_people: int, evidence: _Evidence) -> float:

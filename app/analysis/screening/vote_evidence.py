@@ -17,6 +17,7 @@ from app.analysis.reading.votes_table import NONE, VotesTable, only_compared
 
 Array = NDArray[np.float64]
 
+FEWEST = 10  # decided votes of a participant, on average; fewer do not tell how far opinions differ
 FEWEST_DRAWS = 60  # honest people whose votes a participant's are compared with
 SIMULATED = 1000  # careless people, who tell how often honest ones look like them
 TOGETHER = 1_000_000  # logits at once
@@ -25,6 +26,7 @@ MOST_ITEMS = 60  # above, a person's opinions have more dimensions than draws ca
 MEDIAN = 0.87  # of a chi-square with five degrees of freedom, in units of its mean
 NOISE = 0.2  # standard deviation of the logarithm of somebody's own noise
 FEW = 8.0  # people, of whom the estimate of how far opinions differ has half its value again as error
+MOST_UNKNOWN = 0.16  # up to which the variance of opinions is taken to be a standard error larger than it is found
 LEAST_SPREAD = 0.2  # log-odds, of honest opinions, also where the votes show none
 LEAST_APART = 0.15  # log-odds; datasets whose scores differ by less are taken together
 DISSENTERS, DISSENT = 0.05, 2.0  # share of honest people with opinions that lie so many times farther apart
@@ -50,7 +52,7 @@ class Panel:
 
 
 def panel_of(votes: VotesTable, who: NDArray[np.intp], n_people: int, order_effect: float | None) -> Panel | None:
-    """Count the decided votes; None with too few people or too many items to follow.
+    """Count the decided votes; None with too few people or votes, or too many items to follow.
 
     Parameters
     ----------
@@ -60,7 +62,7 @@ def panel_of(votes: VotesTable, who: NDArray[np.intp], n_people: int, order_effe
     order_effect : as in `careless_answers`
     """
     decided = votes.choice != NONE
-    if n_people < 3 or not decided.any() or len(votes.items) > 4 * MOST_ITEMS:
+    if n_people < 3 or votes.count[decided].sum() < FEWEST * n_people or len(votes.items) > 4 * MOST_ITEMS:
         return None
     rows = votes.where(decided)
     compared = only_compared(rows)
@@ -110,8 +112,9 @@ def against_scores(
         panel = _on_one_dataset(panel)
     n = panel.incidence.shape[1]
     roots = _root(covariance)
-    far = np.where(rng.random(n_draws) < DISSENTERS, DISSENT, 1.0)
-    opinions = spread * far[:, None] * rng.standard_normal((n_draws, n)) + rng.standard_normal((n_draws, n)) @ roots
+    is_far = np.arange(n_draws) % 4 == 0  # more draws than dissenters: their likelihood needs as many
+    apart = spread * np.where(is_far, DISSENT, 1.0)[:, None] * rng.standard_normal((n_draws, n))
+    opinions = apart + rng.standard_normal((n_draws, n)) @ roots
     shifts = (opinions @ panel.incidence.T).astype(np.float32)
     noise = np.exp(NOISE * rng.standard_normal(n_draws)).astype(np.float32)[:, None]
     shift = order_effect * panel.shown
@@ -126,7 +129,13 @@ def against_scores(
     design = votes[rng.integers(0, n_people, SIMULATED)]
     clicks = rng.binomial(design.astype(np.int64), 0.5).astype(np.float64)
     of_clicks = _loglik(noise * (centres.mean(axis=0) + shifts), clicks, design)
-    return _coin(votes) - _mean(of_votes), _coin(design) - _mean(of_clicks)
+    return _coin(votes) - _mixed(of_votes, is_far), _coin(design) - _mixed(of_clicks, is_far)
+
+
+def _mixed(logliks: Array, is_far: NDArray[np.bool_]) -> Array:
+    """Return the log-likelihood of honest people, of whom some dissent, float64 (M,)."""
+    near, far = _mean(logliks[:, ~is_far]), _mean(logliks[:, is_far])
+    return np.asarray(np.logaddexp(np.log1p(-DISSENTERS) + near, np.log(DISSENTERS) + far))
 
 
 def _coin(votes: Array) -> Array:
@@ -193,7 +202,8 @@ def _honest_scores(panel: Panel, order_effect: float, kept: NDArray[np.bool_]) -
     information = of_people[kept].sum(axis=0)
     inverse, rank, n_kept = np.linalg.pinv(information, hermitian=True), n - 1, int(kept.sum())
     excess = _excess if not kept.all() else _typical_excess  # before careless people are left out, by the median
-    spread = np.sqrt(excess(gradients[kept], of_people[kept], inverse, rank))
+    error = np.sqrt(2 * rank / n_kept) / max(_gain(of_people[kept], inverse), 1e-9)
+    spread = np.sqrt(excess(gradients[kept], of_people[kept], inverse, rank) + min(error, MOST_UNKNOWN))
     influence = gradients @ inverse
     covariance = influence[kept].T @ influence[kept] * n_kept / max(n_kept - 1, 1)
     n_datasets = int(panel.dataset.max()) + 1
@@ -216,14 +226,19 @@ def _excess(gradients: Array, information: Array, inverse: Array, rank: int) -> 
     """Return the variance of shifts that make gradients (G, n) vary more than their information (G, n, n) says."""
     expected = rank * (1 - 1 / len(gradients))
     observed = float(np.einsum("gi,ij,gj->", gradients, inverse, gradients))
-    gain = float(np.einsum("ij,gjk,gki->", inverse, information, information, optimize=True))
+    gain = _gain(information, inverse)
     return max(observed - expected, 0.0) / gain if gain > 0 else 0.0
+
+
+def _gain(information: Array, inverse: Array) -> float:
+    """Return by how much gradients vary more for a unit of their shifts' variance."""
+    return float(np.einsum("ij,gjk,gki->", inverse, information, information, optimize=True))
 
 
 def _typical_excess(gradients: Array, information: Array, inverse: Array, rank: int) -> float:
     """Return `_excess` by the median over gradients, which a few that are unlike the others do not move."""
     observed = float(np.median(np.einsum("gi,ij,gj->g", gradients, inverse, gradients))) / MEDIAN * len(gradients)
-    gain = float(np.einsum("ij,gjk,gki->", inverse, information, information, optimize=True))
+    gain = _gain(information, inverse)
     return max(observed - rank * (1 - 1 / len(gradients)), 0.0) / gain if gain > 0 else 0.0
 
 

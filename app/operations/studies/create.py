@@ -82,7 +82,7 @@ def create_study(
             wanted = neutral_words(wanted)
         check_languages(wanted, packs)
         made = prepare_study(settings, manifest_path, wanted, exposure_s, progress)
-        notes = [*made.notes, *_telling_names(name, made.shown)]
+        notes = [*made.notes, *filter(None, [telling_names(name, made.shown.conditions)])]
         now = utc_now()
         row = {"slug": slug, "name": name.strip(), "state": "open", "seed": chosen_seed, "created_at": now}
         row |= {"paused_at": now if is_paused else None, **prepared_columns(made)}
@@ -276,15 +276,15 @@ def _noted(notes: Sequence[str]) -> dict[str, list[str]]:
     return {"notes": list(notes)} if notes else {}
 
 
-def _telling_names(name: str, shown: StimulusSet) -> list[str]:
-    """Return a sentence if a study's name, which participants see, holds that of a condition."""
-    words = [each for each in shown.conditions if re.search(rf"(?<!\w){re.escape(each)}(?!\w)", name, re.IGNORECASE)]
+def telling_names(name: str, conditions: Sequence[str]) -> str:
+    """Return a sentence if a study's name, which participants see, holds that of a condition; else nothing."""
+    words = [each for each in conditions if re.search(rf"(?<!\w){re.escape(each)}(?!\w)", name, re.IGNORECASE)]
     if not words:
-        return []
-    return [
+        return ""
+    return (
         f"the name {name.strip()!r} holds {', '.join(words)}, and participants see it, also in the study's address; "
         "choose a name that tells nothing of what is compared"
-    ]
+    )
 
 
 def _seed(wanted: int | None) -> int:

@@ -30,7 +30,7 @@ from app.study.design.groups import check_groups
 from app.study.languages.language_pack import LanguagePack
 from app.study.languages.text import is_one_line
 from app.study.option_fields import WITH_FILMS, SettingError
-from app.study.options.option_table import CHANGES, why_fixed
+from app.study.options.option_table import CHANGES, SETTINGS, why_fixed
 from app.study.options.options import check_minimum_viewing, without_effect
 from app.study.options.own_texts import LONGEST_NAME
 from app.study.options.privacy import check_days_left, forgets_at
@@ -106,7 +106,7 @@ def check_edit(
     for name in changes:
         change = WITH_FILMS if name in needs_films else CHANGES[name]
         if reason := why_fixed(change, has_begun=has_begun, has_stimuli=known is not None or not needs_films):
-            raise ConflictError(f"Nothing was changed: {name} cannot change, because {reason}.")
+            raise ConflictError(f"Nothing was changed: {_called(name)} cannot change, because {reason}.")
     return Edit(study, wanted, changes, known.folder if known else None)
 
 
@@ -204,7 +204,13 @@ def _lock_unless_begun(connection: Transaction, edit: Edit) -> None:
     if progress_of(connection, edit.study.id).n_started:
         for name in edit.changes:
             if reason := why_fixed(CHANGES[name], has_begun=True, has_stimuli=True):
-                raise ConflictError(f"Nothing was changed: {name} cannot change, because {reason}.")
+                raise ConflictError(f"Nothing was changed: {_called(name)} cannot change, because {reason}.")
+
+
+def _called(name: str) -> str:
+    """Return what forms call a setting, with its name in files; the name alone where it is a table of several."""
+    label = next((setting.label for setting in SETTINGS if setting.name == name), "")
+    return f"{label} ({name})" if label else name
 
 
 def _changes(before: StudyFile, after: StudyFile) -> dict[str, Any]:

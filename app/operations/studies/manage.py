@@ -16,6 +16,7 @@ from app.operations.studies.invitations import MOST_PLACES, make_invitations
 from app.operations.studies.standing import change_standing, delete_study
 from app.settings import Settings
 from app.store.access.experimenters import Role, all_experimenters, disable, experimenter_named, renew_link, set_up_link
+from app.store.access.second_factors import end_second_factor
 from app.store.access.tokens import READING, Token, all_tokens, insert_token, revoke_token
 from app.store.database.engine import Database, Transaction, open_database
 from app.store.database.keys import utc_now
@@ -136,7 +137,7 @@ def invitation_for(settings: Settings, slug: str, n_people: int) -> str:
 def add_experimenter(
     settings: Settings, name: str, role: Role | None = None, studies: Sequence[str] | None = None
 ) -> dict[str, Any]:
-    """Make a sign-in link for an experimenter, added if new; an older link or password ends.
+    """Make a sign-in link for an experimenter, added if new; an older link, password or second factor ends.
 
     Parameters
     ----------
@@ -152,6 +153,8 @@ def add_experimenter(
         password_ended = known is not None and known.has_password
         secret = renew_link(database, name, utc_now(), role, studies)
         with database.writing() as connection:
+            if known is not None:
+                end_second_factor(connection, known.id)
             _note(connection, "sign-in link made", name, password_ended=password_ended, studies=studies)
     return {"name": name, "path": f"/admin/login/{secret}", "password_ended": password_ended}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ def install_set(
     progress: Progress,
     *,
     name: str = "",
+    is_wish: bool = False,
     is_conformed: bool = False,
 ) -> str:
     """Unpack an upload, make a set of it where it is none, check it, move it to its place, and return its name.
@@ -38,7 +40,8 @@ def install_set(
     ----------
     packed : a zip file of a set's folder, or of DATASET/CONDITION.mp4
     unpacked : folder that is made for its content
-    name : of a set that is made of plain films; empty: that of the folder in the zip file
+    name : of a set that is made of plain films; empty: that of the folder in the zip file, with a number if it is taken
+    is_wish : may the name get a number, too?
     is_conformed : make films of a dataset alike that differ in size, frame rate or length
 
     Raises
@@ -52,14 +55,28 @@ def install_set(
             stimulus_set = in_bounds(read_manifest, folder, are_compared=True)
             check_videos(stimulus_set, progress)
         else:
-            stimulus_set = _made(folder, unpacked, name, progress, is_conformed=is_conformed)
+            title = name.strip() or (folder.name if folder != unpacked else UNNAMED)
+            title = _free(server, title) if is_wish or not name.strip() else title
+            _refuse_taken(server, title)  # before its films are decoded
+            stimulus_set = _made(folder, unpacked.with_name("made"), title, progress, is_conformed=is_conformed)
     except StimuliError as error:
         said = said_on_page(error).replace(f"{folder}/", "").replace(str(folder), "the upload")
         raise StimuliError(said) from error
-    slug = slugify(stimulus_set.name)
+    slug = _refuse_taken(server, stimulus_set.name)
+    stimulus_set.folder.rename(server.sets_dir / slug)
+    return slug
+
+
+def _free(server: Settings, title: str) -> str:
+    """Return a title that no set of the server has: this one, or with the first number that is free."""
+    numbered = (title if number == 1 else f"{title} {number}" for number in count(1))
+    return next(each for each in numbered if not (server.sets_dir / slugify(each)).exists())
+
+
+def _refuse_taken(server: Settings, title: str) -> str:
+    slug = slugify(title)
     if (server.sets_dir / slug).exists():
         raise StimuliError(f"there are films called {slug!r} already; give these another name, then upload them again")
-    stimulus_set.folder.rename(server.sets_dir / slug)
     return slug
 
 
@@ -138,12 +155,12 @@ def _places_of_names(names: Sequence[str]) -> dict[str, tuple[str, str]]:
     return {}
 
 
-def _made(folder: Path, unpacked: Path, name: str, progress: Progress, *, is_conformed: bool) -> StimulusSet:
+def _made(folder: Path, out: Path, title: str, progress: Progress, *, is_conformed: bool) -> StimulusSet:
     """Make a set of plain films."""
     _put_into_folders(folder)
-    title = name.strip() or (folder.name if folder != unpacked else UNNAMED)
-    out = unpacked.with_name("made") / slugify(title)
-    made = import_stimuli(folder, out, is_conformed=is_conformed, name=title, progress=progress).stimulus_set
+    made = import_stimuli(
+        folder, out / slugify(title), is_conformed=is_conformed, name=title, progress=progress
+    ).stimulus_set
     if alone := [dataset for dataset in made.datasets if len(made.of_dataset(dataset)) < 2]:
         raise StimuliError(f"{alone[0]} has one film, expected two or more to compare; add the others to its folder")
     return made

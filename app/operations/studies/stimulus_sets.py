@@ -14,14 +14,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.errors import ConflictError, InvalidError, NotFoundError, StimuliError
+from app.errors import ConflictError, InvalidError, NotFoundError, StimuliError, said_on_page
 from app.files import read_json, whole_file
 from app.intake.stimuli import MANIFEST, TOGETHER, StimulusSet, level_notes, read_manifest
 from app.operations.jobs.fields import SETS
-from app.operations.jobs.queueing import refuse_while_used
+from app.operations.jobs.queueing import refuse_while_used, uses
 from app.operations.studies.create import slugify
 from app.settings import Settings
 from app.store.database.engine import Database, Transaction
+from app.store.queue import OPEN, list_jobs
 from app.store.studies.audit import Actor
 from app.store.studies.studies import Study, all_studies, edit_set
 from app.store.trials.designs import change_levels
@@ -95,6 +96,20 @@ def known_sets(settings: Settings, connection: Transaction) -> list[KnownSet]:
             name = name if name not in taken else f"{name}-{content.sha256[:8]}"
             known[folder] = KnownSet(name, content, is_here=False)
     return list(known.values())
+
+
+def unreadable_sets(settings: Settings, connection: Transaction) -> dict[str, str]:
+    """Return why folders among the server's stimulus sets cannot be used, by name; what a job still makes is none."""
+    reasons: dict[str, str] = {}
+    making = {place for job in list_jobs(connection, states=OPEN) for place in uses(job)}
+    for folder in sorted(settings.sets_dir.iterdir()) if settings.sets_dir.is_dir() else ():
+        if not folder.is_dir() or folder.name.startswith(".") or f"{SETS}/{folder.name}" in making:
+            continue
+        try:
+            read_manifest(folder)
+        except StimuliError as error:
+            reasons[folder.name] = said_on_page(error).replace(f"{folder}/", "")
+    return reasons
 
 
 def set_called(settings: Settings, connection: Transaction, name: str) -> KnownSet:

@@ -10,7 +10,6 @@ from typing import Any, Literal
 from sqlalchemy import ColumnElement, Connection, Row, and_, delete, exists, func, insert, or_, select, update
 
 from app.errors import ConflictError, NotFoundError
-from app.store.access.second_factors import end_second_factor
 from app.store.database.engine import Database
 from app.store.database.keys import digest, new_secret
 from app.store.database.tables import api_token, experimenter, experimenter_session, study
@@ -58,8 +57,8 @@ def renew_link(
 ) -> str:
     """Make a new sign-in link for an experimenter, who is added if need be; returns its secret.
 
-    An older link ends. So do password and second factor, which may be lost or known to others, and all sessions: each
-    of them could choose the next password.
+    An older link ends. So do the password, which may be lost or known to others, and all sessions: each of them could
+    choose the next password. A second factor is asked for beside the link (`end_second_factor` ends it).
 
     Parameters
     ----------
@@ -83,7 +82,6 @@ def renew_link(
         if known is None:
             connection.execute(insert(experimenter).values(name=name, created_at=now, **values))
         else:
-            end_second_factor(connection, known.id)
             end_all_sessions(connection, known.id)
             this = update(experimenter).where(experimenter.c.id == known.id)
             connection.execute(this.values(password_hash=None, **values))

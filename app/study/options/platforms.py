@@ -17,6 +17,7 @@ FILLED_BY_PLATFORM: Mapping[str, str] = {
     "survey_code": "%SURVEY_CODE%",
     "RID": "[%RID%]",
 }
+MTURK_ID = "workerId"  # MTurk puts nothing into links; it gives the HIT's own page these parameters
 PROLIFIC = "https://app.prolific.com/submissions/complete?cc="
 CINT = "https://YOUR-CINT-REDIRECT/?RIS="
 
@@ -118,7 +119,7 @@ PLATFORMS: Mapping[str, Platform] = {
     "mturk": Platform(
         "MTurk",
         "workers paste a random code; the HIT's page gives the link their ids",
-        {"id": "workerId", "keep": ("assignmentId",), "random_codes": True},
+        {"id": MTURK_ID, "keep": ("assignmentId",), "random_codes": True},
     ),
     "cint": Platform(
         "Cint",
@@ -152,6 +153,16 @@ def link_query(outside: OutsideOptions) -> str:
 
     Parameters of platforms that are not known here stand as NAME=[NAME], for the platform's own placeholder.
     """
-    names = (outside.id, *outside.keep) if outside.id else ()
+    names = parameters(outside)
     parts = [f"{name}={FILLED_BY_PLATFORM.get(name, f'[{name}]')}" for name in names]
     return f"?{'&'.join(parts)}" if parts else ""
+
+
+def parameters(outside: OutsideOptions) -> tuple[str, ...]:
+    """Return the names of the parameters by which a link says who comes."""
+    return (outside.id, *outside.keep) if outside.id else ()
+
+
+def unknown_placeholders(outside: OutsideOptions) -> list[str]:
+    """Return the parameters whose placeholder is not known here, so that a link shows NAME=[NAME]."""
+    return [name for name in parameters(outside) if name not in FILLED_BY_PLATFORM]

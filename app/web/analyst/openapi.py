@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
+from starlette.routing import BaseRoute
 
 from app.web.analyst.columns import EVERY, Columns, example_row
 from app.web.analyst.formats import PARQUET, csv_text
@@ -60,19 +61,19 @@ def file_body() -> dict[str, Any]:
     return {"requestBody": {"required": True, "content": {"application/octet-stream": BINARY}}}
 
 
-def describe(app: FastAPI) -> None:
-    """Add problems and tokens to the app's OpenAPI description."""
+def describe(app: FastAPI, routes: Sequence[BaseRoute]) -> None:
+    """Let an app describe routes in OpenAPI, in their order, with problems and tokens."""
 
     def description() -> dict[str, Any]:
         if app.openapi_schema is None:
-            app.openapi_schema = _description(app)
+            app.openapi_schema = _description(app, routes)
         return app.openapi_schema
 
     app.openapi = description  # type: ignore[method-assign]  # FastAPI's own way to extend it
 
 
-def _description(app: FastAPI) -> dict[str, Any]:
-    description = get_openapi(title=app.title, version=app.version, summary=app.summary, routes=app.routes)
+def _description(app: FastAPI, routes: Sequence[BaseRoute]) -> dict[str, Any]:
+    description = get_openapi(title=app.title, version=app.version, summary=app.summary, routes=routes)
     schemas = description["components"]["schemas"]
     for name in ("HTTPValidationError", "ValidationError"):
         schemas.pop(name, None)

@@ -26,6 +26,13 @@ SESSION: dict[str, Any] = {
     "ending": None,
     "debriefing_html": None,
 }
+DRAFT: dict[str, Any] = {
+    "preset": "online",
+    "platform": "prolific",
+    "answers": {"prolific.code": "C1A2B3C4"},
+    "typed": {"name": "Street", "break_every": 15},
+}
+KEPT_DRAFT: dict[str, Any] = {**DRAFT, "stimulus_set": "street", "changed_at": "2027-03-01T12:00:00Z"}
 TRIAL: dict[str, Any] = {
     "trial": "9f2m4c7w1z5t",
     "attempt": 1,
@@ -151,6 +158,19 @@ STUDY_VIEW: dict[str, Any] = {
     "options": {"break_every": 25},
 }
 EXAMPLES |= {
+    "DraftBody": DRAFT,
+    "DraftView": KEPT_DRAFT,
+    "WholeDraftView": {
+        **KEPT_DRAFT,
+        "hindrance": "",
+        "study": {"name": "Street", "exposure_s": None, "seed": None, "options": {"break_every": 15}},
+        "n_pairs": 6,
+        "n_trials": 10,
+        "n_films": 20,
+        "n_bytes": 6.1e6,
+        "seconds": 11.4,
+        "minutes": {"introduction": 2.5, "trial": 1.2},
+    },
     "TaskView": {
         "task": "3n8v5k2d9x7q",
         "state": "running",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from datetime import datetime
 from typing import Annotated, Any
 from urllib.parse import unquote
 
@@ -10,10 +11,11 @@ from fastapi import APIRouter, Depends, Path, Query, Request
 from fastapi.responses import JSONResponse, Response
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
-from app.errors import InvalidError, NotFoundError
+from app.errors import InvalidError, NotFoundError, StudyError, said_on_page
 from app.ffmpeg import no_progress
-from app.operations.studies.create import duplicate_study, read_options
+from app.operations.studies.create import duplicate_study, read_options, shows_anything
 from app.operations.studies.creation import begin_creation
+from app.operations.studies.drafts import Draft, outlook_of
 from app.operations.studies.edit import check_edit, remake_films, save_edit
 from app.operations.studies.invitations import (
     MOST_AT_ONCE,
@@ -23,7 +25,7 @@ from app.operations.studies.invitations import (
     stop_invitation,
 )
 from app.operations.studies.manage import study_file_of, study_summary
-from app.operations.studies.standing import change_standing, delete_study
+from app.operations.studies.standing import change_standing, delete_study, give_new_address
 from app.operations.studies.stimulus_sets import set_called
 from app.operations.tasks import wait_for_task
 from app.store.access.tokens import STUDIES
@@ -31,7 +33,9 @@ from app.store.database.engine import Database
 from app.store.database.server_tasks import cancel_task, task_by_id
 from app.store.participants.invitations import Invitation, invitations_of
 from app.store.studies.audit import Actor
+from app.store.studies.drafts import KeptDraft, drafts_of, drop_draft, keep_draft
 from app.store.studies.studies import Standing, Study, StudyCounts, progress_of, study_by_slug
+from app.study.options.neutral_words import neutral_words
 from app.study.options.option_table import COLUMNS
 from app.study.options.options import overridden, parse_options
 from app.study.options.own_texts import LONGEST_NAME
@@ -56,6 +60,7 @@ InvitationLabel = Annotated[
     str, StringConstraints(strip_whitespace=True, max_length=200), Field(description="whom it is for; empty: nobody")
 ]
 Code = Annotated[str, Path(max_length=40)]
+SetName = Annotated[str, Path(max_length=200, description="name of a stimulus set on the server")]
 TaskId = Annotated[str, Path(max_length=32, description="id of the task")]
 Wait = Annotated[float, Query(ge=0, le=600, description="longest wait for the end, s")]
 WAIT_S = 15.0
@@ -77,6 +82,16 @@ class NewStudyBody(Body):
     options: Options = {}
     exposure_s: Exposure | None = None
     seed: Seed | None = None
+
+
+class DraftBody(Body):
+    preset: Annotated[str, Field(max_length=20, description="that fills in what was not typed")] = QUICK
+    platform: Annotated[str, Field(max_length=20, description="such as prolific; empty: you invite people")] = ""
+    answers: Annotated[
+        dict[str, Annotated[str, Field(max_length=200)]],
+        Field(max_length=100, description="what the platform shows you, such as prolific.code"),
+    ] = {}
+    typed: Annotated[dict[str, Any], Field(description="settings by name, such as break_every or limits.finished")] = {}
 
 
 class EditBody(Body):
@@ -135,12 +150,73 @@ class TaskView(BaseModel):
     stimulus_set: str | None = Field(default=None, description="name of the stimulus set that was uploaded")
 
 
+class DraftView(DraftBody):
+    """A form of a study that is not created yet."""
+
+    stimulus_set: str
+    changed_at: datetime
+
+
+class WholeDraftView(DraftView):
+    """A form with the study that it describes, and what this will be; null: it cannot be made yet."""
+
+    hindrance: str = Field(description="why no study can be made of it; empty: it can")
+    study: dict[str, Any] | None = Field(
+        description="name, exposure_s, seed and options, as creating a study takes them"
+    )
+    n_pairs: int | None = Field(description="to compare; 0: films are shown one by one")
+    n_trials: int | None = Field(description="of a participant, without practice")
+    n_films: int | None = Field(description="files to make")
+    n_bytes: float | None = Field(description="of these files, about")
+    seconds: float | None = Field(description="to make them, about")
+    minutes: dict[str, float] | None = Field(description="of a session, by stage")
+
+
 class InvitationView(BaseModel):
     code: str
     places: int | None
     n_used: int
     path: str
     label: str = ""
+
+
+@router.get("/drafts", response_model=list[DraftView])
+def drafts(actor: StudyEditor, database: Store) -> list[DraftView]:
+    """List your forms of studies that are not created yet, as the dashboard keeps them: the latest of each set."""
+    with database.reading() as connection:
+        return [_draft(kept) for kept in drafts_of(connection, actor.name)]
+
+
+@router.get("/drafts/{stimulus_set}", response_model=WholeDraftView)
+def draft(stimulus_set: SetName, request: Request, actor: StudyEditor, database: Store) -> WholeDraftView:
+    """Send your form of a stimulus set, and what its study would be."""
+    return _whole_draft(request, database, actor, stimulus_set)
+
+
+@router.put("/drafts/{stimulus_set}", response_model=WholeDraftView)
+def keep_your_draft(
+    body: DraftBody, stimulus_set: SetName, request: Request, actor: StudyEditor, database: Store
+) -> WholeDraftView:
+    """Keep a form in place of your earlier one of the stimulus set, and say what its study would be.
+
+    What is not complete yet is kept, too; `hindrance` says why no study can be made of it.
+    """
+    try:
+        given = Draft.given(body.model_dump())
+    except ValueError as error:
+        raise InvalidError(f"Nothing was kept: {error}.") from error
+    with database.writing() as connection:
+        known = set_called(settings(request), connection, stimulus_set)
+        keep_draft(connection, actor.name, known.name, given.as_json(), actor.now)
+    return _whole_draft(request, database, actor, stimulus_set)
+
+
+@router.delete("/drafts/{stimulus_set}", status_code=204, response_class=Response)
+def drop_your_draft(stimulus_set: SetName, actor: StudyEditor, database: Store) -> Response:
+    """Drop your form of a stimulus set; sent again, it changes nothing."""
+    with database.writing() as connection:
+        drop_draft(connection, actor.name, stimulus_set)
+    return Response(status_code=204)
 
 
 @router.post(
@@ -253,6 +329,12 @@ def change_state(body: StateBody, actor: StudyEditor, study: AStudy, database: S
     return _view(database, study.slug)
 
 
+@router.put("/studies/{slug}/address", response_model=ManagedStudyView)
+def change_address(request: Request, actor: StudyEditor, study: AStudy, database: Store) -> dict[str, Any]:
+    """Give a renamed study the address of its name; the older address is unknown from then on."""
+    return _view(database, give_new_address(settings(request), database, study, actor))
+
+
 @router.post("/studies/{slug}/duplicate", status_code=201, response_model=ManagedStudyView)
 def duplicate(body: CopyBody, actor: StudyEditor, study: AStudy, database: Store) -> Response:
     """Create a study of the same stimuli and options, without participants; it stays paused until opened."""
@@ -297,6 +379,30 @@ def end(code: Code, actor: StudyEditor, study: AStudy, database: Store) -> Respo
     """Let nobody else in by an invitation; sent again, it changes nothing until the unused code is forgotten (404)."""
     stop_invitation(database, study, code, actor)
     return Response(status_code=204)
+
+
+def _draft(kept: KeptDraft) -> DraftView:
+    content = Draft.kept(kept.content).as_json()
+    return DraftView(stimulus_set=kept.stimulus_set, changed_at=kept.changed_at, **content)
+
+
+def _whole_draft(request: Request, database: Database, actor: Actor, stimulus_set: str) -> WholeDraftView:
+    with database.reading() as connection:
+        known = set_called(settings(request), connection, stimulus_set)
+        kept = next((each for each in drafts_of(connection, actor.name) if each.stimulus_set == known.name), None)
+    if kept is None:
+        raise NotFoundError("You have no draft of this stimulus set.")
+    view = _draft(kept).model_dump()
+    facts: dict[str, Any] = dict.fromkeys(("study", "n_pairs", "n_trials", "n_films", "n_bytes", "seconds", "minutes"))
+    try:
+        wanted, outlook = outlook_of(settings(request), known.content, Draft.kept(kept.content), languages(request))
+    except (ValueError, StudyError) as error:
+        return WholeDraftView(**view, **facts, hindrance=said_on_page(error))
+    numbers = {name: getattr(outlook, name) for name in facts if name != "study"}
+    facts |= {name: None if value != value else value for name, value in numbers.items()}
+    options = neutral_words(wanted.options) if shows_anything(known.content) else wanted.options
+    made = {"name": wanted.name, "exposure_s": wanted.exposure_s, "seed": wanted.seed, "options": options.as_json()}
+    return WholeDraftView(**view, **{**facts, "study": made}, hindrance="")
 
 
 def _invitation(row: Invitation) -> dict[str, Any]:

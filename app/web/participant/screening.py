@@ -77,7 +77,7 @@ class SkipBody(Strict):
 
 
 class TestView(BaseModel):
-    test: str
+    test: TestName
     has_begun: bool = Field(description="a picture was served, or it was left out; acuity: the display is settled")
     is_over: bool
     n_answered: int

@@ -19,7 +19,7 @@ from app.study.options.own_texts import DEBRIEFING, NAME
 from app.study.options.recruiting import MOST_KEPT, Ending
 from app.study.options.wording import first_language, own_texts
 from app.study.protocols import Protocol
-from app.study.stages import ENDS, FINISHED, SCREENED_OUT, TIMED_OUT, TRIAL, WITHDRAWN
+from app.study.stages import ALL_STAGES, ENDS, FINISHED, SCREENED_OUT, TIMED_OUT, TRIAL, WITHDRAWN
 from app.web.markdown import render_markdown
 
 LONG_ABSENCE = timedelta(minutes=30)  # then the page shows the instructions again
@@ -33,6 +33,7 @@ ENDING_OF: dict[str, Ending] = {
 UUID = r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"
 LinkName = Annotated[str, Field(max_length=40)]
 LinkValue = Annotated[str, Field(max_length=100)]
+StageName = Annotated[str, Field(json_schema_extra={"enum": [*ALL_STAGES, WITHDRAWN, SCREENED_OUT, TIMED_OUT]})]
 Code = Annotated[str, Field(max_length=40, pattern=r"^[A-Za-z0-9_-]+$", examples=["k7m2p9xq4wva"])]
 
 
@@ -128,8 +129,8 @@ class SessionView(BaseModel):
         description="its id; a request with it in the header Session-Id is refused (401) where the token is another's"
     )
     study: StudyView
-    stage: str
-    stages: list[str]
+    stage: StageName
+    stages: list[StageName]
     progress: ProgressView
     minutes: dict[str, float] = Field(description="about how long each stage takes as a whole, by its name")
     language: str | None = Field(description="of all its texts; null: it was begun by another client than the page")

@@ -117,6 +117,21 @@ class Reconstruct(Command):
         "measured, too, is averaged.",
         label="Let sensors agree",
     )
+    clouds: Literal["few", "all"] = option(
+        "few",
+        "Clouds that stay on disk: few, of the first and the middle frame, while others are made when they are needed; "
+        "all.",
+        label="Clouds that stay",
+        choices={"few": "of the first and the middle frame", "all": "of all frames"},
+    )
+    steady: int = option(
+        0,
+        "How many frames before lend a surface what they saw of places that are as they were: rims flicker less, and "
+        "meshes take longer. 0: none.",
+        ge=0,
+        label="Steady surfaces",
+        high=8,
+    )
     fill: int = option(
         16,
         "Continue surfaces where a mask shows the object and nothing was measured, up to so many pixels; 0: leave "

@@ -1,4 +1,8 @@
-"""What a setting of a command says about itself: to the command line, to the forms of jobs, and in JSON Schema."""
+"""What a setting of a command says about itself: to the command line, to the forms of jobs, and in JSON Schema.
+
+A study's option has a `Setting` of its own (`app/study/option_fields.py`), without flags: it says when it may change,
+and how a form enters it. Both take type and bounds from `ground/fields.py`; label and choices alone are common to both.
+"""
 
 from __future__ import annotations
 

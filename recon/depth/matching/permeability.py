@@ -8,6 +8,8 @@ Source: Cigla and Alatan, Information permeability for stereo matching, Signal P
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -32,6 +34,48 @@ LANE_BITS = np.int32(N_LANES - 1)
 FEW_ROWS = 16  # at full HD 2 MiB, which stay near the processor
 MAX_HELD = 6 << 20  # float32, 24 MiB: images whose flows are smaller are held whole
 WORST = np.int32(0x7F800000)  # the bits of infinity
+
+
+class Searched(NamedTuple):
+    """A view, and in it the sixteen disparities that are searched at every pixel.
+
+    codes : uint32 (2, H, W), two census codes of the reference view, whose Hamming distances are added
+    facing_codes : uint32 (2, H, n), those of the other view, mirrored and framed: pixel x at disparity index k faces
+        `facing_codes[:, y, origin + W - 1 - x + k]`
+    passages : see `guide.permeabilities`
+    start : int32, the first of the sixteen disparity indices of each square tile of 2 ** tile_bits pixels; where it
+        changes from one pixel to the next, costs flow from lane to lane of the same disparity, and beyond the window
+        its outermost cost
+    slopes : two float32 arrays of the tiles' shape, pixels of disparity a column and a row, -1 to 1: costs flow from
+        lane to lane as far as the surface rises between two pixels, and are interpolated between lanes
+    tile_bits : log2 of a tile's side; between two neighbours costs flow along the slope of the left one's, or the upper
+        one's, tile
+    """
+
+    codes: NDArray[np.uint32]
+    facing_codes: NDArray[np.uint32]
+    origin: int
+    passages: Passages
+    start: NDArray[np.int32]
+    slopes: tuple[NDArray[np.float32], NDArray[np.float32]]
+    tile_bits: int
+
+
+class Winners(NamedTuple):
+    """Each pixel's cheapest disparity so far; both arrays are updated.
+
+    best : int32 (H, W), the winner's cost so far, see `lanes.lowest`
+    chosen : float32 (H, W), the vertex of the parabola through the winner and its neighbours, disparity indices; it
+        rounds to the winner
+    n_disparities : indices below this may win; the outermost lanes of a window only at the ends of the range,
+        because a winner needs both neighbours for its parabola
+    flip : 0, the first of equally cheap disparities wins; 15, the last
+    """
+
+    best: NDArray[np.int32]
+    chosen: NDArray[np.float32]
+    n_disparities: int
+    flip: int
 
 
 @njit(inline="always")
@@ -59,20 +103,7 @@ def rows_held(height: int, width: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def aggregate_and_choose(
-    codes: NDArray[np.uint32],
-    facing_codes: NDArray[np.uint32],
-    origin: int,
-    passages: Passages,
-    start: NDArray[np.int32],
-    slopes: tuple[NDArray[np.float32], NDArray[np.float32]],
-    tile_bits: int,
-    n_disparities: int,
-    flip: int,
-    n_held: int,
-    best: NDArray[np.int32],
-    chosen: NDArray[np.float32],
-) -> None:
+def aggregate_and_choose(view: Searched, winners: Winners, n_held: int) -> None:
     """Aggregate sixteen Hamming costs for every pixel and keep the cheapest if it beats the best so far.
 
     The upward pass needs the downward flows from the last row to the first. They are held for `n_held` rows at a time
@@ -80,32 +111,16 @@ def aggregate_and_choose(
 
     Parameters
     ----------
-    codes : uint32 (2, H, W), two census codes of the reference view, whose Hamming distances are added
-    facing_codes : uint32 (2, H, n), those of the other view, mirrored and framed: pixel x at disparity index k faces
-        `facing_codes[:, y, origin + W - 1 - x + k]`
-    passages : see `guide.permeabilities`
-    start : int32, the first of the sixteen disparity indices of each square tile of 2 ** tile_bits pixels; where it
-        changes from one pixel to the next, costs flow from lane to lane of the same disparity, and beyond the window
-        its outermost cost
-    slopes : two float32 arrays of the tiles' shape, pixels of disparity a column and a row, -1 to 1: costs flow from
-        lane to lane as far as the surface rises between two pixels, and are interpolated between lanes
-    tile_bits : log2 of a tile's side; between two neighbours costs flow along the slope of the left one's, or the upper
-        one's, tile
-    n_disparities : indices below this may win; the outermost lanes of a window only at the ends of the range,
-        because a winner needs both neighbours for its parabola
-    flip : 0, the first of equally cheap disparities wins; 15, the last
+    view : what is searched
+    winners : updated
     n_held : rows, see `rows_held`; changes nothing but memory and time
-    best : int32 (H, W), the winner's cost so far, see `lanes.lowest`; updated
-    chosen : float32 (H, W), the vertex of the parabola through the winner and its neighbours, disparity indices; it
-        rounds to the winner; updated
     """
-    height, width = passages.across.shape
+    height, width = view.passages.across.shape
     pitch = width * N_LANES
     n_chunks = (height + n_held - 1) // n_held
     held = np.zeros((n_held + 1) * pitch, np.float32)
     checkpoints = np.zeros(n_chunks * pitch, np.float32)
     upward = np.zeros(pitch, np.float32)
-    view = (codes, facing_codes, origin, passages, start, slopes, tile_bits)
     for chunk in range(n_chunks):
         _copy(held, 0, checkpoints, chunk * pitch, pitch)
         last = min((chunk + 1) * n_held, height)
@@ -117,7 +132,7 @@ def aggregate_and_choose(
         if chunk + 1 < n_chunks:
             _copy(checkpoints, chunk * pitch, held, 0, pitch)
             _flow_down(view, first, last, held)
-        _flow_up_and_choose(view, first, last, held, upward, n_disparities, flip, best, chosen)
+        _flow_up_and_choose(view, first, last, held, upward, winners)
 
 
 @njit(cache=True, nogil=True)
@@ -128,7 +143,7 @@ def _copy(source: NDArray[np.float32], begin: int, target: NDArray[np.float32], 
 
 
 @njit(cache=True, nogil=True)
-def _flow_down(view, first, last, held):  # type: ignore[no-untyped-def]  # a tuple of arrays
+def _flow_down(view: Searched, first: int, last: int, held: NDArray[np.float32]) -> None:
     """Aggregate the costs of rows first to last along rows and from above; held[0] is the row above the first."""
     codes, facing_codes, origin, (across, down, passage), start, (rise, fall), tile_bits = view
     width, pitch = across.shape[1], facing_codes.shape[2]
@@ -171,9 +186,12 @@ def _flow_down(view, first, last, held):  # type: ignore[no-untyped-def]  # a tu
 
 
 @njit(cache=True, nogil=True)
-def _flow_up_and_choose(view, first, last, held, upward, n_disparities, flip, best, chosen):  # type: ignore[no-untyped-def]  # a tuple of arrays
+def _flow_up_and_choose(
+    view: Searched, first: int, last: int, held: NDArray[np.float32], upward: NDArray[np.float32], winners: Winners
+) -> None:
     """Add what flows up to rows last to first, and keep each pixel's cheapest disparity; `upward` is carried on."""
     _, _, _, (_, down, passage), start, (_, fall), tile_bits = view
+    best, chosen, n_disparities, flip = winners
     height, width = down.shape
     scratch = np.empty(3 * N_LANES, np.float32)
     for y in range(last - 1, first - 1, -1):

@@ -50,7 +50,7 @@ def aggregate_along_surface(
 
     Parameters
     ----------
-    codes, facing_codes, origin, passages : as in `aggregate_and_choose`
+    codes, facing_codes, origin, passages : as in `permeability.Searched`
     surface : float32 (H, W), disparity indices
     n_disparities : how many are searched
     """

@@ -73,6 +73,14 @@ def test_best_and_worst_are_those_that_the_votes_say() -> None:
     assert "limits" not in text
 
 
+@pytest.mark.parametrize(("people", "is_said"), [(11, True), (12, False)])
+def test_with_few_people_a_difference_that_is_found_is_said_to_look_larger_than_it_is(
+    people: int, is_said: bool
+) -> None:
+    difference = sentences(votes_by({"good": 1.5, "fair": 0.0, "bad": -1.5}, people))["difference"]
+    assert ("looks larger than it is" in difference) == is_said
+
+
 def test_where_winners_are_swapped_the_sentences_are() -> None:
     votes, names = votes_by(CLEAR, 20), {"good": "bad", "bad": "good"}
     before, after = sentences(votes), sentences(renamed(votes, names))

@@ -104,15 +104,36 @@ def said(analysis: Mapping[str, Any], about: str) -> str:
     return " ".join(row["text"] for row in analysis["findings"] if row["about"] == about)
 
 
+class Analysed(dict[str, tuple[VotesTable, dict[str, Any]]]):
+    """Votes of each kind and their analysis, made when they are asked for."""
+
+    def __missing__(self, kind: str) -> tuple[VotesTable, dict[str, Any]]:
+        votes = votes_of(KINDS[kind], SEED + list(KINDS).index(kind))
+        self[kind] = votes, analyse(votes, AnalysisSettings(factors=FACTORS))
+        return self[kind]
+
+
 @pytest.fixture(scope="module")
-def analyses() -> dict[str, tuple[VotesTable, dict[str, Any]]]:
-    made = {name: votes_of(truth, seed) for seed, (name, truth) in enumerate(KINDS.items(), SEED)}
-    settings = AnalysisSettings(factors=FACTORS)
-    return {name: (votes, analyse(votes, settings)) for name, votes in made.items()}
+def analyses() -> Analysed:
+    return Analysed()
 
 
-Analysed = Mapping[str, tuple[VotesTable, Mapping[str, Any]]]
-every_kind = pytest.mark.parametrize("kind", KINDS)
+QUICK = {"no difference", "clear, a clicker", "depth alone", "crossed factors", "two camps", "an order effect"}
+every_kind = pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=() if kind in QUICK else pytest.mark.slow) for kind in KINDS]
+)
+
+
+@pytest.fixture(scope="module")
+def of_one_person() -> dict[str, Any]:
+    votes = votes_of(Truth(CLEAR))
+    return analyse(votes.where(votes.participant == 0), AnalysisSettings(factors=FACTORS))
+
+
+@pytest.fixture(scope="module")
+def of_ties() -> dict[str, Any]:
+    votes = votes_of(Truth(CLEAR))
+    return analyse(replace(votes, choice=np.full(len(votes), 2, np.int8)))
 
 
 @every_kind
@@ -222,8 +243,9 @@ def test_the_ranks_that_are_left_open_hold_the_true_ones(kind: str, analyses: An
     assert ("Possible ranks" in said(analysis, "ranks")) == (len({row["rank_low"] for row in rows}) > 1)
 
 
+@pytest.mark.slow
 def test_every_sentence_that_is_checked_is_said_of_some_kind(analyses: Analysed) -> None:
-    texts = " ".join(row["text"] for _, analysis in analyses.values() for row in analysis["findings"])
+    texts = " ".join(row["text"] for kind in KINDS for row in analyses[kind][1]["findings"])
     for claim in (
         *(" is best:", " is worst:", "is preferred in", "pairs differ", "An effect of depth is shown"),
         *("do not simply add up", "Being shown first helps", "two camps of", "likelier from somebody who answers"),
@@ -286,22 +308,21 @@ def test_groups_that_no_vote_links_have_scores_and_pairs_of_their_own() -> None:
 
 
 @pytest.mark.slow
-def test_a_single_participant_is_warned_of_once() -> None:
-    votes = votes_of(Truth(CLEAR))
-    analysis = analyse(votes.where(votes.participant == 0), AnalysisSettings(factors=FACTORS))
-    assert sum("single participant" in warning for warning in analysis["warnings"]) == 1
+def test_a_single_participant_is_warned_of_once(of_one_person: dict[str, Any]) -> None:
+    assert sum("single participant" in warning for warning in of_one_person["warnings"]) == 1
 
 
 def all_of(analysis: Mapping[str, Any]) -> str:
     return " ".join([*(row["text"] for row in analysis["findings"]), *analysis["warnings"]])
 
 
-def test_a_single_participant_or_only_ties_have_no_sentence_on_intervals_or_on_ranks() -> None:
-    votes = votes_of(Truth(CLEAR))
-    alone = analyse(votes.where(votes.participant == 0))
-    tied = analyse(replace(votes, choice=np.full(len(votes), 2, np.int8)))
-    for analysis in (alone, tied):
-        assert not re.search(r"Intervals over all datasets|Probability to have the highest", all_of(analysis))
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["of_one_person", "of_ties"])
+def test_a_single_participant_or_only_ties_have_no_sentence_on_intervals_or_on_ranks(
+    kind: str, request: pytest.FixtureRequest
+) -> None:
+    said_of_them = all_of(request.getfixturevalue(kind))
+    assert not re.search(r"Intervals over all datasets|Probability to have the highest", said_of_them)
 
 
 def test_who_is_the_best_is_no_probability_where_too_few_people_voted() -> None:
@@ -315,10 +336,9 @@ def test_two_conditions_have_no_circular_triads() -> None:
     assert "circular" not in all_of(analyse(two.with_items(np.arange(len(votes.items)) < 2)))
 
 
-def test_what_holds_of_many_fits_is_one_warning() -> None:
-    votes = votes_of(Truth(CLEAR))
-    analysis = analyse(replace(votes, choice=np.full(len(votes), 2, np.int8)))
-    assert sum("tie parameter grows" in text for text in analysis["warnings"]) == 1
+@pytest.mark.slow
+def test_what_holds_of_many_fits_is_one_warning(of_ties: dict[str, Any]) -> None:
+    assert sum("tie parameter grows" in text for text in of_ties["warnings"]) == 1
 
 
 def test_effects_of_order_and_measures_carry_their_intervals_and_scope() -> None:

@@ -110,6 +110,9 @@ def test_nginx_sends_the_videos_and_keeps_the_inner_addresses_inside(stimulus_se
         file = bare.headers["x-accel-redirect"]
         assert [client.get(path).status_code for path in (file, "/readyz", "/pairs/")] == [404] * 3
         assert "reconstudy_requests_total" in client.get("/metrics").text
+        elsewhere = httpx.HTTPTransport(local_address="127.0.0.2")
+        with httpx.Client(base_url=proxy, headers=AS_NAMED, transport=elsewhere) as stranger:
+            assert [stranger.get(path).status_code for path in ("/metrics", "/healthz")] == [403, 200]
         assert client.get("/healthz").json() == {"status": "ok"}
         plain = re.search(r"listen (127\.0\.0\.1:\d+);", (tmp_path / "nginx.conf").read_text())
         assert plain

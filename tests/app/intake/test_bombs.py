@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from app.analysis.reading import tabular
+from app.analysis.reading.files import tabular
 from app.analysis.reading.read_votes import read_votes
 from app.errors import InvalidError, TooLargeError
 from app.ffmpeg import decode, reading

@@ -205,6 +205,15 @@ def test_a_scene_for_practice_has_two_videos(videos: Path, tmp_path: Path) -> No
         import_stimuli(videos, tmp_path / "set", practice="warm-up")
 
 
+def test_the_range_of_prores_which_no_file_says_is_said_to_be_guessed(tmp_path: Path) -> None:
+    for condition in ("a", "b"):
+        film = tmp_path / "videos" / "street" / f"{condition}.mov"
+        chain = ("-pix_fmt", "yuv422p10le", "-c:v", "prores_ks", "-color_range", "pc", "-colorspace", "bt709")
+        tiny_stimuli.encode(film, tiny_stimuli.flat("gray"), *chain)
+    notes = import_stimuli(tmp_path / "videos", tmp_path / "set").notes
+    assert "2 of 2 films: colours read as 10 bits, bt709, range tv (range guessed from size and format)" in notes
+
+
 def changing_rate(folder: Path) -> None:
     frames = ("-vf", "setpts=if(gt(N\\,4)\\,2*N\\,N)/25/TB", "-fps_mode", "vfr")
     tiny_stimuli.encode(folder / "street" / "a.mp4", tiny_stimuli.flat("gray"), *frames)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from app.main import create_app
 from app.settings import Settings
-from app.web.gates import FORM_TOKEN, WHOLE_FORMS, fields_of_form
+from app.web.gates import FORM_TOKEN, WHOLE_FORMS, fields_of
 from tests.app.web.http_checks import all_routes
 
 TEMPLATES = Path(__file__).parents[3] / "templates"
@@ -40,7 +40,7 @@ def test_every_form_sends_what_its_route_takes(tmp_path: Path) -> None:
             if any(re.fullmatch(re.sub(r"\{[^}]+\}", "[^/]+", route.path), address) for address in addresses)
         ]
         assert takers, f"{template}: nothing takes the form sent to {action}"
-        taken = [set(fields_of_form(taker)) | {FORM_TOKEN} for taker in takers]
+        taken = [set(fields_of(taker)) | {FORM_TOKEN} for taker in takers]
         is_whole = any(call in WHOLE_FORMS for taker in takers for call in (each.call for each in taker.dependencies))
         assert is_whole or any(names <= known for known in taken), (
             f"{template}: {action} takes {taken}, is sent {names}"

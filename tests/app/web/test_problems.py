@@ -91,6 +91,7 @@ def test_every_answer_carries_security_headers(client: httpx.Client, path: str) 
     assert ("default-src 'none'" if path.startswith("/api/") else "default-src 'self'") in policy
     assert "frame-ancestors 'none'" in policy
     assert "unsafe" not in policy
+    assert path.startswith("/api/") or {"object-src 'none'", "base-uri 'none'"} <= {*policy.split("; ")}
     assert headers["x-content-type-options"] == "nosniff"
     assert headers["x-frame-options"] == "DENY"
     assert headers.get("referrer-policy") == (None if path.startswith("/api/") else "same-origin")

@@ -12,10 +12,11 @@ import pytest
 from recon.capture.format import Capture, CaptureError, DepthMaps, read_masks, write_capture
 from recon.cloud import CloudParameters
 from recon.geometry.mesh_files import read_cloud, read_mesh
-from recon.pipeline.job import ReconstructOptions
+from recon.pipeline.job import ALL, FEW, ReconstructOptions
 from recon.pipeline.reconstruct import match_files, reconstruct
-from recon.pipeline.run import View, read_run
+from recon.pipeline.run import View, mesh_name, read_run
 from recon.runtime.files import read_json
+from recon.runtime.workers import no_progress
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MESH, read_depth
 from recon.surface import SurfaceParameters
@@ -157,3 +158,19 @@ def test_masks_cut_given_depth_and_erode_cuts_further(capture: Capture, tmp_path
         assert counts[1] < counts[0]
     finally:
         write_capture(capture)
+
+
+def test_clouds_that_do_not_stay_are_made_when_they_are_needed_and_give_the_same_meshes(tmp_path: Path) -> None:
+    capture = synthesise(tmp_path / "capture", SynthParameters("sphere", 2, 3, (160, 90), depth_maps=True)).folder
+    options = ReconstructOptions(fusions=("fb",), steady=1)
+    for clouds in (ALL, FEW):
+        reconstruct(capture, tmp_path / clouds, replace(options, clouds=clouds))
+    meshes = [[(tmp_path / kept / mesh_name("given_fb", n)).read_bytes() for n in range(3)] for kept in (ALL, FEW)]
+    assert meshes[0] == meshes[1]
+    stay = [path.name for path in sorted((tmp_path / FEW / "clouds/given/S1").iterdir())]
+    assert stay == ["0000.ply", "0001.ply"], "of the first and the middle frame"
+    (tmp_path / FEW / mesh_name("given_fb", 2)).unlink()
+    reconstruct(capture, tmp_path / FEW, replace(options, clouds=FEW))
+    assert (tmp_path / FEW / mesh_name("given_fb", 2)).read_bytes() == meshes[0][2]
+    with pytest.raises(ValueError, match="clouds of frame 2 are not on disk, those of frames 0 and 1 are"):
+        write_models([tmp_path / FEW], tmp_path / "models", 2, no_progress)

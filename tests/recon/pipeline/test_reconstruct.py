@@ -194,6 +194,22 @@ def test_another_voxel_makes_only_the_meshes_again(capture: Capture, run: Path, 
 
 
 @pytest.mark.slow
+def test_a_frame_before_steadies_the_next_one_and_a_lost_mesh_comes_back_as_it_was(
+    capture: Capture, run: Path, tmp_path: Path
+) -> None:
+    again = Path(copytree(run, tmp_path / "run"))
+    options = ReconstructOptions(depths=("id",), fusions=("fb",), steady=1)
+    reconstruct(capture.folder, again, options)
+    first, second = (mesh_name("id_fb", frame) for frame in (0, 1))
+    assert file_digest(again / first) == file_digest(run / first), "nothing is before it"
+    steadied = file_digest(again / second)
+    assert steadied != file_digest(run / second)
+    (again / second).unlink()
+    reconstruct(capture.folder, again, options)
+    assert file_digest(again / second) == steadied
+
+
+@pytest.mark.slow
 def test_a_start_with_other_options_that_is_stopped_leaves_no_run(capture: Capture, run: Path, tmp_path: Path) -> None:
     changed = copytree(run, tmp_path / "run")
 
@@ -478,6 +494,13 @@ def test_a_run_from_before_recordings_were_noted_is_read_as_before(run: Path, tm
 def test_how_to_film_is_checked_before_anything_is_read(wrong: dict[str, Any], said: str) -> None:
     with pytest.raises(ValueError, match=re.escape(said)):
         RenderOptions(**wrong)
+
+
+def test_a_folder_of_films_does_not_become_a_run(capture: Capture, tmp_path: Path) -> None:
+    (tmp_path / "manifest.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(ValueError, match=r"holds manifest\.json, which no reconstruction wrote"):
+        reconstruct(capture.folder, tmp_path, ReconstructOptions(depths=("id",)))
+    assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]
 
 
 def test_frames_that_a_capture_does_not_have_are_named(capture: Capture, tmp_path: Path) -> None:

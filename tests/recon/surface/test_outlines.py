@@ -14,14 +14,13 @@ from recon.surface.holes import rim_edges
 from recon.surface.outlines import (
     Sight,
     believed,
-    cut,
     drop_flaps,
     drop_outside,
     follow_masks,
     silhouette_of,
-    smooth_rims,
     with_outlines,
 )
+from recon.surface.rims import cut, smooth_rims
 
 SIZE = (200, 160)
 K = np.array([[400.0, 0, 100], [0, 400.0, 80], [0, 0, 1]])

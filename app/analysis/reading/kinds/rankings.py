@@ -6,14 +6,7 @@ import re
 
 from app.analysis.reading.cells import is_numeric
 from app.analysis.reading.description import VOTES, Description
-from app.analysis.reading.kinds.seen import (
-    FEWEST_RANKED,
-    FEWEST_RATED,
-    Seen,
-    columns_of_numbers,
-    condition_of,
-    rating_of,
-)
+from app.analysis.reading.kinds.seen import FEWEST_RANKED, FEWEST_RATED, Seen, condition_of, rated_columns, rating_of
 from app.analysis.reading.votes_table import VotesError
 from app.analysis.reading.words import plain
 
@@ -56,12 +49,12 @@ def find_ranked_columns(seen: Seen) -> Description | None:
         return None
     spread = {name: (str(place),) for name, place in sorted(places.items(), key=lambda matches: matches[1])}
     note = f"a ranking of {len(places)} in each row, {next(iter(spread))} is best; turned into pairs; {NOT_INDEPENDENT}"
-    return Description(VOTES, seen.who_and_what(), "ranking", spread, "condition", notes=(note,))
+    return Description(VOTES, seen.who_and_what(), "ranked", spread, "condition", notes=(note,))
 
 
 def find_best_worst(seen: Seen) -> Description | None:
     """Find the best and the worst of several items in each row."""
-    names = {role: seen.given.get(role) or tuple(seen.candidates(role)[:1]) for role in ("best", "worst")}
+    names = {role: seen.first(role) for role in ("best", "worst")}
     if not all(names.values()):
         return None
     options = seen.given.get("options") or tuple(
@@ -80,11 +73,8 @@ def find_best_worst(seen: Seen) -> Description | None:
 
 def find_wide_ranks(seen: Seen) -> Description | None:
     """Take ranks in many columns, one for each item: only if told, as they look like ratings."""
-    told = seen.given.get("rank", ())
     who = seen.who_and_what()
-    rated = (
-        list(told) if len(told) > 1 else columns_of_numbers(seen, [name for names in who.values() for name in names])
-    )
+    rated = rated_columns(seen, seen.given.get("rank", ()), who)
     if len(rated) < FEWEST_RATED:
         return None
     note = f"ranks of {len(rated)} items in each row, 1 is best; turned into pairs; {NOT_INDEPENDENT}"

@@ -10,16 +10,18 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from app.analysis.reading.cells import Column, named, number_or_nan, shown, values_of
-from app.analysis.reading.choices import grade_of
 from app.analysis.reading.description import COMPARISONS, JOIN, RATINGS, Description, QuestionError, Reading, Told
 from app.analysis.reading.kinds.seen import (
     FEWEST_RANKED,
     FEWEST_RATED,
     Seen,
+    as_grades,
     columns_of_numbers,
     condition_of,
     item_columns,
+    names_in,
     one_pair,
+    rated_columns,
     rating_of,
     says,
     summaries,
@@ -38,8 +40,6 @@ def find_comparisons(seen: Seen) -> Description | None:
     is_other = says(seen, "choice", "condition", "winner", "wins_a", "rank") and not says(seen, "rating")
     if is_other and seen.told.format != "ccr":
         return None
-    if seen.told.format in ("votes", "ratings"):
-        return None
     rating = rating_of(seen)
     if not rating and seen.told.format == "ccr":
         rating = tuple(seen.candidates("choice")[:1])
@@ -47,8 +47,7 @@ def find_comparisons(seen: Seen) -> Description | None:
         return None
     item_a, item_b = one_pair(seen, seen.pairs, ())
     columns = seen.who_and_what() | item_columns(item_a, item_b) | {"rating": rating}
-    taken = [name for names in columns.values() for name in names]
-    optional = seen.optional(RATING_OPTIONAL, taken)
+    optional = seen.optional(RATING_OPTIONAL, names_in(columns))
     if {"protocol", "role"} <= set(optional) and set(seen.column(optional["protocol"][0]).filled) - {"ccr", "CCR"}:
         columns = {role: names for role, names in columns.items() if role not in ("item_a", "item_b")}
         columns["condition"] = (item_b,)  # a study's own table: what ACR, ACR-HR and DCR rate
@@ -59,9 +58,7 @@ def find_comparisons(seen: Seen) -> Description | None:
     is_sure = "rating" in seen.given or seen.told.format == "ccr" or plain(rating[0]) == "rating"
     if not is_sure and {*values_of(choice)} <= {0.0, 0.5, 1.0}:
         _ask_about_points(choice, rating[0], item_a, item_b)
-    words = {word.lower(): grade for word in choice.filled if (grade := grade_of(word)) is not None}
-    notes = ("grades say how much better item_b is than item_a",)
-    return Description(COMPARISONS, columns | optional, words=words, notes=notes)
+    return as_grades(Description(COMPARISONS, columns | optional), choice)
 
 
 def _ask_about_points(column: Column, name: str, item_a: str, item_b: str) -> None:
@@ -80,8 +77,6 @@ def find_ratings(seen: Seen) -> Description | None:
     """Find ratings of single items: who rated what, and how."""
     if says(seen, "choice", "item_a", "item_b", "winner", "wins_a", "rank") and not says(seen, "rating", "condition"):
         return None
-    if seen.told.format == "votes":
-        return None
     if not says(seen, "condition", "rating") and {"item_a", "item_b"} <= {plain(n) for n in seen.table.names}:
         return None
     rating = rating_of(seen, weak=True) or seen.one("rating")
@@ -95,8 +90,7 @@ def find_ratings(seen: Seen) -> Description | None:
         raise VotesError(
             f"lacks the column participant; found {named(seen.table.names)}; who rated? --columns participant=…"
         )
-    taken = [name for names in columns.values() for name in names]
-    optional = seen.optional(RATING_OPTIONAL, taken)
+    optional = seen.optional(RATING_OPTIONAL, names_in(columns))
     optional.pop("first_shown", None)
     worded = {word.lower() for word in seen.column(rating[0]).filled}
     is_worded = len(worded) > 1 and worded <= set(GRADES)  # a single word is rather a mistake
@@ -108,13 +102,7 @@ def find_wide_ratings(seen: Seen) -> Description | None:
     """Find ratings in many columns: one for each condition, or one for each participant."""
     told = seen.given.get("rating", ())
     who = {role: names for role in ("participant", "condition") if (names := quietly(seen, role))}
-    rated = (
-        list(told)
-        if len(told) > 1
-        else []
-        if told
-        else columns_of_numbers(seen, [n for names in who.values() for n in names])
-    )
+    rated = rated_columns(seen, told, who)
     if len(who) != 1 or len(rated) < FEWEST_RATED:
         return None
     if len(told) < 2:
@@ -122,11 +110,10 @@ def find_wide_ratings(seen: Seen) -> Description | None:
     (role,) = who
     stands = "condition" if role == "participant" else "participant"
     dataset = {"dataset": names} if (names := seen.one("dataset")) else {}
-    taken = [*rated, *who[role], *(n for names in dataset.values() for n in names)]
     note = f"a row for each {role}, a column for each of {len(rated)} {stands}s"
     return Description(
         RATINGS,
-        who | dataset | seen.optional(("practice", "excluded"), taken),
+        who | dataset | seen.optional(("practice", "excluded"), names_in(who | dataset) | {*rated}),
         "wide",
         {name: (name,) for name in rated},
         stands,
@@ -150,20 +137,19 @@ def _ask_if_something_else(seen: Seen, rated: Sequence[str], who: Mapping[str, t
         readings = [*_rated_one(seen, rated, who), Reading(f"{whole.text}, more than once", whole.told)]
         if len(rated) > FEWEST_RATED:
             readings.append(Reading("votes, if columns name two items and the choice, such as", as_votes))
-        raise QuestionError(f"{', '.join(who)} {shown(_repeated(rows))} has several rows of numbers", readings)
+        repeated = shown(rows.words[int(np.argmax(np.bincount(rows.codes)))])
+        raise QuestionError(f"{', '.join(who)} {repeated} has several rows of numbers", readings)
     roles = [name for name in rated if means("choice", name) or means("rank", name) or means("rating", name)]
     if roles or (seen.pairs and len(rated) > len(seen.pairs[0]) and set(seen.pairs[0]) <= set(rated)):
         readings = [whole]
         if seen.pairs:
             a, b = seen.pairs[0]
-            choice = next((name for name in rated if name not in (a, b)), "…")
-            columns = {"item_a": a, "item_b": b, "choice": choice}
+            columns = {"item_a": a, "item_b": b, "choice": next((name for name in rated if name not in (a, b)), "…")}
             readings.insert(0, Reading(f"votes on the items in {a!r} and {b!r}", Told(columns=columns)))
         odd = list(dict.fromkeys((*roles, *_odd_names([name for name in rated if name not in roles]))))
         for names in [[name] for name in odd] + ([odd] if len(odd) > 1 else []):
-            rest = [other for other in rated if other not in names]
-            if len(rest) >= FEWEST_RATED:
-                readings.append(Reading(f"ratings without {named(names)}", Told(columns={"rating": JOIN.join(rest)})))
+            if len(rated) - len(names) >= FEWEST_RATED:
+                readings.append(_without(rated, names))
         raise QuestionError(f"the numbers in {named(rated)} can be read in {len(readings)} ways", readings)
     dashed = [pair[:2] for name in rated if (pair := pair_in(name)) is not None]
     if len(dashed) == len(rated) and max(Counter(item for pair in dashed for item in pair).values()) > 1:
@@ -174,10 +160,8 @@ def _ask_if_something_else(seen: Seen, rated: Sequence[str], who: Mapping[str, t
     odd = _odd_names(rated) or _odd_numbers(seen, rated)
     if odd:
         rest = [name for name in rated if name not in odd]
-        raise QuestionError(
-            f"{named(odd)} may be something else than {named(rest)}",
-            [whole, Reading(f"ratings without {named(odd)}", Told(columns={"rating": JOIN.join(rest)}))],
-        )
+        about = f"{named(odd)} may be something else than {named(rest)}"
+        raise QuestionError(about, [whole, _without(rated, odd)])
     values = {value for name in rated for value in values_of(seen.column(name))}
     if len(values) == 2 and values <= {0.0, 1.0, 2.0} and len(seen.table) > 1:
         raise QuestionError(
@@ -191,6 +175,11 @@ def _ask_if_something_else(seen: Seen, rated: Sequence[str], who: Mapping[str, t
             Reading("ranks, 1 is best", Told(format="ranking")),
         ]
         raise QuestionError(f"each row of {named(rated)} holds the numbers from 1 to {len(rated)}", readings)
+
+
+def _without(rated: Sequence[str], odd: Sequence[str]) -> Reading:
+    rest = [name for name in rated if name not in odd]
+    return Reading(f"ratings without {named(odd)}", Told(columns={"rating": JOIN.join(rest)}))
 
 
 def _rated_one(seen: Seen, rated: Sequence[str], who: Mapping[str, tuple[str, ...]]) -> list[Reading]:
@@ -207,11 +196,6 @@ def _rated_one(seen: Seen, rated: Sequence[str], who: Mapping[str, tuple[str, ..
         return []
     told = Told(columns={"condition": JOIN.join(parts), "rating": names[0]})
     return [Reading(f"ratings in {names[0]!r} of conditions in {named(parts)}", told)]
-
-
-def _repeated(column: Column) -> str:
-    """Return a text that several cells have."""
-    return column.words[int(np.argmax(np.bincount(column.codes, minlength=len(column.words))))]
 
 
 def _odd_names(rated: Sequence[str]) -> list[str]:
@@ -252,7 +236,7 @@ def _are_ranks(seen: Seen, rated: Sequence[str]) -> bool:
 
 def _summaries(seen: Seen, names: Sequence[str], rated: Sequence[str]) -> tuple[int, ...]:
     """Return the rows of a wide table that are nobody's: named as a statistic, or the mean of all others."""
-    if names[0] in {name for theirs in seen.given.values() for name in theirs}:
+    if names[0] in names_in(seen.given):
         return ()
     cells = np.stack([seen.column(name).meaning(number_or_nan, np.float64) for name in rated], axis=1)
     means = (cells.sum(axis=0) - cells) / max(len(cells) - 1, 1)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from app.analysis.reading.cells import Column, Table, is_numeric, named, number_or_nan
-from app.analysis.reading.description import JOIN, Description, QuestionError, Reading, Told
+from app.analysis.reading.choices import grade_of
+from app.analysis.reading.description import COMPARISONS, JOIN, Description, QuestionError, Reading, Told
 from app.analysis.reading.layouts import joined_column
 from app.analysis.reading.votes_table import CHOICES, VotesError
 from app.analysis.reading.words import (
@@ -38,6 +39,9 @@ FEWEST_RANKED = 3
 WIDE_ROLES = ("choice", "rating")  # told with several columns, they are spread over these
 
 
+Columns = dict[str, tuple[str, ...]]  # role -> names of a table's columns
+
+
 @dataclass(frozen=True)
 class Seen:
     """A table with what was told about it, and the columns that are left to recognise."""
@@ -46,7 +50,7 @@ class Seen:
     told: Told
 
     @cached_property
-    def given(self) -> dict[str, tuple[str, ...]]:
+    def given(self) -> Columns:
         """Columns as told, our name -> theirs."""
         unknown = [*set(self.told.columns).difference(ROLES), *set(self.told.choices).difference((*CHOICES, "by"))]
         if unknown:
@@ -83,7 +87,7 @@ class Seen:
     @cached_property
     def free(self) -> list[str]:
         """Names of columns that were not told, and are not empty where others could mean the same."""
-        taken = {name for names in self.given.values() for name in names}
+        taken = names_in(self.given)
         return [name for name in self.table.names if name not in taken]
 
     def column(self, name: str) -> Column:
@@ -123,15 +127,15 @@ class Seen:
 
     def tell_alike(self, name: str, other: str) -> bool:
         """Do two columns tell the same rows apart?"""
-        a, b = self.column(name), self.column(other)
-        pairs = len(np.unique(a.codes.astype(np.int64) * len(b.words) + b.codes))
-        return pairs == len(a.seen) == len(b.seen)
+        return self.column(name).tells_alike(self.column(other))
 
     @cached_property
     def pairs(self) -> list[tuple[str, str]]:
         """Columns that name two items, our own names first."""
-        if {"item_a", "item_b"} <= set(self.given):
-            return [(JOIN.join(self.given["item_a"]), JOIN.join(self.given["item_b"]))]
+        if {"item_a", "item_b"} & self.given.keys():
+            ours = ((role, [name for name in self.free if plain(name) == plain(role)]) for role in ("item_a", "item_b"))
+            a, b = (JOIN.join(self.given.get(role, names[:1])) for role, names in ours)
+            return [(a, b)] if a and b else []
         ends: dict[tuple[str, int], dict[int, str]] = {}
         for name in self.free:
             if (end := ends_of(name)) is not None:
@@ -144,12 +148,6 @@ class Seen:
             if len(sides) == 2 and not third:
                 matches.append((sides[0], sides[1]))
         matches.sort(key=lambda pair: (plain(pair[0]), plain(pair[1])) != ("itema", "itemb"))
-        if len(self.given.keys() & {"item_a", "item_b"}) == 1:
-            (role,) = self.given.keys() & {"item_a", "item_b"}
-            other = "item_b" if role == "item_a" else "item_a"
-            ours = [name for name in self.free if plain(name) == plain(other)]
-            half = JOIN.join(self.given[role])
-            matches = [(half, ours[0]) if role == "item_a" else (ours[0], half)] if ours else []
         return matches
 
     @property
@@ -157,16 +155,16 @@ class Seen:
         """Has the table our own names of the columns of votes?"""
         return set(self.table.names) >= OWN_VOTES and not set(self.told.columns) & OWN_VOTES
 
-    def optional(self, roles: Sequence[str], taken: Sequence[str]) -> dict[str, tuple[str, ...]]:
-        """Return the optional columns that are there."""
-        matches = {}
-        for role in roles:
-            names = self.given.get(role) or tuple(name for name in self.candidates(role)[:1] if name not in taken)
-            if names:
-                matches[role] = names
-        return matches
+    def optional(self, roles: Sequence[str], taken: Collection[str]) -> Columns:
+        """Return the optional columns that are there, and are not taken by other roles."""
+        matches = {role: self.first(role) for role in roles}
+        return {role: n for role, n in matches.items() if n and (role in self.given or n[0] not in taken)}
 
-    def who_and_what(self) -> dict[str, tuple[str, ...]]:
+    def first(self, role: str, more: Sequence[str] = ()) -> tuple[str, ...]:
+        """Return the first column that may have a role, or what was told; none if there is none."""
+        return self.given.get(role) or tuple(self.candidates(role, more)[:1])
+
+    def who_and_what(self) -> Columns:
         """Return the columns of participants and datasets."""
         return {role: names for role in ("participant", "dataset") if (names := self.one(role))}
 
@@ -179,7 +177,7 @@ def says(seen: Seen, *roles: str) -> bool:
     return bool(set(roles) & set(seen.given))
 
 
-def item_columns(item_a: str, item_b: str) -> dict[str, tuple[str, ...]]:
+def item_columns(item_a: str, item_b: str) -> Columns:
     return {"item_a": tuple(item_a.split(JOIN)), "item_b": tuple(item_b.split(JOIN))}
 
 
@@ -207,6 +205,14 @@ def one_pair(seen: Seen, pairs: Sequence[tuple[str, str]], choices: Sequence[str
     raise QuestionError(f"{len(readings)} pairs of columns may name the two items", readings)
 
 
+def as_grades(description: Description, choice: Column) -> Description:
+    """Take the choices of a description for grades of comparisons, whose words are numbers."""
+    words = {word.lower(): grade for word in choice.filled if (grade := grade_of(word)) is not None}
+    columns = {("rating" if role == "choice" else role): names for role, names in description.columns.items()}
+    note = "grades say how much better item_b is than item_a"
+    return replace(description, holds=COMPARISONS, columns=columns, words=words, notes=(*description.notes, note))
+
+
 def rating_of(seen: Seen, *, weak: bool = False) -> tuple[str, ...]:
     """Return the column of ratings that is not empty."""
     names = seen.one("rating") or (seen.one("rating", WEAK_RATINGS) if weak else ())
@@ -219,16 +225,30 @@ def condition_of(seen: Seen) -> tuple[str, ...]:
     dataset = seen.one("dataset")
     if "condition" in seen.given or len(matches) < 2 or not dataset:
         return seen.one("condition")
-    within = {name: joined_column(seen.table, (*dataset, name)) for name in matches}
-    first = within[matches[0]]
-    for column in within.values():
-        pairs = len(np.unique(first.codes.astype(np.int64) * len(column.words) + column.codes))
-        if not pairs == len(first.seen) == len(column.seen):
-            return seen.one("condition")
+    first, *others = (joined_column(seen.table, (*dataset, name)) for name in matches)
+    if not all(first.tells_alike(column) for column in others):
+        return seen.one("condition")
     return (min(matches, key=lambda name: len(seen.column(name).seen)),)
 
 
-def columns_of_numbers(seen: Seen, taken: Sequence[str]) -> list[str]:
+def names_in(columns: Mapping[str, Iterable[str]]) -> set[str]:
+    """Return the names of a table's columns that have a role."""
+    return {name for names in columns.values() for name in names}
+
+
+def rated_columns(seen: Seen, told: Sequence[str], who: Columns) -> list[str]:
+    """Return the columns that hold ratings or ranks: several as told, else all of numbers.
+
+    Parameters
+    ----------
+    seen : the table
+    told : names of columns
+    who : columns of participants and conditions
+    """
+    return list(told) if len(told) > 1 else [] if told else columns_of_numbers(seen, names_in(who))
+
+
+def columns_of_numbers(seen: Seen, taken: Iterable[str]) -> list[str]:
     """Return the columns of numbers that may be ratings by or of something."""
     others = {*taken, *seen.one("dataset")}
     return [

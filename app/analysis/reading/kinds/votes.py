@@ -6,16 +6,16 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from app.analysis.reading.cells import FLAGS, Column, is_numeric, named, values_of
+from app.analysis.reading.cells import Column, is_numeric, named, values_of
 from app.analysis.reading.choices import Asked, Meaning, binary_meaning, codes_of, grade_of, understand_choices
-from app.analysis.reading.description import COMPARISONS, VOTES, Description, QuestionError, Reading, Told
+from app.analysis.reading.description import VOTES, Description, QuestionError, Reading, Told
 from app.analysis.reading.kinds.seen import (
     NOT_USED,
     WIDE_ROLES,
     Seen,
+    as_grades,
     item_columns,
+    names_in,
     one_pair,
     rating_of,
     says,
@@ -32,6 +32,7 @@ from app.analysis.reading.words import (
     PLACED,
     SUMMARIES,
     SWAPPED,
+    TRUE_FALSE,
     pairs_in,
     plain,
 )
@@ -72,10 +73,9 @@ def find_wide_pairs(seen: Seen) -> Description | None:
             f"has a column for each of {len(spread)} pairs, beside {named(others)}; "
             "say which column names the participants, e.g. --columns participant=judge"
         )
-    taken = [*spread, *(name for names in who.values() for name in names)]
     description = Description(
         VOTES,
-        who | seen.optional(("practice", "excluded", "reason"), taken),
+        who | seen.optional(("practice", "excluded", "reason"), names_in(who) | {*spread}),
         "wide",
         spread,
         "pair",
@@ -130,7 +130,7 @@ def with_meaning(seen: Seen, description: Description) -> Description:
     rows = rows_of(seen.table, description)
     choice, item_a, item_b = (rows.columns[name] for name in ("choice", "item_a", "item_b"))
     if seen.told.format == "ccr":
-        return _as_grades(description, choice)
+        return as_grades(description, choice)
     is_graded = is_numeric(choice) and any(value != int(value) or not -1 <= value <= 3 for value in values_of(choice))
     are_items = set(choice.filled) <= {*item_a.filled, *item_b.filled}
     if is_graded and not are_items and not {"a", "b", "by"} & set(seen.told.choices):
@@ -138,14 +138,12 @@ def with_meaning(seen: Seen, description: Description) -> Description:
             f"the choices {named(sorted(choice.filled)[:6])} are numbers",
             [Reading("grades, how much better the second of two items is", Told(format="ccr"))],
         )
-    names = ("item_a", "item_b")
-    if description.layout == "rows":
-        names = (description.columns["item_a"][0], description.columns["item_b"][0])
+    name_a, name_b = (description.columns.get(role, (role,))[0] for role in ("item_a", "item_b"))
     asked = Asked(
         choice,
         item_a,
         item_b,
-        names,
+        (name_a, name_b),
         is_own=seen.is_own,
         is_told="choice" in seen.told.columns,
         strengths_as="votes" if seen.told.format == "votes" else "",
@@ -158,23 +156,15 @@ def with_meaning(seen: Seen, description: Description) -> Description:
     )
 
 
-def _as_grades(description: Description, choice: Column) -> Description:
-    words = {word.lower(): grade for word in choice.filled if (grade := grade_of(word)) is not None}
-    columns = {("rating" if role == "choice" else role): names for role, names in description.columns.items()}
-    note = "grades say how much better item_b is than item_a"
-    return replace(description, holds=COMPARISONS, columns=columns, words=words, notes=(*description.notes, note))
-
-
 def _binary(seen: Seen, description: Description) -> Meaning | None:
     """Return the meaning of a column such as `is_A_selected`."""
     names = description.columns.get("choice", ())
     if len(names) != 1 or {"a", "b", "by"} & set(seen.told.choices):
         return None
     for side, known in BINARY_CHOICES.items():
-        if plain(names[0]) in known and {word.lower() for word in seen.column(names[0]).filled} <= set(
-            binary_meaning(side).words
-        ):
-            return binary_meaning(side)
+        meaning = binary_meaning(side)
+        if plain(names[0]) in known and {word.lower() for word in seen.column(names[0]).filled} <= meaning.words.keys():
+            return meaning
     return None
 
 
@@ -186,7 +176,7 @@ def _ask_about_sides(seen: Seen, description: Description, asked: Asked, meaning
     if sides and not sides[0].isdigit() and sides[0] in plain(asked.names[0]):
         sides = []  # the items' own columns are called by the sides
     items = {*asked.item_a.filled, *asked.item_b.filled}
-    used = {name for names in description.columns.values() for name in names}
+    used = names_in(description.columns)
     for name in seen.table.names:
         speaks = SWAPPED.search(name) or PLACED.search(name) if len(sides) > 1 and not meaning.by_item else None
         if not (speaks or plain(name) in TO_MATCH):
@@ -229,31 +219,26 @@ def find_votes(seen: Seen) -> Description | None:
     """Find votes: two items and which is preferred."""
     if says(seen, "rating", "condition", "winner", "loser", "wins_a", "rank") and not says(seen, "choice"):
         return None
-    if seen.told.format == "ratings":
-        return None
     binaries = tuple(name for known in BINARY_CHOICES.values() for name in known)
     choices = seen.candidates("choice", binaries)
     if "choice" not in seen.told.columns:
         choices = [name for name in choices if not seen.is_empty(name) or not len(seen.table) or seen.is_own]
         if seen.is_own and "choice" in choices and seen.is_empty("choice") and rating_of(seen):
             return None  # a study's own table of ratings
-    pairs = seen.pairs
-    if not pairs or not choices:
+    if not seen.pairs or not choices:
         return None
-    item_a, item_b = one_pair(seen, pairs, choices)
+    item_a, item_b = one_pair(seen, seen.pairs, choices)
     if seen.told.format != "ccr" and "choice" not in seen.given and len(choices) > 1:
         choices = _agreeing(seen, choices, (item_a, item_b))
-    columns = item_columns(item_a, item_b) | {"choice": seen.given.get("choice") or (choices[0],)}
-    who = seen.who_and_what()
-    columns = {role: names for role in ("participant", "dataset") if (names := who.get(role))} | columns
-    taken = [name for names in columns.values() for name in names]
-    return _with_ties(seen, Description(VOTES, columns | seen.optional(OPTIONAL, taken)))
+    choice = {"choice": seen.given.get("choice") or (choices[0],)}
+    columns = seen.who_and_what() | item_columns(item_a, item_b) | choice
+    return _with_ties(seen, Description(VOTES, columns | seen.optional(OPTIONAL, names_in(columns))))
 
 
 def _with_ties(seen: Seen, description: Description) -> Description:
     """Use a column that says of each row whether nobody won, such as is_tie."""
-    ties = seen.given.get("ties") or tuple(seen.candidates("ties")[:1])
-    if not ties or not {word.lower() for word in seen.column(ties[0]).filled} <= FLAGS.keys():
+    ties = seen.first("ties")
+    if not ties or not {word.lower() for word in seen.column(ties[0]).filled} <= TRUE_FALSE.keys():
         return description
     note = f"rows whose {ties[0]} is true are no preference"
     return replace(description, columns={**description.columns, "ties": ties}, notes=(*description.notes, note))
@@ -262,14 +247,12 @@ def _with_ties(seen: Seen, description: Description) -> Description:
 def _agreeing(seen: Seen, choices: Sequence[str], pair: tuple[str, str]) -> list[str]:
     """Return columns that may be the choice, if all of them say the same; else ask."""
     items = [joined_column(seen.table, names) for names in item_columns(*pair).values()]
-    matches = []
-    for name in choices:
-        asked = Asked(seen.column(name), items[0], items[1], (pair[0], pair[1]), is_own=seen.is_own)
-        try:
-            matches.append(codes_of(understand_choices(asked, seen.told.choices), asked))
-        except QuestionError:
-            matches.append(np.full(len(seen.table), -2, np.int8))
-    if all((codes == matches[0]).all() and (codes != -2).all() for codes in matches):
+    asked = [Asked(seen.column(name), items[0], items[1], pair, is_own=seen.is_own) for name in choices]
+    try:
+        codes = [codes_of(understand_choices(each, seen.told.choices), each) for each in asked]
+    except QuestionError:
+        codes = []
+    if codes and all((each == codes[0]).all() for each in codes):
         return list(choices)
     readings = [Reading(f"the choice is the column {name!r}", Told(columns={"choice": name})) for name in choices]
     raise QuestionError(f"{len(readings)} columns may be the choice, and do not say the same", readings)
@@ -278,14 +261,14 @@ def _agreeing(seen: Seen, choices: Sequence[str], pair: tuple[str, str]) -> list
 def find_won(seen: Seen) -> Description | None:
     """Find a winner and a loser in each row."""
     more = {"winner": ("chosen",), "loser": ()}  # chosen beside rejected
-    names = {role: seen.given.get(role) or tuple(seen.candidates(role, more[role])[:1]) for role in more}
+    names = {role: seen.first(role, more[role]) for role in more}
     if not all(names.values()) or says(seen, "item_a", "choice", "rating"):
         return None
     columns = seen.who_and_what() | {"item_a": names["winner"], "item_b": names["loser"]}
-    taken = [name for theirs in columns.values() for name in theirs]
+    columns |= seen.optional(OPTIONAL, names_in(columns))
     winner, loser = names["winner"][0], names["loser"][0]
     note = f"item_a is the column {winner}, item_b the column {loser}, and item_a is always preferred"
-    return _with_ties(seen, Description(VOTES, columns | seen.optional(OPTIONAL, taken), "won", notes=(note,)))
+    return _with_ties(seen, Description(VOTES, columns, "won", notes=(note,)))
 
 
 def find_wins(seen: Seen) -> Description | None:

@@ -121,7 +121,14 @@ def turn_off_second_factor(request: Request, actor: Myself, database: Store, cur
 
 
 @router.post("/sessions/end")
-def end_one_session(actor: Myself, database: Store, session: Annotated[int, Form(ge=1, le=2**31 - 1)]) -> Response:
+def end_one_session(
+    request: Request,
+    actor: Myself,
+    database: Store,
+    session: Annotated[int, Form(ge=1, le=2**31 - 1)],
+    current: Password = "",
+) -> Response:
+    _check_current(request, database, actor, current)
     with database.writing() as connection:
         if not end_session(connection, actor.id, session):
             raise NotFoundError("This session has ended already.")
@@ -130,8 +137,9 @@ def end_one_session(actor: Myself, database: Store, session: Annotated[int, Form
 
 
 @router.post("/sessions/end-all")
-def sign_out_everywhere(request: Request, actor: Myself, database: Store) -> Response:
+def sign_out_everywhere(request: Request, actor: Myself, database: Store, current: Password = "") -> Response:
     """End all sessions of the person, this one too."""
+    _check_current(request, database, actor, current)
     with database.writing() as connection:
         n_ended = end_all_sessions(connection, actor.id)
         actor.note(connection, "signed out everywhere", sessions=n_ended)
@@ -162,3 +170,4 @@ def _check_current(request: Request, database: Database, actor: Actor, password:
         known = password_of(connection, actor.name)
     if known and not is_password(password, known[1]):
         raise InvalidError("The current password is not right. Nothing was changed.")
+    throttle(request).forget(SIGN_INS_AS, address(request), actor.name.lower())

@@ -32,6 +32,7 @@ from app.web.roles import EXPERIMENTER_COOKIE, Myself, signed_in_person
 
 Secret = Annotated[str, Path(max_length=100)]
 Name = Annotated[str, Form(min_length=1, max_length=100)]
+Code = Annotated[str, Form(max_length=40)]  # of an authenticator app, or to recover
 
 router = APIRouter(prefix="/admin", include_in_schema=False)
 
@@ -84,12 +85,13 @@ def link_page(secret: Secret, request: Request, database: Store, now: Now) -> Re
         return see("/admin")
     if person is None:
         raise _link_refused(request, database, now)
-    return page_with_form(request, "admin/sign_in_by_link.html", {"secret": secret, "name": person.name})
+    return page_with_form(request, "admin/sign_in_by_link.html", {"secret": secret, "person": person})
 
 
 @router.post("/login/{secret}", dependencies=[Depends(own_form)])
-def sign_in_by_link(secret: Secret, request: Request, database: Store, now: Now) -> Response:
+def sign_in_by_link(secret: Secret, request: Request, database: Store, now: Now, code: Code = "") -> Response:
     throttle(request).check(SIGN_INS, address(request))
+    _check_code_beside_link(secret, request, database, now, code)
     with database.writing() as connection:
         person = spend_link(connection, secret, now)
         token = begin_experimenter_session(connection, person.id, now, browser_of(request)) if person else None
@@ -98,6 +100,26 @@ def sign_in_by_link(secret: Secret, request: Request, database: Store, now: Now)
     if token is None:
         raise _link_refused(request, database, now)
     return signed_in(request, token)
+
+
+def _check_code_beside_link(secret: str, request: Request, database: Database, now: datetime, code: str) -> None:
+    """Refuse who has the link of a person alone, where that person has a second factor; the link stays."""
+    with database.reading() as connection:
+        person = experimenter_by_link(connection, secret, now)
+    if person is None or not person.has_second_factor:
+        return
+    throttle(request).count(SECOND_FACTORS, str(person.id))
+    with database.writing() as connection:
+        is_right = is_let_in(connection, person.id, code, now)
+    if not is_right:
+        record_alone(
+            database, STRANGER, Entry("second factor refused", subject=person.name, detail={"by": "link"}), now
+        )
+        raise UnauthorisedError(
+            "The code of the authenticator app is missing, wrong or was used before. Open the link again and type the "
+            "next one, or a recovery code; who has lost both asks an owner."
+        )
+    throttle(request).forget(SECOND_FACTORS, str(person.id))
 
 
 def _link_refused(request: Request, database: Database, now: datetime) -> UnauthorisedError:
@@ -123,7 +145,7 @@ def sign_in(
     password: Password,
     database: Store,
     now: Now,
-    code: Annotated[str, Form(max_length=40)] = "",
+    code: Code = "",
     to: str = "/admin",
 ) -> Response:
     """Sign in with a password, and lead to the page of the dashboard that was asked for."""

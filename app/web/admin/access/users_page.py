@@ -15,11 +15,13 @@ from app.store.access.experimenters import (
     Role,
     all_experimenters,
     disable,
+    end_all_sessions,
     experimenter_named,
     renew_link,
     restrict,
     set_role,
 )
+from app.store.access.second_factors import end_second_factor
 from app.store.access.tokens import SCOPES, all_tokens, insert_token, revoke_token
 from app.store.database.engine import Transaction
 from app.store.studies.audit import SORTABLE, audit_records, audit_state
@@ -84,6 +86,17 @@ def _page(request: Request, person: Experimenter, link: dict[str, str] | None = 
         people = all_experimenters(connection)
         slugs = [study.slug for study in all_studies(connection)]
     return page(request, "users", person, {"people": people, "slugs": slugs, "link": link})
+
+
+@router.post("/users/second-factor")
+def end_factor(actor: ActingOwner, name: Name, database: Store) -> Response:
+    """End the second factor of somebody who has lost telephone and recovery codes, and their sessions."""
+    with database.writing() as connection:
+        known = _person(connection, name)
+        end_second_factor(connection, known.id)
+        end_all_sessions(connection, known.id)
+        actor.note(connection, "second factor ended", subject=name)
+    return see("/admin/users")
 
 
 @router.post("/users/role")

@@ -29,7 +29,7 @@ from app.store.trials.orders import n_taken_in
 from app.study.design.groups import Group, check_groups
 from app.study.options.options import StudyOptions, parse_options
 from app.study.options.own_texts import NAME
-from app.study.options.platforms import link_query
+from app.study.options.platforms import MTURK_ID, link_query, parameters, unknown_placeholders
 from app.study.options.wording import first_language, own_texts
 from app.web.admin.layout import attachment, page, see, study_page, unix
 from app.web.admin.studies.edit_page import Revision, save_study
@@ -63,6 +63,9 @@ def invitations_page(request: Request, person: Looking, study: AStudy, database:
         "invitations": list(reversed(invitations)),
         "site": str(request.base_url),
         "query": link_query(options.outside),
+        "unfilled": unknown_placeholders(options.outside),
+        "parameters": parameters(options.outside),
+        "is_of_mturk": options.outside.id == MTURK_ID,
         "n_finished": n_finished,
         "n_under_way": n_under_way,
         "limits": options.limits,

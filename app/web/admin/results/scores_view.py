@@ -127,7 +127,7 @@ def _grouping(analysis: Mapping[str, Any], name: str, file: str) -> dict[str, An
 
 def decimal(value: float | None) -> str:
     """Format a number with two decimals and a true minus sign; None as a dash."""
-    return NOTHING if value is None else f"{value:.2f}".replace("-", MINUS)
+    return NOTHING if value is None else f"{value:z.2f}".replace("-", MINUS)  # z: no negative zero
 
 
 def p_value(value: float | None) -> str:

@@ -12,7 +12,8 @@ from fastapi.responses import Response
 from app.errors import ConflictError, InvalidError, said_on_page
 from app.ffmpeg import Progress
 from app.intake.bounds import typed_in_bounds
-from app.operations.studies.create import slugify
+from app.operations.studies.create import slugify, telling_names
+from app.operations.studies.drafts import values_of
 from app.operations.studies.edit import check_edit, remake_films, save_edit
 from app.operations.studies.manage import study_file_of
 from app.operations.studies.stimulus_sets import set_of_study
@@ -22,6 +23,7 @@ from app.store.database.engine import Database
 from app.store.studies.audit import Actor
 from app.store.studies.studies import Study, progress_of, study_by_id
 from app.store.trials.designs import conditions_of, datasets_of
+from app.study.options.option_table import SETTINGS
 from app.study.options.study_file import LONGEST_FILE, StudyFile, parse_study_file, with_line, write_study_file
 from app.web.admin.background import task_address
 from app.web.admin.layout import attachment, see, study_page, unix
@@ -35,7 +37,6 @@ from app.web.admin.studies.form import (
     read_values,
     refuse,
     study_of,
-    values_of,
 )
 from app.web.gates import Store, database, languages, settings
 from app.web.roles import Acting, AStudy, Looking, looking
@@ -77,10 +78,10 @@ def edit(
             now_study = study_by_id(connection, study.id)
         if now_study is None or now_study.revision == revision:
             raise
-        now_values = values_of(study_file_of(now_study))
-        mine = merged(str(fields.get(WAS, "")), given, now_values)
+        labels = {setting.name: setting.label for setting in SETTINGS}
+        mine = merged(str(fields.get(WAS, "")), given, values_of(study_file_of(now_study)), labels)
         form = replace(_form(request, database, now_study, mine.values), clashes=mine.clashes, others=mine.others)
-        return _page(request, person, now_study, replace(form, was=mine.was), status_code=409)
+        return _page(request, person, now_study, form, status_code=409)
 
 
 @router.get("/edit/file", dependencies=[Depends(looking("experimenter"))])
@@ -161,6 +162,7 @@ def _page(request: Request, person: Experimenter, study: Study, form: StudyForm,
     context = {
         "form": form,
         "new_address": address,
+        "telling": telling_names(study.name, [each for each in form.conditions if each not in form.values["without"]]),
         "text": write_study_file(study_file_of(study)),
         "longest_file": LONGEST_FILE,
     }

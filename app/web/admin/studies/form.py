@@ -12,14 +12,14 @@ from fastapi import Depends, Request
 from starlette.datastructures import FormData
 
 from app.errors import InvalidError, said_on_page
+from app.operations.studies.drafts import options_of
 from app.study.option_fields import Setting, SettingError
 from app.study.options.option_table import COLUMNS, SECTION_NOTES, SECTIONS, SETTINGS, why_fixed
-from app.study.options.options import StudyOptions, parse_options
+from app.study.options.options import parse_options
 from app.study.options.own_texts import LONGEST_TEXT
 from app.study.options.practice import MOST_PRACTICE
 from app.study.options.study_file import StudyFile
-from app.study.protocols import RATED, typed_scale
-from app.study.questions.answers import QUESTIONS
+from app.study.protocols import typed_scale
 from app.study.questions.questionnaire import KINDS, MOST_QUESTIONS
 from app.web.admin.layout import unix
 from app.web.gates import takes_any_field
@@ -114,56 +114,62 @@ def refuse(request: Request, error: ValueError) -> None:
     request.state.refused = RefusedForm(request.url.path, sentence, str(getattr(error, "field", "")))
 
 
-def values_of(study: StudyFile) -> dict[str, Any]:
-    """Return the values of all settings by name."""
-    options = study.options.as_json()
-    values: dict[str, Any] = {name: getattr(study, name) for name in COLUMNS}
-    for setting in SETTINGS:
-        table, _, key = setting.name.rpartition(".")
-        if setting.name not in COLUMNS:
-            values[setting.name] = options[table].get(key) if table else options[key]
-    return values
+@dataclass(frozen=True)
+class Merged:
+    """What somebody typed into a page, and what somebody else has saved meanwhile, by name.
+
+    Parameters
+    ----------
+    values : as typed where it was typed, else as saved
+    clashes, others : as of StudyForm
+    """
+
+    values: Mapping[str, Any]
+    clashes: Sequence[tuple[str, str, str]]
+    others: Sequence[str]
 
 
 def digests_of(values: Mapping[str, Any]) -> str:
-    """Return a short digest of each setting's value, as JSON: enough to tell later which were changed."""
-    return json.dumps({setting.name: _digest(values.get(setting.name)) for setting in SETTINGS}, separators=(",", ":"))
+    """Return a short digest of each value, as JSON: enough to tell later which were changed."""
+    return json.dumps({name: _digest(value) for name, value in values.items()}, separators=(",", ":"))
 
 
 def changed_since(was: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings that were changed since a page was opened; all of them where its digests are not known."""
-    try:
-        before = dict(json.loads(was)) if was else {}
-    except (ValueError, TypeError):
-        before = {}
+    """Return the values that were changed since a page was opened; all of them where its digests are not known."""
+    before = _digests(was)
     return {name: value for name, value in given.items() if _digest(value) != before.get(name)}
 
 
-def merged(was: str, given: Mapping[str, Any], now: Mapping[str, Any]) -> StudyForm:
-    """Return a form that keeps what somebody typed although somebody else has changed the study meanwhile.
+def merged(was: str, given: Mapping[str, Any], now: Mapping[str, Any], labels: Mapping[str, str]) -> Merged:
+    """Keep what somebody typed although somebody else has saved something meanwhile.
 
     Parameters
     ----------
     was : the digests of the page that was typed into; empty: not known, so that every difference is a clash
     given : as it was typed
-    now : values of all settings as they are now
+    now : all values as they are saved now
+    labels : how the page calls each that it shows
     """
-    try:
-        before = dict(json.loads(was)) if was else {}
-    except (ValueError, TypeError):
-        before = {}
+    before = _digests(was)
     values, clashes, others = dict(now), [], []
-    for setting in SETTINGS:
-        if setting.name not in given or _digest(given[setting.name]) == _digest(now.get(setting.name)):
+    for name, label in labels.items():
+        if name not in given or _digest(given[name]) == _digest(now.get(name)):
             continue
-        typed, present, first = given[setting.name], now.get(setting.name), before.get(setting.name)
+        typed, present, first = given[name], now.get(name), before.get(name)
         if first is not None and _digest(typed) == first:
-            others.append(setting.label)
+            others.append(label)
             continue
-        values[setting.name] = typed
+        values[name] = typed
         if first is None or _digest(present) != first:
-            clashes.append((setting.label, _in_words(typed), _in_words(present)))
-    return StudyForm(values, clashes=clashes, others=others, was=digests_of(now))
+            clashes.append((label, _in_words(typed), _in_words(present)))
+    return Merged(values, clashes, others)
+
+
+def _digests(was: str) -> dict[str, str]:
+    try:
+        return dict(json.loads(was)) if was else {}
+    except (ValueError, TypeError):
+        return {}
 
 
 def _digest(value: Any) -> str:
@@ -217,41 +223,6 @@ def study_of(now: StudyFile, given: Mapping[str, Any]) -> StudyFile:
     """
     columns = {name: given[name] for name in COLUMNS if given.get(name) is not None}
     return now.but(**columns, options=parse_options(options_of(now.options, given)))
-
-
-def options_of(now: StudyOptions, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options, as `parse_options` reads them, with what a form gives in place.
-
-    Raises
-    ------
-    ValueError
-        If a number is none.
-    """
-    options = now.as_json()
-    for name, value in given.items():
-        if name in COLUMNS:
-            continue
-        table, _, key = name.rpartition(".")
-        place = options[table] if table else options
-        place[key] = value
-        if value is None:
-            del place[key]
-    if options["screening"].get("distance") != "fixed":
-        options["screening"].pop("distance_cm", None)
-    if options["protocol"] not in RATED:
-        options.pop("scale")
-    asked = {question["name"] for question in options["questions"]}
-    options["texts"] = {
-        language: {key: text for key, text in said.items() if _is_of(key, asked)}
-        for language, said in options["texts"].items()
-    }
-    return options
-
-
-def _is_of(key: str, asked: set[str]) -> bool:
-    """Is it a text of the study, or of a question that is asked?"""
-    group, _, rest = key.partition(".")
-    return group != QUESTIONS or rest.partition(".")[0] in asked
 
 
 def _value(fields: FormData, setting: Setting) -> Any:

@@ -44,6 +44,12 @@ def studies_page(request: Request, person: Person, database: Store, afterwards: 
     return page(request, "studies", person, context)
 
 
+@router.get("/studies")
+def short_address(_person: Person) -> Response:
+    """Lead from the address that the studies' own begin with to their list."""
+    return see("/admin")
+
+
 @router.put("/studies/import")
 async def import_whole(
     request: Request, actor: UploadingActor, database: Store, name: Annotated[str, Query(max_length=200)] = ""

@@ -9,14 +9,16 @@ from urllib.parse import quote
 
 from fastapi import APIRouter, Form, Query, Request
 from fastapi.responses import Response
+from starlette.datastructures import FormData
 
 from app.errors import InvalidError, StudyError, said_on_page
 from app.intake.bounds import typed_in_bounds
-from app.operations.studies.create import new_slug, shows_anything
+from app.operations.studies.create import new_slug, read_options, shows_anything, telling_names
 from app.operations.studies.creation import begin_creation
+from app.operations.studies.drafts import Draft, outlook_of, values_of
 from app.operations.studies.forecast import forecast, has_many_pairs, with_pair_films, without_pair_films
 from app.operations.studies.receive_films import found_and_done
-from app.operations.studies.stimulus_sets import KnownSet, known_sets, set_called
+from app.operations.studies.stimulus_sets import KnownSet, known_sets, set_called, unreadable_sets
 from app.store.access.experimenters import Experimenter
 from app.store.studies.drafts import draft_of, drafts_of, drop_draft, keep_draft
 from app.study.option_fields import SettingError
@@ -24,12 +26,22 @@ from app.study.options.neutral_words import neutral_words
 from app.study.options.options import StudyOptions
 from app.study.options.platforms import PLATFORMS, WAYS
 from app.study.options.presets import PRESETS, QUICK
-from app.study.options.study_file import LONGEST_FILE, parse_study_file, with_line
+from app.study.options.study_file import LONGEST_FILE, StudyFile, parse_study_file, with_line
 from app.study.options.wording import check_languages, first_language, wording
 from app.web.admin.background import task_address
 from app.web.admin.layout import page, see, unix
-from app.web.admin.studies.drafts import Draft
-from app.web.admin.studies.form import Fields, StudyForm, digests_of, in_words, refuse
+from app.web.admin.studies.form import (
+    ANSWERS,
+    WAS,
+    WAY,
+    Fields,
+    StudyForm,
+    changed_since,
+    digests_of,
+    in_words,
+    read_values,
+    refuse,
+)
 from app.web.gates import Store, languages, settings
 from app.web.markdown import render_markdown
 from app.web.roles import Acting, Looking
@@ -63,11 +75,13 @@ def new_study_page(
     with database.reading() as connection:
         known = known_sets(settings(request), connection)
         drafts = drafts_of(connection, person.name)
+        unreadable = unreadable_sets(settings(request), connection)
     chosen = next((each for each in known if each.name == (stimulus_set or chosen_set)), None)
     if chosen is None:
         names = {each.name: each.title for each in known}
         context = {
             "sets": known,
+            "unreadable": unreadable,
             "drafts": [draft for draft in drafts if draft.stimulus_set in names],
             "titles": names,
             "longest_file": LONGEST_FILE,
@@ -95,7 +109,7 @@ def create(
     """Create a study in the background; the task's page shows the progress. What is not right is shown again."""
     with database.reading() as connection:
         known = set_called(settings(request), connection, stimulus_set)
-    draft = Draft.sent(fields, preset, platform)
+    draft = _sent(fields, preset, platform)
     try:
         wanted = draft.study(has_many_pairs=has_many_pairs(known.content))
         new_slug(database, wanted.name)
@@ -125,7 +139,7 @@ def keep(
     """Keep the form as it is typed, and answer with what the study would be now."""
     with database.reading() as connection:
         known = set_called(settings(request), connection, stimulus_set)
-    draft = Draft.sent(fields, preset, platform)
+    draft = _sent(fields, preset, platform)
     with database.writing() as connection:
         keep_draft(connection, actor.name, known.name, draft.as_json(), actor.now)
     return page(request, "_new_study_plan", person, _plan(request, known, draft))
@@ -167,6 +181,25 @@ def create_from_file(
     return see(task_address(task))
 
 
+def _sent(fields: FormData, preset: str, platform: str) -> Draft:
+    """Read a draft from the form.
+
+    Raises
+    ------
+    InvalidError
+        If the form has a field that is no setting, or a number is none.
+    """
+    given = read_values(fields)
+    was = str(fields.get(WAS, ""))
+    if not was:  # a form of nobody's page, such as a program's
+        plain = values_of(StudyFile(name="", options=read_options(None, {}, preset))) if preset in PRESETS else {}
+        given = {name: value for name, value in given.items() if value != plain.get(name)}
+    way = WAYS.get(str(fields.get(WAY, "")))
+    answers = {name.removeprefix(ANSWERS): str(fields[name])[:200] for name in fields if name.startswith(ANSWERS)}
+    draft = Draft(preset, platform, answers, changed_since(was, given))
+    return replace(draft, preset=way.preset, platform=way.platform) if way else draft
+
+
 def _form_page(
     request: Request, person: Experimenter, known: KnownSet, draft: Draft, status_code: int = 200
 ) -> Response:
@@ -186,6 +219,9 @@ def _form_page(
         "ways": WAYS,
         "platforms": PLATFORMS,
         "done": {name: look["done"] for name, look in looks.items() if look["done"]},
+        "n_guessed": sum(
+            "unknown" in (look["found"].get("matrix"), look["found"].get("range")) for look in looks.values()
+        ),
         "n_sound": sum(bool(look["found"].get("sound")) for look in looks.values()),
         "address": f"/admin/studies/new?stimulus_set={quote(known.name)}",
         **_plan(request, known, draft),
@@ -196,10 +232,7 @@ def _form_page(
 def _plan(request: Request, known: KnownSet, draft: Draft) -> dict[str, Any]:
     """Return what the study would be, and the first that its participants read; or why it cannot be made yet."""
     try:
-        named = replace(draft, typed={"name": "New study", **draft.typed})
-        wanted = named.study(has_many_pairs=has_many_pairs(known.content))
-        outlook = forecast(settings(request), known.content, wanted.options, wanted.exposure_s)
-        check_languages(wanted.options, languages(request))
+        wanted, outlook = outlook_of(settings(request), known.content, draft, languages(request))
     except (ValueError, StudyError) as error:
         hindrance = in_words(error) if isinstance(error, ValueError) else error.detail
         return {"outlook": None, "hindrance": hindrance, "by_films": {}, "pages": []}
@@ -213,6 +246,9 @@ def _plan(request: Request, known: KnownSet, draft: Draft) -> dict[str, Any]:
     return {
         "outlook": outlook,
         "hindrance": "",
+        "telling": telling_names(
+            wanted.name, [each for each in known.conditions if each not in wanted.options.without]
+        ),
         "by_films": by_films,
         "chosen_films": wanted.options.pair_films,
         "pages": list(_read_first(request, options, outlook.n_trials)),

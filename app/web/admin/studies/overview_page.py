@@ -12,6 +12,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import Response
 from starlette.concurrency import run_in_threadpool
 
+from app.operations.studies.create import telling_names
 from app.store.access.experimenters import Role
 from app.store.participants.invitations import invitations_of
 from app.store.participants.participants import (
@@ -25,11 +26,11 @@ from app.store.studies.film_failures import settle_failures
 from app.store.studies.studies import Study, progress_of, study_by_id
 from app.store.trials.admission import why_closed
 from app.store.trials.counted_votes import vote_state
-from app.store.trials.designs import datasets_of
+from app.store.trials.designs import conditions_of, datasets_of
 from app.store.trials.monitor import votes_by_minute
 from app.store.trials.orders import n_taken_in
 from app.study.options.options import parse_options
-from app.study.options.platforms import link_query
+from app.study.options.platforms import link_query, unknown_placeholders
 from app.study.options.privacy import forgets_at
 from app.study.stages import ENDS, FINISHED
 from app.web.admin.alarms import alarm_in
@@ -72,6 +73,7 @@ class SharedMonitor:
 def overview_page(request: Request, person: Person, study: AStudy) -> Response:
     with database(request).reading() as connection:
         compared = datasets_of(connection, study.id)
+        telling = telling_names(study.name, list(conditions_of(connection, study.id)))
         invitations = [
             invitation
             for invitation in invitations_of(connection, study.id)
@@ -85,7 +87,9 @@ def overview_page(request: Request, person: Person, study: AStudy) -> Response:
         **monitor_of(request, study, PATIENCE_S),
         "link": link,
         "is_of_platform": bool(query),
+        "is_filled": not unknown_placeholders(options.outside),
         "practised": practised,
+        "telling": telling,
     }
     context |= {"forgets_at": forgets_at(options, study.closed_at)}
     context |= {"may_see_people": person.may(SEES_PEOPLE)}

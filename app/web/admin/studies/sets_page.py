@@ -22,6 +22,7 @@ from app.operations.studies.stimulus_sets import (
     rename_set,
     set_called,
     studies_of,
+    unreadable_sets,
 )
 from app.web.admin.background import task_address
 from app.web.admin.layout import page, see
@@ -44,7 +45,9 @@ def sets_page(request: Request, person: Person, database: Store) -> Response:
     with database.reading() as connection:
         known = known_sets(server, connection)
         users = {stimulus_set.name: studies_of(connection, stimulus_set) for stimulus_set in known}
-    return page(request, "sets", person, {"sets": known, "users": users, "largest_mb": server.largest_upload_mb})
+        unreadable = unreadable_sets(server, connection)
+    context = {"sets": known, "unreadable": unreadable, "users": users, "largest_mb": server.largest_upload_mb}
+    return page(request, "sets", person, context)
 
 
 @router.get("/sets/{name}")

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 from fastapi import APIRouter, File, Form, Path, Request, UploadFile
 from fastapi.responses import Response
 
-from app.errors import InvalidError, NotFoundError
+from app.errors import ConflictError, InvalidError, NotFoundError
 from app.operations.studies.edit import keep_study_image, remove_study_image
 from app.operations.studies.manage import study_file_of
+from app.store.access.experimenters import Experimenter
 from app.store.studies.images import image_digests
-from app.store.studies.studies import progress_of
+from app.store.studies.studies import Study, progress_of, study_by_id
 from app.study.languages.language_pack import BY, PLURALS, LanguagePack, Text
 from app.study.options.options import StudyOptions, parse_options
 from app.study.options.own_texts import CONSENT, DEBRIEFING, LONGEST_TEXT, NAME
@@ -29,11 +30,18 @@ from app.study.questions.answers import QUESTIONS, pack_labels
 from app.study.trial.image import LARGEST_IMAGE
 from app.web.admin.layout import see, study_page, unix
 from app.web.admin.studies.edit_page import Revision, save_study
-from app.web.gates import Store, languages
+from app.web.admin.studies.form import Merged, digests_of, merged
+from app.web.gates import Store, database, languages
 from app.web.markdown import render_markdown
 from app.web.roles import Acting, AStudy, Looking
 
 PLAIN = {CONSENT: "consent", DEBRIEFING: "debriefing"}  # options that hold the texts of the study's first language
+LABELS = {
+    NAME: "Name of the study",
+    CONSENT: "Consent",
+    DEBRIEFING: "Debriefing",
+}  # the page calls others by their keys
+LONGEST_DIGESTS = 100_000  # characters of what a page says that its texts were; 300 texts take 10 000
 
 router = APIRouter(prefix="/admin/studies/{slug}/texts", include_in_schema=False)
 
@@ -51,17 +59,23 @@ class Row:
 
 
 @router.get("")
-def texts_page(request: Request, person: Looking, study: AStudy, database: Store, language: str = "") -> Response:
+def texts_page(request: Request, person: Looking, study: AStudy, language: str = "") -> Response:
+    return _page(request, person, study, language)
+
+
+def _page(request: Request, person: Experimenter, study: Study, language: str, mine: Merged | None = None) -> Response:
+    """Show the texts in a language; `mine`: as somebody has typed them while somebody else has saved others."""
     packs, options = languages(request), parse_options(study.options)
-    with database.reading() as connection:
+    with database(request).reading() as connection:
         has_begun = progress_of(connection, study.id).n_started > 0
         images = image_digests(connection, study.id)
     refusals = refused_languages(options, packs)
     chosen = packs.get(language or first_language(options)) or packs[next(iter(packs))]
-    said = own_texts(options, chosen.tag)
+    saved = _said(options, chosen)
+    said = mine.values if mine else saved
     groups: dict[str, list[Row]] = {}
     for row in _rows(options, chosen):
-        groups.setdefault(row.key.partition(".")[0], []).append(row)
+        groups.setdefault(row.key.partition(".")[0], []).append(replace(row, said=said[row.key]))
     context = {
         "packs": packs,
         "pack": chosen,
@@ -69,16 +83,20 @@ def texts_page(request: Request, person: Looking, study: AStudy, database: Store
         "named": " ".join(options.languages),
         "first": first_language(options),
         "groups": groups,
-        "documents": {key: str(said.get(key, "")) for key in PLAIN},
+        "labels": LABELS,
+        "documents": {key: said[key] for key in PLAIN},
         "markdown": render_markdown,
         "images": images,
         "largest_image_kb": LARGEST_IMAGE // 1024,
-        "name": str(said.get(NAME, "")),
+        "name": said[NAME],
+        "was": digests_of(saved),
+        "clashes": mine.clashes if mine else (),
+        "others": mine.others if mine else (),
         "longest_text": LONGEST_TEXT,
         "has_begun": has_begun,
         "sha256": wording(chosen, options, study.name, images).sha256 if refusals.get(chosen.tag) == "" else "",
     }
-    return study_page(request, "texts", person, study, context)
+    return study_page(request, "texts", person, study, context, 409 if mine else 200)
 
 
 @router.post("/languages")
@@ -101,12 +119,14 @@ def choose_languages(
 @router.post("")
 def save_texts(
     request: Request,
+    person: Looking,
     actor: Acting,
     study: AStudy,
     revision: Revision,
     language: Tag,
     key: Texts,
     said: Texts,
+    was: Annotated[str, Form(max_length=LONGEST_DIGESTS)] = "",
 ) -> Response:
     """Save the study's own texts in a language; an empty one goes back to the pack's."""
     pack = languages(request).get(language)
@@ -116,12 +136,22 @@ def save_texts(
         raise InvalidError(f"{len(said)} texts came with {len(key)} keys; please load the page again.")
     options = parse_options(study.options)
     given = {name: unix(text) for name, text in zip(key, said, strict=True)}
+    typed = dict(given)
     changes: dict[str, Any] = {}
     if language == first_language(options):
         changes = {option: given.pop(name, "") for name, option in PLAIN.items()}
     texts = {name: _parsed(name, text, pack) for name, text in given.items() if text}
     changes["texts"] = {**options.texts, language: texts}
-    return _save(request, actor, study, revision, changes, f"texts?language={language}")
+    try:
+        return _save(request, actor, study, revision, changes, f"texts?language={language}")
+    except ConflictError:
+        with database(request).reading() as connection:
+            now = study_by_id(connection, study.id)
+        if now is None or now.revision == revision:
+            raise
+        saved = _said(parse_options(now.options), pack)
+        mine = merged(was, typed, saved, {name: LABELS.get(name, name) for name in saved})
+        return _page(request, person, now, language, mine)
 
 
 @router.post("/images")
@@ -165,6 +195,13 @@ def _rows(options: StudyOptions, pack: LanguagePack) -> Iterator[Row]:
         if question.kind in ("choice", "scale"):
             default = plain.get(labels) or pack_labels(question, pack.texts)
             yield Row(labels, _written(default), _written(said.get(labels, "")))
+
+
+def _said(options: StudyOptions, pack: LanguagePack) -> dict[str, str]:
+    """Return the study's own texts in a language as the page edits them, by key."""
+    texts = own_texts(options, pack.tag)
+    plain = {key: str(texts.get(key, "")) for key in LABELS}
+    return {**plain, **{row.key: row.said for row in _rows(options, pack)}}
 
 
 def _written(text: Text) -> str:

@@ -110,7 +110,7 @@ def entry_page(request: Request, person: Person, kind: Kind, name: Name, store: 
         "outline": outline,
         "fault": fault,
         "frames": _spread(outline.n_frames) if outline else [],
-        "studies": _studies(store) if _is_attachable(path) else [],
+        "studies": _studies(store) if kind != "votes" and _is_attachable(path) else [],
         "jobs": _open_jobs(store, kind, name),
         "starts": []
         if any((path / made).is_file() for made in (REPORT, ANALYSIS))

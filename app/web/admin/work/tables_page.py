@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
 from typing import Annotated, Any
 from urllib.parse import urlencode
 
@@ -50,6 +52,11 @@ ROLES = {  # of columns, in the words of the page
     "options": "items to choose from",
 }
 
+CHOICES = {"a": "for the first item", "b": "for the second", "none": "for neither", "by": "as what a cell names"}
+FIELDS = {"format": "Layout", "encoding": "Encoding", "sheet": "Sheet", "scale": "Scale of ratings"}
+OPTION = re.compile(rf'--(columns|choices|{"|".join(FIELDS)}) (?:"([^"]*)"|([^\s;()]*[^\s;(),.]))')
+COMMANDS_ONLY = "Map other names"  # begins what a refusal says of options; the page has a field for each column
+
 router = APIRouter(prefix=f"/admin/files/{SHELF}/{{name}}", include_in_schema=False)
 
 
@@ -65,6 +72,8 @@ def reading_page(request: Request, person: Looking, name: Name, said: Said) -> R
         "name": name,
         "entry": entry_address(SHELF, name),
         "understood": understood,
+        "warnings": [in_words_of_the_page(text) for text in understood.warnings],
+        "refusal": in_words_of_the_page(understood.refusal),
         "roles": ROLES,
         "said": said.text,
         "formats": LAYOUTS,
@@ -92,7 +101,10 @@ def analyse(
     out = next(free for free in _names(name) if not (intake / "runs" / free).exists())
 
     def work(_tell: Progress) -> str:
-        analyse_table(path, said.told, free_path(intake, "runs", out), said.scale)
+        try:
+            analyse_table(path, said.told, free_path(intake, "runs", out), said.scale)
+        except ValueError as error:
+            raise ValueError(in_words_of_the_page(str(error))) from None
         record_alone(store, actor.name, Entry("table analysed", subject=f"{SHELF}/{name}", detail=said.text), actor.now)
         return entry_address("runs", out)
 
@@ -111,3 +123,22 @@ def _more(said: dict[str, str], told: Any) -> dict[str, str]:
     return {
         key: value for key, value in {**said, **joined, "format": told["format"] or said["format"]}.items() if value
     }
+
+
+def in_words_of_the_page(sentence: str) -> str:
+    """Return a sentence on a table with the page's fields in place of a command's options."""
+    said, is_general, _ = sentence.partition(COMMANDS_ONLY)
+    return OPTION.sub(_field, said + "Choose below what each column is" if is_general else said)
+
+
+def _field(option: re.Match[str]) -> str:
+    name, value = option[1], option[2] or option[3]
+    return f"“{value}” as {FIELDS[name]} below" if name in FIELDS else ", ".join(_chosen(name, value)) + " below"
+
+
+def _chosen(option: str, value: str) -> Iterator[str]:
+    for pair in value.split(","):
+        ours, _, theirs = pair.partition("=")
+        yield (
+            f"“{ROLES.get(ours, ours)}” for {theirs}" if option == "columns" else f"{theirs} {CHOICES.get(ours, ours)}"
+        )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from itertools import combinations
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.stats import f as f_distribution
+from scipy.stats import ttest_1samp
 
 from app.analysis import AnalysisSettings, analyse
-from app.analysis.comparisons.factors import coding, votes_on_factor
+from app.analysis.comparisons.factors import coding, votes_on_factor, wald_p_value
 from app.analysis.model.bradley_terry import fit_scores
 from app.analysis.model.contrasts import Contrast, contrasts, holm, letters
 from app.analysis.reading.read_votes import read_votes, votes_from_rows
@@ -138,6 +141,20 @@ def test_the_order_effect_of_the_additive_model_has_the_reference_test(real_data
         key = ("order effect", "additive", where)
         (test,) = [row for row in analysis["tests"] if (row["name"], row["model"], row["dataset"]) == key]
         assert test["g2"] == pytest.approx(models["LRT_order"]["G2"], abs=1e-5)
+
+
+def test_with_people_as_the_sample_effects_are_tested_as_by_hotelling() -> None:
+    """Against Student's t for one effect and Wilks' lambda for two."""
+    people = np.random.default_rng(3).normal((0.6, 0.2), 1.0, (9, 2))
+    n, mean, within = len(people), people.mean(axis=0), np.cov(people.T) * (len(people) - 1)
+    fit: Any = SimpleNamespace(
+        theta=mean, covariance=np.eye(2), participant_covariance=within / (n * (n - 1)), n_participants=n
+    )
+    assert wald_p_value(fit, np.eye(2)[:1]) == pytest.approx(ttest_1samp(people[:, 0], 0.0).pvalue)
+    wilks = np.linalg.det(within) / np.linalg.det(within + n * np.outer(mean, mean))
+    assert wald_p_value(fit, np.eye(2)) == pytest.approx(f_distribution.sf((1 / wilks - 1) * (n - 2) / 2, 2, n - 2))
+    for too_little in ({"n_participants": 2}, {"theta": None}, {"participant_covariance": np.zeros((2, 2))}):
+        assert wald_p_value(SimpleNamespace(**vars(fit) | too_little), np.eye(2)) is None
 
 
 def test_holm_is_the_textbook_example() -> None:

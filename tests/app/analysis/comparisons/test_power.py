@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from app.analysis.comparisons.claims import CLAIMS, claim_power, pair_directions
+from app.analysis.comparisons.comparison import compare
+from app.analysis.comparisons.datasets_sample import pair_p_values
 from app.analysis.comparisons.power import (
     clickers_named,
     detectable,
@@ -19,6 +21,7 @@ from app.analysis.comparisons.power import (
 from app.analysis.comparisons.vote_studies import StudyPlan, VoteStudies, simulated_votes
 from app.analysis.model.bradley_terry import fit_scores
 from app.analysis.model.contrasts import contrasts
+from app.analysis.model.settings import AnalysisSettings
 from app.analysis.ratings.planning import RatingPlan, plan_ratings
 from app.analysis.reading.votes_table import votes_from_indices
 
@@ -113,18 +116,22 @@ def test_a_claim_of_nothing_is_made_as_often_as_its_level_says(claim: str) -> No
 
 
 def test_batches_have_the_p_values_of_the_analysis() -> None:
-    votes = simulated_votes(StudyPlan(4, 2, 14), np.array([0.6, 0.0, -0.2, -0.4]), 3, np.random.default_rng(1))
-    together = VoteStudies(votes).p_values(pair_directions(4))
-    for study, of_batch in zip(votes, together, strict=True):
+    plan = StudyPlan(4, 4, 14, dataset_spread=0.4)
+    votes = simulated_votes(plan, np.array([0.6, 0.0, -0.2, -0.4]), 3, np.random.default_rng(1))
+    together = VoteStudies(votes)
+    batch = zip(votes, together.p_values(pair_directions(4)), together.p_over_datasets(), strict=True)
+    for study, of_batch, over_datasets in batch:
         j, d, kind, pair = (part.ravel() for part in np.indices(study.shape))
         cast = study.ravel() > 0
         low, high = np.triu_indices(4, 1)
-        names = tuple(map(str, range(14))), ("x", "y"), tuple("abcd")
+        names = tuple(map(str, range(14))), tuple("wxyz"), tuple("abcd")
         table = votes_from_indices(
             j[cast], d[cast], low[pair[cast]], high[pair[cast]], kind[cast].astype(np.int8), names=names
         )
         alone = [row.p_value for row in contrasts(fit_scores(table))]
         np.testing.assert_allclose(of_batch, alone, rtol=1e-6, atol=1e-12)
+        sampled, _ = pair_p_values(list(compare(table, AnalysisSettings())))["a", "b"]
+        assert max(over_datasets, of_batch[0]) == pytest.approx(sampled, rel=1e-6)
 
 
 def test_people_who_drop_out_or_click_cost_power() -> None:

@@ -13,7 +13,8 @@ import pytest
 from app.analysis import AnalysisSettings, analyse_file, analyse_ratings_file
 from app.analysis.ratings.reading import understand_ratings
 from app.analysis.ratings.table import ComparisonTable, RatingTable
-from app.analysis.reading.read_votes import read_votes, recognise_file
+from app.analysis.reading.read_votes import read_votes
+from app.analysis.reading.sources import recognise_file
 from app.analysis.reading.votes_table import VotesError
 
 HEADER = "participant,dataset,condition,rating"

@@ -15,7 +15,8 @@ from app.analysis.ratings.opinion_scores import item_rows
 from app.analysis.ratings.reading import understand_ratings
 from app.analysis.ratings.table import ComparisonTable, RatingTable
 from app.analysis.reading.description import QuestionError, Told
-from app.analysis.reading.read_votes import recognise_file, understand_votes
+from app.analysis.reading.read_votes import understand_votes
+from app.analysis.reading.sources import recognise_file
 from app.analysis.reading.votes_table import VotesError, VotesTable
 
 REAL = {"practice_cap.csv": 18, "is_practice.csv": 18, "count_cap2.csv": 252, "wide_12.csv": 36, "wide_q.csv": 6}

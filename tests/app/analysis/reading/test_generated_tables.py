@@ -15,8 +15,9 @@ from app.analysis.ratings.table import ComparisonTable
 from app.analysis.reading.cells import table_of_rows
 from app.analysis.reading.description import Told
 from app.analysis.reading.programs import restated
-from app.analysis.reading.read_votes import Source, understand_votes
+from app.analysis.reading.read_votes import understand_votes
 from app.analysis.reading.recognise import recognise
+from app.analysis.reading.sources import Source
 from app.analysis.reading.votes_table import VotesError
 
 N_TABLES = 2400

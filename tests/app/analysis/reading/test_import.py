@@ -12,6 +12,7 @@ import pytest
 
 from app.analysis import VotesError, analyse, analyse_file, analyse_ratings_file, read_votes, votes_from_rows
 from app.analysis.ratings.reading import understand_ratings
+from app.analysis.reading.description import Told
 from app.analysis.reading.read_votes import understand_votes
 from app.analysis.report.write import table_csv
 
@@ -101,8 +102,8 @@ def test_names_and_words_of_real_exports_are_recognised_and_said(tmp_path: Path,
 def test_columns_that_may_name_the_dataset_are_said_not_to_be_used(tmp_path: Path) -> None:
     path = write(tmp_path, "votes.csv", "worker,stimulus,type_a,type_b,choice\np1,d,x,y,a\np1,e,x,y,b\n")
     items = {"item_a": "type_a", "item_b": "type_b"}
-    assert "all votes are on one dataset; not used: stimulus" in understand_votes([path], items)[1][0]
-    assert "not used" not in understand_votes([path], items | {"dataset": "stimulus"})[1][0]
+    assert "all votes are on one dataset; not used: stimulus" in understand_votes([path], Told(items))[1][0]
+    assert "not used" not in understand_votes([path], Told(items | {"dataset": "stimulus"}))[1][0]
 
 
 def test_a_wide_table_may_have_columns_that_say_nothing_about_votes(tmp_path: Path) -> None:
@@ -111,7 +112,7 @@ def test_a_wide_table_may_have_columns_that_say_nothing_about_votes(tmp_path: Pa
     with pytest.raises(VotesError, match=r"a column for each of 2 pairs.*Timestamp, Name.*--columns participant="):
         read_votes(path)
     assert outcomes(path, columns={"participant": "Name"}) == [("p1", "x", "y", "x"), ("p1", "y", "z", ""), WANTED[2]]
-    assert "not used: Timestamp" in understand_votes([path], {"participant": "Name"})[1][0]
+    assert "not used: Timestamp" in understand_votes([path], Told({"participant": "Name"}))[1][0]
     assert outcomes(write(tmp_path, "user.csv", form.replace("Name", "User ID")))[2] == WANTED[2]
 
 

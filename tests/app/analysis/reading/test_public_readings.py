@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from app.analysis.model.bradley_terry import fit_scores
-from app.analysis.reading.read_votes import recognise_file, understand_votes
+from app.analysis.reading.read_votes import understand_votes
+from app.analysis.reading.sources import recognise_file
 from app.analysis.reading.votes_table import CHOICES, VotesTable, votes_from_indices
 
 REFERENCES = (

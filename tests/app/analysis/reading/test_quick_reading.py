@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.analysis.reading import tabular
+from app.analysis.reading.files import tabular
+from app.analysis.reading.files import text as text_tables
 from app.analysis.reading.read_votes import read_votes, understand_votes
 from app.analysis.reading.votes_table import VotesTable
 
@@ -31,8 +32,8 @@ def test_a_clean_file_is_the_same_table(text: str, tmp_path: Path, monkeypatch: 
     path = tmp_path / "votes.csv"
     path.write_text(text, encoding="utf-8")
     strict, said = understand_votes([path])
-    monkeypatch.setattr(tabular, "QUICK_FROM", 0)
-    monkeypatch.setattr(tabular, "read_frame", None)  # cells are not read one by one
+    monkeypatch.setattr(text_tables, "QUICK_FROM", 0)
+    monkeypatch.setattr(tabular, "table_of_text", None)  # cells are not read one by one
     quick, said_quickly = understand_votes([path])
     assert said_quickly == said
     for field in fields(VotesTable):
@@ -59,6 +60,6 @@ def test_what_is_wrong_is_named_as_in_a_small_file(
 ) -> None:
     path = tmp_path / "votes.csv"
     path.write_text(PLAIN.replace(old, new), encoding="utf-8")
-    monkeypatch.setattr(tabular, "QUICK_FROM", 0)
+    monkeypatch.setattr(text_tables, "QUICK_FROM", 0)
     with pytest.raises(ValueError, match=message):
         read_votes(path)

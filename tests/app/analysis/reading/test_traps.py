@@ -9,7 +9,8 @@ import pytest
 from app.analysis.ratings.reading import understand_ratings
 from app.analysis.ratings.table import RatingTable
 from app.analysis.reading.description import QuestionError, Told
-from app.analysis.reading.read_votes import WARNING, recognise_file, understand_votes
+from app.analysis.reading.read_votes import understand_votes
+from app.analysis.reading.sources import WARNING, recognise_file
 from app.analysis.reading.votes_table import VotesError
 
 VOTED = "participant,item_a,item_b,choice"

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.analysis import analyse
-from app.analysis.reading.attributes import read_items
+from app.analysis.reading.attributes import read_items, read_measures
 from app.analysis.reading.read_votes import read_votes, votes_from_rows
 from app.analysis.reading.votes_table import VotesError, bounds_of, numbered, order_of
 from tests.app.analysis.votes_data_frame import frame_from_votes
@@ -174,6 +174,22 @@ def test_an_empty_cell_of_an_items_file_is_no_level(tmp_path: Path) -> None:
 def test_an_items_file_that_says_too_little_or_twice_is_refused(tmp_path: Path, text: str) -> None:
     with pytest.raises(VotesError):
         read_items(write(tmp_path, text))
+
+
+def test_rows_of_the_tables_beside_votes_are_counted_as_in_the_file(tmp_path: Path) -> None:
+    with pytest.raises(VotesError, match="row 4: the item 'x' appears a second time"):
+        read_items(write(tmp_path, "item,depth\nx,id\n\ny,pm\nx,pm\n"))
+    table = "dataset,approach,measure,value,better\nd,x,psnr,2,higher\n\nd,x,psnr,3,higher\n"
+    with pytest.raises(VotesError, match="row 3: psnr of d/x is 3, row 1 has it already"):
+        read_measures(write(tmp_path, table))
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_cell_beyond_the_header_is_named_and_not_dropped(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+    assert read_items(write(tmp_path, "item,depth\nx,id,\ny,pm,\n")) == {"depth": {"x": "id", "y": "pm"}}
+    with pytest.raises(VotesError, match="row 2 has more cells than the header's 2"):
+        read_items(write(tmp_path, "item,depth\nx,id,\ny,pm,half\n"))
+    assert not recwarn.list
 
 
 def test_columns_are_small_integers() -> None:

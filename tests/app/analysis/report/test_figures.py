@@ -30,15 +30,9 @@ from app.analysis.drawing.charts_in_common import (
 )
 from app.analysis.drawing.figure_code import figure_code, figure_rows
 from app.analysis.model.contrasts import holm
-from app.analysis.report.charts import (
-    groups_chart,
-    levels_chart,
-    preference_chart,
-    residual_chart,
-    scores_chart,
-    triads_chart,
-)
 from app.analysis.report.figures import drawn_figures, font_warnings, named_charts
+from app.analysis.report.score_charts import groups_chart, levels_chart, scores_chart
+from app.analysis.report.vote_charts import preference_chart, residual_chart, triads_chart
 from app.files import write_json
 from tests.app.analysis.test_findings import CLEAR, votes_by
 

@@ -8,7 +8,8 @@ import pytest
 
 from app.analysis import analyse
 from app.analysis.model.settings import AnalysisSettings
-from app.analysis.reading.read_votes import VotesError, votes_from_rows
+from app.analysis.reading.read_votes import votes_from_rows
+from app.analysis.reading.votes_table import VotesError
 from app.analysis.report.page import report_page
 from app.analysis.screening.attention_checks import check_rows
 

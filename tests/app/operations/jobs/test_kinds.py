@@ -122,6 +122,7 @@ def test_no_text_becomes_an_option_or_a_path_outside(here: Settings, texts: dict
         "--voxel",
         "--no-temporal",
         "--pm",
+        "--clouds",
         "--fill",
         "--out",
     }

@@ -24,7 +24,12 @@ from app.store.access.experimenters import (
     renew_link,
     set_role,
 )
-from app.store.access.second_factors import confirm_second_factor, prepare_second_factor, spend_recovery_code
+from app.store.access.second_factors import (
+    confirm_second_factor,
+    end_second_factor,
+    prepare_second_factor,
+    spend_recovery_code,
+)
 from app.store.database.engine import Database
 from app.web.admin.access.second_factor import is_let_in
 from tests.seeded_studies import NOW
@@ -130,7 +135,7 @@ def test_the_old_token_serves_requests_under_way_and_no_others(database: Databas
     assert open_session(database, found.renewed, at + timedelta(minutes=2)) is not None
 
 
-def test_who_lost_the_second_factor_gets_in_by_a_new_link(database: Database) -> None:
+def test_a_second_factor_stays_with_a_new_link_until_it_is_ended(database: Database) -> None:
     renew_link(database, "Rosa", NOW)
     with database.writing() as connection:
         rosa = experimenter_named(connection, "Rosa")
@@ -142,5 +147,7 @@ def test_who_lost_the_second_factor_gets_in_by_a_new_link(database: Database) ->
         assert not is_let_in(connection, rosa.id, "", NOW)
     renew_link(database, "Rosa", NOW)
     with database.writing() as connection:
+        assert not is_let_in(connection, rosa.id, "", NOW)
+        end_second_factor(connection, rosa.id)
         assert is_let_in(connection, rosa.id, "", NOW)
         assert not spend_recovery_code(connection, rosa.id, code)

@@ -247,6 +247,7 @@ def test_a_full_disk_is_unavailable_and_changes_nothing(sqlite: Database) -> Non
     assert n_tokens(sqlite) == 1
 
 
+@pytest.mark.slow
 def test_what_postgresql_cannot_hold_is_not_found_and_not_kept(postgres: PostgresServer) -> None:
     database = open_database(postgres.new_database("nul"))
     upgrade(database)

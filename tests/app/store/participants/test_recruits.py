@@ -18,6 +18,7 @@ from app.operations.studies.manage import study_file_of
 from app.store.database.engine import Database
 from app.store.database.tables import participant, recruit, session, study
 from app.store.participants.invitations import Invitation
+from app.store.participants.recruits import outside_ids_of, recruit_of, recruit_of_session, recruit_records
 from app.store.studies.audit import Actor
 from app.store.studies.studies import study_by_id
 from app.store.trials.admission import Admission, admit
@@ -102,3 +103,22 @@ def test_who_is_under_way_has_a_code_of_their_own_while_the_study_makes_them(
     assert given[0].keys() == {"P002", "P003"}  # P001 has read theirs already
     assert len(set(given[0].values())) == 2
     assert given[2] == {}
+
+
+def test_whoever_pays_finds_each_persons_outside_id_and_code_and_nobody_elses(
+    database: Database, study_id: int, invite: MakeInvitation, now: datetime
+) -> None:
+    sets(database, outside={"id": "PERSON", "random_codes": True})
+    invitation = invite(None)
+    for name in ("p-0", "p-1"):
+        admit(database, invitation, Admission(None, Arrival(name)), now)
+    with database.reading() as connection:
+        assert outside_ids_of(connection, study_id, ["P002", "P003"]) == {"P002": "p-1"}
+        sessions = select(participant.c.label, session.c.id).join(session).order_by(participant.c.label)
+        found = {label: recruit_of_session(connection, number) for label, number in connection.execute(sessions)}
+        assert {label: one and one.outside_id for label, one in found.items()} == {"P001": "p-0", "P002": "p-1"}
+        codes = {label: one and one.completion_code for label, one in found.items()}
+        assert len(set(codes.values()) - {""}) == 2
+        paid = recruit_records(connection, study_id, fixed_code="FIXED")
+        assert {row["participant"]: row["completion_code"] for row in paid} == codes
+        assert recruit_of(connection, 1 + max(connection.scalars(select(participant.c.id)))) is None

@@ -23,7 +23,7 @@ def looks(*switches: tuple[str, float], first_shown: str = "a") -> dict[str, Any
     }
 
 
-@pytest.mark.parametrize("switches", [(), (("b", 10.0),), (("b", 10.0), ("a", 10.0), ("b", 900.0))])
+@pytest.mark.parametrize("switches", [(), (("b", 0.0),), (("b", 10.0), ("a", 10.0), ("b", 900.0))])
 def test_looks_that_alternate_in_time_are_valid(switches: tuple[tuple[str, float], ...]) -> None:
     check_viewing(looks(*switches), "a")
 
@@ -66,6 +66,8 @@ def test_the_time_from_press_to_picture_is_the_median_of_what_is_recorded() -> N
     ):  # the third is impossible
         switch["presented_ms"] = presented_ms
     assert press_to_picture_ms(viewing) == 25.0
+    viewing["switches"][3]["presented_ms"] = 400.0  # within the same millisecond
+    assert press_to_picture_ms(viewing) == 20.0
 
 
 def test_what_a_client_does_not_know_is_left_out() -> None:

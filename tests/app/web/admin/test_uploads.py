@@ -90,6 +90,26 @@ def test_films_without_folders_are_named_by_their_names_or_by_a_table(
     assert all(words in page.text for words in understood)
 
 
+def test_films_for_another_study_get_a_number_where_nobody_was_asked_for_their_name(
+    own_server: str, own: Settings, tmp_path: Path
+) -> None:
+    tiny_stimuli.encode(tmp_path / "film.mp4", tiny_stimuli.flat("gray"))
+    content = zipped(dict.fromkeys(("street/sharp.mp4", "street/soft.mp4"), (tmp_path / "film.mp4").read_bytes()))
+    token = {}
+
+    def made(query: str) -> str:
+        sent = eva.put(f"/admin/stimuli/upload{query}", content=content, headers=token).json()
+        return ends(eva, sent["task"]).text
+
+    with signed_in(own_server, own, "Eva") as eva:
+        token["X-CSRF-Token"] = eva.form_token
+        for _ in range(2):
+            made("?then=study&name=Again")
+            made("")
+        assert "there are films called &#39;again&#39; already" in made("?name=Again")
+    assert {"again", "again-2", "films", "films-2"} <= {folder.name for folder in own.sets_dir.iterdir()}
+
+
 @pytest.mark.parametrize(
     ("files", "complaint"),
     [

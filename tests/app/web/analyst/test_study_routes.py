@@ -68,6 +68,18 @@ def test_a_study_is_created_edited_opened_copied_and_deleted(own_server: str, ow
         assert {"study created", "study edited", "study open", "invitations made", "study deleted"} <= set(done)
 
 
+def test_a_renamed_study_takes_the_address_of_its_name(
+    manager: httpx.Client, new_study: Callable[[], dict[str, Any]]
+) -> None:
+    slug, name = new_study()["slug"], f"Renamed {uuid4()}"
+    revision = manager.get(f"studies/{slug}").json()["revision"]
+    assert manager.patch(f"studies/{slug}", json={"revision": revision, "name": name}).json()["slug"] == slug
+    wanted = name.lower().replace(" ", "-")
+    assert manager.put(f"studies/{slug}/address").json()["slug"] == wanted
+    assert manager.get(f"studies/{wanted}").json()["name"] == name
+    assert manager.get(f"studies/{slug}").status_code == 404
+
+
 @pytest.mark.slow
 def test_what_an_edit_leaves_out_of_a_table_stays(
     manager: httpx.Client, new_study: Callable[[], dict[str, Any]]

@@ -371,6 +371,19 @@ def test_the_link_for_the_platform_is_whole_on_every_page(server: str, create: C
     assert link in experimenter.get(f"{base}/invitations/invitations.csv").text
 
 
+def test_a_platform_that_fills_in_no_links_is_given_lines_for_its_own_page(
+    create: Create, experimenter: Dashboard
+) -> None:
+    mturk = PLATFORMS["mturk"].outside
+    base = f"/admin/studies/{create({**mturk, 'complete_url': ''})['slug']}"
+    assert "brackets are left to fill in" in experimenter.get(base).text
+    page = html.unescape(experimenter.get(f"{base}/invitations").text)
+    assert "MTurk, which fills in no links" in page
+    assert 'for (const name of ["workerId", "assignmentId"]) ids.set(name' in page
+    other = f"/admin/studies/{create()['slug']}/invitations"
+    assert "the platform’s own placeholder in the place of <code>[PERSON]</code>" in experimenter.get(other).text
+
+
 def test_who_comes_again_by_a_new_link_goes_back_with_its_parameters(server: str, create: Create) -> None:
     study = create(
         {"complete_url": "https://platform.test/?task={TASK}", "withdrawn_url": "https://a.test/?task={TASK}"}

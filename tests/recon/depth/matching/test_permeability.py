@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from recon.depth.matching.guide import Passages
-from recon.depth.matching.permeability import WORST, aggregate_and_choose
+from recon.depth.matching.permeability import WORST, Searched, Winners, aggregate_and_choose
 from tests.recon.depth.reference_cost_volume import (
     HEIGHT,
     LEVEL,
@@ -34,7 +34,8 @@ def chosen(
 ) -> NDArray[np.float32]:
     best, found = np.full((HEIGHT, WIDTH), WORST, np.int32), np.zeros((HEIGHT, WIDTH), np.float32)
     start = np.zeros(slopes[0].shape, np.int32)
-    aggregate_and_choose(codes, facing, ROOM, passages, start, slopes, 0, n_disparities, flip, n_held, best, found)
+    searched = Searched(codes, facing, ROOM, passages, start, slopes, 0)
+    aggregate_and_choose(searched, Winners(best, found, n_disparities, flip), n_held)
     return found
 
 
@@ -91,5 +92,6 @@ def test_windows_that_move_from_tile_to_tile_find_the_same_where_the_winner_is_i
     best, found = np.full((HEIGHT, WIDTH), WORST, np.int32), np.zeros((HEIGHT, WIDTH), np.float32)
     start = rng.integers(7, 18, (HEIGHT // 4 + 1, WIDTH // 4 + 1)).astype(np.int32)
     level = np.zeros(start.shape, np.float32)
-    aggregate_and_choose(codes, facing, ROOM, passages, start, (level, level), 2, 40, 0, HEIGHT, best, found)
+    searched = Searched(codes, facing, ROOM, passages, start, (level, level), 2)
+    aggregate_and_choose(searched, Winners(best, found, 40, 0), HEIGHT)
     np.testing.assert_array_equal(np.rint(found), 20)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -21,18 +22,27 @@ from recon.validation.clouds import FitError
 from recon.validation.known_object import registration
 from recon.validation.known_object.evaluation import ObjectSettings, measure_object
 from recon.validation.known_object.registration import Placement, RegistrationParameters, place_model, refine
+from recon.validation.registration.super4pcs import Super4PCSParameters
 from recon.validation.triangles import TriangleTree
 from recon.validation.truth.evaluation import sample_evenly
 
 Solid = tuple[NDArray[np.float64], NDArray[np.int32]]
 
 
+@cache
 def lump() -> Solid:
     """A ball with bumps, which looks different from every side."""
     vertices, faces = ball(100.0, 12.0)
     directions, waves = vertices / 100, np.random.default_rng(0).normal(size=(6, 3))
     heights = 100 + sum(12 * np.sin(2.2 * directions @ wave + k) for k, wave in enumerate(waves))
     return directions * np.asarray(heights)[:, None] * (1.0, 1.4, 0.8), faces
+
+
+@pytest.fixture
+def short_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Search once with ten bases instead of twice with thirty, where how surely a model is found is not the point."""
+    monkeypatch.setattr(registration, "N_SEEDS", 1)
+    monkeypatch.setattr(registration, "Super4PCSParameters", partial(Super4PCSParameters, n_trials=10))
 
 
 def half_cloud(solid: Solid, seed: int, noise: float = 2.0, outliers: float = 0.1) -> tuple[NDArray[np.float32], Solid]:
@@ -79,6 +89,7 @@ def _motion(before: NDArray[np.float64], after: NDArray[np.float64]) -> tuple[ND
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("short_search")
 def test_a_symmetric_shape_is_said_to_fit_in_several_places() -> None:
     solid = box((200.0, 100.0, 150.0), 30.0)
     points = sample_evenly(Shape(*solid), 6000, np.random.default_rng(1))
@@ -90,6 +101,7 @@ def test_a_symmetric_shape_is_said_to_fit_in_several_places() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("short_search")
 def test_places_where_a_model_looks_the_same_are_refined_once(monkeypatch: pytest.MonkeyPatch) -> None:
     n_points: list[int] = []
 
@@ -107,6 +119,7 @@ def test_places_where_a_model_looks_the_same_are_refined_once(monkeypatch: pytes
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("short_search")
 @pytest.mark.parametrize(
     ("points_of", "message"),
     [
@@ -122,6 +135,7 @@ def test_a_cloud_without_the_model_is_refused(points_of: Callable[[], NDArray[np
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("short_search")
 @pytest.mark.parametrize(("unit", "length"), [("m", 1000), ("in", 25.4)])
 def test_a_model_in_another_unit_is_told_from_one_that_is_not_there(unit: str, length: float) -> None:
     vertices, faces = lump()

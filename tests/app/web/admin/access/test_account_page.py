@@ -48,9 +48,11 @@ def test_sessions_are_listed_and_end_one_by_one_or_everywhere(small_server: str,
             assert foe.act("/admin/account/sessions/end", session=ids[0]).status_code == 404
         of_there = re.search(r'Firefox on Linux.*?name="session" value="(\d+)"', page, re.DOTALL)
         assert of_there
-        here.act("/admin/account/sessions/end", session=of_there[1])
+        assert here.act("/admin/account/sessions/end", session=of_there[1], current="wrong").status_code == 422
+        assert here.act("/admin/account/sessions/end-all").status_code == 422
+        here.act("/admin/account/sessions/end", session=of_there[1], current=PASSWORD)
         assert [each.get("/admin").status_code for each in (here, there, other)] == [200, 401, 200]
-        here.act("/admin/account/sessions/end-all")
+        here.act("/admin/account/sessions/end-all", current=PASSWORD)
         assert [each.get("/admin").status_code for each in (here, other)] == [401, 401]
 
 

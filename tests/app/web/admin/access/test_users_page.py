@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import httpx
+import pyotp
 import pytest
 
 from app.main import running_server
@@ -38,6 +40,31 @@ def test_an_owners_new_link_replaces_a_forgotten_password(
     with Dashboard(small_server) as fred:
         assert fred.enter(f"/admin/login/{link}").status_code == 401
         assert "Studies" in fred.enter("/admin/sign-in", name="Fred", password=new).text
+
+
+def test_a_new_link_asks_for_the_second_factor_until_an_owner_ends_it(
+    small_server: str, small: Settings, forgetful: Dashboard
+) -> None:
+    forgetful.act("/admin/account/second-factor")
+    secret = re.findall(r"<code>([A-Z2-7]{32})</code>", forgetful.get("/admin/account").text)[0]
+    confirm = {"code": pyotp.TOTP(secret).now(), "current": PASSWORD}
+    codes = re.findall(
+        r"<code>((?:[a-z0-9]{6} ?){4})</code>", forgetful.act("/admin/account/second-factor/confirm", **confirm).text
+    )
+
+    def link() -> str:
+        shown = olaf.act("/admin/users/link", name="Fred").text
+        return "/admin/login/" + shown.split(f"{small_server}/admin/login/")[1].split("<")[0]
+
+    with signed_in(small_server, small, "Olaf", "owner") as olaf, Dashboard(small_server) as fred:
+        first = link()
+        assert fred.enter(first).status_code == 401
+        assert fred.enter(first, code="000000").status_code == 401
+        assert "Studies" in fred.enter(first, code=codes[0]).text  # a wrong code has not used it up
+        olaf.act("/admin/users/second-factor", name="Fred")
+        assert fred.get("/admin").status_code == 401
+        assert "Studies" in fred.enter(link()).text
+        assert "second factor ended" in olaf.get("/admin/audit?search=Fred").text
 
 
 @pytest.mark.usefixtures("forgetful")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from app.settings import Settings
 from app.simulation.participants import Person, begin, simulate
 from app.study.options.options import parse_options
 from app.study.questions.questionnaire import LONGEST_ANSWER, LONGEST_QUESTION, MOST_QUESTIONS, MOST_SPOKEN_QUESTIONS
-from tests.app.web.admin.dashboard_client import Dashboard, signed_in
+from tests.app.web.admin.dashboard_client import Dashboard
 from tests.app.web.http_checks import is_problem
 
 SPOKEN = ("Which was easiest?", "Anything else?")
@@ -31,12 +31,6 @@ def asked(settings: Settings, stimulus_set: Path, server: str, token: str) -> di
     made = create.create_study(settings, stimulus_set, "Asked", exposure_s=0.4, options=parse_options(content))
     simulate(server, made["slug"], made["invitation"], token, 1)
     return made
-
-
-@pytest.fixture
-def experimenter(server: str, settings: Settings) -> Iterator[Dashboard]:
-    with signed_in(server, settings, "Ina", "experimenter") as dashboard:
-        yield dashboard
 
 
 def rows(analyst: httpx.Client, study: dict[str, Any], what: str) -> list[dict[str, Any]]:

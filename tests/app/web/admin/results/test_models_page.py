@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -40,12 +40,6 @@ def shown(settings: Settings, new_study: Callable[[], dict[str, Any]], folder: P
     found = manage.attach_results(settings, [folder], study["slug"])
     assert (found["models"], found["n_values"], found["ignored"]) == (4, 0, [])
     return f"/admin/studies/{study['slug']}/models"
-
-
-@pytest.fixture
-def experimenter(server: str, settings: Settings) -> Iterator[Dashboard]:
-    with signed_in(server, settings, "Eva Example", "experimenter") as dashboard:
-        yield dashboard
 
 
 def test_a_model_is_what_its_file_holds(folder: Path) -> None:

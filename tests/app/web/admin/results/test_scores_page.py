@@ -102,7 +102,7 @@ def test_a_study_without_votes_says_so(experimenter: Dashboard, new_study: Calla
     assert "No votes yet." in experimenter.get(f"/admin/studies/{new_study()['slug']}/results").text
 
 
-@pytest.mark.parametrize(("value", "text"), [(None, "–"), (1.005, "1.00"), (-0.5, "−0.50")])
+@pytest.mark.parametrize(("value", "text"), [(None, "–"), (1.005, "1.00"), (-0.5, "−0.50"), (-0.004, "0.00")])
 def test_numbers_have_a_true_minus(value: float | None, text: str) -> None:
     assert decimal(value) == text
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import subprocess
 import time
 from collections.abc import Iterator
@@ -13,13 +14,16 @@ from typing import Any
 import pytest
 
 from app.operations.studies import creation, forecast, manage
+from app.operations.studies.drafts import Draft
 from app.settings import Settings
+from app.study.options.option_table import SETTINGS
 from app.study.options.study_file import parse_study_file
 from tests.app.tiny_stimuli import write_set
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in
 from tests.study_server import StudyServer
 
 NEW = "/admin/studies/new"
+DRAFTS = "/api/v1/drafts"
 FORM = f"{NEW}?stimulus_set=tiny"
 
 
@@ -57,11 +61,80 @@ def test_what_was_typed_is_kept_and_stays_when_people_take_part_elsewhere(eva: D
     assert value_of(eva.get(FORM).text, "name") == ""
 
 
+def test_a_program_keeps_reads_and_drops_the_form_that_its_person_sees(eva: Dashboard) -> None:
+    headers = {"X-CSRF-Token": eva.form_token, "Accept": "application/json"}
+    content = {"preset": "online", "platform": "prolific", "typed": {"name": "By program", "break_every": 3}}
+    kept = eva.put(f"{DRAFTS}/tiny", json=content, headers=headers).json()
+    assert "Prolific: Code of a completed study is empty" in kept["hindrance"]
+    assert kept["study"] is None
+    content["answers"] = {"prolific.code": "DONE1"}
+    kept = eva.put(f"{DRAFTS}/tiny", json=content, headers=headers).json()
+    assert (kept["hindrance"], kept["study"]["name"], kept["study"]["options"]["break_every"]) == ("", "By program", 3)
+    assert kept["study"]["options"]["outside"]["code"] == "DONE1"
+    assert kept["n_pairs"] == 6
+    assert kept["minutes"]["screening"] > 0
+    page = eva.get(FORM).text
+    assert (value_of(page, "name"), value_of(page, "break_every")) == ("By program", "3")
+    listed = eva.get(DRAFTS, headers=headers).json()
+    assert [(draft["stimulus_set"], draft["typed"]) for draft in listed] == [("tiny", content["typed"])]
+    assert eva.get(f"{DRAFTS}/tiny", headers=headers).json() == kept
+    assert [eva.delete(f"{DRAFTS}/tiny", headers=headers).status_code for _ in range(2)] == [204, 204]
+    assert eva.get(f"{DRAFTS}/tiny", headers=headers).status_code == 404
+    assert value_of(eva.get(FORM).text, "name") == ""
+
+
+def fault_of(name: str, value: object) -> str:
+    try:
+        Draft.given({"typed": {name: value}})
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+@pytest.mark.parametrize(
+    "value", [None, True, -1, 1e300, "x", [], ["x"], [1], [{}], [{"name": ["x"]}], [{"name": "x", "minimum": 1}], {}]
+)
+def test_what_a_program_keeps_can_be_shown_or_is_refused_by_name(eva: Dashboard, value: object) -> None:
+    headers = {"X-CSRF-Token": eva.form_token, "Accept": "application/json"}
+    faults = {setting.name: fault_of(setting.name, value) for setting in SETTINGS}
+    assert all(f"{name.rpartition('.')[2]} is " in fault for name, fault in faults.items() if fault)
+    accepted = {name: value for name, fault in faults.items() if not fault}
+    assert eva.put(f"{DRAFTS}/tiny", json={"typed": accepted}, headers=headers).status_code == 200
+    assert eva.get(FORM).status_code == 200
+    eva.act(f"{NEW}/drop", stimulus_set="tiny")
+
+
 def test_nobody_sees_the_form_of_somebody_else(eva: Dashboard, own_server: str, own: Settings) -> None:
     eva.act(f"{NEW}/draft", **typed(eva.get(FORM).text, name="Only mine"))
     with signed_in(own_server, own, "Zoe") as zoe:
         assert "Only mine" not in zoe.get(NEW).text
         assert value_of(zoe.get(FORM).text, "name") == ""
+
+
+def test_a_name_that_gives_conditions_away_is_warned_of_before_and_after_it_is_given(eva: Dashboard) -> None:
+    warning = "holds id_fa, pm_fb, and participants see it, also in the study&#39;s address"
+    form = eva.get(FORM).text
+    assert warning in eva.act(f"{NEW}/draft", **typed(form, name="ID_FA or pm_fb")).text
+    assert "participants see it" not in eva.act(f"{NEW}/draft", **typed(form, name="Bid_fair")).text
+    ends(eva, eva.act(NEW, **typed(form, name="ID_FA or pm_fb")).url.path)
+    for page in ("", "/edit"):
+        assert warning in eva.get(f"/admin/studies/id-fa-or-pm-fb{page}").text
+
+
+def test_films_that_cannot_be_read_are_named_with_the_reason(eva: Dashboard, own: Settings) -> None:
+    broken, empty = own.sets_dir / "broken", own.sets_dir / "empty"
+    write_set(broken, ["ball"], ["id_fa", "id_fb"])
+    (broken / "manifest.json").write_text("{", encoding="utf-8")
+    empty.mkdir()
+    try:
+        for page in (eva.get(NEW).text, eva.get("/admin/sets").text):
+            assert re.search(r"<strong>broken</strong> .*manifest.json: is not readable as JSON", page)
+            assert re.search(r"<strong>empty</strong> .*there is no such file", page)
+            assert str(own.sets_dir) not in page
+    finally:
+        shutil.rmtree(broken)
+        empty.rmdir()
+    assert "cannot be read" not in eva.get(NEW).text
 
 
 def test_the_answers_of_a_platform_fill_the_link_and_every_way_back(eva: Dashboard, own: Settings) -> None:

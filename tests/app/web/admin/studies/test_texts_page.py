@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import io
 import re
 import zipfile
@@ -19,6 +20,8 @@ from app.study.trial.image import LARGEST_IMAGE
 from tests.app.web.admin.dashboard_client import Dashboard
 
 PNG = b"\x89PNG\r\n\x1a\n" + bytes(8)
+KEY = r'<th scope="row"><code>([^<]+)</code>'
+SAID = r'<textarea class="field" name="said" rows="2"[^>]*>\n(.*?)</textarea>'
 NewStudy = Callable[[], dict[str, Any]]
 
 
@@ -68,6 +71,32 @@ def test_a_text_with_an_unknown_placeholder_is_refused(experimenter: Dashboard, 
     refused = save(experimenter, f"/admin/studies/{new_study()['slug']}", "en", {"trial.label": "Pair {n}"})
     assert refused.status_code == 422
     assert "trial.label has the placeholders {n}" in refused.text
+
+
+def test_texts_that_two_people_type_at_once_are_kept_beside_what_the_other_has_saved(
+    experimenter: Dashboard, settings: Settings, new_study: NewStudy
+) -> None:
+    base = f"/admin/studies/{new_study()['slug']}"
+    opened = experimenter.get(f"{base}/texts").text
+    fields = {name: re.findall(rf'name="{name}" value="([^"]*)"', opened)[-1] for name in ("revision", "was")}
+    theirs = {"trial.question": "Theirs?", "thanks.heading": "Theirs too"}
+    mine = {"trial.question": "Mine?", "welcome.heading": "Only mine", "thanks.heading": ""}
+    save(experimenter, base, "en", theirs)
+    typed = {"language": "en", "key": list(mine), "said": list(mine.values()), "was": html.unescape(fields["was"])}
+    refused = experimenter.act(f"{base}/texts", revision=fields["revision"], **typed)
+    assert refused.status_code == 409
+    clash = re.search(r"<tbody>(<tr><th scope=.row.>trial.question.*?)</tbody>", refused.text)
+    assert clash
+    assert re.findall(r">([^<>]+)<", clash[1]) == ["trial.question", "Mine?", "Theirs?"]
+    assert "taken over: thanks.heading" in refused.text
+    shown = dict(zip(*(re.findall(found, refused.text, re.DOTALL) for found in (KEY, SAID)), strict=True))
+    assert {shown[key] for key in theirs | mine} == {"Mine?", "Only mine", "Theirs too"}
+    save(experimenter, base, "en", {key: shown[key] for key in theirs | mine})
+    assert options_of(settings, base.rpartition("/")[2]).texts["en"] == {
+        "trial.question": "Mine?",
+        "welcome.heading": "Only mine",
+        "thanks.heading": "Theirs too",
+    }
 
 
 def test_languages_are_chosen_and_drafts_are_marked(

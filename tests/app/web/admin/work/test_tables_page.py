@@ -41,6 +41,7 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Settings:
     (shelf / "renamed.csv").write_text(
         VOTES.replace("judge,", "seat,").replace("item_a,item_b,choice", "item_a,item_b,q7")
     )
+    (shelf / "gold.csv").write_text(VOTES.replace("age", "Is Gold", 1))
     (shelf / "wrong.csv").write_text(VOTES.replace(",a,", ",lft,", 1))
     return settings
 
@@ -67,7 +68,9 @@ def program(address: str, tables: Settings) -> Iterator[httpx.Client]:
 
 
 def reading(dashboard: Dashboard, name: str, **said: Any) -> str:
-    return html.unescape(dashboard.get(f"/admin/files/votes/{name}/reading", params=said).text)
+    page = html.unescape(dashboard.get(f"/admin/files/votes/{name}/reading", params=said).text)
+    assert not re.search(r"(?<![\w-])--[a-z]", page), "a page has fields, and names no option of a command"
+    return page
 
 
 def test_the_three_lists_are_shown_and_the_table_analysed(eva: Dashboard) -> None:
@@ -118,8 +121,16 @@ def test_a_wrong_cell_is_named_and_a_word_for_it_is_taken(eva: Dashboard) -> Non
     page = reading(eva, "wrong.csv")
     assert "choice is 'lft'" in page
     refused = eva.act("/admin/files/votes/wrong.csv/analyse")
-    assert "choice is 'lft'" in html.unescape(ends(eva, refused.url.path).text)
+    ended = html.unescape(ends(eva, refused.url.path).text)
+    assert "choice is 'lft'" in ended
+    assert "--choices" not in ended
     assert eva.get("/admin/files/votes/votes.csv/reading", params={"scale": "5:1"}).status_code == 422
+
+
+def test_a_column_that_may_be_practice_is_warned_about_in_words_of_the_page(eva: Dashboard) -> None:
+    page = reading(eva, "gold.csv")
+    assert "“practice” for Is Gold below uses it" in page
+    assert "Attach the measures" not in eva.get("/admin/files/votes/gold.csv").text
 
 
 def test_votes_are_posted_read_and_analysed(program: httpx.Client) -> None:

@@ -6,50 +6,24 @@ goes on in silence where a picture is missing.
 
 from __future__ import annotations
 
-import base64
 import json
-import struct
 from collections import deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
-from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from recon.geometry.glb import GLB_BINARY, GLB_JSON, GLB_MAGIC, WIDTHS
 from recon.geometry.srgb import light_of, light_of_bytes, srgb_bytes
 from recon.models.atlas import SLACK
+from recon.models.gltf.data import INSTANCES, VISIBILITY, GltfData, chunks
 from recon.models.part import Contents, Part, check_finite, decode_picture
 from recon.runtime.files import why_no_file
 
-COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 POINTS, TRIANGLES, STRIP, FAN = 0, 4, 5, 6
 REPEAT = 10497  # of a sampler
-INSTANCES, VISIBILITY = "EXT_mesh_gpu_instancing", "KHR_node_visibility"
-READ_EXTENSIONS = {
-    "KHR_materials_unlit",
-    "KHR_mesh_quantization",
-    "KHR_texture_transform",
-    "EXT_texture_webp",
-    INSTANCES,
-    VISIBILITY,
-}
-WAYS_OUT = {  # of extensions that a file needs and that are not read, by a part of their names
-    "draco": "a compression that is not read; export it without",
-    "meshopt": "a compression that is not read; export it without",
-    "basisu": "textures as KTX2, which are not read; export them as PNG, JPEG or WebP",
-    "gaussian": "splats in glTF, which are not read; save them as PLY, SPZ, .splat, .ksplat or SOG",
-    "pbrSpecularGlossiness": "a material that is not read; export it with metal and roughness",
-}
-LEFT_OUT = {  # extensions that change what is seen, and that a file does not need to have read
-    "MSFT_lod": "has levels of detail, of which the finest is shown",
-    "KHR_materials_variants": "has variants of its materials, of which the first is shown",
-    "KHR_lights_punctual": "has lights, which are not taken",
-    "KHR_animation_pointer": "animates more than its nodes, which is not shown",
-}
 BROKEN = (  # what reading raises where the document says something else than the standard
     KeyError,
     IndexError,
@@ -82,11 +56,12 @@ def read_gltf_model(path: Path, vertex_colours: VertexColours | None = None) -> 
         raise ValueError(why_no_file(path))
     content = path.read_bytes()
     is_binary = path.suffix.lower() == ".glb"
-    text, binary = _chunks(content) if is_binary else (content, None)
+    text, binary = chunks(content) if is_binary else (content, None)
     contents = Contents([path])
     try:
-        reader = _Reader(json.loads(text), binary, contents, vertex_colours)
-        reader.check()
+        data = GltfData(json.loads(text), binary, contents)
+        data.check()
+        reader = _Reader(data, vertex_colours)
         for node, world in reader.placed():
             for primitive in reader.mesh(node)["primitives"]:
                 part = reader.part(primitive, node, world)
@@ -97,61 +72,16 @@ def read_gltf_model(path: Path, vertex_colours: VertexColours | None = None) -> 
     return contents
 
 
-def _way_out(extension: str) -> str:
-    """Return what to do about an extension that is not read."""
-    ways = (way for part, way in WAYS_OUT.items() if part.lower() in extension.lower())
-    return next(ways, "an extension of glTF that is not read; export it without")
-
-
-def _chunks(content: bytes) -> tuple[bytes, bytes | None]:
-    """Return the JSON and the binary part of a GLB."""
-    if len(content) < 20:
-        raise ValueError(f"is cut off after {len(content)} bytes")
-    magic, version, length = struct.unpack("<III", content[:12])
-    if magic != GLB_MAGIC or version != 2:
-        raise ValueError("is not a GLB file of version 2")
-    if length > len(content):
-        raise ValueError(f"is cut off: it has {len(content)} bytes, its header says {length}")
-    chunks: dict[int, bytes] = {}
-    at = 12
-    while at + 8 <= length:
-        size, kind = struct.unpack("<II", content[at : at + 8])
-        chunks.setdefault(kind, content[at + 8 : at + 8 + size])
-        at += 8 + size
-    if GLB_JSON not in chunks:
-        raise ValueError("is not whole glTF: it has no JSON part")
-    return chunks[GLB_JSON], chunks.get(GLB_BINARY)
-
-
 class _Reader:
-    """Reads the parts of a glTF document, each buffer and picture once."""
+    """Reads the parts of a glTF document, each picture once."""
 
-    def __init__(
-        self,
-        document: Mapping[str, Any],
-        binary: bytes | None,
-        contents: Contents,
-        vertex_colours: VertexColours | None,
-    ) -> None:
+    def __init__(self, data: GltfData, vertex_colours: VertexColours | None) -> None:
         self._vertex_colours = vertex_colours
-        self._document = document
-        self._binary = binary
-        self._contents = contents
-        self._buffers: dict[int, bytes] = {}
+        self._data = data
+        self._document = data.document
+        self._contents = data.contents
         self._pictures: dict[tuple[Any, ...], NDArray[np.uint8]] = {}
         self._worlds: dict[int, NDArray[np.float64]] = {}
-
-    def check(self) -> None:
-        """Raise a ValueError if the document cannot be shown as it is, and warn of what is left out."""
-        if not str(self._document.get("asset", {}).get("version", "")).startswith("2"):
-            raise ValueError("is not glTF of version 2")
-        unknown = set(self._document.get("extensionsRequired", ())) - READ_EXTENSIONS
-        if unknown:
-            raise ValueError(" and ".join(f"it needs {name}, {_way_out(name)}" for name in sorted(unknown)))
-        for name in sorted({*self._document.get("extensionsUsed", ())} & set(LEFT_OUT)):
-            self._contents.warn(LEFT_OUT[name])
-        if self._document.get("animations"):
-            self._contents.warn("is animated; only the pose of its nodes is shown")
 
     def placed(self) -> list[tuple[Mapping[str, Any], NDArray[np.float64]]]:
         """Return the nodes of the scene that have a mesh, each with its transform (4, 4) into the scene."""
@@ -188,7 +118,7 @@ class _Reader:
     def _instances(self, attributes: Mapping[str, int]) -> list[NDArray[np.float64]]:
         """Return the transform (4, 4) of each instance of a mesh, in its node."""
         parts = {
-            entry: self._accessor(attributes[name]).astype(np.float64)
+            entry: self._data.accessor(attributes[name]).astype(np.float64)
             for name, entry in (("TRANSLATION", "translation"), ("ROTATION", "rotation"), ("SCALE", "scale"))
             if name in attributes
         }
@@ -219,7 +149,9 @@ class _Reader:
         faces = np.zeros((0, 3), np.int64)
         if mode != POINTS:
             n_vertices = len(positions)
-            indices = self._accessor(primitive["indices"])[:, 0] if "indices" in primitive else np.arange(n_vertices)
+            indices = (
+                self._data.accessor(primitive["indices"])[:, 0] if "indices" in primitive else np.arange(n_vertices)
+            )
             faces = _triangles(indices.astype(np.int64), mode)
         moves = self._joint_moves(attributes, self._document["skins"][node["skin"]]) if "skin" in node else world
         if np.median(np.linalg.det(moves[..., :3, :3])) < 0:
@@ -233,20 +165,20 @@ class _Reader:
 
     def _morphed(self, primitive: Mapping[str, Any], name: str, weights: Sequence[float]) -> NDArray[np.float64]:
         """Return an attribute's vectors (N, 3), changed by the morph targets as far as the weights say."""
-        vectors = self._accessor(primitive["attributes"][name]).astype(np.float64)
+        vectors = self._data.accessor(primitive["attributes"][name]).astype(np.float64)
         for target, weight in zip(primitive.get("targets", ()), weights, strict=False):
             if weight and name in target:
-                vectors += weight * self._accessor(target[name])
+                vectors += weight * self._data.accessor(target[name])
         return vectors
 
     def _joint_moves(self, attributes: Mapping[str, int], skin: Mapping[str, Any]) -> NDArray[np.float64]:
         """Return each vertex's transform (N, 4, 4) into the scene: the mean of its joints', by their weights."""
         joints = np.array([self._worlds[joint] for joint in skin["joints"]])
         if "inverseBindMatrices" in skin:  # column by column
-            joints = joints @ self._accessor(skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
-        moves = np.zeros((len(self._accessor(attributes["JOINTS_0"])), 4, 4))
+            joints = joints @ self._data.accessor(skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
+        moves = np.zeros((len(self._data.accessor(attributes["JOINTS_0"])), 4, 4))
         for number in range(sum(name.startswith("JOINTS_") for name in attributes)):
-            which, shares = (self._accessor(attributes[f"{name}_{number}"]) for name in ("JOINTS", "WEIGHTS"))
+            which, shares = (self._data.accessor(attributes[f"{name}_{number}"]) for name in ("JOINTS", "WEIGHTS"))
             for joint, share in zip(which.T, shares.T, strict=True):
                 moves += share[:, None, None] * joints[joint]
         return moves
@@ -280,7 +212,7 @@ class _Reader:
         set_number = moved.get("texCoord", texture.get("texCoord", 0))
         if f"TEXCOORD_{set_number}" not in attributes:
             raise ValueError(f"a textured material has no texture coordinates (TEXCOORD_{set_number})")
-        uv = _moved(self._accessor(attributes[f"TEXCOORD_{set_number}"]).astype(np.float64), moved)
+        uv = _moved(self._data.accessor(attributes[f"TEXCOORD_{set_number}"]).astype(np.float64), moved)
         if self._leaves(uv, self._document["textures"][texture["index"]]):
             self._contents.warn("has a texture that shall not repeat beyond its edges, but is repeated instead")
         uv[:, 1] = 1 - uv[:, 1]  # glTF counts from the upper edge
@@ -288,7 +220,7 @@ class _Reader:
 
     def _linear_colours(self, accessor: int) -> NDArray[Any]:
         """Return the vertices' colours (N, 3) in linear light; some programs write sRGB instead."""
-        colours = self._accessor(accessor)[:, :3]
+        colours = self._data.accessor(accessor)[:, :3]
         if self._vertex_colours == "srgb":
             check_finite(colours, "colour")
             return light_of(colours)
@@ -320,52 +252,15 @@ class _Reader:
         if key not in self._pictures:
             image = self._document["images"][source]
             if "bufferView" in image:
-                content, name = self._view(image["bufferView"]), image.get("name") or f"number {index}"
+                content, name = self._data.view(image["bufferView"]), image.get("name") or f"number {index}"
             else:
-                content, name = self._resource(image["uri"], "texture"), image["uri"][:80]
+                content, name = self._data.resource(image["uri"], "texture"), image["uri"][:80]
             pixels = decode_picture(content, name)
             if not np.allclose(factor, 1):
                 tables = [srgb_bytes(light_of_bytes() * share) for share in factor]
                 pixels = np.stack([table[pixels[..., channel]] for channel, table in enumerate(tables)], axis=-1)
             self._pictures[key] = pixels
         return self._pictures[key]
-
-    def _resource(self, uri: str, what: str) -> bytes:
-        if uri.startswith("data:"):
-            return base64.b64decode(uri.partition(",")[2])
-        return self._contents.beside(unquote(uri), what)
-
-    def _buffer(self, index: int) -> bytes:
-        if index not in self._buffers:
-            buffer = self._document["buffers"][index]
-            content = self._resource(buffer["uri"], "buffer") if "uri" in buffer else self._binary
-            if content is None or len(content) < buffer["byteLength"]:
-                n_bytes = 0 if content is None else len(content)
-                raise ValueError(f"its buffer {index} is cut off: {n_bytes} of {buffer['byteLength']} bytes are there")
-            self._buffers[index] = content
-        return self._buffers[index]
-
-    def _view(self, index: int) -> bytes:
-        view = self._document["bufferViews"][index]
-        start = view.get("byteOffset", 0)
-        return self._buffer(view["buffer"])[start : start + view["byteLength"]]
-
-    def _accessor(self, index: int) -> NDArray[Any]:
-        """Return an accessor's values (N, width); normalised integers as floats."""
-        accessor = self._document["accessors"][index]
-        if "sparse" in accessor or "bufferView" not in accessor:
-            raise ValueError("it has sparse accessors, which are not read; export it without")
-        kind = np.dtype(COMPONENTS[accessor["componentType"]])
-        count, width = accessor["count"], WIDTHS[accessor["type"]]
-        view = self._document["bufferViews"][accessor["bufferView"]]
-        content, start = self._view(accessor["bufferView"]), accessor.get("byteOffset", 0)
-        stride = view.get("byteStride") or kind.itemsize * width
-        if count < 1 or start + stride * (count - 1) + kind.itemsize * width > len(content):
-            raise ValueError(f"its accessor {index} promises {count} values, more than its buffer holds")
-        values = np.ndarray((count, width), kind, content, start, (stride, kind.itemsize))
-        if accessor.get("normalized"):
-            return np.maximum(values / np.float64(np.iinfo(kind).max), -1)
-        return values
 
 
 def _applied(turns: NDArray[np.floating], vectors: NDArray[np.floating]) -> NDArray[np.float64]:

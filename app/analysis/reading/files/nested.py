@@ -13,6 +13,7 @@ from app.analysis.reading.votes_table import VotesError
 
 Row = dict[str, Any]
 Notes = tuple[str, ...]
+UNNAMING = ("id", "status", "_server_id")  # what Argilla says of each record
 QUESTION = "question of the export"  # the column of what an answer is to, where a program may ask several
 FEWEST_RANKED = 3  # of a list: two are a winner and a loser
 
@@ -113,9 +114,7 @@ def _sureal(content: Mapping[str, Any]) -> tuple[list[Row], Notes]:
                 f"the film {shown(condition)} has no ratings (os); mean scores (groundtruth) say nothing of people"
             )
         is_listed = is_listed or isinstance(scores, list | tuple)
-        people = (
-            scores.items() if isinstance(scores, dict) else ((f"{n}", value) for n, value in enumerate(scores, start=1))
-        )
+        people = scores if isinstance(scores, dict) else dict(enumerate(scores, start=1))
         content_id = video.get("content_id", "")
         dataset = str(contents.get(content_id) or content_id)
         if isinstance(scores, dict) and scores and all(isinstance(person, tuple) for person in scores):
@@ -125,7 +124,7 @@ def _sureal(content: Mapping[str, Any]) -> tuple[list[Row], Notes]:
         names = {"dataset": dataset, "condition": condition}
         rows += [
             {"participant": str(person), **names, "rating": rating}
-            for person, value in people
+            for person, value in people.items()
             for rating in _each(value)
         ]
     if any("winner" in row for row in rows):
@@ -153,15 +152,12 @@ def _choix(content: Sequence[Sequence[Any]]) -> tuple[list[Row], Notes]:
     """Return pairs as winner and loser, longer lists as rankings, best first."""
     lengths = {len(row) for row in content}
     if lengths == {2}:
-        return [{"winner": winner, "loser": loser} for winner, loser in content], (
-            "lists of a winner and a loser, as choix has them",
-        )
+        rows = [{"winner": winner, "loser": loser} for winner, loser in content]
+        return rows, ("lists of a winner and a loser, as choix has them",)
     if min(lengths) < 2:  # a pair
         raise VotesError(f"row {[len(row) for row in content].index(min(lengths)) + 1}: a list of fewer than two items")
-    return (
-        [{f"rank_{place}": item for place, item in enumerate(row, start=1)} for row in content],
-        ("lists of items, the best first, as choix has them",),
-    )
+    rows = [{f"rank_{place}": item for place, item in enumerate(row, start=1)} for row in content]
+    return rows, ("lists of items, the best first, as choix has them",)
 
 
 def _label_studio(tasks: Sequence[Row]) -> tuple[list[Row], Notes]:
@@ -199,31 +195,18 @@ def _argilla(records: Sequence[Row]) -> tuple[list[Row], Notes]:
     """Return a row for each submitted response; the metadata names the items."""
     rows, n_left_out = [], 0
     for record in records:
-        known = _scalars(record) | _scalars(record.get("metadata") or {})
-        known |= {
-            name.removeprefix("metadata."): value for name, value in known.items() if name.startswith("metadata.")
-        }
-        known = {
-            name: value
-            for name, value in known.items()
-            if "." not in name and name not in ("id", "status", "_server_id")
-        }
+        cells = _scalars(record | (record.get("metadata") or {}))
+        known = {name.removeprefix("metadata."): value for name, value in cells.items() if name not in UNNAMING}
+        known = {name: value for name, value in known.items() if "." not in name}
+        names_two = "preference" in str(known) or any(re.search(r"(_|-)?(a|1|left)$", name) for name in known)
         for question, who, status, value in _responses(record):
             if status not in ("submitted", None):
                 n_left_out += 1
             elif value is not None:
-                kind = (
-                    "rating"
-                    if isinstance(value, int | float) and "preference" not in str(known) and not _names_two(known)
-                    else "choice"
-                )
+                kind = "rating" if isinstance(value, int | float) and not names_two else "choice"
                 rows.append({**known, "participant": who, kind: value, QUESTION: question})
     notes = [f"{n_left_out} responses that were not submitted are left out"] if n_left_out else []
     return rows, ("an export of Argilla, a row for each response", *notes)
-
-
-def _names_two(known: Mapping[str, Any]) -> bool:
-    return any(re.search(r"(_|-)?(a|1|left)$", name) for name in known)
 
 
 def _responses(record: Row) -> Iterator[tuple[str, Any, Any, Any]]:

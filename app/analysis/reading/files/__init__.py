@@ -1,0 +1,1 @@
+"""Read files of every format that tables come in."""

@@ -1,0 +1,1 @@
+"""Read models as glTF: what a document holds, and the model in it."""
