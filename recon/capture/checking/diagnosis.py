@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 
 from recon.capture.checking.consistency import MIN_FOCAL_CHANGE, with_focal
 from recon.capture.checking.matches import Matches, epipolar_errors
+from recon.capture.checking.rows import OFF_PX
 from recon.geometry.rig import Sensor, rigid
 
 MIN_MATCHES = 20  # fewer say nothing about a calibration
@@ -126,9 +127,9 @@ class Correction:
 
     @property
     def is_small(self) -> bool:
-        """True if it is what mounts do over a day, and leaves nothing that asks for another reason."""
-        turns = max(abs(self.turn_deg), abs(self.roll_deg))
-        is_little = self.before_px < LARGE_ERROR_PX and turns < LARGE_TURN_DEG
+        """True if it is what mounts do over a day, or does no harm, and leaves nothing that asks for another reason."""
+        turns = max(abs(self.turn_deg), abs(self.roll_deg))  # of small pictures, a turn by more moves rows by little
+        is_little = self.before_px < (LARGE_ERROR_PX if turns < LARGE_TURN_DEG else OFF_PX)
         return is_little and abs(self.scale - 1) < MIN_FOCAL_CHANGE and self.after_px < MIN_ERROR_PX
 
     def applied(self, sensor: Sensor) -> Sensor:

@@ -44,7 +44,7 @@ MATCHED_PX = 0.25  # what disparities are good to: root mean square on benchmark
 TEXTURE_WINDOW = 9  # pixels, about a matcher's
 MIN_TEXTURE = 2.5  # grey levels of local standard deviation, the noise's taken off
 MAX_LEFT_TO_RIGHT = 1.15  # of the brightness of matched points
-WHITE = 250  # grey levels, of all channels
+WHITE = 250  # levels of two channels: of colours, the third has little structure, and comes last
 MOST_WHITE, MOST_WHITE_UNMASKED = 0.2, 0.6  # of the object; of what the bounds show, which may be a white wall
 SURE = 2.6  # standard deviations of a number of heads, for 99 %
 
@@ -61,7 +61,7 @@ class _Look:
     left_to_right : (M,) ratios of brightness at the matches
     textured : share of the area; None if there is none
     inside : share of the left mask that lies within the bounds; None without a mask, or if it is empty
-    white : share of the area that is white in all channels, of the picture with more; None if there is no area
+    white : share of the area with two channels at the top, of the picture with more; None if there is no area
     """
 
     frame: int
@@ -278,7 +278,7 @@ def _look(
         float(bounds_area(stream.left.camera, bounds)[masks[0]].mean()) if masks and masks[0].any() else None,
         max(
             (
-                float((side[area] >= WHITE).all(axis=1).mean())
+                float((np.median(side[area], axis=1) >= WHITE).mean())
                 for side, area in zip(pair, areas, strict=True)
                 if area.any()
             ),
@@ -399,7 +399,7 @@ def _white_warnings(stream: SensorStream, looks: Sequence[_Look]) -> Iterator[st
     if white and np.mean(white) > (MOST_WHITE if stream.mask else MOST_WHITE_UNMASKED):
         yield (
             f"sensor {stream.id}: {np.mean(white):.0%} of what the {'masks' if stream.mask else 'bounds'} show is "
-            "overexposed, white without structure; use less light or a shorter exposure"
+            "overexposed, without structure; use less light or a shorter exposure"
         )
 
 

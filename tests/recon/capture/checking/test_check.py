@@ -219,13 +219,14 @@ def test_few_points_that_differ_much_in_brightness_say_nothing() -> None:
     assert unlike(np.zeros(0), 1.25) is None
 
 
-def test_an_object_that_is_overexposed_is_named(board: Capture) -> None:
+@pytest.mark.parametrize("colour", [(255, 255, 255), (180, 255, 255)], ids=["white", "yellow"])
+def test_an_object_that_is_overexposed_is_named(board: Capture, colour: tuple[int, int, int]) -> None:
     for path in (board.folder / "S2").rglob("*.png"):
         picture = cv2.imread(str(path))
-        picture[:, : picture.shape[1] * 4 // 5] = 255
+        picture[:, : picture.shape[1] * 4 // 5] = colour
         cv2.imwrite(str(path), picture)
     warnings = check_capture(board.folder).warnings
-    assert any("S2: " in warning and "is overexposed, white without structure" in warning for warning in warnings)
+    assert any("S2: " in warning and "is overexposed, without structure" in warning for warning in warnings)
 
 
 def test_a_sensor_that_is_darker_than_another_is_named(board: Capture) -> None:

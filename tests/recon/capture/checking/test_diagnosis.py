@@ -84,6 +84,19 @@ def test_a_sound_sensor_has_no_fault_whatever_the_noise(seed: int, noise: float)
     assert diagnose(SENSOR, matches(seed, noise)) == ()
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_a_fifth_of_a_pixel_that_a_turn_of_the_camera_explains_is_no_fault(seed: int) -> None:
+    size = (320, 240)
+    K = np.array([[300.0, 0, 159.0], [0, 300.0, 118.0], [0, 0, 1]])
+    left, right = (replace(camera(x), K=K, size=size) for x in (-120.0, 120.0))
+    rng = np.random.default_rng(seed)
+    points = rng.uniform((-700, -900, -200), (700, 900, 200), (200, 3))
+    told = Sensor("S1", left, turned(turned(right, 2, 0.3), 0, 0.06))
+    seen = Matches(*(view.project(points) + rng.normal(0, 0.1, (200, 2)) for view in (left, right)))
+    assert 0.15 < np.median(np.abs(epipolar_errors(told, seen))) < 1 / 3
+    assert diagnose(told, seen) == ()
+
+
 def test_too_few_matches_say_nothing() -> None:
     few = Matches(matches().left[:10], matches().right[:10])
     assert diagnose(BROKEN["swapped"][0](SENSOR), few) == ()
