@@ -27,7 +27,7 @@ def content_of(folder: Path) -> dict[str, Any]:
 @settings(max_examples=60, deadline=None)
 @given(
     places=st.lists(st.tuples(*[st.floats(-5000, 5000)] * 3), min_size=1, max_size=4),
-    focal=st.floats(20, 2000),
+    focal=st.floats(30, 2000),
     size=st.sampled_from([(96, 54), (1920, 1080), (54, 96), (101, 77)]),
 )
 def test_cameras_come_back_as_they_went(

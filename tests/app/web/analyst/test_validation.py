@@ -243,7 +243,7 @@ def test_a_measure_that_people_contradict_is_named(
     ("content", "message"),
     [
         ({"measures": []}, "lists no measure and comes without tables"),
-        ({"kind": "mesh"}, "measures: Field required"),
+        ({"kind": "mesh"}, "measures is missing"),
         ({"measures": [accuracy("ball", "id_fa", 1.0) | {"direction": "up"}]}, "measures.0.direction"),
         ({"measures": [accuracy("statue", "id_fa", 1.0)]}, "compares id_fa, id_fb, pm_fb in ball, box"),
         ({"measures": [accuracy("all", "id_fa", 1.0), accuracy("ball", "id_fa", 2.0)]}, "1 in one report and 2"),

@@ -162,7 +162,7 @@ def test_a_stranger_at_the_set_up_page_learns_no_names(small_server: str, small:
     manage.add_experimenter(small, "Known Name")
     with Dashboard(small_server) as stranger:
         answers = {
-            stranger.enter("/admin/setup/guessed", name=name, password=word, again=word).text
+            stranger.enter("/admin/setup/guessed", name=name, password=word, again=word).text.replace(name, "NAME")
             for name, word in (("Known Name", PASSWORD), ("Nobody", PASSWORD), ("Nobody", "short"))
         }
     assert len(answers) == 1

@@ -130,7 +130,8 @@ def test_films_that_cannot_be_read_are_named_with_the_reason(eva: Dashboard, own
         for page in (eva.get(NEW).text, eva.get("/admin/sets").text):
             assert re.search(r"<strong>broken</strong> .*manifest.json: is not readable as JSON", page)
             assert re.search(r"<strong>empty</strong> .*there is no such file", page)
-            assert str(own.sets_dir) not in page
+            assert f"{own.sets_dir}/broken" not in page
+            assert f"{own.sets_dir}/empty" not in page
     finally:
         shutil.rmtree(broken)
         empty.rmdir()
