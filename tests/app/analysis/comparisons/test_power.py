@@ -161,6 +161,7 @@ def test_a_measure_is_not_shown_by_scores_that_are_all_equal() -> None:
     assert claim_power(StudyPlan(3, 1, 2, spread=0.0), "measure", 0.05, 1, 200) < 0.2
 
 
+@pytest.mark.slow
 def test_a_plan_says_which_random_clickers_would_be_named() -> None:
     small, large = (clickers_named(StudyPlan(6, 5, 22), jod, np.random.default_rng(1)) for jod in (1.1, 3.0))
     assert small is not None

@@ -51,6 +51,7 @@ def test_a_browser_tells_films_that_play_from_those_that_it_cannot_show(folder: 
     assert "cannot be read (404)" in missing
 
 
+@pytest.mark.slow
 def test_what_is_no_browser_is_told_and_none_may_be_wanted(tmp_path: Path) -> None:
     assert find_browser("none") is None
     assert find_browser(str(tmp_path / "nothing")) is None

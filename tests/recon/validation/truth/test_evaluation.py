@@ -346,6 +346,7 @@ def test_the_command_writes_its_report(tmp_path: Path) -> None:
         assert (out / name).stat().st_size > 0
 
 
+@pytest.mark.slow
 def test_completeness_counts_what_some_sensor_can_see_if_a_recording_is_given(tmp_path: Path) -> None:
     recording = synthesise(tmp_path / "ball", SynthParameters("sphere", n_sensors=1, n_frames=1, size=(160, 120)))
     truth = tmp_path / "ball/truth/mesh/0000.ply"
