@@ -120,6 +120,20 @@ def merge_sets(folders: Sequence[Path], out: Path, *, progress: Progress = no_pr
     return NewSet(made, (*_repeated(sources), *_practice_notes(sources), *set_notes(made)))
 
 
+def files_of_set(folder: Path) -> list[str]:
+    """Return the names of all files of a stimulus set: its manifest, films, masters, masks and camera paths.
+
+    Raises
+    ------
+    StimuliError
+        If the manifest or a camera path cannot be used.
+    """
+    source = _read(folder)
+    stimuli = (*source.stimulus_set.stimuli, *source.stimulus_set.practice)
+    films = [file for stimulus in stimuli for file in (stimulus.video, stimulus.master, stimulus.mask) if file]
+    return list(dict.fromkeys([MANIFEST, *films, *(path.file for path in source.paths.values())]))
+
+
 def refuse_used(out: Path) -> None:
     """Raise if the folder of a new set is not missing or empty."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import IO, Any
 from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile
 
-from app.errors import StudyError
+from app.errors import StimuliError, StudyError
 from app.ffmpeg import VIDEO_SUFFIXES, Progress, no_progress
 from app.files import (
     WorkFolder,
@@ -27,6 +27,7 @@ from app.files import (
 )
 from app.films.object_store import MediaStore
 from app.intake.bounds import in_bounds
+from app.intake.merge import files_of_set
 from app.intake.stimuli import MANIFEST, StimulusSet, read_manifest
 from app.intake.zips import MB, check_zip, unpack
 from app.operations.database import open_store
@@ -282,14 +283,15 @@ def _files_of_set(
     known = set_of_study(settings, connection, study)
     if known is None:
         return {}, ["its stimulus set is not here any more, or has changed: the study travels without it"]
-    names = [MANIFEST]
-    for stimulus in (*known.content.stimuli, *known.content.practice):
-        names += [stimulus.video, *([stimulus.master] if stimulus.master else [])]
     inside = known.folder.resolve()
+    try:
+        names = files_of_set(inside)
+    except StimuliError:
+        names = []
     strange = [name for name in names if not (inside / name).resolve().is_relative_to(inside)]
-    if strange or not all((inside / name).is_file() for name in names):
+    if not names or strange or not all((inside / name).is_file() for name in names):
         return {}, ["its stimulus set is not whole: the study travels without it"]
-    return {f"{SET}/{name}": (inside / name, None) for name in dict.fromkeys(names)}, []
+    return {f"{SET}/{name}": (inside / name, None) for name in names}, []
 
 
 def _write_file(archive: ZipFile, name: str, path: Path, sha256: str | None) -> str:

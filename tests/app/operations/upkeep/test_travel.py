@@ -12,6 +12,7 @@ from zipfile import ZipFile
 import pytest
 from sqlalchemy import insert, select, update
 
+from app.files import file_digest
 from app.operations.database import open_store
 from app.operations.studies.attach import attach
 from app.operations.upkeep.backup import check
@@ -309,6 +310,28 @@ def test_a_study_travels_without_its_set_where_that_is_gone(stimulus_set: Path, 
     told = export_to_file(here, made["slug"], tmp_path / "study.zip")
     assert "travels without it" in told["notes"][0]
     assert "did not come with it" in import_file(there, tmp_path / "study.zip")["notes"][0]
+
+
+def test_the_set_arrives_with_its_masks_and_camera_paths(stimulus_set: Path, tmp_path: Path) -> None:
+    from app.operations.studies.create import create_study
+
+    here, there = Settings(data_dir=tmp_path / "here"), Settings(data_dir=tmp_path / "there")
+    folder = tmp_path / "set"
+    shutil.copytree(stimulus_set.parent, folder)
+    manifest = json.loads((folder / "manifest.json").read_text())
+    entry = manifest["stimuli"][0]
+    entry["mask"] = f"{entry['dataset']}/silhouette.mp4"
+    shutil.copyfile(folder / entry["video"], folder / entry["mask"])
+    (folder / "path.json").write_text("{}")
+    path = {"file": "path.json", "sha256": file_digest(folder / "path.json")}
+    manifest["provenance"] = {"paths": {entry["dataset"]: path}}
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    made = create_study(here, folder, "Masked")
+    export_to_file(here, made["slug"], tmp_path / "study.zip")
+    import_file(there, tmp_path / "study.zip")
+    (arrived,) = there.sets_dir.iterdir()
+    assert {file.name for file in arrived.rglob("*.*")} >= {"silhouette.mp4", "path.json"}
+    create_study(there, arrived, "Another")
 
 
 def test_a_missing_film_stops_the_export_and_leaves_no_file(stimulus_set: Path, tmp_path: Path) -> None:
