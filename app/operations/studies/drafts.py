@@ -13,7 +13,7 @@ from app.settings import Settings
 from app.study.languages.language_pack import LanguagePack
 from app.study.option_fields import Setting, SettingError
 from app.study.options.neutral_words import neutral_words
-from app.study.options.option_table import COLUMNS, SETTINGS
+from app.study.options.option_table import COLUMNS, SETTINGS, SETTINGS_BY_NAME
 from app.study.options.options import StudyOptions, parse_options
 from app.study.options.platforms import PLATFORMS, WAYS, Platform
 from app.study.options.presets import PRESETS, QUICK, read_preset
@@ -71,12 +71,13 @@ class Draft:
         for name, what, known in (("preset", draft.preset, [*PRESETS]), ("platform", draft.platform, [*PLATFORMS])):
             if what not in known:
                 raise SettingError(name, f"is {what!r:.60}, expected one of {', '.join(filter(None, known))}")
-        settings = {setting.name: setting for setting in SETTINGS}
         for name, value in draft.typed.items():
-            if name not in settings:
+            if name not in SETTINGS_BY_NAME:
                 raise ValueError(f"typed has {name[:60]!r}, which is no setting of a study")
-            if not _is_shown(settings[name], value):
-                raise SettingError(name, f"is {value!r:.60}, expected {_EXPECTED.get(settings[name].kind, 'a text')}")
+            if not _is_shown(SETTINGS_BY_NAME[name], value):
+                raise SettingError(
+                    name, f"is {value!r:.60}, expected {_EXPECTED.get(SETTINGS_BY_NAME[name].kind, 'a text')}"
+                )
         return draft
 
     @property

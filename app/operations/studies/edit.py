@@ -30,7 +30,7 @@ from app.study.design.groups import check_groups
 from app.study.languages.language_pack import LanguagePack
 from app.study.languages.text import is_one_line
 from app.study.option_fields import WITH_FILMS, SettingError
-from app.study.options.option_table import CHANGES, SETTINGS, why_fixed
+from app.study.options.option_table import CHANGES, SETTINGS_BY_NAME, why_fixed
 from app.study.options.options import check_minimum_viewing, without_effect
 from app.study.options.own_texts import LONGEST_NAME
 from app.study.options.privacy import check_days_left, forgets_at
@@ -209,8 +209,7 @@ def _lock_unless_begun(connection: Transaction, edit: Edit) -> None:
 
 def _called(name: str) -> str:
     """Return what forms call a setting, with its name in files; the name alone where it is a table of several."""
-    label = next((setting.label for setting in SETTINGS if setting.name == name), "")
-    return f"{label} ({name})" if label else name
+    return f"{SETTINGS_BY_NAME[name].label} ({name})" if name in SETTINGS_BY_NAME else name
 
 
 def _changes(before: StudyFile, after: StudyFile) -> dict[str, Any]:

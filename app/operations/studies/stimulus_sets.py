@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import secrets
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -82,11 +82,10 @@ class KnownSet:
 
 def known_sets(settings: Settings, connection: Transaction) -> list[KnownSet]:
     """Return the stimulus sets that can be read: those in the server's folder, then those of its studies elsewhere."""
-    inside = sorted(settings.sets_dir.iterdir()) if settings.sets_dir.is_dir() else []
     known = {
         folder.resolve(): KnownSet(folder.name, content, is_here=True)
-        for folder in inside
-        if not folder.name.startswith(".") and (content := _content(folder)) is not None
+        for folder in _folders_here(settings)
+        if (content := _content(folder)) is not None
     }
     for study in all_studies(connection)[::-1]:
         folder = Path(study.set_folder) if study.set_folder else None
@@ -98,18 +97,31 @@ def known_sets(settings: Settings, connection: Transaction) -> list[KnownSet]:
     return list(known.values())
 
 
-def unreadable_sets(settings: Settings, connection: Transaction) -> dict[str, str]:
-    """Return why folders among the server's stimulus sets cannot be used, by name; what a job still makes is none."""
+def unreadable_sets(settings: Settings, connection: Transaction, known: Sequence[KnownSet]) -> dict[str, str]:
+    """Return why folders among the server's stimulus sets cannot be used, by name; what a job still makes is none.
+
+    Parameters
+    ----------
+    known : the sets that can be read, which are not read again
+    """
     reasons: dict[str, str] = {}
-    making = {place for job in list_jobs(connection, states=OPEN) for place in uses(job)}
-    for folder in sorted(settings.sets_dir.iterdir()) if settings.sets_dir.is_dir() else ():
-        if not folder.is_dir() or folder.name.startswith(".") or f"{SETS}/{folder.name}" in making:
+    passed = {each.name for each in known if each.is_here}
+    passed |= {place.removeprefix(f"{SETS}/") for job in list_jobs(connection, states=OPEN) for place in uses(job)}
+    for folder in _folders_here(settings):
+        if folder.name in passed:
             continue
         try:
             read_manifest(folder)
         except StimuliError as error:
             reasons[folder.name] = said_on_page(error).replace(f"{folder}/", "")
     return reasons
+
+
+def _folders_here(settings: Settings) -> Iterator[Path]:
+    """Yield the folders in that of the server's stimulus sets by name, but hidden ones."""
+    for folder in sorted(settings.sets_dir.iterdir()) if settings.sets_dir.is_dir() else ():
+        if folder.is_dir() and not folder.name.startswith("."):
+            yield folder
 
 
 def set_called(settings: Settings, connection: Transaction, name: str) -> KnownSet:

@@ -41,6 +41,7 @@ _OF_COLUMNS = (setting for setting in settings_of(StudyFile) if setting.name in 
 _ALL = (*_OF_COLUMNS, *settings_of(StudyOptions))
 # In the order of the form; those of no section have a page of their own: the study's Texts, and its Invitations.
 SETTINGS = tuple(setting for section in SECTIONS for setting in _ALL if setting.section == section)
+SETTINGS_BY_NAME = {setting.name: setting for setting in SETTINGS}
 CHANGES: Mapping[str, Change] = {setting.option: setting.change for setting in _ALL}
 
 

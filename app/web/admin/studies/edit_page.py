@@ -23,7 +23,7 @@ from app.store.database.engine import Database
 from app.store.studies.audit import Actor
 from app.store.studies.studies import Study, progress_of, study_by_id
 from app.store.trials.designs import conditions_of, datasets_of
-from app.study.options.option_table import SETTINGS
+from app.study.options.option_table import SETTINGS_BY_NAME
 from app.study.options.study_file import LONGEST_FILE, StudyFile, parse_study_file, with_line, write_study_file
 from app.web.admin.background import task_address
 from app.web.admin.layout import attachment, see, study_page, unix
@@ -78,7 +78,7 @@ def edit(
             now_study = study_by_id(connection, study.id)
         if now_study is None or now_study.revision == revision:
             raise
-        labels = {setting.name: setting.label for setting in SETTINGS}
+        labels = {name: setting.label for name, setting in SETTINGS_BY_NAME.items()}
         mine = merged(str(fields.get(WAS, "")), given, values_of(study_file_of(now_study)), labels)
         form = replace(_form(request, database, now_study, mine.values), clashes=mine.clashes, others=mine.others)
         return _page(request, person, now_study, form, status_code=409)

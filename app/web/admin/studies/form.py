@@ -15,7 +15,7 @@ from starlette.datastructures import FormData
 from app.errors import InvalidError, said_on_page
 from app.operations.studies.drafts import options_of
 from app.study.option_fields import Setting, SettingError
-from app.study.options.option_table import COLUMNS, SECTION_NOTES, SECTIONS, SETTINGS, why_fixed
+from app.study.options.option_table import COLUMNS, SECTION_NOTES, SECTIONS, SETTINGS, SETTINGS_BY_NAME, why_fixed
 from app.study.options.options import parse_options
 from app.study.options.own_texts import LONGEST_TEXT
 from app.study.options.practice import MOST_PRACTICE
@@ -105,8 +105,12 @@ class StudyForm:
 def in_words(error: ValueError) -> str:
     """Return a refusal in the form's words: the label in place of the setting's name."""
     field = error.field if isinstance(error, SettingError) else ""
-    label = next((setting.label for setting in SETTINGS if setting.name == field), "")
-    return error.called(label) if isinstance(error, SettingError) and label else said_on_page(error)
+    known = field in SETTINGS_BY_NAME
+    return (
+        error.called(SETTINGS_BY_NAME[field].label)
+        if isinstance(error, SettingError) and known
+        else said_on_page(error)
+    )
 
 
 def refuse(request: Request, error: ValueError) -> None:
@@ -207,9 +211,8 @@ def read_values(fields: FormData) -> dict[str, Any]:
     """
     named = {name for name in fields if not name.startswith(ANSWERS)}
     given = {*named, *map(str, fields.getlist(MARK))} - set(IN_EVERY_FORM)
-    known = {setting.name: setting for setting in SETTINGS}
-    names = {name if name in known else name.partition(".")[0] for name in given}
-    if unknown := sorted(names - known.keys()):
+    names = {name if name in SETTINGS_BY_NAME else name.partition(".")[0] for name in given}
+    if unknown := sorted(names - SETTINGS_BY_NAME.keys()):
         raise InvalidError(f"The form has the field {unknown[0][:60]!r}, which is no setting of a study.")
     return {setting.name: _value(fields, setting) for setting in SETTINGS if setting.name in names}
 

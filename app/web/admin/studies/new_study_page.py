@@ -75,8 +75,8 @@ def new_study_page(
     with database.reading() as connection:
         known = known_sets(settings(request), connection)
         drafts = drafts_of(connection, person.name)
-        unreadable = unreadable_sets(settings(request), connection)
-    chosen = next((each for each in known if each.name == (stimulus_set or chosen_set)), None)
+        chosen = next((each for each in known if each.name == (stimulus_set or chosen_set)), None)
+        unreadable = {} if chosen else unreadable_sets(settings(request), connection, known)
     if chosen is None:
         names = {each.name: each.title for each in known}
         context = {

@@ -45,7 +45,7 @@ def sets_page(request: Request, person: Person, database: Store) -> Response:
     with database.reading() as connection:
         known = known_sets(server, connection)
         users = {stimulus_set.name: studies_of(connection, stimulus_set) for stimulus_set in known}
-        unreadable = unreadable_sets(server, connection)
+        unreadable = unreadable_sets(server, connection, known)
     context = {"sets": known, "unreadable": unreadable, "users": users, "largest_mb": server.largest_upload_mb}
     return page(request, "sets", person, context)
 
