@@ -99,16 +99,16 @@ def means_with_errors(values: Array) -> tuple[Array, Array, Array]:
 
     Parameters
     ----------
-    values : float64 (R, P, M), of R tables, NaN where missing; each has values of two participants or more
+    values : float64 (R, P, M), of R tables, NaN where missing
 
     Returns
     -------
-    three float64 (R,)
+    three float64 (R,); without values of two participants the last is 0 or less, and the others mean nothing
     """
     there = ~np.isnan(values)
     known, rated = np.where(there, values, 0.0), there.astype(np.float64)
     times, n = rated.sum(axis=1), there.any(axis=2).sum(axis=1)
-    n_items = (times > 0).sum(axis=1)
+    n_items = np.maximum((times > 0).sum(axis=1), 1)
     item_means = known.sum(axis=1) / np.maximum(times, 1)
     mean = item_means.sum(axis=1) / n_items
     is_single = times == 1
@@ -140,7 +140,8 @@ def _freedom(rated: Array) -> Array:
     both = np.swapaxes(rated, 1, 2) @ rated  # G = diag(alone) - sum of together r r'
     trace = alone.sum(axis=1) - (together * times).sum(axis=1)
     squares = (alone * (alone - 2 * shared)).sum(axis=1) + np.einsum("rm,rmn,rn->r", together, both**2, together)
-    return np.asarray(np.minimum(rated.any(axis=2).sum(axis=1) - 1.0, trace**2 / squares))
+    freedom = trace**2 / np.where(squares > 0, squares, 1.0)
+    return np.asarray(np.minimum(rated.any(axis=2).sum(axis=1) - 1.0, freedom))
 
 
 def item_rows(table: RatingTable) -> Iterator[dict[str, Any]]:
