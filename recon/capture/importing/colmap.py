@@ -15,7 +15,8 @@ from pathlib import Path
 from recon.capture.format import Capture
 from recon.capture.images import CaptureError
 from recon.capture.importing.colmap_model import find_model, read_model
-from recon.capture.importing.sources import ImportOptions, write_recording
+from recon.capture.importing.into_capture import write_recording
+from recon.capture.importing.sources import ImportOptions
 from recon.capture.importing.views import View, bounds_of_points, choose_sensors
 from recon.geometry.rig import rigid
 

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from recon.capture.format import Capture
 from recon.capture.images import CaptureError
+from recon.capture.importing.into_capture import write_recording
 from recon.capture.importing.lenses import with_lens
-from recon.capture.importing.sources import ImportOptions, Recording, SensorSource, faults_at, write_recording
+from recon.capture.importing.sources import ImportOptions, Recording, SensorSource, faults_at
 from recon.capture.importing.views import tell_absent
 from recon.capture.pictures import Pictures, find_pictures
 from recon.geometry.lens_names import model_name

@@ -28,7 +28,8 @@ from recon.capture.importing.calibrations.placed import CAMERA_FROM_WORLD, Place
 from recon.capture.importing.calibrations.robots import read_ros
 from recon.capture.importing.depth_cameras.aligned import Alignment
 from recon.capture.importing.depth_cameras.sequences import LATEST_S, METRE, DepthCamera, Shot, recorded
-from recon.capture.importing.sources import ImportOptions, write_recording
+from recon.capture.importing.into_capture import write_recording
+from recon.capture.importing.sources import ImportOptions
 from recon.capture.importing.views import View, choose_sensors
 from recon.capture.recording import SIDES
 from recon.geometry.rig import Camera, rigid

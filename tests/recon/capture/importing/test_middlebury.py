@@ -168,7 +168,7 @@ def test_nothing_is_overwritten_and_nothing_half_written_is_left(
     def full_disk(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("recon.capture.importing.sources.write_capture", full_disk)
+    monkeypatch.setattr("recon.capture.importing.into_capture.write_capture", full_disk)
     with pytest.raises(OSError, match="No space"):
         import_middlebury(source, out, pairs=PAIRS, n_frames=1)
     assert list(out.iterdir()) == []
