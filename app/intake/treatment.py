@@ -21,6 +21,8 @@ from app.files import whole_file
 SUFFIX = ".mp4"  # of films that were encoded again
 PREVIEW_WIDTH, PREVIEW_S = 960, 20  # pixels and seconds at most
 FILM_CRF, LOSSLESS = "10", "0"  # x264's: 45 dB and more, and no loss at all
+RANGES = {"limited": "tv", "full": "pc"}  # in ffmpeg's words
+MOST_BEYOND = 0.002  # share of pixels beyond the limited range from which it matters which range is meant
 _ENCODING = ("-c:v", "libx264", "-preset", "medium", "-g", "25", "-threads", "1")
 _CLEAN = ("-an", "-map_metadata", "-1", "-map_chapters", "-1", "-fflags", "+bitexact", "-movflags", "+faststart")
 
@@ -70,6 +72,9 @@ def treatment_of(path: Path, facts: VideoFacts) -> Treatment:
     filters: list[str] = []
     done: list[str] = []
     width, height = facts.width, facts.height
+    if look.said_range == "pc" or look.beyond > MOST_BEYOND:
+        filters.append(f"setparams=range={look.shown_range}")
+        done.append(f"its values read as {'full' if look.shown_range == 'pc' else 'limited'} range, as was said")
     if look.is_interlaced:
         filters.append("bwdif=mode=send_frame")
         done.append("deinterlaced (bwdif, a picture for each two fields)")
@@ -196,7 +201,7 @@ def colours_told(facts: VideoFacts) -> str:
     assert look is not None, "decode looks at every film"
     matrix, values = look.shown_matrix(facts.width, facts.height), look.shown_range
     guessed = [] if look.matrix != UNTAGGED or look.is_rgb else ["matrix"]
-    guessed += [] if look.color_range != UNTAGGED else ["range"]
+    guessed += ["range"] if look.color_range == UNTAGGED and not look.said_range else []
     how = f"{' and '.join(guessed)} guessed from size and format" if guessed else "tagged"
     return f"{look.bits} bits, {'RGB' if look.is_rgb else matrix}, range {values} ({how})"
 
@@ -232,6 +237,13 @@ def _check_readable(path: Path, facts: VideoFacts, look: Look) -> None:
             by_command="lay it on black by "
             f"`ffmpeg -i {quoted} -vf premultiply=inplace=1,format=yuv444p -crf 10 NEW.mp4`",
             on_page="export it again on a background of your choice",
+        )
+    if look.beyond > MOST_BEYOND and not look.said_range:
+        raise StimuliError(
+            f"{path}: does not say whether its values have the limited range (16 to 235) or the full one (0 to 255), "
+            f"and {100 * look.beyond:.2g} % of its pixels lie beyond the limited one, which would be cut off",
+            by_command="say which it is by `--range full` or `--range limited`",
+            on_page="choose its range below “range of films that do not say theirs” and send the films again",
         )
 
 

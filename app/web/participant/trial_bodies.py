@@ -191,9 +191,8 @@ class TroubleBody(Strict):
 
 class VoteBody(Strict):
     id: Annotated[
-        str,
+        UUID,
         Field(
-            pattern=UUID,
             examples=["019aad55-2c00-7f5e-9a51-0c6b7f3d2e18"],
             description="made by the client, the same whenever it sends the vote again; any UUID, best of version 7",
         ),
