@@ -96,9 +96,11 @@ def import_recording(name: str, source: Path, out: Path, options: ImportOptions)
         raise CaptureError(f"{source}: is not whole: {type(error).__name__} {error}") from error
     except ValueError as error:
         likely = [] if FORMATS[name].is_in(source) else _known(source)
-        if not likely:
+        if isinstance(error, CaptureError) and not likely:
             raise
-        raise CaptureError(f"{error}; the source looks like {' or '.join(likely)}") from error
+        place = "" if str(source) in str(error) else f"{source}: "
+        looks = f"; the source looks like {' or '.join(likely)}" if likely else ""
+        raise CaptureError(f"{place}{error}{looks}") from error
 
 
 def find_format(source: Path) -> str:
