@@ -269,7 +269,7 @@ def _factor(logarithm: float) -> float:
 def _fit(
     changed: Callable[[NDArray[np.float64]], Sensor], n_unknowns: int, matches: Matches, *, largest: float = np.inf
 ) -> tuple[NDArray[np.float64], float]:
-    """Fit the unknowns, none beyond `largest`, that bring the matches nearest to their epipolar lines; return also the median distance left."""
+    """Fit unknowns within `largest` that bring matches nearest to their lines; return the median distance left, too."""
 
     def errors(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
         return epipolar_errors(changed(unknown), matches)
