@@ -34,7 +34,7 @@ from recon.capture.pictures import Pictures, find_pictures
 from recon.capture.recording import FRAME_FIELD, SIDES, DepthFacts, check_facts, frames_after
 from recon.geometry.lens_names import NAME_KEYS, model_name
 from recon.geometry.rig import UNITS_MM, Camera, rigid
-from recon.runtime.files import allowed, read_json
+from recon.runtime.files import allowed, any_case, read_json
 
 DIST_KEYS = ("dist", "dist_left", "dist_right")
 POSES = ("cam_from_world", "world_from_cam", "right_from_left", "left_from_right")
@@ -96,7 +96,7 @@ def import_json(
 
 
 def _description_in(folder: Path) -> Path:
-    paths = sorted(folder.glob("*.json"))
+    paths = sorted(folder.glob(any_case("*.json")))
     if len(paths) != 1:
         named = f" ({', '.join(path.name for path in paths)})" if paths else ""
         raise CaptureError(f"{folder}: holds {len(paths)} JSON files{named}, expected one that describes the recording")
