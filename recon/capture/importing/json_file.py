@@ -32,7 +32,7 @@ from recon.capture.importing.sources import DepthSource, ImportOptions, Recordin
 from recon.capture.importing.views import tell_absent
 from recon.capture.pictures import Pictures, find_pictures
 from recon.capture.recording import FRAME_FIELD, SIDES, DepthFacts, check_facts, frames_after
-from recon.geometry.lens_names import NAME_KEYS, model_name
+from recon.geometry.lens_names import model_name
 from recon.geometry.rig import UNITS_MM, Camera, rigid
 from recon.runtime.files import allowed, any_case, read_json
 
@@ -256,13 +256,7 @@ def _numbers(content: Mapping[str, Any], key: str) -> NDArray[np.float64]:
 
 def _dist(content: Mapping[str, Any], key: str) -> NDArray[np.float64]:
     for name, value in content.items():  # a slip would leave the distortion out without a word
-        if (
-            name.lower().startswith("dist")
-            and name not in NAME_KEYS
-            and name not in DIST_KEYS
-            and isinstance(value, list)
-            and any(value)
-        ):
+        if name.lower().startswith("dist") and name not in DIST_KEYS and isinstance(value, list) and any(value):
             raise CaptureError(f"{name} is not read, expected {key}")
     return _numbers({key: [], **content}, key)
 

@@ -67,6 +67,29 @@ def opencv_file(path: Path, dist: NDArray[np.float64], line: str = "") -> None:
     path.write_text(path.read_text() + line)
 
 
+@pytest.mark.parametrize(
+    "entry",
+    [
+        {"distortion_model": "equidistant", "camera_model": "pinhole"},  # as Kalibr has both
+        {"DistortionModel": "Equidistant"},
+        {"lens-type": "fisheye", "model": "acA1920"},
+        {"distortion_model1": "kb4", "distortion_model2": "kb4"},
+        {"lens": "Kannala-Brandt"},
+        {"kind": "scene", "type": "fisheye"},
+    ],
+)
+def test_a_fisheye_is_known_at_whatever_key_it_is_named(entry: dict[str, str]) -> None:
+    assert isinstance(with_lens(PINHOLE, model_name(entry), LENS), FisheyeCamera)
+
+
+def test_a_pair_of_two_models_and_a_name_that_is_not_read_are_refused() -> None:
+    with pytest.raises(ValueError, match="the cameras have the models equidistant and plumb_bob, expected one"):
+        model_name({"distortion_model1": "equidistant", "distortion_model2": "plumb_bob"})
+    with pytest.raises(CaptureError, match="the camera model is Double Sphere, expected one of"):
+        with_lens(PINHOLE, model_name({"optics": "Double Sphere"}), LENS)
+    assert model_name({"name": "fisheye", "kind": "sphere", "model_number": "D435"}) is None
+
+
 def test_the_maps_are_those_of_the_models_formula() -> None:
     camera = with_lens(PINHOLE, model_name({"fisheye_model": 1.0}), LENS)
     assert isinstance(camera, FisheyeCamera)
