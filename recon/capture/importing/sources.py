@@ -161,10 +161,11 @@ def faults_at(place: object) -> Iterator[None]:
 
 def turn_of(quaternion: ArrayLike) -> NDArray[np.float64]:
     """Return the rotation (3, 3) of a quaternion x, y, z, w, or raise a CaptureError if its length is not 1."""
-    length = float(np.linalg.norm(np.asarray(quaternion, np.float64)))
+    parts = np.asarray(quaternion, np.float64)
+    length = float(np.linalg.norm(parts))
     if not abs(length - 1) <= QUATERNION_TOLERANCE:
         raise CaptureError(f"a rotation is a quaternion of the length {length:g}, expected 1")
-    return np.asarray(Rotation.from_quat(quaternion).as_matrix())
+    return np.asarray(Rotation.from_quat(parts).as_matrix())
 
 
 def parse_unit(text: str) -> float:

@@ -329,6 +329,13 @@ def test_a_film_without_its_range_is_asked_about_where_its_values_tell_that_the_
         assert treatment_of(film, facts).done == ()  # asks nothing again
 
 
+def test_noise_in_a_film_without_its_range_asks_nothing(tmp_path: Path) -> None:
+    film = tmp_path / "films" / "scene" / "noisy.mp4"
+    tiny_stimuli.encode(film, f"testsrc2=s=64x48:r=25,format=yuv420p,noise=alls=30:allf=t,{UNTAGGED}")
+    made = import_stimuli(tmp_path / "films", tmp_path / "set")
+    assert made.stimulus_set.stimuli[0].video == "scene/noisy.mp4"
+
+
 def luma_of_black(film: Path) -> int:
     """The luma in the middle of the black patch."""
     command = [FFMPEG, "-v", "error", "-i", str(film), "-frames:v", "1", "-f", "rawvideo", "-pix_fmt", "yuv420p", "-"]
