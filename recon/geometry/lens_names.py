@@ -20,7 +20,8 @@ PERSPECTIVE = (
     "none",
 )
 UNLIKE = ("inverse_brown_conrady", "modified_brown_conrady")  # of RealSense: other formulas, mostly without numbers
-FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "kb4", "kannalabrandt8", "opencv_fisheye")
+FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "kannala_brandt4", "kb4", "kannalabrandt8", "opencv_fisheye")
+FISHEYE_KEY = "fisheye_model"  # 1 or 0, as OpenCV's program of one camera writes it
 
 
 def plain_name(model: str | None) -> str | None:
@@ -30,4 +31,6 @@ def plain_name(model: str | None) -> str | None:
 
 def model_name(*entries: Mapping[str, Any]) -> str | None:
     """Return the first name of a camera's model in parts of a calibration; None where nothing names it."""
+    if any(entry.get(FISHEYE_KEY) in (1, "1") for entry in entries):
+        return FISHEYE[0]
     return next((str(entry[key]) for entry in entries for key in NAME_KEYS if isinstance(entry.get(key), str)), None)

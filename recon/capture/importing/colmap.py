@@ -15,7 +15,8 @@ from pathlib import Path
 from recon.capture.format import Capture
 from recon.capture.images import CaptureError
 from recon.capture.importing.colmap_model import find_model, read_model
-from recon.capture.importing.sources import ImportOptions, write_recording
+from recon.capture.importing.into_capture import write_recording
+from recon.capture.importing.sources import ImportOptions, faults_at
 from recon.capture.importing.views import View, bounds_of_points, choose_sensors
 from recon.geometry.rig import rigid
 
@@ -50,8 +51,9 @@ def import_colmap(
     masks = images.with_name("masks")
     views = {}
     for number, image in model.images.items():
-        pose = rigid(image.pose[:3, :3], image.pose[:3, 3] * options.unit_mm)
-        camera = replace(model.cameras[image.camera], cam_from_world=pose)
+        with faults_at(f"{folder}: image {number} {image.name}"):
+            pose = rigid(image.pose[:3, :3], image.pose[:3, 3] * options.unit_mm)
+            camera = replace(model.cameras[image.camera], cam_from_world=pose)
         mask = masks / f"{image.name}.png"
         views[number] = View(image.name, camera, images / image.name, mask=mask if mask.is_file() else None)
     bounds = bounds_of_points(model.points * options.unit_mm)

@@ -24,12 +24,13 @@ from recon.capture.importing.colmap_model import FOLDERS
 from recon.capture.importing.depth_cameras.bags import import_bag
 from recon.capture.importing.depth_cameras.kinect import import_kinect
 from recon.capture.importing.depth_cameras.sequences import read_scannet, read_tum
+from recon.capture.importing.into_capture import write_recording
 from recon.capture.importing.json_file import import_json
 from recon.capture.importing.meshroom import SFM_FILES, import_meshroom
 from recon.capture.importing.middlebury import FPS, TEMPLE_PAIRS, import_middlebury
 from recon.capture.importing.nerfstudio import TRANSFORMS, import_nerfstudio
 from recon.capture.importing.opencv import import_opencv
-from recon.capture.importing.sources import ImportOptions, Recording, write_recording
+from recon.capture.importing.sources import ImportOptions, Recording
 from recon.capture.importing.views import choose_sensors
 
 AUTO = "auto"
@@ -95,9 +96,11 @@ def import_recording(name: str, source: Path, out: Path, options: ImportOptions)
         raise CaptureError(f"{source}: is not whole: {type(error).__name__} {error}") from error
     except ValueError as error:
         likely = [] if FORMATS[name].is_in(source) else _known(source)
-        if not likely:
+        if isinstance(error, CaptureError) and not likely:
             raise
-        raise CaptureError(f"{error}; the source looks like {' or '.join(likely)}") from error
+        place = "" if str(source) in str(error) else f"{source}: "
+        looks = f"; the source looks like {' or '.join(likely)}" if likely else ""
+        raise CaptureError(f"{place}{error}{looks}") from error
 
 
 def find_format(source: Path) -> str:

@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from recon.capture.format import Capture, CaptureError
-from recon.capture.importing.sources import ImportOptions, Recording, SensorSource, faults_at, write_recording
+from recon.capture.importing.into_capture import write_recording
+from recon.capture.importing.sources import ImportOptions, Recording, SensorSource, faults_at
 from recon.capture.importing.views import tell_absent
 from recon.capture.pictures import Pictures
 from recon.capture.recording import check_bounds

@@ -101,6 +101,7 @@ def tell_absent(source: Path, names: Sequence[str]) -> None:
 
 def bounds_of_points(points: NDArray[np.floating]) -> NDArray[np.float64] | None:
     """Return bounds (2, 3) around most of the points (N, 3), in their unit; None for fewer than two."""
+    points = points[np.isfinite(points).all(axis=1)]
     if len(points) < 2:
         return None
     box = np.quantile(points, BOUNDS_SHARE, axis=0)
@@ -117,6 +118,8 @@ def bounds_of_depths(ranges: Iterable[tuple[Camera, float, float]]) -> NDArray[n
     """
     boxes = []
     for camera, near, far in ranges:
+        if not np.isfinite([near, far]).all():
+            continue
         width, height = camera.size
         corners = viewing_directions(camera, np.array([[0.0, 0], [width, 0], [0, height], [width, height]]))
         seen = transformed(np.concatenate([corners * near, corners * far]), np.linalg.inv(camera.cam_from_world))

@@ -5,7 +5,7 @@ A name from outside never becomes a path: sets are chosen from the list, and nam
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 from urllib.parse import quote
 
 from fastapi import APIRouter, Depends, Form, Path, Query, Request
@@ -134,6 +134,7 @@ async def upload(
     database: Store,
     name: Annotated[str, Query(max_length=200)] = "",
     conform: bool = False,
+    untagged_range: Annotated[Literal["", "limited", "full"], Query(alias="range")] = "",
     then: Literal["", "study"] = "",
 ) -> Response:
     """Take a zip file of films, or of a stimulus set; it is unpacked, looked at and checked in the background.
@@ -141,7 +142,6 @@ async def upload(
     `then=study` leads on to the form of a study of it.
     """
     server = settings(request)
-    task = await begin_installing(
-        request, server, actor, database, name, is_conformed=conform, is_for_study=then == "study"
-    )
+    told: dict[str, Any] = {"is_conformed": conform, "untagged_range": untagged_range, "is_for_study": then == "study"}
+    task = await begin_installing(request, server, actor, database, name, **told)
     return JSONResponse({"task": task_address(task)}, 202)

@@ -17,6 +17,7 @@ from recon.capture.importing.lenses import FisheyeCamera, with_lens
 from recon.capture.importing.nerfstudio import import_nerfstudio
 from recon.capture.importing.opencv import import_opencv
 from recon.capture.importing.sources import ImportOptions
+from recon.geometry.lens_names import model_name
 from recon.geometry.rig import Camera
 from tests.recon.capture.importing.labelled_recording import BOUNDS, OPTIONS, SIZE, colmap_model
 
@@ -67,8 +68,9 @@ def opencv_file(path: Path, dist: NDArray[np.float64], line: str = "") -> None:
 
 
 def test_the_maps_are_those_of_the_models_formula() -> None:
-    camera = with_lens(PINHOLE, "Kannala-Brandt", LENS)
+    camera = with_lens(PINHOLE, model_name({"fisheye_model": 1.0}), LENS)
     assert isinstance(camera, FisheyeCamera)
+    assert isinstance(with_lens(PINHOLE, "Kannala Brandt4", LENS), FisheyeCamera)
     rows, columns = np.mgrid[0 : SIZE[1] : 17, 0 : SIZE[0] : 23]
     expected = distorted(np.stack([columns.ravel(), rows.ravel()], axis=1).astype(float))
     found = np.stack([part[::17, ::23].ravel() for part in camera._maps], axis=1)

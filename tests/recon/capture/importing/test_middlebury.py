@@ -91,7 +91,7 @@ def test_views_whose_relative_poses_differ_are_no_rig(tmp_path: Path) -> None:
     [
         ("N_VIEWS", "line 1: announces '9' views, 8 lines follow"),
         ("short", "line 3: 20 numbers after the name, expected 21"),
-        ("word", "line 3: could not convert string to float: 'far'"),
+        ("word", "line 3: 'far' stands where a number is expected"),
         ("scaled", "line 3: cam_from_world is not a rigid transform"),
         ("twice", "line 3: view 1 is listed twice"),
         ("unnumbered", "line 3: the name 'ring.png' does not end with the view's number"),
@@ -168,7 +168,7 @@ def test_nothing_is_overwritten_and_nothing_half_written_is_left(
     def full_disk(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("recon.capture.importing.sources.write_capture", full_disk)
+    monkeypatch.setattr("recon.capture.importing.into_capture.write_capture", full_disk)
     with pytest.raises(OSError, match="No space"):
         import_middlebury(source, out, pairs=PAIRS, n_frames=1)
     assert list(out.iterdir()) == []
