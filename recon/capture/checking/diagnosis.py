@@ -274,10 +274,10 @@ def _fit(
     def errors(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
         return epipolar_errors(changed(unknown), matches)
 
-    start = np.zeros(n_unknowns)
-    step, within = np.full(n_unknowns, 1e-4), (-largest, largest)
-    how = {"loss": "soft_l1", "f_scale": INLIER_PX, "diff_step": step, "x_scale": 0.01}
-    fit = least_squares(errors, start, bounds=within, **how)
+    start, step = np.zeros(n_unknowns), np.full(n_unknowns, 1e-4)
+    fit = least_squares(
+        errors, start, bounds=(-largest, largest), loss="soft_l1", f_scale=INLIER_PX, diff_step=step, x_scale=0.01
+    )
     return fit.x, _median(epipolar_errors(changed(fit.x), matches))
 
 
