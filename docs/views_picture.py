@@ -55,7 +55,7 @@ def sheet(drawn: Panels) -> NDArray[np.uint8]:
 
 def write_blind(folder: Path, rows: list[Panels]) -> None:
     """Write the photographs, and the models in random order."""
-    key = {}
+    key: dict[str, str] = {}
     for number, drawn in enumerate(rows, 1):
         names = [name for name in drawn if name != "photograph"]
         random.SystemRandom().shuffle(names)
