@@ -4,8 +4,8 @@ BIN := $(VENV)/bin
 SOURCES := app ground recon migrations tests bench deploy docs setup.py
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 # All tests run in a process for each core and two more, as those in a browser wait half of their time. File by file, so
-# that what a file's tests share is made once; in the order of their names, as the files of few and long tests would
-# otherwise come last, and alone.
+# that what a file's tests share is made once; in the order of their names, but those in a browser between the others
+# (tests/conftest.py), as the files of few and long tests would otherwise come last, and alone.
 # Quick tests, which do not wait, run in two halves beside each other, as to read all files takes a process 20 seconds.
 CORES := $(shell nproc)
 HALF := $(shell expr $(CORES) / 2)

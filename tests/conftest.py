@@ -166,6 +166,22 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return True if is_file and WITHOUT_QUICK.search(collection_path.read_text(encoding="utf-8")) else None
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Spread the files that wait for a browser evenly between those that compute, where processes share the cores."""
+    if not hasattr(config, "workerinput"):
+        return
+    files: dict[Path, list[pytest.Item]] = {}
+    for item in items:
+        files.setdefault(item.path, []).append(item)
+    waits = {path: any(item.get_closest_marker("browser") for item in found) for path, found in files.items()}
+    places: dict[Path, float] = {}
+    for kind in (True, False):
+        paths = [path for path in files if waits[path] is kind]
+        places |= {path: (number + 0.5) / len(paths) for number, path in enumerate(paths)}
+    items[:] = [item for path in sorted(files, key=places.__getitem__) for item in files[path]]
+
+
 def pytest_collection_finish() -> None:
     """Keep what was imported and collected out of every later search for unused objects."""
     gc.collect()

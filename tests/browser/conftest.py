@@ -56,11 +56,14 @@ def votes_kept() -> Iterator[Condition]:
 
 @pytest.fixture(scope="session")
 def server(settings: Settings) -> Iterator[str]:
-    """A server whose looks stand any gap: pages of a busy machine are often late, which but some tests are about."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(smoothness, "LONGEST_GAP_S", BUSY_S)
-        with running_server(settings) as url:
-            yield url
+    with running_server(settings) as url:
+        yield url
+
+
+@pytest.fixture(autouse=True)
+def patient_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let looks stand any gap: pages of a busy machine are often late, which but some tests are about."""
+    monkeypatch.setattr(smoothness, "LONGEST_GAP_S", BUSY_S)
 
 
 @pytest.fixture(scope="session")
