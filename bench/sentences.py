@@ -365,7 +365,7 @@ def rating_lines(n_studies: int, seed: int) -> Iterator[str]:
             table = _rated(ratings)
             alarms = [alarm is not None and alarm < FALSE_ALARMS for alarm in _alarms(table)]
             honest.append(float(any(alarms[:first])))
-            named.append(float(np.mean(alarms[first:] or [np.nan])))
+            named.append(float(np.mean(alarms[first:])) if clickers else np.nan)
             tested = rating_disagreement(table)
             differ.append(np.nan if tested is None else float(tested["p_value"] < SIGNIFICANT))
         yield line(f"ratings, {name}: an honest person is named", honest)

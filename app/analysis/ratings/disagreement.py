@@ -59,7 +59,7 @@ def rating_disagreement(table: RatingTable) -> dict[str, Any] | None:
     if not by_chance.any():
         return None
     p_value = float((1 + np.count_nonzero(by_chance >= statistic - 1e-9)) / (PERMUTED + 1))
-    names = [name for name, there in zip(table.participants, is_there.tolist(), strict=True) if there]
+    names = [table.participants[index] for index in np.flatnonzero(is_there)]
     camps = None
     if p_value < SIGNIFICANT:
         opinions = known / np.maximum(n_rated, 1)
