@@ -36,6 +36,7 @@ BROKEN = (  # what reading raises where the document says something else than th
 )
 WRITE_SRGB = ("trimesh", "Open3D")  # programs, as `asset.generator` names them
 VertexColours = Literal["linear", "srgb"]
+QUATERNION_TOLERANCE = 0.01  # of its length
 WHITE = 0.998  # vertex colours above that leave a texture as it is
 
 
@@ -272,7 +273,10 @@ def _transform(node: Mapping[str, Any]) -> NDArray[np.float64]:
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T  # column by column
     transform = np.eye(4)
-    rotation = Rotation.from_quat(node["rotation"]).as_matrix() if "rotation" in node else np.eye(3)
+    turn = np.array(node.get("rotation", [0.0, 0.0, 0.0, 1.0]), dtype=np.float64)
+    if not abs(float(np.linalg.norm(turn)) - 1) <= QUATERNION_TOLERANCE:
+        raise ValueError(f"the rotation of a node is {turn.tolist()}, expected a quaternion of the length 1")
+    rotation = Rotation.from_quat(turn).as_matrix()
     transform[:3, :3] = rotation * np.array(node.get("scale", [1.0] * 3), dtype=np.float64)
     transform[:3, 3] = node.get("translation", [0.0] * 3)
     return transform
