@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from ground.fields import Expected
 
 DATA_FOLDER = "reconstudy"  # below the folder in which a command runs, where nothing else is said
 
@@ -27,7 +29,7 @@ class Settings(BaseSettings):
         description="folder of recordings, films and what jobs made of them; unset: intake in the data folder",
     )
     largest_upload_mb: int = Field(default=4096, ge=1, description="limit of an uploaded zip file, packed and unpacked")
-    jobs_cluster: str | None = Field(
+    jobs_cluster: Annotated[str | None, Expected("the address of a scheduler, such as tcp://HOST:8786")] = Field(
         default=None,
         pattern=r"^[a-z]+://\S+$",
         description="Dask scheduler of jobs that reconstruct, tcp://HOST:8786; unset: their worker does it",
@@ -52,7 +54,7 @@ class Settings(BaseSettings):
     second_factor: Literal["offered", "required"] = Field(
         default="offered", description="required: without one, the dashboard shows an experimenter their account alone"
     )
-    public_url: str | None = Field(
+    public_url: Annotated[str | None, Expected("http:// or https:// and a host, without a path")] = Field(
         default=None,
         pattern="^https?://[^/]+$",
         description="address that people use, for links, for example https://study.example.org; unset: as they ask",
@@ -62,7 +64,7 @@ class Settings(BaseSettings):
         description="host names to answer to, with commas between, * for any; unset: IP addresses and this machine's "
         "name; that of the public address always",
     )
-    media_accel: str | None = Field(
+    media_accel: Annotated[str | None, Expected("a path that begins and ends with /")] = Field(
         default=None,
         pattern="^/.*/$",
         description="internal nginx path of the pair videos, for example /pairs/",

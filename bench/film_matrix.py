@@ -3,15 +3,20 @@
 The kinds are the whole product of 5 codecs, 4 containers, pixel shapes, rotations, ranges, matrices, transfers, depths,
 interlacing, odd sizes and sound, less what a codec or a container cannot hold: tens of thousands of films. Without
 `--whole` those are made that have every three of these properties together at least once, then others by lot while
-there is time; `--only bt2020nc,8` takes those alone that have these values. A film is shown right (each patch within 3
-levels of what lies between the truth and what Chromium makes of a lossless film of it, which is up to 6 levels off in
-blue) or refused with a way out; printed are the numbers of both, the refusals, and every film that is neither. Where 8
-bits are too few for a film's own colours (BT.2020, PQ, HLG), their step counts, too.
+there is time; `--only bt2020nc,8` takes those alone that have these values, and `--lot` draws all by lot from the whole
+product.
+
+A film is shown right (each patch within 3 levels of the truth) or refused with a way out; printed are the numbers of
+both, the refusals, and every film that is neither. The truth is what the film's own values mean: decoded by ffmpeg, and
+turned into colours in floating point by the formulas of the standards. What is seen are the values that the browser
+decoded, turned into colours by the matrix and the range that the browser says it uses: Chromium's own drawing without a
+graphics card rounds blue by up to 6 levels.
 """
 
 from __future__ import annotations
 
 import argparse
+import base64
 import json
 import random
 import subprocess
@@ -20,7 +25,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from fractions import Fraction
-from functools import cache
 from itertools import combinations, product
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -32,18 +36,18 @@ from playwright.sync_api import Page, sync_playwright
 
 from app.errors import StimuliError
 from app.ffmpeg import look_at
+from app.ffmpeg.look import SDR_NITS, Look
 from app.films.pairs import FilmMaker, prepare_alone
 from app.intake.import_videos import import_stimuli
 from app.operations.studies.play_films import find_browser
 from tests.app.intake.test_treatment import (
+    FFMPEG,
     HEIGHT,
     MOST_LEVELS,
     WIDTH,
     Case,
-    shown,
-    truth,
+    mobius,
     write,
-    write_patches,
 )
 
 LOSSLESS = {
@@ -62,8 +66,48 @@ MATRICES = {  # of zscale, its primaries, and ffmpeg's name of both
     "untagged HD": ("709", "bt709", "", ""),
 }
 HDR = {"smpte2084": "PQ", "arib-std-b67": "HLG"}
-WAY_OUT = "`ffmpeg"
+WAYS_OUT = ("`ffmpeg", "`--range")
+ASKED = "`--range"
+GAMMA = 2.4  # of displays: ITU-R BT.1886
+WEIGHTS = {"bt709": (0.2126, 0.0722), "smpte170m": (0.299, 0.114), "bt2020nc": (0.2627, 0.0593)}  # of red and blue
+FFMPEG_NAMES = {"709": "bt709", "170m": "smpte170m", "2020_ncl": "bt2020nc"}  # by those of zscale
+PRIMARIES = {
+    "bt709": ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06)),
+    "170m": ((0.63, 0.34), (0.31, 0.595), (0.155, 0.07)),
+    "bt2020": ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046)),
+}
+PLANES = """async ([film, rows, columns]) => {
+  const bytes = Uint8Array.from(atob(film), (letter) => letter.charCodeAt(0));
+  const video = Object.assign(document.createElement("video"), { muted: true });
+  video.src = URL.createObjectURL(new Blob([bytes], { type: "video/mp4" }));
+  await new Promise((resolve, reject) => {
+    video.onerror = () => reject(video.error.message);
+    video.requestVideoFrameCallback(resolve);
+    video.play();
+  });
+  const frame = new VideoFrame(video);
+  if (frame.format !== "I420") throw new Error(`decoded as ${frame.format}, expected I420`);
+  const data = new Uint8Array(frame.allocationSize());
+  const layout = await frame.copyTo(data);
+  const { videoWidth: width, videoHeight: height } = video;
+  const inner = (at, length, parts) => [0.25, 0.75].map((side) => Math.floor(((at + side) * length) / parts));
+  const patch = (plane, row, column) => {
+    const half = plane ? 2 : 1;
+    const [top, bottom] = inner(row, height / half, rows);
+    const [left, right] = inner(column, width / half, columns);
+    let sum = 0;
+    for (let y = top; y < bottom; y++)
+      for (let x = left; x < right; x++) sum += data[layout[plane].offset + y * layout[plane].stride + x];
+    return sum / (bottom - top) / (right - left);
+  };
+  const three = (row, column) => [0, 1, 2].map((plane) => patch(plane, row, column));
+  const means = [...Array(rows).keys()].map((row) => [...Array(columns).keys()].map((column) => three(row, column)));
+  return [width, height, frame.colorSpace.toJSON(), means];
+}"""  # of the inner half of each patch, luma and both chromas as they were decoded
 TRIES = 60  # films by lot, of which the one with most that is new is taken
+
+
+Values = NDArray[np.float64]
 
 
 class Kind(NamedTuple):
@@ -104,13 +148,15 @@ class Found:
     Parameters
     ----------
     n_right, n_refused : films
-    refusals : their number by the refusal's words
+    refusals : their number by the refusal's words; asked for the range, they go on with the answer
+    most_levels : of a film that is right, from the truth
     wrong : what is wrong, by film
     """
 
     n_right: int
     n_refused: int
     refusals: Counter[str]
+    most_levels: float
     wrong: dict[str, str]
 
 
@@ -120,7 +166,6 @@ def can_be(kind: Kind) -> bool:
     return (
         kind.codec in held.get(kind.container, LOSSLESS)
         and (kind.codec != "prores" or kind.bits == 10)
-        and not (kind.codec == "prores" and kind.color_range == "pc")  # said to be guessed
         and not (kind.is_interlaced and kind.codec not in ("h264", "prores"))
         and not (kind.is_interlaced and kind.is_odd)
         and not (kind.is_odd and kind.matrix == "untagged HD")  # one film fewer of each size
@@ -133,8 +178,7 @@ def case_of(kind: Kind) -> Case:
     is_hdr = kind.transfer in HDR
     if is_hdr and not matrix_tag:  # as HDR without further tags is read
         matrix, primaries = "2020_ncl", "bt2020"
-    rows = "444" if kind.is_odd else "422" if kind.codec == "prores" else "420"
-    level = f"yuv{rows}p" + ("10le" if kind.bits == 10 else "")
+    level = stored_format(kind)
     light = f":t={kind.transfer}:npl=203" if is_hdr else ":t=bt709"
     color_range = {"tv": "limited", "pc": "full"}[kind.color_range]
     chain = f":m={matrix}:r={color_range}:p={primaries}{light},format={level}"
@@ -159,6 +203,12 @@ def case_of(kind: Kind) -> Case:
     )
 
 
+def stored_format(kind: Kind) -> str:
+    """Return the pixel format in which a film of a kind is written."""
+    rows = "444" if kind.is_odd else "422" if kind.codec == "prores" else "420"
+    return f"yuv{rows}p" + ("10le" if kind.bits == 10 else "")
+
+
 def _encoding(kind: Kind, matrix_tag: str, primaries_tag: str) -> str:
     parts = ["-f lavfi -i sine=r=48000 -shortest -map 0:v -map 1:a"] if kind.has_sound else []
     parts.append(LOSSLESS[kind.codec].format(profile=4 if kind.is_odd else 3))
@@ -169,12 +219,17 @@ def _encoding(kind: Kind, matrix_tag: str, primaries_tag: str) -> str:
     return " ".join([*parts, *(f"-{name} {value}" for name, value in tags.items() if value)])
 
 
+def by_lot(seed: int) -> list[Kind]:
+    """Return all kinds in an order by lot."""
+    every = [kind for kind in map(Kind._make, product(*VALUES)) if can_be(kind)]
+    random.Random(seed).shuffle(every)
+    return every
+
+
 def with_all_threes(seed: int) -> list[Kind]:
     """Return kinds in which every three values that go together do so at least once, then all others by lot."""
-    lot = random.Random(seed)
-    every = [kind for kind in map(Kind._make, product(*VALUES)) if can_be(kind)]
+    lot, every = random.Random(seed), by_lot(seed)
     missing = {three for kind in every for three in _threes(kind)}
-    lot.shuffle(every)
     chosen: list[Kind] = []
     while missing:
         first = next(iter(missing))
@@ -192,49 +247,126 @@ def _threes(kind: Kind) -> set[tuple[tuple[int, object], ...]]:
 
 def fault_of(kind: Kind, folder: Path, page: Page, found: Found) -> str:
     """Import a film, and compare what a browser shows of it with the truth; return what is wrong."""
-    case, name = case_of(kind), HDR.get(kind.transfer, "")
+    case = case_of(kind)
     path = folder / "set" / "scene" / f"film{kind.container}"
     write(case, path)
     look = look_at(path)
     turns = case.turns if look.rotation else 0  # a container that forgets the rotation shows the film as it was
+    said = ""
     try:
-        stimulus_set = import_stimuli(folder / "set", folder / "made").stimulus_set
+        made = import_stimuli(folder / "set", folder / "made")
     except StimuliError as error:
-        said = str(error).replace(str(path), "FILM")
-        found.n_refused += 1
-        found.refusals[said] += 1
-        return "" if WAY_OUT in said else f"refused without a way out: {said}"
-    (film,) = prepare_alone(stimulus_set, FilmMaker(folder))
-    expected = truth(name, Case(is_grey=case.is_grey, turns=turns))
-    rows, columns = expected.shape[:2]
-    size, seen = shown(page, folder / film.file, rows, columns)
+        words = str(error).replace(str(path), "FILM")
+        if not any(way in words for way in WAYS_OUT):
+            return f"refused without a way out: {words}"
+        found.refusals[words] += 1
+        if ASKED not in words:
+            found.n_refused += 1
+            return ""
+        said = {"tv": "limited", "pc": "full"}[kind.color_range]
+        made = import_stimuli(folder / "set", folder / "made", untagged_range=said)
+    (film,) = prepare_alone(made.stimulus_set, FilmMaker(folder))
+    truth = np.rot90(colours_of(kind, path, look), turns)
+    size, seen = seen_in(page, folder / film.file, *truth.shape[:2])
     wanted = case.size if turns == case.turns else case.size[:: -1 if case.turns % 2 else 1]
     tolerance = 2 * (kind.pixel_shape != "1")  # Matroska says the shape in whole pixels
     if max(abs(one - other) for one, other in zip(size, wanted, strict=True)) > tolerance:
         return f"shown as {size}, expected {wanted}"
-    film_of_truth = true_film(page, name, case.is_grey, turns)
-    between = np.clip(seen, np.minimum(expected, film_of_truth), np.maximum(expected, film_of_truth))
-    levels = np.abs(seen - between).max()
-    most = MOST_LEVELS + own_step(kind)
-    found.n_right += int(levels <= most)
-    return "" if levels <= most else f"up to {levels:.1f} levels from the truth, of at most {most:g}"
+    levels = np.abs(seen - truth).max()
+    found.n_right += int(levels <= MOST_LEVELS)
+    found.most_levels = max(found.most_levels, float(levels) if levels <= MOST_LEVELS else 0)
+    return "" if levels <= MOST_LEVELS else f"up to {levels:.1f} levels from the truth, of at most {MOST_LEVELS}"
 
 
-def own_step(kind: Kind) -> float:
-    """Return by how many levels 8 bits of a film's own colours may be off where 3 levels do not hold that; else 0."""
-    if kind.bits != 8:
-        return 0
-    return 6 if kind.transfer in HDR else 1 if kind.matrix == "bt2020nc" else 0
+def seen_in(page: Page, film: Path, rows: int, columns: int) -> tuple[tuple[int, int], Values]:
+    """Return the size of a film in the browser, and the mean colour of each patch, (rows, columns, 3), 0 to 255."""
+    sent = [base64.b64encode(film.read_bytes()).decode(), rows, columns]
+    width, height, space, means = page.evaluate(PLANES, sent)
+    rgb = rgb_of(np.array(means), matrix=space["matrix"], is_full=space["fullRange"], bits=8)
+    return (width, height), 255 * rgb.clip(0, 1)
 
 
-@cache
-def true_film(page: Page, name: str, is_grey: bool, turns: int) -> NDArray[np.float64]:
-    """What the browser shows of a lossless film of the truth."""
-    patches = truth(name, Case(is_grey=is_grey, turns=turns))
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "true" / "film.mp4"
-        write_patches(patches.round().astype(np.uint8), path, Case())
-        return shown(page, path, *patches.shape[:2])[1]
+def colours_of(kind: Kind, path: Path, look: Look) -> Values:
+    """Return what a browser must show of each patch of a film as it is stored, (3, 4, 3), 0 to 255."""
+    matrix, primaries, *_ = MATRICES[kind.matrix]
+    if kind.transfer in HDR and kind.matrix.startswith("untagged"):
+        matrix, primaries = "2020_ncl", "bt2020"
+    is_full = kind.color_range == "pc"
+    rgb = rgb_of(
+        stored(path, look, kind),
+        matrix=FFMPEG_NAMES.get(matrix, matrix),
+        is_full=is_full,
+        bits=kind.bits,
+    )
+    to_bt709 = np.linalg.inv(xyz_of(PRIMARIES["bt709"])) @ xyz_of(PRIMARIES[primaries])
+    if kind.transfer in HDR:
+        light = np.clip(light_of(rgb, kind.transfer, matrix) @ to_bt709.T, 0, None)
+        brightest = np.maximum(light.max(axis=-1, keepdims=True), 1e-6)
+        light *= mobius(brightest, peak=look.peak_nits / SDR_NITS) / brightest
+    elif primaries == "bt709":
+        return 255 * rgb.clip(0, 1)
+    else:
+        light = rgb.clip(0, None) ** GAMMA @ to_bt709.T
+    return 255 * light.clip(0, 1) ** (1 / GAMMA)
+
+
+def stored(path: Path, look: Look, kind: Kind) -> Values:
+    """Return the mean luma and chroma of the inner half of each patch as the film holds them, not turned."""
+    pixel_format = stored_format(kind)
+    bare = [FFMPEG, "-v", "error", "-noautorotate", "-i", str(path), "-frames:v", "1", "-f", "rawvideo"]
+    raw = subprocess.run([*bare, "-pix_fmt", pixel_format, "-"], check=True, capture_output=True).stdout
+    values = np.frombuffer(raw, np.uint16 if kind.bits > 8 else np.uint8).astype(np.float64)
+    is_turned = look.rotation % 180 != 0
+    width, height = (look.height, look.width) if is_turned else (look.width, look.height)
+    across = 1 if "444" in pixel_format else 2
+    down = 2 if "420" in pixel_format else 1
+    small = (-(-height // down), -(-width // across))
+    ends = np.cumsum([0, height * width, small[0] * small[1], small[0] * small[1]])
+    planes = [
+        values[start:end].reshape(shape)
+        for start, end, shape in zip(ends, ends[1:], [(height, width), small, small], strict=False)
+    ]
+    return np.stack([patch_means(plane, 3, 4) for plane in planes], axis=-1)
+
+
+def patch_means(plane: Values, rows: int, columns: int) -> Values:
+    """Return the mean of the inner half of each patch of a plane."""
+    ys, xs = (
+        [[int((at + side) * length / parts) for side in (0.25, 0.75)] for at in range(parts)]
+        for length, parts in zip(plane.shape, (rows, columns), strict=True)
+    )
+    return np.array([[plane[top:bottom, left:right].mean() for left, right in xs] for top, bottom in ys])
+
+
+def rgb_of(values: Values, *, matrix: str, is_full: bool, bits: int) -> Values:
+    """Return red, green and blue, 0 to 1, of luma and chroma as they are coded (ITU-T H.273)."""
+    red, blue = WEIGHTS[matrix]
+    unit, top = 2 ** (bits - 8), 2**bits - 1
+    first, luma, chroma = (0, top, top) if is_full else (16 * unit, 219 * unit, 224 * unit)
+    y = (values[..., 0] - first) / luma
+    cb, cr = ((values[..., at] - 128 * unit) / chroma for at in (1, 2))
+    r, b = y + 2 * (1 - red) * cr, y + 2 * (1 - blue) * cb
+    return np.stack([r, (y - red * r - blue * b) / (1 - red - blue), b], axis=-1)
+
+
+def light_of(rgb: Values, transfer: str, matrix: str) -> Values:
+    """Return light of HDR with white at 1 (ITU-R BT.2100)."""
+    if transfer == "smpte2084":
+        m1, m2, c1, c2, c3 = 2610 / 16384, 2523 / 32, 3424 / 4096, 2413 / 128, 2392 / 128
+        power = rgb.clip(0, None) ** (1 / m2)
+        return 10_000 / SDR_NITS * (np.maximum(power - c1, 0) / (c2 - c3 * power)) ** (1 / m1)
+    a, b, c = 0.17883277, 0.28466892, 0.55991073
+    scene = np.where(rgb <= 0.5, rgb.clip(0, None) ** 2 / 3, (np.exp((rgb - c) / a) + b) / 12)
+    red, blue = WEIGHTS[FFMPEG_NAMES.get(matrix, matrix)]
+    brightness = scene @ np.array([red, 1 - red - blue, blue])
+    return np.asarray(1000 / SDR_NITS * scene * brightness[..., None] ** 0.2)
+
+
+def xyz_of(corners: Sequence[tuple[float, float]]) -> Values:
+    """Return the matrix from light of red, green and blue with these chromaticities, and white of D65, to XYZ."""
+    columns = np.array([(x / y, 1, (1 - x - y) / y) for x, y in corners]).T
+    white = np.array([0.3127 / 0.3290, 1, (1 - 0.3127 - 0.3290) / 0.3290])
+    return columns * np.linalg.solve(columns, white)
 
 
 def named(kind: Kind) -> str:
@@ -243,7 +375,7 @@ def named(kind: Kind) -> str:
 
 def checked(kinds: Sequence[Kind], minutes: float | None) -> Iterator[tuple[str, str, Found]]:
     """Yield each film, what is wrong with it, and what was found until then."""
-    found = Found(0, 0, Counter(), {})
+    found = Found(0, 0, Counter(), 0.0, {})
     until_s = time.monotonic() + 60 * minutes if minutes else float("inf")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=find_browser("auto"))
@@ -264,12 +396,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=5, help="after which no other film begins")
     parser.add_argument("--whole", action="store_true", help="the whole product, however long it takes: hours")
+    parser.add_argument("--lot", action="store_true", help="draw all kinds by lot")
+    parser.add_argument("--first", type=int, default=0, help="how many kinds of the drawn ones to leave out")
     parser.add_argument("--only", default="", help="values, by commas, that a film must have")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
-    found = Found(0, 0, Counter(), {})
+    found = Found(0, 0, Counter(), 0.0, {})
     wanted = {value for value in arguments.only.split(",") if value}
-    kinds = [kind for kind in with_all_threes(arguments.seed) if wanted <= {str(value) for value in kind}]
+    drawn = (by_lot if arguments.lot else with_all_threes)(arguments.seed)
+    kinds = [kind for kind in drawn[arguments.first :] if wanted <= {str(value) for value in kind}]
     for name, fault, found in checked(kinds, None if arguments.whole else arguments.minutes):
         if fault:
             found.wrong[name] = fault

@@ -24,7 +24,9 @@ from app.analysis.analyse import analyse
 from app.analysis.comparisons.comparison import compare
 from app.analysis.model.contrasts import SIGNIFICANT, holm
 from app.analysis.model.settings import AnalysisSettings
-from app.analysis.objective.against_scores import measure_tables
+from app.analysis.objective.correlations import pearsons
+from app.analysis.objective.permutation import chance, condition_orders
+from app.analysis.objective.points import Points, matched
 from app.analysis.objective.scores import score_sets
 from app.analysis.reading.votes_table import ALL, NONE, VotesTable, joined, votes_from_indices
 from app.analysis.screening.careless import careless_answers
@@ -218,12 +220,16 @@ def measure_lines(n_studies: int, seed: int) -> Iterator[str]:
                 f"m{number}": {f"d{k}": dict(zip(votes.items, rng.random(6).tolist(), strict=True)) for k in range(5)}
                 for number in range(12)
             }
-            tables = measure_tables(
-                score_sets(list(compare(votes, AnalysisSettings()))), AnalysisSettings(measures=values)
-            )
-            p_values = [row["pearson_p"] for row in tables["measures"] if row["dataset"] == ALL]
+            sets = score_sets(list(compare(votes, AnalysisSettings())))
+            p_values = [_pearson_p(matched(sets, by_dataset), rng) for by_dataset in values.values()]
             hits.append(float((holm(np.array(p_values)) < SIGNIFICANT).any()))
         yield line(f"{people} people: any of 12 random measures goes with the scores (Holm)", hits)
+
+
+def _pearson_p(points: Points, rng: np.random.Generator) -> float:
+    """Return the p-value of Pearson's correlation over all datasets, as `prediction_rows` has it."""
+    by_order = pearsons(points.relative_values, points.relative_scores[condition_orders(points, rng)])
+    return chance(by_order, float(by_order[0]), points.n_conditions).p_value
 
 
 def interim_lines(n_studies: int, seed: int) -> Iterator[str]:

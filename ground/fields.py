@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
+from functools import reduce
+from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, NotRequired, Union, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 LISTS = (list, tuple, Sequence)
+PLAIN: Mapping[Any, str] = {
+    bool: "true or false",
+    Path: "a file or folder",
+    datetime: "a date and time, such as 2027-03-31T18:00:00+02:00",
+    NoneType: "nothing",
+    Any: "another value",
+}
 
 
 @dataclass(frozen=True)
@@ -43,10 +53,24 @@ class Taken:
         if is_model(self.kind):
             info = field_of(self.kind, key)
             return None if info is None else taken(info)
+        if _is_typed(self.kind):
+            hints = get_type_hints(self.kind, include_extras=True)
+            return plain(hints[key]) if key in hints else None
         parts = get_args(self.kind)
         if get_origin(self.kind) in (*LISTS, dict) and parts:
             return plain(parts[1] if get_origin(self.kind) is dict else parts[0])
         return None
+
+    def at(self, place: Sequence[str | int]) -> Taken:
+        """Return what may stand at a place within the value, or around it as far as that is known."""
+        return reduce(lambda value, key: value.inner(key) or value, place, self)
+
+    @property
+    def keys(self) -> list[str]:
+        """The keys that a model or a typed dictionary has."""
+        if _is_typed(self.kind):
+            return list(self.kind.__annotations__)
+        return [key_of(*field) for field in self.kind.model_fields.items()]
 
     @property
     def stated(self) -> Expected | None:
@@ -69,6 +93,11 @@ def is_model(kind: Any) -> bool:
     return isinstance(kind, type) and issubclass(kind, BaseModel)
 
 
+def _is_typed(kind: Any) -> bool:
+    """Tell whether a type is a typed dictionary, from whichever library."""
+    return hasattr(kind, "__required_keys__")
+
+
 def key_of(name: str, info: FieldInfo) -> str:
     """Return the key by which a file names a field."""
     return info.alias or name
@@ -89,6 +118,8 @@ def plain(kind: Any, said: Sequence[Any] = ()) -> Taken:
     if get_origin(kind) is Annotated:
         inner, *beside = get_args(kind)
         return plain(inner, (*said, *(each for part in beside for each in _parts(part))))
+    if get_origin(kind) is NotRequired:
+        return plain(get_args(kind)[0], said)
     if get_origin(kind) in (Union, UnionType):
         others = [part for part in get_args(kind) if part is not NoneType]
         return plain(others[0], said) if len(others) == 1 else Taken(kind, tuple(said))
@@ -108,10 +139,11 @@ def _words(value: Taken) -> str:
         positive = "a positive number" if high is None else f"a positive number up to {high:g}"
         return positive if above == 0 else f"a number{_range(low, high)}"
     if kind is str:
-        longest = value.bound("max_length")
-        return "a text" if longest is None else f"a text of at most {longest} characters"
-    if kind is bool:
-        return "true or false"
+        return _text(value.bound("min_length"), value.bound("max_length"), value.bound("pattern"))
+    if words := next((words for known, words in PLAIN.items() if kind is known), ""):
+        return words
+    if get_origin(kind) in (Union, UnionType):
+        return " or ".join(plain(part, value.said).words for part in get_args(kind))
     if get_origin(kind) is Literal:
         choices = [str(choice) for choice in get_args(kind)]
         return f"one of {', '.join(choices)}" if len(choices) > 1 else choices[0]
@@ -121,8 +153,15 @@ def _words(value: Taken) -> str:
 def _collection(value: Taken) -> str:
     if get_origin(value.kind) in LISTS:
         least, most = value.bound("min_length"), value.bound("max_length")
-        return "a list" if least is None else f"a list of {'' if least == most else 'at least '}{least}"
+        if least is None:
+            return "a list" if most is None else f"a list of at most {most}"
+        return f"a list of {'' if least == most else 'at least '}{least}"
     return "an object with keys"
+
+
+def _text(least: int | None, longest: int | None, pattern: str | None) -> str:
+    length = "" if longest is None else f" of {f'{least} to' if least else 'at most'} {longest} characters"
+    return f"a text{length}{f' that matches {pattern}' if pattern else ''}"
 
 
 def _range(low: Any, high: Any) -> str:
@@ -132,4 +171,4 @@ def _range(low: Any, high: Any) -> str:
 
 
 def _short(number: float) -> str:
-    return str(number) if isinstance(number, int) else f"{number:g}"
+    return f"{number:.15g}"

@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ground.fields import Expected, Taken, key_of
+from ground.fields import Expected, Taken
 
 LONGEST_SHOWN = 120  # characters of a value in a refusal
 SCHEMA_KEY = "$schema"
@@ -66,7 +66,7 @@ def faults_of(error: ValidationError, model: type[BaseModel], content: Any = Non
     model : of the whole file
     content : of the file, where a fault in a value may be told of the whole value (`Expected.is_whole`)
     """
-    faults = [_fault(detail, model, content) for detail in error.errors(include_url=False)]
+    faults = (fault_of(detail, detail["loc"], Taken(model), content) for detail in error.errors(include_url=False))
     return list({(fault.place, fault.words): fault for fault in faults}.values())
 
 
@@ -91,36 +91,31 @@ def without(content: Any, places: Sequence[Place]) -> Any:
     return content
 
 
-def _fault(detail: Any, model: type[BaseModel], content: Any) -> Fault:
-    place, kind = tuple(key for key in detail["loc"] if key != "[key]"), detail["type"]
+def fault_of(detail: Mapping[str, Any], place: Place, within: Taken, content: Any = None) -> Fault:
+    """Say what a validation found, in our sentences.
+
+    Parameters
+    ----------
+    detail : as pydantic or the web framework tells it
+    place : that it names, from what was validated
+    within : what was validated
+    content : of a file, as for `faults_of`
+    """
+    place, kind = tuple(key for key in place if key != "[key]"), detail["type"]
     if kind == "extra_forbidden":
-        holder = _at(model, place[:-1])
-        known = ", ".join(key_of(*field) for field in holder.kind.model_fields.items() if field[1].alias != SCHEMA_KEY)
+        known = ", ".join(key for key in within.at(place[:-1]).keys if key != SCHEMA_KEY)
         return Fault(place, f"is unknown, expected one of {known}", is_unknown=True)
     if kind == "value_error":  # of a check of our own, which says it all
         return Fault(place, str(detail["ctx"]["error"]), is_told=True)
+    if kind == "missing":
+        return Fault(place, "is missing")
+    if kind == "json_invalid":
+        return Fault(place, f"is no JSON ({detail['ctx']['error']})")
     for n in range(1, len(place)):
-        if _at(model, place[:n]).is_whole:
-            place, detail = place[:n], {"type": "whole", "input": reduce(getitem, place[:n], content)}
+        if within.at(place[:n]).is_whole:
+            place, detail = place[:n], {"input": reduce(getitem, place[:n], content)}
             break
-    return Fault(place, fault_in_words(detail, _at(model, place).words))
-
-
-def fault_in_words(detail: Mapping[str, Any], expected: str) -> str:
-    """Say what a validation found at a place, and what is expected there."""
-    if detail["type"] == "missing":
-        return "is missing"
-    if detail["type"] == "json_invalid":
-        return f"is no JSON ({detail['ctx']['error']})"
-    return f"is {shown(detail['input'])}, expected {expected}"
-
-
-def _at(model: type[BaseModel], place: Place) -> Taken:
-    """Return what may stand at a place, or around it as far as that is known."""
-    value = Taken(model)
-    for key in place:
-        value = value.inner(key) or value
-    return value
+    return Fault(place, f"is {shown(detail['input'])}, expected {within.at(place).words}")
 
 
 def shown(value: Any) -> str:

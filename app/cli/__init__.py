@@ -131,13 +131,13 @@ def _wrong_setting(error: ValueError) -> str | None:
     from pydantic import ValidationError
 
     from app.settings import Settings
+    from ground.file_models import faults_of
 
     if not isinstance(error, ValidationError) or error.title != Settings.__name__:
         return None
-    fault = error.errors()[0]
-    name = str(fault["loc"][0])
-    meaning = Settings.model_fields[name].description
-    return f"RECONSTUDY_{name.upper()} is {fault['input']!r}: {fault['msg']}. Its meaning: {meaning}"
+    fault = faults_of(error, Settings)[0]
+    name = str(fault.place[0])
+    return f"RECONSTUDY_{name.upper()} {fault.words}. Its meaning: {Settings.model_fields[name].description}"
 
 
 def _fail(sentence: str, code: int = 1) -> None:

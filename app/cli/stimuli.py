@@ -47,7 +47,12 @@ def stimuli_import(asked: StimuliImport, *, as_json: bool) -> None:
 
     with ProgressLine() as progress:
         made = import_stimuli(
-            asked.folder, asked.out, practice=asked.practice, is_conformed=asked.conform, progress=by_step(progress)
+            asked.folder,
+            asked.out,
+            practice=asked.practice,
+            is_conformed=asked.conform,
+            untagged_range=asked.untagged_range,
+            progress=by_step(progress),
         )
     _tell_of_set(made, asked.out, as_json=as_json)
 

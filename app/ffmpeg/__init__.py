@@ -10,7 +10,7 @@ import subprocess
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
 from itertools import pairwise
@@ -20,7 +20,7 @@ from statistics import mode
 import imageio_ffmpeg
 
 from app.errors import StimuliError
-from app.ffmpeg.look import Look, parse_look
+from app.ffmpeg.look import BRIGHTEST, DARKEST, Look, parse_look
 from ground.progress import Progress as Progress
 from ground.progress import no_progress as no_progress
 
@@ -45,6 +45,8 @@ MEANINGS = {  # what ffmpeg says of frequent faults, and what they are
     "Invalid data found when processing input": "it is damaged, or no film of the kind that its name says",
     "EBML header parsing failed": "it is no Matroska or WebM file, or its beginning is damaged",
 }
+PICTURES_FOR_RANGE = 24  # at most, and only such as are coded by themselves
+_MEAN_LUMA = "lavfi.signalstats.YAVG"
 _LOOKING = ("-map", "0:v:0", "-vf", "showinfo=checksum=0", "-fps_mode", "passthrough")
 _FAULT = re.compile(r"^(?:\[[^\]\n]* @ [^\]\n]*\] )*\[(?:error|fatal|panic)\] (.*)$", re.MULTILINE)
 
@@ -101,7 +103,20 @@ def decode(path: Path) -> VideoFacts:
             on_page=f"export it again from the program that made it, with a constant rate of {fps:.4g} frames a second",
         )
     look = _look(path, log)
+    if look.lacks_range:
+        look = replace(look, beyond=_beyond_limited_range(path, length_s=len(times) / fps))
     return VideoFacts(int(size[1]), int(size[2]), fps, len(times), look.pixel_shape, look)
+
+
+def _beyond_limited_range(path: Path, *, length_s: float) -> float:
+    """Return the share of luma beyond the limited range, in pictures from all over a film."""
+    is_beyond = f"format=yuv444p10,lutyuv=y=if(lt(val\\,{4 * DARKEST})+gt(val\\,{4 * BRIGHTEST})\\,1000\\,0)"
+    spread = f"select=isnan(prev_selected_t)+gte(t-prev_selected_t\\,{length_s / PICTURES_FOR_RANGE:.6f})"
+    told = f"signalstats,metadata=mode=print:key={_MEAN_LUMA}:file=-"
+    command = ["-skip_frame", "nokey", *reading(path), "-map", "0:v:0", "-vf", f"{spread},{is_beyond},{told}"]
+    text = run_ffmpeg([*command, "-f", "null", "-"], f"{path}: cannot be decoded as a video")
+    means = [float(line.partition("=")[2]) for line in text.splitlines() if line.startswith(_MEAN_LUMA)]
+    return sum(means) / max(len(means), 1) / 1000
 
 
 def look_at(path: Path) -> Look:

@@ -27,6 +27,8 @@ SDR_TRANSFERS = (  # shown alike by browsers: as if all were sRGB
     "bt2020-12",
 )
 WITHOUT_RANGE = ("prores",)  # codecs in which no film says its range: the decoder names what is usual
+DARKEST, BRIGHTEST = 10, 241  # of 8 bits: 6 beyond the limited range of luma, more than coding adds
+LIMITED_UNTAGGED = ("h264", "hevc", "vp8", "vp9", "av1", "mpeg1video", "mpeg2video", "mpeg4")  # by their standards
 SDR_NITS = 203  # of white among highlights: ITU-R BT.2408
 USUAL_PEAK_NITS = 1000.0  # of films that do not say theirs
 
@@ -37,7 +39,8 @@ _PICTURE = re.compile(r"\[info\] n: *(\d+) .*? fmt:(\w+) .*?sar:(\d+)/(\d+) s:(\
 _COLOURS = re.compile(r"\[info\] color_range:(\S+) color_space:(\S+) color_primaries:(\S+) color_trc:(\S+)")
 _LIGHT = re.compile(r"Content light level metadata: MaxCLL=(\d+)")
 _MASTERED = re.compile(r"Mastering display metadata: .*max_luminance=([\d.]+)")
-_BITS = re.compile(r"(?:p0|p|gray|gbrap|x2rgb|x2bgr)(\d\d)(?:le|be)?$")  # of a sample; yuv420p and rgb24 have 8
+_BITS = re.compile(r"(?:p[024]?|y2|xv|gray|gbrap|x2rgb|x2bgr)(\d\d)(?:le|be)?$")  # yuv420p and rgb24 have 8
+_OF_THREE = {30: 10, 36: 12, 48: 16}  # bits of a sample, where a format's name has those of a pixel: xv30
 _PACKED = re.compile(r"(?:rgba?|bgra?|ya)(?:48|64|16)(?:le|be)$")
 _ALPHA = re.compile(r"(?:yuva|gbrap|rgba|bgra|argb|abgr|ya\d)")
 
@@ -59,6 +62,8 @@ class Look:
     n_films : tracks of pictures in the file, of which the first is taken
     peak_nits : of the brightest pixel of an HDR film, cd/m²
     dolby_profile : of Dolby Vision; 0: none
+    beyond : share of luma darker than DARKEST or brighter than BRIGHTEST, where no range is tagged
+    said_range : tv or pc, as the film's owner says where no range is tagged; empty: nothing is said
     """
 
     codec: str
@@ -76,6 +81,8 @@ class Look:
     n_films: int = 1
     peak_nits: float = USUAL_PEAK_NITS
     dolby_profile: int = 0
+    beyond: float = 0.0
+    said_range: str = ""
 
     @property
     def bits(self) -> int:
@@ -83,7 +90,7 @@ class Look:
         if _PACKED.match(self.pixel_format):
             return 16
         depth = _BITS.search(self.pixel_format)
-        return int(depth[1]) if depth else 8
+        return _OF_THREE.get(int(depth[1]), int(depth[1])) if depth else 8
 
     @property
     def is_rgb(self) -> bool:
@@ -117,7 +124,13 @@ class Look:
         """Return the range by which values are read: tv or pc."""
         if self.color_range in ("tv", "pc"):
             return self.color_range
-        return "pc" if self.is_rgb or self.is_grey or self.pixel_format.startswith("yuvj") else "tv"
+        return (self.said_range or "tv") if self.lacks_range else "pc"
+
+    @property
+    def lacks_range(self) -> bool:
+        """Tell whether neither a tag nor the pixel format says the range."""
+        is_told = self.is_rgb or self.is_grey or self.pixel_format.startswith("yuvj")
+        return self.color_range not in ("tv", "pc") and not is_told
 
     def told(self, width: int, height: int) -> dict[str, Any]:
         """Return the facts as a manifest holds them."""
@@ -129,6 +142,7 @@ class Look:
             "bits": self.bits,
             "matrix": self.matrix,
             "range": self.color_range,
+            "beyond_limited": round(self.beyond, 4),
             "primaries": self.primaries,
             "transfer": self.transfer,
             "read_as": {"matrix": self.shown_matrix(width, height), "range": self.shown_range},

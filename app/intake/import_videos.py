@@ -22,6 +22,7 @@ from app.intake.merge import NewSet, merge_sets, refuse_used, set_notes
 from app.intake.stimuli import FPS_TOLERANCE, MANIFEST, read_manifest
 from app.intake.treatment import (
     LOSSLESS,
+    RANGES,
     SUFFIX,
     Target,
     Treatment,
@@ -73,6 +74,7 @@ def import_stimuli(
     *,
     practice: str | None = None,
     is_conformed: bool = False,
+    untagged_range: str = "",
     name: str = "",
     progress: Progress = no_progress,
 ) -> NewSet:
@@ -86,6 +88,7 @@ def import_stimuli(
     out : the stimulus set's folder, missing or empty
     practice : the dataset whose two videos are for practice, the clearly better one first in the alphabet
     is_conformed : make videos of a dataset alike that differ in size, frame rate or length, instead of refusing them
+    untagged_range : limited or full, of videos that do not say theirs; empty: refuse those where it matters
     name : the set's; empty: the folder's
     progress : called after each video
 
@@ -103,7 +106,7 @@ def import_stimuli(
     compared = [video for video in videos if video.dataset != practice]
     _check_complete(folder, videos, compared, practice)
     levels = _read_levels(folder / CONDITIONS, sorted({video.condition for video in compared}))
-    films = _alike(_looked_at(videos, progress), is_conformed=is_conformed)
+    films = _alike(_looked_at(videos, RANGES.get(untagged_range, ""), progress), is_conformed=is_conformed)
     with whole_folder(out) as temporary:
         entries = _copy(films, temporary, levels, progress)
         paths = _copy_paths(folder, temporary, {video.dataset for video in compared})
@@ -249,7 +252,7 @@ def _read_levels(path: Path, conditions: Sequence[str]) -> Levels:
     return levels
 
 
-def _looked_at(videos: Sequence[SourceVideo], progress: Progress) -> list[Film]:
+def _looked_at(videos: Sequence[SourceVideo], said_range: str, progress: Progress) -> list[Film]:
     """Decode every video to its end, and say what must be done to it."""
     films: dict[SourceVideo, Film] = {}
 
@@ -258,6 +261,8 @@ def _looked_at(videos: Sequence[SourceVideo], progress: Progress) -> list[Film]:
         for other in filter(None, (video.master, video.mask)):
             if (others := decode(other)) != facts:
                 raise StimuliError(f"{other}: has {others}, its film {video.path.name} has {facts}; expected the same")
+        if facts.look is not None and facts.look.lacks_range:
+            facts = replace(facts, look=replace(facts.look, said_range=said_range))
         films[video] = Film(video, facts, treatment_of(video.path, facts))
 
     in_parallel([(f"looking at {video.name}", partial(look, video)) for video in videos], progress)

@@ -21,6 +21,12 @@ class StimuliImport(Command):
         "Make films of a dataset alike that differ in size, frame rate or length.",
         label="Make unlike films alike",
     )
+    untagged_range: Literal["ask", "limited", "full"] = option(
+        "ask",
+        "Range of films that do not say theirs; ask: refuse those whose values tell that it matters.",
+        flags=("--range",),
+        label="Brightness range where a film does not say it",
+    )
     practice: str | None = option(None, "Dataset of two videos for practice; it is not compared.", **PRACTICE)
 
 

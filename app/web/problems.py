@@ -23,8 +23,8 @@ from app.errors import ClosedError, StudyError, TooManyError, UnavailableError
 from app.web.form_token import page_with_form
 from app.web.gates import fields_of, note_refusal, now, render, route_of
 from app.web.roles import signed_in_person
-from ground.fields import taken
-from ground.file_models import fault_in_words
+from ground.fields import Taken, taken
+from ground.file_models import Fault, fault_of
 
 Typed = Sequence[tuple[str, str]]  # fields of a form, in order; a name may come more than once
 
@@ -170,23 +170,31 @@ def _allowed(request: Request) -> list[str]:
 
 async def _validation_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
-    faults = [{"at": ".".join(map(str, fault["loc"])), "message": fault["msg"]} for fault in error.errors()]
-    where = f"{faults[0]['at']}: {faults[0]['message']}" if faults else "unreadable"
-    _log_refusal(request, 422, where)
+    faults = list(dict.fromkeys(_fault(request, detail) for detail in error.errors()))
+    _log_refusal(request, 422, str(faults[0]))
     if not _is_page(request):
-        return problem(422, f"The request is not as described: {where}.", extra={"errors": faults})
-    field, words = _in_words(request, error.errors()[0]) if faults else ("", "cannot be read")
-    sentence = f"The form is not as expected: {field.replace('_', ' ')} {words}."
+        told = [{"at": ".".join(map(str, fault.place)), "message": fault.words} for fault in faults]
+        return problem(422, f"The request is not as described: {faults[0]}.", extra={"errors": told})
+    field = str(faults[0].place[-1])
+    sentence = f"The form is not as expected: {field.replace('_', ' ')} {faults[0].words}."
     refused = RefusedForm(request.url.path, sentence, field, await _typed(request))
     answer = await run_in_threadpool(_answer, request, 422, refused.message, refused=refused)
     return await _form_again(request, 422, refused) or answer
 
 
-def _in_words(request: Request, fault: Mapping[str, Any]) -> tuple[str, str]:
-    """Return the field of a form or an address that is wrong, and what was found and is expected."""
-    part, name = fault["loc"][0], str(fault["loc"][-1])
-    info = fields_of(request.scope["route"].dependant, part).get(name)
-    return name, fault_in_words(fault, taken(info).words if info else "another value")
+def _fault(request: Request, detail: Mapping[str, Any]) -> Fault:
+    """Say what is wrong with a part of a request, such as ("body", "name"), in the words of all our refusals."""
+    part, *place = detail["loc"]
+    fields = fields_of(request.scope["route"].dependant, part)
+    if place and place[0] in fields:
+        within, rest = taken(fields[place[0]]), place[1:]
+    else:  # a body that is one model
+        within, rest = (taken(next(iter(fields.values()))) if len(fields) == 1 else Taken(Any)), place
+    known = next((n for n in range(len(rest)) if within.at(rest[:n]).inner(rest[n]) is None), len(rest))
+    if detail["type"] not in ("extra_forbidden", "missing", "value_error"):  # of a union each kind that it may be
+        rest, place = rest[:known], place[: len(place) - len(rest) + known]
+    fault = fault_of(detail, tuple(rest), within)
+    return fault._replace(place=(part, *place))
 
 
 async def _system_error(request: Request, error: Exception) -> Response:

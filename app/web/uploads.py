@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 from urllib.parse import quote
 
 from fastapi import Depends, Request
@@ -60,6 +60,7 @@ async def begin_installing(
     name: str,
     *,
     is_conformed: bool,
+    untagged_range: str,
     is_for_study: bool = False,
 ) -> str:
     """Receive films or a stimulus set, and begin to look at them; return the task's id.
@@ -73,7 +74,11 @@ async def begin_installing(
     def work(progress: Progress) -> str:
         with folder:
             unpacked = Path(folder.name) / "unpacked"
-            told = {"is_wish": is_for_study, "is_conformed": is_conformed}
+            told: dict[str, Any] = {
+                "is_wish": is_for_study,
+                "is_conformed": is_conformed,
+                "untagged_range": untagged_range,
+            }
             made = install_set(server, packed, unpacked, progress, name=name, **told)
         record_alone(database, actor.name, Entry("stimulus set uploaded", subject=made), actor.now)
         if is_for_study:  # whose form shows it: it is measured once

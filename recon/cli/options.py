@@ -10,11 +10,15 @@ from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, Literal, get_origin
 
 import typer
+from pydantic import ValidationError
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
+from ground.fields import plain
+from ground.file_models import fault_of
 from recon.cli.commands.setting import PLUGIN_NAMES
 from recon.methods.approaches import Approach, parse_approach
 from recon.methods.plugins import DEPTH_GROUP, FUSION_GROUP
@@ -37,6 +41,15 @@ class LocalPathsGroup(TyperGroup):
             for parameter in command.params:
                 parameter.callback = parameter.callback or refuse_url
         _hide_type_of_flags()
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command; a value that typer refuses is refused in the words of all our refusals."""
+        try:
+            return super().invoke(ctx)
+        except typer.BadParameter as error:
+            if isinstance(error.__cause__, ValidationError):
+                error.message = _in_words(error.param, error.__cause__)
+            raise
 
 
 class MethodsCommand(TyperCommand):
@@ -62,6 +75,14 @@ def _hide_type_of_flags() -> None:
         return None if option.is_flag else shown(option, ctx)
 
     TyperOption.display_type_rich = _type_unless_flag  # type: ignore[method-assign, assignment]  # typer has no setting
+
+
+def _in_words(parameter: Any, refused: ValidationError) -> str:
+    bounds = SimpleNamespace(ge=getattr(parameter, "min", None), le=getattr(parameter, "max", None))
+    within, detail = plain(parameter.type_descriptor.annotation, [bounds]), refused.errors(include_url=False)[0]
+    if get_origin(within.kind) is Literal:  # which typer's own check names in its words
+        detail["type"] = "literal_error"
+    return fault_of(detail, detail["loc"], within).words.removeprefix("is ")
 
 
 def _commands_of(group: TyperGroup) -> Iterator[Any]:

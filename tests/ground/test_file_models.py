@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from pathlib import Path
+from typing import Annotated, Any, Literal, NotRequired
 
 import pytest
 from pydantic import AfterValidator, Field, ValidationError
+from typing_extensions import TypedDict
 
-from ground.fields import Expected
+from ground.fields import Expected, plain
 from ground.file_models import FilePart, WholeFile, faults_of, without
 
 
@@ -62,6 +64,29 @@ def test_all_faults_are_told_and_a_file_that_is_no_object_is_one() -> None:
     with pytest.raises(ValidationError) as raised:
         Shop.model_validate([])
     assert [str(fault) for fault in faults_of(raised.value, Shop)] == ["the file is [], expected an object with keys"]
+
+
+class Box(TypedDict):
+    side: Annotated[float, Field(ge=0, le=86_400_000)]
+    lid: NotRequired[Literal["flat", "round"] | Literal["none"]]
+
+
+@pytest.mark.parametrize(
+    ("kind", "place", "words"),
+    [
+        (Box, ["side"], "a number from 0 to 86400000"),
+        (Box, ["lid"], "one of flat, round or none"),
+        (Box, [], "an object with keys"),
+        (Annotated[str, Field(min_length=1, max_length=9)], [], "a text of 1 to 9 characters"),
+        (Annotated[str | None, Field(pattern="^[a-z]$")], [], "a text that matches ^[a-z]$"),
+        (Annotated[list[int], Field(max_length=3)], [], "a list of at most 3"),
+        (list[Box], [2, "side"], "a number from 0 to 86400000"),
+        (int | bool | None, [], "a whole number or true or false or nothing"),
+        (Path | None, [], "a file or folder"),
+    ],
+)
+def test_what_is_expected_is_told_of_every_type(kind: Any, place: list[str | int], words: str) -> None:
+    assert plain(kind).at(place).words == words
 
 
 def test_a_file_may_name_its_schema() -> None:

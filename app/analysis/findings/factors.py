@@ -21,6 +21,8 @@ from app.analysis.reading.votes_table import ALL
 
 Row = Mapping[str, Any]
 
+NO_VOTES = "the model of all votes, as none compares them"
+
 
 def factor_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     """Yield what the tests over all datasets say about the factors; no main effect stands before an interaction."""
@@ -99,7 +101,7 @@ def _simple_effects(analysis: Mapping[str, Any], factor: str, other: str) -> str
         elif clear:
             told = [
                 f"{levels[row['item_a']]} is preferred to {levels[row['item_b']]} in "
-                f"{counted_votes(analysis, row['item_a'], row['item_b'])} ({p_phrase(row['p_holm'])})"
+                f"{counted_votes(analysis, row['item_a'], row['item_b']) or NO_VOTES} ({p_phrase(row['p_holm'])})"
                 for row in clear
             ]
             parts.append(f"with {level}, {listed(told)}")
@@ -132,7 +134,7 @@ def _factor(analysis: Mapping[str, Any], factor: str, rows: Sequence[Row]) -> st
     size = (
         f"{best} is preferred to {worst} in {votes} on pairs that differ in nothing else, by the model of all votes "
         f"{size_of(share)}"
-        if votes[0].isdigit()
+        if votes
         else f"between {best} and {worst} the model predicts {size_of(share)}"
     )
     details = f"{size}; its levels: {levels}{_alike(ordered)}"

@@ -23,15 +23,23 @@ from app.analysis.reading.phrases import (
     unsigned,
 )
 from app.analysis.screening.observers import CARELESS, FEWEST_FOR_FENCES
+from app.analysis.screening.vote_evidence import FEWEST
 
 ADAPTIVE = (  # bench/sentences.py
-    "Pairs were chosen from the votes so far, which makes intervals a little too narrow: in simulations of 22 people "
-    "without any difference, 95 % intervals hold in 93 %, and some pair is said to differ in 9 % of studies, not 5 %."
+    "Pairs were chosen from the votes so far, which makes intervals a little too narrow: in simulations of {} people "
+    "without any difference, 95 % intervals hold in {}, and some pair is said to differ in {} of studies, not 5 %."
 )
-UNSEEN = (  # bench/verdicts.py
+MANY_ADAPTIVE = 60  # people, from which on intervals and tests hold nearly what they say
+UNSEEN_VOTES = 75  # of a person, in bench/verdicts.py
+UNSEEN = (
     "Without attention checks, who answers at random is found only where conditions differ clearly: in simulations of "
-    "75 votes a person, 8 % of them at a range of 1.1 JOD, 92 % at 3 JOD."
+    f"{UNSEEN_VOTES} votes a person, 8 % of them at a range of 1.1 JOD, 92 % at 3 JOD"
 )
+UNJUDGED = (
+    "Nobody is judged by what their votes prefer: there are too few decided ones (fewer than "
+    f"{FEWEST} a person), or too many conditions."
+)
+FEWER = 0.8  # of these votes, below which clearly fewer people are found
 TRIAD = 3  # conditions
 LAPSES = 0.2  # lapse rate from which on a sentence names somebody
 
@@ -47,7 +55,8 @@ def limit_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     """Yield what the number of participants forbids to conclude."""
     n, model = analysis["votes"]["participants"], overall(analysis["models"])[0]
     if analysis["settings"]["adaptive_pairs"]:
-        yield finding("limits", ADAPTIVE)
+        is_large = n is not None and n >= MANY_ADAPTIVE
+        yield finding("limits", ADAPTIVE.format(*(("60", "94 %", "6 %") if is_large else ("22", "93 %", "9 %"))))
     if n is None:
         yield finding(
             "limits",
@@ -199,10 +208,20 @@ def _outstanding(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     )
     why = [_evidence(row, len(observers)) for row in observers if CARELESS in row["flags"]][:MOST_NAMED]
     has_checks = any(row["n_identical"] or row["n_repeated"] for row in analysis["checks"])
-    unseen = f" {UNSEEN}" if not (few or has_checks or any(row["flags"] for row in observers)) else ""
+    is_open = len(observers) > 1 and not (few or has_checks or any(row["flags"] for row in observers))
+    unseen = f" {_unseen(observers)}" if is_open else ""
     yield finding("participants", " ".join([f"{outstanding(observers)}{few}{unseen}", *why]) + circles)
     if has_checks:
         yield finding("checks", _checks(analysis["checks"]))
+
+
+def _unseen(observers: Sequence[Mapping[str, Any]]) -> str:
+    """Say who could not be found out: without checks, and with as many votes as there are."""
+    if not any(row["careless"] and "votes" in row["careless"]["evidence"] for row in observers):
+        return UNJUDGED
+    n_votes = sum(row["n_votes"] for row in observers) / len(observers)
+    fewer = f"; fewer of those who, as here, give {n_votes:.0f}" if n_votes < FEWER * UNSEEN_VOTES else ""
+    return f"{UNSEEN}{fewer}."
 
 
 def _circles_by_chance(pooled: Sequence[Mapping[str, Any]]) -> str:

@@ -74,7 +74,9 @@ def _within_islands(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
             n_differ = sum(row["p_holm"] < SIGNIFICANT for row in pairs)
             tested = f"; {n_differ} of {pairs_differ(len(pairs), n_differ)} (Holm)" if pairs else ""
             names = listed([row["item"] for row in scored])
-            yield finding("ranking", f"Within {{{names}}}: highest {best}, lowest {worst}{tested}.")
+            is_flat = scored[0]["score"] - scored[-1]["score"] < EQUAL
+            ends = "all have the same score" if is_flat else f"highest {best}, lowest {worst}{tested}"
+            yield finding("ranking", f"Within {{{names}}}: {ends}.")
 
 
 def _why_no_scores(model: Row) -> str:
@@ -130,7 +132,7 @@ def _ranks(scored: Sequence[Row], where: str) -> str:
         f"{listed(items, len(items))} {low if low == high else f'{low} to {high}'}"
         for (low, high), items in ranks.items()
     ]
-    return f"{text} Possible ranks, together with 95 % confidence: {'; '.join(places)}."
+    return f"{text} Possible ranks, together with at least 95 % confidence: {'; '.join(places)}."
 
 
 def _equivalent(contrasts: Sequence[Row], margin: float) -> str:
@@ -192,6 +194,8 @@ def _among_several(analysis: Mapping[str, Any]) -> str:
 def counted_votes(analysis: Mapping[str, Any], first: str, second: str, comparison: str = ALL) -> str:
     """Return how many decided votes of a pair, over all datasets, are for the first item: "27 of 29 decided votes".
 
+    It is empty where no vote compares them.
+
     Parameters
     ----------
     analysis : the content of analysis.json
@@ -205,7 +209,7 @@ def counted_votes(analysis: Mapping[str, Any], first: str, second: str, comparis
             votes[row["item_a"]] += row["a"]
             votes[row["item_b"]] += row["b"]
     decided = sum(votes.values())
-    return f"{votes[first]:.0f} of {decided:.0f} decided votes" if decided else "no vote, as none compares them"
+    return f"{votes[first]:.0f} of {decided:.0f} decided votes" if decided else ""
 
 
 def _over_datasets(contrasts: Sequence[Row]) -> str:
@@ -218,8 +222,8 @@ def _over_datasets(contrasts: Sequence[Row]) -> str:
 
 
 def pairs_differ(n: int, n_differ: int) -> str:
-    """Return "15 pairs differ", or "15 pairs differs" where that is one of them."""
-    return f"{counted(n, 'pair')} {'differs' if n_differ == 1 else 'differ'}"
+    """Return "15 pairs differ", or "15 pairs differs" where that is one of them, or there is one."""
+    return f"{counted(n, 'pair')} {'differs' if 1 in (n, n_differ) else 'differ'}"
 
 
 def tested_ranking(
@@ -292,6 +296,11 @@ def _difference(best: str, worst: str, analysis: Mapping[str, Any], model: Row) 
     """Say how much the best condition is preferred to the worst: what was counted, then what the model predicts."""
     pair = contrast_between(overall(analysis["contrasts"]), best, worst)
     counts, where = counted_votes(analysis, best, worst), _among_several(analysis)
+    votes = (
+        f"Of {best} and {worst}, {best} is preferred in {counts};"
+        if counts
+        else f"No vote compares {best} and {worst}; for {best}"
+    )
     assert pair is not None
     log_theta = model.get("log_theta") or 0.0
     if pair["ci_simultaneous_low"] is None or pair["ci_simultaneous_high"] is None:
@@ -299,10 +308,16 @@ def _difference(best: str, worst: str, analysis: Mapping[str, Any], model: Row) 
     ends = ("ci_simultaneous_low", "ci_simultaneous_high")
     share, low, high = (percent(preferred_share(pair[name], log_theta)) for name in ("difference", *ends))
     return (
-        f"Of {best} and {worst}, {best} is preferred in {counts}; the model predicts {share} (95 % interval {low} to "
-        f"{high}, simultaneous over all pairs), {size_of(preferred_share(pair['difference'], log_theta))}, "
+        f"{votes} the model predicts {share} (95 % interval {low} to {high}{_cautious(analysis)}), "
+        f"{size_of(preferred_share(pair['difference'], log_theta))}, "
         f"{p_phrase(pair['p_holm'])} (Holm{',' if where else ''}{where}){_doubt(pair)}{_of_few(analysis)}."
     )
+
+
+def _cautious(analysis: Mapping[str, Any]) -> str:
+    """Say what the interval of the extreme pair is, which of a single pair holds more often (docs/simulation.md)."""
+    several = len(overall(analysis["contrasts"])) > 1
+    return ", simultaneous over all pairs and so cautious for one" if several else ""
 
 
 def _of_few(analysis: Mapping[str, Any]) -> str:
@@ -365,7 +380,7 @@ def _told_apart(
         )
     if len(differing) == n_pairs:
         return f"{'The two' if n == 2 else f'All {n}'} conditions differ from each other ({method})."
-    differ = "pair of conditions differs" if len(differing) == 1 else "pairs of conditions differ"
+    differ = f"pairs of conditions {'differs' if len(differing) == 1 else 'differ'}"
     return (
         f"{len(differing)} of {n_pairs} {differ} ({method}). {_groups(conditions)}Not told apart does not mean equal."
     )

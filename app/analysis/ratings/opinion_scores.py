@@ -85,44 +85,63 @@ def mean_with_interval(values: Array) -> dict[str, Any]:
     row: dict[str, Any] = {"n": n} | dict.fromkeys(("mean", "se", "sd", "freedom", "ci_low", "ci_high"))
     if n == 0:
         return row
-    item_means = np.nanmean(values, axis=0)
-    mean = float(item_means.mean())
     if n == 1:
-        return row | {"mean": mean}
+        return row | {"mean": float(values.mean())}
+    mean, error, freedom = (float(part[0]) for part in means_with_errors(values[None]))
     parts = np.nanmean(values, axis=1)
-    times = (~np.isnan(values)).sum(axis=0)
-    is_single = times == 1
-    centre, size = np.where(is_single, mean, item_means), np.where(is_single, n, times)
-    influence = np.nan_to_num((values - centre) / times * np.sqrt(size / (size - 1))).mean(axis=1)
-    error = float(np.sqrt(influence @ influence))
-    freedom = _freedom(~np.isnan(values))
     half = critical_value(1 + freedom) * error
     numbers = {"mean": mean, "se": error, "sd": float(parts.std(ddof=1)), "freedom": freedom}
     return row | numbers | {"ci_low": mean - half, "ci_high": mean + half}
 
 
-def _freedom(there: NDArray[np.bool_]) -> float:
-    """Return the degrees of freedom of the variance of a mean of items, of which some ratings are missing.
+def means_with_errors(values: Array) -> tuple[Array, Array, Array]:
+    """Return means of items with their standard errors and degrees of freedom, as `mean_with_interval` defines them.
+
+    Parameters
+    ----------
+    values : float64 (R, P, M), of R tables, NaN where missing
+
+    Returns
+    -------
+    three float64 (R,); without values of two participants the last is 0 or less, and the others mean nothing
+    """
+    there = ~np.isnan(values)
+    known, rated = np.where(there, values, 0.0), there.astype(np.float64)
+    times, n = rated.sum(axis=1), there.any(axis=2).sum(axis=1)
+    n_items = np.maximum((times > 0).sum(axis=1), 1)
+    item_means = known.sum(axis=1) / np.maximum(times, 1)
+    mean = item_means.sum(axis=1) / n_items
+    is_single = times == 1
+    centre, size = np.where(is_single, mean[:, None], item_means), np.where(is_single, n[:, None], times)
+    scale = np.sqrt(size / np.maximum(size - 1, 1)) / np.maximum(times, 1)
+    influence = ((known - centre[:, None]) * rated * scale[:, None]).sum(axis=2) / n_items[:, None]
+    return mean, np.sqrt((influence**2).sum(axis=1)), _freedom(rated)
+
+
+def _freedom(rated: Array) -> Array:
+    """Return the degrees of freedom of the variance of means of items, of which some ratings are missing, float64 (R,).
 
     The variance is a sum of squares of the participants' parts. If ratings did not depend on each other, these would
     have a covariance G, and the sum as many degrees of freedom as a chi-square of the same mean and variance has.
 
     Parameters
     ----------
-    there : bool (P, M), did the participant rate the item? Every row and column has a rating
+    rated : float64 (R, P, M), 1 where the participant rated the item, else 0
 
     Source
     ------
     Satterthwaite (1946): (trace of G)^2 / (sum of the squares of G).
     """
-    rated = there.astype(np.float64)
-    times = rated.sum(axis=0)
+    times = rated.sum(axis=1)
     is_single = times == 1
-    weight = np.where(is_single, 1.0, 1 / (times * np.maximum(times - 1, 1)))
-    together, alone = np.where(is_single, 0.0, weight / times), rated @ weight  # G = diag(alone) - sum of together r r'
-    trace = alone.sum() - together @ times
-    squares = alone @ alone - 2 * alone @ (rated @ together) + together @ (rated.T @ rated) ** 2 @ together
-    return min(len(there) - 1.0, float(trace**2 / squares))
+    weight = np.where(is_single, 1.0, 1 / np.maximum(times * (times - 1), 1)) * (times > 0)
+    together = np.where(is_single, 0.0, weight / np.maximum(times, 1))
+    alone, shared = (np.einsum("rpm,rm->rp", rated, part) for part in (weight, together))
+    both = np.swapaxes(rated, 1, 2) @ rated  # G = diag(alone) - sum of together r r'
+    trace = alone.sum(axis=1) - (together * times).sum(axis=1)
+    squares = (alone * (alone - 2 * shared)).sum(axis=1) + np.einsum("rm,rmn,rn->r", together, both**2, together)
+    freedom = trace**2 / np.where(squares > 0, squares, 1.0)
+    return np.asarray(np.minimum(rated.any(axis=2).sum(axis=1) - 1.0, freedom))
 
 
 def item_rows(table: RatingTable) -> Iterator[dict[str, Any]]:

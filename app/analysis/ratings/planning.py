@@ -11,6 +11,7 @@ from scipy.stats import t as student
 
 from app.analysis.comparisons.power import REPORTED, planned
 from app.analysis.comparisons.study_plan import PlannedStudy, Studies
+from app.analysis.ratings.opinion_scores import means_with_errors
 from ground.progress import Progress, no_progress
 
 Array = NDArray[np.float64]
@@ -67,7 +68,7 @@ class RatingStudies:
     @property
     def scores(self) -> Array:
         """Mean ratings, float64 (R, n), grades."""
-        return np.asarray(np.nanmean(self.ratings, axis=(1, 2)))
+        return np.asarray(_means(self.ratings, axis=1).mean(axis=1))
 
     @property
     def has_scores(self) -> NDArray[np.bool_]:
@@ -77,12 +78,15 @@ class RatingStudies:
     def p_values(self, directions: Array) -> Array:
         """Return p-values of paired t-tests over participants, directions float64 (K, n); float64 (R, K).
 
-        A participant counts with the mean over the datasets on which all that is compared was rated.
+        A participant counts on the datasets on which all that is compared was rated, and every dataset counts alike.
         """
         columns = []
         for direction in directions:
             compared = np.flatnonzero(direction)
-            columns.append(self._p_value(_means(self.ratings[..., compared] @ direction[compared], axis=2)))
+            mean, error, freedom = means_with_errors(self.ratings[..., compared] @ direction[compared])
+            is_known = freedom > 0
+            ratio = np.abs(mean) / np.where(is_known, error, 1.0)
+            columns.append(np.where(is_known, 2 * student.sf(ratio, np.where(is_known, freedom, 1.0)), 1.0))
         return np.stack(columns, axis=1)
 
     def p_over_datasets(self) -> Array:
@@ -95,12 +99,6 @@ class RatingStudies:
         df = (datasets + shared) ** 2 / (datasets**2 / (n_datasets - 1) + shared**2 / (n_people - 1))
         ratio = np.abs(np.nanmean(of_datasets, axis=1)) / np.sqrt(datasets + shared)
         return np.asarray(2 * student.sf(ratio, df))
-
-    def _p_value(self, differences: Array) -> Array:
-        """Return the p-value of a mean over participants, (R, J), float64 (R,)."""
-        n = (~np.isnan(differences)).sum(axis=1)
-        ratio = np.abs(np.nanmean(differences, axis=1)) / np.sqrt(_variance_of_mean(differences))
-        return np.asarray(2 * student.sf(ratio, n - 1))
 
 
 def _flat(differences: Array) -> Array:

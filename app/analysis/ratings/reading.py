@@ -187,7 +187,7 @@ def _scaled(
 
     is_filled = column.meaning(bool, bool)
     problems.add(np.isnan(rating) & is_filled, lambda row: f"{cell(row)} {shown(word(row))}, expected a number")
-    hint = "--scale names another scale" + (
+    hint = "another scale: --scale LOW:HIGH" + (
         "; leave columns out that hold no ratings" if rows.origin is not None else ""
     )
     problems.add(

@@ -33,6 +33,7 @@ def install_set(
     name: str = "",
     is_wish: bool = False,
     is_conformed: bool = False,
+    untagged_range: str = "",
 ) -> str:
     """Unpack an upload, make a set of it where it is none, check it, move it to its place, and return its name.
 
@@ -43,6 +44,7 @@ def install_set(
     name : of a set that is made of plain films; empty: that of the folder in the zip file, with a number if it is taken
     is_wish : may the name get a number, too?
     is_conformed : make films of a dataset alike that differ in size, frame rate or length
+    untagged_range : limited or full, of films that do not say theirs; empty: refuse those where it matters
 
     Raises
     ------
@@ -58,7 +60,15 @@ def install_set(
             title = name.strip() or (folder.name if folder != unpacked else UNNAMED)
             title = _free(server, title) if is_wish or not name.strip() else title
             _refuse_taken(server, title)  # before its films are decoded
-            stimulus_set = _made(folder, unpacked.with_name("made"), title, progress, is_conformed=is_conformed)
+            made = import_stimuli(
+                _in_folders(folder),
+                unpacked.with_name("made") / slugify(title),
+                is_conformed=is_conformed,
+                untagged_range=untagged_range,
+                name=title,
+                progress=progress,
+            )
+            stimulus_set = _with_pairs(made.stimulus_set)
     except StimuliError as error:
         said = said_on_page(error).replace(f"{folder}/", "").replace(str(folder), "the upload")
         raise StimuliError(said) from error
@@ -108,7 +118,7 @@ def _has_manifest(folder: Path) -> bool:
     return (folder / MANIFEST).is_file()
 
 
-def _put_into_folders(folder: Path) -> None:
+def _in_folders(folder: Path) -> Path:
     """Put films that lie in no folder into one for each scene: as a table says, or as all of their names agree.
 
     Raises
@@ -118,7 +128,7 @@ def _put_into_folders(folder: Path) -> None:
     """
     flat = sorted(path for path in folder.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES)
     if not flat:
-        return
+        return folder
     table = folder / TABLE
     places = _places_of_table(table) if table.is_file() else _places_of_names([path.stem for path in flat])
     for path in flat:
@@ -132,6 +142,7 @@ def _put_into_folders(folder: Path) -> None:
             )
         (folder / dataset).mkdir(exist_ok=True)
         path.rename(folder / dataset / f"{condition}{path.suffix}")
+    return folder
 
 
 def _places_of_table(path: Path) -> dict[str, tuple[str, str]]:
@@ -155,12 +166,8 @@ def _places_of_names(names: Sequence[str]) -> dict[str, tuple[str, str]]:
     return {}
 
 
-def _made(folder: Path, out: Path, title: str, progress: Progress, *, is_conformed: bool) -> StimulusSet:
-    """Make a set of plain films."""
-    _put_into_folders(folder)
-    made = import_stimuli(
-        folder, out / slugify(title), is_conformed=is_conformed, name=title, progress=progress
-    ).stimulus_set
+def _with_pairs(made: StimulusSet) -> StimulusSet:
+    """Return a set whose scenes all have something to compare."""
     if alone := [dataset for dataset in made.datasets if len(made.of_dataset(dataset)) < 2]:
         raise StimuliError(f"{alone[0]} has one film, expected two or more to compare; add the others to its folder")
     return made

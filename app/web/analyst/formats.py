@@ -16,13 +16,13 @@ from tempfile import SpooledTemporaryFile
 from typing import IO, Annotated, Any, Literal
 
 from fastapi import Depends, Query, Request
-from fastapi.dependencies.models import Dependant
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response, StreamingResponse
 
 from app.files import without_formula
 from app.web import media
 from app.web.analyst.columns import KINDS
+from app.web.gates import fields_of
 
 Format = Literal["json", "csv", "parquet"]
 CSV = "text/csv; charset=utf-8; header=present"
@@ -62,18 +62,13 @@ def table_request(
 
     A parameter that the route does not have is refused: a misspelt filter would give the whole table.
     """
-    names = sorted(_parameters(request.scope["route"].dependant))
+    names = sorted(fields_of(request.scope["route"].dependant, "query"))
     if strange := [name for name in request.query_params if name not in names]:
         expected = f"there is no such parameter, expected {', '.join(names[:-1])} or {names[-1]}"
-        raise RequestValidationError([{"loc": ("query", name), "msg": expected} for name in strange])
+        told = {"type": "value_error", "ctx": {"error": expected}}
+        raise RequestValidationError([{"loc": ("query", name), **told} for name in strange])
     known = request.headers.get("if-none-match", "")
     return TableRequest(given or _accepted(request.headers.get("accept", "")), known, limit, offset)
-
-
-def _parameters(dependant: Dependant) -> set[str]:
-    """Return the names of the query's parameters that a route and what it depends on take."""
-    within = (_parameters(each) for each in dependant.dependencies)
-    return {field.alias for field in dependant.query_params}.union(*within)
 
 
 ChosenFormat = Annotated[TableRequest, Depends(table_request)]

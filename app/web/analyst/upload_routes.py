@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from pathlib import Path as FilePath
 from tempfile import TemporaryFile
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Path, Query, Request
 from fastapi.responses import Response, StreamingResponse
@@ -21,10 +21,9 @@ from app.operations.foreign_tables import Scale, analysed, understand
 from app.operations.studies.check_films import FilmCheck, films_of, last_check, start_film_check
 from app.operations.studies.stimulus_sets import (
     KnownSet,
+    change_stimulus_set,
     delete_set,
     known_sets,
-    name_factors,
-    rename_set,
     set_called,
     studies_of,
 )
@@ -158,20 +157,22 @@ async def upload_set(
     database: Store,
     name: Annotated[str, Query(max_length=200, description="of a set of plain films; empty: the folder's")] = "",
     conform: Annotated[bool, Query(description="make films of a scene alike that differ")] = False,
+    untagged_range: Annotated[
+        Literal["", "limited", "full"],
+        Query(alias="range", description="of films that do not say theirs; empty: refuse those where it matters"),
+    ] = "",
     wait_s: Wait = WAIT_S,
 ) -> Response:
     """Upload a zip file of films, SCENE/CONDITION.mp4, or of a stimulus set; every film is looked at and checked."""
-    task = await begin_installing(request, settings(request), actor, database, name, is_conformed=conform)
+    told: dict[str, Any] = {"is_conformed": conform, "untagged_range": untagged_range}
+    task = await begin_installing(request, settings(request), actor, database, name, **told)
     return await _answer(database, task, wait_s, "The films were not taken in")
 
 
 @router.patch("/sets/{name}", status_code=204, response_class=Response)
 def change_set(body: SetBody, request: Request, name: Name, actor: StudyEditor, database: Store) -> Response:
     """Give a set another name, or its conditions other levels; its studies follow."""
-    if body.name is not None:
-        rename_set(settings(request), database, name, body.name, actor)
-    if body.levels is not None:
-        name_factors(settings(request), database, name, body.levels, actor)
+    change_stimulus_set(settings(request), database, name, actor, title=body.name, levels=body.levels)
     return Response(status_code=204)
 
 

@@ -21,6 +21,7 @@ from app.study.options.wording import first_language, own_texts
 from app.study.protocols import Protocol
 from app.study.stages import ALL_STAGES, ENDS, FINISHED, SCREENED_OUT, TIMED_OUT, TRIAL, WITHDRAWN
 from app.web.markdown import render_markdown
+from ground.fields import Expected
 
 LONG_ABSENCE = timedelta(minutes=30)  # then the page shows the instructions again
 ENDING_OF: dict[str, Ending] = {
@@ -30,7 +31,11 @@ ENDING_OF: dict[str, Ending] = {
     WITHDRAWN: "withdrawn",
 }
 
-UUID = r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"
+UUID = Annotated[
+    str,
+    Field(pattern=r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"),
+    Expected("a UUID in lower case"),
+]
 LinkName = Annotated[str, Field(max_length=40)]
 LinkValue = Annotated[str, Field(max_length=100)]
 StageName = Annotated[str, Field(json_schema_extra={"enum": [*ALL_STAGES, WITHDRAWN, SCREENED_OUT, TIMED_OUT]})]
@@ -56,7 +61,7 @@ class Strict(BaseModel):
 
 class AdmissionBody(Strict):
     invitation: Code
-    key: Annotated[str, Field(pattern=UUID)] | None = Field(
+    key: UUID | None = Field(
         default=None, description="random, made by the client: the same key again opens the same session"
     )
     outside: dict[LinkName, LinkValue] = Field(
@@ -82,7 +87,7 @@ class TurnedAwayBody(AdmissionBody):
 
 class Resumption(Strict):
     resume_code: Annotated[str, Field(max_length=40, pattern=r"^[A-Za-z0-9_ -]+$", examples=["k7m2-p9xq-4wva"])]
-    key: Annotated[str, Field(pattern=UUID)] | None = Field(
+    key: UUID | None = Field(
         default=None, description="random, made by the client: the same code with it leads to the same session again"
     )
 

@@ -61,7 +61,7 @@ def diagnose(sensor: Sensor, matches: Matches) -> tuple[str, ...]:
         and _is_sure(lenses.error_px, error, len(matches))
     ):
         return (_told(sensor, lenses, error, len(matches)),)
-    if small is not None and small.is_small:
+    if (small is not None and small.is_small) or _is_little_turned(sensor, matches):
         return ()
     explanations = [explanation for explanation in others if explanation.error_px < MIN_GAIN * error]
     if error < MIN_ERROR_PX or not explanations:
@@ -167,6 +167,15 @@ def _small_change(sensor: Sensor, change: NDArray[np.float64]) -> Sensor:
     return replace(sensor, right=with_focal(turned, _factor(scale)))
 
 
+def _is_little_turned(sensor: Sensor, matches: Matches) -> bool:
+    """Tell whether a turn as small as mounts make explains distances that matching along rows bears.
+
+    A fit without limits often takes a large fault for it, as along some of them rows hardly move.
+    """
+    _, after = _fit(lambda turn: _with_turn(sensor, turn), 3, matches, largest=np.deg2rad(LARGE_TURN_DEG))
+    return _median(epipolar_errors(sensor, matches)) < OFF_PX and after < MIN_ERROR_PX
+
+
 def _aspect(sensor: Sensor, side: str) -> float:
     K = getattr(sensor, side).K
     return abs(float(K[0, 0] / K[1, 1]) - 1.0)
@@ -238,11 +247,7 @@ def _with_both_k1(sensor: Sensor, change: float) -> Sensor:
 
 
 def _turned(sensor: Sensor, matches: Matches) -> _Explanation | None:
-    def changed(unknown: NDArray[np.float64]) -> Sensor:
-        turn = rigid(cv2.Rodrigues(unknown)[0], np.zeros(3))
-        return replace(sensor, right=replace(sensor.right, cam_from_world=turn @ sensor.right.cam_from_world))
-
-    unknown, error = _fit(changed, 3, matches)
+    unknown, error = _fit(lambda turn: _with_turn(sensor, turn), 3, matches)
     angle = float(np.rad2deg(np.linalg.norm(unknown)))
     if angle < MIN_TURN_DEG:
         return None
@@ -251,21 +256,29 @@ def _turned(sensor: Sensor, matches: Matches) -> _Explanation | None:
     )
 
 
+def _with_turn(sensor: Sensor, turn: NDArray[np.float64]) -> Sensor:
+    rotation = rigid(cv2.Rodrigues(turn)[0], np.zeros(3))
+    return replace(sensor, right=replace(sensor.right, cam_from_world=rotation @ sensor.right.cam_from_world))
+
+
 def _factor(logarithm: float) -> float:
     """Return a factor that a fit tries, within what a camera can have."""
     return float(np.exp(np.clip(logarithm, -1.0, 1.0)))
 
 
 def _fit(
-    changed: Callable[[NDArray[np.float64]], Sensor], n_unknowns: int, matches: Matches
+    changed: Callable[[NDArray[np.float64]], Sensor], n_unknowns: int, matches: Matches, *, largest: float = np.inf
 ) -> tuple[NDArray[np.float64], float]:
-    """Fit the unknowns that bring the matches nearest to their epipolar lines; return also the median distance left."""
+    """Fit unknowns within `largest` that bring matches nearest to their lines; return the median distance left, too."""
 
     def errors(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
         return epipolar_errors(changed(unknown), matches)
 
+    start = np.zeros(n_unknowns)
     step = np.full(n_unknowns, 1e-4)
-    fit = least_squares(errors, np.zeros(n_unknowns), loss="soft_l1", f_scale=INLIER_PX, diff_step=step, x_scale=0.01)
+    fit = least_squares(
+        errors, start, bounds=(-largest, largest), loss="soft_l1", f_scale=INLIER_PX, diff_step=step, x_scale=0.01
+    )
     return fit.x, _median(epipolar_errors(changed(fit.x), matches))
 
 

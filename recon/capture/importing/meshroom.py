@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from recon.capture.format import Capture
 from recon.capture.images import CaptureError
-from recon.capture.importing.sources import ImportOptions, faults_at, write_recording
+from recon.capture.importing.into_capture import write_recording
+from recon.capture.importing.sources import ImportOptions, faults_at
 from recon.capture.importing.views import View, bounds_of_points, choose_sensors
 from recon.geometry.rig import Camera, rigid
 from recon.runtime.files import read_json

@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 from recon.capture.depth_maps import read_depth_values
 from recon.capture.format import Capture
 from recon.capture.images import PICTURE_SUFFIXES, CaptureError
+from recon.capture.importing.into_capture import write_recording
 from recon.capture.importing.lenses import FisheyeCamera
-from recon.capture.importing.sources import DepthSource, ImportOptions, faults_at, parse_unit, write_recording
+from recon.capture.importing.sources import DepthSource, ImportOptions, faults_at, parse_unit
 from recon.capture.importing.views import HALF_PIXEL, View, bounds_of_points, choose_sensors, pictures_of, tell_absent
 from recon.geometry.mesh_files import read_points
 from recon.geometry.rig import OPENGL, Camera, rigid

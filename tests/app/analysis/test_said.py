@@ -358,3 +358,30 @@ def test_a_predicted_share_of_a_factor_is_not_said_without_an_interval() -> None
     text = said(analyse(votes_of(Truth(DEPTH)), AnalysisSettings(factors=FACTORS)), "factors")
     assert "decided votes" in text
     assert "%" not in text.replace("95 %", "")
+
+
+def test_nobody_is_said_to_be_found_out_where_nobody_could_be_judged(of_one_person: dict[str, Any]) -> None:
+    assert "attention checks" not in said(of_one_person, "participants")
+    two = votes_of(Truth(CLEAR, datasets=1))
+    few = said(analyse(two.where((two.item_a < 2) & (two.item_b < 2))), "participants")
+    assert "Nobody is judged by what their votes prefer" in few
+    assert "JOD" not in few
+
+
+def test_fewer_votes_than_those_of_the_simulation_are_named() -> None:
+    for n_datasets, is_named in ((2, True), (5, False)):
+        text = said(analyse(votes_of(Truth(datasets=n_datasets))), "participants")
+        assert ("fewer of those who, as here, give 30" in text) is is_named
+
+
+def test_the_best_and_the_worst_without_a_vote_between_them_are_said_to_have_none() -> None:
+    votes = votes_of(Truth(CLEAR, people=30))
+    ends = (np.minimum(votes.item_a, votes.item_b) == 0) & (np.maximum(votes.item_a, votes.item_b) == 5)
+    text = said(analyse(votes.where(~ends)), "difference")
+    assert text.startswith("No vote compares id+fa and pm+fb; for id+fa the model predicts")
+
+
+def test_the_number_of_people_says_how_much_adaptive_pairs_cost() -> None:
+    for people, share in ((22, "9 % of studies"), (64, "6 % of studies")):
+        votes = votes_of(Truth(people=people, datasets=1))
+        assert share in said(analyse(votes, AnalysisSettings(adaptive_pairs=True)), "limits")

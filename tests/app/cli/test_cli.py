@@ -38,6 +38,21 @@ def test_every_command_explains_itself(command: Command, path: tuple[str, ...]) 
     assert "Usage" in told.out
 
 
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ("analyse x --seed -1", "'--seed': '-1', expected a whole number of at least 0"),
+        ("analyse x --seed one", "'--seed': 'one', expected a whole number of at least 0"),
+        ("analyse x --by scene", "'--by': 'scene', expected one of dataset, none"),
+        ("study create a --name b --exposure long", "'--exposure': 'long', expected a number"),
+    ],
+)
+def test_a_wrong_value_is_told_in_the_words_of_all_refusals(command: Command, arguments: str, sentence: str) -> None:
+    told = command(*arguments.split())
+    assert told.code == 2
+    assert f"Invalid value for {sentence}" in told.err
+
+
 def test_the_contract_names_its_commands() -> None:
     single = {"demo", "match", "reconstruct", "render", "serve", "simulate", "analyse", "status"}
     groups = {"capture", "stimuli", "study", "admin", "token", "db"}

@@ -7,20 +7,25 @@ from pathlib import Path
 import pytest
 
 from app.settings import Settings
+from app.store.access.tokens import SCOPES
 from tests.command_line import Command
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
-    [("PUBLIC_URL", "https://study.example.org/"), ("LOG_FORMAT", "JSON"), ("LARGEST_UPLOAD_MB", "4 GB")],
+    ("name", "value", "expected"),
+    [
+        ("PUBLIC_URL", "https://study.example.org/", "http:// or https:// and a host, without a path"),
+        ("LOG_FORMAT", "JSON", "one of text, json"),
+        ("LARGEST_UPLOAD_MB", "4 GB", "a whole number of at least 1"),
+    ],
 )
 def test_a_setting_that_is_wrong_is_named_in_one_line(
-    command: Command, monkeypatch: pytest.MonkeyPatch, name: str, value: str
+    command: Command, monkeypatch: pytest.MonkeyPatch, name: str, value: str, expected: str
 ) -> None:
     monkeypatch.setenv(f"RECONSTUDY_{name}", value)
     told = command("status")
     assert told.code == 1
-    assert told.err.startswith(f"reconstudy: RECONSTUDY_{name} is '{value}': ")
+    assert told.err.startswith(f"reconstudy: RECONSTUDY_{name} is '{value}', expected {expected}. ")
     assert told.err.count("\n") == 1
     assert str(Settings.model_fields[name.lower()].description) in told.err
 
@@ -38,6 +43,11 @@ def test_a_misspelled_setting_is_named_with_what_was_meant(
     assert told == (
         f"warning: RECONSTUDY_{misspelled} is no setting and changes nothing; did you mean RECONSTUDY_{meant}?\n"
     )
+
+
+def test_the_help_of_tokens_names_every_scope(command: Command) -> None:
+    told = " ".join(command("token", "add", "--help").out.split())
+    assert [scope for scope in SCOPES if scope not in told] == []
 
 
 def test_no_other_variable_is_taken_for_a_misspelled_setting(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:

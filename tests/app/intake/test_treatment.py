@@ -18,11 +18,12 @@ from playwright.sync_api import Browser, Page
 
 from app.errors import StimuliError
 from app.ffmpeg import decode
+from app.ffmpeg.look import Look
 from app.films.pairs import FilmMaker, PairVideo, prepare_alone, prepare_pairs
 from app.films.strips import GUARD_ROWS
 from app.intake.import_videos import import_stimuli
 from app.intake.stimuli import read_manifest, read_stimulus_set
-from app.intake.treatment import preview_of
+from app.intake.treatment import preview_of, treatment_of
 from tests.app import tiny_stimuli
 
 COLOURS = (
@@ -296,6 +297,52 @@ def test_unlike_films_are_made_alike_where_it_is_asked_for(tmp_path: Path) -> No
     (note,) = (note for note in made.notes if note.startswith("scene/large"))
     for done in ("rate changed from 50 to 25", "scaled from 128x96 to 64x48", "cut after 10 of 12"):
         assert done in note
+
+
+@pytest.mark.parametrize(
+    ("pixel_format", "bits"),
+    [("yuv420p", 8), ("nv12", 8), ("yuv422p10le", 10), ("xv30le", 10), ("p012le", 12), ("gbrp16le", 16)],
+)
+def test_the_bits_of_a_sample_are_told_by_the_pixel_format(pixel_format: str, bits: int) -> None:
+    assert Look("prores", 64, 48, pixel_format).bits == bits
+
+
+def untagged(color_range: str) -> str:
+    return f":m=bt709:r={color_range}:p=bt709:t=bt709,format=yuv422p10le,{UNTAGGED}"
+
+
+@pytest.mark.slow
+def test_a_film_without_its_range_is_asked_about_where_its_values_tell_that_the_range_matters(tmp_path: Path) -> None:
+    for name in ("full", "limited"):
+        write(Case(untagged(name), PRORES), tmp_path / name / "scene" / "film.mov")
+    assert import_stimuli(tmp_path / "limited", tmp_path / "taken").stimulus_set.stimuli[0].n_frames == N_FRAMES
+    with pytest.raises(StimuliError, match=r"does not say .* of its pixels .* `--range full`") as refused:
+        import_stimuli(tmp_path / "full", tmp_path / "refused")
+    assert "--" not in refused.value.on_page
+    for said, black in (("full", 16), ("limited", 0)):
+        made = import_stimuli(tmp_path / "full", tmp_path / f"as {said}", untagged_range=said).stimulus_set
+        film = tmp_path / f"as {said}" / made.stimuli[0].video
+        assert luma_of_black(film) == pytest.approx(black, abs=2)
+        facts = decode(film)
+        assert facts.look is not None
+        assert facts.look.color_range == "tv"
+        assert treatment_of(film, facts).done == ()  # asks nothing again
+
+
+def test_a_film_without_its_range_is_limited_where_the_standard_of_its_codec_says_so(tmp_path: Path) -> None:
+    write(Case(untagged("full"), H264), tmp_path / "films" / "scene" / "film.mp4")
+    notes = import_stimuli(tmp_path / "films", tmp_path / "set").notes
+    assert any("% of its pixels lie beyond the limited range" in note for note in notes)
+    made = import_stimuli(tmp_path / "films", tmp_path / "full", untagged_range="full")
+    assert luma_of_black(tmp_path / "full" / "scene" / "film.mp4") == pytest.approx(16, abs=2)
+    assert not any("beyond" in note for note in made.notes)
+
+
+def luma_of_black(film: Path) -> int:
+    """The luma in the middle of the black patch."""
+    command = [FFMPEG, "-v", "error", "-i", str(film), "-frames:v", "1", "-f", "rawvideo", "-pix_fmt", "yuv420p", "-"]
+    raw = subprocess.run(command, check=True, capture_output=True).stdout
+    return int(np.frombuffer(raw, np.uint8)[: WIDTH * HEIGHT].reshape(HEIGHT, WIDTH)[PATCH // 2, 5 * PATCH // 2])
 
 
 def test_a_preview_has_the_shape_of_the_film_and_is_made_once(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import re
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import httpx
 import pytest
@@ -45,6 +46,29 @@ def test_a_person_reads_a_page_instead(client: httpx.Client) -> None:
     assert answer.headers["content-type"].startswith("text/html")
     assert "There is nothing at this address." in answer.text
     assert "<h1>Not found</h1>" in answer.text
+
+
+@pytest.mark.parametrize(
+    ("path", "sent", "at", "message"),
+    [
+        ("sessions", {}, "body.invitation", "is missing"),
+        ("sessions", {"invitation": "a/b"}, "body.invitation",
+         "is 'a/b', expected a text of at most 40 characters that matches ^[A-Za-z0-9_-]+$"),
+        ("sessions", {"invitation": "a", "key": "1"}, "body.key", "is '1', expected a UUID in lower case"),
+        ("sessions", {"invitation": "a", "lang": "de"}, "body.lang",
+         "is unknown, expected one of invitation, key, outside, language, texts_sha256"),
+        ("sessions", [], "body", "is [], expected an object with keys"),
+        ("turned-away", {"invitation": "a", "why": "x"}, "body.why",
+         "is 'x', expected one of films, cookies, phone, screen, full_screen"),
+    ],
+)  # fmt: skip
+def test_a_wrong_request_is_told_in_the_words_of_all_refusals(
+    client: httpx.Client, path: str, sent: Any, at: str, message: str
+) -> None:
+    answer = client.post(f"/api/v1/studies/x/{path}", json=sent)
+    assert is_problem(answer, 422)
+    assert answer.json()["errors"] == [{"at": at, "message": message}]
+    assert answer.json()["detail"] == f"The request is not as described: {at} {message}."
 
 
 @pytest.mark.slow
@@ -105,6 +129,12 @@ def test_no_page_has_inline_script_or_style(client: httpx.Client) -> None:
         inline = re.findall(r"<script(?![^>]*\bsrc=)[^>]*>|<style|\sstyle=|\son[a-z]+=", text)
         assert [tag for tag in inline if 'type="application/json"' not in tag] == [], template.name
     assert client.get("/").status_code == 200
+
+
+def test_no_script_of_a_page_names_a_command() -> None:
+    for script in (Path(__file__).parents[3] / "static" / "js").glob("*.js"):
+        named = re.findall(r'"[^"\n]*`(?:reconstudy |capture |study |stimuli |validate )[^"\n]*"', script.read_text())
+        assert named == [], script.name
 
 
 @pytest.mark.parametrize(

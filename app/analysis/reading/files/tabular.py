@@ -149,7 +149,7 @@ def _read_excel(path: Path, told: Told) -> Table:
     place = sheets.index(sheet)
     rest = f", {'the first' if not place else f'number {place + 1}'} of {len(sheets)}" if len(sheets) > 1 else ""
     others = ", ".join(shown(name) for name in sheets if name != sheet)
-    notes = (f"the other sheets are {others} (--sheet names one)",) if others else ()
+    notes = (f"the other sheets are {others} (to read one: --sheet NAME)",) if others else ()
     return replace(table_of_frame(frame, f"Excel, sheet {sheet}{rest}"), notes=notes).without_empty_rows()
 
 

@@ -153,9 +153,7 @@ def _ask_if_something_else(seen: Seen, rated: Sequence[str], who: Mapping[str, t
         raise QuestionError(f"the numbers in {named(rated)} can be read in {len(readings)} ways", readings)
     dashed = [pair[:2] for name in rated if (pair := pair_in(name)) is not None]
     if len(dashed) == len(rated) and max(Counter(item for pair in dashed for item in pair).values()) > 1:
-        votes = Reading(
-            "choices of pairs, whose numbers --choices explains", Told(columns={"choice": JOIN.join(rated)})
-        )
+        votes = Reading("choices of pairs, their numbers explained next", Told(columns={"choice": JOIN.join(rated)}))
         raise QuestionError(f"{named(rated)} may be named by pairs", [votes, whole])
     odd = _odd_names(rated) or _odd_numbers(seen, rated)
     if odd:

@@ -5,7 +5,7 @@ A name from outside never becomes a path: sets are chosen from the list, and nam
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 from urllib.parse import quote
 
 from fastapi import APIRouter, Depends, Form, Path, Query, Request
@@ -16,10 +16,9 @@ from app.intake.contents import PLAYABLE
 from app.intake.treatment import preview_of
 from app.operations.studies.receive_films import found_and_done
 from app.operations.studies.stimulus_sets import (
+    change_stimulus_set,
     delete_set,
     known_sets,
-    name_factors,
-    rename_set,
     set_called,
     studies_of,
     unreadable_sets,
@@ -111,13 +110,13 @@ def change_factors(
         key: {factor: text.strip() for factor, text in zip(names, row, strict=True) if factor and text.strip()}
         for key, row in zip(condition, rows, strict=True)
     }
-    name_factors(settings(request), database, name, levels, actor)
+    change_stimulus_set(settings(request), database, name, actor, levels=levels)
     return see(f"/admin/sets/{quote(name)}?saved=1")
 
 
 @router.post("/sets/{name}/name")
 def rename(request: Request, actor: Acting, database: Store, name: Name, title: Word) -> Response:
-    rename_set(settings(request), database, name, title, actor)
+    change_stimulus_set(settings(request), database, name, actor, title=title)
     return see(f"/admin/sets/{quote(name)}")
 
 
@@ -134,6 +133,7 @@ async def upload(
     database: Store,
     name: Annotated[str, Query(max_length=200)] = "",
     conform: bool = False,
+    untagged_range: Annotated[Literal["", "limited", "full"], Query(alias="range")] = "",
     then: Literal["", "study"] = "",
 ) -> Response:
     """Take a zip file of films, or of a stimulus set; it is unpacked, looked at and checked in the background.
@@ -141,7 +141,6 @@ async def upload(
     `then=study` leads on to the form of a study of it.
     """
     server = settings(request)
-    task = await begin_installing(
-        request, server, actor, database, name, is_conformed=conform, is_for_study=then == "study"
-    )
+    told: dict[str, Any] = {"is_conformed": conform, "untagged_range": untagged_range, "is_for_study": then == "study"}
+    task = await begin_installing(request, server, actor, database, name, **told)
     return JSONResponse({"task": task_address(task)}, 202)

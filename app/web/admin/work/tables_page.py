@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Annotated, Any
 from urllib.parse import urlencode
 
@@ -12,7 +13,7 @@ from fastapi.responses import Response
 
 from app.ffmpeg import Progress
 from app.intake.shelves import free_path
-from app.operations.foreign_tables import analyse_table, understand
+from app.operations.foreign_tables import Understood, analyse_table, understand
 from app.operations.tasks import start_task
 from app.store.studies.audit import Entry, record_alone
 from app.web.admin.background import task_address
@@ -66,14 +67,12 @@ def reading_page(request: Request, person: Looking, name: Name, said: Said) -> R
     from app.analysis.reading.recognise import LAYOUTS
 
     path = entry_of(request, SHELF, name)
-    understood = understand(path, said.told, said.scale)
+    understood = _in_words_of_the_page(understand(path, said.told, said.scale))
     base = f"{entry_address(SHELF, name)}/reading"
     context = {
         "name": name,
         "entry": entry_address(SHELF, name),
         "understood": understood,
-        "warnings": [in_words_of_the_page(text) for text in understood.warnings],
-        "refusal": in_words_of_the_page(understood.refusal),
         "roles": ROLES,
         "said": said.text,
         "formats": LAYOUTS,
@@ -123,6 +122,11 @@ def _more(said: dict[str, str], told: Any) -> dict[str, str]:
     return {
         key: value for key, value in {**said, **joined, "format": told["format"] or said["format"]}.items() if value
     }
+
+
+def _in_words_of_the_page(understood: Understood) -> Understood:
+    lists, warnings = (tuple(map(in_words_of_the_page, said)) for said in (understood.lists, understood.warnings))
+    return replace(understood, lists=lists, warnings=warnings, refusal=in_words_of_the_page(understood.refusal))
 
 
 def in_words_of_the_page(sentence: str) -> str:

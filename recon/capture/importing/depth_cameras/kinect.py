@@ -25,7 +25,8 @@ from recon.capture.images import CaptureError
 from recon.capture.importing.calibrations.placed import pinhole
 from recon.capture.importing.depth_cameras.aligned import Alignment
 from recon.capture.importing.depth_cameras.sequences import LATEST_S, METRE, DepthCamera, Shot, recorded
-from recon.capture.importing.sources import ImportOptions, faults_at, write_recording
+from recon.capture.importing.into_capture import write_recording
+from recon.capture.importing.sources import ImportOptions, faults_at
 from recon.capture.importing.views import HALF_PIXEL
 from recon.capture.pictures import Pictures
 from recon.geometry.rig import Camera, rigid

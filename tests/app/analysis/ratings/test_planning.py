@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -46,20 +47,23 @@ def test_a_plan_counts_ratings_and_more_datasets_find_more() -> None:
     assert {row["claim"] for row in result["claims"]} == set(CLAIMS)
 
 
-def test_simulated_ratings_have_the_p_values_of_the_analysis() -> None:
-    studies = PLAN.simulated(np.array([0.6, 0.0, 0.2, -0.4, 0.0, 0.1]), 2, np.random.default_rng(3))
+@pytest.mark.parametrize("people", [{}, {"drop_out": 0.5}, {"drop_out": 0.9, "participants": 6}])
+def test_simulated_ratings_have_the_p_values_of_the_analysis(people: dict[str, Any]) -> None:
+    scores = np.array([0.6, 0.0, 0.2, -0.4, 0.0, 0.1])
+    studies = replace(PLAN, **people).simulated(scores, 2, np.random.default_rng(3))
     assert isinstance(studies, RatingStudies)
     for ratings, of_batch in zip(studies.ratings, studies.p_values(pair_directions(6)), strict=True):
         assert [row.p_value for row in rating_contrasts(table_of(ratings))] == pytest.approx(of_batch.tolist())
 
 
 def table_of(ratings: np.ndarray) -> RatingTable:
-    person, dataset, condition = (part.ravel() for part in np.indices(ratings.shape))
+    is_there = ~np.isnan(ratings)
+    person, dataset, condition = (part[is_there] for part in np.indices(ratings.shape))
     items = tuple((f"d{d}", f"c{c}") for d in range(ratings.shape[1]) for c in range(ratings.shape[2]))
     people = tuple(f"P{j:02d}" for j in range(len(ratings)))
     none = np.zeros(len(items), bool)
     item = dataset * ratings.shape[2] + condition
-    return RatingTable(people, items, person, item, ratings.ravel(), none, "acr", -9.0, 9.0)
+    return RatingTable(people, items, person, item, ratings[is_there], none, "acr", -9.0, 9.0)
 
 
 @pytest.mark.parametrize("claim", CLAIMS)

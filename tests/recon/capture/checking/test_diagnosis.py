@@ -97,6 +97,20 @@ def test_a_fifth_of_a_pixel_that_a_turn_of_the_camera_explains_is_no_fault(seed:
     assert diagnose(told, seen) == ()
 
 
+@pytest.mark.parametrize("seed", [157, 296])
+def test_a_fifth_of_a_pixel_is_no_fault_where_the_likeliest_turn_hardly_moves_rows(seed: int) -> None:
+    size = (320, 240)
+    K = np.array([[300.0, 0, 159.0], [0, 300.0, 118.0], [0, 0, 1]])
+    left, right = (replace(camera(x), K=K, size=size) for x in (-110.0, 110.0))
+    rng = np.random.default_rng(seed)
+    points = rng.uniform((-250, -900, -200), (250, 900, 200), (118, 3))
+    pitch, yaw, roll = rng.uniform(-0.1, 0.1, 3)
+    told = Sensor("S1", left, turned(turned(turned(right, 2, roll), 1, yaw), 0, 0.6 * pitch))
+    seen = Matches(*(view.project(points) + rng.normal(0, 0.15, (118, 2)) for view in (left, right)))
+    assert 0.15 < np.median(np.abs(epipolar_errors(told, seen))) < 1 / 3
+    assert diagnose(told, seen) == ()
+
+
 def test_too_few_matches_say_nothing() -> None:
     few = Matches(matches().left[:10], matches().right[:10])
     assert diagnose(BROKEN["swapped"][0](SENSOR), few) == ()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import html
+import io
 import re
 from collections.abc import Iterator
 from typing import Any
 from uuid import uuid4
 
 import httpx
+import pandas as pd
 import pytest
 
 from app.main import running_server
@@ -43,6 +45,10 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Settings:
     )
     (shelf / "gold.csv").write_text(VOTES.replace("age", "Is Gold", 1))
     (shelf / "wrong.csv").write_text(VOTES.replace(",a,", ",lft,", 1))
+    (shelf / "ratings.csv").write_text("participant,condition,rating\nP1,x,4\nP1,y,7\nP2,x,3\nP2,y,5\n")
+    with pd.ExcelWriter(shelf / "book.xlsx") as book:
+        for sheet in ("Lab", "Online"):
+            pd.read_csv(io.StringIO(VOTES)).to_excel(book, sheet_name=sheet, index=False)
     return settings
 
 
@@ -131,6 +137,12 @@ def test_a_column_that_may_be_practice_is_warned_about_in_words_of_the_page(eva:
     page = reading(eva, "gold.csv")
     assert "“practice” for Is Gold below uses it" in page
     assert "Attach the measures" not in eva.get("/admin/files/votes/gold.csv").text
+
+
+def test_what_more_may_be_said_of_a_table_is_told_by_the_page_s_fields(eva: Dashboard) -> None:
+    assert "'Online' (to read one: “NAME” as Sheet below)" in reading(eva, "book.xlsx")
+    assert "expected 1 to 5 (another scale: “LOW:HIGH” as Scale of ratings below)" in reading(eva, "ratings.csv")
+    assert "It holds ratings" in reading(eva, "ratings.csv", scale="1:9")
 
 
 def test_votes_are_posted_read_and_analysed(program: httpx.Client) -> None:

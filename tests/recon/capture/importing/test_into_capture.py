@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from recon.capture.format import CaptureError, read_capture, read_frame, read_plates
+from recon.capture.importing.into_capture import GapWarning
 from recon.capture.importing.json_file import import_json
 from recon.capture.importing.opencv import import_opencv, write_calibration
-from recon.capture.importing.sources import GapWarning, ImportOptions
+from recon.capture.importing.sources import ImportOptions
 from recon.capture.pictures import find_pictures
 from recon.geometry.rig import Rig
 from tests.command_line import Command
