@@ -34,6 +34,7 @@ BROKEN = (  # what reading raises where the document says something else than th
     UnicodeDecodeError,
     json.JSONDecodeError,
 )
+MOST_PARTS = 100_000  # each takes time, and a small file can name one mesh very often
 WRITE_SRGB = ("trimesh", "Open3D")  # programs, as `asset.generator` names them
 VertexColours = Literal["linear", "srgb"]
 QUATERNION_TOLERANCE = 0.01  # of its length
@@ -63,7 +64,11 @@ def read_gltf_model(path: Path, vertex_colours: VertexColours | None = None) -> 
         data = GltfData(json.loads(text), binary, contents)
         data.check()
         reader = _Reader(data, vertex_colours)
-        for node, world in reader.placed():
+        placed = reader.placed()
+        n_parts = sum(len(reader.mesh(node)["primitives"]) for node, _ in placed)
+        if n_parts > MOST_PARTS:
+            raise ValueError(f"it shows {n_parts} parts, expected at most {MOST_PARTS}; join those that repeat")
+        for node, world in placed:
             for primitive in reader.mesh(node)["primitives"]:
                 part = reader.part(primitive, node, world)
                 if part is not None:
