@@ -142,6 +142,7 @@ class Look:
             "bits": self.bits,
             "matrix": self.matrix,
             "range": self.color_range,
+            "beyond_limited": round(self.beyond, 4),
             "primaries": self.primaries,
             "transfer": self.transfer,
             "read_as": {"matrix": self.shown_matrix(width, height), "range": self.shown_range},

@@ -193,10 +193,10 @@ def _read_points_bin(path: Path) -> NDArray[np.float64]:
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
     """Return line numbers and words of all lines but comments."""
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise CaptureError(f"{path}: cannot be read as a COLMAP text model: {error}") from error
-    return [(number, line.split()) for number, line in enumerate(lines, start=1) if not line.startswith("#")]
+    return [(number, line.split()) for number, line in enumerate(lines, start=1) if not line.lstrip().startswith("#")]
 
 
 def _read_cameras_txt(path: Path) -> dict[int, Camera]:

@@ -136,7 +136,8 @@ def _merged(files: Sequence[Path]) -> dict[str, dict[str, Any]]:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+        text = path.read_text(encoding="utf-8-sig", errors="replace")
+        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         with faults_at(path):
             content = _value(storage.root())
     except (cv2.error, SystemError) as error:

@@ -135,7 +135,12 @@ def bounds_of_depths(ranges: Iterable[tuple[Camera, float, float]]) -> NDArray[n
 def _sensor(sensor_id: str, views: Sequence[View]) -> SensorSource:
     pictures = tuple(pictures_of(view.image) for view in views)
     masks = tuple((view.mask,) for view in views if view.mask is not None)
-    if len(masks) < len(views) or any(len(side.files) > 1 or side.is_video for side in pictures):
+    if masks and (len(masks) < len(views) or any(len(side.files) > 1 or side.is_video for side in pictures)):
+        warnings.warn(
+            f"sensor {sensor_id}: its masks are left out, as not each camera has one picture and its mask",
+            Notice,
+            stacklevel=2,
+        )
         masks = ()
     right = views[1].camera if len(views) > 1 else None
     return SensorSource(sensor_id, views[0].camera, right, pictures, views[0].depth, masks)

@@ -13,6 +13,7 @@ from starlette.datastructures import FormData
 
 from app.errors import InvalidError, StudyError, said_on_page
 from app.intake.bounds import typed_in_bounds
+from app.intake.treatment import MANY_BEYOND
 from app.operations.studies.create import new_slug, read_options, shows_anything, telling_names
 from app.operations.studies.creation import begin_creation
 from app.operations.studies.drafts import Draft, outlook_of, values_of
@@ -221,6 +222,10 @@ def _form_page(
         "done": {name: look["done"] for name, look in looks.items() if look["done"]},
         "n_guessed": sum(
             "unknown" in (look["found"].get("matrix"), look["found"].get("range")) for look in looks.values()
+        ),
+        "n_beyond": sum(
+            look["found"].get("beyond_limited", 0) > MANY_BEYOND and look["found"]["read_as"]["range"] == "tv"
+            for look in looks.values()
         ),
         "n_sound": sum(bool(look["found"].get("sound")) for look in looks.values()),
         "address": f"/admin/studies/new?stimulus_set={quote(known.name)}",

@@ -173,7 +173,7 @@ def _tell_left_out(folder: Path, n_pictures: int, lacking: str) -> None:
 
 def _stamped(path: Path) -> dict[float, list[str]]:
     """Return what stands behind the time in each line of a list."""
-    rows = (line.split() for line in read_text(path).splitlines() if line.strip() and not line.startswith("#"))
+    rows = (line.split() for line in read_text(path).splitlines() if line.partition("#")[0].strip())
     with faults_at(path):
         return {float(stamp): [first, *others] for stamp, first, *others in rows}
 

@@ -12,6 +12,7 @@ from recon.capture.importing.colmap import import_colmap
 from recon.capture.importing.colmap_model import read_model
 from recon.capture.importing.lenses import FisheyeCamera
 from recon.capture.importing.sources import ImportOptions
+from recon.runtime.notices import Notice
 from tests.recon.capture.importing.labelled_recording import BOUNDS, POINTS, RIG, colmap_model, seen, write_picture
 
 
@@ -91,3 +92,16 @@ def test_an_equidistant_fisheye_without_distortion_is_undistorted(tmp_path: Path
         assert isinstance(camera, FisheyeCamera)
         assert not camera.lens.any()
         np.testing.assert_array_equal(camera.K, [[210, 0, 159.5], [0, fy, 119.5], [0, 0, 1]])
+
+
+def test_masks_that_are_left_out_are_told_and_either_name_is_taken(tmp_path: Path) -> None:
+    source = colmap_model(tmp_path / "source")
+    options = ImportOptions(unit_mm=1000.0)
+    write_picture(source / "masks/other.png", 255)
+    with pytest.warns(Notice, match="masks: holds no mask of an image's name, such as NAME.jpg.png"):
+        import_colmap(source, tmp_path / "none", [(11, 12)], options)
+    write_picture(source / "masks/S1_left.png", 255)
+    with pytest.warns(Notice, match="sensor S1: its masks are left out, as not each camera has one picture and its"):
+        import_colmap(source, tmp_path / "one", [(11, 12)], options)
+    write_picture(source / "masks/S1_right.png.png", 255)
+    assert import_colmap(source, tmp_path / "both", [(11, 12)], options).sensors[0].mask is not None

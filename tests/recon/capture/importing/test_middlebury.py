@@ -37,7 +37,9 @@ def ring(folder: Path, *, bent: int | None = None, n_views: int = N_VIEWS) -> Pa
 
 def test_frames_are_the_next_views_with_the_first_calibration(tmp_path: Path) -> None:
     out = tmp_path / "capture"
-    made = import_middlebury(ring(tmp_path / "ring"), out, pairs=PAIRS, n_frames=3)
+    listing = ring(tmp_path / "ring") / "ring_par.txt"
+    listing.write_text("\ufeff# of a ring\n\n" + listing.read_text())
+    made = import_middlebury(listing.parent, out, pairs=PAIRS, n_frames=3)
     capture = read_capture(out)
     assert (capture.name, capture.kind, capture.n_frames) == ("ring", "scene", 3)
     assert made.folder == out

@@ -534,6 +534,7 @@ def test_absent_pictures_of_a_set_are_named_and_raw_video_is_told_how_to_convert
         (kalibr, "log-camchain.yaml", lambda text: text + "imu0: {update_rate: 200.0}\n"),
         (kalibr, "log-camchain.yaml", lambda text: text.replace("\n", "\r\n")),
         (kitti_odometry, "calib.txt", lambda text: text.replace(": ", ":\t")),
+        (kitti_odometry, "calib.txt", lambda text: "# of a drive\n" + text.replace("\n", "  # rectified\n", 1)),
         (middlebury_pair, "calib.txt", lambda text: text.replace("vmin=10\n", "")),
         (middlebury_pair, "calib.txt", lambda text: text.replace("vmax=40\n", "")),
     ],
