@@ -103,13 +103,15 @@ def plan(
 
 def _claims(plan: dict[str, Any], effect: str) -> str:
     """Say how often each claim would be made, and how many participants the one asked for needs."""
+    from app.analysis.comparisons.power import MOST_PARTICIPANTS
+
     lines = [f"Claims over all datasets, {effect} (± error of the simulation):"]
     lines += [f"  {row['power']:.2f} ± {row['power_error']:.2f}  {row['what']}" for row in plan["claims"]]
     wanted = plan["participants_wanted"]
     number = (
         f"{wanted['participants']} participants ({wanted['low']} to {wanted['high']} within the simulation's error)"
         if wanted
-        else "more than 512 participants"
+        else f"more than {MOST_PARTICIPANTS} participants"
     )
     named = plan.get("clickers_named")
     if named:

@@ -14,13 +14,14 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
 from app.errors import InvalidError
-from app.intake.shelves import checked_name, is_plain, shelf
+from app.intake.shelves import LONGEST_NAME, checked_name, is_plain, shelf
 from app.intake.summaries import CLOUDS, clouds_among, is_readable
 from app.settings import Settings
 
 SETS = "sets"  # the stimulus sets' folder, beside the shelves of the intake folder
 MOST_ENTRIES = 50
 LONGEST_TEXT = 200
+LONGEST_MADE = 80  # characters of a name that is made from others
 
 Values = Mapping[str, Any]
 
@@ -221,7 +222,8 @@ class NewName(Field):
     def by_pattern(self, values: Values) -> str:
         """Return the name by the pattern, taken or not."""
         parts = {name: _plain(value) for name, value in values.items() if value is not None}
-        return self.pattern.format(**parts)[:80]
+        name = self.pattern.format(**parts)[:LONGEST_MADE].encode()[: LONGEST_NAME - len("-9999")]
+        return name.decode(errors="ignore").rstrip(" .")  # what was cut may end within a letter
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,7 @@ from app.study.options.options import parse_options
 from app.study.protocols import TYPICAL_INCONSISTENCY, TYPICAL_SPREAD
 from app.web.admin.layout import study_page
 from app.web.admin.listing import listed
-from app.web.analyst.results import balance_soon, plan_of
+from app.web.analyst.results import REPLICATES, balance_soon, plan_of
 from app.web.gates import Now, Store
 from app.web.roles import AStudy, Person
 
@@ -56,6 +56,8 @@ def design_page(
         "inconsistency": TYPICAL_INCONSISTENCY,
         "minutes": round(sum(minutes.values())),
         "planned": planned,
+        "replicates": REPLICATES,
+        "most_participants": _most_participants() if planned else None,
         "asked": {
             "participants": participants or 22,
             "effect": effect,
@@ -63,3 +65,9 @@ def design_page(
         },
     }
     return study_page(request, "design", person, study, context)
+
+
+def _most_participants() -> int:
+    from app.analysis.comparisons.power import MOST_PARTICIPANTS  # the analysis has been loaded for a plan
+
+    return MOST_PARTICIPANTS

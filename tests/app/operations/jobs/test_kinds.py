@@ -16,7 +16,8 @@ from typer.main import get_command
 from app.cli import app as command_line
 from app.errors import InvalidError
 from app.files import write_json
-from app.operations.jobs.fields import Choice, Choices, Entries, Entry, Number, Switch, Text
+from app.intake.shelves import is_plain
+from app.operations.jobs.fields import Choice, Choices, Entries, Entry, NewName, Number, Switch, Text
 from app.operations.jobs.kinds import KINDS, in_page_words, job_kind, kinds_for
 from app.settings import Settings
 
@@ -279,3 +280,12 @@ def test_a_page_names_the_job_instead_of_its_command() -> None:
     )
     said = "is no finished run; make one with `reconstudy reconstruct CAPTURE -o RUN`, or choose `voxel`"
     assert in_page_words(said) == "is no finished run; make one with the job “Reconstruct”, or choose `voxel`"
+
+
+@pytest.mark.parametrize("source", ["録" * 66, "a" * 79 + " b", "ball", "é" * 90])
+def test_a_name_that_is_made_of_a_long_one_can_be_used(here: Settings, source: str) -> None:
+    assert is_plain(source), "an entry may be called so"
+    field = NewName(name="name", label="Name", shelf="runs", pattern="{capture}-check")
+    first = field.made_from({"capture": source}, here)
+    (here.intake_dir / "runs" / first).mkdir()
+    assert field.made_from({"capture": source}, here) == f"{first}-2"
