@@ -15,8 +15,16 @@ from recon.capture.checking.diagnosis import diagnose, would_lenses_show
 from recon.capture.checking.matches import Matches, epipolar_errors
 from recon.capture.format import Capture, write_capture
 from recon.geometry.rig import Camera, Sensor, look_at, rigid
+from recon.studio.rigs import Field, arc_rig, distorted, disturbed
 
 SIZE = (1280, 720)
+FIELDS = (
+    Field((0.0, 930.0, 120.0), 1250.0, 2020.0),
+    Field((0.0, 870.0, 120.0), 1250.0, 1950.0),
+    Field((0.0, 910.0, 60.0), 1750.0, 2240.0),
+    Field((0.0, 910.0, 0.0), 1050.0, 1980.0),
+    Field((0.0, 1600.0, 10.0), 640.0, 620.0),
+)
 
 
 def camera(x: float) -> Camera:
@@ -109,6 +117,23 @@ def test_a_fifth_of_a_pixel_is_no_fault_where_the_likeliest_turn_hardly_moves_ro
     seen = Matches(*(view.project(points) + rng.normal(0, 0.15, (118, 2)) for view in (left, right)))
     assert 0.15 < np.median(np.abs(epipolar_errors(told, seen))) < 1 / 3
     assert diagnose(told, seen) == ()
+
+
+@pytest.mark.parametrize("seed", [30, 152, 420])
+def test_what_a_good_calibration_is_off_by_is_not_taken_for_wrong_lenses(seed: int) -> None:
+    rng = np.random.default_rng((99, seed))
+    field = FIELDS[rng.integers(5)]
+    rig = distorted(arc_rig(field, n_sensors=2, size=(320, 240), rng=rng), rng.uniform(-0.2, 0.1), rng)
+    told = disturbed(rig, rng.uniform(0, 0.1), rng).sensors[0]
+    n = int(rng.integers(20, 300))
+    points = field.centre + rng.uniform(-1, 1, (n, 3)) * (0.3 * field.width, 0.45 * field.height, 150.0)
+    noise = rng.uniform(0.08, 0.25) / 1.41
+    places = []
+    for view in (rig.sensors[0].left, rig.sensors[0].right):
+        turn, shift = cv2.Rodrigues(view.rotation)[0], view.cam_from_world[:3, 3]
+        seen, _ = cv2.projectPoints(points, turn, shift, view.K, view.dist)
+        places.append(seen[:, 0] + rng.laplace(0, noise, (n, 2)))
+    assert diagnose(told, Matches(*places)) == ()
 
 
 def test_too_few_matches_say_nothing() -> None:
