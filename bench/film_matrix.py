@@ -296,7 +296,7 @@ def colours_of(kind: Kind, path: Path, look: Look) -> Values:
         stored(path, look, kind),
         matrix=FFMPEG_NAMES.get(matrix, matrix),
         is_full=is_full,
-        bits=look.bits,
+        bits=kind.bits,
     )
     to_bt709 = np.linalg.inv(xyz_of(PRIMARIES["bt709"])) @ xyz_of(PRIMARIES[primaries])
     if kind.transfer in HDR:

@@ -94,6 +94,7 @@ PURE_EXCEPTIONS = {
     "app/analysis/reading/files/tabular.py": {"pandas", "pyarrow"},
     "app/analysis/reading/files/text.py": {"pandas", "pyarrow"},
     "app/analysis/reading/votes_table.py": {"pandas"},
+    "app/study/screening/pictures.py": {"PIL"},
 }
 IMPURE_STANDARD_LIBRARY = {"sqlite3", "random", "secrets", "time", "socket", "http", "urllib", "uuid"}
 
