@@ -51,7 +51,7 @@ def diagnose(sensor: Sensor, matches: Matches) -> tuple[str, ...]:
     if problems or len(matches) < MIN_MATCHES:
         return problems
     error, n_matches = _median(epipolar_errors(sensor, matches)), len(matches)
-    least = _fit(lambda _: sensor, 0, matches)[1]
+    least = _turned_little(sensor, matches)
     lenses = _lenses(sensor, matches)
     if least < MIN_ERROR_PX and lenses is None:
         return ()
@@ -87,9 +87,7 @@ def would_lenses_show(sensor: Sensor, matches: Matches) -> bool:
 
     Rows depend little on the distortion of both lenses where they are near each other, or long; depths do.
     """
-    as_told, wrong = (
-        _fit(lambda _, each=each: each, 0, matches)[1] for each in (sensor, _with_both_k1(sensor, WRONG_K1))
-    )
+    as_told, wrong = (_turned_little(each, matches) for each in (sensor, _with_both_k1(sensor, WRONG_K1)))
     return _is_sure(as_told, wrong, len(matches))
 
 
@@ -288,6 +286,11 @@ def _fit(
         errors, start, bounds=(-largest, largest), loss="soft_l1", f_scale=INLIER_PX, diff_step=step, x_scale=0.01
     )
     return fit.x[:n_unknowns], _median(epipolar_errors(turned(fit.x), matches))
+
+
+def _turned_little(sensor: Sensor, matches: Matches) -> float:
+    """Return the median distance from epipolar lines that a turn which matching along rows bears leaves, pixels."""
+    return _fit(lambda _: sensor, 0, matches)[1]
 
 
 def _median(errors: NDArray[np.float64]) -> float:
