@@ -87,8 +87,8 @@ def would_lenses_show(sensor: Sensor, matches: Matches) -> bool:
 
     Rows depend little on the distortion of both lenses where they are near each other, or long; depths do.
     """
-    as_told, wrong = (_turned_little(each, matches) for each in (sensor, _with_both_k1(sensor, WRONG_K1)))
-    return _is_sure(as_told, wrong, len(matches))
+    as_told, *wrong = (_turned_little(_with_both_k1(sensor, change), matches) for change in (0.0, WRONG_K1, -WRONG_K1))
+    return _is_sure(as_told, min(wrong), len(matches))
 
 
 def _is_sure(after: float, before: float, n_matches: int) -> bool:

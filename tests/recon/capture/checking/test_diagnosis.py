@@ -143,6 +143,8 @@ def test_too_few_matches_say_nothing() -> None:
 
 def test_whether_wrong_lenses_would_show_depends_on_how_far_they_move_rows() -> None:
     assert would_lenses_show(SENSOR, matches())
+    sides = (replace(each, dist=np.array([0.25, 0, 0, 0])) for each in (SENSOR.left, SENSOR.right))
+    assert not would_lenses_show(Sensor("S1", *sides), matches()), "another distortion fits better"
     far = Sensor("S1", *(replace(camera(x), K=camera(x).K * [[8, 1, 1], [1, 8, 1], [1, 1, 1]]) for x in (-20.0, 20.0)))
     rng = np.random.default_rng(0)
     points = rng.uniform((-100, -60, -100), (100, 60, 100), (400, 3))
