@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import map_coordinates, median_filter
 
 from recon.capture.checking.silhouettes import Silhouette
 from recon.capture.rectify import viewing_directions
@@ -146,7 +146,7 @@ def _log_likelihood(
     frames = np.arange(len(first), dtype=np.float64)
     places = frames[None] + lags[:, None]  # (L, N)
     filled = np.interp(frames, frames[np.isfinite(second)], second[np.isfinite(second)]) if _known(second) else second
-    if not (_known(first) and _known(second)) or np.nanstd(first) < SMALL_MOTION_PX * pixel:
+    if not all(_known(signal) and _spread(signal) >= SMALL_MOTION_PX * pixel for signal in (first, second)):
         return nothing
     shifted = map_coordinates(filled, places[None], order=3, mode="nearest")
     near = map_coordinates(np.isfinite(second).astype(np.float64), places[None], order=1, cval=0.0)
@@ -159,6 +159,11 @@ def _log_likelihood(
     spread = np.nanmean(np.minimum(np.abs(apart), 3 * np.nanmedian(np.abs(apart), axis=1, keepdims=True)) ** 2, axis=1)
     floor = (NOISE_PX * pixel) ** 2
     return np.asarray(-counts.min() / CORRELATED / 2 * np.log(spread + floor))
+
+
+def _spread(signal: NDArray[np.float64]) -> float:
+    """Return the standard deviation of a known signal, in which masks of single frames do not count."""
+    return float(np.std(median_filter(signal[np.isfinite(signal)], 3)))
 
 
 def _known(signal: NDArray[np.float64]) -> bool:
