@@ -122,8 +122,15 @@ tell_left_out() {
   done
 }
 
+# Say at the end of a set-up that had something to do how long it took, and what comes next.
+tell_done() {
+  echo "setup: done after $((SECONDS / 60)) min $((SECONDS % 60)) s; to use it: . $venv/bin/activate, then reconstudy --help"
+}
+
+before=$(cat "$venv/.installed" 2>/dev/null || true)
 install_system_packages
 tell_left_out
 install_python_packages
 install_browser_packages
 check_browser
+[ "$before" = "$(cat "$venv/.installed")" ] || tell_done

@@ -3,7 +3,8 @@
 The kinds are the whole product of 5 codecs, 4 containers, pixel shapes, rotations, ranges, matrices, transfers, depths,
 interlacing, odd sizes and sound, less what a codec or a container cannot hold: tens of thousands of films. Without
 `--whole` those are made that have every three of these properties together at least once, then others by lot while
-there is time; `--only bt2020nc,8` takes those alone that have these values, and `--lot` draws all by lot from the whole product.
+there is time; `--only bt2020nc,8` takes those alone that have these values, and `--lot` draws all by lot from the whole
+product.
 
 A film is shown right (each patch within 3 levels of the truth) or refused with a way out; printed are the numbers of
 both, the refusals, and every film that is neither. The truth is what the film's own values mean: decoded by ffmpeg, and
@@ -295,7 +296,7 @@ def colours_of(kind: Kind, path: Path, look: Look) -> Values:
         stored(path, look, kind),
         matrix=FFMPEG_NAMES.get(matrix, matrix),
         is_full=is_full,
-        bits=look.bits,
+        bits=kind.bits,
     )
     to_bt709 = np.linalg.inv(xyz_of(PRIMARIES["bt709"])) @ xyz_of(PRIMARIES[primaries])
     if kind.transfer in HDR:
@@ -358,7 +359,7 @@ def light_of(rgb: Values, transfer: str, matrix: str) -> Values:
     scene = np.where(rgb <= 0.5, rgb.clip(0, None) ** 2 / 3, (np.exp((rgb - c) / a) + b) / 12)
     red, blue = WEIGHTS[FFMPEG_NAMES.get(matrix, matrix)]
     brightness = scene @ np.array([red, 1 - red - blue, blue])
-    return 1000 / SDR_NITS * scene * brightness[..., None] ** 0.2
+    return np.asarray(1000 / SDR_NITS * scene * brightness[..., None] ** 0.2)
 
 
 def xyz_of(corners: Sequence[tuple[float, float]]) -> Values:

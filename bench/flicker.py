@@ -30,7 +30,7 @@ from recon.capture.format import read_capture
 from recon.geometry.mesh import Mesh
 from recon.geometry.mesh_files import read_mesh
 from recon.geometry.rig import Camera, Rig
-from recon.pipeline.run import Run, mesh_name, read_run
+from recon.pipeline.run import Run, read_run
 from recon.render.camera_path import camera_path
 from recon.render.encoding.quality import luma_of
 from recon.render.frames import render_masked_frames
@@ -162,7 +162,7 @@ def compare(capture: Path, runs: Sequence[Run], size: tuple[int, int]) -> None:
     pixels = still_pixels(truths, runs[0], size)
     for run in runs:
         for approach in run.approaches:
-            models = [read_mesh(run.folder / mesh_name(approach, frame)) for frame in frames]
+            models = [read_mesh(run.folder / run.mesh_name(approach, frame)) for frame in frames]
             row = {"film": film_ratio(drawn(models, run, size, moving=True), moving)}
             row |= changes(drawn(models, run, size), still, pixels) | trails(models, truths)
             print(f"{run.folder.name} {approach}: " + ", ".join(f"{name} {row[name]:.2f}" for name in row), flush=True)

@@ -15,7 +15,7 @@ from pictures import WIDTH, keep
 
 from recon.capture.format import read_capture
 from recon.geometry.mesh_files import read_mesh
-from recon.pipeline.run import mesh_name, read_run, recorded_in
+from recon.pipeline.run import read_run, recorded_in
 from recon.render.sheet import contact_sheet
 from recon.validation.views.novel_view import photographs, rendered
 
@@ -32,7 +32,7 @@ def row(view: str, rectangle: str, models: str) -> NDArray[np.uint8]:
     cut = np.s_[top : top + height, left : left + width]
     panels = [shots[view].pixels[cut]]
     for path in paths:
-        shown, cover, _ = rendered(read_mesh(path.parent / mesh_name(path.name, frame)), shots[view].camera)
+        shown, cover, _ = rendered(read_mesh(path.parent / runs[0].mesh_name(path.name, frame)), shots[view].camera)
         panels.append(np.where(cover[..., None], shown, BACKGROUND)[cut].astype(np.uint8))
     is_one_run = len({path.parent for path in paths}) == 1
     names = [path.name if is_one_run else f"{path.name}, {path.parent.name}" for path in paths]

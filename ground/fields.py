@@ -12,7 +12,6 @@ from typing import Annotated, Any, Literal, NotRequired, Union, get_args, get_or
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
-from typing_extensions import is_typeddict
 
 LISTS = (list, tuple, Sequence)
 PLAIN: Mapping[Any, str] = {
@@ -54,7 +53,7 @@ class Taken:
         if is_model(self.kind):
             info = field_of(self.kind, key)
             return None if info is None else taken(info)
-        if is_typeddict(self.kind):
+        if _is_typed(self.kind):
             hints = get_type_hints(self.kind, include_extras=True)
             return plain(hints[key]) if key in hints else None
         parts = get_args(self.kind)
@@ -69,7 +68,7 @@ class Taken:
     @property
     def keys(self) -> list[str]:
         """The keys that a model or a typed dictionary has."""
-        if is_typeddict(self.kind):
+        if _is_typed(self.kind):
             return list(self.kind.__annotations__)
         return [key_of(*field) for field in self.kind.model_fields.items()]
 
@@ -92,6 +91,11 @@ class Taken:
 def is_model(kind: Any) -> bool:
     """Tell whether a type is a model, with keys of its own."""
     return isinstance(kind, type) and issubclass(kind, BaseModel)
+
+
+def _is_typed(kind: Any) -> bool:
+    """Tell whether a type is a typed dictionary, from whichever library."""
+    return hasattr(kind, "__required_keys__")
 
 
 def key_of(name: str, info: FieldInfo) -> str:

@@ -32,7 +32,9 @@ from recon.capture.format import read_draft
 from recon.capture.images import read_image, read_video_frame, video_times
 from recon.capture.importing import colmap_model
 from recon.depth.disparity_io import read_disparity
+from recon.geometry.mesh import Mesh
 from recon.geometry.mesh_files import read_cloud, read_mesh
+from recon.geometry.packed import packed_bytes
 from recon.models.read import Placement, read_model
 from recon.models.scene_file import read_scene_file
 from recon.render.path_file import read_path
@@ -154,6 +156,12 @@ def film() -> bytes:
         return (Path(folder) / "film.mp4").read_bytes()
 
 
+def packed_mesh() -> bytes:
+    """A packed triangle."""
+    corners = np.eye(3)
+    return packed_bytes(Mesh(corners, np.arange(3)[None], corners, np.zeros((3, 3), np.uint8)))
+
+
 READERS: dict[str, tuple[Callable[[Path], Any], str, Callable[[], bytes]]] = {
     "votes": (read_votes, "votes.csv", VOTES.encode),
     "items": (read_items, "items.csv", lambda: b"item,depth\nx,id\ny,pm\n"),
@@ -162,6 +170,7 @@ READERS: dict[str, tuple[Callable[[Path], Any], str, Callable[[], bytes]]] = {
     "manifest": (read_stimulus_set, "manifest.json", json.dumps(MANIFEST).encode),
     "cloud": (read_cloud, "cloud.ply", PLY.encode),
     "mesh": (read_mesh, "mesh.ply", PLY.encode),
+    "packed mesh": (read_mesh, "mesh.parquet", packed_mesh),
     "disparity": (read_disparity, "disparity.pfm", lambda: PFM),
     "disparity array": (read_disparity, "disparity.npy", lambda: NPY),
     "image": (read_image, "image.png", png),

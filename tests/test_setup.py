@@ -29,6 +29,17 @@ def test_set_up_counts_the_packages_that_pip_fetches() -> None:
     ]
 
 
+def test_set_up_says_when_it_is_done_and_what_comes_next() -> None:
+    script = SETUP.read_text(encoding="utf-8")
+    (function,) = re.findall(r"^tell_done\(\) \{$.*?^\}$", script, re.MULTILINE | re.DOTALL)
+    done = subprocess.run(
+        ["bash", "-c", f"venv=.venv SECONDS=125\n{function}\ntell_done"], capture_output=True, text=True, check=True
+    )
+    said = "setup: done after 2 min 5 s; to use it: . .venv/bin/activate, then reconstudy --help\n"
+    assert done.stdout == said
+    assert script.rstrip().endswith("tell_done")
+
+
 def test_the_forge_runs_commands_of_the_makefile_and_builds_every_extra_of_a_server() -> None:
     jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "tests.yml").read_text(encoding="utf-8"))["jobs"]
     commands = [step.get("run", "") for job in jobs.values() for step in job["steps"]]

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from app.cli.shared import UrlOption, server_settings
-from recon.cli.console import JsonOption, print_result
+from recon.cli.console import JsonOption, counted, print_result
 
 EVERY_NETWORK = ("0.0.0.0", "::")  # addresses to listen on, where no other computer finds anything
 
@@ -81,7 +81,7 @@ def _status_lines(status: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "Database", f"{database['kind']} {database['place']}{size}"
     yield "Tables", _tables_sentence(database)
     if studies is not None:
-        held = f"{studies['participants']} participants, {studies['votes']} votes"
+        held = f"{counted(studies['participants'], 'participant')}, {counted(studies['votes'], 'vote')}"
         yield "Studies", f"{studies['n']}, {studies['open']} of them open; {held}"
     yield "Films", f"{films['n']}, {films['megabytes']:g} MB, in {films['place']}"
     yield "Stimulus sets", f"{sets['n']} for the dashboard, in {sets['place']}"
@@ -206,8 +206,8 @@ def token_add(
     scope: Annotated[
         list[str] | None,
         typer.Option(
-            help="What the token may do: read, personal, audit, jobs, studies:write or participants:write; may be "
-            "repeated; default: read."
+            help="What the token may do: read, personal, audit, jobs, studies:write, participants:write or "
+            "participants:erase; may be repeated; default: read."
         ),
     ] = None,
     study: Annotated[
@@ -258,8 +258,7 @@ def backup(
     from app.operations.upkeep.backup import back_up
 
     result = back_up(server_settings(), file, with_media=media, encrypt_to=encrypt_to or ())
-    n_rows = sum(result["tables"].values())
-    kept = f"{n_rows} rows and {result['videos']} videos are in {file}{', encrypted' * result['encrypted']}."
+    kept = f"{_held(result)} are in {file}{', encrypted' * result['encrypted']}."
     print_result(result, kept, as_json=as_json)
 
 
@@ -277,11 +276,15 @@ def restore(
     from app.operations.upkeep.backup import restore as restore_backup
 
     result = restore_backup(server_settings(), file, replace=replace, identity=identity)
-    again = f" {result['erased_again']} erasures since then were applied again." if result["erased_again"] else ""
-    missing = result["missing_videos"]
-    without = f" {missing} videos are missing here; a backup with --media has them." if missing else ""
-    sentence = f"{sum(result['tables'].values())} rows and {result['videos']} videos are back.{again}{without}"
-    print_result(result, sentence, as_json=as_json)
+    again, missing = counted(result["erased_again"], "erasure"), counted(result["missing_videos"], "video")
+    sentences = [f"{_held(result)} are back."]
+    sentences += [f"Applied again: {again} since then."] if result["erased_again"] else []
+    sentences += [f"Missing here: {missing}; a backup with --media has them."] if result["missing_videos"] else []
+    print_result(result, " ".join(sentences), as_json=as_json)
+
+
+def _held(kept: Mapping[str, Any]) -> str:
+    return f"{counted(sum(kept['tables'].values()), 'row')} and {counted(kept['videos'], 'video')}"
 
 
 @db_app.command("check")

@@ -289,7 +289,8 @@ def study_delete(
     if not yes and typer.prompt(f"All votes of {study} will be gone. Type {study} to delete it", err=True) != study:
         raise ValueError(f"{study} was not deleted: another name was typed")
     gone = remove_study(server_settings(), study)
-    sentence = f"{study} is deleted, with {gone['votes']} votes of {gone['participants']} participants."
+    held = f"{counted(gone['votes'], 'vote')} of {counted(gone['participants'], 'participant')}"
+    sentence = f"{study} is deleted, with {held}."
     print_result(gone, sentence, as_json=as_json)
 
 
@@ -308,7 +309,7 @@ def study_list(as_json: JsonOption = False) -> None:
 def _study_sentence(study: Mapping[str, Any]) -> str:
     return (
         f"{study['slug']} ({study['state']}): {study['n_finished']} of {study['n_started']} participants finished, "
-        f"{study['n_votes']} votes; invitations {', '.join(study['invitations'])}"
+        f"{counted(study['n_votes'], 'vote')}; invitations {', '.join(study['invitations'])}"
     )
 
 

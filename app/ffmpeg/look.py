@@ -28,6 +28,7 @@ SDR_TRANSFERS = (  # shown alike by browsers: as if all were sRGB
 )
 WITHOUT_RANGE = ("prores",)  # codecs in which no film says its range: the decoder names what is usual
 DARKEST, BRIGHTEST = 10, 241  # of 8 bits: 6 beyond the limited range of luma, more than coding adds
+LIMITED_UNTAGGED = ("h264", "hevc", "vp8", "vp9", "av1", "mpeg1video", "mpeg2video", "mpeg4")  # by their standards
 SDR_NITS = 203  # of white among highlights: ITU-R BT.2408
 USUAL_PEAK_NITS = 1000.0  # of films that do not say theirs
 
@@ -141,6 +142,7 @@ class Look:
             "bits": self.bits,
             "matrix": self.matrix,
             "range": self.color_range,
+            "beyond_limited": round(self.beyond, 4),
             "primaries": self.primaries,
             "transfer": self.transfer,
             "read_as": {"matrix": self.shown_matrix(width, height), "range": self.shown_range},

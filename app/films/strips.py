@@ -38,6 +38,11 @@ ENCODERS = {
     "vp9": f"-c:v libvpx-vp9 -crf 24 -b:v 0 -deadline good -cpu-used 4 -row-mt 0 -g {GOP} -threads 1",
     "av1": f"-c:v libsvtav1 -preset 8 -crf 24 -g {GOP} -svtav1-params lp=1",
 }
+MEDIA_TYPES = {  # to ask a browser about; levels as two films of full HD need them
+    H264: 'video/mp4; codecs="avc1.640032"',
+    "vp9": 'video/mp4; codecs="vp09.00.51.08"',
+    "av1": 'video/mp4; codecs="av01.0.12M.08"',
+}
 CONTAINER = (
     "-color_range tv -colorspace bt709 -color_primaries bt709 -color_trc bt709"
     # The metadata must not name a source.

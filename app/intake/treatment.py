@@ -15,14 +15,15 @@ from pathlib import Path
 from app.errors import StimuliError
 from app.ffmpeg import VideoFacts, decode, look_at, reading, run_ffmpeg
 from app.ffmpeg.colours import TONE_MAPPING, browser_colours, unknown_colours
-from app.ffmpeg.look import UNTAGGED, Look
+from app.ffmpeg.look import LIMITED_UNTAGGED, UNTAGGED, Look
 from app.files import whole_file
 
 SUFFIX = ".mp4"  # of films that were encoded again
 PREVIEW_WIDTH, PREVIEW_S = 960, 20  # pixels and seconds at most
 FILM_CRF, LOSSLESS = "10", "0"  # x264's: 45 dB and more, and no loss at all
 RANGES = {"limited": "tv", "full": "pc"}  # in ffmpeg's words
-MOST_BEYOND = 0.002  # share of pixels beyond the limited range from which it matters which range is meant
+MOST_BEYOND = 0.002  # share of pixels beyond the limited range of a film that may have it
+MANY_BEYOND = 0.05  # noise on black reaches more, so this is only said where the codec's standard says limited
 _ENCODING = ("-c:v", "libx264", "-preset", "medium", "-g", "25", "-threads", "1")
 _CLEAN = ("-an", "-map_metadata", "-1", "-map_chapters", "-1", "-fflags", "+bitexact", "-movflags", "+faststart")
 
@@ -72,7 +73,7 @@ def treatment_of(path: Path, facts: VideoFacts) -> Treatment:
     filters: list[str] = []
     done: list[str] = []
     width, height = facts.width, facts.height
-    if look.said_range == "pc" or look.beyond > MOST_BEYOND:
+    if look.said_range == "pc" or _lacks_range(look):
         filters.append(f"setparams=range={look.shown_range}")
         done.append(f"its values read as {'full' if look.shown_range == 'pc' else 'limited'} range, as was said")
     if look.is_interlaced:
@@ -191,6 +192,11 @@ def look_notes(name: str, facts: VideoFacts, treatment: Treatment) -> Iterable[s
         yield f"{name}: {'; '.join(treatment.done)}"
     if look.has_sound:
         yield f"{name}: has sound, which is kept away from participants"
+    if look.codec in LIMITED_UNTAGGED and not look.said_range and look.beyond > MANY_BEYOND:
+        yield (
+            f"{name}: {100 * look.beyond:.2g} % of its pixels lie beyond the limited range, by which players read films"
+            " without a range; where it looks too dark and too harsh, say that it has the full range"
+        )
     if look.n_films > 1:
         yield f"{name}: holds {look.n_films} tracks of pictures; the first is taken"
 
@@ -238,13 +244,18 @@ def _check_readable(path: Path, facts: VideoFacts, look: Look) -> None:
             f"`ffmpeg -i {quoted} -vf premultiply=inplace=1,format=yuv444p -crf 10 NEW.mp4`",
             on_page="export it again on a background of your choice",
         )
-    if look.beyond > MOST_BEYOND and not look.said_range:
+    if _lacks_range(look) and not look.said_range:
         raise StimuliError(
             f"{path}: does not say whether its values have the limited range (16 to 235) or the full one (0 to 255), "
             f"and {100 * look.beyond:.2g} % of its pixels lie beyond the limited one, which would be cut off",
             by_command="say which it is by `--range full` or `--range limited`",
-            on_page="choose its range below “range of films that do not say theirs” and send the films again",
+            on_page="choose it below “brightness range where a film does not say it” and send the films again",
         )
+
+
+def _lacks_range(look: Look) -> bool:
+    """Tell whether nothing says a film's range, neither itself nor its codec's standard, and its values ask for it."""
+    return look.codec not in LIMITED_UNTAGGED and look.beyond > MOST_BEYOND
 
 
 def _square(width: int, height: int, shape: Fraction) -> tuple[int, int]:

@@ -29,6 +29,7 @@ BEGINNINGS: Mapping[str, tuple[bytes, ...]] = {  # how files begin whose content
     ".las": (b"LASF",),
     ".laz": (b"LASF",),
     ".e57": (b"ASTM-E57",),
+    ".parquet": (b"PAR1",),
     ".spz": (b"\x1f\x8b", b"NGSP"),
     ".sog": (b"PK\x03\x04",),
     ".mkv": (b"\x1aE\xdf\xa3",),

@@ -25,7 +25,7 @@ class StimuliImport(Command):
         "ask",
         "Range of films that do not say theirs; ask: refuse those whose values tell that it matters.",
         flags=("--range",),
-        label="Range of films that do not say theirs",
+        label="Brightness range where a film does not say it",
     )
     practice: str | None = option(None, "Dataset of two videos for practice; it is not compared.", **PRACTICE)
 

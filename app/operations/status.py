@@ -87,7 +87,7 @@ def _content(database: Database) -> dict[str, Any]:
             "participants": sum(count.n_started for count in counts),
             "votes": sum(count.n_votes for count in counts),
         },
-        "jobs": [*tasks, *(f"{title_of(job.kind)}: {job.output}" for job in running)],
+        "jobs": [*(task.title for task in tasks), *(f"{title_of(job.kind)}: {job.output}" for job in running)],
     }
 
 

@@ -43,52 +43,16 @@ from app.web.analyst import (
 from app.web.monitoring import health
 from app.web.participant import beginning, joined, pages, screening, session, trials
 
-ROUTERS = (
-    trials.router,
-    beginning.router,
-    session.router,
-    screening.router,
-    routes.router,
-    study_routes.router,
-    people_routes.router,
-    upload_routes.router,
-    material_routes.router,
-    api_page.router,
-    job_routes.router,
-    media.router,
-    health.router,
-    sign_in_page.router,
-    account_page.router,
-    users_page.router,
-    server_page.router,
-    sets_page.router,
-    file_uploads.router,
-    strokes_page.router,
-    tables_page.router,
-    files_page.router,
-    background.router,
-    manual_page.router,
-    jobs_page.router,
-    new_study_page.router,
-    lifecycle_page.router,
-    overview_page.router,
-    comments_page.router,
-    demographics_page.router,
-    records_page.router,
-    interview_page.router,
-    votes_page.router,
-    design_page.router,
-    films_page.router,
-    invitations_page.router,
-    scores_page.router,
-    objective_page.router,
-    models_page.router,
-    attachments.router,
-    edit_page.router,
-    texts_page.router,
-    pages.router,
-    joined.router,
-)
+# OpenAPI describes them in this order.
+REST = (trials, beginning, session, screening, routes, study_routes, people_routes, upload_routes, material_routes)
+MORE_REST = (api_page, job_routes, media, health)
+DASHBOARD = (sign_in_page, account_page, users_page, server_page, background, manual_page)
+WORK = (sets_page, file_uploads, strokes_page, tables_page, files_page, jobs_page)
+STUDIES = (new_study_page, lifecycle_page, overview_page, design_page, films_page, edit_page, texts_page)
+PEOPLE = (comments_page, demographics_page, records_page, interview_page, votes_page, invitations_page)
+RESULTS = (scores_page, objective_page, models_page, attachments)
+MODULES = (*REST, *MORE_REST, *DASHBOARD, *WORK, *STUDIES, *PEOPLE, *RESULTS, pages, joined)
+ROUTERS: tuple[APIRouter, ...] = tuple(module.router for module in MODULES)
 
 
 def joined_routers(routers: Sequence[APIRouter]) -> APIRouter:

@@ -28,7 +28,7 @@ from recon.capture.recording import (
     Size,
     check_bounds,
 )
-from recon.geometry.lens_names import NAME_KEYS, PERSPECTIVE, plain_name
+from recon.geometry.lens_names import PERSPECTIVE, is_name_key, plain_name
 from recon.geometry.rig import Camera
 
 SCHEMA_VERSION = 1
@@ -255,7 +255,7 @@ def parse_capture(path: Path, content: Mapping[str, Any]) -> Draft:
 
 def _lens_named_elsewhere(content: Mapping[str, Any], fault: Fault) -> Fault:
     """Return the fault, as one that counts where an unknown key names a lens that a capture's numbers do not mean."""
-    if not fault.is_unknown or fault.place[-1] not in NAME_KEYS:
+    if not fault.is_unknown or not is_name_key(str(fault.place[-1])):
         return fault
     value: Any = content
     for part in fault.place:

@@ -79,7 +79,8 @@ def capture_truth(asked: CaptureTruth, *, as_json: bool) -> None:
 
     written = write_truth_models(read_capture(asked.capture), asked.out, parse_frames(asked.frames))
     result = {"models": str(asked.out), "approach": TRUTH, "frames": written}
-    print_result(result, f"Wrote {len(written)} frames of the approach {TRUTH}: {asked.out}", as_json=as_json)
+    frames = counted(len(written), "frame")
+    print_result(result, f"Wrote {frames} of the approach {TRUTH}: {asked.out}", as_json=as_json)
 
 
 @app.command("import")

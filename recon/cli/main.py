@@ -185,7 +185,7 @@ def models(asked: Models, *, as_json: bool) -> None:
                 f"warning: {asked.out} has models from before, too: {names}; remove those that show something else"
             )
     result = {"out": str(asked.out), "models": [path.relative_to(asked.out).as_posix() for path in written]}
-    print_result(result, f"Wrote {len(written)} models: {asked.out}", as_json=as_json)
+    print_result(result, f"Wrote {counted(len(written), 'model')}: {asked.out}", as_json=as_json)
 
 
 @app.command()
@@ -216,5 +216,5 @@ def render(asked: Render, *, as_json: bool) -> None:
     faults = [f"{stimulus['video']}: {fault}" for stimulus in stimuli for fault in stimulus["quality"]["faults"]]
     more = f" And {len(faults) - 1} more: the manifest lists them under `quality`." if len(faults) > 1 else ""
     below = [f"The encoder lost more than it should, so watch before you use: {faults[0]}.{more}"] if faults else []
-    sentences = [f"Rendered {len(stimuli)} videos: {address_of(manifest)}", *below]
+    sentences = [f"Rendered {counted(len(stimuli), 'video')}: {address_of(manifest)}", *below]
     print_result({"manifest": address_of(manifest), "faults": faults}, "\n".join(sentences), as_json=as_json)

@@ -47,6 +47,14 @@ def png_of(texture: Texture) -> bytes:
     return bytes(cv2.imencode(".png", texture.pixels[..., ::-1])[1].tobytes())
 
 
+def picture_of(png: bytes) -> NDArray[np.uint8]:
+    """Return the pixels, uint8 (H, W, 3), of what `png_of` encoded."""
+    pixels = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR_RGB)
+    if pixels is None:
+        raise ValueError("its texture is not readable as PNG")
+    return np.asarray(pixels, np.uint8)
+
+
 class GltfScene:
     """A document of glTF to which meshes are added one by one: a node each, unlit and visible from both sides."""
 
@@ -189,10 +197,7 @@ def read_glb(content: bytes) -> Mesh:
         png = content[start : start + picture["byteLength"]]
     except (ValueError, KeyError, IndexError, struct.error, TypeError) as error:
         raise ValueError(f"is no whole GLB that reconstudy wrote: {error}; expected a mesh of a run") from error
-    pixels = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR_RGB)
-    if pixels is None:
-        raise ValueError("its texture is not readable as PNG")
-    texture = Texture(np.asarray(pixels, np.uint8), uv)
+    texture = Texture(picture_of(png), uv)
     return Mesh(vertices, faces.astype(np.int32), normals, texture.at_vertices(), texture, filled)
 
 

@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
-NAME_KEYS = ("distortion_model", "distortionModel", "camera_model", "projection_model", "model")
+NAME_KEYS = (
+    "distortion_model",
+    "distortion_type",
+    "camera_model",
+    "projection_model",
+    "projection_type",
+    "lens_model",
+    "lens_type",
+    "model_type",
+    "model",
+)  # in any case, with or without lines between the words, and of one camera of a pair: DistortionModel1
 PERSPECTIVE = (
     "plumb_bob",
     "radtan",
@@ -20,7 +31,21 @@ PERSPECTIVE = (
     "none",
 )
 UNLIKE = ("inverse_brown_conrady", "modified_brown_conrady")  # of RealSense: other formulas, mostly without numbers
-FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "kb4", "kannalabrandt8", "opencv_fisheye")
+FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "kannala_brandt4", "kb4", "kannalabrandt8", "opencv_fisheye")
+FISHEYE_KEY = "fisheye_model"  # 1 or 0, as OpenCV's program of one camera writes it
+TITLES = (
+    "id",
+    "name",
+    "camera_name",
+    "image",
+    "title",
+    "comment",
+)  # keys at which such a word may stand and mean no lens
+UNREAD = ("omnidirectional", "omni", "mei", "unified", "fov", "double_sphere", "eucm", "scaramuzza", "ocam", "ftheta")
+OTHERS = (*FISHEYE, *UNREAD)
+KEY_FORMS = tuple(
+    re.compile(key.replace("_", "[_ -]?") + "[_ -]?(1|2|left|right)?", re.IGNORECASE) for key in NAME_KEYS
+)
 
 
 def plain_name(model: str | None) -> str | None:
@@ -29,5 +54,26 @@ def plain_name(model: str | None) -> str | None:
 
 
 def model_name(*entries: Mapping[str, Any]) -> str | None:
-    """Return the first name of a camera's model in parts of a calibration; None where nothing names it."""
-    return next((str(entry[key]) for entry in entries for key in NAME_KEYS if isinstance(entry.get(key), str)), None)
+    """Return the first name of a camera's model in parts of a calibration; None where nothing names it.
+
+    A known name that is not OpenCV's perspective model counts at whatever key it stands. A ValueError says that a pair
+    has two models.
+    """
+    for entry in entries:
+        if entry.get(FISHEYE_KEY) in (1, "1"):
+            return FISHEYE[0]
+        words = {key: value for key, value in entry.items() if isinstance(value, str)}
+        for form in KEY_FORMS:
+            told = sorted({value for key, value in words.items() if form.fullmatch(key)})
+            if len(told) > 1:
+                raise ValueError(f"the cameras have the models {' and '.join(told)}, expected one")
+            if told:
+                return told[0]
+        if known := [value for key, value in words.items() if plain_name(value) in OTHERS and key not in TITLES]:
+            return known[0]
+    return None
+
+
+def is_name_key(key: str) -> bool:
+    """Tell whether a calibration names its model at a key."""
+    return any(form.fullmatch(key) for form in KEY_FORMS)

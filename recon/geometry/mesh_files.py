@@ -1,4 +1,4 @@
-"""Read and write clouds and meshes: PLY, GLB and OBJ."""
+"""Read and write clouds and meshes: PLY, GLB, OBJ and packed ones."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from recon.geometry.glb import glb_bytes, png_of, read_glb
 from recon.geometry.mesh import Cloud, Mesh, Shape, face_indices, finite_rows
 from recon.geometry.normals import are_unit, unit_normals
 from recon.geometry.obj import mtl_text, obj_text
+from recon.geometry.packed import FILLED, PACKED, packed_bytes, read_packed
 from recon.geometry.ply import (
     FLOAT_NORMAL,
     UINT8_COLOUR,
@@ -25,8 +26,6 @@ from recon.geometry.ply import (
     vector_columns,
 )
 from recon.runtime.files import check_suffix, naming, why_no_file, write_bytes
-
-FILLED = "filled"  # a property of vertices, 1 where nothing was measured
 
 
 def write_cloud(path: Path, cloud: Cloud) -> Path:
@@ -61,10 +60,10 @@ def holds_points(path: Path) -> bool:
 
 
 def write_mesh(path: Path, mesh: Mesh) -> Path:
-    """Write a mesh as binary PLY or GLB, a textured one as GLB or OBJ; the same mesh gives the same bytes.
+    """Write a mesh as binary PLY, GLB or packed, a textured one not as PLY but OBJ; the same mesh gives the same bytes.
 
-    Every file is whole or absent. Vertices where a hole was filled carry a 1, in PLY as `filled`, in GLB as `_FILLED`;
-    OBJ cannot say so. Beside a.obj come its material a.mtl and its picture a.png.
+    Every file is whole or absent. Vertices where a hole was filled carry a 1 as `filled`, in GLB as `_FILLED`; OBJ
+    cannot say so. Beside a.obj come its material a.mtl and its picture a.png.
 
     Convention
     ----------
@@ -75,15 +74,18 @@ def write_mesh(path: Path, mesh: Mesh) -> Path:
     Raises
     ------
     ValueError
-        If the mesh has no face, or the name does not end in .ply, .glb or .obj, or the format cannot hold its colours.
+        If the mesh has no face, or the name ends in none of .ply, .glb, .obj and .parquet, or the format cannot hold
+        its colours.
     """
-    check_suffix(path, (".ply", ".glb", ".obj"))
+    check_suffix(path, (".ply", ".glb", ".obj", PACKED))
     if not len(mesh.faces):
         raise ValueError(f"{path}: the mesh has no face, nothing to write")
     if path.suffix.lower() == ".obj":
         return _write_obj(path, mesh)
     if path.suffix.lower() == ".glb":
         return write_bytes(path, glb_bytes(mesh))
+    if path.suffix.lower() == PACKED:
+        return write_bytes(path, packed_bytes(mesh))
     _check_no_texture(path, mesh)
     filled = {} if mesh.filled is None else {FILLED: mesh.filled.astype(np.uint8)}
     return write_bytes(path, ply_bytes(_oriented(mesh.vertices, mesh.normals, mesh.colours) | filled, mesh.faces))
@@ -148,9 +150,9 @@ def read_cloud(path: Path) -> Cloud:
 
 
 def read_mesh(path: Path) -> Mesh:
-    """Read a PLY of coloured triangles, or a GLB of ours; vertices stay as they are, coincident ones included.
+    """Read a PLY of coloured triangles, or a GLB or packed mesh of ours.
 
-    Vertices of a mesh with a texture have the colours of their texels.
+    Vertices stay as they are, coincident ones included; below a texture, they have the colours of their texels.
 
     Raises
     ------
@@ -158,11 +160,11 @@ def read_mesh(path: Path) -> Mesh:
         If the file is missing, empty or damaged, a coordinate is not a number, vertices lack normals or
         colours, or faces are missing or no triangles.
     """
-    if path.suffix.lower() == ".glb":
+    if path.suffix.lower() in (".glb", PACKED):
         with naming(path):
             if not path.is_file():
                 raise ValueError(why_no_file(path))
-            return read_glb(path.read_bytes())
+            return read_packed(path) if path.suffix.lower() == PACKED else read_glb(path.read_bytes())
     ply = read_ply(path)
     with naming(path):
         points, normals, colours = (point_columns(path, ply, names) for names in ("xyz", FLOAT_NORMAL, UINT8_COLOUR))

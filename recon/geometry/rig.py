@@ -16,6 +16,7 @@ MIN_BASELINE_MM = 1e-3
 FARTHEST_MM, SMALLEST_MM = 1e10, 1e-3  # the Earth from pole to equator; values beyond are slips, not places
 MOST_PIXELS = 1_000_000  # of a picture's side
 MOST_OFF_AXIS = 50.0  # focal lengths: 88.9 degrees
+MOST_ANAMORPHIC = 5.0  # of fx to fy or fy to fx; lenses and pixels that are not square reach 2
 LONGEST_FOCAL = 1e5  # times the picture's longer side
 MOST_DISTORTION = 1e4  # of any one number at the picture's corners, where 1 is as far as they are from the axis
 DIST_POWERS = (2, 4, 1, 1, 6, 2, 4, 6, 1, 3, 1, 3, 0, 0)  # of the distance from the axis, by which they grow
@@ -216,6 +217,8 @@ def _check_intrinsics(K: NDArray[np.float64], size: tuple[int, int]) -> None:
             f"K = {K.tolist()}: corners of a picture of {size[0]}x{size[1]} lie {_off_axis(K, size):.3g} focal lengths "
             f"beside its axis, expected at most {MOST_OFF_AXIS:g}; are focal lengths and centre in pixels of this size?"
         )
+    if K[0, 0] > MOST_ANAMORPHIC * K[1, 1] or K[1, 1] > MOST_ANAMORPHIC * K[0, 0]:
+        raise ValueError(f"K has the focal lengths {K[0, 0]:g} and {K[1, 1]:g} px, expected nearly the same")
 
 
 def _off_axis(K: NDArray[np.float64], size: tuple[int, int]) -> float:

@@ -20,7 +20,7 @@ from recon.models.part import NEUTRAL, Contents, Part, cloud_part, colours_from,
 from recon.runtime.files import why_no_file
 
 OPTIONS = re.compile(r"-(\w+)((?:\s+(?:on|off|-?[\d.]+(?:e-?\d+)?))*)\s+")  # before the file's name in `map_Kd`
-WORD_OPTIONS = re.compile(r"-(?:type|imfchan|colorspace)\s+\S+\s+")  # likewise, with a word each
+WORD_OPTIONS = re.compile(r"-(type|imfchan|colorspace)\s+\S+\s+")  # likewise, with a word each
 FORMS = {  # of the corners of faces, all alike, with how many numbers a corner has; `++` never looks back
     re.compile(rf"(?:\s*+{corner})++\s*+"): n_numbers
     for corner, n_numbers in (
@@ -30,6 +30,7 @@ FORMS = {  # of the corners of faces, all alike, with how many numbers a corner 
         (r"-?\d++/-?\d++/-?\d++", 3),
     )
 }
+UNMOVED = {"s": 1.0, "o": 0.0, "t": 0.0}  # the numbers with which these options change nothing
 POSITION, POSITION_AND_COLOUR = 3, 6  # numbers of a vertex
 BLOCK = 100_000  # lines of faces that are taken apart at once
 OPAQUE = "has transparent materials, which are shown opaque"
@@ -78,11 +79,13 @@ def read_obj_model(path: Path) -> Contents:
     libraries = [name for names in lines.libraries for name in _library_names(path.parent, names)]
     materials = _materials(contents, libraries, {faces.material for faces in lines.faces})
     vertices, colours = _vertices(lines.vertices, contents)
-    places, normals = _numbers(lines.places, "vt", (1, 2, 3)), _numbers(lines.normals, "vn", (3,))
     positions = vertices[:, :3]
     if not lines.faces:
         contents.parts.append(cloud_part(contents, positions, None, colours))
         return contents
+    _finite(vertices, lines.vertices, "v")
+    places = _finite(_numbers(lines.places, "vt", (1, 2, 3)), lines.places, "vt")
+    normals = _finite(_numbers(lines.normals, "vn", (3,)), lines.normals, "vn")
     for name in dict.fromkeys(faces.material for faces in lines.faces):
         if name and libraries and name not in materials:
             contents.warn(f"uses the material {name!r}, which {', '.join(libraries)} does not define")
@@ -186,10 +189,16 @@ def _numbers(lines: Sequence[str], keyword: str, n_columns: Sequence[int]) -> ND
                 raise ValueError(f"its {keyword} number {number} is {line!r:.60}, expected {expected} numbers")
         raise ValueError(f"its {keyword} lines are not readable as numbers")
     table = values.reshape(-1, width)
-    if not np.isfinite(table).all():
-        wrong = int(np.argmin(np.isfinite(table).all(axis=1)))
-        raise ValueError(f"its {keyword} number {wrong + 1} is {lines[wrong]!r:.60}, expected finite numbers")
     return table if width > 1 else np.column_stack([table, np.zeros(len(table))])
+
+
+def _finite(table: NDArray[np.float64], lines: Sequence[str], keyword: str) -> NDArray[np.float64]:
+    """Return the numbers of the lines of a keyword, or say which are not finite."""
+    is_finite = np.isfinite(table).all(axis=1)
+    if not is_finite.all():
+        wrong = int(np.argmin(is_finite))
+        raise ValueError(f"its {keyword} number {wrong + 1} is {lines[wrong]!r:.60}, expected finite numbers")
+    return table
 
 
 def _are_alike(lines: Sequence[str], width: int) -> bool:
@@ -293,10 +302,10 @@ def _picture_name(text: str) -> str:
     """Return the file's name behind the options of `map_Kd`."""
     name = text
     while option := WORD_OPTIONS.match(name) or OPTIONS.match(name):
-        if option.re is OPTIONS and option[1] in ("s", "o", "t"):
+        if option[1] in UNMOVED and any(float(number) != UNMOVED[option[1]] for number in option[2].split()):
             raise ValueError(f"its texture is moved or scaled by {option[0].strip()!r}, which is not read; bake it")
         name = name[option.end() :]
-    return name.replace("\\", "/")
+    return name.strip('"').replace("\\", "/")
 
 
 def _last(text: str) -> float:

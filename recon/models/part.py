@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -93,13 +94,24 @@ class Contents:
         """
         folder = self.files[0].parent
         path = folder / name.replace("\\", "/")
-        if not path.resolve().is_relative_to(folder.resolve().parent):
+        around = folder.resolve().parent
+        is_near = path.resolve().is_relative_to(around)
+        if not (is_near and path.is_file()) and (found := _of_any_case([path.parent] * is_near + [folder], path.name)):
+            self.warn(f"names the {what} {name}, and {found.name} is taken for it")
+            path = found
+        if not path.resolve().is_relative_to(around):
             raise ValueError(f"its {what} {name} lies elsewhere; put it beside the model, or into a folder next to it")
         if not path.is_file():
             raise ValueError(f"its {what} {name} is missing, expected at {path}")
         if path not in self.files:
             self.files.append(path)
         return path.read_bytes()
+
+
+def _of_any_case(folders: Iterable[Path], name: str) -> Path | None:
+    """Return the first file of a name in folders, in any case: other systems do not tell it, and write whole paths."""
+    files = (path for folder in folders if folder.is_dir() for path in sorted(folder.iterdir()))
+    return next((path for path in files if path.name.lower() == name.lower() and path.is_file()), None)
 
 
 def cloud_part(

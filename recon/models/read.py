@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.mesh import Cloud, Discs, Mesh, Model, check_resolved, stacked_faces
+from recon.geometry.mesh_files import read_mesh
 from recon.geometry.normals import UPWARDS, surface_normals, unit_normals
+from recon.geometry.packed import PACKED
 from recon.geometry.rig import transformed
 from recon.models.atlas import one_texture
 from recon.models.gltf.model import VertexColours, read_gltf_model
@@ -33,6 +35,13 @@ def _sure(read: Callable[[Path], Contents]) -> Reader:
     return lambda path, _colours: read(path)
 
 
+def _read_packed_model(path: Path) -> Contents:
+    mesh = read_mesh(path)
+    uv, picture = (None, None) if mesh.texture is None else (mesh.texture.uv, mesh.texture.pixels)
+    part = Part(mesh.vertices.astype(np.float64), mesh.faces.astype(np.int64), mesh.normals, mesh.colours, uv, picture)
+    return Contents([path], [part])
+
+
 READERS: dict[str, Reader] = {
     ".ply": _sure(read_ply_model),
     ".obj": _sure(read_obj_model),
@@ -44,6 +53,7 @@ READERS: dict[str, Reader] = {
     ".las": _sure(read_las_model),
     ".laz": _sure(read_las_model),
     ".e57": _sure(read_e57_model),
+    PACKED: _sure(_read_packed_model),
 }
 MODEL_SUFFIXES = tuple(dict.fromkeys([*READERS, *SPLAT_READERS]))
 MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from recon.geometry.polygons import cut_polygons
 from recon.models.part import Contents, Part, cloud_part, colours_from
 
+END_BYTES = 4096  # in which a text ends, however long its name
 HEADER_BYTES = 84  # of a binary STL: 80 of any text, and the number of triangles
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-VERTEX = re.compile(rb"^\s*vertex\s+(\S+)\s+(\S+)\s+(\S+)\s*$", re.MULTILINE)
+VERTEX = re.compile(rb"^\s*vertex\s+(\S+)\s+(\S+)\s+(\S+)\s*$", re.MULTILINE | re.IGNORECASE)
 OFF_KIND = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF")
 
 
@@ -34,6 +35,8 @@ def read_stl_model(path: Path) -> Contents:
         corners = np.frombuffer(content, TRIANGLE, offset=HEADER_BYTES)["corners"].reshape(-1, 3)
     elif content.lstrip()[:5].lower() == b"solid" and (vertices := VERTEX.findall(content)):
         corners = np.array(vertices, dtype=np.float32)
+        if b"endsolid" not in content[-END_BYTES:].lower():
+            raise ValueError("is cut off: its text does not end with a line endsolid")
     else:
         raise ValueError(
             f"is no whole STL: it has {len(content)} bytes, {n_triangles} triangles need "

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,13 +18,14 @@ from recon.depth import CPU, check_device
 from recon.depth.temporal import TemporalParameters
 from recon.methods.approaches import DEPTH_METHODS, FUSION_METHODS, VERTICES, Approach, approaches, check_colours
 from recon.pipeline.methods import Methods, is_pm
-from recon.pipeline.run import View, read_clouds
-from recon.runtime.artefacts import Artefacts
+from recon.pipeline.run import View, mesh_name, read_clouds
+from recon.runtime.artefacts import Artefacts, Warnings
 from recon.surface import SurfaceParameters, default_voxel
 from recon.surface.outlines import widened
 
 MOVING, STATIC = "moving", "static"  # what PM makes: models of all frames, or of the first alone
 FEW, ALL = "few", "all"  # which clouds stay on disk
+PLAIN, PACKED = "plain", "packed"  # how meshes are stored
 STRETCH = 12  # frames of PM in which each starts from the one before; more would keep fewer workers busy
 
 
@@ -44,6 +46,7 @@ class ReconstructOptions:
     cloud, surface : parameters of these stages; without a voxel size, each depth method gets one
         that suits its error and the density of its points
     clouds : `ALL`, or `FEW`: those of the first and the middle frame stay on disk, others are made when they are needed
+    meshes : `PLAIN`, as PLY and GLB, or `PACKED`: all but those of the first and the middle frame as Parquet
     balance_colours : whether to make the sensors' colours agree, as estimated from what several of them saw
     agreement : whether the sensors' points are held against each other before they are fused
     steady : how many frames before lend a surface what they saw of places that are as they were
@@ -66,6 +69,7 @@ class ReconstructOptions:
     cloud: CloudParameters = field(default_factory=CloudParameters)
     surface: SurfaceParameters = field(default_factory=SurfaceParameters)
     clouds: str = ALL
+    meshes: str = PLAIN
     balance_colours: bool = False
     agreement: bool = True
     steady: int = 0
@@ -185,7 +189,35 @@ class Job:
     @property
     def kept_frames(self) -> Sequence[int]:
         """The frames whose clouds stay on disk."""
-        return self.frames if self.options.clouds == ALL else (self.frames[0], self.frames[len(self.frames) // 2])
+        return self.frames if self.options.clouds == ALL else self._first_and_middle
+
+    @property
+    def packed_frames(self) -> Sequence[int]:
+        """The frames whose meshes are packed."""
+        return [frame for frame in self.frames if self.options.meshes == PACKED and frame not in self._first_and_middle]
+
+    @property
+    def _first_and_middle(self) -> tuple[int, int]:
+        return self.frames[0], self.frames[len(self.frames) // 2]
+
+    def mesh_name(self, approach: Approach, frame: int) -> str:
+        """Name the mesh of a frame by an approach."""
+        return mesh_name(str(approach), frame, packed=frame in self.packed_frames)
+
+    def make_mesh(
+        self, approach: Approach, frame: int, key: Mapping[str, Any], write: Callable[[Path], Warnings]
+    ) -> list[str]:
+        """Make a mesh as `Artefacts.make` does, and remove one that was stored in the other way.
+
+        Parameters
+        ----------
+        approach, frame : which mesh
+        key, write : of its file
+        """
+        made = self.artefacts.make(self.mesh_name(approach, frame), key, write)
+        if made:
+            self.artefacts.remove([mesh_name(str(approach), frame, packed=frame not in self.packed_frames)])
+        return made
 
     def views(self, method: str, frame: int) -> list[View]:
         """List the views of all sensors that a depth method uses."""

@@ -25,7 +25,7 @@ from recon.methods.plugins import PluginError
 from recon.pipeline.job import Job
 from recon.pipeline.keys import camera_key, digest_once, files_key
 from recon.pipeline.methods import fuse, fusion_key, needs_views
-from recon.pipeline.run import COLOURS_NAME, View, fusion_folder, mesh_name
+from recon.pipeline.run import COLOURS_NAME, View, fusion_folder
 from recon.pipeline.stages import cloud_key, clouds_of, compared_method, rectified_view, store_program_log
 from recon.runtime.artefacts import code_version, key_of
 from recon.runtime.files import read_json
@@ -135,7 +135,7 @@ def _make_mesh(job: Job, approach: Approach, frame: int, prepared: Callable[[], 
         write_mesh(path, sensors.marked(mesh))
         return [*sensors.warnings, *(f"{approach}: frame {frame}: {reason}" for reason in left_out)]
 
-    return job.artefacts.make(mesh_name(str(approach), frame), key, write)
+    return job.make_mesh(approach, frame, key, write)
 
 
 def _prepared(job: Job, method: str, frame: int) -> Prepared:

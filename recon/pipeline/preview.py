@@ -19,7 +19,7 @@ from recon.geometry.mesh_files import read_mesh
 from recon.geometry.rig import Camera
 from recon.methods.approaches import parse_approach
 from recon.models.inspection import standing_height
-from recon.pipeline.run import Run, View, mesh_name, read_clouds, recorded_in
+from recon.pipeline.run import Run, View, read_clouds, recorded_in
 from recon.render.camera_path import camera_path
 from recon.render.frames import render_frames
 from recon.render.scene import scene_around
@@ -97,7 +97,7 @@ def draw_cloud(cloud: Cloud, camera: Camera) -> NDArray[np.uint8]:
 
 def _key(run: Run, frame: int) -> dict[str, object]:
     """List what the pictures of a frame are made from."""
-    meshes = [mesh_name(approach, run.shown_in(approach, frame)) for approach in run.approaches]
+    meshes = [run.mesh_name(approach, frame) for approach in run.approaches]
     return {"meshes": run.artefacts.digests(meshes), "code": code_version("pipeline/preview.py", "render")}
 
 
@@ -129,7 +129,7 @@ def _depth(run: Run, method: str, frame: int) -> NDArray[np.uint8]:
 
 def _model(run: Run, approach: str, frame: int, background: str) -> NDArray[np.uint8]:
     cameras = _cameras(run)
-    mesh = read_mesh(run.artefacts.path(mesh_name(approach, run.shown_in(approach, frame))))
+    mesh = read_mesh(run.artefacts.path(run.mesh_name(approach, frame)))
     bounds = run.capture.bounds
     scene = scene_around(bounds, cameras, background, floor_y=standing_height(mesh, bounds))
     return next(render_frames([mesh], [cameras[VIEW]], scene, renderer="software"))

@@ -38,7 +38,6 @@ from recon.pipeline.run import (
     check_is_run,
     fetch_log,
     log,
-    mesh_name,
     store_log,
     versions,
     write_run,
@@ -214,9 +213,9 @@ def _made(job: Job, progress: Progress) -> dict[str, Any]:
     names = tuple(dict.fromkeys(str(approach) for approach, _ in models))
     recording = address_from(run, job.capture.folder)
     still = tuple(str(approach) for approach in options.models if len(job.frames_of(approach.depth)) < len(job.frames))
-    finished = Run(run, job.capture, names, tuple(job.frames), versions(), recording, still)
+    finished = Run(run, job.capture, names, tuple(job.frames), versions(), recording, still, tuple(job.packed_frames))
     files = [ROWS_NAME.format(sensor=sensor) for sensor in job.matched_sensors]
-    files += [view.cloud for view in views] + [mesh_name(str(approach), frame) for approach, frame in job.surfaces]
+    files += [view.cloud for view in views] + [job.mesh_name(*each) for each in job.surfaces]
     warnings = list(dict.fromkeys(job.artefacts.warnings(files)))
     try:
         make_preview(finished, job.frames[0])

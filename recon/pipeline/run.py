@@ -9,8 +9,8 @@ A run is ``run.json``, ``log.jsonl`` (each file when it was made), ``capture.jso
 ``matched/<method>/<sensor>/<frame>.tiff`` and ``depth/<method>/<sensor>/<frame>.tiff`` (disparities before and after
 filtering in time),
 ``programs/<method>/<sensor>/<frame>/log.txt`` and ``programs/<approach>/<frame>/log.txt`` (what programs of others
-printed), ``clouds/<method>/<sensor>/<frame>.ply``, ``meshes/<approach>/<frame>.ply`` (``.glb`` with a texture), and
-``previews/<frame>.png`` to look at.
+printed), ``clouds/<method>/<sensor>/<frame>.ply``, ``meshes/<approach>/<frame>.ply`` (``.glb`` with a texture,
+``.parquet`` if it is packed), and ``previews/<frame>.png`` to look at.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ import numpy as np
 from recon.capture.format import Capture, CaptureError, read_draft, write_capture
 from recon.geometry.mesh import Cloud
 from recon.geometry.mesh_files import holds_points, read_cloud
+from recon.geometry.packed import PACKED
 from recon.methods.approaches import VERTICES, parse_approach
 from recon.runtime.artefacts import NOTES, Artefacts
 from recon.runtime.files import read_json, write_json
@@ -58,10 +59,16 @@ _NO_POINTS = np.empty((0, 3), np.float32)
 NO_CLOUD = Cloud(_NO_POINTS, _NO_POINTS, _NO_POINTS.astype(np.uint8), _NO_POINTS[:, 0])  # where a sensor saw nothing
 
 
-def mesh_name(approach: str, frame: int) -> str:
-    """Name the mesh of a frame by an approach such as "pm_fb"; one with a texture is a GLB file."""
-    suffix = "ply" if parse_approach(approach).colour == VERTICES else "glb"
-    return f"meshes/{approach}/{frame:04d}.{suffix}"
+def mesh_name(approach: str, frame: int, *, packed: bool = False) -> str:
+    """Name the mesh of a frame by an approach; a plain one is GLB if it has a texture, else PLY.
+
+    Parameters
+    ----------
+    approach, frame : such as "pm_fb", and the recording's number
+    packed : whether it is stored as Parquet
+    """
+    plain = ".ply" if parse_approach(approach).colour == VERTICES else ".glb"
+    return f"meshes/{approach}/{frame:04d}{PACKED if packed else plain}"
 
 
 def fusion_folder(approach: str, frame: int) -> str:
@@ -115,6 +122,7 @@ class Run:
     versions : of what made it
     recording : where the recording was, a URL or a path from the run; None if the run does not say
     static : approaches that have a model of the first frame alone
+    packed : frames whose meshes are packed
     """
 
     folder: Path
@@ -124,6 +132,7 @@ class Run:
     versions: dict[str, str]
     recording: str | None
     static: tuple[str, ...] = ()
+    packed: tuple[int, ...] = ()
 
     def frames_of(self, approach: str) -> tuple[int, ...]:
         """Return the frames that an approach has models of."""
@@ -132,6 +141,11 @@ class Run:
     def shown_in(self, approach: str, frame: int) -> int:
         """Return the frame whose model an approach shows in a frame."""
         return frame if frame in self.frames_of(approach) else self.frames[0]
+
+    def mesh_name(self, approach: str, frame: int) -> str:
+        """Name the mesh that an approach shows in a frame."""
+        shown = self.shown_in(approach, frame)
+        return mesh_name(approach, shown, packed=shown in self.packed)
 
     @property
     def dataset(self) -> str:
@@ -169,6 +183,7 @@ def read_run(folder: Path) -> Run:
             dict(content["versions"]),
             recording if isinstance(recording, str) else None,
             tuple(map(str, content.get("static", ()))),
+            tuple(map(int, content.get("packed", ()))),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error!r} is missing or wrong; reconstruct again to write it anew") from error
@@ -199,7 +214,7 @@ def write_run(
     warnings : what the stages warned of, a sentence each
     """
     write_capture(replace(run.capture, folder=run.folder))
-    names = [mesh_name(approach, frame) for approach in run.approaches for frame in run.frames_of(approach)]
+    names = [run.mesh_name(approach, frame) for approach in run.approaches for frame in run.frames_of(approach)]
     content = {
         "schema_version": SCHEMA_VERSION,
         "dataset": run.dataset,
@@ -207,6 +222,7 @@ def write_run(
         "approaches": list(run.approaches),
         "frames": list(run.frames),
         "static": list(run.static),
+        "packed": list(run.packed),
         "options": dict(options),
         "versions": run.versions,
         "warnings": list(warnings),

@@ -23,7 +23,7 @@ from recon.models.folder import find_models
 from recon.models.inspection import Facts, inspect_model
 from recon.models.read import Placement, read_model
 from recon.models.scene_file import SCENE_FILE, Orbit, orbit_rig, read_scene_file
-from recon.pipeline.run import RUN_FILE, Run, mesh_name, read_run
+from recon.pipeline.run import RUN_FILE, Run, read_run
 from recon.render.camera_path import camera_path
 from recon.render.path_file import read_path
 from recon.runtime.artefacts import file_digest
@@ -207,7 +207,7 @@ def run_source(run: Run) -> Source:
     sequences = []
     levels = levels_of(run.approaches)
     for approach in run.approaches:
-        names = [mesh_name(approach, frame) for frame in run.frames_of(approach)]
+        names = [run.mesh_name(approach, frame) for frame in run.frames_of(approach)]
         sequences.append(
             ModelSequence(
                 run.dataset,

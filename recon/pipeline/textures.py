@@ -14,7 +14,7 @@ from recon.geometry.mesh_files import read_mesh, write_mesh
 from recon.methods.approaches import VERTICES, Approach
 from recon.pipeline.job import Job
 from recon.pipeline.keys import files_key
-from recon.pipeline.run import EXPOSURES_NAME, View, mesh_name
+from recon.pipeline.run import EXPOSURES_NAME, View
 from recon.runtime.artefacts import code_version
 from recon.runtime.files import read_json, write_json
 from recon.surface.exposures import Exposure, compare_exposures, exposed
@@ -27,7 +27,7 @@ TOLERANCE_STEPS = 3  # a step is a third of the depth of a pixel of disparity
 def compare_photographs(job: Job) -> list[str]:
     """Estimate once for a run what makes all cameras agree, from the first frame's surface by the last approach."""
     approach, frame = job.surfaces[-1][0], job.frames[0]
-    mesh_file = mesh_name(str(approach), frame)
+    mesh_file = job.mesh_name(approach, frame)
     key = {
         "mesh": job.artefacts.digest(mesh_file),
         "pictures": _all_pictures_key(job, frame),
@@ -64,7 +64,7 @@ def make_textures(job: Job, approaches: Sequence[Approach], frame: int) -> list[
 
 
 def _make_textured(job: Job, approach: Approach, frame: int, photographs: Callable[[], list[Photograph]]) -> list[str]:
-    surface = mesh_name(str(replace(approach, colour=VERTICES)), frame)
+    surface = job.mesh_name(replace(approach, colour=VERTICES), frame)
     key = {
         "mesh": job.artefacts.digest(surface),
         "exposures": job.artefacts.digest(EXPOSURES_NAME),
@@ -76,7 +76,7 @@ def _make_textured(job: Job, approach: Approach, frame: int, photographs: Callab
     def write(path: Path) -> None:
         write_mesh(path, textured(read_mesh(job.artefacts.path(surface)), photographs(), _tolerance(job)))
 
-    return job.artefacts.make(mesh_name(str(approach), frame), key, write)
+    return job.make_mesh(approach, frame, key, write)
 
 
 def _photographs(job: Job, frame: int) -> list[Photograph]:

@@ -101,6 +101,11 @@ def check_suffix(path: Path, suffixes: tuple[str, ...]) -> None:
         raise ValueError(f"{path}: unknown kind of file, expected a name that ends in {' or '.join(suffixes)}")
 
 
+def any_case(pattern: str) -> str:
+    """Return a pattern of file names that takes its letters in any case: `*.[jJ][sS]` of `*.js`."""
+    return "".join(f"[{letter.lower()}{letter.upper()}]" if letter.isalpha() else letter for letter in pattern)
+
+
 def why_no_file(path: Path) -> str:
     """Return the end of a sentence on a path where a file should be, and is none."""
     return "is a folder, expected a file" if path.is_dir() else "there is no such file"

@@ -7,7 +7,7 @@ time for a person before a camera instead of 0.017 s. It would also need the ray
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -20,8 +20,7 @@ NEAREST_MM = 50.0
 N_DISTORTION = 5  # k1, k2, p1, p2, k3
 
 
-@dataclass(frozen=True, eq=False)
-class Visibility:
+class Visibility(NamedTuple):
     """What a camera sees inside a window of its image.
 
     Parameters

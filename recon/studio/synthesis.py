@@ -19,7 +19,7 @@ from recon.runtime.files import new_folder, write_json
 from recon.runtime.workers import Progress, no_progress
 from recon.studio import truth
 from recon.studio.imaging import Imaging, Window, averaged, defocused, defocused_plate, rolled
-from recon.studio.light.appearance import shade
+from recon.studio.light.appearance import Actors, shade
 from recon.studio.light.exposure import display_curve, expose
 from recon.studio.light.lighting import lit
 from recon.studio.light.looks import light_table, noise_volume
@@ -247,11 +247,9 @@ class _Recording:
     def _shade(self, view: View, seen: Visibility, staged: Staged) -> NDArray[np.float32]:
         light = lit(staged.surface, self._lights, view.camera.centre)
         light[:, SHINE] *= np.float32(self._parameters.gloss)
-        actors: NDArray[np.float32] = shade(
-            seen.column, seen.row, seen.faces, seen.nearness, self._stage.faces, seen.pixels,
-            light, self._stage.owners, staged.looks, self._noise, 1.0 / view.camera.K[0, 0],
-        )  # fmt: skip
-        return actors
+        actors = Actors(self._stage.faces, light, self._stage.owners, staged.looks, self._noise)
+        shaded: NDArray[np.float32] = shade(seen, actors, 1.0 / view.camera.K[0, 0])
+        return shaded
 
     def _expose(
         self, view: View, actors: Window, floor: NDArray[np.float32] | None, shot: tuple[int, int, float]

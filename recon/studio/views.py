@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from recon.capture.rectify import viewing_directions
 from recon.geometry.rig import Camera
-from recon.studio.light.appearance import room_plate
+from recon.studio.light.appearance import Rays, Room, room_plate
 from recon.studio.light.exposure import plate_values
 from recon.studio.light.looks import linear
 from recon.studio.light.shadow import FLOOR_CELLS, FLOOR_HALF_MM
@@ -75,9 +75,8 @@ def empty_view(
     gains = exposure * np.array([red, 1.0, blue]) * cast
     slopes = pixel_slopes(camera)
     axes = np.ascontiguousarray(camera.rotation.T)
-    plate = room_plate(
-        slopes, axes, camera.centre, 1.0 / camera.K[0, 0], CURTAIN_MM, FLOOR_Y_MM, linear(CURTAIN), linear(FLOOR), noise
-    )
+    rays = Rays(slopes, axes, camera.centre, 1.0 / camera.K[0, 0])
+    plate = room_plate(rays, Room(CURTAIN_MM, FLOOR_Y_MM, linear(CURTAIN), linear(FLOOR)), noise)
     cells = _cells_below(slopes, axes, camera.centre, FLOOR_Y_MM, FLOOR_CELLS, FLOOR_HALF_MM)
     return View(name, camera, gains, plate_values(plate, gains), cells)
 

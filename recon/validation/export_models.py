@@ -14,7 +14,7 @@ from recon.cloud import merge_clouds
 from recon.geometry.mesh import Cloud, Mesh, Shape
 from recon.geometry.mesh_files import read_mesh, write_cloud, write_measured, write_mesh
 from recon.methods.approaches import parse_approach
-from recon.pipeline.run import Run, View, mesh_name, read_clouds, read_run, recorded_in
+from recon.pipeline.run import Run, View, read_clouds, read_run, recorded_in
 from recon.runtime.remote import is_there
 from recon.runtime.workers import Progress
 from recon.studio.truth import MESH
@@ -60,7 +60,7 @@ def _write_approach(run: Run, approach: str, frame: int, out: Path) -> list[Path
             f"{run.frames[len(run.frames) // 2]} are; choose one of these, or reconstruct again with --clouds all"
         )
     cloud = replace(merge_clouds(read_clouds(run.artefacts, names)), sigma=None)  # nobody looks at sigmas
-    mesh = replace(read_mesh(run.artefacts.path(mesh_name(approach, frame))), texture=None)  # PLY holds none
+    mesh = replace(read_mesh(run.artefacts.path(run.mesh_name(approach, frame))), texture=None)  # PLY holds none
     return [
         _write(out / MESHES / run.dataset / f"{approach}.ply", mesh, truth),
         _write(out / CLOUDS / run.dataset / f"{approach}.ply", cloud, truth),

@@ -379,7 +379,7 @@ buttons.clear.addEventListener("click", () => {
   change([]);
 });
 buttons.mask.addEventListener("click", showMask);
-picture.addEventListener("error", () => tell("This picture cannot be shown; `capture check` says what is wrong with it."));
+picture.addEventListener("error", () => tell("This picture cannot be shown; the job “Check a capture” says what is wrong with it."));
 window.addEventListener("beforeunload", (event) => {
   if (!keeper.isDone) event.preventDefault(); // it is a matter of half a second
 });

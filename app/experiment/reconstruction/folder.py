@@ -10,7 +10,7 @@ from typing import Any
 from app.experiment.reconstruction.scale import Scale
 from recon.depth import CPU
 from recon.methods.approaches import DEPTH_METHODS, VERTICES, Approach
-from recon.pipeline.job import FEW, ReconstructOptions
+from recon.pipeline.job import FEW, PACKED, ReconstructOptions
 from recon.pipeline.sources import Source, read_sources
 from recon.runtime.artefacts import Artefacts, code_version
 from recon.validation.page import REPORT
@@ -54,6 +54,7 @@ class Experiment:
             further=self.further,
             colours=self.colours,
             clouds=FEW,
+            meshes=PACKED,
             agreement=False,  # as the paper, and without outlines, too
             outlines=False,
             workers=self.workers,

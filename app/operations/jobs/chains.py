@@ -6,7 +6,7 @@ from datetime import datetime
 from typing import Any
 
 from app.errors import StudyError
-from app.operations.jobs.fields import Entries, Entry
+from app.operations.jobs.fields import Entries
 from app.operations.jobs.kind import JobKind
 from app.operations.jobs.kinds import KINDS, job_kind
 from app.operations.jobs.shared_fields import GOALS, NOTHING
@@ -49,7 +49,7 @@ def _next_job(settings: Settings, job: QueuedJob, kind: JobKind) -> NewJob:
     assert kind.then, "its caller has looked"
     following = job_kind(kind.then[0])
     goal = job.arguments["then"]
-    field = next(field for field in following.fields if isinstance(field, Entry))
+    field = following.first_entry
     shelf, name = kind.output(job.arguments)
     value = field.value_for(settings, shelf, name)
     if value is None:

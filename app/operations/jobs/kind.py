@@ -49,6 +49,11 @@ class JobKind:
         chained = () if self.then is None else chain_fields(self.then)
         return (*fields_of(self.command, self.places), *chained)
 
+    @property
+    def first_entry(self) -> Entry:
+        """The field of the entry that the job begins with."""
+        return next(field for field in self.fields if isinstance(field, Entry))
+
     @cached_property
     def out_option(self) -> str | None:
         """Of the command for the output; empty: its last argument; None: it has none, as it changes an entry."""

@@ -6,7 +6,6 @@ import re
 from collections.abc import Mapping
 
 from app.errors import InvalidError
-from app.operations.jobs.fields import Entry
 from app.operations.jobs.films import FILMS
 from app.operations.jobs.kind import JobKind
 from app.operations.jobs.recordings import RECORDINGS
@@ -56,8 +55,7 @@ def kinds_for(settings: Settings, shelf: str, name: str) -> list[tuple[JobKind, 
     """Return the kinds that can begin with an entry: each with the field that takes it, and the value there."""
     starts = []
     for kind in KINDS.values():
-        field = next(field for field in kind.fields if isinstance(field, Entry))
-        value = field.value_for(settings, shelf, name)
+        value = kind.first_entry.value_for(settings, shelf, name)
         if value is not None:
-            starts.append((kind, field.name, value))
+            starts.append((kind, kind.first_entry.name, value))
     return starts

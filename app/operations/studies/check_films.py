@@ -14,19 +14,18 @@ from typing import Any
 from app.errors import StimuliError, StudyError, said_on_page
 from app.ffmpeg import Progress, decode, in_parallel, no_progress
 from app.files import file_digest, read_json, write_json
-from app.operations.database import open_store
+from app.films.strips import H264, MEDIA_TYPES
+from app.operations.database import open_store, study_named
 from app.operations.studies.play_films import PlayedFilm, browser_version, find_browser, play_films
 from app.operations.tasks import start_task
 from app.settings import Settings
 from app.store.database.engine import Database, Transaction
 from app.store.database.keys import utc_now
 from app.store.studies.audit import Actor
-from app.store.studies.studies import Study, study_by_slug
+from app.store.studies.studies import Study
 from app.store.trials.designs import ShownFilm, shown_films
 from app.study.options.options import parse_options
 
-TYPES = {"vp9": 'video/mp4; codecs="vp09.00.51.08"', "av1": 'video/mp4; codecs="av01.0.12M.08"'}
-H264_TYPE = 'video/mp4; codecs="avc1.640032"'
 MOST_PLAYED_AT_ONCE = 60  # before the first invitation; `study check` plays all
 
 
@@ -61,9 +60,7 @@ def check_study(settings: Settings, slug: str, *, progress: Progress = no_progre
         If there is no such study.
     """
     with open_store(settings) as database, database.reading() as connection:
-        study = study_by_slug(connection, slug)
-        if study is None:
-            raise ValueError(f"there is no study {slug!r}; `reconstudy study list` shows all")
+        study = study_named(connection, slug)
         films = films_of(connection, study)
     return asdict(check_films(settings, study, films, utc_now(), progress=progress))
 
@@ -145,7 +142,7 @@ def films_digest(films: Sequence[ShownFilm]) -> str:
 def in_words(check: FilmCheck) -> str:
     """Say in a sentence how far a check went."""
     if check.faults:
-        return f"{len(check.faults)} of {check.n_films} films cannot be shown."
+        return f"Films that cannot be shown: {len(check.faults)} of {check.n_films}."
     whole = f"All {check.n_films} films were decoded to their last picture, in the size that their player expects"
     if not check.browser:
         return f"{whole}. They could not be played in a browser: none is installed here."
@@ -181,7 +178,7 @@ def _played(settings: Settings, films: Sequence[ShownFilm], known: FilmCheck, pr
         PlayedFilm(
             settings.media_dir / film.file,
             "decoder" if film.is_single else "video",
-            TYPES.get(film.codec, H264_TYPE),
+            MEDIA_TYPES.get(film.codec, MEDIA_TYPES[H264]),
             film.width,
             _height(film),
             film.n_frames,

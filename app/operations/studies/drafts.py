@@ -8,7 +8,7 @@ from typing import Any, Self
 
 from app.intake.stimuli import StimulusSet
 from app.operations.studies.create import read_options
-from app.operations.studies.forecast import Forecast, forecast, has_many_pairs
+from app.operations.studies.forecast import SINGLE_FILMS, Forecast, forecast, has_many_pairs
 from app.settings import Settings
 from app.study.languages.language_pack import LanguagePack
 from app.study.option_fields import Setting, SettingError
@@ -20,7 +20,7 @@ from app.study.options.presets import PRESETS, QUICK, read_preset
 from app.study.options.study_file import StudyFile
 from app.study.options.wording import check_languages
 from app.study.protocols import RATED
-from app.study.questions.answers import QUESTIONS
+from app.study.questions.answers import is_text_of
 from app.study.stages import PRACTICE
 
 _LISTS = ("several", "conditions", "names", "spoken")
@@ -32,7 +32,6 @@ _EXPECTED: Mapping[str, str] = {  # kinds of settings whose form takes no text
     "window": "a list of numbers",
 }
 LARGEST_SHOWN = 2**63  # a seed; neither infinite nor without value
-SINGLE_FILMS: Mapping[str, Any] = {"pair_films": "decoded", "lighter_films": False, "second_codec": ""}
 
 
 @dataclass(frozen=True)
@@ -194,16 +193,10 @@ def options_of(now: StudyOptions, given: Mapping[str, Any]) -> dict[str, Any]:
         options.pop("scale")
     asked = {question["name"] for question in options["questions"]}
     options["texts"] = {
-        language: {key: text for key, text in said.items() if _is_of(key, asked)}
+        language: {key: text for key, text in said.items() if is_text_of(key, asked)}
         for language, said in options["texts"].items()
     }
     return options
-
-
-def _is_of(key: str, asked: set[str]) -> bool:
-    """Is it a text of the study, or of a question that is asked?"""
-    group, _, rest = key.partition(".")
-    return group != QUESTIONS or rest.partition(".")[0] in asked
 
 
 def _is_shown(setting: Setting, value: object) -> bool:

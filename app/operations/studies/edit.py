@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.errors import ConflictError, InvalidError
+from app.errors import ConflictError, InvalidError, said_on_page
 from app.ffmpeg import Progress
 from app.operations.studies.manage import study_file_of
 from app.operations.studies.prepare import prepare_study, prepared_columns
@@ -150,14 +150,17 @@ def remake_films(
 
     Raises
     ------
-    ValueError
-        If an option does not fit the stimulus set; StimuliError if the set cannot be used.
+    InvalidError
+        If an option does not fit the stimulus set, or the set cannot be used.
     ConflictError
         If somebody else has changed the study meanwhile, or a participant has begun.
     """
     assert edit.folder is not None, "the films are to be made again"
     wanted, study = edit.wanted, edit.study
-    made = prepare_study(settings, edit.folder, wanted.options, wanted.exposure_s, progress)
+    try:
+        made = prepare_study(settings, edit.folder, wanted.options, wanted.exposure_s, progress)
+    except ValueError as error:
+        raise InvalidError(f"Nothing was changed: {said_on_page(error).rstrip('.')}.") from error
     with database.writing() as connection:
         _lock_unless_begun(connection, edit)
         edit_study(connection, study.id, revision, {"name": wanted.name, "seed": wanted.seed, **prepared_columns(made)})

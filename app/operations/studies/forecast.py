@@ -6,13 +6,14 @@ How long an encoder takes here, and what it makes of such films, is measured on 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
+from typing import Any
 
 from app.errors import StimuliError
 from app.ffmpeg import WORKERS
@@ -34,6 +35,8 @@ from app.study.trial.trial import PlannedPair
 SAMPLED_FRAMES, FEWEST_SAMPLED = 25, 8  # of a film: enough for an encoder to predict from
 SAMPLED_PIXELS = 25e6  # which take some seconds
 MOST_PAIR_FILMS = 1000  # pairs; of full-HD films of 10 s their films take two cores half a day
+SINGLE_FILMS: Mapping[str, Any] = {"pair_films": "decoded", "lighter_films": False, "second_codec": ""}  # far fewer
+PAIR_FILMS: Mapping[str, Any] = {"pair_films": "made"}  # which every browser plays
 CHECKING = 1.45  # time of a film with its check, by that of encoding it alone: 1.38 to 1.52 from 320x180 to 1920x1080
 
 
@@ -117,16 +120,6 @@ def has_many_pairs(stimulus_set: StimulusSet) -> bool:
     """Are there too many pairs to make a film of each, which takes hours?"""
     counted = (len(stimulus_set.of_dataset(dataset)) for dataset in stimulus_set.datasets)
     return sum(n * (n - 1) // 2 for n in counted) > MOST_PAIR_FILMS
-
-
-def with_pair_films(options: StudyOptions) -> StudyOptions:
-    """Return the options of the same study with a film of each pair, which every browser plays."""
-    return options.but(pair_films="made")
-
-
-def without_pair_films(options: StudyOptions) -> StudyOptions:
-    """Return the options of the same study whose browsers decode single films, which are far fewer with many pairs."""
-    return options.but(pair_films="decoded", second_codec="", lighter_films=False)
 
 
 def _films(compared: StimulusSet, options: StudyOptions) -> Iterator[Sequence[Stimulus]]:

@@ -9,7 +9,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-from app.operations.database import open_store
+from app.operations.database import open_store, study_named
 from app.operations.studies.attach import attach
 from app.operations.studies.create import duplicate_study
 from app.operations.studies.invitations import MOST_PLACES, make_invitations
@@ -339,7 +339,4 @@ def _only_study(database: Database) -> studies.Study:
 
 def _study(database: Database, slug: str) -> studies.Study:
     with database.reading() as connection:
-        study = studies.study_by_slug(connection, slug)
-    if study is None:
-        raise ValueError(f"there is no study {slug!r}; `reconstudy study list` shows all")
-    return study
+        return study_named(connection, slug)

@@ -57,8 +57,7 @@ def delete_study(database: Database, study: Study, actor: Actor) -> None:
         progress = progress_of(connection, study.id)
         if progress.n_started and now.standing != "archived":
             raise ConflictError(
-                f"{progress.n_started} people have begun in this study. Archive it first, then delete it; nothing was "
-                "deleted."
+                f"Begun in this study: {progress.n_started}. Archive it first, then delete it; nothing was deleted."
             )
         deletion.delete_study(connection, study.id)
         actor.note(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import secrets
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -149,55 +149,60 @@ def studies_of(connection: Transaction, known: KnownSet) -> list[Study]:
     return [study for study in all_studies(connection) if study.manifest_sha256 == known.content.sha256]
 
 
-def rename_set(settings: Settings, database: Database, name: str, title: str, actor: Actor) -> None:
-    """Give a set another name; its address stays.
-
-    Raises
-    ------
-    InvalidError
-        If the name is empty, too long or that of another set.
-    """
-    title = title.strip()
-    with database.writing() as connection:
-        known = set_called(settings, connection, name)
-        others = {each.title for each in known_sets(settings, connection) if each.name != name}
-        if not 1 <= len(title) <= 200 or title in others:
-            reason = "another set has it" if title in others else "expected 1 to 200 characters"
-            raise InvalidError(f"Nothing was changed: the name is {title[:40]!r}; {reason}.")
-        _rewrite(connection, known, {**read_json(known.folder / MANIFEST), "name": title})
-        actor.note(connection, "stimulus set renamed", None, known.name, before=known.title, after=title)
-
-
-def name_factors(
-    settings: Settings, database: Database, name: str, levels: Mapping[str, Mapping[str, str]], actor: Actor
+def change_stimulus_set(
+    settings: Settings,
+    database: Database,
+    name: str,
+    actor: Actor,
+    *,
+    title: str | None = None,
+    levels: Mapping[str, Mapping[str, str]] | None = None,
 ) -> None:
-    """Give each condition of a set its level of each factor, in its studies, too.
+    """Give a set another name, its address stays; give its conditions their levels of factors, in its studies, too.
 
     Parameters
     ----------
     settings, database : of the server
     name : the set's, in addresses
-    levels : level by factor, by condition; a condition without a level is left out where factors are compared
-    actor : who changes them
+    actor : who changes it
+    title : the new name; None: it stays
+    levels : level by factor, by condition; a condition without a level is left out where factors are compared; None:
+        they stay
 
     Raises
     ------
     InvalidError
-        If the conditions are others than the set's, or a factor or level has an unusable name.
+        If the name is empty, too long or that of another set, the conditions are others than the set's, or a factor or
+        level has an unusable name. Then nothing is changed.
     """
     with database.writing() as connection:
         known = set_called(settings, connection, name)
-        _check_levels(known.conditions, levels)
-        factors = _factors(known.content.factors, [levels[condition] for condition in known.conditions])
         manifest = read_json(known.folder / MANIFEST)
-        stimuli = [{**entry, "levels": dict(levels[entry["approach"]])} for entry in manifest["stimuli"]]
-        _rewrite(connection, known, {**manifest, "stimuli": stimuli, "factors": factors})
-        changed = [
-            f"{condition}: {_in_words(known.levels[condition])} → {_in_words(levels[condition])}"
-            for condition in known.conditions
-            if dict(levels[condition]) != known.levels[condition]
-        ]
-        actor.note(connection, "factors changed", None, known.name, levels=changed, factors=list(factors))
+        if title is not None:
+            title = title.strip()
+            _check_title(title, {each.title for each in known_sets(settings, connection) if each.name != name})
+            manifest["name"] = title
+        if levels is not None:
+            _check_levels(known.conditions, levels)
+            factors = _factors(known.content.factors, [levels[condition] for condition in known.conditions])
+            stimuli = [{**entry, "levels": dict(levels[entry["approach"]])} for entry in manifest["stimuli"]]
+            manifest |= {"stimuli": stimuli, "factors": factors}
+        _rewrite(connection, known, manifest)
+        if title is not None:
+            actor.note(connection, "stimulus set renamed", None, known.name, before=known.title, after=title)
+        if levels is not None:
+            changed = [
+                f"{condition}: {_in_words(known.levels[condition])} → {_in_words(levels[condition])}"
+                for condition in known.conditions
+                if dict(levels[condition]) != known.levels[condition]
+            ]
+            actor.note(connection, "factors changed", None, known.name, levels=changed, factors=list(factors))
+
+
+def _check_title(title: str, others: Set[str]) -> None:
+    if not 1 <= len(title) <= 200 or title in others:
+        reason = "another set has it" if title in others else "expected 1 to 200 characters"
+        raise InvalidError(f"Nothing was changed: the name is {title[:40]!r}; {reason}.")
 
 
 def _in_words(levels: Mapping[str, str]) -> str:

@@ -30,7 +30,7 @@ from app.intake.bounds import in_bounds
 from app.intake.merge import files_of_set
 from app.intake.stimuli import MANIFEST, StimulusSet, read_manifest
 from app.intake.zips import MB, check_zip, unpack
-from app.operations.database import open_store
+from app.operations.database import open_store, study_named
 from app.operations.studies.attach import digest_of, model_file, report_folder
 from app.operations.studies.create import new_slug, slugify
 from app.operations.studies.stimulus_sets import known_sets, set_of_study
@@ -41,7 +41,7 @@ from app.store.database.keys import utc_now
 from app.store.studies.attached_models import model_digests, model_records
 from app.store.studies.attached_reports import report_digests, report_records
 from app.store.studies.audit import COMMAND_LINE, Actor, Entry, record
-from app.store.studies.studies import Study, progress_of, study_by_slug
+from app.store.studies.studies import Study, progress_of
 from app.store.travel import copy_study, only_study_in, stage_study, study_tables, write_study_rows
 from app.store.trials.backup import STUDY_FACTS, file_of, read_facts, write_facts
 from app.store.trials.designs import film_files
@@ -87,9 +87,7 @@ def export_to_file(settings: Settings, slug: str, path: Path, *, has_outside: bo
     """Write a study into a zip file by its short name; see `export_study`."""
     with open_store(settings) as database:
         with database.reading() as connection:
-            study = study_by_slug(connection, slug)
-        if study is None:
-            raise ValueError(f"there is no study {slug!r}; `reconstudy study list` shows all")
+            study = study_named(connection, slug)
         actor = Actor(0, COMMAND_LINE, utc_now())
         with whole_file(path) as temporary, temporary.open("wb") as out:
             made = export_study(settings, database, study, out, actor, has_outside=has_outside)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
-from sqlalchemy import Connection, select, update
+from sqlalchemy import ColumnElement, Connection, select, update
 
 from app.errors import ConflictError
 from app.store.database.engine import Database, insert_or_ignore
@@ -156,15 +156,17 @@ def fail_task(database: Database, public_id: str, reason: str, now: datetime) ->
 
 
 def task_by_id(connection: Connection, public_id: str) -> ServerTask | None:
+    return next(iter(_tasks(connection, task.c.public_id == public_id)), None)
+
+
+def running_tasks(connection: Connection, now: datetime) -> list[ServerTask]:
+    """Return what runs now, the oldest first."""
+    return _tasks(connection, (task.c.state == "running") & (task.c.beat_at >= now - BEATS_WITHIN))
+
+
+def _tasks(connection: Connection, where: ColumnElement[bool]) -> list[ServerTask]:
     columns = [task.c[name] for name in ServerTask.__dataclass_fields__]
-    row = connection.execute(select(*columns).where(task.c.public_id == public_id)).one_or_none()
-    return ServerTask(**row._mapping) if row else None
-
-
-def running_tasks(connection: Connection, now: datetime) -> list[str]:
-    """Return the titles of what runs now, the oldest first."""
-    lives = (task.c.state == "running") & (task.c.beat_at >= now - BEATS_WITHIN)
-    return list(connection.scalars(select(task.c.title).where(lives).order_by(task.c.id)))
+    return [ServerTask(**row._mapping) for row in connection.execute(select(*columns).where(where).order_by(task.c.id))]
 
 
 def _change(database: Database, public_id: str, **values: object) -> None:

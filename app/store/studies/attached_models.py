@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, delete, insert, select
+from sqlalchemy import Connection, select
 
 from app.intake.models import Model
 from app.store.database.tables import condition, dataset, model
-from app.store.studies.studies import ids_by_name
+from app.store.studies.studies import ids_by_name, put_row
 
 
 def replace_models(connection: Connection, study_id: int, models: Sequence[Model], now: datetime) -> None:
@@ -22,9 +22,8 @@ def replace_models(connection: Connection, study_id: int, models: Sequence[Model
             "condition_id": conditions[attached.condition],
             "kind": attached.kind,
         }
-        connection.execute(delete(model).where(*(model.c[name] == value for name, value in place.items())))
         facts = {name: getattr(attached, name) for name in ("sha256", "n_points", "n_faces", "error_limit_mm")}
-        connection.execute(insert(model).values(**place, **facts, attached_at=now))
+        put_row(connection, model, place, facts | {"attached_at": now})
 
 
 def model_digests(connection: Connection) -> list[str]:

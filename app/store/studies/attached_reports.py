@@ -5,17 +5,16 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, delete, insert, select
+from sqlalchemy import Connection, select
 
 from app.store.database.tables import report
+from app.store.studies.studies import put_row
 
 
 def replace_report(connection: Connection, study_id: int, kind: str, subject: str, digest: str, now: datetime) -> None:
     """Store the digest that names the folder of a report's files."""
-    same = (report.c.study_id == study_id, report.c.kind == kind, report.c.subject == subject)
-    connection.execute(delete(report).where(*same))
-    values = {"study_id": study_id, "kind": kind, "subject": subject, "digest": digest, "attached_at": now}
-    connection.execute(insert(report).values(**values))
+    place = {"study_id": study_id, "kind": kind, "subject": subject}
+    put_row(connection, report, place, {"digest": digest, "attached_at": now})
 
 
 def report_digests(connection: Connection) -> list[str]:

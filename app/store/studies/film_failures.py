@@ -22,6 +22,7 @@ from app.store.database.tables import (
     trial,
     vote,
 )
+from app.store.participants.exclusions import sessions_in, takes_part_in
 from app.store.studies import studies
 from app.store.studies.audit import Entry, record
 from app.study.options.options import parse_options
@@ -109,7 +110,7 @@ def failures_by_person(connection: Connection, study_id: int) -> dict[str, int]:
     rows = connection.execute(
         select(participant.c.label, func.count().label("n_failed"))
         .select_from(film_failure.join(session).join(participant))
-        .where(participant.c.study_id == study_id, participant.c.is_preview.is_(False))
+        .where(takes_part_in(study_id))
         .group_by(participant.c.label)
     )
     return {row.label: row.n_failed for row in rows}
@@ -128,7 +129,7 @@ def failure_records(connection: Connection, study_id: int) -> list[dict[str, Any
             film_failure.c.settled_at,
         )
         .select_from(film_failure.join(session).join(participant))
-        .where(participant.c.study_id == study_id, participant.c.is_preview.is_(False))
+        .where(takes_part_in(study_id))
         .order_by(film_failure.c.id.desc())
     )
     return [dict(row._mapping) for row in rows]
@@ -156,12 +157,7 @@ def _is_ahead(connection: Connection, session_id: int, name: str) -> bool:
 
 def _new_in(study_id: int) -> ColumnElement[bool]:
     """SQL condition: the failure is new, and that of a participant of the study."""
-    sessions = (
-        select(session.c.id)
-        .select_from(session.join(participant))
-        .where(participant.c.study_id == study_id, participant.c.is_preview.is_(False))
-    )
-    return film_failure.c.settled_at.is_(None) & film_failure.c.session_id.in_(sessions)
+    return film_failure.c.settled_at.is_(None) & film_failure.c.session_id.in_(sessions_in(study_id))
 
 
 def _n_people(connection: Connection, study_id: int) -> int:

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, delete, insert, select
+from sqlalchemy import Connection, select
 
 from app.intake.reports import BETTER, Measure
 from app.store.database.tables import condition, dataset, measurement
-from app.store.studies.studies import ids_by_name
+from app.store.studies.studies import ids_by_name, put_row
 
 
 def replace_measurements(connection: Connection, study_id: int, measures: Sequence[Measure], now: datetime) -> None:
@@ -22,10 +22,8 @@ def replace_measurements(connection: Connection, study_id: int, measures: Sequen
             "condition_id": conditions[measure.approach],
             "measure": measure.measure,
         }
-        same = [measurement.c[name] == value for name, value in place.items()]
-        connection.execute(delete(measurement).where(*same))
         facts = {name: getattr(measure, name) for name in ("value", "direction", "unit", "source")}
-        connection.execute(insert(measurement).values(**place, **facts, attached_at=now))
+        put_row(connection, measurement, place, facts | {"attached_at": now})
 
 
 def measurement_records(connection: Connection, study_id: int) -> list[dict[str, Any]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Literal
 
-from sqlalchemy import ColumnElement, Connection, Row, Table, exists, func, select, true, update
+from sqlalchemy import ColumnElement, Connection, Row, Table, delete, exists, func, insert, select, true, update
 
 from app.errors import ConflictError
 from app.store.database.engine import insert_or_ignore
@@ -153,10 +153,15 @@ def give_address(connection: Connection, this_study: Study, slug: str) -> None:
     if slug_exists(connection, slug):
         raise ConflictError(f"Another study has the address {slug!r}; give this one another name first.")
     connection.execute(update(study).where(study.c.id == this_study.id).values(slug=slug))
+    change_reach(connection, this_study.slug, [slug])
+
+
+def change_reach(connection: Connection, slug: str, now_called: Sequence[str]) -> None:
+    """Let who sees some studies only, by their slugs, see others in place of one: that by its new slug, or none."""
     for holder in (experimenter, api_token):
         for row in connection.execute(select(holder.c.id, holder.c.studies).where(holder.c.studies.is_not(None))).all():
-            studies = [slug if known == this_study.slug else known for known in row.studies]
-            connection.execute(update(holder).where(holder.c.id == row.id).values(studies=studies))
+            seen = [name for known in row.studies for name in (now_called if known == slug else [known])]
+            connection.execute(update(holder).where(holder.c.id == row.id).values(studies=seen))
 
 
 def edit_set(connection: Connection, study_id: int, manifest_sha256: str, factors: Mapping[str, Sequence[str]]) -> None:
@@ -169,6 +174,12 @@ def ids_by_name(connection: Connection, table: Table, study_id: int) -> dict[str
     """Return the ids of a study's datasets or conditions, by name."""
     rows = connection.execute(select(table.c.name, table.c.id).where(table.c.study_id == study_id))
     return {row.name: row.id for row in rows}
+
+
+def put_row(connection: Connection, table: Table, place: Mapping[str, Any], facts: Mapping[str, Any]) -> None:
+    """Insert a row in place of the one whose columns have the values of `place`."""
+    connection.execute(delete(table).where(*(table.c[name] == value for name, value in place.items())))
+    connection.execute(insert(table).values(**place, **facts))
 
 
 def progress_of(connection: Connection, study_id: int) -> StudyCounts:

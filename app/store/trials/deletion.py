@@ -12,11 +12,9 @@ from app.errors import ConflictError
 from app.store.database.belonging import People, rows_of_people, rows_of_study
 from app.store.database.schema import metadata
 from app.store.database.tables import (
-    api_token,
     assignment,
     audit_entry,
     exclusion,
-    experimenter,
     invitation,
     participant,
     session,
@@ -25,7 +23,7 @@ from app.store.database.tables import (
     vote,
 )
 from app.store.participants.participants import Person, withdraw_participant
-from app.store.studies.studies import Study, all_studies
+from app.store.studies.studies import Study, all_studies, change_reach
 from app.study.options.options import parse_options
 from app.study.options.privacy import forgets_at
 from app.study.stages import ENDS, TIMED_OUT
@@ -110,10 +108,7 @@ def delete_study(connection: Connection, study_id: int) -> None:
     Who may see it is no longer said, lest another study of its name be seen.
     """
     slug = connection.execute(select(study.c.slug).where(study.c.id == study_id)).scalar_one()
-    for holder in (experimenter, api_token):
-        for row in connection.execute(select(holder.c.id, holder.c.studies).where(holder.c.studies.is_not(None))):
-            others = [name for name in row.studies if name != slug]
-            connection.execute(update(holder).where(holder.c.id == row.id).values(studies=others))
+    change_reach(connection, slug, [])
     connection.execute(update(audit_entry).where(audit_entry.c.study_id == study_id).values(study_id=None))
     tables = list(reversed(metadata.sorted_tables))  # referring rows first
     tables.sort(key=lambda table: "of_media" not in table.c)  # films of pairs first: no reference puts them in order

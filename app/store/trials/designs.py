@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from sqlalchemy import (
@@ -53,12 +53,10 @@ PAIRS = (pair, practice_pair)
 OTHER_FILMS = (second_film, single_film, lighter_film)  # of a pair, besides its first
 
 
-@dataclass(frozen=True)
-class PracticePair:
-    """A pair to practise with, as its participant may know it."""
+@dataclass(frozen=True, kw_only=True)
+class PairFilm:
+    """The film of a pair, as a participant may know it, and which others there are of it."""
 
-    position: int
-    media: str
     width: int
     height: int
     guard_rows: int
@@ -67,6 +65,14 @@ class PracticePair:
     second_codec: str | None
     has_singles: bool
     has_lighter: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class PracticePair(PairFilm):
+    """A pair to practise with."""
+
+    position: int
+    media: str
 
 
 @dataclass(frozen=True)
@@ -85,17 +91,17 @@ PAIR_NAMES = (
     _TOP_CONDITION.c.name.label("top"),
     _BOTTOM_CONDITION.c.name.label("bottom"),
 )
-SECOND_CODEC = second_film.c.codec.label("second_codec")
 
 
-def has_singles(media: ColumnElement[str]) -> ColumnElement[bool]:
-    """SQL condition: the pair's strips exist as single films, too."""
-    return exists().where(single_film.c.of_media == media)
-
-
-def has_lighter(media: ColumnElement[str]) -> ColumnElement[bool]:
-    """SQL condition: the pair's film exists with fewer bytes, too."""
-    return exists().where(lighter_film.c.of_media == media)
+def pair_film(table: Table) -> tuple[ColumnElement[Any], ...]:
+    """Return the columns of `PairFilm`, for a query of `pair` or `practice_pair`."""
+    second = select(second_film.c.codec).where(second_film.c.of_media == table.c.media)
+    return (
+        *(table.c[name] for name in ("width", "height", "guard_rows", "fps", "n_frames")),
+        second.scalar_subquery().label("second_codec"),
+        exists().where(single_film.c.of_media == table.c.media).label("has_singles"),
+        exists().where(lighter_film.c.of_media == table.c.media).label("has_lighter"),
+    )
 
 
 def insert_design(connection: Connection, study_id: int, stimulus_set: StimulusSet, pairs: Sequence[PairVideo]) -> None:
@@ -185,19 +191,9 @@ def change_levels(connection: Connection, study_id: int, levels: Mapping[str, Ma
 
 def practice_pairs(connection: Connection, study_id: int) -> list[PracticePair]:
     """Return the pairs that participants practise with, in order."""
-    columns = [practice_pair.c[fact.name] for fact in fields(PracticePair) if fact.name in practice_pair.c]
-    rows = (
-        select(
-            *columns,
-            SECOND_CODEC,
-            has_singles(practice_pair.c.media).label("has_singles"),
-            has_lighter(practice_pair.c.media).label("has_lighter"),
-        )
-        .select_from(practice_pair.outerjoin(second_film, second_film.c.of_media == practice_pair.c.media))
-        .where(practice_pair.c.study_id == study_id)
-        .order_by(practice_pair.c.position)
-    )
-    return [PracticePair(**row._mapping) for row in connection.execute(rows)]
+    rows = select(practice_pair.c.position, practice_pair.c.media, *pair_film(practice_pair))
+    of_study = rows.where(practice_pair.c.study_id == study_id).order_by(practice_pair.c.position)
+    return [PracticePair(**row._mapping) for row in connection.execute(of_study)]
 
 
 def datasets_of(connection: Connection, study_id: int) -> list[str]:
@@ -262,8 +258,9 @@ def _has_both(connection: Connection, shown: Any) -> bool:
 
 def has_single_films(connection: Connection, study_id: int) -> bool:
     """Whether a study was made with films of each stimulus alone."""
-    pairs = select(pair.c.id).join(dataset).where(dataset.c.study_id == study_id, has_singles(pair.c.media))
-    return connection.execute(pairs.limit(1)).first() is not None
+    singles = single_film.join(pair, pair.c.media == single_film.c.of_media).join(dataset)
+    of_study = select(single_film.c.id).select_from(singles).where(dataset.c.study_id == study_id)
+    return connection.execute(of_study.limit(1)).first() is not None
 
 
 def largest_film(connection: Connection, study_id: int) -> tuple[int, int]:

@@ -13,6 +13,7 @@ from app.errors import ConflictError
 from app.store.database.engine import Database
 from app.store.database.keys import digest, new_secret, resume_code, resumed_token, typed_code
 from app.store.database.tables import participant, session, shown_texts, stage_record, study, trial, vote
+from app.store.participants.exclusions import sessions_in
 from app.store.participants.screening import close_screening
 from app.store.trials.orders import ALL_VOTED, is_late
 from app.study.options.options import StudyOptions, parse_options
@@ -65,8 +66,7 @@ class Done:
 
 def shown_wordings(connection: Connection, study_id: int) -> list[dict[str, Any]]:
     """Return all texts that a study's participants have read: language, sha256 and content."""
-    shown = select(session.c.texts_sha256).select_from(session.join(participant))
-    of_study = shown.where(participant.c.study_id == study_id, participant.c.is_preview.is_(False))
+    of_study = sessions_in(study_id).with_only_columns(session.c.texts_sha256)
     rows = connection.execute(
         select(shown_texts)
         .where(shown_texts.c.sha256.in_(of_study))

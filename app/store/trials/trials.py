@@ -12,17 +12,17 @@ from sqlalchemy import ColumnElement, Connection, Row, and_, exists, insert, sel
 from app.errors import ConflictError, NotFoundError
 from app.store.database.engine import Database
 from app.store.database.keys import new_opaque_id
-from app.store.database.tables import assignment, pair, second_film, trial, vote
+from app.store.database.tables import assignment, pair, trial, vote
 from app.store.participants.participants import lock_unless_withdrawn
-from app.store.trials.designs import SECOND_CODEC, has_lighter, has_singles
+from app.store.trials.designs import PairFilm, pair_film
 from app.study.trial.trial import LEFT_THE_PAGE
 
 MOST_ATTEMPTS = 2  # an interrupted trial is repeated once
 MOST_LOOKS = 100  # a trial whose page is left comes again each time
 
 
-@dataclass(frozen=True)
-class NextTrial:
+@dataclass(frozen=True, kw_only=True)
+class NextTrial(PairFilm):
     """A trial as its participant may know it; `position` counts from 0, `attempt` from 1."""
 
     id: int
@@ -32,14 +32,6 @@ class NextTrial:
     a_half: str
     first_shown: str
     served_at: datetime | None
-    width: int
-    height: int
-    guard_rows: int
-    fps: float
-    n_frames: int
-    second_codec: str | None
-    has_singles: bool
-    has_lighter: bool
 
 
 def is_voted_on() -> ColumnElement[bool]:
@@ -61,16 +53,9 @@ def next_trials(connection: Connection, session_id: int, limit: int = 2) -> list
             assignment.c.a_half,
             assignment.c.first_shown,
             trial.c.served_at,
-            pair.c.width,
-            pair.c.height,
-            pair.c.guard_rows,
-            pair.c.fps,
-            pair.c.n_frames,
-            SECOND_CODEC,
-            has_singles(pair.c.media).label("has_singles"),
-            has_lighter(pair.c.media).label("has_lighter"),
+            *pair_film(pair),
         )
-        .select_from(trial.join(assignment).join(pair).outerjoin(second_film, second_film.c.of_media == pair.c.media))
+        .select_from(trial.join(assignment).join(pair))
         .where(
             trial.c.session_id == session_id,
             trial.c.voided_at.is_(None),

@@ -10,10 +10,10 @@ from typing import Any
 
 from app.study.options.options import StudyOptions
 from app.study.options.own_texts import CONSENT, DEBRIEFING
-from app.study.questions.answers import QUESTIONS
+from app.study.protocols import ACR, SHOWN_ALONE
+from app.study.questions.answers import is_text_of
 
 SENTENCES = "sentences"
-ALONE = ("ACR", "ACR-HR")  # protocols with the words of ACR
 
 
 def neutral_words(options: StudyOptions) -> StudyOptions:
@@ -28,14 +28,11 @@ def neutral_words(options: StudyOptions) -> StudyOptions:
     for language in offered:
         if language not in words or language == SENTENCES:
             continue
-        ours = {
-            key: text for key, text in _said(words[language], options.protocol).items() if _fits(key, asked, options)
-        }
+        said = _said(words[language], options.protocol)
+        ours = {key: text for key, text in said.items() if is_text_of(key, asked)}
         texts[language] = {**ours, **texts.get(language, {})}
-    for said in texts.values():
-        for key in (CONSENT, DEBRIEFING):
-            if key in said:
-                said[key] = _reworded(str(said[key]))
+    for by_key in texts.values():
+        by_key |= {key: _reworded(str(by_key[key])) for key in (CONSENT, DEBRIEFING) if key in by_key}
     return options.but(texts=texts, consent=_reworded(options.consent), debriefing=_reworded(options.debriefing))
 
 
@@ -47,15 +44,9 @@ def _words() -> Mapping[str, Any]:
 
 def _said(words: Mapping[str, Any], protocol: str) -> dict[str, Any]:
     """Return the words of a language in a protocol, by key."""
-    name = "ACR" if protocol in ALONE else protocol
+    name = ACR if protocol in SHOWN_ALONE else protocol
     is_text = {key: text for key, text in words.items() if "." in key}
     return {**is_text, **words.get(name, {})}
-
-
-def _fits(key: str, asked: set[str], options: StudyOptions) -> bool:
-    """Whether a study has a place for a text."""
-    group, _, rest = key.partition(".")
-    return rest.partition(".")[0] in asked if group == QUESTIONS else bool(options.protocol)
 
 
 def _reworded(document: str) -> str:

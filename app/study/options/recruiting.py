@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Annotated, Any, Literal, Self, get_args
+from urllib.parse import quote
 
 from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 
@@ -26,6 +27,10 @@ Address = Annotated[
     str, StringConstraints(pattern=r"^(https://[A-Za-z0-9.-]+(:\d{1,5})?(/[!-~]*|\?[!-~]*)?)?$", max_length=1000)
 ]
 AN_ADDRESS = "an address that begins with https:// and has no spaces, of at most 1000 characters, or nothing"
+
+
+def _address(label: str, text: str = "empty: none") -> Setting:
+    return Setting(label, text, ANY_TIME, expected=AN_ADDRESS)
 
 
 @dataclass(frozen=True)
@@ -86,36 +91,19 @@ class OutsideOptions(Options):
     ] = False
     complete_url: Annotated[
         Address,
-        Setting(
+        _address(
             "Address at the end",
             "begins with https://; {id}, {code} and kept names stand for their values; empty: none",
-            ANY_TIME,
-            expected=AN_ADDRESS,
         ),
     ] = ""
-    screened_out_url: Annotated[
-        Address, Setting("Address after screening out", "empty: none", ANY_TIME, expected=AN_ADDRESS)
-    ] = ""
-    no_consent_url: Annotated[
-        Address, Setting("Address without consent", "empty: none", ANY_TIME, expected=AN_ADDRESS)
-    ] = ""
-    full_url: Annotated[
-        Address, Setting("Address when nobody more is taken in", "empty: none", ANY_TIME, expected=AN_ADDRESS)
-    ] = ""
-    timed_out_url: Annotated[
-        Address, Setting("Address when the time has run out", "empty: none", ANY_TIME, expected=AN_ADDRESS)
-    ] = ""
-    withdrawn_url: Annotated[
-        Address, Setting("Address after withdrawing", "empty: none", ANY_TIME, expected=AN_ADDRESS)
-    ] = ""
+    screened_out_url: Annotated[Address, _address("Address after screening out")] = ""
+    no_consent_url: Annotated[Address, _address("Address without consent")] = ""
+    full_url: Annotated[Address, _address("Address when nobody more is taken in")] = ""
+    timed_out_url: Annotated[Address, _address("Address when the time has run out")] = ""
+    withdrawn_url: Annotated[Address, _address("Address after withdrawing")] = ""
     failed_url: Annotated[
         Address,
-        Setting(
-            "Address when a film cannot be shown",
-            "empty: that without consent, which gives the place back",
-            ANY_TIME,
-            expected=AN_ADDRESS,
-        ),
+        _address("Address when a film cannot be shown", "empty: that without consent, which gives the place back"),
     ] = ""
     redirect_after_s: Annotated[
         int, Setting("Seconds until the browser goes there", "0: only by the button", ANY_TIME)
@@ -153,7 +141,7 @@ class OutsideOptions(Options):
         """
         values = {"id": arrival.outside_id, **arrival.kept} if arrival else {}
         values |= {"code": code}
-        return PLACEHOLDER.sub(lambda place: _encoded(values.get(place[1], "")), self.url(ending))
+        return PLACEHOLDER.sub(lambda place: quote(values.get(place[1], ""), safe=""), self.url(ending))
 
     def arrival(self, parameters: Mapping[str, str]) -> Arrival | None:
         """Read what a link says of the person who follows it; None where the study takes people without an id.
@@ -223,11 +211,6 @@ class LimitOptions(Options):
         """Is nobody more to be taken in while so many have finished and so many are under way?"""
         is_finished = bool(self.finished) and n_finished + n_under_way >= self.finished
         return is_finished or (bool(self.under_way) and n_under_way >= self.under_way)
-
-
-def _encoded(value: str) -> str:
-    """Percent-encode what is not unreserved in a URL; the values are ASCII."""
-    return re.sub(r"[^A-Za-z0-9._~-]", lambda sign: f"%{ord(sign[0]):02X}", value)
 
 
 def _check_together(options: OutsideOptions) -> None:

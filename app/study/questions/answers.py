@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -61,6 +61,12 @@ def worded_questions(questions: Sequence[Question], said: Mapping[str, Any]) -> 
         labels = said.get(f"{key}.labels") or pack_labels(question, model_texts())
         asked[question.name] = AskedQuestion(question, text, tuple(labels))
     return asked
+
+
+def is_text_of(key: str, asked: Container[str]) -> bool:
+    """Is it a text of the study, or of a question that is asked?"""
+    group, _, rest = key.partition(".")
+    return group != QUESTIONS or rest.partition(".")[0] in asked
 
 
 def pack_labels(question: Question, texts: Mapping[str, Any]) -> list[str]:

@@ -6,14 +6,12 @@ Directions are counted from 0 (right) anticlockwise by 45 degrees.
 from __future__ import annotations
 
 import math
-import struct
-import zlib
+from io import BytesIO
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
 
-PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-GREY, RGB = 0, 2  # PNG colour types
 RING = 5  # outer diameter of a Landolt ring in gaps (ISO 8596)
 MARGIN = 2  # pixels of ground around a ring
 SAMPLES = 80  # at least, across a gap; they give the grey levels of the pixels at its edges
@@ -77,13 +75,9 @@ def png(picture: NDArray[np.uint8]) -> bytes:
     ----------
     picture : uint8 (H, W) grey or (H, W, 3) sRGB
     """
-    height, width = picture.shape[:2]
-    kind = GREY if picture.ndim == 2 else RGB
-    rows = np.ascontiguousarray(picture).reshape(height, -1)
-    unfiltered = np.hstack([np.zeros((height, 1), np.uint8), rows])
-    header = struct.pack(">IIBBBBB", width, height, 8, kind, 0, 0, 0)
-    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(unfiltered.tobytes(), 6)), (b"IEND", b""))
-    return PNG_SIGNATURE + b"".join(_chunk(name, content) for name, content in chunks)
+    file = BytesIO()
+    Image.fromarray(picture).save(file, "PNG")
+    return file.getvalue()
 
 
 def read_png(file: bytes) -> NDArray[np.uint8]:
@@ -96,29 +90,12 @@ def read_png(file: bytes) -> NDArray[np.uint8]:
     Raises
     ------
     ValueError
-        If it is not a PNG of 8 bits, grey or RGB, without interlacing and row filters.
+        If it is not a PNG of 8 bits, grey or RGB.
     """
-    chunks = _chunks(file)
-    width, height, depth, kind, *others = struct.unpack(">IIBBBBB", chunks[b"IHDR"])
-    n_channels = {GREY: 1, RGB: 3}.get(kind)
-    if depth != 8 or n_channels is None or any(others):
-        raise ValueError(f"a PNG of {depth} bits, colour type {kind}: expected 8 bits, grey or RGB, not interlaced")
-    rows = np.frombuffer(zlib.decompress(chunks[b"IDAT"]), np.uint8).reshape(height, -1)
-    if rows[:, 0].any():
-        raise ValueError("a PNG with filtered rows; expected one that `png` wrote")
-    return rows[:, 1:].reshape((height, width) if n_channels == 1 else (height, width, 3))
-
-
-def _chunk(name: bytes, content: bytes) -> bytes:
-    return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
-
-
-def _chunks(file: bytes) -> dict[bytes, bytes]:
-    if not file.startswith(PNG_SIGNATURE):
-        raise ValueError(f"begins with {file[:8]!r}, expected a PNG")
-    chunks, at = {}, len(PNG_SIGNATURE)
-    while at < len(file):
-        (length,) = struct.unpack_from(">I", file, at)
-        chunks[file[at + 4 : at + 8]] = file[at + 8 : at + 8 + length]
-        at += 12 + length
-    return chunks
+    try:
+        picture = Image.open(BytesIO(file), formats=("PNG",))
+    except UnidentifiedImageError as error:
+        raise ValueError(f"begins with {file[:8]!r}, expected a PNG") from error
+    if picture.mode not in ("L", "RGB"):
+        raise ValueError(f"a PNG of mode {picture.mode}, expected 8 bits, grey or RGB")
+    return np.asarray(picture)

@@ -395,7 +395,7 @@ SCREENING: Columns = {
     "pixel_mm": Column("pitch of the display's pixels, mm", 0.277),
     "distance_mm": Column("distance of the eyes, mm", 700.0),
     "distance_source": Column("how the distance was measured", "typed"),
-    "n_answered": Column("rings or plates answered", 30),
+    "n_answered": Column("rings or plates answered", 24),
     "started_at": Column("when the test began", "2026-03-01T11:51:00+00:00", stated=datetime),
     "finished_at": Column("when it ended, or its result was entered", stated=datetime),
     "is_bound": Column("is the acuity this or better, because the display draws no smaller rings?", False),

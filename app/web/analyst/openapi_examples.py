@@ -20,7 +20,7 @@ SESSION: dict[str, Any] = {
     "minutes": {"introduction": 2.2, "screening": 5.1, "practice": 1.2, "trial": 33.8, "interview": 4.2},
     "language": "en",
     "was_away_long": False,
-    "resume_code": "maple-otter-93",
+    "resume_code": "k7m2p9xq4wva",
     "stopped": False,
     "debriefing": None,
     "ending": None,
@@ -93,7 +93,7 @@ EXAMPLES: dict[str, Any] = {
     "JobBody": {"kind": "reconstruct", "arguments": {"capture": "ball"}},
     "TurnedAwayBody": {"invitation": "k7m2p9xq4wva", "why": "phone"},
     "AdmissionBody": {"invitation": "k7m2p9xq4wva", "key": "0d9e6c1f-2a47-4c1b-8f53-7b2e9a4d6c10"},
-    "Resumption": {"resume_code": "maple-otter-93", "key": "c41a8e07-5b3d-4d92-9f6a-1e7d2c8b4a55"},
+    "Resumption": {"resume_code": "k7m2-p9xq-4wva", "key": "c41a8e07-5b3d-4d92-9f6a-1e7d2c8b4a55"},
     "SessionView": SESSION,
     "OpenedSessionView": {**SESSION, "token": "ZH3q0yWcP2v8eN5kR7tB1mXu"},
     "AskedView": {
@@ -109,7 +109,7 @@ EXAMPLES: dict[str, Any] = {
     "StageData": {"data": {"answers": {"age": 34, "sex": "female"}}},
     "ScreeningView": {
         "tests": [
-            {"test": "acuity", "has_begun": True, "is_over": True, "n_answered": 30},
+            {"test": "acuity", "has_begun": True, "is_over": True, "n_answered": 24},
             {"test": "colour", "has_begun": True, "is_over": False, "n_answered": 4},
         ],
         "distance": "typed",
@@ -123,9 +123,9 @@ EXAMPLES: dict[str, Any] = {
     "ItemView": {
         "test": "acuity",
         "number": 7,
-        "total": 30,
+        "total": 24,
         "picture": "/api/v1/session/screening/acuity/7.png",
-        "size": 42.0,
+        "size": 0.2,
         "choices": [0, 1, 2, 3, 4, 5, 6, 7],
         "may_be_nothing": True,
     },

@@ -21,10 +21,9 @@ from app.operations.foreign_tables import Scale, analysed, understand
 from app.operations.studies.check_films import FilmCheck, films_of, last_check, start_film_check
 from app.operations.studies.stimulus_sets import (
     KnownSet,
+    change_stimulus_set,
     delete_set,
     known_sets,
-    name_factors,
-    rename_set,
     set_called,
     studies_of,
 )
@@ -173,10 +172,7 @@ async def upload_set(
 @router.patch("/sets/{name}", status_code=204, response_class=Response)
 def change_set(body: SetBody, request: Request, name: Name, actor: StudyEditor, database: Store) -> Response:
     """Give a set another name, or its conditions other levels; its studies follow."""
-    if body.name is not None:
-        rename_set(settings(request), database, name, body.name, actor)
-    if body.levels is not None:
-        name_factors(settings(request), database, name, body.levels, actor)
+    change_stimulus_set(settings(request), database, name, actor, title=body.name, levels=body.levels)
     return Response(status_code=204)
 
 

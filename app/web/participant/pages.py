@@ -13,6 +13,7 @@ from fastapi import APIRouter, Depends, Form, Request
 from fastapi.responses import RedirectResponse, Response
 
 from app.errors import InvalidError, NotFoundError
+from app.films.strips import MEDIA_TYPES
 from app.store.participants.invitations import invitation_of_session
 from app.store.studies.studies import study_by_id
 from app.store.trials.admission import begin_preview
@@ -40,7 +41,6 @@ from app.web.markdown import render_markdown
 from app.web.participant.beginning import remember
 from app.web.participant.entrance import Entrance, entrance, see_invitation
 from app.web.participant.joined import compressed, joined_address
-from app.web.participant.trial_bodies import FILM_TYPES
 
 DEFAULT_LANGUAGE = "en"
 LANGUAGE_COOKIE = "language"
@@ -107,7 +107,7 @@ def participant_page(request: Request, code: str, another: str = "") -> Response
         study=study,
         code=code,
         person=_person(code, study),
-        second_type=FILM_TYPES.get(study.options.second_codec),
+        second_type=MEDIA_TYPES.get(study.options.second_codec),
         joined=joined_address,
     )
     return compressed(request, page)

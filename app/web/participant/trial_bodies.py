@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal, NotRequired
 from pydantic import AfterValidator, BaseModel, Field, with_config
 from typing_extensions import TypedDict
 
-from app.films.strips import LIGHTER
-from app.store.trials.designs import SECOND_FILM, STRIPS, PracticePair
+from app.films.strips import LIGHTER, MEDIA_TYPES
+from app.store.trials.designs import SECOND_FILM, STRIPS, PairFilm, PracticePair
 from app.store.trials.sessions import Done, Session
 from app.store.trials.trials import MOST_ATTEMPTS, NextTrial
 from app.study.options.options import FullScreen, Pixels, StudyOptions
@@ -22,9 +22,6 @@ from app.web.participant.session_bodies import UUID, Strict
 LONGEST_MS = 24 * 3600 * 1000.0  # a day: a trial that was left open overnight still counts
 MOST_SWITCHES = 2000
 MOST_HAPPENINGS = 500
-
-# H.264 is not among them, because the page knows its type. Levels as two films of full HD need them.
-FILM_TYPES = {"vp9": 'video/mp4; codecs="vp09.00.51.08"', "av1": 'video/mp4; codecs="av01.0.12M.08"'}
 
 Milliseconds = Annotated[float, Field(ge=0, le=LONGEST_MS, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(ge=0, le=LONGEST_MS / 1000, allow_inf_nan=False)]
@@ -266,13 +263,11 @@ def _same_in_every_trial(session: Session) -> dict[str, Any]:
     }
 
 
-def _media_view(
-    options: StudyOptions, shown: NextTrial | PracticePair, a_half: Half, *, has_reference: bool, name: str
-) -> MediaView:
+def _media_view(options: StudyOptions, shown: PairFilm, a_half: Half, *, has_reference: bool, name: str) -> MediaView:
     strips = STRIPS if has_reference else STRIPS[:1] if options.is_shown_alone else STRIPS[:2]
     return MediaView(
         url=media_url(name),
-        second=SecondView(url=media_url(f"{name}.{SECOND_FILM}"), type=FILM_TYPES[shown.second_codec])
+        second=SecondView(url=media_url(f"{name}.{SECOND_FILM}"), type=MEDIA_TYPES[shown.second_codec])
         if shown.second_codec
         else None,
         lighter=media_url(f"{name}.{LIGHTER}") if shown.has_lighter else None,

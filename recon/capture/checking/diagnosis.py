@@ -274,7 +274,8 @@ def _fit(
     def errors(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
         return epipolar_errors(changed(unknown), matches)
 
-    start, step = np.zeros(n_unknowns), np.full(n_unknowns, 1e-4)
+    start = np.zeros(n_unknowns)
+    step = np.full(n_unknowns, 1e-4)
     fit = least_squares(
         errors, start, bounds=(-largest, largest), loss="soft_l1", f_scale=INLIER_PX, diff_step=step, x_scale=0.01
     )

@@ -8,6 +8,7 @@ Source: Schoenberger, Frahm, "Structure-from-motion revisited", CVPR 2016.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,9 +17,10 @@ from recon.capture.format import Capture
 from recon.capture.images import CaptureError
 from recon.capture.importing.colmap_model import find_model, read_model
 from recon.capture.importing.into_capture import write_recording
-from recon.capture.importing.sources import ImportOptions
+from recon.capture.importing.sources import ImportOptions, faults_at
 from recon.capture.importing.views import View, bounds_of_points, choose_sensors
 from recon.geometry.rig import rigid
+from recon.runtime.notices import Notice
 
 
 def import_colmap(
@@ -51,10 +53,14 @@ def import_colmap(
     masks = images.with_name("masks")
     views = {}
     for number, image in model.images.items():
-        pose = rigid(image.pose[:3, :3], image.pose[:3, 3] * options.unit_mm)
-        camera = replace(model.cameras[image.camera], cam_from_world=pose)
-        mask = masks / f"{image.name}.png"
-        views[number] = View(image.name, camera, images / image.name, mask=mask if mask.is_file() else None)
+        with faults_at(f"{folder}: image {number} {image.name}"):
+            pose = rigid(image.pose[:3, :3], image.pose[:3, 3] * options.unit_mm)
+            camera = replace(model.cameras[image.camera], cam_from_world=pose)
+        names = (f"{image.name}.png", Path(image.name).with_suffix(".png"))  # COLMAP takes either
+        mask = next((masks / name for name in names if (masks / name).is_file()), None)
+        views[number] = View(image.name, camera, images / image.name, mask=mask)
+    if masks.is_dir() and all(view.mask is None for view in views.values()):
+        warnings.warn(f"{masks}: holds no mask of an image's name, such as NAME.jpg.png", Notice, stacklevel=2)
     bounds = bounds_of_points(model.points * options.unit_mm)
     return write_recording(out, choose_sensors(source, views, pairs or (), bounds), options)
 

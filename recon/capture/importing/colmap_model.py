@@ -14,11 +14,10 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from recon.capture.images import CaptureError
 from recon.capture.importing.lenses import FisheyeCamera
-from recon.capture.importing.sources import faults_at
+from recon.capture.importing.sources import faults_at, turn_of
 from recon.capture.importing.views import HALF_PIXEL
 from recon.geometry.rig import Camera, rigid
 
@@ -41,11 +40,14 @@ FISHEYES: dict[str, tuple[int, tuple[int, ...]]] = {
     "OPENCV_FISHEYE": (2, (0, 1, 2, 3)),
     "SIMPLE_RADIAL_FISHEYE": (1, (0,)),
     "RADIAL_FISHEYE": (1, (0, 1)),
+    "SIMPLE_FISHEYE": (1, ()),
+    "FISHEYE": (2, ()),
 }  # likewise, in OpenCV's fisheye
 LENSES = MODELS | FISHEYES
 MODEL_NAMES = (
     "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV",
-    "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE",
+    "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE", "SIMPLE_DIVISION",
+    "DIVISION", "SIMPLE_FISHEYE", "FISHEYE", "EUCM", "EQUIRECTANGULAR",
 )  # fmt: skip  # by the number in the binary form
 
 
@@ -191,10 +193,10 @@ def _read_points_bin(path: Path) -> NDArray[np.float64]:
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
     """Return line numbers and words of all lines but comments."""
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise CaptureError(f"{path}: cannot be read as a COLMAP text model: {error}") from error
-    return [(number, line.split()) for number, line in enumerate(lines, start=1) if not line.startswith("#")]
+    return [(number, line.split()) for number, line in enumerate(lines, start=1) if not line.lstrip().startswith("#")]
 
 
 def _read_cameras_txt(path: Path) -> dict[int, Camera]:
@@ -232,7 +234,7 @@ def _read_points_txt(path: Path) -> NDArray[np.float64]:
 
 def _pose(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the transform of a quaternion w, x, y, z and a translation."""
-    return rigid(Rotation.from_quat(np.roll(values[:4], -1)).as_matrix(), values[4:])
+    return rigid(turn_of(np.roll(values[:4], -1)), values[4:])
 
 
 def _n_numbers(model: str) -> int:
@@ -247,7 +249,7 @@ def _camera(model: str, size: tuple[int, int], numbers: NDArray[np.float64]) -> 
         raise ValueError(f"{len(numbers)} numbers for {model}, expected {_n_numbers(model)}")
     n_focal, places = LENSES[model]
     focal, centre = numbers[:n_focal], numbers[n_focal : n_focal + 2] - HALF_PIXEL
-    dist = np.zeros(max(4, len(places)) if places else 0)
+    dist = np.zeros(max(4, len(places)) if places or model in FISHEYES else 0)
     dist[list(places)] = numbers[n_focal + 2 :]
     K = np.array([[focal[0], 0, centre[0]], [0, focal[-1], centre[1]], [0, 0, 1]])
     if model in FISHEYES:

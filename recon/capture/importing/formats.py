@@ -32,6 +32,7 @@ from recon.capture.importing.nerfstudio import TRANSFORMS, import_nerfstudio
 from recon.capture.importing.opencv import import_opencv
 from recon.capture.importing.sources import ImportOptions, Recording
 from recon.capture.importing.views import choose_sensors
+from recon.runtime.files import any_case
 
 AUTO = "auto"
 BROKEN = (AttributeError, LookupError, OverflowError, TypeError, cv2.error)  # what reading raises of odd values
@@ -68,6 +69,7 @@ class Format:
     def candidates(self, source: Path) -> Iterator[Path]:
         """Yield the files of a source that have the names of this format's, whatever they say."""
         for pattern in self.files:
+            pattern = any_case(pattern) if pattern.startswith("*.") else pattern
             if source.is_dir():
                 yield from (path for path in sorted(source.glob(pattern)) if path.is_file())
             elif source.is_file() and source.match(Path(pattern).name):
@@ -96,9 +98,11 @@ def import_recording(name: str, source: Path, out: Path, options: ImportOptions)
         raise CaptureError(f"{source}: is not whole: {type(error).__name__} {error}") from error
     except ValueError as error:
         likely = [] if FORMATS[name].is_in(source) else _known(source)
-        if not likely:
+        if isinstance(error, CaptureError) and not likely:
             raise
-        raise CaptureError(f"{error}; the source looks like {' or '.join(likely)}") from error
+        place = "" if str(source) in str(error) else f"{source}: "
+        looks = f"; the source looks like {' or '.join(likely)}" if likely else ""
+        raise CaptureError(f"{place}{error}{looks}") from error
 
 
 def find_format(source: Path) -> str:
@@ -116,7 +120,7 @@ def _nearest(source: Path) -> str:
     """Say which format has files of the same names that say something else, or of names that are nearly the same."""
     for name, kind in FORMATS.items():
         by_name = [
-            path for path in kind.candidates(source) if f"*{path.suffix}" not in kind.files
+            path for path in kind.candidates(source) if f"*{path.suffix.lower()}" not in kind.files
         ]  # any name says nothing
         if by_name:
             return f"; nearest is {name}, but {by_name[0].name} is none of its files: {kind.means}"

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,11 +33,24 @@ from recon.capture.importing.lenses import FisheyeCamera
 from recon.capture.importing.sources import DepthSource, ImportOptions, Recording, SensorSource
 from recon.capture.pictures import DEFAULT_FPS, Pictures, common_rate, copy_file
 from recon.capture.recording import MASK, SIDES, check_bounds
-from recon.geometry.rig import Y_FROM, Camera, rigid
+from recon.capture.rectify import viewing_directions
+from recon.geometry.rig import DIST_POWERS, Y_FROM, Camera, rigid
 from recon.runtime.files import allowed, new_folder
 from recon.runtime.notices import Notice
 
 DEEP = 16  # bits
+MOST_OFF_MIDDLE = 0.4  # of the picture's size, from its middle to the principal point: beyond, it is at the border
+BASELINES_MM = (0.5, 50_000.0)  # shorter ones are those of microscopes, longer ones of aeroplanes
+MOST_APART_DEG = 60.0  # between the axes of a stereo pair
+MOST_DISTORTION = (
+    2.0,
+    2.0,
+    0.2,
+    0.2,
+    2.0,
+)  # of k1, k2, p1, p2, k3 at the corners, 1 being as far as they are from the axis
+MOST_UNDONE_PX = 1.0  # off after the distortion was undone and done
+N_ANGLES = 64  # at which a fisheye is looked at
 MOST_STEPS = 2  # from a picture's number to the next one's, on average; above, the numbers are times or the like
 
 
@@ -61,6 +75,9 @@ def write_recording(out: Path, recording: Recording, options: ImportOptions) -> 
     """
     if not recording.sensors:
         raise CaptureError("the source names no sensors, expected at least one")
+    for source in recording.sensors:
+        for doubt in _doubts(source):
+            warnings.warn(f"sensor {source.id}: {doubt}", Notice, stacklevel=2)
     turn = rigid(Y_FROM[options.up or recording.up], np.zeros(3))
     told = (options.fps, recording.fps, _video_fps(recording), DEFAULT_FPS)  # videos are checked whatever is said
     fps = next(rate for rate in told if rate is not None)
@@ -89,6 +106,55 @@ def write_recording(out: Path, recording: Recording, options: ImportOptions) -> 
             copy_picture(camera, path, folder / photograph.image, bits=bits)
         write_capture(capture)
     return replace(capture, folder=out)
+
+
+def _doubts(source: SensorSource) -> Iterator[str]:
+    """Yield what slips of units, of resolution or of order look like; a calibration with it may be right."""
+    for side, camera in zip(SIDES, source.cameras, strict=False):
+        centre, (width, height) = camera.K[:2, 2], camera.size
+        if (np.abs(centre / (width - 1, height - 1) - 0.5) > MOST_OFF_MIDDLE).any():
+            yield (
+                f"the principal point of {side}, ({centre[0]:.6g}, {centre[1]:.6g}), is far from the middle of its "
+                f"pictures of {width}x{height}; are they cut out, or of another resolution?"
+            )
+        elif not _is_likely_lens(camera):
+            yield (
+                f"the distortion of {side} is larger at the pictures' edges than a lens's, or cannot be undone there; "
+                "check its numbers and model"
+            )
+    if source.right is None:
+        return
+    baseline = float(np.linalg.norm(source.right.centre - source.left.centre))
+    if not BASELINES_MM[0] <= baseline <= BASELINES_MM[1]:
+        yield f"its cameras are {baseline:.4g} mm apart; is the unit right?"
+    apart = float(np.rad2deg(np.arccos(np.clip(source.left.rotation[2] @ source.right.rotation[2], -1, 1))))
+    if apart > MOST_APART_DEG:
+        yield f"its cameras look {apart:.0f} degrees apart, and hardly see the same"
+
+
+def _is_likely_lens(camera: Camera) -> bool:
+    """Tell whether a lens shows each place at the picture's border from one direction, and moves none too far."""
+    width, height = camera.size
+    border = np.array([[x, y] for x in (0, width / 2, width - 1) for y in (0, height / 2, height - 1)], np.float64)
+    off_axis = float(np.linalg.norm((border - camera.K[:2, 2]) / np.diag(camera.K)[:2], axis=1).max())
+    if isinstance(camera, FisheyeCamera):
+        angles = np.linspace(0, np.arctan(off_axis), N_ANGLES)
+        powers = angles[:, None] ** [2, 4, 6, 8]
+        return bool((np.diff(angles * (1 + powers @ camera.lens)) > 0).all())
+    if not camera.dist.any():
+        return True
+    n = camera.dist.size
+    if (
+        n <= len(MOST_DISTORTION)
+        and (np.abs(camera.dist) * off_axis ** np.array(DIST_POWERS[:n]) > MOST_DISTORTION[:n]).any()
+    ):
+        return False
+    directions = viewing_directions(camera, border)
+    if not np.isfinite(directions).all():
+        return False
+    again = cv2.projectPoints(directions, np.zeros(3), np.zeros(3), camera.K, camera.dist)[0][:, 0]
+    again[:, 0] += camera.K[0, 1] * directions[:, 1]
+    return bool(np.abs(again - border).max() < MOST_UNDONE_PX)
 
 
 def _bits(recording: Recording) -> int:

@@ -32,9 +32,9 @@ from recon.capture.importing.sources import DepthSource, ImportOptions, Recordin
 from recon.capture.importing.views import tell_absent
 from recon.capture.pictures import Pictures, find_pictures
 from recon.capture.recording import FRAME_FIELD, SIDES, DepthFacts, check_facts, frames_after
-from recon.geometry.lens_names import NAME_KEYS, model_name
+from recon.geometry.lens_names import model_name
 from recon.geometry.rig import UNITS_MM, Camera, rigid
-from recon.runtime.files import allowed, read_json
+from recon.runtime.files import allowed, any_case, read_json
 
 DIST_KEYS = ("dist", "dist_left", "dist_right")
 POSES = ("cam_from_world", "world_from_cam", "right_from_left", "left_from_right")
@@ -96,7 +96,7 @@ def import_json(
 
 
 def _description_in(folder: Path) -> Path:
-    paths = sorted(folder.glob("*.json"))
+    paths = sorted(folder.glob(any_case("*.json")))
     if len(paths) != 1:
         named = f" ({', '.join(path.name for path in paths)})" if paths else ""
         raise CaptureError(f"{folder}: holds {len(paths)} JSON files{named}, expected one that describes the recording")
@@ -256,13 +256,7 @@ def _numbers(content: Mapping[str, Any], key: str) -> NDArray[np.float64]:
 
 def _dist(content: Mapping[str, Any], key: str) -> NDArray[np.float64]:
     for name, value in content.items():  # a slip would leave the distortion out without a word
-        if (
-            name.lower().startswith("dist")
-            and name not in NAME_KEYS
-            and name not in DIST_KEYS
-            and isinstance(value, list)
-            and any(value)
-        ):
+        if name.lower().startswith("dist") and name not in DIST_KEYS and isinstance(value, list) and any(value):
             raise CaptureError(f"{name} is not read, expected {key}")
     return _numbers({key: [], **content}, key)
 

@@ -103,12 +103,13 @@ def _listing(source: Path) -> Path:
 
 def _read_views(listing: Path) -> dict[int, _View]:
     try:
-        lines = listing.read_text(encoding="utf-8").split("\n")
+        lines = [line.partition("#")[0] for line in listing.read_text(encoding="utf-8-sig").split("\n")]
     except (OSError, UnicodeDecodeError) as error:
         raise CaptureError(f"{listing}: cannot be read: {error}") from error
-    rows = [(number, line.split()) for number, line in enumerate(lines[1:], start=2) if line.strip()]
-    if lines[0].strip() != str(len(rows)) or not rows:
-        raise CaptureError(f"{listing}, line 1: announces {lines[0].strip()!r} views, {len(rows)} lines follow")
+    first, *rows = [(number, line.split()) for number, line in enumerate(lines, start=1) if line.strip()] or [(1, [""])]
+    if first[1] != [str(len(rows))] or not rows:
+        told = " ".join(first[1])
+        raise CaptureError(f"{listing}, line {first[0]}: announces {told!r} views, {len(rows)} lines follow")
     listed: dict[int, _View | None] = {}
     for line, row in rows:
         number, view = _read_view(listing, line, row)

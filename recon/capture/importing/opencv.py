@@ -136,8 +136,10 @@ def _merged(files: Sequence[Path]) -> dict[str, dict[str, Any]]:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-        content = _value(storage.root())
+        text = path.read_text(encoding="utf-8-sig", errors="replace")
+        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+        with faults_at(path):
+            content = _value(storage.root())
     except (cv2.error, SystemError) as error:
         raise CaptureError(f"{path}: is not an OpenCV YAML or XML file") from error
     if not isinstance(content, dict):
@@ -148,11 +150,23 @@ def _read(path: Path) -> dict[str, Any]:
 def _value(node: Any) -> Any:
     if node.isMap():
         keys = node.keys()
+        content = {key: _value(node.getNode(key)) for key in keys}
         is_matrix = "data" in keys and ("rows" in keys or "sizes" in keys)  # sizes of one with one dimension
-        return node.mat() if is_matrix else {key: _value(node.getNode(key)) for key in keys}
+        return _stored_matrix(content) if is_matrix else content
     if node.isSeq():
         return [_value(node.at(number)) for number in range(node.size())]
     return node.string() if node.isString() else node.real()
+
+
+def _stored_matrix(content: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Return a matrix of a file; OpenCV's own reader writes past its memory where rows or columns are wrong."""
+    told = content["sizes"] if "sizes" in content else [content.get("rows"), content.get("cols")]
+    values = np.ravel(content["data"])
+    shape = [int(length) for length in np.array(told, np.float64)]
+    if min(shape, default=0) < 0:
+        raise CaptureError(f"a matrix has {shape} rows and columns")
+    channels = values.size // max(1, abs(int(np.prod(shape))))
+    return np.asarray(values.reshape(shape if channels <= 1 else [*shape, channels]), np.float64)
 
 
 def _source(base: Path, name: str, entry: Mapping[str, Any], options: ImportOptions) -> SensorSource:
@@ -163,8 +177,10 @@ def _source(base: Path, name: str, entry: Mapping[str, Any], options: ImportOpti
 
 def _sensor(name: str, entry: Mapping[str, Any], size: tuple[int, int], unit_mm: float) -> Sensor:
     matrices = {key: _matrix(entry, key) for key in KEYS}
-    told = _size(entry) or size
+    if matrices["D1"].size != matrices["D2"].size and not matrices["D1"].size * matrices["D2"].size:
+        raise CaptureError(f"{entry['']}: has distortion of one camera only, expected D1 and D2")
     with faults_at(f"{entry['']}: sensor {name}"):
+        told = _size(entry) or size
         rotation = matrices["R"] if matrices["R"].shape == (3, 3) else cv2.Rodrigues(matrices["R"])[0]
         right_from_left = rigid(rotation, matrices["T"].ravel() * unit_mm)
         pose = np.asarray(entry.get("cam_from_world", CAMERA_FROM_WORLD), dtype=np.float64).copy()

@@ -5,6 +5,7 @@ An importer only finds cameras and names of pictures; `recon.capture.importing.i
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -14,11 +15,28 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from recon.capture.images import CaptureError
 from recon.capture.pictures import Pictures
 from recon.capture.recording import DEPTH_SUFFIXES
 from recon.geometry.rig import UNITS_MM, Y_FROM, Camera
+
+QUATERNION_TOLERANCE = 0.01  # of its length; lists carry at least three digits
+PLAIN_WORDS = tuple(
+    (re.compile(form), words)
+    for form, words in (  # of what Python and numpy say of a file that holds something else
+        (r"could not convert string to float: (?:np.str_\()?('.*?')\)?", r"\1 stands where a number is expected"),
+        (r"invalid literal for int\(\) with base 10: (?:np.str_\()?('.*?')\)?", r"\1 stands where a count is expected"),
+        (r"cannot convert float (NaN|infinity) to integer", r"\1 stands where a count is expected"),
+        (r".* argument must be .* number, not '(\w+)'", r"a \1 stands where a number is expected"),
+        (r"cannot reshape array of size (\d+) into shape \((.*?),?\)", r"\1 numbers stand where \2 are expected"),
+        (r"(not enough|too many) values to unpack \(expected ((?:at least )?\d+).*", r"\1 values, expected \2"),
+        (r"setting an array element with a sequence.*", "lists of several lengths stand where numbers are expected"),
+        (r"Singular matrix", "a matrix of cameras has no inverse"),
+        (r"(?:list )?index .*out of (?:range|bounds).*", "fewer values than expected"),
+    )
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,10 +148,24 @@ def faults_at(place: object) -> Iterator[None]:
     """
     try:
         yield
+    except CaptureError as error:
+        if str(error).startswith(str(place)):
+            raise
+        raise CaptureError(f"{place}: {error}") from error
     except KeyError as error:
         raise CaptureError(f"{place}: {error.args[0]} is missing") from error
-    except (AttributeError, IndexError, TypeError, ValueError, cv2.error) as error:
-        raise CaptureError(f"{place}: {error}") from error
+    except (AttributeError, IndexError, OverflowError, TypeError, ValueError, cv2.error) as error:
+        told = next((form.sub(words, str(error)) for form, words in PLAIN_WORDS if form.search(str(error))), error)
+        raise CaptureError(f"{place}: {told}") from error
+
+
+def turn_of(quaternion: ArrayLike) -> NDArray[np.float64]:
+    """Return the rotation (3, 3) of a quaternion x, y, z, w, or raise a CaptureError if its length is not 1."""
+    parts = np.asarray(quaternion, np.float64)
+    length = float(np.linalg.norm(parts))
+    if not abs(length - 1) <= QUATERNION_TOLERANCE:
+        raise CaptureError(f"a rotation is a quaternion of the length {length:g}, expected 1")
+    return np.asarray(Rotation.from_quat(parts).as_matrix())
 
 
 def parse_unit(text: str) -> float:

@@ -101,6 +101,7 @@ def tell_absent(source: Path, names: Sequence[str]) -> None:
 
 def bounds_of_points(points: NDArray[np.floating]) -> NDArray[np.float64] | None:
     """Return bounds (2, 3) around most of the points (N, 3), in their unit; None for fewer than two."""
+    points = points[np.isfinite(points).all(axis=1)]
     if len(points) < 2:
         return None
     box = np.quantile(points, BOUNDS_SHARE, axis=0)
@@ -117,6 +118,8 @@ def bounds_of_depths(ranges: Iterable[tuple[Camera, float, float]]) -> NDArray[n
     """
     boxes = []
     for camera, near, far in ranges:
+        if not np.isfinite([near, far]).all():
+            continue
         width, height = camera.size
         corners = viewing_directions(camera, np.array([[0.0, 0], [width, 0], [0, height], [width, height]]))
         seen = transformed(np.concatenate([corners * near, corners * far]), np.linalg.inv(camera.cam_from_world))
@@ -132,7 +135,12 @@ def bounds_of_depths(ranges: Iterable[tuple[Camera, float, float]]) -> NDArray[n
 def _sensor(sensor_id: str, views: Sequence[View]) -> SensorSource:
     pictures = tuple(pictures_of(view.image) for view in views)
     masks = tuple((view.mask,) for view in views if view.mask is not None)
-    if len(masks) < len(views) or any(len(side.files) > 1 or side.is_video for side in pictures):
+    if masks and (len(masks) < len(views) or any(len(side.files) > 1 or side.is_video for side in pictures)):
+        warnings.warn(
+            f"sensor {sensor_id}: its masks are left out, as not each camera has one picture and its mask",
+            Notice,
+            stacklevel=2,
+        )
         masks = ()
     right = views[1].camera if len(views) > 1 else None
     return SensorSource(sensor_id, views[0].camera, right, pictures, views[0].depth, masks)

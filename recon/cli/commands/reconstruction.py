@@ -124,6 +124,13 @@ class Reconstruct(Command):
         label="Clouds that stay",
         choices={"few": "of the first and the middle frame", "all": "of all frames"},
     )
+    meshes: Literal["plain", "packed"] = option(
+        "plain",
+        "How meshes are stored: plain, as PLY and GLB; packed, in less than half of the space, but for the first and "
+        "the middle frame. All commands read both.",
+        label="Meshes on the disk",
+        choices={"plain": "as PLY and GLB", "packed": "packed, but for the first and the middle frame"},
+    )
     steady: int = option(
         0,
         "How many frames before lend a surface what they saw of places that are as they were: rims flicker less, and "

@@ -8,6 +8,8 @@ numba's cache needs it.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +28,59 @@ from recon.studio.light.looks import (
     SLEEVE,
     THIRD,
 )
+from recon.studio.rasterise import Visibility
+
+
+class Actors(NamedTuple):
+    """Bodies in their light.
+
+    Parameters
+    ----------
+    faces : int32 (M, 3)
+    lit : float32 (N, 7), as from `lighting.lit`
+    owners : int64 (M,), the row of `looks` per face
+    looks : float64 (K, N_LOOK), see `looks`
+    volume : float32 (S, S, S), noise
+    """
+
+    faces: NDArray[np.int32]
+    lit: NDArray[np.float32]
+    owners: NDArray[np.int64]
+    looks: NDArray[np.float64]
+    volume: NDArray[np.float32]
+
+
+class Rays(NamedTuple):
+    """The rays of a camera's pixels.
+
+    Parameters
+    ----------
+    slopes : float64 (H, W, 2), x / z and y / z in the camera
+    camera_to_world : float64 (3, 3), world axes from camera axes
+    eye : float64 (3,), mm
+    spread : size of a pixel at a distance of 1 mm
+    """
+
+    slopes: NDArray[np.float64]
+    camera_to_world: NDArray[np.float64]
+    eye: NDArray[np.float64]
+    spread: float
+
+
+class Room(NamedTuple):
+    """The empty studio.
+
+    Parameters
+    ----------
+    radius, floor_y : mm, of the curtain around the world's y axis, and of the floor
+    curtain, floor : float64 (3,), linear colours
+    """
+
+    radius: float
+    floor_y: float
+    curtain: NDArray[np.float64]
+    floor: NDArray[np.float64]
+
 
 # Middles of the nails of the left hand at rest, mm: the right one's are mirrored.
 NAILS = (
@@ -123,7 +178,7 @@ def _skin(
         gap = _step(1.2 - abs(y - middle), -0.4 - 0.5 * fp, 0.4 + 0.5 * fp) * _step(width + 1.0 - ax, 0.0, 7.0)
         r, g, b = r * (1.0 - 0.72 * gap), g * (1.0 - 0.84 * gap), b * (1.0 - 0.82 * gap)
     if 9.0 < ax < 56.0 and y > 1650.0:
-        r, g, b = _eye(look, ax, x, y, z, fp, r, g, b)
+        r, g, b = _eye(look, x, y, z, fp, (r, g, b))
         brow = 1690.5 - 0.0085 * (ax - 34.0) ** 2 - 0.05 * (ax - 34.0)
         thick = 3.4 * _step(ax, 8.0, 20.0) * (1.0 - 0.6 * _step(ax, 34.0, 53.0))
         if abs(y - brow) < thick + 2.5:
@@ -170,10 +225,11 @@ def _hand(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _eye(
-    look: NDArray[np.float64], ax: float, x: float, y: float, z: float, fp: float, r: float, g: float, b: float
+    look: NDArray[np.float64], x: float, y: float, z: float, fp: float, skin: tuple[float, float, float]
 ) -> tuple[float, float, float]:
     """Colour an eye: white, iris, pupil and lids; look[EYES_CLOSED] is how far the lids are closed."""
-    ex, ey = ax - 32.0, y - 1666.5
+    r, g, b = skin
+    ex, ey = abs(x) - 32.0, y - 1666.5
     if abs(ex) > 20.0 or abs(ey) > 14.0 or z < 60.0:
         return r, g, b
     arch = max(0.0, 1.0 - (ex / 14.5) ** 2)
@@ -625,17 +681,9 @@ def vertex_albedo(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _shade_sample(
-    sx: float,
-    sy: float,
-    face: int,
-    faces: NDArray[np.int32],
-    pixels: NDArray[np.float64],
-    lit: NDArray[np.float32],
-    owners: NDArray[np.int64],
-    looks: NDArray[np.float64],
-    volume: NDArray[np.float32],
-    spread: float,
+    sx: float, sy: float, face: int, pixels: NDArray[np.float64], actors: Actors, spread: float
 ) -> tuple[float, float, float]:
+    faces, lit, owners, looks, volume = actors
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
     ax, ay, bx, by = pixels[a, 0] - sx, pixels[a, 1] - sy, pixels[b, 0] - sx, pixels[b, 1] - sy
     cx, cy = pixels[c, 0] - sx, pixels[c, 1] - sy
@@ -661,30 +709,18 @@ def _shade_sample(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def shade(
-    column: int,
-    row: int,
-    seen: NDArray[np.int32],
-    nearness: NDArray[np.float32],
-    faces: NDArray[np.int32],
-    pixels: NDArray[np.float64],
-    lit: NDArray[np.float32],
-    owners: NDArray[np.int64],
-    looks: NDArray[np.float64],
-    volume: NDArray[np.float32],
-    spread: float,
-) -> NDArray[np.float32]:
+def shade(visible: Visibility, actors: Actors, spread: float) -> NDArray[np.float32]:
     """Colour the window in which a camera sees the actors.
 
     Returns float32 (h, w, 4): linear RGB of the covered part, and the covered share.
 
     Parameters
     ----------
-    column, row, seen (h, w, 5), nearness (h, w, 5), pixels (N, 3) : as in `rasterise.Visibility`
-    lit : float32 (N, 7), as from `lighting.lit`
-    owners : int (M,), the row of `looks` per face
+    visible : which faces
+    actors : whose faces they are
     spread : size of a pixel at a depth of 1 mm
     """
+    column, row, seen, nearness, pixels = visible
     offset_x = (0.0, -0.125, 0.375, -0.375, 0.125)
     offset_y = (0.0, -0.375, -0.125, 0.125, 0.375)
     h, w = seen.shape[0], seen.shape[1]
@@ -707,9 +743,8 @@ def shade(
                 if seen[y, x, s] < 0:
                     continue
                 r, g, b = _shade_sample(
-                    column + x + offset_x[s], row + y + offset_y[s], seen[y, x, s], faces, pixels, lit, owners,
-                    looks, volume, spread,
-                )  # fmt: skip
+                    column + x + offset_x[s], row + y + offset_y[s], seen[y, x, s], pixels, actors, spread
+                )
                 red, green, blue = red + r, green + g, blue + b
             n = 1 if last == 1 else covered
             result[y, x, 0], result[y, x, 1], result[y, x, 2] = red / n, green / n, blue / n
@@ -718,28 +753,17 @@ def shade(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def room_plate(
-    slopes: NDArray[np.float64],
-    camera_to_world: NDArray[np.float64],
-    eye: NDArray[np.float64],
-    spread: float,
-    radius: float,
-    floor_y: float,
-    curtain: NDArray[np.float64],
-    floor: NDArray[np.float64],
-    volume: NDArray[np.float32],
-) -> NDArray[np.float32]:
+def room_plate(rays: Rays, room: Room, volume: NDArray[np.float32]) -> NDArray[np.float32]:
     """Colour the empty studio, a floor and a curtain that hangs around it: linear, float32 (H, W, 3).
 
     Parameters
     ----------
-    slopes : float64 (H, W, 2), x / z and y / z of every pixel's ray in the camera
-    camera_to_world : float64 (3, 3), world axes from camera axes; eye : float64 (3,)
-    spread : size of a pixel at a distance of 1 mm
-    radius, floor_y : mm, of the curtain around the world's y axis, and of the floor
-    curtain, floor : float64 (3,), linear colours
+    rays : of the camera's pixels
+    room : the studio
     volume : float32 (S, S, S), noise
     """
+    slopes, camera_to_world, eye, spread = rays
+    radius, floor_y, curtain, floor = room
     height, width = slopes.shape[0], slopes.shape[1]
     colours = np.empty((height, width, 3), np.float32)
     for row in range(height):

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from recon.models.read import READERS
-from recon.pipeline.run import RUN_FILE, mesh_name, read_run
+from recon.pipeline.run import RUN_FILE, Run, read_run
 from recon.runtime.files import check_exists
 from recon.validation.clouds import TEXT_SUFFIXES
 from recon.validation.measures import EVERY_DATASET, Subject
@@ -122,7 +122,7 @@ def _approaches(clouds: Sequence[Path], names: Sequence[str]) -> tuple[dict[str,
         if cloud in runs:
             run = read_run(cloud)
             datasets.append(run.dataset)
-            files = {name: _run_frames(run.folder, name, run.frames_of(name)) for name in run.approaches}
+            files = {name: _run_frames(run, name) for name in run.approaches}
         else:
             files = {next(remaining, cloud.stem if cloud.is_file() else cloud.resolve().name): _frames_of(cloud)}
         if twice := next((name for name in files if name in approaches), None):
@@ -133,8 +133,8 @@ def _approaches(clouds: Sequence[Path], names: Sequence[str]) -> tuple[dict[str,
     return approaches, datasets
 
 
-def _run_frames(folder: Path, approach: str, frames: Sequence[int]) -> Files:
-    return {frame: folder / mesh_name(approach, frame) for frame in frames}
+def _run_frames(run: Run, approach: str) -> Files:
+    return {frame: run.folder / run.mesh_name(approach, frame) for frame in run.frames_of(approach)}
 
 
 def _reference_folder(reference: Path) -> Path:

@@ -19,7 +19,7 @@ from recon.geometry.mesh_files import read_mesh
 from recon.geometry.splats import Splats
 from recon.methods.approaches import FUSION_METHODS, parse_approach
 from recon.models.read import read_model
-from recon.pipeline.run import RUN_FILE, Run, mesh_name, read_run, recorded_in
+from recon.pipeline.run import RUN_FILE, Run, read_run, recorded_in
 from recon.pipeline.sources import ModelSequence, read_sources
 from recon.runtime.files import read_json
 from recon.runtime.workers import Progress, no_progress
@@ -165,7 +165,7 @@ def _renderings(
     for approach in run.approaches:
         if photograph.frame not in run.frames_of(approach):
             continue
-        mesh = _mesh(run.folder / mesh_name(approach, photograph.frame))
+        mesh = _mesh(run.folder / run.mesh_name(approach, photograph.frame))
         yield approach, rendered(mesh if filled else measured_part(mesh), photograph.camera)
     for approach, sequence in others.items():
         number = 0 if sequence.is_still else run.frames.index(photograph.frame)

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from app.settings import Settings
+from app.store.access.tokens import SCOPES
 from tests.command_line import Command
 
 
@@ -42,6 +43,11 @@ def test_a_misspelled_setting_is_named_with_what_was_meant(
     assert told == (
         f"warning: RECONSTUDY_{misspelled} is no setting and changes nothing; did you mean RECONSTUDY_{meant}?\n"
     )
+
+
+def test_the_help_of_tokens_names_every_scope(command: Command) -> None:
+    told = " ".join(command("token", "add", "--help").out.split())
+    assert [scope for scope in SCOPES if scope not in told] == []
 
 
 def test_no_other_variable_is_taken_for_a_misspelled_setting(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -307,14 +307,14 @@ def test_the_bits_of_a_sample_are_told_by_the_pixel_format(pixel_format: str, bi
     assert Look("prores", 64, 48, pixel_format).bits == bits
 
 
+def untagged(color_range: str) -> str:
+    return f":m=bt709:r={color_range}:p=bt709:t=bt709,format=yuv422p10le,{UNTAGGED}"
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(("suffix", "encoding"), [(".mov", PRORES), (".mp4", H264)])
-def test_a_film_without_its_range_is_asked_about_where_its_values_tell_that_the_range_matters(
-    tmp_path: Path, suffix: str, encoding: str
-) -> None:
+def test_a_film_without_its_range_is_asked_about_where_its_values_tell_that_the_range_matters(tmp_path: Path) -> None:
     for name in ("full", "limited"):
-        chain = f":m=bt709:r={name}:p=bt709:t=bt709,format=yuv422p10le,{UNTAGGED}"
-        write(Case(chain, encoding), tmp_path / name / "scene" / f"film{suffix}")
+        write(Case(untagged(name), PRORES), tmp_path / name / "scene" / "film.mov")
     assert import_stimuli(tmp_path / "limited", tmp_path / "taken").stimulus_set.stimuli[0].n_frames == N_FRAMES
     with pytest.raises(StimuliError, match=r"does not say .* of its pixels .* `--range full`") as refused:
         import_stimuli(tmp_path / "full", tmp_path / "refused")
@@ -327,6 +327,15 @@ def test_a_film_without_its_range_is_asked_about_where_its_values_tell_that_the_
         assert facts.look is not None
         assert facts.look.color_range == "tv"
         assert treatment_of(film, facts).done == ()  # asks nothing again
+
+
+def test_a_film_without_its_range_is_limited_where_the_standard_of_its_codec_says_so(tmp_path: Path) -> None:
+    write(Case(untagged("full"), H264), tmp_path / "films" / "scene" / "film.mp4")
+    notes = import_stimuli(tmp_path / "films", tmp_path / "set").notes
+    assert any("% of its pixels lie beyond the limited range" in note for note in notes)
+    made = import_stimuli(tmp_path / "films", tmp_path / "full", untagged_range="full")
+    assert luma_of_black(tmp_path / "full" / "scene" / "film.mp4") == pytest.approx(16, abs=2)
+    assert not any("beyond" in note for note in made.notes)
 
 
 def luma_of_black(film: Path) -> int:

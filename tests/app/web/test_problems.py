@@ -131,6 +131,12 @@ def test_no_page_has_inline_script_or_style(client: httpx.Client) -> None:
     assert client.get("/").status_code == 200
 
 
+def test_no_script_of_a_page_names_a_command() -> None:
+    for script in (Path(__file__).parents[3] / "static" / "js").glob("*.js"):
+        named = re.findall(r'"[^"\n]*`(?:reconstudy |capture |study |stimuli |validate )[^"\n]*"', script.read_text())
+        assert named == [], script.name
+
+
 @pytest.mark.parametrize(
     ("headers", "expected"),
     [

@@ -193,7 +193,10 @@ def test_one_line_names_several_material_files(tmp_path: Path) -> None:
 
 def test_options_of_a_texture_that_are_words_are_no_part_of_its_name(tmp_path: Path) -> None:
     picture(tmp_path / "skin.png", BLUE)
-    text_file(tmp_path, "a.mtl", "newmtl blue\nmap_Kd -colorspace sRGB -clamp on -imfchan l skin.png\n")
+    options = (
+        "-colorspace sRGB -clamp on -imfchan l -o 0 0 0 -s 1.000 1 1"  # the last two as programs write that move none
+    )
+    text_file(tmp_path, "a.mtl", f'newmtl blue\nmap_Kd {options} "skin.png"\n')
     path = text_file(tmp_path, "a.obj", f"mtllib a.mtl\n{SQUARE}{PLACES}usemtl blue\nf 1/1 2/2 3/3\n")
     assert texels(mesh_from(path)).tolist() == [list(BLUE)]
 
@@ -202,3 +205,19 @@ def test_vertices_without_a_colour_among_coloured_ones_are_grey_and_counted(tmp_
     path = text_file(tmp_path, "a.obj", "v 0 0 0 1 0 0\nv 1 0 0\nv 1 1 0 1 0 0\nf 1 2 3\n")
     assert mesh_from(path).colours.tolist() == [[255, 0, 0], [NEUTRAL] * 3, [255, 0, 0]]
     assert "has no colour at 1 of 3 vertices, which are shown grey" in read_model(path, IN_MM).warnings
+
+
+@pytest.mark.parametrize("name", [r"C:\work\Skin.PNG", "/home/somebody/skin.png", "../../skin.png", "SKIN.png"])
+def test_a_texture_beside_the_model_is_taken_for_one_of_another_computer_or_case(tmp_path: Path, name: str) -> None:
+    picture(tmp_path / "skin.png", BLUE)
+    text_file(tmp_path, "a.mtl", f"newmtl blue\nmap_Kd {name}\n")
+    path = text_file(tmp_path, "a.obj", f"mtllib a.mtl\n{SQUARE}{PLACES}usemtl blue\nf 1/1 2/2 3/3\n")
+    assert texels(mesh_from(path)).tolist() == [list(BLUE)]
+    (told,) = read_model(path, IN_MM).warnings
+    assert told.endswith("and skin.png is taken for it")
+
+
+def test_points_of_an_obj_without_finite_coordinates_are_left_out_and_counted(tmp_path: Path) -> None:
+    contents = read_contents(text_file(tmp_path, "a.obj", "v 0 0 0\nv nan 1 2\nv 1 1 1\n"))
+    assert contents.parts[0].vertices.tolist() == [[0, 0, 0], [1, 1, 1]]
+    assert contents.warnings == ["has 1 of 3 points without finite coordinates, left out"]

@@ -53,8 +53,9 @@ def test_colours_of_an_off_are_bytes_or_shares(tmp_path: Path, colour: str) -> N
     ("name", "content", "sentence"),
     [
         ("a.stl", bytes(80) + (4_000_000_000).to_bytes(4, "little"), "is no whole STL: it has 84 bytes, 4000000000"),
-        ("a.stl", b"solid x\nfacet normal 0 0 1\nvertex 0 0 0\nvertex 1 0 0\n", "has 2 corners of triangles"),
+        ("a.stl", b"solid x\nvertex 0 0 0\nvertex 1 0 0\nendsolid", "has 2 corners of triangles"),
         ("a.stl", b"solid x\n", "is no whole STL"),
+        ("a.stl", b"solid x\r\n" + b"VERTEX 0 0 1\r\n" * 3, "is cut off: its text does not end with a line endsolid"),
         ("a.off", b"OFF\n3000000000 1 0\n0 0 0\n", "announces 3000000000 vertices and 1 faces, 1 lines follow"),
         ("a.off", b"OFF\n", "is cut off before the numbers of its vertices and faces"),
         ("a.off", b"4OFF\n1 0 0\n0 0 0 1\n", "is no OFF of three coordinates"),

@@ -12,7 +12,8 @@ import pytest
 from recon.capture.format import Capture, CaptureError, DepthMaps, read_masks, write_capture
 from recon.cloud import CloudParameters
 from recon.geometry.mesh_files import read_cloud, read_mesh
-from recon.pipeline.job import ALL, FEW, ReconstructOptions
+from recon.methods.approaches import PHOTOGRAPHS, VERTICES
+from recon.pipeline.job import ALL, FEW, PACKED, ReconstructOptions
 from recon.pipeline.reconstruct import match_files, reconstruct
 from recon.pipeline.run import View, mesh_name, read_run
 from recon.runtime.files import read_json
@@ -174,3 +175,22 @@ def test_clouds_that_do_not_stay_are_made_when_they_are_needed_and_give_the_same
     assert (tmp_path / FEW / mesh_name("given_fb", 2)).read_bytes() == meshes[0][2]
     with pytest.raises(ValueError, match="clouds of frame 2 are not on disk, those of frames 0 and 1 are"):
         write_models([tmp_path / FEW], tmp_path / "models", 2, no_progress)
+
+
+def test_packed_meshes_are_the_plain_ones_and_replace_them(tmp_path: Path) -> None:
+    capture = synthesise(tmp_path / "capture", SynthParameters("sphere", 2, 4, (96, 54), depth_maps=True)).folder
+    options = ReconstructOptions(fusions=("fb",), colours=(VERTICES, PHOTOGRAPHS))
+    run, approaches = tmp_path / "run", ("given_fb", "given_fb_photographs")
+    reconstruct(capture, run, options)
+    plain = {each: [read_mesh(run / mesh_name(each, frame)) for frame in range(4)] for each in approaches}
+    reconstruct(capture, run, replace(options, meshes=PACKED))
+    for approach, ending in zip(approaches, ("ply", "glb"), strict=True):
+        names = sorted(path.name for path in (run / "meshes" / approach).iterdir())
+        assert names == [f"0000.{ending}", "0001.parquet", f"0002.{ending}", "0003.parquet"]
+        for frame, mesh in enumerate(plain[approach]):
+            back = read_mesh(run / read_run(run).mesh_name(approach, frame))
+            for field in ("vertices", "faces", "normals", "colours"):
+                assert np.array_equal(getattr(back, field), getattr(mesh, field)), (approach, frame, field)
+    reconstruct(capture, run, options)
+    assert not list(run.rglob("*.parquet"))
+    assert read_run(run).packed == ()

@@ -19,7 +19,7 @@ from recon.models.inspection import standing_height
 from recon.pipeline.film import Film, RenderOptions
 from recon.pipeline.film_plan import planned_films
 from recon.pipeline.render import render
-from recon.pipeline.run import Run, mesh_name, write_run
+from recon.pipeline.run import Run, mesh_name, read_run, write_run
 from recon.pipeline.sources import read_sources
 from recon.runtime.artefacts import Artefacts, file_digest
 from recon.runtime.files import read_json, write_json
@@ -114,6 +114,21 @@ def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
 def test_a_folder_that_is_not_there_is_named_as_missing(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"rnu: there is no such folder"):
         read_sources([tmp_path / "rnu"])
+
+
+def test_a_packed_mesh_of_a_run_is_filmed_as_the_plain_one(run: Path, tmp_path: Path) -> None:
+    packed = tmp_path / "packed"
+    for frame in range(3):
+        name = mesh_name("pm_fb", frame, packed=frame == 1)
+        Artefacts(packed).make(name, {}, lambda path, frame=frame: write_mesh(path, blob(frame)) and None)
+    write_run(replace(read_run(run), folder=packed, packed=(1,)), options={}, timings={}, warnings=())
+    (source,) = read_sources([packed])
+    assert [file.suffix for file in source.sequences[0].files] == [".ply", ".parquet", ".ply"]
+    for frame in range(3):
+        mesh = source.sequences[0].read(frame)
+        assert isinstance(mesh, Mesh)
+        assert np.array_equal(mesh.vertices, blob(frame).vertices)
+        assert np.array_equal(mesh.colours, blob(frame).colours)
 
 
 def test_a_run_and_models_become_one_set(run: Path, models: Path, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from app.errors import InvalidError
 from app.operations.studies.create import duplicate_study
 from app.operations.studies.standing import change_standing as change_study
 from app.operations.studies.standing import give_new_address
+from app.store.database.server_tasks import running_tasks
 from app.store.participants.invitations import preview_code
 from app.store.studies.drafts import drafts_of
 from app.store.studies.studies import Standing, all_studies, progress_by_study
@@ -20,7 +21,7 @@ from app.study.stages import INTRODUCTION
 from app.web.admin.background import task_address
 from app.web.admin.layout import page, see
 from app.web.analyst.results import load_analysis
-from app.web.gates import Store, settings
+from app.web.gates import Now, Store, settings
 from app.web.participant.beginning import remember
 from app.web.roles import Acting, AStudy, Person, is_seen
 from app.web.uploads import UploadingActor, begin_importing
@@ -29,16 +30,18 @@ router = APIRouter(prefix="/admin", include_in_schema=False)
 
 
 @router.get("")
-def studies_page(request: Request, person: Person, database: Store, afterwards: BackgroundTasks) -> Response:
+def studies_page(request: Request, person: Person, database: Store, now: Now, afterwards: BackgroundTasks) -> Response:
     afterwards.add_task(load_analysis)  # a study's pages come next
     with database.reading() as connection:
         listed = [study for study in all_studies(connection) if is_seen(request, study)]
         progress = progress_by_study(connection)  # read second: it then covers every study listed
         n_drafts = len(drafts_of(connection, person.name))
+        tasks = [task for task in running_tasks(connection, now) if person.studies is None or task.actor == person.name]
     context = {
         "studies": listed,
         "progress_by_study": progress,
         "n_drafts": n_drafts,
+        "tasks": tasks,
         "largest_mb": settings(request).largest_upload_mb,
     }
     return page(request, "studies", person, context)

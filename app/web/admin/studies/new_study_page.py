@@ -13,10 +13,11 @@ from starlette.datastructures import FormData
 
 from app.errors import InvalidError, StudyError, said_on_page
 from app.intake.bounds import typed_in_bounds
+from app.intake.treatment import MANY_BEYOND
 from app.operations.studies.create import new_slug, read_options, shows_anything, telling_names
 from app.operations.studies.creation import begin_creation
 from app.operations.studies.drafts import Draft, outlook_of, values_of
-from app.operations.studies.forecast import forecast, has_many_pairs, with_pair_films, without_pair_films
+from app.operations.studies.forecast import PAIR_FILMS, SINGLE_FILMS, forecast, has_many_pairs
 from app.operations.studies.receive_films import found_and_done
 from app.operations.studies.stimulus_sets import KnownSet, known_sets, set_called, unreadable_sets
 from app.store.access.experimenters import Experimenter
@@ -222,6 +223,10 @@ def _form_page(
         "n_guessed": sum(
             "unknown" in (look["found"].get("matrix"), look["found"].get("range")) for look in looks.values()
         ),
+        "n_beyond": sum(
+            look["found"].get("beyond_limited", 0) > MANY_BEYOND and look["found"]["read_as"]["range"] == "tv"
+            for look in looks.values()
+        ),
         "n_sound": sum(bool(look["found"].get("sound")) for look in looks.values()),
         "address": f"/admin/studies/new?stimulus_set={quote(known.name)}",
         **_plan(request, known, draft),
@@ -239,8 +244,10 @@ def _plan(request: Request, known: KnownSet, draft: Draft) -> dict[str, Any]:
     by_films = {}
     if outlook.n_pairs > len(known.content.stimuli):
         by_films = {
-            films: forecast(settings(request), known.content, other(wanted.options), wanted.exposure_s)
-            for films, other in (("made", with_pair_films), ("decoded", without_pair_films))
+            films["pair_films"]: forecast(
+                settings(request), known.content, wanted.options.but(**films), wanted.exposure_s
+            )
+            for films in (PAIR_FILMS, SINGLE_FILMS)
         }
     options = neutral_words(wanted.options) if shows_anything(known.content) else wanted.options
     return {

@@ -16,10 +16,9 @@ from app.intake.contents import PLAYABLE
 from app.intake.treatment import preview_of
 from app.operations.studies.receive_films import found_and_done
 from app.operations.studies.stimulus_sets import (
+    change_stimulus_set,
     delete_set,
     known_sets,
-    name_factors,
-    rename_set,
     set_called,
     studies_of,
     unreadable_sets,
@@ -111,13 +110,13 @@ def change_factors(
         key: {factor: text.strip() for factor, text in zip(names, row, strict=True) if factor and text.strip()}
         for key, row in zip(condition, rows, strict=True)
     }
-    name_factors(settings(request), database, name, levels, actor)
+    change_stimulus_set(settings(request), database, name, actor, levels=levels)
     return see(f"/admin/sets/{quote(name)}?saved=1")
 
 
 @router.post("/sets/{name}/name")
 def rename(request: Request, actor: Acting, database: Store, name: Name, title: Word) -> Response:
-    rename_set(settings(request), database, name, title, actor)
+    change_stimulus_set(settings(request), database, name, actor, title=title)
     return see(f"/admin/sets/{quote(name)}")
 
 

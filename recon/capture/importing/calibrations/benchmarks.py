@@ -51,8 +51,9 @@ def read_middlebury_pair(source: Path, unit_mm: float) -> Placed:
     truth = next((folder / name for name in TRUTHS if (folder / name).is_file()), None)
     to_depth = _depth_of(Ks[0][0, 0] * baseline, offset)
     depth = None if truth is None else DepthSource((truth,), 1.0, depth_of=to_depth)
-    ends = [float(entry.get("vmax", entry.get("ndisp", "nan"))), float(entry.get("vmin", 1.0))]
-    near, far = to_depth(np.array(ends, np.float32)).tolist()
+    with faults_at(path), np.errstate(over="ignore"):
+        ends = [float(entry.get("vmax", entry.get("ndisp", "nan"))), float(entry.get("vmin", 1.0))]
+        near, far = to_depth(np.array(ends, np.float32)).tolist()
     images = [needed_view(folder, ("im{number}",), side) for side in (0, 1)]
     views = {0: View("im0", left, images[0], depth), 1: View("im1", right, images[1])}
     is_told = np.isfinite([near, far]).all() and 0 < near < far
@@ -67,8 +68,8 @@ def _depth_of(
     """Return what makes depths, mm, of disparities, in pixels or steps of them."""
 
     def depth_of(values: NDArray[np.float32]) -> NDArray[np.float32]:
-        shift = values / step + offset
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(all="ignore"):
+            shift = values / step + offset
             depths = np.where(shift > 0, focal_times_baseline / shift, np.nan)
         return np.asarray(depths, np.float32)
 
@@ -125,7 +126,7 @@ def _kitti_camera(entry: Mapping[str, str], number: int, size: tuple[int, int], 
     """Return a camera: the rectified one, or the one before if the pictures have its size."""
     name = f"{number:02d}"
     sizes = {
-        key: tuple(numbers(entry[f"{key}_{name}"]).astype(int)) for key in ("S", "S_rect") if f"{key}_{name}" in entry
+        key: tuple(map(int, numbers(entry[f"{key}_{name}"]))) for key in ("S", "S_rect") if f"{key}_{name}" in entry
     }
     if size == sizes.get("S") != sizes.get("S_rect"):
         R, T = numbers(entry[f"R_{name}"]).reshape(3, 3), numbers(entry[f"T_{name}"])

@@ -22,7 +22,7 @@ from recon.capture.importing.calibrations.placed import Placed, find_view, numbe
 from recon.capture.importing.sources import DepthSource, faults_at
 from recon.capture.importing.views import HALF_PIXEL, View, bounds_of_depths, pictures_of, tell_absent
 from recon.geometry.rig import Camera, rigid
-from recon.runtime.files import read_json
+from recon.runtime.files import any_case, read_json
 
 STRECHA_NUMBERS = 26  # K, three of distortion, R, t and the size
 BYTE_BITS = 8
@@ -106,7 +106,7 @@ def _mvsnet_camera(path: Path, size: tuple[int, int], unit_mm: float) -> tuple[C
 
 def read_miv(source: Path, unit_mm: float | None) -> Placed:
     """Read the cameras of an MIV content's JSON; pictures or a video of each have its name, v0 and so on."""
-    path = source if source.is_file() else next(iter(sorted(source.glob("*.json"))))
+    path = source if source.is_file() else next(iter(sorted(source.glob(any_case("*.json")))))
     content, views, ranges, absent = read_json(path), {}, [], []
     if unit_mm is None and content.get("lengthsInMeters") is False:
         raise CaptureError(f"{path}: says that its lengths are not in metres; give the unit's length by --units")

@@ -62,8 +62,8 @@ def read_text(path: Path) -> str:
 
 def read_yaml(path: Path) -> dict[str, Any]:
     """Read the first map of a YAML file, as programs for robots write it."""
+    text = read_text(path)
     try:
-        text = read_text(path)
         text = text.partition("\n")[2] if text.startswith("%YAML:") else text  # as OpenCV begins it
         content = next(iter(yaml.safe_load_all(text)), None)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
@@ -80,8 +80,8 @@ def assigned(path: Path, separator: str) -> dict[str, str]:
 
 
 def numbers(text: str) -> NDArray[np.float64]:
-    """Return all numbers (N,) of a text, which has nothing else but brackets and separators."""
-    return np.array(re.sub(r"[\[\];,]", " ", text).split(), dtype=np.float64)
+    """Return all numbers (N,) of a text, which has nothing else but brackets, separators and comments."""
+    return np.array(re.sub(r"#[^\n]*|[\[\];,]", " ", text).split(), dtype=np.float64)
 
 
 def find_view(

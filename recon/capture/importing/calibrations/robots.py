@@ -28,6 +28,7 @@ from recon.capture.importing.calibrations.placed import (
 from recon.capture.importing.sources import faults_at
 from recon.capture.importing.views import View
 from recon.geometry.rig import rigid
+from recon.runtime.files import any_case
 
 ROS_KEYS = {
     "K": ("camera_matrix", "K", "k"),
@@ -48,7 +49,7 @@ def read_ros(source: Path, unit_mm: float) -> Placed:
     folder = source if source.is_dir() else source.parent
     infos = {
         path: content
-        for path in sorted([*folder.glob("*.yaml"), *folder.glob("*.yml")])
+        for path in sorted([*folder.glob(any_case("*.yaml")), *folder.glob(any_case("*.yml"))])
         if any(key in (content := read_yaml(path)) for key in ROS_KEYS["P"])
     }
     if len(infos) != 2:

@@ -20,7 +20,6 @@ import cv2
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from recon.capture.format import Capture
 from recon.capture.images import CaptureError, write_picture
@@ -29,7 +28,7 @@ from recon.capture.importing.calibrations.robots import read_ros
 from recon.capture.importing.depth_cameras.aligned import Alignment
 from recon.capture.importing.depth_cameras.sequences import LATEST_S, METRE, DepthCamera, Shot, recorded
 from recon.capture.importing.into_capture import write_recording
-from recon.capture.importing.sources import ImportOptions
+from recon.capture.importing.sources import ImportOptions, turn_of
 from recon.capture.importing.views import View, choose_sensors
 from recon.capture.recording import SIDES
 from recon.geometry.rig import Camera, rigid
@@ -183,7 +182,7 @@ def _pose(reader: Any, place: str) -> NDArray[np.float64] | None:
     if told is None:
         return None
     turn, shift = told.rotation, told.translation
-    rotation = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
+    rotation = turn_of([turn.x, turn.y, turn.z, turn.w])
     return rigid(rotation, np.array([shift.x, shift.y, shift.z], np.float64) * METRE)
 
 

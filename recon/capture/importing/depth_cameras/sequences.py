@@ -11,6 +11,7 @@ Dai et al., "ScanNet", CVPR 2017.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -19,18 +20,18 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from recon.capture.depth_maps import rays, read_depth_values
 from recon.capture.images import CaptureError
 from recon.capture.importing.calibrations.placed import CAMERA_FROM_WORLD, numbers, pinhole, read_text
-from recon.capture.importing.sources import DepthSource, ImportOptions, Recording, SensorSource, faults_at
+from recon.capture.importing.sources import DepthSource, ImportOptions, Recording, SensorSource, faults_at, turn_of
 from recon.capture.importing.views import View, bounds_of_points, choose_sensors, tell_absent
 from recon.capture.pictures import Pictures, images_in
 from recon.capture.recording import evenly_chosen
 from recon.capture.rectify import scaled_camera
 from recon.geometry.rig import Camera, rigid, transformed
 from recon.runtime.files import allowed
+from recon.runtime.notices import Notice
 
 TUM_STEP_MM = 0.2  # of a depth: 5000 to the metre
 TUM_CAMERAS = {  # fx, fy, cx, cy and distortion, by a part of the sequence's name
@@ -105,7 +106,8 @@ def recorded(source: Path, taken: DepthCamera, options: ImportOptions, up: str =
 
 def _view(recording: DepthCamera, shot: Shot, is_test: bool) -> View:
     assert shot.pose is not None, "the caller looked"
-    camera = Camera(recording.camera.K, recording.camera.size, shot.pose, recording.camera.dist)
+    with faults_at(f"shot {shot.name}"):
+        camera = Camera(recording.camera.K, recording.camera.size, shot.pose, recording.camera.dist)
     return View(shot.name, camera, shot.picture, None if is_test else _depth(recording, [shot]), is_test)
 
 
@@ -141,6 +143,8 @@ def read_tum(source: Path, options: ImportOptions) -> Recording:
     pictures, depths = (_stamped(folder / f"{name}.txt") for name in ("rgb", "depth"))
     truth = folder / "groundtruth.txt"
     poses = _stamped(truth) if truth.is_file() else {}
+    if truth.is_file() and not poses:
+        raise CaptureError(f"{truth}: holds no pose; remove it if the camera stood still")
     unit_mm = options.unit_mm or METRE
     shots, absent = [], []
     for stamp, words in pictures.items():
@@ -155,17 +159,23 @@ def read_tum(source: Path, options: ImportOptions) -> Recording:
             pose = None if place is None else _pose(np.array(place[:7], np.float64), unit_mm)
         shots.append(Shot(Path(words[0]).stem, *files, pose))
     tell_absent(folder, absent)
+    _tell_left_out(folder, len(pictures) - len(shots) - len(absent), "depth map or pose of their time")
     if not shots:
         raise CaptureError(f"{folder}: no picture in rgb.txt has a depth map within {LATEST_S} s, and a pose if any")
     camera = _tum_camera(folder, Pictures((shots[0].picture,)).size)
     return recorded(folder, DepthCamera(camera, TUM_STEP_MM, shots), options)
 
 
+def _tell_left_out(folder: Path, n_pictures: int, lacking: str) -> None:
+    if n_pictures > 0:
+        warnings.warn(f"{folder}: {n_pictures} pictures have no {lacking}, and are left out", Notice, stacklevel=2)
+
+
 def _stamped(path: Path) -> dict[float, list[str]]:
     """Return what stands behind the time in each line of a list."""
-    rows = (line.split() for line in read_text(path).splitlines() if line.strip() and not line.startswith("#"))
+    rows = (line.split() for line in read_text(path).splitlines() if line.partition("#")[0].strip())
     with faults_at(path):
-        return {float(words[0]): words[1:] for words in rows}
+        return {float(stamp): [first, *others] for stamp, first, *others in rows}
 
 
 def _nearest(listed: dict[float, list[str]], stamp: float) -> list[str] | None:
@@ -178,7 +188,7 @@ def _nearest(listed: dict[float, list[str]], stamp: float) -> list[str] | None:
 
 def _pose(values: NDArray[np.float64], unit_mm: float) -> NDArray[np.float64]:
     """Return `cam_from_world` of tx, ty, tz and a quaternion whose w is last."""
-    rotation = Rotation.from_quat(values[3:]).as_matrix().T
+    rotation = turn_of(values[3:]).T
     return rigid(rotation, -rotation @ values[:3] * unit_mm)
 
 
@@ -191,8 +201,9 @@ def _tum_camera(folder: Path, size: tuple[int, int]) -> Camera:
             f"{folder}: nothing tells its camera; write fx fy cx cy, and k1 k2 p1 p2 k3 where it has them, into "
             f"{folder / INTRINSICS[0]}, or name the folder as the benchmark does ({', '.join(TUM_CAMERAS)})"
         )
-    values = TUM_CAMERAS[name] if told is None and name is not None else numbers(read_text(folder / str(told))).tolist()
     with faults_at(told or folder):
+        is_named = told is None and name is not None
+        values = TUM_CAMERAS[str(name)] if is_named else numbers(read_text(folder / str(told))).tolist()
         return Camera(pinhole(values[:4]), size, np.eye(4), np.array(values[4:]))
 
 
@@ -204,7 +215,7 @@ def read_scannet(source: Path, options: ImportOptions) -> Recording:
     pictures, depths = (_folder(source, names) for names in (COLOURS, DEPTHS))
     poses = next((source / name for name in POSES if (source / name).is_dir()), None)
     unit_mm = options.unit_mm or METRE
-    shots, absent = [], []
+    shots, absent, n_unplaced = list[Shot](), list[str](), 0
     for picture in images_in(pictures):
         depth = next(
             (path for suffix in (".png", ".exr", ".npy") if (path := depths / (picture.stem + suffix)).is_file()), None
@@ -216,7 +227,10 @@ def read_scannet(source: Path, options: ImportOptions) -> Recording:
         placed = None if pose is None else _matrix(pose, unit_mm)
         if placed is None or np.isfinite(placed).all():  # a frame that could not be placed has infinities
             shots.append(Shot(picture.stem, picture, depth, placed))
+        else:
+            n_unplaced += 1
     tell_absent(source, absent)
+    _tell_left_out(source, n_unplaced, "finite pose")
     if not shots:
         raise CaptureError(f"{source}: no picture in {pictures.name} has a depth map and a pose of its number")
     K = _intrinsics(source, "color")

@@ -69,7 +69,7 @@ def test_others_read_the_png_too() -> None:
 
 @pytest.mark.parametrize(
     "file",
-    [b"GIF89a", png(np.zeros((2, 2), np.uint8))[:8] + b"\0\0\0\rIHDR" + b"\0\0\0\1" * 2 + b"\x10\0\0\0\0" + b"crc!"],
+    [b"GIF89a", png(np.zeros((2, 2), bool))],
 )
 def test_files_that_are_something_else_are_named(file: bytes) -> None:
     with pytest.raises(ValueError, match="expected"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
@@ -89,6 +90,10 @@ def test_who_clicks_twice_is_led_to_the_work_that_runs(
         assert "Eva" in refused.text
         other = eva.act("/admin/studies/new", name="Another", stimulus_set="tiny").url.path
         assert other != first
+        assert re.findall(r'href="(/admin/tasks/[^"]+)">([^<]+)</a>', eva.get("/admin").text) == [
+            (first, "Creating the study Twice"),
+            (other, "Creating the study Another"),
+        ]  # who left the page finds the work again
         may_end.set()
         for address in (first, other):
             ends(eva, address)

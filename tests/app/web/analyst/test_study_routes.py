@@ -68,6 +68,19 @@ def test_a_study_is_created_edited_opened_copied_and_deleted(own_server: str, ow
         assert {"study created", "study edited", "study open", "invitations made", "study deleted"} <= set(done)
 
 
+@pytest.mark.parametrize("options", [{"without": ["nobody"]}, {"reference": "nobody"}, {"practice_dataset": "none"}])
+def test_an_option_that_does_not_fit_the_films_is_refused(
+    manager: httpx.Client, new_study: Callable[[], dict[str, Any]], options: dict[str, Any]
+) -> None:
+    """Only the making of the films finds it."""
+    slug = new_study()["slug"]
+    revision = manager.get(f"studies/{slug}").json()["revision"]
+    answer = manager.patch(f"studies/{slug}", json={"revision": revision, "options": options})
+    assert (answer.status_code, answer.headers["content-type"]) == (422, PROBLEM)
+    assert answer.json()["detail"].startswith("Nothing was changed: ")
+    assert manager.get(f"studies/{slug}").json()["revision"] == revision
+
+
 def test_a_renamed_study_takes_the_address_of_its_name(
     manager: httpx.Client, new_study: Callable[[], dict[str, Any]]
 ) -> None:

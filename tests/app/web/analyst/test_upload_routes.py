@@ -61,6 +61,9 @@ def test_a_set_is_sent_listed_checked_and_named(manager: httpx.Client, uploaded:
     levels = {name: {"look": name} for name in row["conditions"]}
     assert manager.patch(f"sets/{uploaded}", json={"name": "By post", "levels": levels}).status_code == 204
     assert manager.get(f"sets/{uploaded}").json().items() >= {"title": "By post", "levels": levels}.items()
+    for wrong in ({"name": "Half", "levels": {"nobody": {}}}, {"name": " ", "levels": levels}):
+        assert is_problem(manager.patch(f"sets/{uploaded}", json=wrong), 422)
+        assert manager.get(f"sets/{uploaded}").json()["title"] == "By post", "nothing was changed"
     assert is_problem(manager.get("sets/no-such"), 404)
 
 

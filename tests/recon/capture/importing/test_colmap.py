@@ -10,7 +10,9 @@ import pytest
 from recon.capture.format import CaptureError, read_frame, read_held_out
 from recon.capture.importing.colmap import import_colmap
 from recon.capture.importing.colmap_model import read_model
+from recon.capture.importing.lenses import FisheyeCamera
 from recon.capture.importing.sources import ImportOptions
+from recon.runtime.notices import Notice
 from tests.recon.capture.importing.labelled_recording import BOUNDS, POINTS, RIG, colmap_model, seen, write_picture
 
 
@@ -75,3 +77,31 @@ def test_frames_beside_the_photograph_that_placed_a_camera_are_taken_instead_of_
     capture = import_colmap(source, tmp_path / "out", [(11, 12), (13, 14)], options)
     assert capture.n_frames == 3
     assert read_frame(capture, "S2", 2)[0][0, 0, 0] == 12
+
+
+def test_an_equidistant_fisheye_without_distortion_is_undistorted(tmp_path: Path) -> None:
+    """The models of COLMAP 4: (f, cx, cy) and (fx, fy, cx, cy), r = f theta."""
+    source = colmap_model(tmp_path / "source")
+    (source / "cameras.txt").write_text(
+        "".join(f"{n} SIMPLE_FISHEYE 320 240 210 160 120\n" for n in (1, 2)) + "3 FISHEYE 320 240 210 208 160 120\n"
+        "4 FISHEYE 320 240 210 208 160 120\n"
+    )
+    model = read_model(source)
+    for number, fy in ((1, 210.0), (3, 208.0)):
+        camera = model.cameras[number]
+        assert isinstance(camera, FisheyeCamera)
+        assert not camera.lens.any()
+        np.testing.assert_array_equal(camera.K, [[210, 0, 159.5], [0, fy, 119.5], [0, 0, 1]])
+
+
+def test_masks_that_are_left_out_are_told_and_either_name_is_taken(tmp_path: Path) -> None:
+    source = colmap_model(tmp_path / "source")
+    options = ImportOptions(unit_mm=1000.0)
+    write_picture(source / "masks/other.png", 255)
+    with pytest.warns(Notice, match="masks: holds no mask of an image's name, such as NAME.jpg.png"):
+        import_colmap(source, tmp_path / "none", [(11, 12)], options)
+    write_picture(source / "masks/S1_left.png", 255)
+    with pytest.warns(Notice, match="sensor S1: its masks are left out, as not each camera has one picture and its"):
+        import_colmap(source, tmp_path / "one", [(11, 12)], options)
+    write_picture(source / "masks/S1_right.png.png", 255)
+    assert import_colmap(source, tmp_path / "both", [(11, 12)], options).sensors[0].mask is not None

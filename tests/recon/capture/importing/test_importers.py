@@ -10,6 +10,7 @@ import pytest
 
 from recon.capture.format import Capture, CaptureError, read_capture
 from recon.capture.importing.colmap import import_colmap
+from recon.capture.importing.formats import AUTO, import_recording
 from recon.capture.importing.json_file import import_json
 from recon.capture.importing.opencv import import_opencv, write_calibration
 from recon.capture.importing.sources import ImportOptions, parse_unit
@@ -49,7 +50,48 @@ def from_json_in_metres(tmp_path: Path) -> Capture:
     return import_json(path, tmp_path / "out")
 
 
-@pytest.mark.parametrize("importer", [from_opencv, from_opencv_xml, from_colmap, from_json, from_json_in_metres])
+def windows_file(path: Path) -> None:
+    """Write a file as an editor of Windows does: a mark at its beginning, its ends of lines, a name in capitals."""
+    text = path.read_text().replace("\n", "\r\n")
+    path.unlink()
+    path.with_name(path.stem + path.suffix.upper()).write_bytes(b"\xef\xbb\xbf" + text.encode())
+
+
+def from_opencv_of_windows(tmp_path: Path) -> Capture:
+    record(tmp_path / "source")
+    write_calibration(tmp_path / "source/calibration.yml", RIG)
+    windows_file(tmp_path / "source/calibration.yml")
+    return import_recording(AUTO, tmp_path / "source", tmp_path / "out", OPTIONS)
+
+
+def from_json_of_windows(tmp_path: Path) -> Capture:
+    record(tmp_path / "source")
+    windows_file(described(tmp_path / "source"))
+    return import_recording(AUTO, tmp_path / "source", tmp_path / "out", OPTIONS)
+
+
+def from_colmap_with_marks(tmp_path: Path) -> Capture:
+    source = colmap_model(tmp_path / "source")
+    for name in ("cameras", "images", "points3D"):
+        text = (source / f"{name}.txt").read_text().replace("# ", " # ")
+        (source / f"{name}.txt").write_bytes(b"\xef\xbb\xbf" + text.encode())
+    options = ImportOptions(unit_mm=1000.0, pairs=[(11, 12), (13, 14)])
+    return import_recording(AUTO, source, tmp_path / "out", options)
+
+
+@pytest.mark.parametrize(
+    "importer",
+    [
+        from_opencv,
+        from_opencv_xml,
+        from_opencv_of_windows,
+        from_colmap,
+        from_colmap_with_marks,
+        from_json,
+        from_json_of_windows,
+        from_json_in_metres,
+    ],
+)
 def test_four_labelled_points_are_where_the_pictures_show_them(
     tmp_path: Path, importer: Callable[[Path], Capture]
 ) -> None:

@@ -17,6 +17,7 @@ from recon.capture.importing.lenses import FisheyeCamera, with_lens
 from recon.capture.importing.nerfstudio import import_nerfstudio
 from recon.capture.importing.opencv import import_opencv
 from recon.capture.importing.sources import ImportOptions
+from recon.geometry.lens_names import model_name
 from recon.geometry.rig import Camera
 from tests.recon.capture.importing.labelled_recording import BOUNDS, OPTIONS, SIZE, colmap_model
 
@@ -66,9 +67,33 @@ def opencv_file(path: Path, dist: NDArray[np.float64], line: str = "") -> None:
     path.write_text(path.read_text() + line)
 
 
+@pytest.mark.parametrize(
+    "entry",
+    [
+        {"distortion_model": "equidistant", "camera_model": "pinhole"},  # as Kalibr has both
+        {"DistortionModel": "Equidistant"},
+        {"lens-type": "fisheye", "model": "acA1920"},
+        {"distortion_model1": "kb4", "distortion_model2": "kb4"},
+        {"lens": "Kannala-Brandt"},
+        {"kind": "scene", "type": "fisheye"},
+    ],
+)
+def test_a_fisheye_is_known_at_whatever_key_it_is_named(entry: dict[str, str]) -> None:
+    assert isinstance(with_lens(PINHOLE, model_name(entry), LENS), FisheyeCamera)
+
+
+def test_a_pair_of_two_models_and_a_name_that_is_not_read_are_refused() -> None:
+    with pytest.raises(ValueError, match="the cameras have the models equidistant and plumb_bob, expected one"):
+        model_name({"distortion_model1": "equidistant", "distortion_model2": "plumb_bob"})
+    with pytest.raises(CaptureError, match="the camera model is Double Sphere, expected one of"):
+        with_lens(PINHOLE, model_name({"optics": "Double Sphere"}), LENS)
+    assert model_name({"name": "fisheye", "kind": "sphere", "model_number": "D435"}) is None
+
+
 def test_the_maps_are_those_of_the_models_formula() -> None:
-    camera = with_lens(PINHOLE, "Kannala-Brandt", LENS)
+    camera = with_lens(PINHOLE, model_name({"fisheye_model": 1.0}), LENS)
     assert isinstance(camera, FisheyeCamera)
+    assert isinstance(with_lens(PINHOLE, "Kannala Brandt4", LENS), FisheyeCamera)
     rows, columns = np.mgrid[0 : SIZE[1] : 17, 0 : SIZE[0] : 23]
     expected = distorted(np.stack([columns.ravel(), rows.ravel()], axis=1).astype(float))
     found = np.stack([part[::17, ::23].ravel() for part in camera._maps], axis=1)
@@ -106,19 +131,24 @@ def test_a_fisheye_of_a_json_file_is_undistorted(tmp_path: Path) -> None:
     check_spots(read_frame(import_json(tmp_path / "c.json", tmp_path / "out"), "S1", 0)[0])
 
 
-def test_fisheyes_of_colmap_and_nerfstudio_are_undistorted_photographs_that_are_held_out_too(tmp_path: Path) -> None:
+def test_fisheyes_of_colmap_and_nerfstudio_are_undistorted_held_out_photographs_and_masks_too(tmp_path: Path) -> None:
     model = colmap_model(tmp_path / "colmap")
     lines = (model / "cameras.txt").read_text().splitlines()
     numbers = " ".join(map(str, (K[0, 0], K[1, 1], K[0, 2] + 0.5, K[1, 2] + 0.5, *LENS)))
     changed = [f"{line.split()[0]} OPENCV_FISHEYE 320 240 {numbers}" for line in lines[1:]]
     (model / "cameras.txt").write_text("\n".join(changed))
-    for path in (model / "images").glob("*.png"):
+    for path in list((model / "images").glob("*.png")):
         write(path)
+        write(model / "masks" / f"{path.name}.png")
     options = ImportOptions(bounds=BOUNDS, unit_mm=1000.0)
     capture = import_colmap(model, tmp_path / "of_colmap", [(11, 12)], options)
     check_spots(read_frame(capture, "S1", 0)[0])
     check_spots(cv2.imread(str(tmp_path / "of_colmap" / capture.held_out[0].image)))
-    frames = [{"file_path": f"{side}.png", "transform_matrix": np.eye(4).tolist()} for side in ("left", "right")]
+    check_spots(cv2.imread(str(tmp_path / "of_colmap/S1/mask/right/0000.png")))
+    frames: list[dict[str, object]] = [
+        {"file_path": f"{side}.png", "mask_path": f"{side}.png", "transform_matrix": np.eye(4).tolist()}
+        for side in ("left", "right")
+    ]
     frames[1]["transform_matrix"] = (np.eye(4) + np.outer((1, 0, 0, 0), (0, 0, 0, 0.09))).tolist()
     lens = {f"k{number}": value for number, value in enumerate(LENS.tolist(), start=1)}
     shown = {"fl_x": K[0, 0], "fl_y": K[1, 1], "cx": K[0, 2] + 0.5, "cy": K[1, 2] + 0.5, "w": SIZE[0], "h": SIZE[1]}
@@ -128,6 +158,7 @@ def test_fisheyes_of_colmap_and_nerfstudio_are_undistorted_photographs_that_are_
     (tmp_path / "nerf" / "transforms.json").write_text(json.dumps(content))
     capture = import_nerfstudio(tmp_path / "nerf", tmp_path / "of_nerfstudio", [(1, 2)], ImportOptions(bounds=BOUNDS))
     check_spots(read_frame(capture, "S1", 0)[0])
+    check_spots(cv2.imread(str(tmp_path / "of_nerfstudio/S1/mask/left/0000.png")))
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,9 @@ def ring(folder: Path, *, bent: int | None = None, n_views: int = N_VIEWS) -> Pa
 
 def test_frames_are_the_next_views_with_the_first_calibration(tmp_path: Path) -> None:
     out = tmp_path / "capture"
-    made = import_middlebury(ring(tmp_path / "ring"), out, pairs=PAIRS, n_frames=3)
+    listing = ring(tmp_path / "ring") / "ring_par.txt"
+    listing.write_text("\ufeff# of a ring\n\n" + listing.read_text())
+    made = import_middlebury(listing.parent, out, pairs=PAIRS, n_frames=3)
     capture = read_capture(out)
     assert (capture.name, capture.kind, capture.n_frames) == ("ring", "scene", 3)
     assert made.folder == out
@@ -91,7 +93,7 @@ def test_views_whose_relative_poses_differ_are_no_rig(tmp_path: Path) -> None:
     [
         ("N_VIEWS", "line 1: announces '9' views, 8 lines follow"),
         ("short", "line 3: 20 numbers after the name, expected 21"),
-        ("word", "line 3: could not convert string to float: 'far'"),
+        ("word", "line 3: 'far' stands where a number is expected"),
         ("scaled", "line 3: cam_from_world is not a rigid transform"),
         ("twice", "line 3: view 1 is listed twice"),
         ("unnumbered", "line 3: the name 'ring.png' does not end with the view's number"),

@@ -79,3 +79,29 @@ def test_what_is_wrong_in_an_opencv_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "calibration.yml").write_text("not: [a, file")
     with pytest.raises(CaptureError, match="is not an OpenCV YAML or XML file"):
         import_opencv(tmp_path, tmp_path / "out", OPTIONS)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("cols: 4", "cols: -4", r"a matrix has \[1, -4\] rows and columns"),  # OpenCV's own reader ends the process
+        ("   cols: 4\n", "", "NaN stands where a count is expected"),
+        ("cols: 4", "cols: 3", "4 numbers stand where 1,3 are expected"),
+    ],
+)
+def test_a_matrix_whose_size_is_wrong_is_refused(tmp_path: Path, old: str, new: str, sentence: str) -> None:
+    write_calibration(tmp_path / "c.yml", Rig(RIG.sensors[:1]))
+    text = (tmp_path / "c.yml").read_text()
+    assert old in text
+    (tmp_path / "c.yml").write_text(text.replace(old, new, 1))
+    with pytest.raises(CaptureError, match=rf"c\.yml: .*({sentence})"):
+        import_opencv(tmp_path, tmp_path / "out", OPTIONS)
+
+
+def test_distortion_of_one_camera_alone_is_asked_about(tmp_path: Path) -> None:
+    write_calibration(tmp_path / "c.yml", Rig(RIG.sensors[:1]))
+    (tmp_path / "c.yml").write_text((tmp_path / "c.yml").read_text().replace("D2: ", "d2: "))
+    for side in ("left", "right"):
+        write_picture(tmp_path / f"{side}.png", 5)
+    with pytest.raises(CaptureError, match="has distortion of one camera only, expected D1 and D2"):
+        import_opencv(tmp_path, tmp_path / "out", OPTIONS)

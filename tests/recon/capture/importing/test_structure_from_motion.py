@@ -123,6 +123,7 @@ def test_what_is_wrong_in_a_binary_model_is_named(tmp_path: Path) -> None:
     cameras = (source / "cameras.bin").read_bytes()
     for model, sentence in (
         (10, "camera model THIN_PRISM_FISHEYE, expected one of SIMPLE_PINHOLE"),
+        (16, "camera model EUCM, expected one of SIMPLE_PINHOLE"),
         (77, "unknown model 77"),
     ):
         (source / "cameras.bin").write_bytes(cameras[:12] + struct.pack("<i", model) + cameras[16:])

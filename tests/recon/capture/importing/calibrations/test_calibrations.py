@@ -20,6 +20,7 @@ from recon.capture.importing.formats import AUTO, FORMATS, find_format, import_r
 from recon.capture.importing.sources import ImportOptions
 from recon.cli.commands.recordings import IMPORTED
 from recon.geometry.rig import Camera, look_at, rigid
+from recon.runtime.notices import Notice
 from tests.recon.capture.importing.labelled_recording import (
     BOUNDS,
     OPTIONS,
@@ -457,6 +458,61 @@ def test_what_cannot_be_read_is_refused_by_name(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("name", "write", "file", "old", "new", "sentence"),
+    [
+        (
+            "kalibr",
+            kalibr,
+            "log-camchain.yaml",
+            "[380.0,",
+            "[380000.0,",
+            r"focal lengths 380000 and 405 px, expected n",
+        ),
+        ("kalibr", kalibr, "log-camchain.yaml", "[320, 240]", "[320, x]", r"cam0: 'x' stands where a count is expect"),
+        ("kalibr", kalibr, "log-camchain.yaml", "[380.0, 405.0,", "[380.0,", r"cam0: not enough values, expected 4$"),
+        ("ros", ros, "left.yaml", "rows: 3", "rows: 3}, data: [1", "is not readable as YAML"),
+        ("euroc", euroc, "mav0/cam1/sensor.yaml", "data: [", "data: [1, ", "17 numbers stand where 4,4 are expected"),
+        ("matlab", matlab_json, "stereo.json", "380.0", "abc", r"stereo\.json: is not readable as JSON"),
+        ("middlebury-pair", middlebury_pair, "calib.txt", "vmax=40", "vmax=x", r"calib\.txt: 'x' stands where a numb"),
+        ("kitti", kitti_odometry, "calib.txt", "P0: 400.0 ", "P0: ", r"11 numbers stand where 3,4 are expected"),
+        ("strecha", strecha, "0000.png.camera", "320 240", "0 240", r"image size \(0, 240\) is not positive"),
+        ("mvsnet", mvsnet, "cams/00000000_cam.txt", "380.0", "nan", "K holds values that are not finite"),
+        ("miv", miv, "A.json", '"Focal": [380', '"Focal": [-380', r"camera 0: K = .* is not a camera matrix"),
+    ],
+)
+def test_absurd_numbers_are_refused_in_words(
+    tmp_path: Path, name: str, write: Callable[[Path], object], file: str, old: str, new: str, sentence: str
+) -> None:
+    write(tmp_path / "source")
+    assert old in (tmp_path / "source" / file).read_text()
+    edited(tmp_path / "source" / file, old, new)
+    options = ImportOptions(bounds=BOUNDS, unit_mm=1000.0, pairs=[(0, 1)])
+    with pytest.raises(CaptureError, match=sentence):
+        import_recording(name, tmp_path / "source", tmp_path / "out", options)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        (
+            "158.5, 121.25]",
+            "4026.0, 121.25]",
+            r"the principal point of left, \(4026, 121\.25\), is far from the middle",
+        ),
+        ("[-0.1, 0.05,", "[-0.1, 50.0,", r"the distortion of left is larger at the pictures' edges"),
+        (", -0.149", ", -149.", r"its cameras are 1\.49\d*e\+05 mm apart; is the unit right\?"),
+    ],
+)
+def test_what_a_slip_looks_like_is_told(tmp_path: Path, old: str, new: str, sentence: str) -> None:
+    kalibr(tmp_path / "source")
+    path = tmp_path / "source/log-camchain.yaml"
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new, 1))
+    with pytest.warns(Notice, match=f"sensor S1: {sentence}"):
+        import_recording("kalibr", tmp_path / "source", tmp_path / "out", OPTIONS)
+
+
 def test_absent_pictures_of_a_set_are_named_and_raw_video_is_told_how_to_convert(tmp_path: Path) -> None:
     strecha(tmp_path / "a")
     (tmp_path / "a/0002.png").unlink()
@@ -478,6 +534,7 @@ def test_absent_pictures_of_a_set_are_named_and_raw_video_is_told_how_to_convert
         (kalibr, "log-camchain.yaml", lambda text: text + "imu0: {update_rate: 200.0}\n"),
         (kalibr, "log-camchain.yaml", lambda text: text.replace("\n", "\r\n")),
         (kitti_odometry, "calib.txt", lambda text: text.replace(": ", ":\t")),
+        (kitti_odometry, "calib.txt", lambda text: "# of a drive\n" + text.replace("\n", "  # rectified\n", 1)),
         (middlebury_pair, "calib.txt", lambda text: text.replace("vmin=10\n", "")),
         (middlebury_pair, "calib.txt", lambda text: text.replace("vmax=40\n", "")),
     ],

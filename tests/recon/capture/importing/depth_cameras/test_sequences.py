@@ -139,5 +139,22 @@ def test_what_a_sequence_lacks_is_named(tmp_path: Path) -> None:
         import_recording("tum", tmp_path / "a", tmp_path / "other", ImportOptions())
     scannet(tmp_path / "b")
     np.savetxt(tmp_path / "b/pose/0.txt", np.full((4, 4), -np.inf))
-    import_recording("scannet", tmp_path / "b", tmp_path / "placed", ImportOptions())
+    with pytest.warns(Notice, match="1 pictures have no finite pose, and are left out"):
+        import_recording("scannet", tmp_path / "b", tmp_path / "placed", ImportOptions())
     assert len(read_capture(tmp_path / "placed").sensors) == N - 1
+
+
+def test_a_list_of_poses_that_holds_none_or_no_rotation_is_refused(tmp_path: Path) -> None:
+    tum(tmp_path / "source")
+    truth = tmp_path / "source/groundtruth.txt"
+    text = truth.read_text()
+    truth.write_text("# tx ty tz\n")
+    with pytest.raises(CaptureError, match=r"groundtruth\.txt: holds no pose; remove it if the camera stood still"):
+        import_recording("tum", tmp_path / "source", tmp_path / "out", ImportOptions())
+    words = text.split("\n")[1].split()
+    truth.write_text(text.replace(" ".join(words[4:]), "25.4 0 0 0.7"))
+    with pytest.raises(CaptureError, match=r"groundtruth\.txt: a rotation is a quaternion of the length 25\.4\d*, "):
+        import_recording("tum", tmp_path / "source", tmp_path / "out", ImportOptions())
+    truth.write_text("\n".join(text.split("\n")[:1] + text.split("\n")[2:]))
+    with pytest.warns(Notice, match="1 pictures have no depth map or pose of their time, and are left out"):
+        import_recording("tum", tmp_path / "source", tmp_path / "out", ImportOptions())
