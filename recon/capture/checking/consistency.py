@@ -96,7 +96,13 @@ def shared_points(first: Matches, second: Matches, between: Matches) -> Shared:
 
 
 def fitting(first: Sensor, second: Sensor, shared: Shared) -> Shared:
-    """Select the points whose matches within each sensor are near their epipolar lines; others are wrong."""
+    """Select the points whose matches within each sensor are near their epipolar lines; others are wrong.
+
+    Parameters
+    ----------
+    first, second : the sensors
+    shared : points that both see
+    """
     is_right = np.ones(len(shared), np.bool_)
     for sensor, matches in ((first, shared.first), (second, shared.second)):
         is_right &= np.abs(epipolar_errors(sensor, matches)) < MAX_EPIPOLAR_PX
