@@ -145,7 +145,7 @@ class Correction:
 
 
 def small_correction(sensor: Sensor, matches: Matches) -> Correction | None:
-    """Fit a small correction of a sensor; None if its rows are well without one, or remain as wrong with it.
+    """Fit a small correction of a sensor; None if its rows are well without one, or remain apart with it.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def small_correction(sensor: Sensor, matches: Matches) -> Correction | None:
         return None
     before = _median(epipolar_errors(sensor, matches))
     unknown, after = _fit(lambda change: _small_change(sensor, change), 3, matches, largest_px=0)
-    if after > MIN_GAIN * before:
+    if after > min(MIN_GAIN * before, OFF_PX):  # more is another fault, such as pictures that are swapped
         return None
     turn, roll = np.rad2deg(unknown[:2])
     return Correction(float(turn), float(roll), float(np.exp(unknown[2])), before, after, len(matches))

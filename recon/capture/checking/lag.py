@@ -19,7 +19,7 @@ from recon.capture.checking.silhouettes import Silhouette
 from recon.capture.rectify import viewing_directions
 from recon.geometry.rig import Camera
 
-LARGEST_FRAMES = 3.5  # that are searched
+LARGEST_FRAMES = 3.5  # that are searched, of recordings that are so much longer than the fewest frames
 STEP = 0.025  # frames
 FEWEST_FRAMES = 10
 NEAREST_TO_BASELINE = 0.4  # sine of the angle between the baseline and the way to the object; below, planes graze it
@@ -124,7 +124,11 @@ def lag_between(pairs: Sequence[tuple[Tangents, Tangents]]) -> Lag | None:
     ----------
     pairs : of a camera of the first and one of the second sensor, of planes through both
     """
-    lags = np.arange(-LARGEST_FRAMES, LARGEST_FRAMES + STEP / 2, STEP)
+    longer = min((len(each.angles) - FEWEST_FRAMES for pair in pairs for each in pair), default=0)
+    if longer <= 0:
+        return None
+    largest = min(LARGEST_FRAMES, longer)
+    lags = np.arange(-largest, largest + STEP / 2, STEP)
     total = np.zeros(len(lags))
     for first, second in pairs:
         for end in (0, 1):

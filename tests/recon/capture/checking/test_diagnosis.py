@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from recon.capture.checking.check import check_capture
 from recon.capture.checking.consistency import triangulated
-from recon.capture.checking.diagnosis import diagnose, would_lenses_show
+from recon.capture.checking.diagnosis import diagnose, small_correction, would_lenses_show
 from recon.capture.checking.matches import Matches, epipolar_errors
 from recon.capture.format import Capture, write_capture
 from recon.geometry.rig import Camera, Sensor, look_at, rigid
@@ -134,6 +134,15 @@ def test_what_a_good_calibration_is_off_by_is_not_taken_for_wrong_lenses(seed: i
         seen, _ = cv2.projectPoints(points, turn, shift, view.K, view.dist)
         places.append(seen[:, 0] + rng.laplace(0, noise, (n, 2)))
     assert diagnose(told, Matches(*places)) == ()
+
+
+def test_no_small_correction_is_offered_for_pictures_that_are_swapped() -> None:
+    left, right = (turned(each, 2, 1.0 * side) for each, side in ((SENSOR.left, -1), (SENSOR.right, 1)))
+    rng = np.random.default_rng(0)
+    points = rng.uniform((-900, -500, -1500), (900, 500, 700), (400, 3))
+    seen = Matches(*(view.project(points) + rng.normal(0, 0.1, (400, 2)) for view in (right, left)))
+    assert "swapped" in diagnose(Sensor("S1", left, right), seen)[0]
+    assert small_correction(Sensor("S1", left, right), seen) is None
 
 
 def test_too_few_matches_say_nothing() -> None:
