@@ -39,18 +39,22 @@ def _opinions(analysis: Analysis, figures: Figures) -> dict[str, Any]:
         f"{model['high']:g}; {PROTOCOLS[model['protocol']]}. The MOS is the mean over participants with its 95 % "
         "interval (t)" + (f"; {quality}." if quality else ".")
     )
-    if any(row["dmos"] is not None for row in analysis["rating_items"]):
+    has_differences = any(row["dmos"] is not None for row in analysis["rating_items"])
+    if has_differences:
         text += (
             " The DMOS is the rating itself, which already compares with the reference."
             if model["protocol"] == "dcr"
             else f" The DMOS is the rating less the same participant's rating of the reference, plus {model['high']:g}."
         )
-    columns = ["participants", "MOS", "sd", "DMOS", "quality"]
+    columns = ["participants", "MOS", "sd", *(["DMOS"] if has_differences else []), "quality"]
     rows = [_with_intervals(row) for row in analysis["rating_items"]]
     conditions = [_with_intervals(row) for row in analysis["rating_conditions"]]
     tables = [table("Every item", ["condition", "dataset", *columns], rows)]
     if len({row["dataset"] for row in rows}) > 1:
-        tables.insert(0, table("Conditions over all datasets", ["condition", "n_datasets", *columns], conditions))
+        letters = ["letters"] if any(row["letters"] for row in conditions) else []
+        tables.insert(
+            0, table("Conditions over all datasets", ["condition", "n_datasets", *columns, *letters], conditions)
+        )
     shown = [figures[name] for name in ("opinion_scores", "differential_scores") if name in figures]
     return {"title": "Mean opinion scores", "paragraphs": [text], "figures": shown, "tables": tables}
 
