@@ -31,6 +31,7 @@ from app.intake.bounds import end_with_parent
 from app.operations.database import open_store
 from app.operations.jobs.beside_server import worker_beside
 from app.operations.jobs.chains import STUDY_OF_SET
+from app.operations.running import alone
 from app.operations.studies.creation import CREATION, create_of_set, go_on_creating
 from app.operations.studies.languages import read_languages
 from app.operations.tasks import resume_tasks
@@ -193,16 +194,18 @@ def serve(
     Raises
     ------
     ValueError
-        If the database cannot be used, or not by several workers, or another program has the port.
+        If the database cannot be used, or not by several workers, another program has the port, or another server the
+        folder.
     """
     _check_port(host, port)
     os.umask(os.umask(0) | FOR_OTHERS)
     start_logging(settings.log_format)
     open_files()
     if workers == 1:
-        server = _Server(create_app(settings), host, port, on_start)
-        with worker_beside(settings, n_jobs):
-            server.run()
+        with alone(settings):
+            server = _Server(create_app(settings), host, port, on_start)
+            with worker_beside(settings, n_jobs):
+                server.run()
     else:
         _serve_by_workers(settings, host, port, workers, n_jobs, on_start)
 

@@ -108,7 +108,7 @@ def attach(dashboard: Dashboard, content: bytes) -> str:
     """Upload results to a study."""
     headers = {"X-CSRF-Token": dashboard.form_token, "Accept": "application/json"}
     sent = dashboard.put(f"{STUDY}/upload", content=content, headers=headers)
-    return refusal(after(dashboard, sent.json()["job"])) if sent.status_code == 202 else str(sent.json()["detail"])
+    return refusal(after(dashboard, sent.json()["task"])) if sent.status_code == 202 else str(sent.json()["detail"])
 
 
 def shelve(dashboard: Dashboard, kind: str, name: str, content: bytes) -> None:
@@ -117,7 +117,7 @@ def shelve(dashboard: Dashboard, kind: str, name: str, content: bytes) -> None:
     wanted = {"kind": kind, "name": name, "file": "file.zip", "size": len(content)}
     upload = dashboard.post("/admin/files/upload", json=wanted, headers=headers).json()["upload"]
     sent = dashboard.patch(upload, content=content, headers=headers | {"Upload-Offset": "0"})
-    shown = after(dashboard, sent.json()["job"])
+    shown = after(dashboard, sent.json()["task"])
     assert shown.url.path == f"/admin/files/{kind}/{name}", shown.text
 
 

@@ -7,8 +7,8 @@ a participant, tokens that read or change this study or another one, an owner, a
 the experimenter of another one; half of the requests come from whom the address lets in. Names in addresses are those
 of a real filled study, found by following the dashboard. Then each form of its pages is sent as it stands, and with
 some of its fields changed. No answer may be 5xx, and who has rights of another study alone may not be let in. Where a
-request has ended an identity or deleted the study, the server goes on with a fresh copy. Live pages, which never end,
-are left out. Prints counts, and each failure.
+request has ended an identity or deleted the study, the server goes on with a fresh copy. It has production's settings.
+Live pages, which never end, are left out. Prints counts, and each failure.
 """
 
 from __future__ import annotations
@@ -58,6 +58,7 @@ os.environ |= {
     "RECONSTUDY_API_REQUESTS_PER_MINUTE": "1000000",
     "RECONSTUDY_CHECK_BROWSER": "none",
 }
+PRODUCTION = {"RECONSTUDY_PUBLIC_URL": "https://study.example.org", "RECONSTUDY_LOG_FORMAT": "json"}
 NO_LIMITS = ("--first", "bench.server_changes:no_limits")
 OPTIONS = {"screening": {"tests": ["acuity", "colour"]}, "limits": {"minutes": 600}}
 OTHERS = ("token of another study", "experimenter of another study")
@@ -149,7 +150,7 @@ class Filled:
     def _person(self, settings: Settings, url: str, name: str, role: Role | None, sees: list[str] | None) -> Identity:
         with Dashboard(url) as dashboard:
             dashboard.enter(manage.add_experimenter(settings, name, role, sees)["path"])
-            cookies = "; ".join(f"{key}={value}" for key, value in dashboard.cookies.items())
+            cookies = "; ".join(f"__Host-{key}={value}" for key, value in dashboard.cookies.items())
             return Identity({"Cookie": cookies}, dashboard.form_token)
 
 
@@ -348,6 +349,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
         filled = Filled(Path(name) / "data")
         filled.folder.mkdir()
         filled.fill()
+        os.environ |= PRODUCTION
         routes = [r for r in routes_of(Settings(data_dir=filled.folder)) if hasattr(r, "dependant")]
         asking = Asking(filled, arguments.log, Random(arguments.seed))
         asking.start()

@@ -51,6 +51,7 @@ from tests.recon.capture.checking.faults import (
     FAULTS,
     FAULTY,
     MISSED,
+    UNCHECKED,
     Fault,
     excerpt,
     false_alarms,
@@ -70,6 +71,7 @@ PAIRS = {  # files, a focal length, and disparities between which the pair lies,
 }
 PAIR_BASELINE = 160.0  # mm
 SCENES = ("ball", "box", "people", "standing", "face")
+CHECKS = {"instants": "same instants", "a calibration": "its calibration", "lenses": "of its lenses is right"}
 ALIKE = ("ball", "box", "people", "standing")  # seen by three sensors as people are
 
 Cells = Iterator[tuple[str, Callable[[], str]]]
@@ -101,12 +103,15 @@ def matrix(folder: Path, scene: str, seed: int, size: tuple[int, int]) -> Cells:
 
 
 def good_ones(folder: Path, numbers: range, size: tuple[int, int]) -> Cells:
-    """Yield recordings without a fault, each drawn by its number."""
+    """Yield recordings without a fault, each drawn by its number, and then what could not be checked of it."""
+
+    @cache
+    def checked(number: int) -> CheckReport:
+        return check_capture(_good(folder / f"{number}", number, size).folder)
+
     for number in numbers:
-        yield (
-            f"none: {number}",
-            partial(lambda n: _alarms(check_capture(_good(folder / f"{n}", n, size).folder)), number),
-        )
+        yield f"none: {number}", partial(lambda n: _alarms(checked(n)), number)
+        yield f"unchecked: {number}", partial(lambda n: _unchecked(checked(n)), number)
 
 
 def _good(folder: Path, number: int, size: tuple[int, int]) -> Capture:
@@ -123,6 +128,11 @@ def _good(folder: Path, number: int, size: tuple[int, int]) -> Capture:
 
 def _alarms(report: CheckReport) -> str:
     return "; ".join(false_alarms(report)) or "nothing"
+
+
+def _unchecked(report: CheckReport) -> str:
+    sentences = [text for text in (*report.warnings, *report.verdicts) if UNCHECKED in text]
+    return ", ".join(name for name, words in CHECKS.items() if any(words in text for text in sentences)) or "nothing"
 
 
 def real_recordings(data: Path, folder: Path) -> Iterator[Capture]:
@@ -240,11 +250,12 @@ class Kept:
         """Say each fault's verdicts, and the shares that count."""
         by_fault: dict[str, Counter[str]] = {}
         for (_, fault), verdict in self.verdicts.items():
-            name = "none" if fault.startswith("none") else fault
+            name = fault.partition(":")[0]
             by_fault.setdefault(name, Counter())[verdict] += 1
         for fault, counts in by_fault.items():
             yield f"{fault}: " + ", ".join(f"{verdict} {n}" for verdict, n in counts.most_common())
         good = by_fault.pop("none", Counter())
+        by_fault.pop("unchecked", None)
         n_faults = sum(map(Counter.total, by_fault.values()))
         n_missed = sum(counts[MISSED] for counts in by_fault.values())
         if n_faults:

@@ -28,8 +28,12 @@ from app.analysis.objective.correlations import pearsons
 from app.analysis.objective.permutation import chance, condition_orders
 from app.analysis.objective.points import Points, matched
 from app.analysis.objective.scores import score_sets
+from app.analysis.ratings.disagreement import rating_disagreement
+from app.analysis.ratings.outliers import correlations_with_others, false_alarms
+from app.analysis.ratings.planning import RatingPlan, RatingStudies
+from app.analysis.ratings.table import RatingTable
 from app.analysis.reading.votes_table import ALL, NONE, VotesTable, joined, votes_from_indices
-from app.analysis.screening.careless import careless_answers
+from app.analysis.screening.careless import FALSE_ALARMS, careless_answers
 from app.analysis.screening.disagreement import krippendorff_alpha
 from app.study.design.adaptive import choose_pairs
 
@@ -336,6 +340,53 @@ def _with_habits(votes: VotesTable, kind: Kind, habit: str, rng: np.random.Gener
     return replace(votes, choice=choice.astype(np.int8), response_ms=times)
 
 
+RATED = {  # the plan of a study of ratings, the range of its qualities in grades, and how many click
+    "range 1": (RatingPlan(6, 5, 22, 0.7), 1.0, 0),
+    "range 1, people differ by 0.4": (RatingPlan(6, 5, 22, 0.7, spread=0.4), 1.0, 0),
+    "range 2.5, people differ by 0.3": (RatingPlan(6, 5, 22, 0.7, spread=0.3), 2.5, 0),
+    "8 people, range 1": (RatingPlan(6, 5, 8, 0.7), 1.0, 0),
+    "60 people, range 2": (RatingPlan(6, 5, 60, 0.7), 2.0, 0),
+    "one dataset, range 2": (RatingPlan(6, 1, 22, 0.7), 2.0, 0),
+    "4 click, range 1": (RatingPlan(6, 5, 22, 0.7), 1.0, 4),
+    "4 click, range 2.5": (RatingPlan(6, 5, 22, 0.7), 2.5, 4),
+}
+
+
+def rating_lines(n_studies: int, seed: int) -> Iterator[str]:
+    """Print how often people who rate are named, and are said to disagree."""
+    for name, (plan, range_, clickers) in RATED.items():
+        rng, honest, named, differ = np.random.default_rng(seed), [], [], []
+        for _ in range(n_studies):
+            studies = plan.simulated(np.linspace(range_ / 2, -range_ / 2, plan.conditions), 1, rng)
+            assert isinstance(studies, RatingStudies)
+            ratings = np.clip(np.rint(3 + studies.ratings[0]), 1, 5)
+            first = plan.participants - clickers
+            ratings[first:] = rng.integers(1, 6, (clickers, *ratings.shape[1:]))
+            table = _rated(ratings)
+            alarms = [alarm is not None and alarm < FALSE_ALARMS for alarm in _alarms(table)]
+            honest.append(float(any(alarms[:first])))
+            named.append(float(np.mean(alarms[first:])) if clickers else np.nan)
+            tested = rating_disagreement(table)
+            differ.append(np.nan if tested is None else float(tested["p_value"] < SIGNIFICANT))
+        yield line(f"ratings, {name}: an honest person is named", honest)
+        if clickers:
+            yield line(f"ratings, {name}: clickers named", named)
+        if plan.datasets > 1:
+            yield line(f"ratings, {name}: people are said to disagree", differ)
+
+
+def _alarms(table: RatingTable) -> list[float | None]:
+    return false_alarms(correlations_with_others(table))
+
+
+def _rated(ratings: Array) -> RatingTable:
+    person, dataset, condition = (part.ravel() for part in np.indices(ratings.shape))
+    items = tuple((f"d{d}", f"c{c}") for d in range(ratings.shape[1]) for c in range(ratings.shape[2]))
+    people, none = tuple(f"P{j:03d}" for j in range(len(ratings))), np.zeros(len(items), bool)
+    item = dataset * ratings.shape[2] + condition
+    return RatingTable(people, items, person, item, ratings.ravel(), none, "acr", 1.0, 5.0)
+
+
 FAMILIES: dict[str, Callable[[int, int], Iterator[str]]] = {
     "report": report_lines,
     "alpha": alpha_lines,
@@ -344,6 +395,7 @@ FAMILIES: dict[str, Callable[[int, int], Iterator[str]]] = {
     "interim": interim_lines,
     "adaptive": adaptive_lines,
     "evidence": evidence_lines,
+    "ratings": rating_lines,
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import urllib.request
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ from app.files import read_json, write_json
 from app.settings import Settings
 
 NOTE_FILE = "server.json"  # in the data folder
+LOCK_FILE = "server.lock"  # beside it, held while a server has the folder for itself
 DEFAULT_URL = "http://127.0.0.1:8000"
 LOOPBACK = {"//0.0.0.0": "//127.0.0.1", "//[::]": "//[::1]"}  # this computer, for what listens on every network
 TIMEOUT_S = 5.0  # a busy server; where none is, the answer comes at once
@@ -32,6 +34,30 @@ def noted(settings: Settings, url: str) -> Iterator[None]:
                 write_json(note, before)
             else:
                 note.unlink(missing_ok=True)
+
+
+@contextmanager
+def alone(settings: Settings) -> Iterator[None]:
+    """Hold a folder with SQLite while the block runs: a second server would take the first one's work for lost.
+
+    Raises
+    ------
+    ValueError
+        If another server holds it.
+    """
+    if not settings.is_sqlite:
+        yield
+        return
+    settings.data_dir.mkdir(parents=True, exist_ok=True)
+    with (settings.data_dir / LOCK_FILE).open("ab") as lock:  # closing it unlocks it, as the end of a process does
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise ValueError(
+                f"another server, at {running_url(settings) or 'an address that does not answer'}, serves "
+                f"{settings.data_dir} already; stop it, or choose another folder (RECONSTUDY_DATA_DIR)"
+            ) from error
+        yield
 
 
 def running_url(settings: Settings) -> str | None:

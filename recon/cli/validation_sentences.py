@@ -35,6 +35,7 @@ def view_sentences(report: Mapping[str, Any]) -> list[str]:
             f"{name} {row[column]:{form}}"
             for name, column, form in (
                 ("PSNR", "psnr_db", ".2f"),
+                ("PSNR of the object", "psnr_object_db", ".2f"),
                 ("SSIM", "ssim", ".3f"),
                 ("coverage", "coverage", ".1%"),
                 ("spill", "spill", ".1%"),

@@ -30,6 +30,7 @@ PERSPECTIVE = (
     "full_opencv",
     "none",
 )
+MOST_NUMBERS = {"none": 0, "plumb_bob": 5, "radtan": 5, "radial_tangential": 5, "brown_conrady": 5}  # the others: 14
 UNLIKE = ("inverse_brown_conrady", "modified_brown_conrady")  # of RealSense: other formulas, mostly without numbers
 FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "kannala_brandt4", "kb4", "kannalabrandt8", "opencv_fisheye")
 FISHEYE_KEY = "fisheye_model"  # 1 or 0, as OpenCV's program of one camera writes it

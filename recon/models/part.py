@@ -96,9 +96,9 @@ class Contents:
         path = folder / name.replace("\\", "/")
         around = folder.resolve().parent
         is_near = path.resolve().is_relative_to(around)
-        if not (is_near and path.is_file()) and (found := _of_any_case([path.parent] * is_near + [folder], path.name)):
-            self.warn(f"names the {what} {name}, and {found.name} is taken for it")
-            path = found
+        if not (is_near and path.is_file()) and (alike := _of_any_case([path.parent] * is_near + [folder], path.name)):
+            self.warn(f"names the {what} {name}, and {alike.name} is taken for it")
+            path = alike
         if not path.resolve().is_relative_to(around):
             raise ValueError(f"its {what} {name} lies elsewhere; put it beside the model, or into a folder next to it")
         if not path.is_file():

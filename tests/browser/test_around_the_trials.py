@@ -263,7 +263,7 @@ def test_a_participant_ends_a_free_exposure_by_the_button_or_by_enter(
     study = new_study(short_films, 0.4, parse_options({"free_exposure": True}))
     visitor.begin(study)
     for end in (
-        lambda: page.get_by_role("button", name="Ready to vote").click(),
+        lambda: page.get_by_role("button", name="Ready to answer").click(),
         lambda: page.locator(".end-exposure kbd").click(),
         lambda: page.keyboard.press("Enter"),
     ):

@@ -9,7 +9,7 @@ import numpy as np
 
 from app.analysis.findings.factors import factor_findings, p_of_test
 from app.analysis.findings.ranking import here, overall, preferred_share
-from app.analysis.model.contrasts import SIGNIFICANT, critical_value, holm
+from app.analysis.model.contrasts import FEWEST_PARTICIPANTS, SIGNIFICANT, critical_value, holm
 from app.analysis.objective.prediction import directed, measures_by_rank
 from app.analysis.reading.phrases import counted, finding, listed, number_with_interval, p_phrase, percent, signed
 from app.analysis.reading.votes_table import ALL
@@ -58,7 +58,9 @@ def _groups(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
             text = f"Whether the groups differ by {grouping} could not be tested with these participants."
         else:
             shown = "The groups differ" if p < SIGNIFICANT else "No difference of the groups is shown"
-            text = f"{shown} by {grouping}{here(analysis)} ({p_phrase(p)}, Holm over all tests)."
+            people = analysis["votes"]["participants"]
+            few = ", cautious with so few people" if people is not None and people < FEWEST_PARTICIPANTS else ""
+            text = f"{shown} by {grouping}{here(analysis)} ({p_phrase(p)}, Holm over all tests{few})."
         yield finding("groups", text)
 
 
@@ -77,7 +79,8 @@ def _order(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     size = f"{signed(effect)} log-odds{_around(effect, error, analysis['votes']['participants'])}, {p_phrase(p)}"
     if model["order_effect"] is None:
         yield finding(
-            "order", f"No effect of being shown first is shown ({size}), and the scores do not allow for one."
+            "order",
+            f"No effect of being shown first is shown ({size}, 1 % level), and the scores do not allow for one.",
         )
     elif p >= SIGNIFICANT:
         yield finding("order", f"No effect of being shown first is shown ({size}).")

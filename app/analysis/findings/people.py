@@ -29,11 +29,12 @@ ADAPTIVE = (  # bench/sentences.py
     "Pairs were chosen from the votes so far, which makes intervals a little too narrow: in simulations of {} people "
     "without any difference, 95 % intervals hold in {}, and some pair is said to differ in {} of studies, not 5 %."
 )
+CAUTIOUS = "That is cautious: of 8 people, some pair is said to differ in 2 to 5 % of studies without one. "
 MANY_ADAPTIVE = 60  # people, from which on intervals and tests hold nearly what they say
 UNSEEN_VOTES = 75  # of a person, in bench/verdicts.py
 UNSEEN = (
     "Without attention checks, who answers at random is found only where conditions differ clearly: in simulations of "
-    f"{UNSEEN_VOTES} votes a person, 8 % of them at a range of 1.1 JOD, 92 % at 3 JOD"
+    f"{UNSEEN_VOTES} votes a person, 6 % of them at a range of 1.1 JOD, 92 % at 3 JOD"
 )
 UNJUDGED = (
     "Nobody is judged by what their votes prefer: there are too few decided ones (fewer than "
@@ -41,6 +42,11 @@ UNJUDGED = (
 )
 FEWER = 0.8  # of these votes, below which clearly fewer people are found
 TRIAD = 3  # conditions
+NARROW = (  # bench/sentences.py
+    " People differ so far here that these intervals may be too narrow: in simulations of such people they hold in "
+    "90 %, not 95 %."
+)
+FAR_APART = 0.04  # ratio of disagreement less 1, by votes of a person: 0.015 with opinions of 0.4 log-odds, 0.07 of 1.0
 LAPSES = 0.2  # lapse rate from which on a sentence names somebody
 
 
@@ -74,8 +80,8 @@ def limit_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
         yield finding(
             "limits",
             f"{why}, so errors are uncertain themselves: intervals and tests of pairs rest on the participants (t with "
-            f"{counted(n - 1, 'degree')} of freedom), and are never surer than the number of votes allows. Treat the "
-            "results as provisional.",
+            f"{counted(n - 1, 'degree')} of freedom), and are never surer than the number of votes allows. "
+            f"{CAUTIOUS if n < FEWEST_PARTICIPANTS else ''}Treat the results as provisional.",
         )
 
 
@@ -122,8 +128,13 @@ def _lapses(analysis: Mapping[str, Any]) -> str:
     )
     return (
         f"With careless answers weighted down ({who}) the highest score is that of {first}, the lowest that of {last}."
-        f"{opinions}"
+        f"{opinions}{NARROW if differs and _are_far_apart(analysis, differs['ratio']) else ''}"
     )
+
+
+def _are_far_apart(analysis: Mapping[str, Any], ratio: float) -> bool:
+    votes = analysis["votes"]
+    return bool((ratio - 1) * votes["participants"] >= FAR_APART * votes["analysed"])
 
 
 def _agreement(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
@@ -139,7 +150,9 @@ def _agreement(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     tested = [row for row in rows if row["p_value"] is not None]
     beyond = np.count_nonzero(holm(np.array([row["p_value"] for row in tested])) < SIGNIFICANT)
     alpha = f"Participants agree with Krippendorff's alpha = {number_with_interval(known, 'alpha', 'alpha')}"
-    text = f"{alpha}; 1: all alike, 0: chance."
+    differ = any(row["p_holm"] < SIGNIFICANT for row in overall(analysis["contrasts"]))
+    cautious = "" if differ or known["alpha_low"] is None else ", which is cautious where conditions hardly differ"
+    text = f"{alpha}{cautious}; 1: all alike, 0: chance."
     if rows:
         u = unsigned(sum(row["u"] for row in rows) / len(rows))
         if len(rows) == 1:

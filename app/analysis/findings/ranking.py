@@ -27,6 +27,7 @@ MOST_IN_GROUPS = 12  # conditions whose groups a sentence can name; the table ha
 SMALL, LARGE = 0.634, 0.75  # shares of decided votes: half a JOD, and one
 LIKELY = 0.05  # probability to be the best, from which on a sentence names a condition
 FEWEST_FOR_RANKS = 8  # participants; with fewer the probability to be the best was not simulated (docs/simulation.md)
+BOLD = " With so few people the largest of these is about 10 points too high where conditions hardly differ."
 EQUAL = 1e-9  # log-odds; scores that differ by less are the same
 LETTER = re.compile(r"\(\d+\)|.")
 
@@ -109,7 +110,9 @@ def _best_and_worst(analysis: Mapping[str, Any], scored: Sequence[Row], model: R
     )
     people = analysis["votes"]["participants"]
     if len(scored) > 2 and scored[0]["p_best"] is not None and (people is None or people >= FEWEST_FOR_RANKS):
-        yield finding("ranks", _ranks(scored, _among_several(analysis)))
+        differ = any(row["p_holm"] < SIGNIFICANT for row in contrasts)
+        is_bold = people is not None and people < FEWEST_PARTICIPANTS and not differ
+        yield finding("ranks", _ranks(scored, _among_several(analysis)) + (BOLD if is_bold else ""))
     margin = analysis["settings"]["equivalence_margin"]
     if margin is not None:
         yield finding("equivalent", _equivalent(contrasts, margin))
@@ -140,7 +143,7 @@ def _equivalent(contrasts: Sequence[Row], margin: float) -> str:
     alike = [
         row for row in contrasts if row["p_equivalent_holm"] is not None and row["p_equivalent_holm"] < SIGNIFICANT
     ]
-    method = f"difference below {margin:g} JOD, two one-sided tests, 5 % level, Holm"
+    method = f"difference below {margin:g} JOD, two one-sided tests, 5 % level, Holm, which is cautious"
     if not alike:
         return f"No pair of conditions is shown to be equivalent ({method})."
     pairs = [f"{row['item_a']} with {row['item_b']}" for row in alike]
@@ -218,7 +221,8 @@ def _over_datasets(contrasts: Sequence[Row]) -> str:
     if not known:
         return ""
     n_differ = sum(p < SIGNIFICANT for p in known)
-    return f" For datasets like these, as a sample, {n_differ} of {pairs_differ(len(known), n_differ)} (Holm)."
+    differ = pairs_differ(len(known), n_differ)
+    return f" For datasets like these, as a sample, {n_differ} of {differ} (Holm, a cautious test with few datasets)."
 
 
 def pairs_differ(n: int, n_differ: int) -> str:

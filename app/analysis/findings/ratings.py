@@ -7,20 +7,25 @@ from typing import Any
 
 from app.analysis.findings.pairs import better_first
 from app.analysis.findings.ranking import Condition, tested_ranking, untested_ranking
-from app.analysis.model.contrasts import FEWEST_PARTICIPANTS, MOST_ITEMS
+from app.analysis.model.contrasts import FEWEST_PARTICIPANTS, MOST_ITEMS, SIGNIFICANT
 from app.analysis.reading.phrases import (
+    MOST_NAMED,
     counted,
     finding,
     listed,
     number_with_interval,
     outstanding,
     p_phrase,
+    percent,
     signed,
     unsigned,
 )
 from app.analysis.reading.votes_table import ALL
+from app.analysis.screening.careless import FALSE_ALARMS
 
 Row = Mapping[str, Any]
+
+MANY_AT_ENDS = 0.25  # share of ratings, from which on the scale's ends make people look unlike (docs/simulation.md)
 
 
 def rating_findings(tables: Mapping[str, Sequence[Row]]) -> list[dict[str, str]]:
@@ -64,11 +69,73 @@ def _opinions(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]]:
             f"{n_people} participants are few (fewer than {FEWEST_PARTICIPANTS}): intervals rest on at most "
             f"{counted(n_people - 1, 'degree')} of freedom; treat the results as provisional.",
         )
-    yield finding("participants", outstanding(raters))
+    if model["disagreement"] is not None:
+        yield finding("disagreement", _disagreement(model))
+    yield finding("participants", f"{outstanding(raters)}{_others(raters)} {_rules(raters)}")
     yield finding(
         "settings",
         f"Settings: {model['protocol'].upper()}, scale {model['low']:g} to {model['high']:g}, means over participants "
         "with 95 % intervals by t; all pairs of conditions compared within participants and corrected by Holm.",
+    )
+
+
+def _disagreement(model: Row) -> str:
+    """Say whether people disagree beyond their own noise, and name the camps."""
+    tested = model["disagreement"]
+    p_text, camps = p_phrase(tested["p_value"]), tested["camps"]
+    if tested["p_value"] >= SIGNIFICANT:
+        return f"It is not shown that people disagree more than their own noise explains ({p_text})."
+    ends = (
+        f" {percent(model['share_at_ends'])} of the ratings are at the ends of the scale, which may look like it."
+        if model["share_at_ends"] > MANY_AT_ENDS
+        else ""
+    )
+    text = (
+        "People disagree more than their own noise explains: what somebody thinks of a condition on different datasets "
+        f"goes together {tested['ratio']:.1f} times as much as by chance ({p_text}).{ends}"
+    )
+    if camps is None:
+        return f"{text} Means are those of the average person; no two camps are shown."
+    sizes = [len(names) for names in camps["participants"]]
+    differences = [unsigned(value) for value in camps["differences"] if value is not None]
+    between = (
+        f": {camps['item_first']} less {camps['item_second']} is {differences[0]} grades in the one and "
+        f"{differences[1]} in the other"
+        if len(differences) == len(sizes)
+        else ""
+    )
+    return (
+        f"{text} They fall into two camps of {sizes[0]} and {sizes[1]} people ({p_phrase(camps['p_value'])}){between}. "
+        "What holds over all describes neither camp."
+    )
+
+
+def _others(raters: Sequence[Row]) -> str:
+    """Say how far those who stand out go with the others, and how often honest people would look so."""
+    known = sorted(row["correlation_others"] for row in raters if row["correlation_others"] is not None)
+    named = [
+        row for row in raters if row["unlike_false_alarms"] is not None and row["unlike_false_alarms"] < FALSE_ALARMS
+    ]
+    parts = [
+        f" The ratings of {row['participant']} correlate with the others' means by "
+        f"{signed(row['correlation_others'])}, the middle participant's by {signed(known[len(known) // 2])}; among "
+        f"{len(raters)} honest people {_expected(row['unlike_false_alarms'])} would look so."
+        for row in named[:MOST_NAMED]
+    ]
+    return "".join(parts)
+
+
+def _expected(alarms: float) -> str:
+    return "fewer than 0.001" if alarms < 0.001 else f"{alarms:.3f}"
+
+
+def _rules(raters: Sequence[Row]) -> str:
+    """Count whom the rules of recommendations name, who are no more than a remark."""
+    n_bt500, n_low = (sum(row[name] for row in raters) for name in ("is_bt500_outlier", "is_correlation_low"))
+    return (
+        f"Rules that name honest people, too: the screening of BT.500 {n_bt500}, a correlation with the means below "
+        f"0.75 (VQEG) {n_low} of {len(raters)}; with conditions that look alike the latter names "
+        "nearly everybody."
     )
 
 

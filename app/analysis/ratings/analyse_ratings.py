@@ -10,16 +10,24 @@ import numpy as np
 
 from app.analysis.model.contrasts import Contrast, critical_value, letters
 from app.analysis.ratings.contrasts import rating_contrasts
+from app.analysis.ratings.disagreement import rating_disagreement
 from app.analysis.ratings.opinion_scores import columns_by_condition, condition_rows, item_rows
 from app.analysis.ratings.outliers import (
     LOWEST_CORRELATION,
     correlations_with_means,
+    correlations_with_others,
+    false_alarms,
     screen_observers,
 )
 from app.analysis.ratings.subject_model import COMMON, FEWEST_RATINGS, SubjectModel, fit_subject_model
 from app.analysis.ratings.table import RatingTable
+from app.analysis.reading.phrases import listed
+from app.analysis.screening.careless import FALSE_ALARMS
 
 Z = critical_value(None)
+UNLIKE = "ratings unlike the others'"
+ONE_GRADE = "the same grade throughout"
+FEWEST_ALIKE = 10  # ratings, all of one grade, which nobody gives who looks
 WHY_NO_MODEL = {
     "disconnected": "to tell biases and qualities apart takes two participants or more with three ratings each, linked "
     "by items that they share",
@@ -90,6 +98,9 @@ def _rater_rows(table: RatingTable, model: SubjectModel) -> Iterator[dict[str, A
     screening = screen_observers(table)
     share, imbalance, is_outlier = screening.share, screening.imbalance, screening.is_outlier
     totals = np.bincount(table.person, table.rating, minlength=len(table.participants))
+    others = correlations_with_others(table)
+    alarms = false_alarms(others)
+    grades = [set(table.rating[table.person == person]) for person in range(len(table.participants))]
     for index, correlation in enumerate(correlations_with_means(table)):
         n = int(screening.n_ratings[index])
         row: dict[str, Any] = {
@@ -104,8 +115,11 @@ def _rater_rows(table: RatingTable, model: SubjectModel) -> Iterator[dict[str, A
             "bt500_imbalance": _or_none(imbalance[index]),
             "is_bt500_outlier": bool(is_outlier[index]),
             "is_correlation_low": correlation is not None and correlation < LOWEST_CORRELATION,
+            "correlation_others": others[index],
+            "unlike_false_alarms": alarms[index],
+            "is_one_grade": n >= FEWEST_ALIKE and len(grades[index]) == 1,
         }
-        yield row | {"flags": list(_flags(row))}
+        yield row | {"flags": list(_flags(row)), "remarks": list(_remarks(row))}
 
 
 def _rater_model(model: SubjectModel, index: int) -> dict[str, Any]:
@@ -130,7 +144,15 @@ def _or_none(value: float) -> float | None:
 
 
 def _flags(row: dict[str, Any]) -> Iterator[str]:
-    """Say in words what is unusual about a participant's ratings."""
+    """Say in words what honest people's ratings hardly ever are."""
+    if row["unlike_false_alarms"] is not None and row["unlike_false_alarms"] < FALSE_ALARMS:
+        yield UNLIKE
+    if row["is_one_grade"]:
+        yield ONE_GRADE
+
+
+def _remarks(row: dict[str, Any]) -> Iterator[str]:
+    """Say in words which rules of recommendations name a participant; they name honest people, too."""
     if row["is_bt500_outlier"]:
         yield f"BT.500: {row['bt500_above']} far above, {row['bt500_below']} far below"
     if row["is_correlation_low"]:
@@ -138,6 +160,7 @@ def _flags(row: dict[str, Any]) -> Iterator[str]:
 
 
 def _model_row(table: RatingTable, model: SubjectModel) -> dict[str, Any]:
+    is_end = (table.rating == table.low) | (table.rating == table.high)
     return {
         "protocol": table.protocol,
         "low": table.low,
@@ -148,6 +171,8 @@ def _model_row(table: RatingTable, model: SubjectModel) -> dict[str, Any]:
         "status": model.status,
         "loglik": _or_none(model.loglik),
         "iterations": model.iterations,
+        "share_at_ends": float(is_end.mean()) if len(table) else 0.0,
+        "disagreement": rating_disagreement(table),
     }
 
 
@@ -165,7 +190,7 @@ def _warnings(table: RatingTable, model: SubjectModel, raters: list[dict[str, An
         yield f"ratings: {', '.join(few)} gave fewer than {FEWEST_RATINGS} ratings and are left out of the model"
     flagged = [row["participant"] for row in raters if row["flags"]]
     if flagged:
-        yield f"ratings: look at {', '.join(flagged)}, whose ratings are unusual; nobody was left out for it"
+        yield f"ratings: look at {listed(flagged)}, whose ratings are unusual; nobody was left out for it"
     if table.protocol == "acr-hr":
         there = {table.items[index][0] for index in np.flatnonzero(table.is_reference)}
         without = [name for name in dict.fromkeys(dataset for dataset, _ in table.items) if name not in there]

@@ -1,11 +1,17 @@
-"""Name participants whose ratings differ from the others': suggestions, which the analysis never acts upon."""
+"""Name participants whose ratings differ from the others': suggestions, which the analysis never acts upon.
+
+The rules of the recommendations name many honest people where conditions look alike; who is unlike the others is told
+by how far the others agree.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t as student
 
 from app.analysis.ratings.opinion_scores import person_means
 from app.analysis.ratings.table import RatingTable
@@ -19,6 +25,11 @@ NORMAL_LIMIT, OTHER_LIMIT = 2.0, np.sqrt(20.0)  # standard deviations from the m
 LARGEST_SHARE, LARGEST_IMBALANCE = 0.05, 0.3
 
 LOWEST_CORRELATION = 0.75  # VQEG HDTV test plan (2010), Annex I
+
+FEWEST_PEOPLE, FEWEST_ITEMS = 6, 6  # to compare somebody's correlation with those of the others
+MOST_UNLIKE = 0.25  # share of the participants who may be
+NEARLY_ONE = 0.999  # larger correlations count as it
+CALIBRATION = 2.0  # times as many honest people as nominally lie so far off, at most (docs/simulation.md)
 
 
 @dataclass(frozen=True)
@@ -101,6 +112,63 @@ def _repetition(table: RatingTable) -> NDArray[np.intp]:
     repetition = np.empty(len(cell), np.intp)
     repetition[order] = np.arange(len(cell)) - start
     return repetition
+
+
+def correlations_with_others(table: RatingTable) -> list[float | None]:
+    """Return Pearson's correlation of each participant's ratings with the means of the others' ratings.
+
+    Returns
+    -------
+    list of P; None for fewer than six items, or without any variation
+    """
+    values = person_means(table)
+    n, total = (~np.isnan(values)).sum(axis=0), np.nansum(values, axis=0)
+    rows = []
+    for row in values:
+        there = ~np.isnan(row) & (n > 1)
+        others = (total[there] - row[there]) / (n[there] - 1)
+        rows.append(defined(pearson, row[there], others) if there.sum() >= FEWEST_ITEMS else None)
+    return rows
+
+
+def false_alarms(correlations: Sequence[float | None]) -> list[float | None]:
+    """Return how many honest people are expected to lie as far below the others, of as many as are compared.
+
+    Correlations are taken to be normal after Fisher's transformation. The one that lies farthest below the mean is
+    tested and left out, then the next, up to a quarter of all; several of them hide each other from the first tests,
+    not from the last.
+
+    Parameters
+    ----------
+    correlations : of P participants, as from `correlations_with_others`
+
+    Returns
+    -------
+    list of P; None where there is no correlation, or with too few participants
+
+    Source
+    ------
+    Rosner (1983), generalised extreme Studentized deviates, to one side.
+    """
+    known = [index for index, value in enumerate(correlations) if value is not None]
+    result: list[float | None] = [None] * len(correlations)
+    if len(known) < FEWEST_PEOPLE:
+        return result
+    z = np.arctanh(np.clip([value for value in correlations if value is not None], -NEARLY_ONE, NEARLY_ONE))
+    order = np.argsort(z)
+    alarms = np.full(len(z), float(len(z)))
+    for step in range(max(1, int(MOST_UNLIKE * len(z)))):
+        left = z[order[step:]]
+        n, spread = len(left), left.std(ddof=1)
+        deviation = (left.mean() - left[0]) / spread if spread > 0 else 0.0
+        rest = (n - 1) ** 2 - n * deviation**2
+        ratio = np.sqrt(n * (n - 2) * deviation**2 / rest) if rest > 0 else np.inf
+        alarms[order[step]] = min(CALIBRATION * n * student.sf(ratio, n - 2), n)
+    for step in reversed(range(len(z) - 1)):
+        alarms[order[step]] = min(alarms[order[step]], alarms[order[step + 1]])
+    for index, value in zip(known, alarms.tolist(), strict=True):
+        result[index] = value
+    return result
 
 
 def correlations_with_means(table: RatingTable) -> list[float | None]:

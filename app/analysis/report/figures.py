@@ -88,7 +88,8 @@ def named_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tup
 def _ends(rows: Sequence[Row]) -> str:
     """End a caption: are there intervals, letters and penalised estimates, and what are the panels?"""
     letters = (
-        " Conditions that share a letter are not told apart (Holm over all pairs; of datasets, over all of them)."
+        " Conditions that share a letter are not told apart (Holm over all pairs; of datasets, over all of them, which "
+        "is cautious)."
         if any(row["letters"] for row in rows)
         else ""
     )

@@ -163,7 +163,7 @@ def _panel(y: alt.Y, horizontal: Mapping[str, Any], line: float | None, several:
 
 
 def raters_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
-    """Draw bias and inconsistency of each participant, ordered by inconsistency; whom a rule names is filled.
+    """Draw bias and inconsistency of each participant, ordered by inconsistency; who stands out is filled.
 
     Returns
     -------
@@ -183,7 +183,7 @@ def raters_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
                 "value": row[name],
                 "low": row[name] if row[f"{name}_low"] is None else row[f"{name}_low"],
                 "high": row[name] if row[f"{name}_high"] is None else row[f"{name}_high"],
-                "named": "by a rule" if row["flags"] else "no",
+                "named": "stands out" if row["flags"] else "no",
             }
             for row in rows
         ]
@@ -195,7 +195,7 @@ def raters_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:
         x, low = (alt.X(f"{end}:Q", axis=ticks) for end in ("value", "low"))
         bars = base.mark_rule(strokeWidth=1.6, color=INK).encode(x=low, x2=alt.X2("high:Q"))
         fill = alt.Fill(
-            "named:N", scale=alt.Scale(domain=["by a rule", "no"], range=[PALETTE[2], "#ffffff"]), legend=None
+            "named:N", scale=alt.Scale(domain=["stands out", "no"], range=[PALETTE[2], "#ffffff"]), legend=None
         )
         points = base.mark_point(size=46, opacity=1, strokeWidth=1.6, color=INK).encode(x=x, fill=fill)
         layers = [bars, points] if line is None else [dashed_line("x", line), bars, points]

@@ -67,23 +67,23 @@ def _with_intervals(row: Row) -> dict[str, Any]:
 
 
 def _raters(analysis: Analysis, figures: Figures) -> dict[str, Any]:
-    flagged = [row for row in analysis["raters"] if row["flags"]]
     text = (
         "Bias is how much higher a participant rates than the others, inconsistency the standard deviation of what "
-        "quality and bias do not explain. Two rules name participants to look at: the screening of observers of ITU-R "
-        "BT.500, and a correlation with the mean scores below 0.75 (VQEG HDTV test plan, Annex I). "
-        f"{len(flagged)} of {len(analysis['raters'])} participants are named. All of them count in the scores."
+        "quality and bias do not explain. Unusual are ratings that go with the others' so little that fewer than 0.05 "
+        "honest people of the whole study would look so (Rosner's test of correlations), or one grade throughout. "
+        "Remarks are no flags: the screening of observers of ITU-R BT.500, and a correlation with the mean scores "
+        "below 0.75 (VQEG HDTV test plan, Annex I), name honest people, too. All count in the scores."
     )
     rows = [
         row
         | {
             "bias": with_interval(row, "bias", "bias"),
             "inconsistency": with_interval(row, "inconsistency", "inconsistency"),
-            "flags": "; ".join(row["flags"]) or None,
+            **{name: "; ".join(row[name]) or None for name in ("flags", "remarks")},
         }
         for row in sorted(analysis["raters"], key=lambda row: not row["flags"])
     ]
-    columns = ["participant", "n_ratings", "mean", "bias", "inconsistency", "correlation", "flags"]
+    columns = ["participant", "n_ratings", "mean", "bias", "inconsistency", "correlation", "flags", "remarks"]
     return section("Participants who rated", text, columns, rows, [figures["raters"]] if "raters" in figures else [])
 
 

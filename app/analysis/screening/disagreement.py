@@ -120,8 +120,8 @@ def heterogeneity(votes: VotesTable, *, by_order: bool = False) -> dict[str, Any
 
     Returns
     -------
-    dict, `ratio` (of the statistic to its mean by chance), `p_value`, `n_permuted`, and `camps` (see `_camps`) or None;
-    None with fewer than three participants or too many votes
+    dict, `ratio` (of the statistic to its mean by chance), `p_value`, `n_permuted`, and `camps` (see `find_camps`) or
+    None; None with fewer than three participants or too many votes
     """
     n_permuted = min(PERMUTED, WORK // max(len(votes), 1))
     compared = only_compared(votes) if len(votes) else votes
@@ -157,7 +157,7 @@ def heterogeneity(votes: VotesTable, *, by_order: bool = False) -> dict[str, Any
         return None
     p_value = (1 + np.count_nonzero(by_chance >= statistic - 1e-9)) / (n_permuted + 1)
     names = [compared.participants[index] for index in people]
-    camps = _camps(observed, names, compared.items, rng) if p_value < SIGNIFICANT else None
+    camps = find_camps(observed, names, compared.items, rng) if p_value < SIGNIFICANT else None
     if camps is not None and not all(_has_taste(compared, part) for part in camps["participants"]):
         camps = None
     if camps is not None:
@@ -190,7 +190,7 @@ def _decided(votes: VotesTable, camps: dict[str, Any], people: list[str]) -> lis
     return [int(for_first), int(decided)]
 
 
-def _camps(
+def find_camps(
     balances: Array, names: list[str], items: tuple[str, ...], rng: np.random.Generator
 ) -> dict[str, Any] | None:
     """Return two camps if people fall into two more clearly than if their opinions spread around one.
@@ -198,6 +198,13 @@ def _camps(
     The balances are projected on the direction in which people differ most, and split where the parts differ most. The
     share of the spread that the split explains is compared with that of people whose balances are normally distributed
     with the same covariance.
+
+    Parameters
+    ----------
+    balances : float64 (J, n), how far each person prefers each item
+    names : of the J people
+    items : their n names
+    rng : Generator
 
     Returns
     -------

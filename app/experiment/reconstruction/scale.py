@@ -7,7 +7,7 @@ from math import prod
 
 SCENES = ("ball", "box", "people", "standing", "face")  # figure 2
 # On disk, for each pixel of a frame: the paper's six approaches, and one; measured on two people at 1080x1920.
-SCENE_BYTES, OBJECT_BYTES = 145, 35
+SCENE_BYTES, OBJECT_BYTES = 60, 35
 # On two idle cores, for each pixel of a frame, microseconds: 36 s of processor time for the models of two people at
 # 1080x1920, and 10 s to record them; those of objects and films were measured before.
 SCENE_US, OBJECT_US, FILM_US = 11.0, 7.6, 0.2

@@ -17,6 +17,7 @@ from recon.capture.checking.consistency import (
     Shared,
     compared,
     disagreements,
+    fitting,
     shared_points,
     unlike_exposures,
 )
@@ -189,7 +190,7 @@ def _look_between(
     right, left = (
         read_picture(frame_pictures(folder, stream, frame)[side]) for stream, side in zip(streams, (1, 0), strict=True)
     )
-    shared = shared_points(*matches, match_pictures(right, left))
+    shared = fitting(streams[0].sensor, streams[1].sensor, shared_points(*matches, match_pictures(right, left)))
     return shared, brightness_ratios(right, left, Matches(shared.first.right, shared.second.left))
 
 

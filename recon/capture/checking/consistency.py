@@ -95,6 +95,20 @@ def shared_points(first: Matches, second: Matches, between: Matches) -> Shared:
     return Shared(first[in_first[kept]], second[in_second[kept]])
 
 
+def fitting(first: Sensor, second: Sensor, shared: Shared) -> Shared:
+    """Select the points whose matches within each sensor are near their epipolar lines; others are wrong.
+
+    Parameters
+    ----------
+    first, second : the sensors
+    shared : points that both see
+    """
+    is_right = np.ones(len(shared), np.bool_)
+    for sensor, matches in ((first, shared.first), (second, shared.second)):
+        is_right &= np.abs(epipolar_errors(sensor, matches)) < MAX_EPIPOLAR_PX
+    return Shared(shared.first[is_right], shared.second[is_right])
+
+
 def compared(first: Sensor, second: Sensor, shared: Sequence[Shared], tolerance_mm: float) -> Comparison | None:
     """Compare where two sensors see the same points; None if there are too few points.
 
@@ -104,11 +118,8 @@ def compared(first: Sensor, second: Sensor, shared: Sequence[Shared], tolerance_
     shared : points that both see
     tolerance_mm : how far apart two sensors may see the same point
     """
-    in_first, in_second = joined([points.first for points in shared]), joined([points.second for points in shared])
-    is_right = np.ones(len(in_first), np.bool_)
-    for sensor, matches in ((first, in_first), (second, in_second)):
-        is_right &= np.abs(epipolar_errors(sensor, matches)) < MAX_EPIPOLAR_PX
-    in_first, in_second = in_first[is_right], in_second[is_right]
+    right_ones = [fitting(first, second, points) for points in shared]
+    in_first, in_second = (joined([getattr(each, side) for each in right_ones]) for side in ("first", "second"))
     if len(in_first) < MIN_AGREEING:
         return None
     points = triangulated(first, in_first), triangulated(second, in_second)

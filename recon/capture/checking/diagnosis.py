@@ -43,13 +43,17 @@ def diagnose(sensor: Sensor, matches: Matches) -> tuple[str, ...]:
     Each fault is assumed in turn: left and right are swapped, a camera's focal length is wrong, that of both is, the
     distortion of both lenses is, the right camera was turned against the left. The one that removes most of the
     matches' distances from their epipolar lines is named, unless a small correction will do.
+
+    With each, the right camera may be turned so little that matching along rows bears it, as good calibrations are off
+    by as much: rows hardly tell some large faults, and such a fault would be taken for what a little turn explains.
     """
     problems = tuple(_unequal_focal(sensor, side) for side in ("left", "right") if _aspect(sensor, side) > MAX_ASPECT)
     if problems or len(matches) < MIN_MATCHES:
         return problems
-    error = _median(epipolar_errors(sensor, matches))
+    error, n_matches = _median(epipolar_errors(sensor, matches)), len(matches)
+    least = _turned_little(sensor, matches)
     lenses = _lenses(sensor, matches)
-    if error < MIN_ERROR_PX and lenses is None:
+    if least < MIN_ERROR_PX and lenses is None:
         return ()
     assumed = [explain(sensor, matches) for explain in (_swapped, _one_focal, _both_focals, _turned)]
     others = [explanation for explanation in assumed if explanation is not None]
@@ -58,20 +62,24 @@ def diagnose(sensor: Sensor, matches: Matches) -> tuple[str, ...]:
     if (
         lenses is not None
         and lenses.error_px < FEWER_UNKNOWNS * best_other
-        and _is_sure(lenses.error_px, error, len(matches))
+        and _is_sure(lenses.error_px, least, n_matches)
     ):
-        return (_told(sensor, lenses, error, len(matches)),)
-    if (small is not None and small.is_small) or _is_little_turned(sensor, matches):
+        return (_told(sensor, lenses, error, n_matches),)
+    if small is not None and small.is_small:
         return ()
-    explanations = [explanation for explanation in others if explanation.error_px < MIN_GAIN * error]
-    if error < MIN_ERROR_PX or not explanations:
+    explanations = [
+        explanation
+        for explanation in others
+        if explanation.error_px < MIN_GAIN * least and _is_sure(explanation.error_px, least, n_matches)
+    ]
+    if least < MIN_ERROR_PX or not explanations:
         return ()
     best = min(explanation.error_px for explanation in explanations)
     likely = min(
         (explanation for explanation in explanations if explanation.error_px <= SAME_GAIN * best),
         key=lambda explanation: explanation.n_unknowns,
     )
-    return (_told(sensor, likely, error, len(matches)),)
+    return (_told(sensor, likely, error, n_matches),)
 
 
 def would_lenses_show(sensor: Sensor, matches: Matches) -> bool:
@@ -79,9 +87,8 @@ def would_lenses_show(sensor: Sensor, matches: Matches) -> bool:
 
     Rows depend little on the distortion of both lenses where they are near each other, or long; depths do.
     """
-    errors = [epipolar_errors(each, matches) for each in (sensor, _with_both_k1(sensor, WRONG_K1))]
-    error, shift = _median(errors[0]), _median(errors[1] - errors[0])
-    return _is_sure(error, float(np.hypot(error, shift)), len(matches))
+    as_told, *wrong = (_turned_little(_with_both_k1(sensor, change), matches) for change in (0.0, WRONG_K1, -WRONG_K1))
+    return _is_sure(as_told, min(wrong), len(matches))
 
 
 def _is_sure(after: float, before: float, n_matches: int) -> bool:
@@ -138,7 +145,7 @@ class Correction:
 
 
 def small_correction(sensor: Sensor, matches: Matches) -> Correction | None:
-    """Fit a small correction of a sensor; None if its rows are well without one, or remain as wrong with it.
+    """Fit a small correction of a sensor; None if its rows are well without one, or remain apart with it.
 
     Parameters
     ----------
@@ -148,8 +155,8 @@ def small_correction(sensor: Sensor, matches: Matches) -> Correction | None:
     if len(matches) < MIN_MATCHES or _median(epipolar_errors(sensor, matches)) < MIN_ERROR_PX:
         return None
     before = _median(epipolar_errors(sensor, matches))
-    unknown, after = _fit(lambda change: _small_change(sensor, change), 3, matches)
-    if after > MIN_GAIN * before:
+    unknown, after = _fit(lambda change: _small_change(sensor, change), 3, matches, largest_px=0)
+    if after > min(MIN_GAIN * before, OFF_PX):  # more is another fault, such as pictures that are swapped
         return None
     turn, roll = np.rad2deg(unknown[:2])
     return Correction(float(turn), float(roll), float(np.exp(unknown[2])), before, after, len(matches))
@@ -165,15 +172,6 @@ def _small_change(sensor: Sensor, change: NDArray[np.float64]) -> Sensor:
     rotation = cv2.Rodrigues(turn * axis)[0] @ cv2.Rodrigues(np.array([0.0, 0.0, roll]))[0]
     turned = replace(camera, cam_from_world=rigid(rotation, np.zeros(3)) @ camera.cam_from_world)
     return replace(sensor, right=with_focal(turned, _factor(scale)))
-
-
-def _is_little_turned(sensor: Sensor, matches: Matches) -> bool:
-    """Tell whether a turn as small as mounts make explains distances that matching along rows bears.
-
-    A fit without limits often takes a large fault for it, as along some of them rows hardly move.
-    """
-    _, after = _fit(lambda turn: _with_turn(sensor, turn), 3, matches, largest=np.deg2rad(LARGE_TURN_DEG))
-    return _median(epipolar_errors(sensor, matches)) < OFF_PX and after < MIN_ERROR_PX
 
 
 def _aspect(sensor: Sensor, side: str) -> float:
@@ -247,7 +245,7 @@ def _with_both_k1(sensor: Sensor, change: float) -> Sensor:
 
 
 def _turned(sensor: Sensor, matches: Matches) -> _Explanation | None:
-    unknown, error = _fit(lambda turn: _with_turn(sensor, turn), 3, matches)
+    unknown, error = _fit(lambda turn: _with_turn(sensor, turn), 3, matches, largest_px=0)
     angle = float(np.rad2deg(np.linalg.norm(unknown)))
     if angle < MIN_TURN_DEG:
         return None
@@ -267,19 +265,32 @@ def _factor(logarithm: float) -> float:
 
 
 def _fit(
-    changed: Callable[[NDArray[np.float64]], Sensor], n_unknowns: int, matches: Matches, *, largest: float = np.inf
+    changed: Callable[[NDArray[np.float64]], Sensor], n_unknowns: int, matches: Matches, *, largest_px: float = OFF_PX
 ) -> tuple[NDArray[np.float64], float]:
-    """Fit unknowns within `largest` that bring matches nearest to their lines; return the median distance left, too."""
+    """Fit the unknowns that bring the matches nearest to their epipolar lines; return also the median distance left.
+
+    The right camera is turned as well, about each axis by what moves the middle of its picture by at most `largest_px`.
+    """
+
+    def turned(unknown: NDArray[np.float64]) -> Sensor:
+        told = changed(unknown[:n_unknowns])
+        return _with_turn(told, unknown[n_unknowns:]) if largest_px else told
 
     def errors(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
-        return epipolar_errors(changed(unknown), matches)
+        return epipolar_errors(turned(unknown), matches)
 
-    start = np.zeros(n_unknowns)
-    step = np.full(n_unknowns, 1e-4)
+    n_angles = 3 if largest_px else 0
+    largest = np.repeat([np.inf, largest_px / changed(np.zeros(n_unknowns)).right.K[0, 0]], [n_unknowns, n_angles])
+    start, step = np.zeros(n_unknowns + n_angles), np.full(n_unknowns + n_angles, 1e-4)
     fit = least_squares(
         errors, start, bounds=(-largest, largest), loss="soft_l1", f_scale=INLIER_PX, diff_step=step, x_scale=0.01
     )
-    return fit.x, _median(epipolar_errors(changed(fit.x), matches))
+    return fit.x[:n_unknowns], _median(epipolar_errors(turned(fit.x), matches))
+
+
+def _turned_little(sensor: Sensor, matches: Matches) -> float:
+    """Return the median distance from epipolar lines that a turn which matching along rows bears leaves, pixels."""
+    return _fit(lambda _: sensor, 0, matches)[1]
 
 
 def _median(errors: NDArray[np.float64]) -> float:

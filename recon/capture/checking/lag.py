@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import map_coordinates, median_filter
 
 from recon.capture.checking.silhouettes import Silhouette
 from recon.capture.rectify import viewing_directions
 from recon.geometry.rig import Camera
 
-LARGEST_FRAMES = 3.5  # that are searched
+LARGEST_FRAMES = 3.5  # that are searched, of recordings that are so much longer than the fewest frames
 STEP = 0.025  # frames
 FEWEST_FRAMES = 10
 NEAREST_TO_BASELINE = 0.4  # sine of the angle between the baseline and the way to the object; below, planes graze it
@@ -124,7 +124,11 @@ def lag_between(pairs: Sequence[tuple[Tangents, Tangents]]) -> Lag | None:
     ----------
     pairs : of a camera of the first and one of the second sensor, of planes through both
     """
-    lags = np.arange(-LARGEST_FRAMES, LARGEST_FRAMES + STEP / 2, STEP)
+    longer = min((len(each.angles) - FEWEST_FRAMES for pair in pairs for each in pair), default=0)
+    if longer <= 0:
+        return None
+    largest = min(LARGEST_FRAMES, longer)
+    lags = np.arange(-largest, largest + STEP / 2, STEP)
     total = np.zeros(len(lags))
     for first, second in pairs:
         for end in (0, 1):
@@ -146,7 +150,7 @@ def _log_likelihood(
     frames = np.arange(len(first), dtype=np.float64)
     places = frames[None] + lags[:, None]  # (L, N)
     filled = np.interp(frames, frames[np.isfinite(second)], second[np.isfinite(second)]) if _known(second) else second
-    if not (_known(first) and _known(second)) or np.nanstd(first) < SMALL_MOTION_PX * pixel:
+    if not all(_known(signal) and _spread(signal) >= SMALL_MOTION_PX * pixel for signal in (first, second)):
         return nothing
     shifted = map_coordinates(filled, places[None], order=3, mode="nearest")
     near = map_coordinates(np.isfinite(second).astype(np.float64), places[None], order=1, cval=0.0)
@@ -159,6 +163,11 @@ def _log_likelihood(
     spread = np.nanmean(np.minimum(np.abs(apart), 3 * np.nanmedian(np.abs(apart), axis=1, keepdims=True)) ** 2, axis=1)
     floor = (NOISE_PX * pixel) ** 2
     return np.asarray(-counts.min() / CORRELATED / 2 * np.log(spread + floor))
+
+
+def _spread(signal: NDArray[np.float64]) -> float:
+    """Return the standard deviation of a known signal, in which masks of single frames do not count."""
+    return float(np.std(median_filter(signal[np.isfinite(signal)], 3)))
 
 
 def _known(signal: NDArray[np.float64]) -> bool:

@@ -18,7 +18,6 @@ from recon.capture.checking.depth import DepthCheck, bounds_area, check_depth_ma
 from recon.capture.checking.diagnosis import (
     MIN_ERROR_PX,
     MIN_GAIN,
-    MIN_MATCHES,
     Correction,
     diagnose,
     small_correction,
@@ -58,7 +57,7 @@ class _Look:
     frame : its number
     rectified : matches of the rectified pair, within the masks or bounds
     matches : of the pictures as recorded
-    left_to_right : (M,) ratios of brightness at the matches
+    left_to_right : (M,) ratios of brightness at the matches, NaN where it is dark
     textured : share of the area; None if there is none
     inside : share of the left mask that lies within the bounds; None without a mask, or if it is empty
     white : share of the area with two channels at the top, of the picture with more; None if there is no area
@@ -143,7 +142,8 @@ def _with_pair(
     swapped = _swapped(stream.sensor, shots, rectification)
     looks = [look for look in shots if look.frame not in swapped]
     matched = joined([look.matches for look in looks])
-    matches = matched[agreeing_with_each_other(stream.sensor, matched)]
+    agree = agreeing_with_each_other(stream.sensor, matched)
+    matches = matched[agree]
     agreement = Agreement(len(matches), len(matched))
     rows = _rows(joined([look.rectified for look in looks]), rectification)
     is_checked = agreement.is_enough or Agreement(rows.n_agreeing, rows.n_matches).is_enough
@@ -177,7 +177,7 @@ def _with_pair(
             *check.warnings,
             *(() if is_checked else (_unchecked(stream.id, agreement),)),
             *_row_warnings(report, misfit, correction, is_told=bool(row_faults)),
-            *_exposure_warnings(stream.id, looks),
+            *(_exposure_warnings(stream.id, looks, agree) if agreement.is_enough else ()),
             *_texture_warnings(report),
             *_white_warnings(stream, looks),
         ),
@@ -288,7 +288,7 @@ def _look(
 
 
 def brightness_ratios(left: NDArray[np.uint8], right: NDArray[np.uint8], matches: Matches) -> NDArray[np.float64]:
-    """Compare how bright matched points are in two pictures: float64 (N,), left by right; dark ones are left out.
+    """Compare how bright matched points are in two pictures: float64 (N,), left by right, NaN where it is dark.
 
     Parameters
     ----------
@@ -300,15 +300,16 @@ def brightness_ratios(left: NDArray[np.uint8], right: NDArray[np.uint8], matches
         grey = cv2.blur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (5, 5)).astype(np.float64)
         columns, rows = np.round(points).astype(int).T
         levels.append(grey[rows, columns])
-    bright = np.minimum(*levels) > DARK_LEVELS
-    return np.asarray(levels[0][bright] / levels[1][bright])
+    bright = np.where(np.minimum(*levels) > DARK_LEVELS, levels[1], np.nan)
+    return np.asarray(levels[0] / bright)
 
 
 def unlike(ratios: NDArray[np.float64], most: float) -> float | None:
     """Return the median of ratios (N,) if it is certain to be more than `most` or less than its inverse, else None.
 
-    Points that are matched wrongly, and highlights, spread them: of a few, the median is chance.
+    Points that are matched wrongly, and highlights, spread them: of a few, the median is chance. NaN are left out.
     """
+    ratios = ratios[np.isfinite(ratios)]
     if not len(ratios):
         return None
     off = SURE * np.sqrt(len(ratios)) / 2  # places in order: the interval of a median
@@ -384,9 +385,9 @@ def _row_warnings(
         yield f"sensor {report.id}: {correction}; `capture check --correct` writes the recording with it"
 
 
-def _exposure_warnings(sensor_id: str, looks: list[_Look]) -> Iterator[str]:
-    ratios = np.concatenate([look.left_to_right for look in looks]) if looks else np.zeros(0)
-    ratio = unlike(ratios, MAX_LEFT_TO_RIGHT) if len(ratios) >= MIN_MATCHES else None
+def _exposure_warnings(sensor_id: str, looks: Sequence[_Look], agree: NDArray[np.bool_]) -> Iterator[str]:
+    """Say that left and right are unlike bright at the matches of all looks that agree, bool (N,)."""
+    ratio = unlike(np.concatenate([look.left_to_right for look in looks])[agree], MAX_LEFT_TO_RIGHT)
     if ratio is not None:
         yield (
             f"sensor {sensor_id}: the left pictures are {ratio:.2f} times as bright as the right ones at matched "

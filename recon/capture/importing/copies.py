@@ -16,6 +16,7 @@ from recon.capture.images import (
     IMAGE_SUFFIXES,
     JPEG_START,
     PICTURE_SUFFIXES,
+    CaptureError,
     Pixels,
     is_video,
     read_deep_image,
@@ -86,6 +87,10 @@ def copy_mask(camera: Camera, source: Path, target: Path) -> None:
     camera, source, target : as of `copy_picture`
     """
     mask: Pixels = read_deep_image(allowed(source))[..., 1]
+    if mask.shape[::-1] != camera.size:
+        raise CaptureError(
+            f"{source}: a mask of {mask.shape[1]}x{mask.shape[0]}, expected {camera.size[0]}x{camera.size[1]}"
+        )
     if isinstance(camera, FisheyeCamera):
         mask = camera.undistorted(mask)
     target.parent.mkdir(parents=True, exist_ok=True)

@@ -75,6 +75,7 @@ def write_recording(out: Path, recording: Recording, options: ImportOptions) -> 
     """
     if not recording.sensors:
         raise CaptureError("the source names no sensors, expected at least one")
+    _check_sizes(recording)
     for source in recording.sensors:
         for doubt in _doubts(source):
             warnings.warn(f"sensor {source.id}: {doubt}", Notice, stacklevel=2)
@@ -106,6 +107,22 @@ def write_recording(out: Path, recording: Recording, options: ImportOptions) -> 
             copy_picture(camera, path, folder / photograph.image, bits=bits)
         write_capture(capture)
     return replace(capture, folder=out)
+
+
+def _check_sizes(recording: Recording) -> None:
+    """Raise a CaptureError if the first picture of a camera, or of photographs of one size, is not of its size."""
+    firsts = {
+        f"sensor {source.id}, {side}": (camera, pictures)
+        for source in recording.sensors
+        for side, camera, pictures in zip(SIDES, source.cameras, source.pictures, strict=False)
+    }
+    held_out = {camera.size: (camera, Pictures((path,))) for camera, path in reversed(recording.held_out)}
+    for place, (camera, pictures) in [*firsts.items(), *(("held out", shot) for shot in held_out.values())]:
+        if pictures.size != camera.size:
+            raise CaptureError(
+                f"{place}: {pictures.files[0]} has {'x'.join(map(str, pictures.size))} pixels, its calibration is for "
+                f"{'x'.join(map(str, camera.size))}; take the pictures that it was made for, or calibrate these"
+            )
 
 
 def _doubts(source: SensorSource) -> Iterator[str]:

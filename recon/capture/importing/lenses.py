@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.images import CaptureError, Pixels
-from recon.geometry.lens_names import FISHEYE, PERSPECTIVE, UNLIKE, plain_name
+from recon.geometry.lens_names import FISHEYE, MOST_NUMBERS, PERSPECTIVE, UNLIKE, plain_name
 from recon.geometry.rig import Camera
 
 N_FISHEYE = 4
@@ -97,5 +97,10 @@ def with_lens(camera: Camera, model: str | None, dist: NDArray[np.float64]) -> C
             "four distortion numbers in a column, without a name: a fisheye's, as cv2.fisheye.calibrate gives them, or "
             "k1, k2, p1, p2 of a perspective camera? Add the line `distortion_model: equidistant` or "
             "`distortion_model: plumb_bob` to the calibration"
+        )
+    if name in MOST_NUMBERS and dist.ravel()[MOST_NUMBERS[name] :].any():
+        raise CaptureError(
+            f"{dist.size} distortion numbers, expected {MOST_NUMBERS[name]} at most of the model {model}; OpenCV's "
+            "models with more are rational_polynomial and thin_prism"
         )
     return replace(camera, dist=dist)

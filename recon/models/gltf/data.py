@@ -125,7 +125,7 @@ class GltfData:
         view = self.document["bufferViews"][accessor["bufferView"]]
         content, start = self.view(accessor["bufferView"]), accessor.get("byteOffset", 0)
         stride = view.get("byteStride") or kind.itemsize * width
-        if count < 1 or start + stride * (count - 1) + kind.itemsize * width > len(content):
+        if min(start, stride) < 0 or count < 1 or start + stride * (count - 1) + kind.itemsize * width > len(content):
             raise ValueError(f"its accessor {index} promises {count} values, more than its buffer holds")
         values = np.ndarray((count, width), kind, content, start, (stride, kind.itemsize))
         if accessor.get("normalized"):

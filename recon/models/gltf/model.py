@@ -34,8 +34,10 @@ BROKEN = (  # what reading raises where the document says something else than th
     UnicodeDecodeError,
     json.JSONDecodeError,
 )
+MOST_PARTS = 100_000  # each takes time, and a small file can name one mesh very often
 WRITE_SRGB = ("trimesh", "Open3D")  # programs, as `asset.generator` names them
 VertexColours = Literal["linear", "srgb"]
+QUATERNION_TOLERANCE = 0.01  # of its length
 WHITE = 0.998  # vertex colours above that leave a texture as it is
 
 
@@ -62,7 +64,11 @@ def read_gltf_model(path: Path, vertex_colours: VertexColours | None = None) -> 
         data = GltfData(json.loads(text), binary, contents)
         data.check()
         reader = _Reader(data, vertex_colours)
-        for node, world in reader.placed():
+        placed = reader.placed()
+        n_parts = sum(len(reader.mesh(node)["primitives"]) for node, _ in placed)
+        if n_parts > MOST_PARTS:
+            raise ValueError(f"it shows {n_parts} parts, expected at most {MOST_PARTS}; join those that repeat")
+        for node, world in placed:
             for primitive in reader.mesh(node)["primitives"]:
                 part = reader.part(primitive, node, world)
                 if part is not None:
@@ -272,7 +278,10 @@ def _transform(node: Mapping[str, Any]) -> NDArray[np.float64]:
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T  # column by column
     transform = np.eye(4)
-    rotation = Rotation.from_quat(node["rotation"]).as_matrix() if "rotation" in node else np.eye(3)
+    turn = np.array(node.get("rotation", [0.0, 0.0, 0.0, 1.0]), dtype=np.float64)
+    if not abs(float(np.linalg.norm(turn)) - 1) <= QUATERNION_TOLERANCE:
+        raise ValueError(f"the rotation of a node is {turn.tolist()}, expected a quaternion of the length 1")
+    rotation = Rotation.from_quat(turn).as_matrix()
     transform[:3, :3] = rotation * np.array(node.get("scale", [1.0] * 3), dtype=np.float64)
     transform[:3, 3] = node.get("translation", [0.0] * 3)
     return transform

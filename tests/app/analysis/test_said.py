@@ -385,3 +385,23 @@ def test_the_number_of_people_says_how_much_adaptive_pairs_cost() -> None:
     for people, share in ((22, "9 % of studies"), (64, "6 % of studies")):
         votes = votes_of(Truth(people=people, datasets=1))
         assert share in said(analyse(votes, AnalysisSettings(adaptive_pairs=True)), "limits")
+
+
+def test_what_simulations_find_cautious_or_bold_is_said_where_it_is_printed(analyses: Analysed) -> None:
+    _, few = analyses["no difference, few people"]
+    assert "2 to 5 % of studies without one" in said(few, "limits")
+    assert "10 points too high" in said(few, "ranks")
+    assert "cautious where conditions hardly differ" in said(few, "agreement")
+    assert "a cautious test with few datasets" in said(few, "told apart")
+    _, clear = analyses["clear, a clicker"]
+    assert "cautious for one" in said(clear, "difference")
+    for about in ("limits", "ranks", "agreement"):
+        assert "5 % of studies" not in said(clear, about)
+        assert "points too high" not in said(clear, about)
+        assert "hardly differ" not in said(clear, about)
+
+
+def test_intervals_with_lapse_rates_are_said_to_be_narrow_where_people_lie_far_apart() -> None:
+    for spread, is_said in ((0.3, False), (1.2, True)):
+        analysis = analyse(votes_of(Truth(CLEAR, spread=spread)), AnalysisSettings(lapses=True))
+        assert ("these intervals may be too narrow" in said(analysis, "lapses")) is is_said

@@ -249,8 +249,8 @@ def test_means_of_measures_are_told_with_three_digits_so_that_a_column_compares(
 @pytest.mark.parametrize(
     ("options", "takes"),
     [
-        ((), "5.8 h on two idle cores and 191 GB"),
-        (("--frames", "5", "--seconds", "5"), "57 min on two idle cores and 10 GB"),
+        ((), "5.8 h on two idle cores and 81 GB"),
+        (("--frames", "5", "--seconds", "5"), "57 min on two idle cores and 6 GB"),
     ],
 )
 def test_full_says_how_long_it_takes_and_how_much_room_and_waits_to_be_told(

@@ -142,6 +142,15 @@ def glb(n_points: int, length: int = 0) -> bytes:
     return b"glTF" + struct.pack("<II", 2, length or 12 + len(chunks)) + chunks
 
 
+def crowd(n: int) -> bytes:
+    """A glTF model in which so many nodes have a mesh of so many parts."""
+    document = json.loads(glb(3)[20:].partition(b"BIN\0")[0][:-4])
+    document["nodes"] *= n
+    document["scenes"] = [{"nodes": list(range(n))}]
+    document["meshes"][0]["primitives"] *= n
+    return json.dumps(document).encode()
+
+
 def runs(n: int = 2_000_000) -> bytes:
     """A Parquet file of so many equal numbers, which has a few kilobytes."""
     file = io.BytesIO()
@@ -162,6 +171,7 @@ BOMBS: dict[str, tuple[Callable[[Path], object], Callable[[], bytes], str]] = {
     "model.ply": (lambda path: read_model(path, AS_IT_IS), lambda: ply(10**9), "promises 1000000000 rows"),
     "count.glb": (lambda path: read_model(path, AS_IT_IS), lambda: glb(10**9), "promises 1000000000 values"),
     "length.glb": (lambda path: read_model(path, AS_IT_IS), lambda: glb(3, 2**31), "is cut off"),
+    "crowd.gltf": (lambda path: read_model(path, AS_IT_IS), lambda: crowd(400), "shows 160000 parts, expected at most"),
     "photo.png": (
         lambda path: write_picture(path, path.with_suffix(".jpg"), frame=0, width=240),
         lambda: png(100_000, 100_000),

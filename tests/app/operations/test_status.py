@@ -14,9 +14,10 @@ from pathlib import Path
 import pytest
 from sqlalchemy import text
 
+from app import main
 from app.main import running_server, serve
 from app.operations.extras import MODULES
-from app.operations.running import DEFAULT_URL, noted, running_url, url_for_links
+from app.operations.running import DEFAULT_URL, alone, noted, running_url, url_for_links
 from app.operations.status import server_status
 from app.operations.studies.manage import upgrade_database
 from app.settings import Settings
@@ -54,6 +55,13 @@ def test_a_folders_second_server_leaves_the_first_one_noted(tmp_path: Path) -> N
             assert running_url(settings) == second
         assert running_url(settings) == first
     assert not (settings.data_dir / "server.json").exists()
+
+
+def test_a_second_server_of_a_folder_with_sqlite_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(main, "create_app", lambda _settings: pytest.fail("it began to serve"))
+    settings = Settings(data_dir=tmp_path)
+    with alone(settings), pytest.raises(ValueError, match=f"serves {tmp_path} already; stop it"):
+        serve(settings, port=0)
 
 
 @pytest.mark.slow

@@ -40,7 +40,7 @@ def test_a_packed_mesh_comes_back_with_every_digit(tmp_path: Path) -> None:
 
 def test_a_packed_mesh_keeps_its_texture(tmp_path: Path) -> None:
     mesh, pixels = wave(), np.random.default_rng(1).integers(0, 256, (9, 7, 3), np.uint8)
-    texture = Texture(pixels, np.random.default_rng(2).uniform(0, 1, (len(mesh.vertices), 2)))
+    texture = Texture(pixels, np.random.default_rng(2).uniform(0, 1, (len(mesh.vertices), 2)).astype(np.float32))
     back = read_mesh(write_mesh(tmp_path / "a.parquet", replace(mesh, texture=texture))).texture
     assert back is not None
     assert np.array_equal(back.pixels, pixels)

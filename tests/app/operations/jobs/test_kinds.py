@@ -124,6 +124,7 @@ def test_no_text_becomes_an_option_or_a_path_outside(here: Settings, texts: dict
         "--no-temporal",
         "--pm",
         "--clouds",
+        "--meshes",
         "--fill",
         "--out",
     }

@@ -37,6 +37,7 @@ from tests.app.web.admin.dashboard_client import signed_in
 pytestmark = pytest.mark.slow
 
 SECRET = "I have never told anybody of the green lighthouse"
+INTERVIEW = "/api/v1/session/stages/interview"
 OPTIONS = {
     "optional_stages": ["interview"],
     "questions": [{"name": "secret", "kind": "text", "text": "Your secret?"}],
@@ -76,13 +77,18 @@ def client(server: str) -> Iterator[httpx.Client]:
 
 def take(client: httpx.Client, study: dict[str, Any], vote_body: VoteBody) -> dict[str, Any]:
     """Take a study to its end, with an answer to its question; the session as it began."""
+    session = votes(client, study, vote_body)
+    client.put(INTERVIEW, json={"data": {"answers": {"secret": SECRET}}}).raise_for_status()
+    return session
+
+
+def votes(client: httpx.Client, study: dict[str, Any], vote_body: VoteBody) -> dict[str, Any]:
+    """Take a study as far as its questions; the session as it began."""
     invitation = {"invitation": study["invitation"], "outside": {"PROLIFIC_PID": "5f2a9c0d"}}
     session: dict[str, Any] = client.post(f"/api/v1/studies/{study['slug']}/sessions", json=invitation).json()
     client.put("/api/v1/session/stages/introduction", json={}).raise_for_status()
     while (trial := next_trial(client, session["token"])) is not None:
         client.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial)).raise_for_status()
-    answers = {"data": {"answers": {"secret": SECRET}}}
-    client.put("/api/v1/session/stages/interview", json=answers).raise_for_status()
     return session
 
 
@@ -157,6 +163,17 @@ def test_who_erases_their_data_is_in_no_file_and_in_no_restored_backup(
     assert restored["erased_again"] == 1
     assert holds(settings, SECRET) == []
     assert (count(settings, "vote"), count(settings, "recruit")) == (0, 0)
+
+
+def test_an_answer_that_is_refused_is_in_no_log(
+    client: httpx.Client, study: dict[str, Any], vote_body: VoteBody, caplog: pytest.LogCaptureFixture
+) -> None:
+    votes(client, study, vote_body)
+    for answer in (SECRET * 500, [SECRET], {SECRET: SECRET}):
+        refused = client.put(INTERVIEW, json={"data": {"answers": {"secret": answer}}})
+        assert refused.status_code == 422
+    assert "refused: 422" in caplog.text
+    assert SECRET not in caplog.text
 
 
 @pytest.mark.browser

@@ -54,6 +54,23 @@ def test_pictures_that_show_different_things_could_not_be_checked(tmp_path: Path
     assert report.sensors[0].expected_error_mm is None
 
 
+def test_matches_that_do_not_agree_tell_nothing_about_exposures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    board = record_board(tmp_path / "board", n_sensors=1)
+    for frame in range(2):
+        path = str(image_path(board.folder, board.sensors[0].right.image, frame))
+        cv2.imwrite(path, cv2.imread(path) // 2)
+    rng = np.random.default_rng(0)
+    monkeypatch.setattr(
+        "recon.capture.checking.sensor.match_pictures",
+        lambda *_: Matches(*rng.uniform((0, 0), (159, 119), (2, 400, 2))),
+    )
+    warnings = check_capture(board.folder).warnings
+    assert any("S1: its calibration could not be checked, because only " in warning for warning in warnings)
+    assert not any("at matched points" in warning for warning in warnings)
+
+
 @pytest.mark.parametrize("swapped", [(2,), (0, 1, 3)])
 def test_shots_whose_pictures_are_swapped_are_named_and_the_sensor_is_judged_by_the_others(
     tmp_path: Path, swapped: tuple[int, ...]

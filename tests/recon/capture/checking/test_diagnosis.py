@@ -11,12 +11,20 @@ from hypothesis import strategies as st
 
 from recon.capture.checking.check import check_capture
 from recon.capture.checking.consistency import triangulated
-from recon.capture.checking.diagnosis import diagnose, would_lenses_show
+from recon.capture.checking.diagnosis import diagnose, small_correction, would_lenses_show
 from recon.capture.checking.matches import Matches, epipolar_errors
 from recon.capture.format import Capture, write_capture
 from recon.geometry.rig import Camera, Sensor, look_at, rigid
+from recon.studio.rigs import Field, arc_rig, distorted, disturbed
 
 SIZE = (1280, 720)
+FIELDS = (
+    Field((0.0, 930.0, 120.0), 1250.0, 2020.0),
+    Field((0.0, 870.0, 120.0), 1250.0, 1950.0),
+    Field((0.0, 910.0, 60.0), 1750.0, 2240.0),
+    Field((0.0, 910.0, 0.0), 1050.0, 1980.0),
+    Field((0.0, 1600.0, 10.0), 640.0, 620.0),
+)
 
 
 def camera(x: float) -> Camera:
@@ -111,6 +119,32 @@ def test_a_fifth_of_a_pixel_is_no_fault_where_the_likeliest_turn_hardly_moves_ro
     assert diagnose(told, seen) == ()
 
 
+@pytest.mark.parametrize("seed", [30, 152, 420])
+def test_what_a_good_calibration_is_off_by_is_not_taken_for_wrong_lenses(seed: int) -> None:
+    rng = np.random.default_rng((99, seed))
+    field = FIELDS[rng.integers(5)]
+    rig = distorted(arc_rig(field, n_sensors=2, size=(320, 240), rng=rng), rng.uniform(-0.2, 0.1), rng)
+    told = disturbed(rig, rng.uniform(0, 0.1), rng).sensors[0]
+    n = int(rng.integers(20, 300))
+    points = field.centre + rng.uniform(-1, 1, (n, 3)) * (0.3 * field.width, 0.45 * field.height, 150.0)
+    noise = rng.uniform(0.08, 0.25) / 1.41
+    places = []
+    for view in (rig.sensors[0].left, rig.sensors[0].right):
+        turn, shift = cv2.Rodrigues(view.rotation)[0], view.cam_from_world[:3, 3]
+        seen, _ = cv2.projectPoints(points, turn, shift, view.K, view.dist)
+        places.append(seen[:, 0] + rng.laplace(0, noise, (n, 2)))
+    assert diagnose(told, Matches(*places)) == ()
+
+
+def test_no_small_correction_is_offered_for_pictures_that_are_swapped() -> None:
+    left, right = (turned(each, 2, 1.0 * side) for each, side in ((SENSOR.left, -1), (SENSOR.right, 1)))
+    rng = np.random.default_rng(0)
+    points = rng.uniform((-900, -500, -1500), (900, 500, 700), (400, 3))
+    seen = Matches(*(view.project(points) + rng.normal(0, 0.1, (400, 2)) for view in (right, left)))
+    assert "swapped" in diagnose(Sensor("S1", left, right), seen)[0]
+    assert small_correction(Sensor("S1", left, right), seen) is None
+
+
 def test_too_few_matches_say_nothing() -> None:
     few = Matches(matches().left[:10], matches().right[:10])
     assert diagnose(BROKEN["swapped"][0](SENSOR), few) == ()
@@ -118,6 +152,8 @@ def test_too_few_matches_say_nothing() -> None:
 
 def test_whether_wrong_lenses_would_show_depends_on_how_far_they_move_rows() -> None:
     assert would_lenses_show(SENSOR, matches())
+    sides = (replace(each, dist=np.array([0.25, 0, 0, 0])) for each in (SENSOR.left, SENSOR.right))
+    assert not would_lenses_show(Sensor("S1", *sides), matches()), "another distortion fits better"
     far = Sensor("S1", *(replace(camera(x), K=camera(x).K * [[8, 1, 1], [1, 8, 1], [1, 1, 1]]) for x in (-20.0, 20.0)))
     rng = np.random.default_rng(0)
     points = rng.uniform((-100, -60, -100), (100, 60, 100), (400, 3))

@@ -55,6 +55,25 @@ def test_noise_makes_no_sensor_late_and_what_hardly_moves_says_nothing() -> None
     assert lag_between([]) is None
 
 
+def test_a_mask_that_is_wrong_in_a_single_frame_is_no_motion() -> None:
+    first = [0.9, *[0] * 7, 2.7, 0.9, 0.9, 0, 0.9, 0.9, 0, 0.9, 0, 0.9, 2.7, 0, 2.7, 9.6, 0, 0]  # feet, pixels
+    second = [-0.4, *[0.4] * 4, -0.5, -0.5, -0.4, -0.3, *[0.4] * 3, -0.5, 0.3, -0.4, -0.5, *[0.4] * 3, -0.4, -0.5]
+    still = (Tangents(PIXEL * np.repeat([[each]], 2, 1)[0].T, PIXEL) for each in (first, [*second, 0.4, -0.4, -0.4]))
+    assert lag_between([(next(still), next(still))]) is None
+
+
+@pytest.mark.parametrize(("n_frames", "late"), [(13, 0.0), (13, 1.25), (13, -2.0), (14, -3.0)])
+def test_thirteen_frames_are_enough_to_tell(n_frames: int, late: float) -> None:
+    first, second = (
+        [Tangents(each.angles[:n_frames], PIXEL) for each in (seen(by, seed), seen(by, seed + 1))]
+        for by, seed in ((0.0, 0), (late, 10))
+    )
+    found = lag_between(list(zip(first, second, strict=True)))
+    assert found is not None
+    assert found.is_late == (late != 0)
+    assert found.frames == pytest.approx(late, abs=0.2)
+
+
 def test_frames_that_the_pictures_edge_cuts_are_left_out() -> None:
     first, second = seen(0, 1), seen(1.5, 2)
     first.angles[5:9] = second.angles[20:25] = np.nan

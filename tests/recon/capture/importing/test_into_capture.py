@@ -6,10 +6,12 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from recon.capture.format import CaptureError, read_capture, read_frame, read_plates
+from recon.capture.importing.colmap import import_colmap
 from recon.capture.importing.into_capture import GapWarning
 from recon.capture.importing.json_file import import_json
 from recon.capture.importing.opencv import import_opencv, write_calibration
@@ -20,6 +22,7 @@ from tests.command_line import Command
 from tests.recon.capture.importing.labelled_recording import (
     OPTIONS,
     RIG,
+    colmap_model,
     described,
     from_opencv,
     record,
@@ -166,3 +169,27 @@ def test_cameras_whose_numbers_begin_apart_are_pointed_out(tmp_path: Path, is_pa
         )
     with pytest.warns(GapWarning, match=r"sensor S1, left begins with 0\.png, sensor S2, right with 1\.png"):
         assert import_json(path, tmp_path / "out", OPTIONS).n_frames == 4
+
+
+def test_pictures_of_another_size_than_their_calibrations_are_refused(tmp_path: Path) -> None:
+    record(tmp_path)
+    write_calibration(tmp_path / "calibration.yml", RIG)
+    for path in (tmp_path / "S2/right").iterdir():
+        cv2.imwrite(str(path), np.zeros((120, 160, 3), np.uint8))
+    with pytest.raises(
+        CaptureError, match=r"sensor S2, right: .*9\.png has 160x120 pixels, its calibration is for 320x24"
+    ):
+        import_opencv(tmp_path, tmp_path / "out", OPTIONS)
+
+
+def test_held_out_photographs_and_masks_of_another_size_are_refused(tmp_path: Path) -> None:
+    source = colmap_model(tmp_path / "source")
+    options = ImportOptions(unit_mm=1000.0)
+    for name in ("S1_left", "S1_right"):
+        (source / "masks").mkdir(exist_ok=True)
+        cv2.imwrite(str(source / f"masks/{name}.png"), np.zeros((120, 160), np.uint8))
+    with pytest.raises(CaptureError, match=r"S1_left\.png: a mask of 160x120, expected 320x240"):
+        import_colmap(source, tmp_path / "out", [(11, 12)], options)
+    cv2.imwrite(str(source / "images/S2_left.png"), np.zeros((120, 160, 3), np.uint8))
+    with pytest.raises(CaptureError, match=r"held out: .*S2_left\.png has 160x120 pixels"):
+        import_colmap(source, tmp_path / "out", [(11, 12)], options)

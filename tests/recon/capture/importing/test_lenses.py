@@ -188,6 +188,10 @@ def test_what_is_not_known_is_asked_or_refused_by_its_name(
 @pytest.mark.parametrize("n", [0, 4, 5, 8, 12, 14])
 def test_perspective_models_are_opencvs_numbers(model: str | None, n: int) -> None:
     dist = np.linspace(0.01, 0.02, n)[None]
+    if model in ("plumb_bob", "radtan") and n > 5:
+        with pytest.raises(CaptureError, match=f"{n} distortion numbers, expected 5 at most of the model {model}"):
+            with_lens(PINHOLE, model, dist)
+        dist[:, 5:] = 0  # as programs write that have places for more
     camera = with_lens(PINHOLE, model, dist)
     assert not isinstance(camera, FisheyeCamera)
     np.testing.assert_array_equal(camera.dist, dist[0])

@@ -258,6 +258,8 @@ WRONG_GLTF: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "node": (change("scenes", [{"nodes": [9]}]), "is not whole glTF"),
     "version": (change("asset", {"version": "1.0"}), "is not glTF of version 2"),
     "values": (lambda document: document["accessors"][0].update(count=99), "promises 99 values, more than"),
+    "before": (lambda document: document["accessors"][0].update(byteOffset=-4), "accessor 0 promises"),
+    "turn": (lambda document: document["nodes"][0].update(rotation=[0, 0, 0, 0]), r"rotation of a node is \[0\.0, 0"),
     "buffer": (lambda document: document["buffers"][0].update(byteLength=9999), "its buffer 0 is cut off"),
 }
 

@@ -16,7 +16,10 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from recon.capture.format import Capture, CaptureError, read_capture, read_frame
+from recon.capture.importing.calibrations.placed import Placed
+from recon.capture.importing.calibrations.robots import read_euroc, read_kalibr, read_ros
 from recon.capture.importing.formats import AUTO, FORMATS, find_format, import_recording
+from recon.capture.importing.lenses import FisheyeCamera
 from recon.capture.importing.sources import ImportOptions
 from recon.cli.commands.recordings import IMPORTED
 from recon.geometry.rig import Camera, look_at, rigid
@@ -576,6 +579,46 @@ def test_a_pair_of_kittis_stereo_benchmark_comes_with_its_truth(tmp_path: Path) 
     depth = np.load(tmp_path / "out/S1/depth/0000.npy")
     np.testing.assert_allclose(depth[100:120], 400 * 120 / 32, rtol=1e-6)
     assert np.isnan(depth[:100]).all()
+
+
+def with_fisheye(path: Path, lens: list[float]) -> None:
+    """Name the lenses of a file equidistant, wherever it has some."""
+
+    def changed(entry: object) -> object:
+        if not isinstance(entry, dict):
+            return entry
+        entry = {key: changed(value) for key, value in entry.items()}
+        if "distortion_model" in entry:
+            key = next(key for key in entry if key in ("distortion_coeffs", "distortion_coefficients", "d"))
+            numbers = matrix(np.array(lens), 1) if isinstance(entry[key], dict) else lens
+            entry |= {"distortion_model": "equidistant", key: numbers}
+        return entry
+
+    dump(path, changed(next(yaml.safe_load_all(path.read_text()))))
+
+
+@pytest.mark.parametrize(
+    ("read", "write"), [(read_ros, ros), (read_ros, ros_messages), (read_kalibr, kalibr), (read_euroc, euroc)]
+)
+def test_a_fisheye_of_robots_projects_as_opencvs_does(
+    tmp_path: Path, read: Callable[[Path, float], Placed], write: Callable[[Path], list[Camera]]
+) -> None:
+    lens = [-0.03, 0.012, -0.004, 0.001]
+    cameras = write(tmp_path)
+    for path in tmp_path.rglob("*.yaml"):
+        with_fisheye(path, lens)
+    views = list(read(tmp_path, 1000.0).views.values())
+    first = views[0].camera.cam_from_world
+    for view, camera, pose in zip(views, cameras, (np.eye(4), RELATIVE), strict=True):
+        assert isinstance(view.camera, FisheyeCamera)
+        shown = [
+            cv2.fisheye.projectPoints(AHEAD[:, None], cv2.Rodrigues(place[:3, :3])[0], place[:3, 3], K, np.array(dist))
+            for place, K, dist in (
+                (view.camera.cam_from_world @ np.linalg.inv(first), view.camera.K, view.camera.lens),
+                (pose, camera.K, lens),
+            )
+        ]
+        np.testing.assert_allclose(shown[0][0], shown[1][0], atol=1e-6)
 
 
 def test_a_fisheye_of_kalibr_is_undistorted(tmp_path: Path) -> None:
