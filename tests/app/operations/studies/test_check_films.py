@@ -11,9 +11,10 @@ import pytest
 from app.errors import UnavailableError
 from app.files import file_digest
 from app.films.pairs import FilmMaker, prepare_pairs
+from app.films.strips import MEDIA_TYPES
 from app.intake.stimuli import read_stimulus_set
 from app.operations.studies import check_films
-from app.operations.studies.check_films import H264_TYPE, check_study
+from app.operations.studies.check_films import check_study
 from app.operations.studies.create import create_study
 from app.operations.studies.play_films import PlayedFilm, find_browser, play_films
 from app.settings import Settings
@@ -27,7 +28,7 @@ HEIGHT = 2 * tiny_stimuli.HEIGHT + 16
 
 def film(path: Path, **changes: Any) -> PlayedFilm:
     facts = {"width": tiny_stimuli.WIDTH, "height": HEIGHT, "n_frames": tiny_stimuli.N_FRAMES, "fps": 25.0}
-    return PlayedFilm(path, "video", H264_TYPE, **(facts | changes))
+    return PlayedFilm(path, "video", MEDIA_TYPES["h264"], **(facts | changes))
 
 
 @pytest.fixture
