@@ -41,6 +41,7 @@ GAP = 14  # pixels between panels
 MARGIN = 26  # pixels on both sides, and for what stands over the end of an axis
 TICK = 9  # pixels between a label and its axis
 LEGEND_SYMBOL = 30  # pixels beside a legend's name
+LEGEND_GAP = 16  # pixels between two columns of a legend
 NARROWEST_PANEL = 110  # pixels
 MOST_FOR_LABELS = 0.5  # of the width
 NARROW, WIDE = "iljtfrI.,:;'|!()[] -", "mwMW@%"
@@ -92,8 +93,9 @@ def _legend(names: Sequence[str], width: int) -> alt.Legend | None:
     """Return a legend with as many columns as the longest name leaves room for; none for a single name."""
     if len(names) < 2:
         return None
-    longest = max(text_width(name) for name in names) + LEGEND_SYMBOL
-    return alt.Legend(symbolOpacity=1, orient="bottom", columns=max(1, int(width // longest)), labelLimit=width)
+    longest = max(text_width(name) for name in names) + LEGEND_SYMBOL + LEGEND_GAP
+    columns = max(1, int(width // longest))
+    return alt.Legend(symbolOpacity=1, orient="bottom", columns=columns, columnPadding=LEGEND_GAP, labelLimit=width)
 
 
 def dashed_line(side: Literal["x", "y"], value: float) -> Any:

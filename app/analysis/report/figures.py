@@ -71,6 +71,7 @@ def named_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tup
     preferences = "Votes for the row's condition against the column's; columns have the numbers of the rows."
     yield "preferences", preferences, preference_chart(analysis, width=width)
     yield "residuals", "Where the model and the votes differ.", residual_chart(analysis, width=width)
+    yield from rating_charts(analysis, width)
     yield "measures", "How well each measure predicts the scores.", ranking_chart(analysis, width)
     files = {measure: name for name, measure in names_by_file(analysis["measures"], "measure").items()}
     for measure in measures_by_rank(analysis["measures"]):
@@ -82,7 +83,6 @@ def named_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tup
         yield f"group_{name}", caption, groups_chart(analysis, grouping, width)
     yield "response_times", "Response times of each participant.", response_chart(analysis, width)
     yield "triads", "Circular triads of each participant over all datasets.", triads_chart(analysis, width)
-    yield from rating_charts(analysis, width)
 
 
 def _ends(rows: Sequence[Row]) -> str:
