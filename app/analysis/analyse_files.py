@@ -208,6 +208,7 @@ def analyse_ratings_file(
     width: int = FULL,
     measures: File | None = None,
     told: Told | None = None,
+    planned: int | None = None,
 ) -> dict[str, Any]:
     """Read ratings, analyse them, and write tables, figures and report to the folder `out`.
 
@@ -220,6 +221,7 @@ def analyse_ratings_file(
     width : of the figures, in pixels
     measures : CSV with objective measures, as in `analyse_file`, to be compared with the scores
     told : what was said of the file's columns and cells
+    planned : number of participants; results of fewer are called interim
 
     Returns
     -------
@@ -242,7 +244,10 @@ def analyse_ratings_file(
     table = table.without(exclude)
     if not len(table):
         raise VotesError(f"{path}: no rating is left after the exclusions")
-    empty = NO_VOTES | {"settings": {"exclude": list(exclude)}, "understood": understood}
+    empty = NO_VOTES | {
+        "settings": {"exclude": list(exclude), "planned_participants": planned},
+        "understood": understood,
+    }
     tables = analyse_ratings(table) if isinstance(table, RatingTable) else analyse_comparisons(table)
     analysis = with_tables(empty, tables)
     if measures is not None:

@@ -111,7 +111,9 @@ def analyse(asked: Analyse, *, as_json: bool) -> None:
         print_result({"understood": understood}, "\n".join(understood), as_json=as_json)
         return
     if rated:
-        analysis = analyse_ratings_file(rated, out, ends, asked.exclude or (), width=width, measures=asked.measures)
+        analysis = analyse_ratings_file(
+            rated, out, ends, asked.exclude or (), width=width, measures=asked.measures, planned=asked.planned
+        )
         scores = _rating_sentences(analysis)
     else:
         analysis = analyse_file(sources, out, settings, **beside_votes, ratings=asked.ratings, scale=ends, width=width)
@@ -126,7 +128,7 @@ SETTINGS_OF_ANALYSIS = {  # that are called so on the command line
 MOST_SCORES = 40  # lines of scores in the terminal
 MOST_NAMED = 8  # conditions that a dry run lists
 OPTIONS_OF_RATINGS = (
-    *("votes", "out", "measures", "scale", "exclude", "width", "dry_run"),
+    *("votes", "out", "measures", "scale", "exclude", "width", "dry_run", "planned"),
     *("columns", "choices", "layout", "encoding", "sheet"),
 )
 

@@ -50,9 +50,8 @@ FAR_APART = 0.04  # ratio of disagreement less 1, by votes of a person: 0.015 wi
 LAPSES = 0.2  # lapse rate from which on a sentence names somebody
 
 
-def interim_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
-    """Yield that results are no conclusions before the planned number of participants."""
-    n, planned = analysis["votes"]["participants"], analysis["settings"]["planned_participants"]
+def interim_findings(n: int | None, planned: int | None) -> Iterator[dict[str, str]]:
+    """Yield that results are no conclusions before the planned number of participants; either may be unknown."""
     if n is not None and planned is not None and n < planned:
         yield finding("interim", _interim(n, planned))
 

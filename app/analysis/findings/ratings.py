@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from app.analysis.findings.pairs import better_first
+from app.analysis.findings.people import interim_findings
 from app.analysis.findings.ranking import Condition, tested_ranking, untested_ranking
 from app.analysis.model.contrasts import FEWEST_PARTICIPANTS, MOST_ITEMS, SIGNIFICANT
 from app.analysis.reading.phrases import (
@@ -28,20 +29,23 @@ Row = Mapping[str, Any]
 MANY_AT_ENDS = 0.25  # share of ratings, from which on the scale's ends make people look unlike (docs/simulation.md)
 
 
-def rating_findings(tables: Mapping[str, Sequence[Row]]) -> list[dict[str, str]]:
+def rating_findings(tables: Mapping[str, Sequence[Row]], planned: int | None = None) -> list[dict[str, str]]:
     """Return what an analysis of ratings shows, of single films or of comparisons.
 
     Parameters
     ----------
     tables : the tables of `analyse_ratings` or `analyse_comparisons`
+    planned : number of participants; results of fewer are interim
 
     Returns
     -------
     list of dict, `about` and `text`
     """
+    models = [*tables.get("rating_model", ()), *tables.get("comparison_models", ())]
+    early = interim_findings(max((row["n_participants"] for row in models), default=None), planned)
     if tables.get("rating_conditions"):
-        return list(_opinions(tables))
-    return list(_comparisons(tables)) if tables.get("comparison_items") else []
+        return [*early, *_opinions(tables)]
+    return [*early, *_comparisons(tables)] if tables.get("comparison_items") else []
 
 
 def _opinions(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]]:

@@ -28,7 +28,7 @@ def vote_findings(analysis: Mapping[str, Any]) -> list[dict[str, str]]:
     if not overall(analysis["models"]):
         return [finding("ranking", "No vote counts, so nothing can be concluded.")]
     return [
-        *interim_findings(analysis),
+        *interim_findings(analysis["votes"]["participants"], analysis["settings"]["planned_participants"]),
         *ranking_findings(analysis),
         *limit_findings(analysis),
         *influence_findings(analysis),

@@ -33,11 +33,12 @@ def with_tables(analysis: Mapping[str, Any], tables: Mapping[str, list[dict[str,
     analysis : of votes, or `NO_VOTES`
     tables : of `analyse_ratings`, `align` or `analyse_comparisons`
     """
+    planned = analysis["settings"].get("planned_participants") if analysis["votes"] is None else None
     return {
         **analysis,
         **{name: rows for name, rows in tables.items() if name != "rating_warnings"},
         "warnings": [*analysis["warnings"], *(row["warning"] for row in tables["rating_warnings"])],
-        "findings": [*analysis["findings"], *rating_findings(tables)],
+        "findings": [*analysis["findings"], *rating_findings(tables, planned)],
     }
 
 

@@ -281,9 +281,9 @@ TRIADS: Columns = {
 OBSERVERS: Columns = {
     "participant": PARTICIPANT,
     "flags": Column("what is unusual about the votes; a reason to look, not to exclude", ["unusually many ties"]),
+    "remarks": Column("what else is unusual; among honest people, too, somebody nearly always is"),
 }
 OBSERVERS_OF_PAIRS: Columns = {
-    "remarks": Column("what else is unusual; among honest people, too, somebody nearly always is"),
     "careless_log_ratio": Column("natural logarithm of the likelihood ratio, careless to honest answers", -4.1),
     "careless_false_alarms": Column("how many of so many honest people would be expected to look as careless", 0.4),
     "careless_evidence": Column("what speaks for careless answers, in words"),

@@ -257,7 +257,8 @@ def _analysed_ratings(votes: VotesTable, rating: NDArray[np.float64], inputs: In
         reference = options.reference if options.protocol in WITH_REFERENCE else ""
         scale = (options.grades.low, options.grades.high)
         table = rating_table(counted, ratings, options.protocol, scale, reference)
-        settings = {"protocol": options.protocol, "scale": options.scale}
+        planned = inputs.settings["planned_participants"]
+        settings = {"protocol": options.protocol, "scale": options.scale, "planned_participants": planned}
         tables = analyse_ratings(table)
         tables["raters"] = with_films(tables["raters"], counted)
         rated = with_tables(NO_VOTES | {"settings": settings}, tables)

@@ -215,6 +215,13 @@ def test_the_contrary_participant_is_named_and_still_counts(write: Write, tmp_pa
     assert all(row["n"] == 8 for row in analysis["rating_items"])
 
 
+def test_ratings_of_fewer_people_than_planned_are_interim(write: Write, tmp_path: Path) -> None:
+    early = analyse_ratings_file(write(*panel()), tmp_path / "early", planned=22)
+    assert early["findings"][0]["text"].startswith("Interim: 8 of 22 planned participants. Do not conclude")
+    enough = analyse_ratings_file(write(*panel()), tmp_path / "enough", planned=8)
+    assert all(found["about"] != "interim" for found in enough["findings"])
+
+
 @pytest.mark.slow
 def test_who_is_excluded_does_not_count(write: Write, tmp_path: Path) -> None:
     path = write(*panel())
