@@ -132,4 +132,5 @@ def came_out_sentence(put_in: Mapping[str, float], scores: Mapping[str, float]) 
 
 
 def _best_first(values: Mapping[str, float]) -> str:
-    return ", ".join(f"{item} {value:+.2f}" for item, value in sorted(values.items(), key=lambda pair: -pair[1]))
+    form = "+.2f" if min(values.values(), default=0.0) < 0 else ".2f"  # mean ratings are no differences
+    return ", ".join(f"{item} {value:{form}}" for item, value in sorted(values.items(), key=lambda pair: -pair[1]))
