@@ -119,6 +119,8 @@ def fault_of(detail: Mapping[str, Any], place: Place, within: Taken, content: An
 
 
 def shown(value: Any) -> str:
-    """Return a value as a refusal shows it."""
+    """Return a value as a refusal shows it; of bytes, which may be anything, only how many they are."""
+    if isinstance(value, bytes):
+        return f"{len(value)} bytes"
     text = repr(value)
     return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}…"

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, ValidationError
 from typing_extensions import TypedDict
 
 from ground.fields import Expected, plain
-from ground.file_models import FilePart, WholeFile, faults_of, without
+from ground.file_models import FilePart, WholeFile, faults_of, shown, without
 
 
 def even(number: int) -> int:
@@ -87,6 +87,11 @@ class Box(TypedDict):
 )
 def test_what_is_expected_is_told_of_every_type(kind: Any, place: list[str | int], words: str) -> None:
     assert plain(kind).at(place).words == words
+
+
+def test_bytes_are_not_shown_to_who_sent_them() -> None:
+    assert shown(b"--boundary\x00") == "11 bytes"
+    assert shown("text") == "'text'"
 
 
 def test_a_file_may_name_its_schema() -> None:

@@ -7,6 +7,7 @@ after Levenberg and Marquardt, the boards' unknowns eliminated first, since each
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import cv2
@@ -71,13 +72,14 @@ def adjusted(
             system.add(sighting, cameras[sighting.camera], boards[sighting.board])
         while damping < LARGEST_DAMPING:
             camera_steps, board_steps = system.solved(damping)
-            moved = (
-                {name: _moved_camera(camera, camera_steps[name]) for name, camera in cameras.items()},
-                {name: _turned_board(pose, board_steps[name]) for name, pose in boards.items()},
-            )
-            moved_cost = _cost(sightings, *moved)
-            if moved_cost <= cost:
-                break
+            with suppress(ValueError):  # a step to a lens that no camera has is too long
+                moved = (
+                    {name: _moved_camera(camera, camera_steps[name]) for name, camera in cameras.items()},
+                    {name: _turned_board(pose, board_steps[name]) for name, pose in boards.items()},
+                )
+                moved_cost = _cost(sightings, *moved)
+                if moved_cost <= cost:
+                    break
             damping *= CHANGE
         else:
             break  # no step makes it better: the minimum, to rounding

@@ -95,7 +95,10 @@ def test_a_job_is_started_watched_cancelled_and_resumed(server: str, here: Setti
         made.rmdir()
         again = re.search(r'href="(/admin/work/new/[^"]+)"', failed)
         assert again
-        assert again[1] == f"{FORM}?films=mine&amp;conform=no&amp;practice=box&amp;then=nothing&amp;study_preset=quick"
+        asked = (
+            "films=mine&amp;conform=no&amp;untagged_range=ask&amp;practice=box&amp;then=nothing&amp;study_preset=quick"
+        )
+        assert again[1] == f"{FORM}?{asked}"
         assert eva.get("/admin/work/unknown").status_code == 404
         log = eva.get("/admin/audit").text
         assert all(action in log for action in ("job queued", "job cancelled", "job queued again"))
