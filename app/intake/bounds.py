@@ -24,7 +24,7 @@ from app.errors import TooLargeError
 
 MOST_MB = 1024  # what a reader may take besides the program; a JSON of app.files.LARGEST_JSON takes 350 MB
 LONGEST_S = 900  # of computing; an upload of 64 GB unpacks in half of that
-MOST_TYPED_MB, LONGEST_TYPED_S = 256, 10  # of what comes in a form, which is small
+MOST_TYPED_MB, LONGEST_TYPED_S = 256, 3  # of what comes in a form: the longest study file takes a tenth of a second
 READERS = (
     "app.study.options.study_file",
     "app.intake.arrivals",

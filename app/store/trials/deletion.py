@@ -14,6 +14,8 @@ from app.store.database.schema import metadata
 from app.store.database.tables import (
     assignment,
     audit_entry,
+    comment_tag,
+    comment_tagging,
     exclusion,
     invitation,
     participant,
@@ -37,8 +39,8 @@ KEPT_AT_ERASURE = (participant, session, assignment, trial, exclusion)
 def erase(connection: Connection, person: Person, now: datetime) -> None:
     """Delete a participant's votes, answers and screening for good. Label and slot stay, so that orders balance.
 
-    That they were excluded stays too, without the reason, which may tell of the person. The label of an invitation
-    that let in this participant alone may name them, and goes.
+    That they were excluded stays too, without the reason, which may tell of the person. So may the label of an
+    invitation that let in this participant alone, and a tag that only their comments bore: both go.
 
     Raises
     ------
@@ -50,7 +52,7 @@ def erase(connection: Connection, person: Person, now: datetime) -> None:
     if not connection.execute(update(participant).where(*this).values(erased_at=now)).rowcount:
         raise ConflictError(f"{person.label} was erased before.")
     withdraw_participant(connection, person, now)
-    _delete_given(connection, [person.id], KEPT_AT_ERASURE)
+    _delete_words_of(connection, [person.id], KEPT_AT_ERASURE)
     _end_access(connection, [person.id])
     _take_reasons(connection, [person.id])
     sessions = select(session.c.id).where(session.c.participant_id == person.id)
@@ -83,7 +85,7 @@ def forget_people(connection: Connection, study_id: int, now: datetime) -> None:
     now : the time
     """
     people = select(participant.c.id).where(participant.c.study_id == study_id)
-    _delete_given(connection, people, (*KEPT_AT_ERASURE, vote))
+    _delete_words_of(connection, people, (*KEPT_AT_ERASURE, vote))
     _end_access(connection, people)
     _take_reasons(connection, people)
     is_open = (session.c.participant_id.in_(people), session.c.stage.not_in(ENDS))
@@ -126,6 +128,17 @@ def _delete_given(connection: Connection, people: People, kept: Collection[Any] 
     for table in reversed(metadata.sorted_tables):
         if table not in kept and (belongs := rows_of_people(table, people)) is not None:
             connection.execute(delete(table).where(belongs))
+
+
+def _delete_words_of(connection: Connection, people: People, kept: Collection[Any]) -> None:
+    """Delete what participants gave, and the tags that no comment of others bears."""
+    theirs = select(session.c.id).where(session.c.participant_id.in_(people))
+    tags = set(
+        connection.scalars(select(comment_tagging.c.comment_tag_id).where(comment_tagging.c.session_id.in_(theirs)))
+    )
+    _delete_given(connection, people, kept)
+    borne = select(comment_tagging.c.comment_tag_id)
+    connection.execute(delete(comment_tag).where(comment_tag.c.id.in_(tags), comment_tag.c.id.not_in(borne)))
 
 
 def _take_reasons(connection: Connection, people: People) -> None:

@@ -22,7 +22,7 @@ from app.store.database.tables import (
     study,
     trial_comment,
 )
-from app.store.participants.comments import keep_trial_comment
+from app.store.participants.comments import CommentPlace, keep_trial_comment, tag_comment, tag_names
 from app.store.participants.participants import everything_of, participant_labelled
 from app.store.studies.studies import set_standing
 from app.store.trials.deletion import delete_study, erase, forget_people, studies_to_forget
@@ -54,6 +54,20 @@ def test_a_note_that_is_being_written_goes_with_the_person_who_is_erased(databas
         keep_trial_comment(connection, 1, trial_id, "Ada sighed.", "Eva", NOW)
     with pytest.raises(ConflictError, match="P001 was erased before"):
         erase_them()
+
+
+def test_a_tag_goes_with_the_last_person_whose_comments_bear_it(database: Database) -> None:
+    voters = seed_voters(database, 2, 2)
+    with database.writing() as connection:
+        for label, voter, tags in zip(("P001", "P002"), voters, (("shared", "of one"), ("shared",)), strict=True):
+            (trial_id, _), *_ = voter.trials
+            keep_trial_comment(connection, 1, trial_id, "Ada sighed.", "Eva", NOW)
+            for tag in tags:
+                tag_comment(connection, 1, CommentPlace(label, "trial", trial_id), tag, "Eva", NOW)
+        erase(connection, participant_labelled(connection, 1, "P001"), NOW)
+        assert tag_names(connection, 1) == ["shared"]
+        forget_people(connection, 1, NOW)
+        assert tag_names(connection, 1) == []
 
 
 def test_what_leads_to_a_person_is_deleted_and_votes_stay(database: Database) -> None:

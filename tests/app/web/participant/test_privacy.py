@@ -82,12 +82,14 @@ def take(client: httpx.Client, study: dict[str, Any], vote_body: VoteBody) -> di
     return session
 
 
-def votes(client: httpx.Client, study: dict[str, Any], vote_body: VoteBody) -> dict[str, Any]:
-    """Take a study as far as its questions; the session as it began."""
+def votes(client: httpx.Client, study: dict[str, Any], vote_body: VoteBody, why: str = "") -> dict[str, Any]:
+    """Take a study as far as its questions, though films may fail; the session as it began."""
     invitation = {"invitation": study["invitation"], "outside": {"PROLIFIC_PID": "5f2a9c0d"}}
     session: dict[str, Any] = client.post(f"/api/v1/studies/{study['slug']}/sessions", json=invitation).json()
     client.put("/api/v1/session/stages/introduction", json={}).raise_for_status()
     while (trial := next_trial(client, session["token"])) is not None:
+        if why:
+            client.put(f"/api/v1/session/trials/{trial['trial']}/trouble", json={"why": why}).raise_for_status()
         client.put(f"/api/v1/session/trials/{trial['trial']}/vote", json=vote_body(trial)).raise_for_status()
     return session
 
@@ -102,6 +104,12 @@ def write_of(server: str, settings: Settings, study: dict[str, Any], label: str)
             f"{base}/participants/{label}/exclude": {"reason": SECRET},
             f"{base}/participants/{label}/include": {},
             f"{base}/votes/{trial}/comment": {"comment": SECRET},
+            f"{base}/participants/comments/tag": {
+                "participant": label,
+                "source": "written",
+                "subject": "secret",
+                "tag": SECRET,
+            },
         }
         for address, fields in written.items():
             writer.act(address, **fields).raise_for_status()
@@ -146,9 +154,15 @@ def test_a_participant_takes_along_what_they_gave_without_names_of_methods(
 
 
 def test_who_erases_their_data_is_in_no_file_and_in_no_restored_backup(
-    client: httpx.Client, settings: Settings, study: dict[str, Any], vote_body: VoteBody, tmp_path: Path
+    client: httpx.Client,
+    settings: Settings,
+    study: dict[str, Any],
+    vote_body: VoteBody,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
-    session = take(client, study, vote_body)
+    session = votes(client, study, vote_body, why=SECRET)
+    client.put(INTERVIEW, json={"data": {"answers": {"secret": SECRET}}}).raise_for_status()
     write_of(str(client.base_url), settings, study, "P001")
     back_up(settings, tmp_path / "before.zip")
     assert holds(settings, SECRET)
@@ -157,6 +171,8 @@ def test_who_erases_their_data_is_in_no_file_and_in_no_restored_backup(
     assert client.get("/api/v1/session").status_code == 401
     assert client.post("/api/v1/session/resume", json={"resume_code": session["resume_code"]}).status_code == 404
     assert holds(settings, SECRET) == holds(settings, "5f2a9c0d") == []
+    assert "was not shown" in caplog.text
+    assert SECRET not in caplog.text
     assert SECRET not in (settings.data_dir / LIST).read_text()
     assert (settings.data_dir / LIST).stat().st_mode & 0o777 == 0o600
     restored = restore(settings, tmp_path / "before.zip", replace=True)
