@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -60,6 +61,21 @@ def test_a_study_is_taken_by_taps_alone(new_study: NewStudy, short_films: Path, 
         phone.locator("#trial .next").tap()
     visitor.sees("thanks")
     assert [len(trial["viewing"]["switches"]) for trial in study.read("trials")] == [1, 1, 1]
+
+
+def test_no_page_of_the_eye_tests_tells_a_finger_of_keys(new_study: NewStudy, short_films: Path, phone: Page) -> None:
+    screening = {"tests": ["acuity", "colour"], "distance": "blind spot"}
+    study = new_study(short_films, 0.4, parse_options({"optional_stages": ["screening"], "screening": screening}))
+    Visitor(phone).begin(study)
+    Visitor(phone).sees("screening")
+    text = phone.evaluate(
+        "[...document.querySelectorAll('[data-view]')].map((one) => { one.hidden = false; return one.innerText; })"
+    )
+    said = " ".join(text)
+    assert "Tap the arrow that points to the gap" in said
+    assert "Tap anywhere on the screen" in said
+    named = re.findall(r"[^.]*\b(?:keys?|keyboard|space bar|mouse)\b[^.]*", said, re.IGNORECASE)
+    assert [sentence for sentence in named if "on a keyboard" not in sentence] == []
 
 
 def test_the_papers_preset_tells_a_telephone_first_that_it_needs_a_computer(

@@ -115,11 +115,10 @@ def compared(first: Sensor, second: Sensor, shared: Sequence[Shared], tolerance_
     Parameters
     ----------
     first, second : the sensors
-    shared : points that both see
+    shared : points that both see, of several frames, as `fitting` selects them
     tolerance_mm : how far apart two sensors may see the same point
     """
-    right_ones = [fitting(first, second, points) for points in shared]
-    in_first, in_second = (joined([getattr(each, side) for each in right_ones]) for side in ("first", "second"))
+    in_first, in_second = joined([each.first for each in shared]), joined([each.second for each in shared])
     if len(in_first) < MIN_AGREEING:
         return None
     points = triangulated(first, in_first), triangulated(second, in_second)

@@ -152,9 +152,8 @@ def small_correction(sensor: Sensor, matches: Matches) -> Correction | None:
     sensor : as its calibration says
     matches : that agree on some geometry of two cameras
     """
-    if len(matches) < MIN_MATCHES or _median(epipolar_errors(sensor, matches)) < MIN_ERROR_PX:
+    if len(matches) < MIN_MATCHES or (before := _median(epipolar_errors(sensor, matches))) < MIN_ERROR_PX:
         return None
-    before = _median(epipolar_errors(sensor, matches))
     unknown, after = _fit(lambda change: _small_change(sensor, change), 3, matches, largest_px=0)
     if after > min(MIN_GAIN * before, OFF_PX):  # more is another fault, such as pictures that are swapped
         return None
