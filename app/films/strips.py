@@ -97,8 +97,12 @@ def make_film(strips: Strips, path: Path) -> None:
             check_strip(temporary, number, strip, source, strips.name, least_db=least_db)
 
 
-def encode(content: Strips, out: Path, *, most_frames: int | None = None) -> None:
-    """Encode a film, or only its first frames; `make_film` checks it, too.
+def encode(content: Strips, out: Path, *, part: tuple[float, int] | None = None) -> None:
+    """Encode a film; `make_film` checks it, too.
+
+    Parameters
+    ----------
+    part : only this: where it begins, in s, and how many frames it has
 
     Raises
     ------
@@ -111,9 +115,9 @@ def encode(content: Strips, out: Path, *, most_frames: int | None = None) -> Non
     names = "".join(f"[strip{number}]" for number in range(n))
     stack = f"vstack=inputs={n}:shortest=1," if n > 1 else ""
     graph = "".join(strips) + f"{names}{stack}zscale=f=bicubic,format=yuv420p[film]"
-    inputs = [part for source in content.sources for part in reading(source)]
+    seek, most = ([], []) if part is None else (["-ss", f"{part[0]:.3f}"], ["-frames:v", str(part[1])])
+    inputs = [argument for source in content.sources for argument in (*seek, *reading(source))]
     filtering = ["-filter_complex", graph, "-map", "[film]", "-fps_mode", "passthrough"]
-    most = [] if most_frames is None else ["-frames:v", str(most_frames)]
     encoding = [*most, *ENCODERS[content.codec].split(), *CONTAINER.split(), "-f", "mp4"]
     run_ffmpeg(
         ["-xerror", *inputs, *filtering, *encoding, "-y", str(out)],

@@ -1,6 +1,6 @@
 """Say beforehand what a study will be: its pairs and trials, the films to make, their time and size, minutes a person.
 
-How long an encoder takes here, and what it makes of such films, is measured on the beginning of two of them.
+How long an encoder takes here, and what it makes of such films, is measured in the middle of films of some scenes.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
+
+import numpy as np
 
 from app.errors import StimuliError
 from app.ffmpeg import WORKERS
@@ -33,7 +35,8 @@ from app.study.stages import PRACTICE
 from app.study.trial.trial import PlannedPair
 
 SAMPLED_FRAMES, FEWEST_SAMPLED = 25, 8  # of a film: enough for an encoder to predict from
-SAMPLED_PIXELS = 25e6  # which take some seconds
+SAMPLED_SCENES = 3  # scenes differ more than films of one do
+SAMPLED_PIXELS = 25e6 / SAMPLED_SCENES  # which take some seconds together
 MOST_PAIR_FILMS = 1000  # pairs; of full-HD films of 10 s their films take two cores half a day
 SINGLE_FILMS: Mapping[str, Any] = {"pair_films": "decoded", "lighter_films": False, "second_codec": ""}  # far fewer
 PAIR_FILMS: Mapping[str, Any] = {"pair_films": "made"}  # which every browser plays
@@ -87,14 +90,15 @@ def forecast(
     plan = _order_plan(compared, pairs, options)
     shown = adaptive_pairs(pairs, {}, options.adaptive_pairs, 0, 0) if options.adaptive_pairs else pairs
     n_trials = plan.most_trials(shown)
-    practised = compared.of_dataset(compared.datasets[0])[:2]
+    sampled = [compared.of_dataset(dataset)[:2] for dataset in _spread(compared.datasets)]
+    practised = sampled[0]
     n_practised = options.n_practice if PRACTICE in options.way else 0
     codecs = (H264, *filter(None, [options.second_codec]), *([LIGHTER] if options.lighter_films else []))
     codecs = codecs if options.has_pair_films else ()
     files = [(film, codec) for film in (*films, *[practised] * n_practised) for codec in codecs]
     if options.has_single_films:
         files += [((stimulus,), SINGLE) for stimulus in compared.stimuli]
-    costs = {codec: _cost(compared, tuple(practised), codec) for codec in {codec for _, codec in files}}
+    costs = {codec: _cost(compared, sampled, codec) for codec in {codec for _, codec in files}}
     return Forecast(
         n_pairs=sum(not pair.is_identical for pair in pairs),
         n_trials=n_trials,
@@ -159,10 +163,19 @@ def _pixels(film: Sequence[Stimulus]) -> int:
     return first.width * (n * first.height + (n - 1) * GUARD_ROWS) * first.n_frames
 
 
-def _cost(compared: StimulusSet, stimuli: Sequence[Stimulus], codec: str) -> tuple[float, float]:
-    """Return the bytes and the seconds that a pixel takes in a codec, by the beginning of these films."""
-    names = tuple(stimulus.name for stimulus in stimuli[: 1 if codec == SINGLE else None])
-    return _measured(compared.folder, compared.sha256, names, codec)
+def _spread(datasets: Sequence[str]) -> list[str]:
+    """Return some datasets: the first, the last and between them."""
+    places = np.linspace(0, len(datasets) - 1, min(len(datasets), SAMPLED_SCENES))
+    return [datasets[round(place)] for place in places]
+
+
+def _cost(compared: StimulusSet, sampled: Sequence[Sequence[Stimulus]], codec: str) -> tuple[float, float]:
+    """Return the bytes and the seconds that a pixel takes in a codec, on average of films with these stimuli."""
+    n_shown = 1 if codec == SINGLE else None
+    names = [tuple(stimulus.name for stimulus in shown[:n_shown]) for shown in sampled]
+    costs = [_measured(compared.folder, compared.sha256, shown, codec) for shown in names]
+    n_bytes, seconds = np.mean(costs, axis=0)
+    return float(n_bytes), float(seconds)
 
 
 @lru_cache(maxsize=256)
@@ -177,7 +190,7 @@ def _measured(folder: Path, _sha256: str, names: Sequence[str], codec: str) -> t
     with TemporaryDirectory() as work:
         out, begun_s = Path(work) / "sample.mp4", perf_counter()
         try:
-            encode(strips, out, most_frames=n_sampled)
+            encode(strips, out, part=((n_frames - n_sampled) / 2 / shown[0].fps, n_sampled))
         except StimuliError:  # every film is checked when it is made, and refused then in words
             return float("nan"), float("nan")
         n_pixels = _pixels(shown) * n_sampled / n_frames
