@@ -49,7 +49,7 @@ class ReconstructOptions:
     meshes : `PLAIN`, as PLY and GLB, or `PACKED`: all but those of the first and the middle frame as Parquet
     balance_colours : whether to make the sensors' colours agree, as estimated from what several of them saw
     agreement : whether the sensors' points are held against each other before they are fused
-    steady : how many frames before lend a surface what they saw of places that are as they were
+    steady : with how many frames before and after the rims of surfaces with photographs are averaged
     outlines : whether the surfaces' outlines follow the masks, where the capture has masks
     fill_px : how far surfaces are continued where a mask shows the object and nothing was measured, pixels of the
         photographs; 0 for not at all, as without outlines
@@ -72,7 +72,7 @@ class ReconstructOptions:
     meshes: str = PLAIN
     balance_colours: bool = False
     agreement: bool = True
-    steady: int = 0
+    steady: int = 2
     outlines: bool = True
     fill_px: int = 16
     workers: int = 1
@@ -181,10 +181,11 @@ class Job:
         """Return how the disparity maps of a depth method are filtered in time; None for not at all."""
         return self.options.methods.temporal_of(method, self.options.temporal)
 
-    def frames_before(self, method: str, frame: int) -> list[int]:
-        """List the frames that lend a frame's surfaces what is still true, the latest first."""
-        earlier = [frame - back for back in range(1, self.options.steady + 1)]
-        return [other for other in earlier if other in self.frames_of(method)]
+    def frames_beside(self, method: str, frame: int) -> list[int]:
+        """List the frames around a frame with whose rims its own are averaged: as many before it as after it."""
+        frames = self.frames_of(method)
+        steps = range(1, self.options.steady + 1)
+        return [frame + way * step for step in steps if {frame - step, frame + step} <= {*frames} for way in (-1, 1)]
 
     @property
     def kept_frames(self) -> Sequence[int]:

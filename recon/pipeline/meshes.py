@@ -9,15 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from recon.capture.format import mask_pictures, read_frame
-from recon.capture.rectify import Rectification, rectify_left
+from recon.capture.format import mask_pictures
+from recon.capture.rectify import Rectification
 from recon.cloud import merge_clouds
 from recon.fusion import view_of_cloud
 from recon.fusion.agreement import agreed
 from recon.fusion.filling import fill_holes
-from recon.fusion.steadying import changes_since, still_true
 from recon.geometry.mesh import Cloud, Mesh
 from recon.geometry.mesh_files import write_mesh
 from recon.methods.approaches import Approach
@@ -107,9 +105,8 @@ def _make_mesh(job: Job, approach: Approach, frame: int, prepared: Callable[[], 
         "fusion": fusion_key(fusion, surface),
         "outlines": _outlines_key(job, approach.depth, frame) if options.outlines else None,
         "agreement": options.agreement,
-        "before": _before_key(job, approach.depth, frame),
         "filled": _filled_key(job, approach.depth, frame) if options.fill_px else None,
-        "code": code_version("surface", "fusion", "geometry", "depth/matching/guide.py"),
+        "code": code_version("surface", "fusion", "geometry"),
     }
     folder = fusion_folder(str(approach), frame)
 
@@ -143,8 +140,6 @@ def _prepared(job: Job, method: str, frame: int) -> Prepared:
     (clouds, warnings), filled = clouds_of(job, method, frame), []
     if options.agreement:
         clouds = agreed(clouds, [view.left for view in _rectifications(job, method, frame)])
-    if job.frames_before(method, frame):
-        clouds = _steadied(job, method, frame, clouds)
     if options.fill_px:
         for stream in job.capture.sensors_for(method):
             photographs = read_photographs(job.capture, stream, frame)
@@ -160,22 +155,6 @@ def _prepared(job: Job, method: str, frame: int) -> Prepared:
     voxel = job.surface(method).voxel_mm
     assert voxel is not None
     return Prepared(clouds, filled, sights, voxel, job.step_mm, reasons, warnings)
-
-
-def _steadied(job: Job, method: str, frame: int, clouds: list[Cloud]) -> list[Cloud]:
-    """Add to what the sensors measured what is still true of the frames before."""
-    rectifications = _rectifications(job, method, frame)
-    cameras = [view.left for view in rectifications]
-
-    def pictures(when: int) -> list[NDArray[np.uint8]]:
-        return [rectify_left(view, read_frame(job.capture, view.sensor_id, when)[0]) for view in rectifications]
-
-    now, joined = pictures(frame), clouds
-    for earlier in job.frames_before(method, frame):
-        changes = list(map(changes_since, pictures(earlier), now))
-        lent = still_true(clouds_of(job, method, earlier)[0], clouds, changes, cameras)
-        joined = [_merged(cloud, more) for cloud, more in zip(lent, joined, strict=True)]
-    return joined
 
 
 def _merged(measured: Cloud, filled: Cloud) -> Cloud:
@@ -211,21 +190,6 @@ def _outlines_key(job: Job, method: str, frame: int) -> dict[str, Any]:
 def _clouds_key(job: Job, method: str, frame: int) -> list[str]:
     """Describe the clouds of all sensors by what they are made of, since few of them stay on disk."""
     return [key_of(cloud_key(job, view)) for view in job.views(method, frame)]
-
-
-def _before_key(job: Job, method: str, frame: int) -> list[dict[str, Any]]:
-    """Describe what the frames before lend, and the pictures that tell whether it is still true."""
-    frames = job.frames_before(method, frame)
-    return [
-        {
-            "clouds": _clouds_key(job, method, each),
-            "pictures": [
-                files_key(job.capture, View(method, stream.id, each), (stream.left,), ())
-                for stream in job.capture.sensors_for(method)
-            ],
-        }
-        for each in ([frame, *frames] if frames else [])
-    ]
 
 
 def _filled_key(job: Job, method: str, frame: int) -> dict[str, Any]:

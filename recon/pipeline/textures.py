@@ -19,6 +19,7 @@ from recon.runtime.artefacts import code_version
 from recon.runtime.files import read_json, write_json
 from recon.surface.exposures import Exposure, compare_exposures, exposed
 from recon.surface.photographs import Photograph, read_photographs
+from recon.surface.steadying import steady_rims
 from recon.surface.texturing import textured
 
 TOLERANCE_STEPS = 3  # a step is a third of the depth of a pixel of disparity
@@ -64,9 +65,12 @@ def make_textures(job: Job, approaches: Sequence[Approach], frame: int) -> list[
 
 
 def _make_textured(job: Job, approach: Approach, frame: int, photographs: Callable[[], list[Photograph]]) -> list[str]:
-    surface = job.mesh_name(replace(approach, colour=VERTICES), frame)
+    uncoloured = replace(approach, colour=VERTICES)
+    surface = job.mesh_name(uncoloured, frame)
+    beside = [job.mesh_name(uncoloured, other) for other in job.frames_beside(approach.depth, frame)]
     key = {
         "mesh": job.artefacts.digest(surface),
+        "beside": [job.artefacts.digest(each) for each in beside],
         "exposures": job.artefacts.digest(EXPOSURES_NAME),
         "pictures": _all_pictures_key(job, frame),
         "tolerance_mm": _tolerance(job),
@@ -74,7 +78,10 @@ def _make_textured(job: Job, approach: Approach, frame: int, photographs: Callab
     }
 
     def write(path: Path) -> None:
-        write_mesh(path, textured(read_mesh(job.artefacts.path(surface)), photographs(), _tolerance(job)))
+        mesh, *others = (read_mesh(job.artefacts.path(each)) for each in (surface, *beside))
+        voxel = job.surface(approach.depth).voxel_mm
+        assert voxel is not None
+        write_mesh(path, textured(steady_rims(mesh, others, voxel), photographs(), _tolerance(job)))
 
     return job.make_mesh(approach, frame, key, write)
 

@@ -132,11 +132,11 @@ class Reconstruct(Command):
         choices={"plain": "as PLY and GLB", "packed": "packed, but for the first and the middle frame"},
     )
     steady: int = option(
-        0,
-        "How many frames before lend a surface what they saw of places that are as they were: rims flicker less, and "
-        "meshes take longer. 0: none.",
+        2,
+        "With the rims of how many frames before and after a surface's own rims are averaged, so that they flicker "
+        "less; models with coloured vertices stay as they are. 0: none.",
         ge=0,
-        label="Steady surfaces",
+        label="Steady rims",
         high=8,
     )
     fill: int = option(

@@ -163,7 +163,7 @@ def test_masks_cut_given_depth_and_erode_cuts_further(capture: Capture, tmp_path
 
 def test_clouds_that_do_not_stay_are_made_when_they_are_needed_and_give_the_same_meshes(tmp_path: Path) -> None:
     capture = synthesise(tmp_path / "capture", SynthParameters("sphere", 2, 3, (160, 90), depth_maps=True)).folder
-    options = ReconstructOptions(fusions=("fb",), steady=1)
+    options = ReconstructOptions(fusions=("fb",))
     for clouds in (ALL, FEW):
         reconstruct(capture, tmp_path / clouds, replace(options, clouds=clouds))
     meshes = [[(tmp_path / kept / mesh_name("given_fb", n)).read_bytes() for n in range(3)] for kept in (ALL, FEW)]
@@ -175,6 +175,22 @@ def test_clouds_that_do_not_stay_are_made_when_they_are_needed_and_give_the_same
     assert (tmp_path / FEW / mesh_name("given_fb", 2)).read_bytes() == meshes[0][2]
     with pytest.raises(ValueError, match="clouds of frame 2 are not on disk, those of frames 0 and 1 are"):
         write_models([tmp_path / FEW], tmp_path / "models", 2, no_progress)
+
+
+def test_rims_of_textured_surfaces_are_steadied_by_frames_on_both_sides_and_come_back_as_they_were(
+    tmp_path: Path,
+) -> None:
+    capture = synthesise(tmp_path / "capture", SynthParameters("sphere", 2, 3, (160, 90), depth_maps=True)).folder
+    options = ReconstructOptions(fusions=("fb",), colours=(PHOTOGRAPHS,), steady=0)
+    run, names = tmp_path / "run", [mesh_name("given_fb_photographs", frame) for frame in range(3)]
+    reconstruct(capture, run, options)
+    loose = [(run / name).read_bytes() for name in names]
+    reconstruct(capture, run, replace(options, steady=2))
+    steadied = [(run / name).read_bytes() for name in names]
+    assert [a == b for a, b in zip(loose, steadied, strict=True)] == [True, False, True], "the ends have one neighbour"
+    (run / names[1]).unlink()
+    reconstruct(capture, run, replace(options, steady=2))
+    assert (run / names[1]).read_bytes() == steadied[1]
 
 
 def test_packed_meshes_are_the_plain_ones_and_replace_them(tmp_path: Path) -> None:

@@ -194,22 +194,6 @@ def test_another_voxel_makes_only_the_meshes_again(capture: Capture, run: Path, 
 
 
 @pytest.mark.slow
-def test_a_frame_before_steadies_the_next_one_and_a_lost_mesh_comes_back_as_it_was(
-    capture: Capture, run: Path, tmp_path: Path
-) -> None:
-    again = Path(copytree(run, tmp_path / "run"))
-    options = ReconstructOptions(depths=("id",), fusions=("fb",), steady=1)
-    reconstruct(capture.folder, again, options)
-    first, second = (mesh_name("id_fb", frame) for frame in (0, 1))
-    assert file_digest(again / first) == file_digest(run / first), "nothing is before it"
-    steadied = file_digest(again / second)
-    assert steadied != file_digest(run / second)
-    (again / second).unlink()
-    reconstruct(capture.folder, again, options)
-    assert file_digest(again / second) == steadied
-
-
-@pytest.mark.slow
 def test_a_start_with_other_options_that_is_stopped_leaves_no_run(capture: Capture, run: Path, tmp_path: Path) -> None:
     changed = copytree(run, tmp_path / "run")
 
