@@ -101,13 +101,17 @@ class TangentPlanes:
         angles = [(np.nan, np.nan) if shape is None else self._angles(camera, shape) for shape in silhouettes]
         return Tangents(np.array(angles), 1.0 / float(camera.K[0, 0]))
 
+    def angles(self, camera: Camera, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the angles (N,), radians, of the planes through a camera's pixels (N, 2)."""
+        rays = viewing_directions(camera, pixels) @ camera.rotation
+        return np.asarray(np.arctan2(rays @ self._up, rays @ self._across))
+
     def _angles(self, camera: Camera, silhouette: Silhouette) -> tuple[float, float]:
         """Return the lowest and the highest angle of a silhouette; NaN where the picture's edge cuts it."""
         pixels = silhouette.outline.astype(np.float64)
         if not len(pixels):
             return np.nan, np.nan
-        rays = viewing_directions(camera, pixels) @ camera.rotation
-        angle = np.arctan2(rays @ self._up, rays @ self._across)
+        angle = self.angles(camera, pixels)
         width, height = silhouette.size
         ends = (int(angle.argmin()), int(angle.argmax()))
         is_cut = [not (0 < pixels[end][0] < width - 1 and 0 < pixels[end][1] < height - 1) for end in ends]

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture.checking.continuity import Glance, Glances
-from recon.capture.checking.lag import HALF_FRAME, Lag, TangentPlanes, Tangents, lag_between
+from recon.capture.checking.lag import HALF_FRAME, Lag, TangentPlanes, lag_between
+from recon.capture.checking.protrusions import Seen, lag_of_protrusions
 from recon.capture.checking.silhouettes import Silhouette, Silhouettes
 from recon.capture.recording import SensorStream
 from recon.capture.schema import Draft
@@ -96,7 +97,7 @@ def silhouette_findings(draft: Draft, silhouettes: Silhouettes) -> SilhouetteFin
         return findings
     middle = draft.bounds.mean(axis=0)
     for first, second in pairwise(draft.sensors):
-        late = lag_between(list(_tangent_pairs((first, second), silhouettes, n_frames, middle)))
+        late = _lag((first, second), silhouettes, n_frames, middle)
         names = f"sensors {first.id} and {second.id}"
         if late is None or not late.is_known:
             between = "" if late is None else f" ({late.low:+.1f} to {late.high:+.1f} frames are possible)"
@@ -118,9 +119,20 @@ def silhouette_findings(draft: Draft, silhouettes: Silhouettes) -> SilhouetteFin
     return findings
 
 
-def _tangent_pairs(
+def _lag(
     sensors: tuple[SensorStream, SensorStream], silhouettes: Silhouettes, n_frames: int, middle: NDArray[np.float64]
-) -> Iterator[tuple[Tangents, Tangents]]:
+) -> Lag | None:
+    """Estimate the lag of two sensors by the ends of silhouettes, or where these hardly move by what stands out."""
+    pairs = list(_seen_by_both(sensors, silhouettes, n_frames, middle))
+    late = lag_between([(planes.tangents(*first), planes.tangents(*second)) for planes, first, second in pairs])
+    if late is not None and late.is_known:
+        return late
+    return lag_of_protrusions(pairs) or late
+
+
+def _seen_by_both(
+    sensors: tuple[SensorStream, SensorStream], silhouettes: Silhouettes, n_frames: int, middle: NDArray[np.float64]
+) -> Iterator[tuple[TangentPlanes, Seen, Seen]]:
     def over_time(pattern: str) -> list[Silhouette | None]:
         return [silhouettes.get(pattern, {}).get(frame) for frame in range(n_frames)]
 
@@ -129,7 +141,7 @@ def _tangent_pairs(
         for other, others in second:
             planes = TangentPlanes(camera.camera, other.camera, middle)
             if planes.is_usable:
-                yield planes.tangents(camera.camera, its), planes.tangents(other.camera, others)
+                yield planes, (camera.camera, its), (other.camera, others)
 
 
 def motion_signal(by_frame: Mapping[int, Glance]) -> NDArray[np.float64] | None:
