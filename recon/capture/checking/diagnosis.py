@@ -23,6 +23,8 @@ SAME_GAIN = 1.5  # times the best explanation's error: the one with fewer unknow
 MIN_TURN_DEG = 0.1
 MIN_COMMON_CHANGE = 0.05  # both focal lengths alike hardly move epipolar lines
 MIN_SURE_GAIN, SURE = 0.75, 15.0  # share of the error left, and natural logarithm of the likelihood ratio
+OUTLIER = 4.5  # times the median: three standard deviations of a normal distribution
+TINY = 1e-12  # square pixels
 FEWER_UNKNOWNS = 1.1  # times the error of an explanation with three
 MIN_K1_CHANGE, LARGEST_K1_CHANGE = 0.1, 1.0  # less does little harm, more folds the picture back
 WRONG_K1 = 0.25  # what numbers of another model come to
@@ -30,11 +32,17 @@ MAX_ASPECT = 0.02  # fx and fy of a camera with square pixels are equal
 INLIER_PX = 0.3  # scale of the robust cost in fits
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Explanation:
-    error_px: float
+    """A fault, the distances (N,) of matches from their epipolar lines with it undone, and how many unknowns it has."""
+
+    errors: NDArray[np.float64]
     n_unknowns: int
     sentence: str
+
+    @property
+    def error_px(self) -> float:
+        return _median(self.errors)
 
 
 def diagnose(sensor: Sensor, matches: Matches) -> tuple[str, ...]:
@@ -51,7 +59,8 @@ def diagnose(sensor: Sensor, matches: Matches) -> tuple[str, ...]:
     if problems or len(matches) < MIN_MATCHES:
         return problems
     error, n_matches = _median(epipolar_errors(sensor, matches)), len(matches)
-    least = _turned_little(sensor, matches)
+    turned = _turned_little(sensor, matches)
+    least = _median(turned)
     lenses = _lenses(sensor, matches)
     if least < MIN_ERROR_PX and lenses is None:
         return ()
@@ -59,18 +68,14 @@ def diagnose(sensor: Sensor, matches: Matches) -> tuple[str, ...]:
     others = [explanation for explanation in assumed if explanation is not None]
     small = small_correction(sensor, matches)
     best_other = min([*(explanation.error_px for explanation in others), *(() if small is None else (small.after_px,))])
-    if (
-        lenses is not None
-        and lenses.error_px < FEWER_UNKNOWNS * best_other
-        and _is_sure(lenses.error_px, least, n_matches)
-    ):
+    if lenses is not None and lenses.error_px < FEWER_UNKNOWNS * best_other and _is_sure(lenses.errors, turned):
         return (_told(sensor, lenses, error, n_matches),)
     if small is not None and small.is_small:
         return ()
     explanations = [
         explanation
         for explanation in others
-        if explanation.error_px < MIN_GAIN * least and _is_sure(explanation.error_px, least, n_matches)
+        if explanation.error_px < MIN_GAIN * least and _is_sure(explanation.errors, turned)
     ]
     if least < MIN_ERROR_PX or not explanations:
         return ()
@@ -88,13 +93,18 @@ def would_lenses_show(sensor: Sensor, matches: Matches) -> bool:
     Rows depend little on the distortion of both lenses where they are near each other, or long; depths do.
     """
     as_told, *wrong = (_turned_little(_with_both_k1(sensor, change), matches) for change in (0.0, WRONG_K1, -WRONG_K1))
-    return _is_sure(as_told, min(wrong), len(matches))
+    return all(_is_sure(as_told, errors) for errors in wrong)
 
 
-def _is_sure(after: float, before: float, n_matches: int) -> bool:
-    """Tell whether an explanation of small errors is no chance: by the likelihood of errors of two widths."""
-    gain = after / before
-    return gain < MIN_SURE_GAIN and -n_matches * float(np.log(gain)) > SURE
+def _is_sure(after: NDArray[np.float64], before: NDArray[np.float64]) -> bool:
+    """Tell whether an explanation of small errors (N,) is no chance: by the likelihood of errors of two widths.
+
+    Their medians alone change by a third by chance where matches are few; their squares, without outliers, do not.
+    """
+    largest = (OUTLIER * _median(before)) ** 2
+    squares = [max(float(np.minimum(errors**2, largest).sum()), TINY) for errors in (before, after)]
+    is_gain = _median(after) < MIN_SURE_GAIN * _median(before)
+    return is_gain and len(before) / 2 * float(np.log(squares[0] / squares[1])) > SURE
 
 
 def _told(sensor: Sensor, explanation: _Explanation, error: float, n_matches: int) -> str:
@@ -154,7 +164,8 @@ def small_correction(sensor: Sensor, matches: Matches) -> Correction | None:
     """
     if len(matches) < MIN_MATCHES or (before := _median(epipolar_errors(sensor, matches))) < MIN_ERROR_PX:
         return None
-    unknown, after = _fit(lambda change: _small_change(sensor, change), 3, matches, largest_px=0)
+    unknown, errors = _fit(lambda change: _small_change(sensor, change), 3, matches, largest_px=0)
+    after = _median(errors)
     if after > min(MIN_GAIN * before, OFF_PX):  # more is another fault, such as pictures that are swapped
         return None
     turn, roll = np.rad2deg(unknown[:2])
@@ -187,20 +198,20 @@ def _unequal_focal(sensor: Sensor, side: str) -> str:
 
 
 def _swapped(sensor: Sensor, matches: Matches) -> _Explanation:
-    error = _median(epipolar_errors(sensor, Matches(matches.right, matches.left)))
-    return _Explanation(error, 0, "left and right are swapped: the left pictures are the right camera's")
+    errors = epipolar_errors(sensor, Matches(matches.right, matches.left))
+    return _Explanation(errors, 0, "left and right are swapped: the left pictures are the right camera's")
 
 
 def _one_focal(sensor: Sensor, matches: Matches) -> _Explanation | None:
     def changed(unknown: NDArray[np.float64]) -> Sensor:
         return replace(sensor, right=with_focal(sensor.right, _factor(unknown[0])))
 
-    unknown, error = _fit(changed, 1, matches)
+    unknown, errors = _fit(changed, 1, matches)
     change = float(np.exp(unknown[0]))
     if abs(change - 1.0) < MIN_FOCAL_CHANGE:
         return None
     return _Explanation(
-        error,
+        errors,
         1,
         f"a focal length is wrong: either the right camera's should be {change:.3f} times as long, or the left "
         f"camera's {1 / change:.3f} times",
@@ -212,22 +223,22 @@ def _both_focals(sensor: Sensor, matches: Matches) -> _Explanation | None:
         left, right = (with_focal(camera, _factor(unknown[0])) for camera in (sensor.left, sensor.right))
         return replace(sensor, left=left, right=right)
 
-    unknown, error = _fit(changed, 1, matches)
+    unknown, errors = _fit(changed, 1, matches)
     change = float(np.exp(unknown[0]))
     if not MIN_COMMON_CHANGE < abs(change - 1.0) < 1.0:
         return None
-    return _Explanation(error, 1, f"the focal length of both cameras is wrong, about {change:.2f} times is right")
+    return _Explanation(errors, 1, f"the focal length of both cameras is wrong, about {change:.2f} times is right")
 
 
 def _lenses(sensor: Sensor, matches: Matches) -> _Explanation | None:
     def changed(unknown: NDArray[np.float64]) -> Sensor:
         return _with_both_k1(sensor, float(np.clip(unknown[0], -2 * LARGEST_K1_CHANGE, 2 * LARGEST_K1_CHANGE)))
 
-    unknown, error = _fit(changed, 1, matches)
+    unknown, errors = _fit(changed, 1, matches)
     if not MIN_K1_CHANGE < abs(unknown[0]) < LARGEST_K1_CHANGE:
         return None
     return _Explanation(
-        error,
+        errors,
         1,
         f"the distortion of both lenses is wrong, about {unknown[0]:+.2f} in k1 would be right: were its numbers taken "
         "for those of another model, or left out?",
@@ -244,12 +255,12 @@ def _with_both_k1(sensor: Sensor, change: float) -> Sensor:
 
 
 def _turned(sensor: Sensor, matches: Matches) -> _Explanation | None:
-    unknown, error = _fit(lambda turn: _with_turn(sensor, turn), 3, matches, largest_px=0)
+    unknown, errors = _fit(lambda turn: _with_turn(sensor, turn), 3, matches, largest_px=0)
     angle = float(np.rad2deg(np.linalg.norm(unknown)))
     if angle < MIN_TURN_DEG:
         return None
     return _Explanation(
-        error, 3, f"the right camera is rotated by {angle:.2f} degrees against the left since the calibration"
+        errors, 3, f"the right camera is rotated by {angle:.2f} degrees against the left since the calibration"
     )
 
 
@@ -265,8 +276,8 @@ def _factor(logarithm: float) -> float:
 
 def _fit(
     changed: Callable[[NDArray[np.float64]], Sensor], n_unknowns: int, matches: Matches, *, largest_px: float = OFF_PX
-) -> tuple[NDArray[np.float64], float]:
-    """Fit the unknowns that bring the matches nearest to their epipolar lines; return also the median distance left.
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Fit the unknowns that bring the matches nearest to their epipolar lines; return also the distances left (N,).
 
     The right camera is turned as well, about each axis by what moves the middle of its picture by at most `largest_px`.
     """
@@ -284,11 +295,11 @@ def _fit(
     fit = least_squares(
         errors, start, bounds=(-largest, largest), loss="soft_l1", f_scale=INLIER_PX, diff_step=step, x_scale=0.01
     )
-    return fit.x[:n_unknowns], _median(epipolar_errors(turned(fit.x), matches))
+    return fit.x[:n_unknowns], epipolar_errors(turned(fit.x), matches)
 
 
-def _turned_little(sensor: Sensor, matches: Matches) -> float:
-    """Return the median distance from epipolar lines that a turn which matching along rows bears leaves, pixels."""
+def _turned_little(sensor: Sensor, matches: Matches) -> NDArray[np.float64]:
+    """Return the distances (N,) from epipolar lines that a turn which matching along rows bears leaves, pixels."""
     return _fit(lambda _: sensor, 0, matches)[1]
 
 
