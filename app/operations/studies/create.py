@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import re
 import secrets
-import tomllib
 import unicodedata
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -36,7 +35,7 @@ from app.study.options.neutral_words import neutral_words
 from app.study.options.options import StudyOptions, parse_options
 from app.study.options.own_texts import LONGEST_NAME
 from app.study.options.presets import QUICK, read_preset
-from app.study.options.study_file import StudyFile, parse_study_file
+from app.study.options.study_file import StudyFile, parse_study_file, read_toml
 from app.study.options.wording import check_languages, refused_languages
 
 LONGEST_SLUG = 48
@@ -200,7 +199,7 @@ def read_options(path: Path | None, given: Mapping[str, Any], preset: str = QUIC
         return parse_options(chosen.overridden_by(given))
     text = _read_toml(path, "a TOML file of a study's options")
     try:
-        in_file = tomllib.loads(text)
+        in_file = read_toml(text)
         if StudyFile.model_fields.keys() & set(in_file):
             raise ValueError(
                 "is a study file; make its study by `reconstudy study import FILE --stimuli SET`, or give --options a "

@@ -55,6 +55,7 @@ BUSY_TIMEOUT_S = 20  # another program may hold SQLite's write lock, for example
 SHRED_WITHIN_S = 1  # votes wait meanwhile
 CONNECT_TIMEOUT_S = 5
 SECRETS = ("password", "sslpassword")  # that may stand in the query of an address, by libpq
+FULL = ("disk is full", "No space left on device")  # SQLite's words, and PostgreSQL's
 UNIQUE_VIOLATION = "23505"  # PostgreSQL's code
 POSTGRESQL_OPTIONS = "-c synchronous_commit=on"  # the server's default may be less
 
@@ -143,10 +144,15 @@ class Database:
         try:
             yield
         except (OperationalError, InterfaceError, PoolTimeoutError) as error:
+            reason = str(getattr(error, "orig", error)).partition("\n")[0]
             if not self._is_away:
-                reason = str(getattr(error, "orig", error)).partition("\n")[0]
                 log.warning("the database %s does not answer: %s", self.engine.url.database, reason)
             self._is_away = True
+            if any(words in reason for words in FULL):
+                raise UnavailableError(
+                    "The server's disk is full, so this cannot be kept yet. What came before is kept; please try again "
+                    "once somebody has made room."
+                ) from error
             raise UnavailableError("This cannot be kept or looked up at the moment. Please try again soon.") from error
         if self._is_away:
             log.warning("the database answers again")

@@ -17,6 +17,8 @@ from ground.file_models import schema_name
 
 EXPOSURE_BOUNDS_S = (0.1, 3600.0)
 LONGEST_FILE = 80_000  # characters in a form, which takes 1 MiB and escapes a letter to up to twelve bytes
+MOST_PARTS = 32  # of a dotted key, which a study's file has four of; tomllib's time and memory grow with their square
+DOTTED = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{MOST_PARTS}}}""")
 
 
 def _options(content: Any) -> StudyOptions:
@@ -74,12 +76,28 @@ def parse_study_file(text: str) -> StudyFile:
     ValueError
         If it is not TOML, a key is unknown or missing, or a value is invalid: names it.
     """
-    try:
-        content = tomllib.loads(text)
-    except RecursionError as error:
-        raise ValueError("the file holds too many lists within one another") from error
+    content = read_toml(text)
     check_text(content)
     return StudyFile.read(content)
+
+
+def read_toml(text: str) -> dict[str, Any]:
+    """Read TOML that somebody else may have written.
+
+    Raises
+    ------
+    ValueError
+        If it is not TOML, or takes far longer to read than its size explains.
+    """
+    if deep := DOTTED.search(text):
+        line = text.count("\n", 0, deep.start()) + 1
+        raise ValueError(
+            f"line {line}: more than {MOST_PARTS} words are joined by dots, expected a key of at most four"
+        )
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise ValueError("the file holds too many lists within one another") from error
 
 
 def write_study_file(study: StudyFile) -> str:

@@ -233,11 +233,11 @@ def test_a_database_that_is_away_is_unavailable(postgres: PostgresServer) -> Non
     database.dispose()
 
 
-def test_a_full_disk_is_unavailable_and_changes_nothing(sqlite: Database) -> None:
+def test_a_full_disk_is_unavailable_said_to_be_full_and_changes_nothing(sqlite: Database) -> None:
     with sqlite.reading() as connection:
         n_pages = connection.scalar(text("PRAGMA page_count"))
     fill = insert(api_token).values(**token_row("big") | {"scopes": ["x" * 100_000]})
-    with pytest.raises(UnavailableError), sqlite.writing() as connection:  # noqa: PT012
+    with pytest.raises(UnavailableError, match="disk is full"), sqlite.writing() as connection:  # noqa: PT012
         connection.execute(text(f"PRAGMA max_page_count = {n_pages}"))
         connection.execute(fill)
     assert n_tokens(sqlite) == 0

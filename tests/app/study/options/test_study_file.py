@@ -73,6 +73,9 @@ def test_options_that_are_as_by_default_are_not_written() -> None:
         ("name = x", "Invalid value"),
         (r'name = "x\u0000"', "name holds a NUL character"),
         ("name = 'x'\noptions = " + "[" * 50_000 + "]" * 50_000, "too many lists within one another"),
+        ("name = 'x'\n" + "a." * 40_000 + "a = 1", "line 2: more than 32 words are joined by dots"),
+        ("[" + "a . " * 20_000 + "a]", "line 1: more than 32 words are joined by dots"),
+        ("x = { " + "\"\".'b'." * 13_000 + "a = 1 }", "line 1: more than 32 words are joined by dots"),
     ],
 )
 def test_a_file_that_is_not_right_says_why(text: str, complaint: str) -> None:
