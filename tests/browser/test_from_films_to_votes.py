@@ -101,7 +101,7 @@ def makes_a_study(hand: Hand, films: bytes) -> str:
     brief = ("screening", "practice", "interview", "Both must be seen")  # by keyboard: this test's people have no time
     for name in brief:
         page.get_by_role("checkbox", name=name).press("Space")
-    expect(page.locator("#plan")).to_contain_text("3 and needs about")
+    expect(page.locator("#plan")).to_contain_text("3 pairs and needs about")
     expect(page.locator("#plan")).to_contain_text("how people judge the quality of films")
     assert "three-dimensional" not in page.locator("#plan").inner_text()
     assert not re.search(r"`|reconstudy [a-z]", page.locator("main").inner_text())
