@@ -81,8 +81,9 @@ export class Trials {
       return await this.current.run(askedAt);
     } catch (error) {
       if (error instanceof Refusal && error.status !== NOT_FOUND) throw error;
-      await tellTrouble(description.trial, String(error)).catch(() => {}); // the page says so in any case
-      throw new FilmTrouble(String(error), { cause: error });
+      const why = error instanceof Error && error.message ? error.message : String(error);
+      await tellTrouble(description.trial, why).catch(() => {}); // the page says so in any case
+      throw new FilmTrouble(why, { cause: error });
     } finally {
       this.current = null;
       this.#watchUntilNext();

@@ -80,6 +80,8 @@ def test_a_zip_of_films_becomes_a_study_whose_people_are_paid_and_whose_broken_f
         alarm = page.get_by_role("alert").filter(has_text="street")
         alarm.wait_for(timeout=1000 * ALARM_WITHIN_S)  # on the page that is open, without loading it again
         assert monotonic() - failed_s < ALARM_WITHIN_S
+        assert "the film is none that the browser plays" in alarm.inner_text()
+        expect(page.get_by_role("button", name="Seen: end the alarm")).to_be_visible()
     page.close()
 
 
@@ -101,7 +103,7 @@ def makes_a_study(hand: Hand, films: bytes) -> str:
     brief = ("screening", "practice", "interview", "Both must be seen")  # by keyboard: this test's people have no time
     for name in brief:
         page.get_by_role("checkbox", name=name).press("Space")
-    expect(page.locator("#plan")).to_contain_text("3 and needs about")
+    expect(page.locator("#plan")).to_contain_text("3 pairs and needs about")
     expect(page.locator("#plan")).to_contain_text("how people judge the quality of films")
     assert "three-dimensional" not in page.locator("#plan").inner_text()
     assert not re.search(r"`|reconstudy [a-z]", page.locator("main").inner_text())
