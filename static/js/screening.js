@@ -96,6 +96,9 @@ async function takeItems(page, test, view, draw, blank) {
   let item = await patiently(() => readItem(test));
   if (item) page.tell({ item: item.number, items: item.total });
   page.show(hasRoom() ? view : NO_ROOM);
+  const listening = new AbortController();
+  const look = () => [view, NO_ROOM].includes(String(page.showing())) && page.show(hasRoom() ? view : NO_ROOM);
+  window.addEventListener("resize", look, { signal: listening.signal });
   while (item) {
     const shown = item;
     page.tell({ item: shown.number, items: shown.total });
@@ -107,6 +110,7 @@ async function takeItems(page, test, view, draw, blank) {
     item = await patiently(() => answerItem(test, shown.number, answer));
     await pause;
   }
+  listening.abort();
 }
 
 /**
@@ -131,7 +135,6 @@ function answered(page, view, item) {
       if (button) give(button.dataset.direction === "" ? null : Number(button.dataset.direction));
     };
     dial.addEventListener("click", press, { signal: listening.signal });
-    window.addEventListener("resize", () => page.show(hasRoom() ? view : NO_ROOM), { signal: listening.signal });
   });
 }
 

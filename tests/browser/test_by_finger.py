@@ -17,6 +17,14 @@ from tests.conftest import BROWSER_TIMEOUT_MS
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 FINGER_PX = 44
+KEYS = {  # what only a mouse or a keyboard has
+    "en": r"\b(?:keys?|keyboard|space bar|mouse)\b",
+    "de": r"\b(?:\w*taste|tasten|tastatur|maus)\b",
+    "fr": r"\b(?:touches?|clavier|souris|espace)\b",
+    "es": r"\b(?:teclas?|teclado|ratón)\b",
+    "zh": "键|鼠标",
+    "ar": "مفتاح|مفاتيح|الفأرة",
+}
 SMALL = """() => [...document.querySelectorAll("button, .choice, a, input")].filter((one) => {
   const { width, height } = (one.closest("label") ?? one).getBoundingClientRect();
   const isInText = one.matches("a") && one.closest("p, li") !== null;
@@ -63,19 +71,46 @@ def test_a_study_is_taken_by_taps_alone(new_study: NewStudy, short_films: Path, 
     assert [len(trial["viewing"]["switches"]) for trial in study.read("trials")] == [1, 1, 1]
 
 
-def test_no_page_of_the_eye_tests_tells_a_finger_of_keys(new_study: NewStudy, short_films: Path, phone: Page) -> None:
+@pytest.mark.parametrize("language", KEYS)
+def test_no_page_tells_a_finger_of_keys_in_any_language(
+    new_study: NewStudy, short_films: Path, phone: Page, language: str
+) -> None:
     screening = {"tests": ["acuity", "colour"], "distance": "blind spot"}
-    study = new_study(short_films, 0.4, parse_options({"optional_stages": ["screening"], "screening": screening}))
-    Visitor(phone).begin(study)
-    Visitor(phone).sees("screening")
+    optional = ["screening", "practice", "interview"]
+    options = {"optional_stages": optional, "screening": screening, "reference": "zebra", "languages": [language]}
+    study = new_study(short_films, 0.4, parse_options(options))
+    phone.goto(study.address)
+    Visitor(phone).sees("welcome")
     text = phone.evaluate(
-        "[...document.querySelectorAll('[data-view]')].map((one) => { one.hidden = false; return one.innerText; })"
+        "[...document.querySelectorAll('[data-view]:not([data-view=turned-away])')]"
+        ".map((one) => { one.hidden = false; return one.innerText; })"
     )
     said = " ".join(text)
-    assert "Tap the arrow that points to the gap" in said
-    assert "Tap anywhere on the screen" in said
-    named = re.findall(r"[^.]*\b(?:keys?|keyboard|space bar|mouse)\b[^.]*", said, re.IGNORECASE)
-    assert [sentence for sentence in named if "on a keyboard" not in sentence] == []
+    assert re.findall(rf"[^.。]*(?:{KEYS[language]})[^.。]*", said, re.IGNORECASE) == []
+
+
+def test_a_telephone_that_is_let_in_is_not_told_to_make_its_window_larger(
+    new_study: NewStudy, short_films: Path, phone: Page
+) -> None:
+    phone.goto(new_study(short_films, 0.4).address)
+    Visitor(phone).sees("welcome")
+    expect(phone.locator("[data-check=codec]")).to_be_visible()
+    expect(phone.locator("[data-check=window]")).to_be_hidden()
+
+
+def test_the_steps_of_a_long_scale_stand_within_a_telephones_page(
+    new_study: NewStudy, short_films: Path, phone: Page
+) -> None:
+    labels = ["not sure at all, I guessed nearly all of the time", "completely sure of nearly every choice"]
+    sure = {"name": "sure", "kind": "scale", "maximum": 11, "text": "How sure were you?", "labels": labels}
+    study = new_study(short_films, 0.4, parse_options({"optional_stages": ["interview"], "questions": [sure]}))
+    phone.goto(study.address)
+    Visitor(phone).sees("welcome")
+    phone.locator("[data-view=interview]").evaluate("(view) => (view.hidden = false)")
+    assert phone.evaluate("document.documentElement.scrollWidth") <= 390
+    places = [step.bounding_box() for step in phone.locator(".scale-steps label").all()]
+    assert len(places) == 11
+    assert all(place and min(place["width"], place["height"]) >= FINGER_PX for place in places)
 
 
 def test_the_papers_preset_tells_a_telephone_first_that_it_needs_a_computer(

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from app.study.options.options import parse_options
 from tests.browser.study_visitor import NewStudy, Visitor
@@ -136,3 +136,24 @@ def test_an_eye_test_asks_for_room_where_a_zoomed_page_has_none(
     page.set_viewport_size({"width": 960, "height": 540})
     visitor.sees("plates")
     expect(page.get_by_text("Disc 1 of 18 at most")).to_be_visible()
+
+
+def test_a_window_made_larger_while_the_picture_is_on_its_way_goes_on_with_the_eye_test(
+    new_study: NewStudy, short_films: Path, page: Page, visitor: Visitor
+) -> None:
+    options = parse_options({"optional_stages": ["screening"], "screening": {"tests": ["colour"]}})
+    visitor.begin(new_study(short_films, 0.4, options))
+    visitor.sees("screening")
+    on_their_way: list[Route] = []
+    page.route("**/screening/colour/*.png", lambda route: on_their_way.append(route))
+    page.set_viewport_size({"width": 320, "height": 256})
+    page.keyboard.press("Enter")
+    visitor.sees("plates-intro")
+    with page.expect_request("**/screening/colour/*.png"):
+        page.keyboard.press("Enter")
+    visitor.sees("no-room")
+    page.set_viewport_size({"width": 960, "height": 540})
+    visitor.sees("plates")
+    for picture in on_their_way:
+        picture.continue_()
+    expect(page.locator("#plate")).to_be_visible()
