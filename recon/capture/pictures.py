@@ -42,6 +42,10 @@ class Pictures:
     plate: Path | None = None
     is_folder: bool = False
 
+    def __post_init__(self) -> None:
+        if len(self.files) > 1 and any(map(is_video, self.files)):
+            raise CaptureError(f"{', '.join(map(str, self.files))} are several files, expected pictures or one video")
+
     @property
     def is_video(self) -> bool:
         """True if the recording is one video."""

@@ -173,8 +173,11 @@ def parse_board(text: str) -> Board:
             return Board(kind, columns, rows, float(parts[1]))
         if kind == "charuco" and len(parts) in (3, 4):
             dictionary = parts[3] if len(parts) == 4 else DEFAULT_DICTIONARY
-            if not hasattr(cv2.aruco, dictionary):
-                raise CaptureError(f"board {text!r}: there is no dictionary {dictionary!r} in OpenCV")
+            if not (dictionary.startswith("DICT_") and hasattr(cv2.aruco, dictionary)):
+                raise CaptureError(
+                    f"board {text!r}: there is no dictionary {dictionary!r} in OpenCV, expected one such as "
+                    f"{DEFAULT_DICTIONARY}"
+                )
             return Board(kind, columns, rows, float(parts[1]), float(parts[2]), dictionary)
     except CaptureError:
         raise

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,12 +81,21 @@ def exported_views(capture: Capture, frame: int) -> list[ExportedView]:
             depth_stream = stream if place == 0 and stream.depth else None
             name = f"{stream.id}_{stream.sides[place]}{_suffix(picture.path)}"
             views.append(ExportedView(name, picture, mask, depth_stream))
-    for photograph in capture.held_out:
-        if photograph.frame == frame:
-            picture = Picture(image_path(capture.folder, photograph.image, frame), frame, photograph.camera)
-            name = "_".join(PurePosixPath(photograph.image).parts)
-            views.append(ExportedView(name, picture, is_test=True))
-    return views
+    return [*views, *_held_out_views(capture, frame, [view.name for view in views])]
+
+
+def _held_out_views(capture: Capture, frame: int, others: Sequence[str]) -> list[ExportedView]:
+    """List the held-out photographs of a frame, numbered where names without suffix, as of masks, would be alike."""
+    pictures = [
+        Picture(image_path(capture.folder, shot.image, frame), frame, shot.camera)
+        for shot in capture.held_out
+        if shot.frame == frame
+    ]
+    names = ["_".join(picture.path.relative_to(capture.folder).parts) for picture in pictures]
+    stems = [Path(name).stem.lower() for name in (*others, *names)]
+    if len(set(stems)) < len(stems):
+        names = [f"{number:04d}_{name}" for number, name in enumerate(names, start=1)]
+    return [ExportedView(name, picture, is_test=True) for name, picture in zip(names, pictures, strict=True)]
 
 
 def write_images(folder: Path, views: Sequence[ExportedView]) -> None:

@@ -230,7 +230,8 @@ def _depth_maps(sensor_id: str, source: DepthSource | None) -> DepthMaps | None:
 
 
 def _pattern(sensor_id: str, side: str, camera: Camera, pictures: Pictures) -> str:
-    suffix = copied_suffix(camera, pictures.files[0])
+    suffixes = {copied_suffix(camera, path) for path in pictures.files}
+    suffix = suffixes.pop() if len(suffixes) == 1 else ".png"
     return f"{sensor_id}/{side}{suffix}" if is_video(f"{side}{suffix}") else f"{sensor_id}/{side}/{{frame:04d}}{suffix}"
 
 

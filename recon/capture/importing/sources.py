@@ -88,8 +88,8 @@ class DepthSource:
     @property
     def suffix(self) -> str:
         """Of the files in a capture."""
-        suffix = self.files[0].suffix.lower()
-        return suffix if suffix in DEPTH_SUFFIXES and self.depth_of is None else ".npy"
+        suffix, *others = {path.suffix.lower() for path in self.files}
+        return ".npy" if others or suffix not in DEPTH_SUFFIXES or self.depth_of else suffix
 
 
 @dataclass(frozen=True, eq=False)

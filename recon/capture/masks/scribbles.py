@@ -216,7 +216,9 @@ def _from_json(path: Path, capture: Capture) -> Strokes:
             stream = capture.stream(entry["sensor"])
             camera = stream.cameras[stream.sides.index(_known(entry["side"], stream.sides))].camera
             label = LABELS[_known(entry["label"], LABELS)]
-            points = np.array(entry["points"], dtype=np.float64).reshape(-1, 1, 2)
+            points = np.array(entry["points"], dtype=np.float64)
+            if points.ndim != 2 or points.shape[1] != 2:
+                raise CaptureError(f"points has shape {points.shape}, expected a list of [column, row]")
             frame, width = _frame(str(entry["frame"]), capture, place), entry.get("width", DEFAULT_WIDTH)
             if not 1 <= width <= LARGEST_WIDTH:
                 raise CaptureError(f"width is {width!r}, expected 1 to {LARGEST_WIDTH} pixels")

@@ -135,7 +135,7 @@ def _resampled(capture: Capture, stream: SensorStream, plan: Schedule, out: Path
         depth = None
     is_copied = all(share == 0 for _, share in instants) and not any(is_video(each.image) for each in stream.cameras)
     names = {
-        side: f"{stream.id}/{side}/{{frame:04d}}{Path(camera.image).suffix if is_copied else '.png'}"
+        side: f"{stream.id}/{side}/{{frame:04d}}{Path(camera.image).suffix.lower() if is_copied else '.png'}"
         for side, camera in zip(stream.sides, stream.cameras, strict=True)
     }
     masks = {side: f"{stream.id}/mask/{side}/{{frame:04d}}.png" for side in stream.sides} if stream.mask else {}

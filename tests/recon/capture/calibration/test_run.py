@@ -135,6 +135,8 @@ def test_images_of_one_name_that_are_not_of_one_instant_are_refused() -> None:
         "chessboard:9x6:nan",
         "charuco:9x6:inf:5",
         "charuco:40x40:50:37",
+        "charuco:5x5:30:22:Board",
+        "charuco:5x5:30:22:CORNER_REFINE_NONE",
     ],
 )
 def test_a_board_that_cannot_be_is_refused(text: str) -> None:

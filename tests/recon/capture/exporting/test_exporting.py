@@ -18,12 +18,14 @@ from recon.capture.format import (
     CaptureError,
     HeldOut,
     frame_pictures,
+    image_path,
     read_capture,
     read_frame,
     read_held_out,
     read_picture,
     write_capture,
 )
+from recon.capture.images import read_image
 from recon.capture.importing.colmap import import_colmap
 from recon.capture.importing.nerfstudio import import_nerfstudio
 from recon.capture.importing.sources import ImportOptions
@@ -127,6 +129,24 @@ def test_held_out_views_are_the_test_split_and_masks_are_for_every_image(tmp_pat
 
 def images() -> list[str]:
     return [f"{sensor}_{side}.png" for sensor in ("S1", "S2") for side in ("left", "right")]
+
+
+def test_photographs_whose_names_come_out_alike_do_not_take_each_other_s_place(tmp_path: Path) -> None:
+    capture = stereo(tmp_path / "capture", distortion=0.0)
+    camera, names = capture.sensors[0].left.camera, ("S1/left.png", "a/b_c.png", "a_b/c.png", "shot_{frame}.jpg")
+    for shade, name in enumerate(names, start=10):
+        path = image_path(capture.folder, name, 0)
+        path.parent.mkdir(exist_ok=True)
+        cv2.imwrite(str(path), np.full((64, 96, 3), shade, np.uint8))
+    capture = with_masks(replace(capture, held_out=tuple(HeldOut(camera, name, 0) for name in names)))
+    export_nerfstudio(capture, tmp_path / "export")
+    frames = read_json(tmp_path / "export/transforms.json")["frames"]
+    for key in ("file_path", "mask_path"):
+        assert len({frame[key].lower() for frame in frames}) == 8
+    assert not any("{" in frame["file_path"] for frame in frames)
+    shown = [read_image(tmp_path / "export" / frame["file_path"]) for frame in frames]
+    np.testing.assert_array_equal(shown[0], read_frame(capture, "S1", 0)[0])
+    assert [int(pixels[0, 0, 0]) for pixels in shown[4:]] == [10, 11, 12, 13]
 
 
 def test_frames_of_videos_become_pictures_of_the_frame_asked_for(tmp_path: Path) -> None:

@@ -7,10 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
 from recon.capture.checking.check import check_capture
+from recon.capture.depth_maps import read_depth_map
 from recon.capture.format import CaptureError, DepthMaps, read_frame
 from recon.capture.importing.json_file import import_json
 from recon.capture.importing.sources import ImportOptions
@@ -24,6 +26,7 @@ from tests.recon.capture.importing.labelled_recording import (
     record,
     seen,
     write_picture,
+    write_video,
 )
 
 
@@ -88,6 +91,38 @@ def test_a_json_may_describe_a_camera_with_depth_maps(tmp_path: Path) -> None:
     (tmp_path / "depth2.npy").unlink()
     with pytest.raises(CaptureError, match="sensor S2, depth has 1 frames, expected 2"):
         import_json(path, tmp_path / "again")
+
+
+def test_pictures_of_several_formats_in_a_list_lose_nothing(tmp_path: Path) -> None:
+    record(tmp_path)
+    deep = np.full((SIZE[1], SIZE[0], 3), 30_000, np.uint16)
+    deep[0, 0] = 65_535
+    cv2.imwrite(str(tmp_path / "deep.png"), deep)
+    write_picture(tmp_path / "first.jpg", 50)
+    np.save(tmp_path / "far.npy", np.full((SIZE[1], SIZE[0]), 2000.0))
+    cv2.imwrite(str(tmp_path / "near.png"), np.full((SIZE[1], SIZE[0]), 1000, np.uint16))
+    path = described(tmp_path)
+    content = json.loads(path.read_text())
+    content["sensors"][0]["left"]["image"] = ["first.jpg", "deep.png"]
+    content["sensors"][0]["right"]["image"] = [f"S1/right/{number}.png" for number in (9, 10)]
+    content["sensors"][0]["depth"] = {"image": ["near.png", "far.npy"]}
+    path.write_text(json.dumps(content))
+    capture = import_json(path, tmp_path / "out")
+    assert read_frame(capture, "S1", 1)[0][9, 9].tolist() == [30_000 >> 8] * 3
+    depths = [read_depth_map(capture.folder, capture.sensors[0], frame)[9, 9] for frame in (0, 1)]
+    assert depths == [1000.0, 2000.0]
+
+
+def test_several_videos_of_one_camera_are_refused(tmp_path: Path) -> None:
+    record(tmp_path)
+    for name in ("a.avi", "b.avi"):
+        write_video(tmp_path / name, [50, 60])
+    path = described(tmp_path)
+    content = json.loads(path.read_text())
+    content["sensors"][0]["left"]["image"] = ["a.avi", "b.avi"]
+    path.write_text(json.dumps(content))
+    with pytest.raises(CaptureError, match=r"S1: .*a\.avi, .*b\.avi are several files, expected pictures or one video"):
+        import_json(path, tmp_path / "out")
 
 
 def without(content: dict[str, Any], key: str, sensor: int = 0) -> None:

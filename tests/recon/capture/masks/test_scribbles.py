@@ -115,6 +115,8 @@ def test_scribbles_of_the_wrong_size_are_named(ball: Capture, tmp_path: Path) ->
         (lambda entries: entries[0].update(points=[[1, 2], [500, 2]]), "outside the picture of 160x120"),
         (lambda entries: entries[0].update(points=[[float("nan"), 2], [5, 2]]), "outside the picture of 160x120"),
         (lambda entries: entries[0].pop("points"), "stroke 1: points is missing"),
+        (lambda entries: entries[0].update(points=[[9, 9, 0], [30, 30, 0]]), "stroke 1: points has shape .2, 3."),
+        (lambda entries: entries[0].update(points=[]), "stroke 1: points has shape .0,."),
         (lambda entries: entries[0].update(width=-1), "stroke 1: width is -1, expected 1 to 1000 pixels"),
         (lambda entries: entries[0].update(width=float("inf")), "stroke 1: width is inf"),
         (lambda entries: entries[0].update(width="thick"), "stroke 1: "),

@@ -11,7 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from recon.capture.checking.lag import Lag
-from recon.capture.format import Capture, CaptureError, read_capture, read_frame, read_masks, write_capture
+from recon.capture.format import (
+    Capture,
+    CaptureError,
+    frame_pictures,
+    read_capture,
+    read_frame,
+    read_masks,
+    read_picture,
+    write_capture,
+)
+from recon.capture.images import write_picture
 from recon.capture.mending.interpolation import way_between
 from recon.capture.mending.resample import resample, schedule
 from recon.studio import SynthParameters, synthesise
@@ -105,6 +115,20 @@ def test_the_way_between_moves_what_moves_by_its_share() -> None:
     inside = np.s_[12:-12, 12:-12]
     assert np.abs(middle[inside].astype(float) - expected[inside]).mean() < 5.0
     assert np.abs(first[inside].astype(float) - expected[inside]).mean() > 15.0
+
+
+def test_photographs_whose_suffix_is_in_capitals_are_copied_as_they_are(tmp_path: Path) -> None:
+    capture = synthesise(tmp_path / "a", SynthParameters("sphere", 2, 4, (48, 36)))
+    stream = capture.sensors[1]
+    for frame in range(4):
+        for picture in frame_pictures(capture.folder, stream, frame):
+            write_picture(picture.path.with_suffix(".jpg"), read_picture(picture))
+            picture.path.with_suffix(".jpg").rename(picture.path.with_suffix(".JPG"))
+    left, right = (replace(each, image=each.image.replace(".png", ".JPG")) for each in stream.cameras)
+    capture = replace(capture, sensors=(capture.sensors[0], replace(stream, left=left, right=right)))
+    made = resample(capture, {("S1", "S2"): lag(2.0)}, tmp_path / "b")
+    taken, given = (frame_pictures(each.folder, each.sensors[1], at)[0].path for each, at in ((made, 0), (capture, 2)))
+    assert taken.read_bytes() == given.read_bytes()
 
 
 def test_what_is_not_known_or_not_late_is_refused(tmp_path: Path) -> None:
