@@ -1,6 +1,6 @@
 /** Plays every film of a list to its end, as a participant's page would, and tells the server that asked for it. */
 
-import { attach, checkSize, detach, faultOf, readiness } from "./playback.js";
+import { attach, checkSize, detach, readiness, whyNotShown } from "./playback.js";
 import { readTrack } from "./mp4.js";
 
 /**
@@ -73,7 +73,7 @@ function playedToEnd(video) {
     };
     video.ontimeupdate = () => (heard = performance.now());
     video.onended = () => finish(resolve);
-    video.onerror = () => finish(() => reject(faultOf(video)));
+    video.onerror = () => finish(() => reject(whyNotShown(video)));
     video.play().catch((error) => finish(() => reject(error)));
   });
 }

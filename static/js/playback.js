@@ -26,7 +26,7 @@ export function playFor(video, exposure_s, signal) {
     };
     video.loop = clock.comesAgain;
     video.addEventListener("ended", () => resolve(), { signal });
-    video.addEventListener("error", () => reject(faultOf(video)), { signal });
+    video.addEventListener("error", () => reject(whyNotShown(video)), { signal });
     video.addEventListener("pause", () => video.ended || signal.aborted || video.play().catch(reject), { signal }); // a media key
     video.play().catch(reject);
     requestAnimationFrame(tick);
@@ -36,7 +36,7 @@ export function playFor(video, exposure_s, signal) {
 const FAULTS = ["cannot be shown", "was stopped", "did not come", "cannot be decoded", "is none that the browser plays"]; // by MediaError.code
 
 /** Says in words why an element cannot show its film: a MediaError is no Error, and in some browsers without a message. @param {HTMLVideoElement} video */
-export function faultOf({ error }) {
+export function whyNotShown({ error }) {
   return new Error([`the film ${FAULTS[error?.code ?? 0]}`, error?.message].filter(Boolean).join(": "));
 }
 
@@ -117,7 +117,7 @@ export function readiness(video, signal) {
   return new Promise((resolve, reject) => {
     after(FIRST_PICTURE_MS, signal, () => reject(new Error("the browser does not say that the film can play")));
     video.addEventListener("canplay", resolve, { once: true, signal });
-    video.addEventListener("error", () => reject(faultOf(video)), { once: true, signal });
+    video.addEventListener("error", () => reject(whyNotShown(video)), { once: true, signal });
   });
 }
 
