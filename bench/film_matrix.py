@@ -44,6 +44,7 @@ from tests.app.intake.test_treatment import (
     FFMPEG,
     HEIGHT,
     MOST_LEVELS,
+    PLAYED,
     WIDTH,
     Case,
     mobius,
@@ -76,20 +77,12 @@ PRIMARIES = {
     "170m": ((0.63, 0.34), (0.31, 0.595), (0.155, 0.07)),
     "bt2020": ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046)),
 }
-PLANES = """async ([film, rows, columns]) => {
-  const bytes = Uint8Array.from(atob(film), (letter) => letter.charCodeAt(0));
-  const video = Object.assign(document.createElement("video"), { muted: true });
-  video.src = URL.createObjectURL(new Blob([bytes], { type: "video/mp4" }));
-  await new Promise((resolve, reject) => {
-    video.onerror = () => reject(video.error.message);
-    video.requestVideoFrameCallback(resolve);
-    video.play();
-  });
-  const frame = new VideoFrame(video);
+PLANES = (
+    PLAYED
+    + """  const frame = new VideoFrame(video);
   if (frame.format !== "I420") throw new Error(`decoded as ${frame.format}, expected I420`);
   const data = new Uint8Array(frame.allocationSize());
   const layout = await frame.copyTo(data);
-  const { videoWidth: width, videoHeight: height } = video;
   const inner = (at, length, parts) => [0.25, 0.75].map((side) => Math.floor(((at + side) * length) / parts));
   const patch = (plane, row, column) => {
     const half = plane ? 2 : 1;
@@ -103,7 +96,8 @@ PLANES = """async ([film, rows, columns]) => {
   const three = (row, column) => [0, 1, 2].map((plane) => patch(plane, row, column));
   const means = [...Array(rows).keys()].map((row) => [...Array(columns).keys()].map((column) => three(row, column)));
   return [width, height, frame.colorSpace.toJSON(), means];
-}"""  # of the inner half of each patch, luma and both chromas as they were decoded
+}"""
+)  # of the inner half of each patch, luma and both chromas as they were decoded
 TRIES = 60  # films by lot, of which the one with most that is new is taken
 
 

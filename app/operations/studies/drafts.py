@@ -129,6 +129,14 @@ class Draft:
         columns = {name: changed[name] for name in COLUMNS if changed.get(name) is not None}
         return StudyFile.read({"name": "", **columns, "options": options})
 
+    def lack(self) -> str:
+        """Return what the way back to the platform lacks, in words; empty if nothing."""
+        try:
+            self._outside(is_complete=True)
+        except ValueError as error:
+            return str(error)
+        return ""
+
     def _outside(self, *, is_complete: bool) -> dict[str, Any]:
         """Return what the platform fills in; incomplete, as far as it was answered."""
         prefix = f"{self.platform}."

@@ -46,7 +46,7 @@ TAGGED = "-colorspace bt709 -color_primaries bt709 -color_trc bt709 -color_range
 HEVC, VP9 = "-c:v libx265 -x265-params lossless=1:log-level=none", "-c:v libvpx-vp9 -lossless 1"
 AV1, PRORES = "-c:v libaom-av1 -crf 4 -cpu-used 8", "-c:v prores_ks -profile:v 3"
 HDR_TAGS = "-colorspace bt2020nc -color_primaries bt2020 -color_range tv -color_trc"
-MEANS = """async ([film, rows, columns]) => {
+PLAYED = """async ([film, rows, columns]) => {
   const bytes = Uint8Array.from(atob(film), (letter) => letter.charCodeAt(0));
   const video = Object.assign(document.createElement("video"), { muted: true });
   video.src = URL.createObjectURL(new Blob([bytes], { type: "video/mp4" }));
@@ -56,7 +56,10 @@ MEANS = """async ([film, rows, columns]) => {
     video.play();
   });
   const { videoWidth: width, videoHeight: height } = video;
-  const context = new OffscreenCanvas(width, height).getContext("2d");
+"""  # to its first frame
+MEANS = (
+    PLAYED
+    + """  const context = new OffscreenCanvas(width, height).getContext("2d");
   context.drawImage(video, 0, 0);
   const mean = (x, y, w, h) => {
     const { data } = context.getImageData(x, y, w, h);
@@ -66,7 +69,8 @@ MEANS = """async ([film, rows, columns]) => {
   const inner = (row, column) => mean(column * wide + (wide >> 2), row * high + (high >> 2), wide >> 1, high >> 1);
   const means = [...Array(rows).keys()].map((row) => [...Array(columns).keys()].map((column) => inner(row, column)));
   return [width, height, means];
-}"""  # of the inner half of each patch, red, green and blue
+}"""
+)  # of the inner half of each patch, red, green and blue
 
 
 @dataclass(frozen=True)

@@ -235,11 +235,17 @@ def _form_page(
 
 
 def _plan(request: Request, known: KnownSet, draft: Draft) -> dict[str, Any]:
-    """Return what the study would be, and the first that its participants read; or why it cannot be made yet."""
+    """Return what the study would be, and the first that its participants read; and why it cannot be made yet.
+
+    What it costs does not depend on the platform, so it is said before the platform's codes are known.
+    """
+    lack = draft.lack()
     try:
-        wanted, outlook = outlook_of(settings(request), known.content, draft, languages(request))
+        wanted, outlook = outlook_of(
+            settings(request), known.content, replace(draft, platform="") if lack else draft, languages(request)
+        )
     except (ValueError, StudyError) as error:
-        hindrance = in_words(error) if isinstance(error, ValueError) else error.detail
+        hindrance = lack or (in_words(error) if isinstance(error, ValueError) else error.detail)
         return {"outlook": None, "hindrance": hindrance, "by_films": {}, "pages": []}
     by_films = {}
     if outlook.n_pairs > len(known.content.stimuli):
@@ -252,7 +258,7 @@ def _plan(request: Request, known: KnownSet, draft: Draft) -> dict[str, Any]:
     options = neutral_words(wanted.options) if shows_anything(known.content) else wanted.options
     return {
         "outlook": outlook,
-        "hindrance": "",
+        "hindrance": lack,
         "telling": telling_names(
             wanted.name, [each for each in known.conditions if each not in wanted.options.without]
         ),

@@ -192,6 +192,18 @@ def test_of_very_many_pairs_no_film_is_made_unless_it_is_wanted(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("way", ["laboratory", "home", "prolific", "sona", "mturk", "cint"])
+def test_single_films_are_offered_before_the_platform_has_said_its_codes(
+    eva: Dashboard, own: Settings, way: str
+) -> None:
+    write_set(own.sets_dir / "several", ["ball"], ["id_fa", "id_fb", "pm_fa", "pm_fb"])
+    several = f"{NEW}?stimulus_set=several"
+    eva.act(f"{NEW}/draft", **typed(eva.get(several).text, way=way))
+    form = eva.get(several).text
+    assert len(re.findall(r'name="films-of-pairs"', form)) == 2
+
+
+@pytest.mark.slow
 def test_a_server_that_is_killed_while_it_makes_a_study_makes_it_without_a_click(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path)
     write_set(settings.sets_dir / "tiny", ["ball", "box"], ["id_fa", "id_fb", "pm_fa", "pm_fb"])
