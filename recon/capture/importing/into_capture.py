@@ -39,6 +39,7 @@ from recon.runtime.files import allowed, new_folder
 from recon.runtime.notices import Notice
 
 DEEP = 16  # bits
+NUMBER = re.compile(r"-?\d[-+.\de]*")
 MOST_OFF_MIDDLE = 0.4  # of the picture's size, from its middle to the principal point: beyond, it is at the border
 BASELINES_MM = (0.5, 50_000.0)  # shorter ones are those of microscopes, longer ones of aeroplanes
 MOST_APART_DEG = 60.0  # between the axes of a stereo pair
@@ -76,9 +77,8 @@ def write_recording(out: Path, recording: Recording, options: ImportOptions) -> 
     if not recording.sensors:
         raise CaptureError("the source names no sensors, expected at least one")
     _check_sizes(recording)
-    for source in recording.sensors:
-        for doubt in _doubts(source):
-            warnings.warn(f"sensor {source.id}: {doubt}", Notice, stacklevel=2)
+    for doubt in _doubts_once(recording.sensors):
+        warnings.warn(doubt, Notice, stacklevel=2)
     turn = rigid(Y_FROM[options.up or recording.up], np.zeros(3))
     told = (options.fps, recording.fps, _video_fps(recording), DEFAULT_FPS)  # videos are checked whatever is said
     fps = next(rate for rate in told if rate is not None)
@@ -123,6 +123,17 @@ def _check_sizes(recording: Recording) -> None:
                 f"{place}: {pictures.files[0]} has {'x'.join(map(str, pictures.size))} pixels, its calibration is for "
                 f"{'x'.join(map(str, camera.size))}; take the pictures that it was made for, or calibrate these"
             )
+
+
+def _doubts_once(sources: Sequence[SensorSource]) -> Iterator[str]:
+    """Yield each kind of doubt once, with the numbers of the first sensor and the names of the others that have it."""
+    kinds: dict[str, list[tuple[str, str]]] = {}
+    for source in sources:
+        for doubt in _doubts(source):
+            kinds.setdefault(NUMBER.sub("", doubt), []).append((source.id, doubt))
+    for (first, doubt), *others in kinds.values():
+        also = f" (likewise in {', '.join(sensor for sensor, _ in others)})" if others else ""
+        yield f"sensor {first}{also}: {doubt}"
 
 
 def _doubts(source: SensorSource) -> Iterator[str]:

@@ -18,6 +18,7 @@ from recon.capture.importing.opencv import import_opencv, write_calibration
 from recon.capture.importing.sources import ImportOptions
 from recon.capture.pictures import find_pictures
 from recon.geometry.rig import Rig
+from recon.runtime.notices import Notice
 from tests.command_line import Command
 from tests.recon.capture.importing.labelled_recording import (
     OPTIONS,
@@ -193,3 +194,17 @@ def test_held_out_photographs_and_masks_of_another_size_are_refused(tmp_path: Pa
     cv2.imwrite(str(source / "images/S2_left.png"), np.zeros((120, 160, 3), np.uint8))
     with pytest.raises(CaptureError, match=r"held out: .*S2_left\.png has 160x120 pixels"):
         import_colmap(source, tmp_path / "out", [(11, 12)], options)
+
+
+def test_a_doubt_that_several_sensors_share_is_told_once_and_names_them(tmp_path: Path) -> None:
+    record(tmp_path)
+    path = described(tmp_path)
+    entry = json.loads(path.read_text())
+    for number, sensor in enumerate(entry["sensors"]):
+        sensor["left"]["K"][0][2] = 4000.0 + number
+    path.write_text(json.dumps(entry))
+    with pytest.warns(Notice, match="principal point of left") as notices:
+        import_json(path, tmp_path / "out")
+    told = [str(notice.message) for notice in notices if "principal point" in str(notice.message)]
+    assert len(told) == 1
+    assert told[0].startswith("sensor S1 (likewise in S2")
