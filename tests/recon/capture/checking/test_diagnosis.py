@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from recon.capture.checking.diagnosis import diagnose, small_correction, would_l
 from recon.capture.checking.matches import Matches, epipolar_errors
 from recon.capture.format import Capture, write_capture
 from recon.geometry.rig import Camera, Sensor, look_at, rigid
+from recon.studio import SynthParameters, synthesise
 from recon.studio.rigs import Field, arc_rig, distorted, disturbed
 
 SIZE = (1280, 720)
@@ -166,6 +168,12 @@ def test_true_matches_are_on_their_epipolar_lines() -> None:
     np.testing.assert_allclose(epipolar_errors(SENSOR, exact), 0.0, atol=1e-8)
     off = Matches(exact.left, np.add(exact.right, (0.0, 1.0)))  # the baseline is horizontal
     np.testing.assert_allclose(np.abs(epipolar_errors(SENSOR, off)), 1 / np.sqrt(2), rtol=0.05)  # shared by both
+
+
+@pytest.mark.slow
+def test_lenses_are_not_called_wrong_by_a_median_that_few_matches_of_small_pictures_change(tmp_path: Path) -> None:
+    synthesise(tmp_path / "ball", SynthParameters("ball", n_sensors=3, n_frames=1, size=(320, 240), seed=1))
+    assert check_capture(tmp_path / "ball").problems == ()
 
 
 @pytest.fixture(scope="module")
