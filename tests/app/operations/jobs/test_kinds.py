@@ -126,6 +126,7 @@ def test_no_text_becomes_an_option_or_a_path_outside(here: Settings, texts: dict
         "--clouds",
         "--meshes",
         "--fill",
+        "--steady",
         "--out",
     }
     out = next(value for option, _, value in options if option == "--out")
