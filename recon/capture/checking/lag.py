@@ -138,8 +138,11 @@ def lag_between(pairs: Sequence[tuple[Tangents, Tangents]]) -> Lag | None:
         for end in (0, 1):
             signals = first.angles[:, end], second.angles[:, end]
             total += _log_likelihood(*signals, max(first.pixel, second.pixel), lags)
-    if not total.any():
-        return None
+    return likeliest_lag(lags, total) if total.any() else None
+
+
+def likeliest_lag(lags: NDArray[np.float64], total: NDArray[np.float64]) -> Lag:
+    """Return the lag of the highest log-likelihood, of lags (L,) around none, with those that are about as likely."""
     best = int(total.argmax())
     likely = lags[total >= total[best] - LEAST_EVIDENCE]
     evidence = float(total[best] - total[len(lags) // 2])

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.signal import find_peaks
 
-from recon.capture.checking.lag import CORRELATED, LARGEST_FRAMES, LEAST_EVIDENCE, NOISE_PX, STEP, Lag, TangentPlanes
+from recon.capture.checking.lag import CORRELATED, LARGEST_FRAMES, NOISE_PX, STEP, Lag, TangentPlanes, likeliest_lag
 from recon.capture.checking.silhouettes import Silhouette
 from recon.geometry.rig import Camera
 
@@ -68,11 +68,7 @@ def lag_of_protrusions(pairs: Sequence[tuple[TangentPlanes, Seen, Seen]]) -> Lag
     fits = [fit for planes, first, second in pairs for fit in _fits(_tracks(planes, first), _tracks(planes, second))]
     if len(fits) < FEWEST_PAIRS:
         return None
-    total = np.sum(fits, axis=0)
-    best = int(total.argmax())
-    likely = LAGS[total >= total[best] - LEAST_EVIDENCE]
-    evidence = float(total[best] - total[len(LAGS) // 2])
-    return Lag(float(LAGS[best]), float(likely.min()), float(likely.max()), evidence)
+    return likeliest_lag(LAGS, np.sum(fits, axis=0))
 
 
 def _fits(first: list[NDArray[np.float64]], second: list[NDArray[np.float64]]) -> Iterator[NDArray[np.float64]]:
