@@ -110,7 +110,8 @@ def test_a_film_that_could_not_be_shown_is_logged(participant: httpx.Client, cap
     trial = participant.get("/api/v1/session/trials/next").json()["trial"]
     path = f"/api/v1/session/trials/{trial}/trouble"
     assert participant.put(path, json={"why": "the film\nstands still"}).status_code == 204
-    assert f"the film of trial '{trial}' was not shown: 'the film\\nstands still'" in caplog.text
+    assert "the film of a trial was not shown" in caplog.text
+    assert "stands still" not in caplog.text  # a browser's words stand at the alarm, where they can be erased
     assert is_problem(participant.put(path, json={"why": "x" * 301}), 422)
 
 

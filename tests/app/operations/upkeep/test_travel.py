@@ -51,7 +51,7 @@ def packed(settings: Settings, taken: dict[str, Any], tmp_path_factory: pytest.T
         with database.writing() as connection:
             keep_image(connection, study.id, "room.png", PIXEL)
             person = participant_labelled(connection, study.id, "P001")
-            row = {"study_id": study.id, "participant_id": person.id, "outside_id": "5f1e", "kept": {}}
+            row = {"study_id": study.id, "participant_id": person.id, "outside_id": "5f1e-outside", "kept": {}}
             connection.execute(insert(recruit).values(**row, completion_code=CODE))
             named = update(invitation).where(invitation.c.study_id == study.id)
             connection.execute(named.values(label="for Anna Example"))
@@ -143,7 +143,7 @@ def test_nobodys_code_travels_and_new_ones_are_made(
         packed_text = b"".join(archive.read(name) for name in archive.namelist() if not name.endswith(".mp4")).decode()
     assert not secrets[0] & secrets[1]
     assert not [secret for secret in secrets[0] if secret in packed_text]
-    for private in (taken["invitation"], CODE, "5f1e", "Anna Example", str(settings.data_dir.parent)):
+    for private in (taken["invitation"], CODE, "5f1e-outside", "Anna Example", str(settings.data_dir.parent)):
         assert private not in packed_text
     with open_store(there) as database, database.reading() as connection:
         assert connection.execute(select(recruit)).all() == []
@@ -159,7 +159,7 @@ def test_outside_ids_travel_where_one_says_so(
     import_file(there, tmp_path / "all.zip")
     with open_store(there) as database, database.reading() as connection:
         assert [(row.outside_id, row.completion_code) for row in connection.execute(select(recruit))] == [
-            ("5f1e", CODE)
+            ("5f1e-outside", CODE)
         ]
         assert "for Anna Example" in connection.scalars(select(invitation.c.label)).all()
 

@@ -249,8 +249,8 @@ def test_a_file_edits_a_study_and_bad_files_change_nothing(experimenter: Dashboa
 def test_a_file_that_would_take_gigabytes_to_read_is_refused(experimenter: Dashboard, new_study: NewStudy) -> None:
     base = f"/admin/studies/{new_study()['slug']}"
     refused = experimenter.act(f"{base}/edit/file", revision="1", text="a." * 39_000 + "a = 1")
-    assert refused.status_code == 413
-    assert "far more than its size explains" in refused.text
+    assert refused.status_code == 422
+    assert "words are joined by dots" in refused.text
 
 
 @pytest.mark.slow
