@@ -12,8 +12,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from app.operations.jobs.command import needed_environment
 from app.operations.jobs.worker import ENDS_WITHIN_S, work
 from app.settings import Settings
+from app.store.database.engine import holds_password
 
 SHORTEST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 60.0  # before a worker that died is started again
 LOOKS_EVERY_S = 0.2
@@ -86,9 +88,19 @@ def _start(settings: Settings, n_at_once: int) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
         [sys.executable, "-P", "-m", __name__, str(n_at_once), str(os.getpid())],
         stdin=subprocess.DEVNULL,
-        env=os.environ | settings.as_environment(),
+        env=_environment(settings),
         process_group=0,  # Ctrl-C reaches the server alone, which then ends the worker
     )
+
+
+def _environment(settings: Settings) -> dict[str, str]:
+    """Return the settings and what a program needs; of PostgreSQL's names the password only if the address has none."""
+    needed = needed_environment() | settings.as_environment()
+    if not settings.is_sqlite:
+        needed |= {name: value for name, value in os.environ.items() if name.startswith("PG")}
+        if holds_password(settings.url):
+            needed.pop("PGPASSWORD", None)
+    return needed
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

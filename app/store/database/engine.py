@@ -299,6 +299,12 @@ def without_password(url: str) -> str:
     return _shown(_address(url))
 
 
+def holds_password(url: str) -> bool:
+    """Whether a database's address holds the password, so that its driver takes none from the environment."""
+    address = _address(url)
+    return address.password is not None or not address.query.keys().isdisjoint(SECRETS)
+
+
 def sorted_by(columns: Mapping[str, ColumnElement[Any]], sort: str) -> tuple[UnaryExpression[Any], ...]:
     """Return the order that a reader asks for, missing values last; nothing where there is no such column.
 
