@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from multiprocessing import forkserver
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
 from typing import ParamSpec, TypeVar
@@ -65,6 +66,12 @@ def typed_in_bounds(read: Callable[Arguments, Result], *arguments: Arguments.arg
     """
     with _process(MOST_TYPED_MB, LONGEST_TYPED_S) as process:
         return process.submit(read, *arguments, **named).result()
+
+
+def load_readers() -> None:
+    """Begin to load the readers, which takes seconds, unless that has begun; what is read first then waits less."""
+    _processes()
+    forkserver.ensure_running()
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from urllib.parse import quote
 from fastapi import Request
 from fastapi.responses import RedirectResponse, Response
 
+from app.intake.bounds import load_readers
 from app.store.access.experimenters import Experimenter, Role
 from app.store.studies.studies import Study, progress_of
 from app.web.admin.alarms import alarm_in
@@ -80,6 +81,8 @@ def page(
     request: Request, template: str, person: Experimenter, context: dict[str, Any], status_code: int = 200
 ) -> Response:
     """Render a page for the signed-in person; its forms carry the session's form token."""
+    if person.may("experimenter"):  # who may send what is read in bounds
+        load_readers()
     manual = MANUAL.get(template, "experimenter")
     frame = {"experimenter": person, "form_token": request.state.form_token, "now": now(request), "manual": manual}
     return render(request, f"admin/{template}.html", {**frame, **context}, status_code)

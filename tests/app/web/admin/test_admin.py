@@ -9,6 +9,7 @@ from typing import Any
 import httpx
 import pytest
 
+from app.intake import bounds
 from app.operations.studies import create, manage
 from app.settings import Settings
 from app.web.admin.layout import TABS
@@ -118,3 +119,17 @@ def test_names_are_escaped(experimenter: Dashboard, settings: Settings, stimulus
     page = experimenter.get("/admin").text
     assert "<script>" not in page
     assert "&lt;script&gt;" in page
+
+
+def test_who_may_send_files_finds_their_readers_loading_and_nobody_else_loads_them(
+    monkeypatch: pytest.MonkeyPatch, client: httpx.Client, server: str, settings: Settings
+) -> None:
+    began: list[str] = []
+    monkeypatch.setattr(bounds.forkserver, "ensure_running", lambda: began.append("readers"))
+    client.get("/admin", headers={"Accept": "text/html"})
+    with signed_in(server, settings, "Vera", "viewer") as vera:
+        vera.get("/admin")
+    assert began == []
+    with signed_in(server, settings, "Emil", "experimenter") as emil:
+        emil.get("/admin")
+    assert "readers" in began
