@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import HTMLResponse, JSONResponse, Response
+from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
@@ -42,6 +42,7 @@ PROGRAMS = (
     "/metrics",
 )  # prefixes of addresses that programs read
 FULL = (errno.ENOSPC, errno.EDQUOT)
+CROWDED = (errno.EMFILE, errno.ENFILE)  # no file or connection more can be opened
 NOWHERE = (404, 410)  # forged ids, and invitations that are used up
 METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE")
 SECRET = ("form_token", "current", "password", "again")
@@ -61,6 +62,7 @@ SENTENCES = {
     404: "There is nothing at this address.",
     413: "The request is too large.",
     507: "The server's disk is full. What came before is kept; an administrator has to make room, then repeat this.",
+    503: "Here are too many at once. What came before is kept; please try again in a moment.",
     500: "Something went wrong here. Nothing that was acknowledged is lost; please try again.",
 }
 
@@ -100,7 +102,7 @@ def install_problems(app: FastAPI) -> None:
 
 
 class UnforeseenErrors:
-    """Answer unexpected exceptions with 500: the log gets the traceback, the client a sentence."""
+    """Answer unexpected exceptions with 500, or 503 where only files ran out: the log gets the traceback."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -120,11 +122,22 @@ class UnforeseenErrors:
             await self.app(scope, receive, watch)
         except ClientDisconnect:
             log.info("%s %s: the client left", scope["method"], route_of(scope))
-        except Exception:
+        except Exception as error:
             log.exception("%s %s failed", scope["method"], route_of(scope))
             if has_started:
                 raise
-            await _answer(Request(scope), 500, SENTENCES[500])(scope, receive, send)
+            is_crowded = isinstance(error, OSError) and error.errno in CROWDED
+            request = Request(scope)
+            answer = _crowded(request) if is_crowded else _answer(request, 500, SENTENCES[500])
+            await answer(scope, receive, send)
+
+
+def _crowded(request: Request) -> Response:
+    """Ask to come again; a person gets plain text, since no template could be opened."""
+    headers = {"Retry-After": str(UnavailableError.retry_after_s)}
+    if _is_page(request):
+        return PlainTextResponse(SENTENCES[503], 503, headers)
+    return problem(503, SENTENCES[503], headers=headers)
 
 
 async def _study_error(request: Request, error: Exception) -> Response:

@@ -145,6 +145,29 @@ def test_votes_wait_in_the_browser_while_the_disk_is_full(tmp_path: Path) -> Non
     database.dispose()
 
 
+@pytest.mark.slow
+def test_votes_wait_in_the_browser_while_the_server_can_open_no_file(tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path / 'study.sqlite'}"
+    voters = seeded_voters(url, N_VOTERS, N_APPROACHES)
+
+    def let_none_be_opened(tally: Tally) -> None:
+        n_before = tally.statuses.get(503, 0)
+        most = resource.prlimit(server.pid, resource.RLIMIT_NOFILE)
+        resource.prlimit(server.pid, resource.RLIMIT_NOFILE, (3, most[1]))
+        try:
+            tally.wait_until(lambda: tally.statuses.get(503, 0) > n_before)
+        finally:
+            resource.prlimit(server.pid, resource.RLIMIT_NOFILE, most)
+
+    with StudyServer(tmp_path) as server:
+        tally = votes_under(let_none_be_opened, server, voters, 2)
+    database = open_database(url)
+    assert sorted(stored(database)) == sorted(tally.acknowledged)
+    assert len(tally.acknowledged) == 21 * N_VOTERS
+    assert tally.statuses.keys() <= {200, 201, 503}
+    database.dispose()
+
+
 def lost_to_a_power_cut(folder: Path, *options: str) -> tuple[int, int]:
     """How many votes were acknowledged before the power went, and how many of them are gone."""
     folder.mkdir()

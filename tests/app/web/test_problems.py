@@ -93,6 +93,22 @@ def test_a_server_without_room_for_votes_is_not_ready(client: httpx.Client, monk
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("accept", ["application/json", "text/html"])
+def test_who_comes_while_no_file_can_be_opened_is_asked_to_come_again(tmp_path: Path, accept: str) -> None:
+    app = create_app(Settings(data_dir=tmp_path))
+
+    @app.get("/crowded")
+    def crowded() -> None:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    answer = ask(app, "/crowded", {"Accept": accept})
+    assert answer.status_code == 503
+    assert int(answer.headers["retry-after"]) > 0
+    assert "too many at once" in answer.text
+    assert "content-security-policy" in answer.headers
+
+
+@pytest.mark.slow
 def test_what_nobody_foresaw_is_logged_and_not_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     app = create_app(Settings(data_dir=tmp_path))
 
