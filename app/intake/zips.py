@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import zipfile
 import zlib
 from collections.abc import Collection, Iterator, Mapping
@@ -63,11 +64,11 @@ def check_zip(packed: Path, largest_mb: int, most_files: int = MOST_FILES) -> No
     InvalidError
         If it is not a zip file of plain names: names the file in it.
     TooLargeError
-        If it would unpack to more than the limit.
+        If it would unpack to more than the limit, or than there is room for.
     """
     try:
         with zipfile.ZipFile(packed) as archive:
-            _check_entries(_files_in(archive), largest_mb, most_files)
+            _check_entries(_files_in(archive), largest_mb, most_files, shutil.disk_usage(packed.parent).free)
     except zipfile.BadZipFile as error:
         raise InvalidError("This is not a zip file.") from error
     except DAMAGED as error:
@@ -144,7 +145,7 @@ def _is_left_out(name: str) -> bool:
     return is_hidden or parts[0] in LEFT_OUT or parts[-1] in LEFT_OUT
 
 
-def _check_entries(entries: list[zipfile.ZipInfo], largest_mb: int, most_files: int) -> None:
+def _check_entries(entries: list[zipfile.ZipInfo], largest_mb: int, most_files: int, free: int) -> None:
     if not 1 <= len(entries) <= most_files:
         raise InvalidError(f"The zip file holds {len(entries)} files; expected 1 to {most_files}.")
     for entry in entries:
@@ -161,6 +162,11 @@ def _check_entries(entries: list[zipfile.ZipInfo], largest_mb: int, most_files: 
         _check_size(entry, entry.file_size)
     if (total := sum(entry.file_size for entry in entries)) > largest_mb * MB:
         raise TooLargeError(f"The zip file unpacks to {total // MB} MB; this server takes {largest_mb} MB at most.")
+    if total > free:
+        raise TooLargeError(
+            f"The zip file unpacks to {total // MB} MB; the server's disk has {free // MB} MB free. Delete what nobody "
+            "needs, then repeat."
+        )
 
 
 def _unpack(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, path: Path, most: int) -> int:

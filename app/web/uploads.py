@@ -17,6 +17,7 @@ from app.files import WorkFolder
 from app.intake.arrivals import arrived_results, check_results, without_places
 from app.intake.bounds import in_bounds
 from app.intake.stimuli import read_manifest
+from app.intake.turns import in_turn
 from app.intake.zips import MB, check_zip
 from app.operations.studies.attach import attach
 from app.operations.studies.forecast import forecast
@@ -39,9 +40,9 @@ async def begin_attaching(request: Request, server: Settings, actor: Actor, data
     parent, limit_mb = server.data_dir / "uploads", server.largest_upload_mb
     folder, received = await receive(request, actor, database, parent, limit_mb, check_results)
 
-    def work(_tell: Progress) -> str:
+    def work(progress: Progress) -> str:
         place = Path(folder.name)
-        with folder:
+        with folder, in_turn(server.data_dir, actor.name, progress):
             try:
                 paths = arrived_results(received, place, limit_mb)
                 attached = attach(server, database, study, paths, by=actor.name, now=actor.now)
@@ -72,7 +73,7 @@ async def begin_installing(
     folder, packed = await receive(request, actor, database, server.sets_dir, server.largest_upload_mb, check_zip)
 
     def work(progress: Progress) -> str:
-        with folder:
+        with folder, in_turn(server.data_dir, actor.name, progress):
             unpacked = Path(folder.name) / "unpacked"
             told: dict[str, Any] = {
                 "is_wish": is_for_study,
@@ -95,7 +96,7 @@ async def begin_importing(request: Request, server: Settings, actor: Actor, data
     folder, packed = await receive(request, actor, database, parent, limit_mb, check_study_zip)
 
     def work(progress: Progress) -> str:
-        with folder:
+        with folder, in_turn(server.data_dir, actor.name, progress):
             made = import_study(server, database, packed, Path(folder.name), actor, name=name, progress=progress)
         return f"/admin/studies/{made['slug']}"
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import shutil
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path as FilePath
 from typing import IO, Annotated
 
@@ -37,6 +37,7 @@ from app.intake.part_uploads import (
     work_folder,
 )
 from app.intake.shelves import free_path
+from app.intake.turns import in_turn
 from app.intake.zips import MB
 from app.operations.tasks import start_task
 from app.settings import Settings
@@ -164,9 +165,10 @@ def _start_shelving(server: Settings, database: Database, actor: Actor, upload: 
     intake, limits = server.intake_dir, Limits(server.largest_intake_mb, server.most_intake_files)
     title = f"Checking the upload {upload.name}"
 
-    def work(_tell: Progress) -> str:
+    def work(progress: Progress) -> str:
+        turn = in_turn(server.data_dir, actor.name, progress)
         try:
-            place = _checked(intake, upload, limits)
+            place = _checked(intake, upload, limits, turn)
         except OSError as error:
             log.warning("%s failed: %s", title, error)
             raise UnavailableError(
@@ -182,10 +184,10 @@ def _start_shelving(server: Settings, database: Database, actor: Actor, upload: 
     return task
 
 
-def _checked(intake: FilePath, upload: PartUpload, limits: Limits) -> FilePath:
+def _checked(intake: FilePath, upload: PartUpload, limits: Limits, turn: AbstractContextManager[None]) -> FilePath:
     """Put a complete upload on its shelf and return its place there; nothing that was unpacked besides is left."""
     folder = work_folder(intake, upload.id)
-    with checking(intake, upload.id) as received:
+    with checking(intake, upload.id) as received, turn:
         shutil.rmtree(folder, ignore_errors=True)  # of an attempt that was killed
         try:
             return in_bounds(shelve, intake, upload.kind, upload.name, received, folder, limits)
