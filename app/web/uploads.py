@@ -17,7 +17,6 @@ from app.files import WorkFolder
 from app.intake.arrivals import arrived_results, check_results, without_places
 from app.intake.bounds import in_bounds
 from app.intake.stimuli import read_manifest
-from app.intake.turns import in_turn
 from app.intake.zips import MB, check_zip
 from app.operations.studies.attach import attach
 from app.operations.studies.forecast import forecast
@@ -29,6 +28,7 @@ from app.store.database.engine import Database
 from app.store.studies.audit import Actor, Entry, record_alone
 from app.store.studies.studies import Study
 from app.study.options.options import StudyOptions
+from app.web.limits.turns import in_turn
 from app.web.roles import acting_by_header
 
 UploadingActor = Annotated[Actor, Depends(acting_by_header("experimenter"))]

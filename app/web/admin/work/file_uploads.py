@@ -37,7 +37,6 @@ from app.intake.part_uploads import (
     work_folder,
 )
 from app.intake.shelves import free_path
-from app.intake.turns import in_turn
 from app.intake.zips import MB
 from app.operations.tasks import start_task
 from app.settings import Settings
@@ -46,6 +45,7 @@ from app.store.studies.audit import Actor, Entry, record_alone
 from app.web.admin.background import UPLOAD, task_address
 from app.web.admin.layout import see
 from app.web.gates import Store, settings
+from app.web.limits.turns import in_turn
 from app.web.roles import Acting, Looking
 from app.web.uploads import UploadingActor
 

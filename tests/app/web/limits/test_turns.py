@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from app.intake import turns
-from app.intake.turns import in_turn
+from app.web.limits import turns
+from app.web.limits.turns import in_turn
 
 
 class WaitedError(Exception):
