@@ -26,6 +26,7 @@ from tests.app.web.admin.dashboard_client import PASSWORD, sign_in
 pytestmark = [
     pytest.mark.browser,
     pytest.mark.slow,
+    pytest.mark.usefixtures("new_database_url"),
     pytest.mark.parametrize("new_database_url", ["sqlite"], indirect=True),  # pages look the same on the other
 ]
 
@@ -145,7 +146,7 @@ REFUSED: tuple[tuple[str, dict[str, str], str], ...] = (  # page, what is typed,
     ("{study}/invitations", {"places": "-3"}, "Make invitations"),
     ("/users", {"name": "Dora Example"}, "Make a sign-in link"),
     ("/account", {"password": "short"}, "Save"),
-    ("/work/new/import-films", {}, "Start"),
+    ("/work/new/import-films", {}, "Start the job"),
 )
 
 
@@ -171,7 +172,7 @@ def test_refusals_alarms_and_what_is_shown_once_are_accessible_too(
         page.evaluate(OPENED)
         page.evaluate(UNCHECKED)
         for name, text in typed.items():
-            page.locator(f"[name='{name}']").first.fill(text)
+            page.locator(f"[name='{name}']:visible").first.fill(text)
         page.get_by_role("button", name=button, exact=True).first.click()
         page.get_by_role("alert").first.wait_for()
         is_accessible(page)
