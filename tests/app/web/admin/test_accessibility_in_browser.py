@@ -22,6 +22,7 @@ from app.settings import Settings
 from app.simulation.participants import begin, next_trial, simulate
 from app.study.options.own_texts import LONGEST_NAME
 from tests.app.web.admin.dashboard_client import PASSWORD, sign_in
+from tests.conftest import BROWSER_TIMEOUT_MS
 
 pytestmark = [
     pytest.mark.browser,
@@ -78,7 +79,9 @@ WEIGHT = """[...performance.getEntriesByType("navigation"), ...performance.getEn
 
 
 def page_at(browser: Browser, server: str) -> Page:
-    return browser.new_page(base_url=server, reduced_motion="reduce")  # colours are judged at rest
+    page = browser.new_page(base_url=server, reduced_motion="reduce")  # colours are judged at rest
+    page.set_default_timeout(BROWSER_TIMEOUT_MS)
+    return page
 
 
 def is_accessible(page: Page, *, narrowest: int = TELEPHONE["width"]) -> None:
@@ -87,12 +90,12 @@ def is_accessible(page: Page, *, narrowest: int = TELEPHONE["width"]) -> None:
     page.set_viewport_size({**TELEPHONE, "width": narrowest})
     assert page.evaluate(WIDTH) <= narrowest, page.url
     page.evaluate(OPENED)
-    for window, scheme in ((TELEPHONE, "dark"), (LAPTOP, "light")):
+    for window, is_dark in ((TELEPHONE, True), (LAPTOP, False)):
         page.set_viewport_size(window)
-        page.emulate_media(color_scheme=scheme)
+        page.emulate_media(color_scheme="dark" if is_dark else "light")
         assert page.evaluate(WIDTH) <= window["width"], page.url
         found = Axe().run(page)
-        assert found.violations_count == 0, f"{page.url}, {scheme}: {found.generate_report()}"
+        assert found.violations_count == 0, f"{page.url}, {is_dark=}: {found.generate_report()}"
 
 
 def test_every_page_fits_a_telephone_is_accessible_and_light(
@@ -160,9 +163,7 @@ def test_refusals_alarms_and_what_is_shown_once_are_accessible_too(
     page.goto("/admin/sign-in")
     page.get_by_label("Name").fill("Nobody")
     page.locator("[type=password]").fill(PASSWORD)
-    page.get_by_role("button", name="Sign in").click()
-    page.get_by_role("alert").wait_for()
-    is_accessible(page)
+    is_refused(page, "Sign in")
     sign_in(page, settings)
     for path in ("/admin/nothing", "/admin/studies/nothing", "/admin/work/0", "/admin/sets/nothing"):
         page.goto(path)
@@ -173,9 +174,7 @@ def test_refusals_alarms_and_what_is_shown_once_are_accessible_too(
         page.evaluate(UNCHECKED)
         for name, text in typed.items():
             page.locator(f"[name='{name}']:visible").first.fill(text)
-        page.get_by_role("button", name=button, exact=True).first.click()
-        page.get_by_role("alert").first.wait_for()
-        is_accessible(page)
+        is_refused(page, button)
     page.goto("/admin/tokens")
     page.get_by_label("Name of its user or purpose").fill("axe")
     page.get_by_role("button", name="Make the token").click()
@@ -192,6 +191,12 @@ def test_refusals_alarms_and_what_is_shown_once_are_accessible_too(
     turns_second_factor_on(page)
     is_accessible(page)
     page.close()
+
+
+def is_refused(page: Page, button: str) -> None:
+    page.get_by_role("button", name=button, exact=True).first.click()
+    page.get_by_role("alert").first.wait_for()
+    is_accessible(page)
 
 
 def turns_second_factor_on(page: Page) -> None:
