@@ -194,7 +194,8 @@ def test_refusals_alarms_and_what_is_shown_once_are_accessible_too(
 
 
 def is_refused(page: Page, button: str) -> None:
-    page.get_by_role("button", name=button, exact=True).first.click()
+    with page.expect_navigation():
+        page.get_by_role("button", name=button, exact=True).first.click()
     page.get_by_role("alert").first.wait_for()
     is_accessible(page)
 
