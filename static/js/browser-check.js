@@ -7,7 +7,7 @@ const SLOWEST_REFRESH_HZ = 45; // a film of 25 frames a second needs about twice
 
 /**
  * Shows each check, now and whenever the window changes, and marks what is unfavourable.
- * @param {HTMLElement} list with an item for each check: data-check, data-good, data-fair and data-bad texts
+ * @param {HTMLElement} list with an item for each check: data-check, data-good and data-bad texts
  * @param {import("./session.js").Technique | null} technique how this browser shows the films; null: it cannot
  */
 export function checkBrowser(list, technique) {
@@ -24,11 +24,11 @@ function tell(list, technique) {
   /** @type {Record<string, boolean>} */
   const isGood = { codec: technique !== null, window: isLarge, refresh: refresh_hz === null || refresh_hz >= SLOWEST_REFRESH_HZ };
   for (const item of /** @type {NodeListOf<HTMLElement>} */ (list.querySelectorAll("[data-check]"))) {
-    const { check = "", good, fair, bad } = item.dataset;
+    const { check = "", good, bad } = item.dataset;
     item.classList.toggle("is-bad", !isGood[check]);
     item.hidden = false;
     item.classList.toggle("is-unknown", check === "refresh" && refresh_hz === null);
-    const text = (isGood[check] ? good : technique && fair ? fair : bad) ?? "";
+    const text = (isGood[check] ? good : bad) ?? "";
     if (item.textContent !== text) item.textContent = text;
   }
 }

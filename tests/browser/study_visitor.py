@@ -52,6 +52,7 @@ class Study:
             f"{self.url}/api/v1/studies/{self.slug}/{what}",
             params={"format": "json"},
             headers={"Authorization": f"Bearer {self.token}"},
+            timeout=LONGEST_WAIT_S,  # a first analysis loads scipy
         )
         answer.raise_for_status()
         rows: list[dict[str, Any]] = answer.json()

@@ -9,16 +9,12 @@ from typing import Any
 from zoneinfo import ZoneInfo
 
 import cv2
-import httpx
 import numpy as np
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, Route, expect
 
-from app.operations.studies.manage import copy_study
 from app.settings import Settings
 from app.simulation.participants import simulate
-from app.study.options.own_texts import LONGEST_NAME
 from app.web.admin.participants.invitations_page import LONGEST_LABEL
 from tests.app.web.admin.dashboard_client import sign_in
 
@@ -29,7 +25,6 @@ pytestmark = [
 ]
 
 TELEPHONE = {"width": 390, "height": 844}
-NARROWEST = 320  # WCAG 1.4.10: a window of 1280 pixels at a zoom of 400 %
 
 
 @pytest.fixture
@@ -42,71 +37,6 @@ def page(browser: Browser, server: str, settings: Settings) -> Iterator[Page]:
     yield page
     page.close()
     assert complaints == []
-
-
-STUDY_PAGES = (
-    "",
-    "/results",
-    "/results/groups",
-    "/objective",
-    "/objective/scores",
-    "/models",
-    "/participants",
-    "/participants/P001",
-    "/participants/comments",
-    "/participants/demographics",
-    "/votes",
-    "/design",
-    "/stimuli",
-    "/invitations",
-    "/edit",
-)
-NEW_STUDY = "/studies/new?stimulus_set=tiny&preset=paper"
-PAGES = (
-    "",
-    "/studies/new",
-    "/manual/recruiting",
-    NEW_STUDY,
-    "/sets",
-    "/sets/tiny",
-    "/work",
-    "/work/new/reconstruct",
-    "/users",
-    "/tokens",
-    "/audit",
-    "/settings",
-    "/account",
-)
-LARGEST_PAGE = 500_000  # bytes of document, styles and scripts, before figures, films and models
-WEIGHT = """[...performance.getEntriesByType("navigation"), ...performance.getEntriesByType("resource")]
-    .filter((entry) => ["navigation", "link", "script"].includes(entry.initiatorType) && !entry.name.includes("/vega"))
-    .reduce((sum, entry) => sum + entry.decodedBodySize, 0)"""
-
-
-def test_every_page_fits_a_telephone_is_accessible_and_light(
-    page: Page, server: str, token: str, settings: Settings, new_study: Callable[[], dict[str, Any]]
-) -> None:
-    study = new_study()
-    long_word = f"/admin/studies/{copy_study(settings, study['slug'], 'x' * LONGEST_NAME)['study']}"
-    abilities = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0}
-    simulate(server, study["slug"], study["invitation"], token, 3, abilities)
-    base = f"/admin/studies/{study['slug']}"
-    trial = httpx.get(
-        f"{server}/api/v1/studies/{study['slug']}/trials", headers={"Authorization": f"Bearer {token}"}
-    ).json()[0]["trial"]
-    paths = [*(f"/admin{path}" for path in PAGES), *(base + path for path in STUDY_PAGES), f"{base}/votes/{trial}"]
-    paths += [f"{base}/invitations/print", *(f"{long_word}/{tab}" for tab in ("texts", "edit"))]
-    narrow = [f"{base}{place}" for place in (*STUDY_PAGES, "/invitations/print")]
-    for number, path in enumerate(paths):
-        page.emulate_media(color_scheme="dark" if number % 2 else "light")
-        page.goto(path)
-        page.locator("h1").wait_for()
-        for width in (NARROWEST if path in narrow else TELEPHONE["width"], TELEPHONE["width"]):
-            page.set_viewport_size({"width": width, "height": TELEPHONE["height"]})
-            assert page.evaluate("document.documentElement.scrollWidth") <= width, path
-        found = Axe().run(page)
-        assert found.violations_count == 0, f"{path}: {found.generate_report()}"
-        assert page.evaluate(WEIGHT) < LARGEST_PAGE, path
 
 
 def test_a_telephone_at_night_in_tokyo(browser: Browser, server: str, settings: Settings) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import html
 import io
 import json
 import re
@@ -19,7 +20,8 @@ from app.files import packaged
 from app.main import running_server
 from app.operations.studies.create import create_study
 from app.settings import Settings
-from app.study.languages.language_pack import SHIPPED
+from app.store.participants.invitations import Invitation
+from app.study.languages.language_pack import PLACEHOLDER, SHIPPED, model_texts
 from app.study.options.options import parse_options
 
 BOTH = {
@@ -147,3 +149,34 @@ def test_a_pack_in_the_data_folder_is_used_once_it_is_whole(tmp_path: Path, stim
         create_study(settings, stimulus_set, "B", exposure_s=0.4, options=parse_options({"languages": ["pl"]}))
     with running_server(settings) as url:
         assert language_of(httpx.get(url + study["path"], timeout=60).text) == ("it", "ltr")
+
+
+STAGES = {"optional_stages": ["screening", "practice", "interview"], "comprehension": True, "languages": ["en"]}
+TRAINED = {"name": "trained", "kind": "choice", "options": ["yes", "no"]}
+EVERYTHING: tuple[dict[str, Any], ...] = (  # between them, the studies show whatever a pack can say
+    {"consent": "We compare.", "consent_version": "1", "reference": "id_fa", "spoken_questions": ["Why?"]},
+    {"free_exposure": True, "outside": {"id": "pid"}, "privacy": {"keep_days": 9, "contact": "a@b.org"}},
+    {"protocol": "ACR", "phones": False},
+    {"protocol": "ACR", "scale": "slider", "free_exposure": True},
+    {"protocol": "DCR", "reference": "id_fa", "free_exposure": True},
+    {"protocol": "DCR", "reference": "id_fa"},
+    {"protocol": "CCR", "questions": [{**TRAINED, "required": True}, {"name": "age", "kind": "number"}]},
+)
+
+
+def test_every_text_of_a_pack_stands_on_some_page(
+    client: httpx.Client, study_with: NewStudy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Invitation, "is_named", True)
+    pages = [client.get("/").text]
+    for options in EVERYTHING:
+        path = study_with(STAGES | options)["path"]
+        pages += [client.get(path, params={"pid": "one"}).text, client.get(f"{path}/privacy").text]
+    escaped = html.unescape(" ".join(pages))
+    shown = re.sub(r"\\u([0-9a-f]{4})", lambda code: chr(int(code[1], 16)), escaped)  # of texts within JSON
+
+    def is_shown(text: str) -> bool:
+        return re.search("[^<>]*?".join(map(re.escape, PLACEHOLDER.split(text)[::2])), shown) is not None
+
+    texts = {key: [text] if isinstance(text, str) else list(text) for key, text in model_texts().items()}
+    assert [key for key, parts in texts.items() if not all(map(is_shown, parts))] == []
