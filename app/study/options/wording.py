@@ -114,7 +114,7 @@ def beyond_the_study(options: StudyOptions) -> str:
         if (options.phones if stage == PHONES else stage not in options.optional_stages)
         and any(phrase in consent for phrase in phrases for consent in consents)
     ]
-    return f"the consent speaks of {' and of '.join(told)}, which this study does not have; change it" if told else ""
+    return f"the consent speaks of {', '.join(told)}, which this study does not have; change it" if told else ""
 
 
 def first_language(options: StudyOptions) -> str:
