@@ -36,7 +36,7 @@ from app.study.options.options import StudyOptions, parse_options
 from app.study.options.own_texts import LONGEST_NAME
 from app.study.options.presets import QUICK, read_preset
 from app.study.options.study_file import StudyFile, parse_study_file, read_toml
-from app.study.options.wording import check_languages, refused_languages
+from app.study.options.wording import beyond_the_study, check_languages, refused_languages
 
 LONGEST_SLUG = 48
 RESERVED = ("new",)  # the page that creates a study has this place among the studies
@@ -81,7 +81,7 @@ def create_study(
             wanted = neutral_words(wanted)
         check_languages(wanted, packs)
         made = prepare_study(settings, manifest_path, wanted, exposure_s, progress)
-        notes = [*made.notes, *filter(None, [telling_names(name, made.shown.conditions)])]
+        notes = [*made.notes, *filter(None, [telling_names(name, made.shown.conditions), beyond_the_study(wanted)])]
         now = utc_now()
         row = {"slug": slug, "name": name.strip(), "state": "open", "seed": chosen_seed, "created_at": now}
         row |= {"paused_at": now if is_paused else None, **prepared_columns(made)}

@@ -25,6 +25,14 @@ from app.study.protocols import Protocol, texts_of
 from app.study.questions.answers import QUESTIONS, AskedQuestion, pack_labels, worded_questions
 from app.study.questions.questionnaire import Question
 
+PHONES = "phones"
+TOLD_IN_CONSENT = {  # what the presets' consents say, and by which words in their languages
+    "screening": ("tests of the eyes", ("how sharply you see", "wie scharf Sie sehen")),
+    "practice": ("practice", ("you practise", "Sie üben")),
+    "interview": ("questions at the end", ("ask you a few questions", "stellen wir Ihnen einige Fragen")),
+    PHONES: ("the need of a computer", ("You need a computer", "Sie brauchen einen Computer")),
+}
+
 
 @dataclass(frozen=True)
 class Wording:
@@ -95,6 +103,18 @@ def asked_questions(options: StudyOptions) -> dict[str, AskedQuestion]:
 def consent_in(options: StudyOptions, language: str) -> str:
     """Return the text that a participant agrees to in a language; empty: no consent is asked for."""
     return str(own_texts(options, language).get(CONSENT, ""))
+
+
+def beyond_the_study(options: StudyOptions) -> str:
+    """Return a sentence if a preset's consent tells, in any language, of what the study leaves out; else nothing."""
+    consents = [consent_in(options, language) for language in {first_language(options), *options.texts}]
+    told = [
+        what
+        for stage, (what, phrases) in TOLD_IN_CONSENT.items()
+        if (options.phones if stage == PHONES else stage not in options.optional_stages)
+        and any(phrase in consent for phrase in phrases for consent in consents)
+    ]
+    return f"the consent speaks of {', '.join(told)}, which this study does not have; change it" if told else ""
 
 
 def first_language(options: StudyOptions) -> str:

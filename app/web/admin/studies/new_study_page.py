@@ -28,7 +28,7 @@ from app.study.options.options import StudyOptions
 from app.study.options.platforms import PLATFORMS, WAYS
 from app.study.options.presets import PRESETS, QUICK
 from app.study.options.study_file import LONGEST_FILE, StudyFile, parse_study_file, with_line
-from app.study.options.wording import check_languages, first_language, wording
+from app.study.options.wording import beyond_the_study, check_languages, first_language, wording
 from app.web.admin.background import task_address
 from app.web.admin.layout import page, see, unix
 from app.web.admin.studies.form import (
@@ -223,10 +223,11 @@ def _form_page(
         "n_guessed": sum(
             "unknown" in (look["found"].get("matrix"), look["found"].get("range")) for look in looks.values()
         ),
-        "n_beyond": sum(
-            look["found"].get("beyond_limited", 0) > MANY_BEYOND and look["found"]["read_as"]["range"] == "tv"
-            for look in looks.values()
-        ),
+        "beyond_range": [
+            name
+            for name, look in looks.items()
+            if look["found"].get("beyond_limited", 0) > MANY_BEYOND and look["found"]["read_as"]["range"] == "tv"
+        ],
         "n_sound": sum(bool(look["found"].get("sound")) for look in looks.values()),
         "address": f"/admin/studies/new?stimulus_set={quote(known.name)}",
         **_plan(request, known, draft),
@@ -262,6 +263,7 @@ def _plan(request: Request, known: KnownSet, draft: Draft) -> dict[str, Any]:
         "telling": telling_names(
             wanted.name, [each for each in known.conditions if each not in wanted.options.without]
         ),
+        "beyond": beyond_the_study(wanted.options),
         "by_films": by_films,
         "chosen_films": wanted.options.pair_films,
         "pages": list(_read_first(request, options, outlook.n_trials)),

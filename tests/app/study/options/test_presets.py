@@ -12,6 +12,7 @@ from app.study.design.design import Repetition
 from app.study.options.options import StudyOptions
 from app.study.options.presets import ONLINE, PAPER, PRESETS, QUICK, read_preset
 from app.study.options.study_file import StudyFile, parse_study_file, write_study_file
+from app.study.options.wording import beyond_the_study, own_texts
 
 TEXTS = Path(__file__).parents[4] / "languages"
 
@@ -83,3 +84,27 @@ def test_a_text_that_is_given_leaves_the_presets_others_and_a_consent_replaces_t
 def test_an_unknown_preset_is_refused_with_the_names_of_those_there_are() -> None:
     with pytest.raises(ValueError, match="'papr' is not known; expected one of paper, quick, online"):
         read_options(None, {}, "papr")
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_presets_consent_tells_of_nothing_that_its_study_leaves_out(name: str) -> None:
+    assert not beyond_the_study(read_options(None, {}, name))
+
+
+@pytest.mark.parametrize(
+    ("stage", "told"), [("screening", "tests of the eyes"), ("practice", "practice"), ("interview", "questions")]
+)
+@pytest.mark.parametrize("language", ["en", "de"])
+@pytest.mark.parametrize("name", [PAPER, ONLINE])
+def test_a_stage_that_is_left_out_is_missed_where_the_presets_consent_tells_of_it(
+    name: str, language: str, stage: str, told: str
+) -> None:
+    whole = read_options(None, {}, name)
+    own = own_texts(whole, language)
+    changed = whole.but(languages=[language], texts={}, consent=own["study.consent"])
+    stages = [each for each in whole.optional_stages if each != stage]
+    assert told in beyond_the_study(changed.but(optional_stages=stages))
+
+
+def test_phones_that_are_let_in_are_missed_where_the_consent_asks_for_a_computer() -> None:
+    assert "a computer" in beyond_the_study(read_options(None, {}, ONLINE).but(phones=True))

@@ -121,6 +121,14 @@ def test_a_name_that_gives_conditions_away_is_warned_of_before_and_after_it_is_g
         assert warning in eva.get(f"/admin/studies/id-fa-or-pm-fb{page}").text
 
 
+def test_a_consent_that_tells_of_stages_left_out_is_named_while_the_form_is_typed(eva: Dashboard) -> None:
+    page = eva.get(f"{FORM}&preset=online").text
+    told = "The consent speaks of tests of the eyes, which this study does not have"
+    whole = typed(page, optional_stages=["screening", "practice", "interview"])
+    assert told not in eva.act(f"{NEW}/draft", **whole).text
+    assert told in eva.act(f"{NEW}/draft", **whole | {"optional_stages": ["practice", "interview"]}).text
+
+
 def test_films_that_cannot_be_read_are_named_with_the_reason(eva: Dashboard, own: Settings) -> None:
     broken, empty = own.sets_dir / "broken", own.sets_dir / "empty"
     write_set(broken, ["ball"], ["id_fa", "id_fb"])
