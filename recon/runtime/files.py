@@ -31,10 +31,12 @@ def allowed(path: Path) -> Path:
 
     A job of the server reads the server's own folders alone, so that no upload has other files read.
     """
-    below = os.environ.get(FILES_BELOW)
-    if below is not None and not any(path.resolve().is_relative_to(folder) for folder in below.split(os.pathsep)):
-        raise ValueError(f"{path} lies outside the server's folders; put it beside the file that names it")
-    return in_any_case(path)
+    folders = os.environ.get(FILES_BELOW, "/").split(os.pathsep)
+    for look in (Path, in_any_case):  # the disk's name may be a link to elsewhere
+        found = look(path)
+        if not any(found.resolve().is_relative_to(folder) for folder in folders):
+            raise ValueError(f"{path} lies outside the server's folders; put it beside the file that names it")
+    return found
 
 
 @contextmanager
