@@ -33,10 +33,10 @@ def allowed(path: Path) -> Path:
     """
     folders = os.environ.get(FILES_BELOW, "/").split(os.pathsep)
     for look in (Path, in_any_case):  # the disk's name may be a link to elsewhere
-        found = look(path)
-        if not any(found.resolve().is_relative_to(folder) for folder in folders):
+        place = look(path)
+        if not any(place.resolve().is_relative_to(folder) for folder in folders):
             raise ValueError(f"{path} lies outside the server's folders; put it beside the file that names it")
-    return found
+    return place
 
 
 @contextmanager
