@@ -19,7 +19,7 @@ from recon.capture.images import (
     read_video_frame,
     video_times,
 )
-from recon.runtime.files import allowed
+from recon.runtime.files import allowed, in_any_case
 
 DEFAULT_FPS = 25.0
 PLATE_STEM = "plate"
@@ -43,6 +43,8 @@ class Pictures:
     is_folder: bool = False
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "files", tuple(map(in_any_case, self.files)))
+        object.__setattr__(self, "plate", self.plate and in_any_case(self.plate))
         if len(self.files) > 1 and any(map(is_video, self.files)):
             raise CaptureError(f"{', '.join(map(str, self.files))} are several files, expected pictures or one video")
 
@@ -80,19 +82,22 @@ def find_pictures(base: Path, *, instead_of: Path | None = None) -> Pictures:
     if len(recordings) != 1:
         names = ", ".join(path.name for path in recordings)
         raise CaptureError(f"{base}: found {names or 'nothing'}, expected one folder of images, video or image")
-    return _in_folder(base) if recordings[0].is_dir() else Pictures((recordings[0],))
+    return _in_folder(recordings[0]) if recordings[0].is_dir() else Pictures((recordings[0],))
 
 
 def recordings_named(base: Path, suffixes: Collection[str]) -> list[Path]:
-    """Return the folder of a name, and the files that have it before one of these suffixes in small or capital letters.
+    """Return the folder of a name, and the files that have it before one of these suffixes, in any case.
 
     Parameters
     ----------
     base : the name, without suffix
     suffixes : in small letters, each with its dot
     """
+    base = in_any_case(base)
     beside = sorted(base.parent.iterdir()) if base.parent.is_dir() else []
-    files = [path for path in beside if path.stem == base.name and path.suffix.lower() in suffixes and path.is_file()]
+    alike = (path for path in beside if path.stem.lower() == base.name.lower() and path.suffix.lower() in suffixes)
+    files = [path for path in alike if path.is_file()]
+    files = [path for path in files if path.stem == base.name] or files
     return [base, *files] if base.is_dir() else files
 
 
@@ -133,12 +138,12 @@ def copy_file(source: Path, target: Path) -> None:
 
 def _in_folder(folder: Path) -> Pictures:
     images = images_in(folder)
-    frames = tuple(path for path in images if path.stem != PLATE_STEM)
+    frames = tuple(path for path in images if path.stem.lower() != PLATE_STEM)
     if not frames:
         raise CaptureError(f"{folder}: holds no images ({', '.join(PICTURE_SUFFIXES)})")
-    if len(kinds := {path.suffix for path in frames}) > 1:
+    if len(kinds := {path.suffix.lower().replace("jpeg", "jpg") for path in frames}) > 1:
         raise CaptureError(f"{folder}: holds images of several formats, {', '.join(sorted(kinds))}, expected one")
-    plate = next((path for path in images if path.stem == PLATE_STEM), None)
+    plate = next((path for path in images if path.stem.lower() == PLATE_STEM), None)
     return Pictures(frames, plate, is_folder=True)
 
 

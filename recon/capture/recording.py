@@ -22,7 +22,7 @@ from ground.fields import Expected
 from ground.file_models import FilePart, WholeFile, faults_of
 from recon.capture.images import IMAGE_SUFFIXES, VIDEO_SUFFIXES, CaptureError, is_video
 from recon.geometry.rig import FARTHEST_MM, Camera, Rig, Sensor, checked_bounds, rigid
-from recon.runtime.files import check_safe_name
+from recon.runtime.files import any_case, check_safe_name, in_any_case
 
 GIVEN = "given"  # the depth method that takes the depth maps of the capture
 SIDES = ("left", "right")
@@ -293,9 +293,11 @@ def frames_after(folder: Path, pattern: str, last: int) -> list[int]:
     """
     if not FRAME_FIELD.search(pattern):
         return []
-    paths = glob(FRAME_FIELD.sub("*", escape(str(folder / pattern))))  # noqa: PTH207  # the pattern may be absolute
+    form = Path(escape(str(folder)), any_case(FRAME_FIELD.sub("*", escape(pattern))))
+    paths = glob(str(form))  # noqa: PTH207  # the pattern may be absolute
     numbers = {int(number) for path in paths for number in re.findall(r"\d+", path)}
-    return sorted(number for number in numbers if number > last and image_path(folder, pattern, number).is_file())
+    later = [number for number in sorted(numbers) if number > last]
+    return [number for number in later if in_any_case(image_path(folder, pattern, number)).is_file()]
 
 
 def chosen_frames(folder: Path, frames: Sequence[int], wanted: range | None) -> list[int]:

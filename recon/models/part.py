@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from recon.capture.images import JPEG_START, is_cut_jpeg
+from recon.runtime.files import first_of
 
 NEUTRAL = 170  # sRGB grey of what has no colour
 FARTHEST = 1e12  # of a coordinate; beyond it is no scene, and areas would overflow
@@ -93,10 +93,12 @@ class Contents:
             If it is missing, or lies outside the folder of the model's folder, whose other files are none of its own.
         """
         folder = self.files[0].parent
-        path = folder / name.replace("\\", "/")
+        near = name.replace("\\", "/")
+        path = folder / near
         around = folder.resolve().parent
         is_near = path.resolve().is_relative_to(around)
-        if not (is_near and path.is_file()) and (alike := _of_any_case([path.parent] * is_near + [folder], path.name)):
+        alike = first_of(folder, [*[near] * is_near, path.name])
+        if alike is not None and alike != path:
             self.warn(f"names the {what} {name}, and {alike.name} is taken for it")
             path = alike
         if not path.resolve().is_relative_to(around):
@@ -106,12 +108,6 @@ class Contents:
         if path not in self.files:
             self.files.append(path)
         return path.read_bytes()
-
-
-def _of_any_case(folders: Iterable[Path], name: str) -> Path | None:
-    """Return the first file of a name in folders, in any case: other systems do not tell it, and write whole paths."""
-    files = (path for folder in folders if folder.is_dir() for path in sorted(folder.iterdir()))
-    return next((path for path in files if path.name.lower() == name.lower() and path.is_file()), None)
 
 
 def cloud_part(

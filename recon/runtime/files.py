@@ -27,14 +27,16 @@ FILES_BELOW = "RECONSTUDY_FILES_BELOW"  # folders with : between, as a job of th
 
 
 def allowed(path: Path) -> Path:
-    """Return a path that a file names, if it may be read; a ValueError says that it may not.
+    """Return a path that a file names, in any case, if it may be read; a ValueError says that it may not.
 
     A job of the server reads the server's own folders alone, so that no upload has other files read.
     """
-    below = os.environ.get(FILES_BELOW)
-    if below is not None and not any(path.resolve().is_relative_to(folder) for folder in below.split(os.pathsep)):
-        raise ValueError(f"{path} lies outside the server's folders; put it beside the file that names it")
-    return path
+    folders = os.environ.get(FILES_BELOW, "/").split(os.pathsep)
+    for look in (Path, in_any_case):  # the disk's name may be a link to elsewhere
+        place = look(path)
+        if not any(place.resolve().is_relative_to(folder) for folder in folders):
+            raise ValueError(f"{path} lies outside the server's folders; put it beside the file that names it")
+    return place
 
 
 @contextmanager
@@ -104,6 +106,33 @@ def check_suffix(path: Path, suffixes: tuple[str, ...]) -> None:
 def any_case(pattern: str) -> str:
     """Return a pattern of file names that takes its letters in any case: `*.[jJ][sS]` of `*.js`."""
     return "".join(f"[{letter.lower()}{letter.upper()}]" if letter.isalpha() else letter for letter in pattern)
+
+
+def in_any_case(path: Path) -> Path:
+    """Return a path as the disk has it: where nothing is there, one whose names differ from it in capitals only.
+
+    Cameras and other systems write capitals, and do not tell them from small letters. A ValueError names two that
+    differ in capitals only.
+    """
+    if path.exists() or path.parent == path:
+        return path
+    folder = in_any_case(path.parent)
+    beside = folder.iterdir() if folder.is_dir() and os.access(folder, os.R_OK) else ()
+    alike = sorted(other.name for other in beside if other.name.lower() == path.name.lower())
+    if len(alike) > 1:
+        raise ValueError(f"{folder}: holds {' and '.join(alike)}, whose names differ in capitals only; keep one")
+    return folder / (alike[0] if alike else path.name)
+
+
+def first_of(folder: Path, names: Iterable[str | Path]) -> Path | None:
+    """Return the first of some files or folders that is there, by its name in any case, or None."""
+    return next((path for path in (in_any_case(folder / name) for name in names) if path.exists()), None)
+
+
+def files_like(folder: Path, *patterns: str) -> list[Path]:
+    """Return the files below a folder whose names have a pattern's form in any case, by pattern and then by name."""
+    paths = (path for pattern in patterns for path in sorted(folder.glob(any_case(pattern))) if path.is_file())
+    return list(dict.fromkeys(paths))
 
 
 def why_no_file(path: Path) -> str:

@@ -20,6 +20,7 @@ from recon.capture.importing.into_capture import write_recording
 from recon.capture.importing.sources import ImportOptions, faults_at
 from recon.capture.importing.views import View, bounds_of_points, choose_sensors
 from recon.geometry.rig import rigid
+from recon.runtime.files import first_of, in_any_case
 from recon.runtime.notices import Notice
 
 
@@ -50,14 +51,14 @@ def import_colmap(
     folder = find_model(source)
     model = read_model(folder)
     images = _image_folder(source, folder)
-    masks = images.with_name("masks")
+    masks = in_any_case(images.with_name("masks"))
     views = {}
     for number, image in model.images.items():
         with faults_at(f"{folder}: image {number} {image.name}"):
             pose = rigid(image.pose[:3, :3], image.pose[:3, 3] * options.unit_mm)
             camera = replace(model.cameras[image.camera], cam_from_world=pose)
         names = (f"{image.name}.png", Path(image.name).with_suffix(".png"))  # COLMAP takes either
-        mask = next((masks / name for name in names if (masks / name).is_file()), None)
+        mask = first_of(masks, names)
         views[number] = View(image.name, camera, images / image.name, mask=mask)
     if masks.is_dir() and all(view.mask is None for view in views.values()):
         warnings.warn(f"{masks}: holds no mask of an image's name, such as NAME.jpg.png", Notice, stacklevel=2)
@@ -67,4 +68,4 @@ def import_colmap(
 
 def _image_folder(source: Path, model: Path) -> Path:
     folders = (source / "images", model / "images", model.resolve().parent.parent / "images")
-    return next((folder for folder in folders if folder.is_dir()), source)
+    return first_of(source, folders) or source

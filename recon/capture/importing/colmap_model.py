@@ -20,6 +20,7 @@ from recon.capture.importing.lenses import FisheyeCamera
 from recon.capture.importing.sources import faults_at, turn_of
 from recon.capture.importing.views import HALF_PIXEL
 from recon.geometry.rig import Camera, rigid
+from recon.runtime.files import first_of, in_any_case
 
 FOLDERS = (  # of a model, below the folder that COLMAP worked in; the last ones are ETH3D's
     ".",
@@ -79,8 +80,8 @@ class ColmapModel:
 def find_model(source: Path) -> Path:
     """Find the folder of a model below a folder, or raise a CaptureError if there is none."""
     for folder in (source / name for name in FOLDERS):
-        if any((folder / f"cameras{suffix}").is_file() for suffix in (".bin", ".txt")):
-            return folder
+        if cameras := first_of(folder, ("cameras.bin", "cameras.txt")):
+            return cameras.parent
     places = ", ".join(str(source / name) for name in FOLDERS)
     raise CaptureError(f"{source}: holds no COLMAP model; looked for cameras.bin and cameras.txt in {places}")
 
@@ -90,18 +91,14 @@ def read_model(folder: Path) -> ColmapModel:
 
     A CaptureError names the file and the place that is wrong.
     """
-    if (folder / "cameras.bin").is_file():
-        model = ColmapModel(
-            _read_cameras_bin(folder / "cameras.bin"),
-            _read_images_bin(folder / "images.bin"),
-            _read_points_bin(folder / "points3D.bin"),
-        )
+    is_binary = in_any_case(folder / "cameras.bin").is_file()
+    cameras, images, points = (
+        in_any_case(folder / f"{name}{'.bin' if is_binary else '.txt'}") for name in ("cameras", "images", "points3D")
+    )
+    if is_binary:
+        model = ColmapModel(_read_cameras_bin(cameras), _read_images_bin(images), _read_points_bin(points))
     else:
-        model = ColmapModel(
-            _read_cameras_txt(folder / "cameras.txt"),
-            _read_images_txt(folder / "images.txt"),
-            _read_points_txt(folder / "points3D.txt"),
-        )
+        model = ColmapModel(_read_cameras_txt(cameras), _read_images_txt(images), _read_points_txt(points))
     for number, image in model.images.items():
         if image.camera not in model.cameras:
             raise CaptureError(f"{folder}: image {number} {image.name} has camera {image.camera}, which is not listed")

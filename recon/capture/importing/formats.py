@@ -32,7 +32,7 @@ from recon.capture.importing.nerfstudio import TRANSFORMS, import_nerfstudio
 from recon.capture.importing.opencv import import_opencv
 from recon.capture.importing.sources import ImportOptions, Recording
 from recon.capture.importing.views import choose_sensors
-from recon.runtime.files import any_case
+from recon.runtime.files import any_case, files_like
 
 AUTO = "auto"
 BROKEN = (AttributeError, LookupError, OverflowError, TypeError, cv2.error)  # what reading raises of odd values
@@ -69,10 +69,9 @@ class Format:
     def candidates(self, source: Path) -> Iterator[Path]:
         """Yield the files of a source that have the names of this format's, whatever they say."""
         for pattern in self.files:
-            pattern = any_case(pattern) if pattern.startswith("*.") else pattern
             if source.is_dir():
-                yield from (path for path in sorted(source.glob(pattern)) if path.is_file())
-            elif source.is_file() and source.match(Path(pattern).name):
+                yield from files_like(source, pattern)
+            elif source.is_file() and source.match(any_case(Path(pattern).name)):
                 yield source
 
 

@@ -34,7 +34,7 @@ from recon.capture.pictures import Pictures, find_pictures
 from recon.capture.recording import FRAME_FIELD, SIDES, DepthFacts, check_facts, frames_after
 from recon.geometry.lens_names import model_name
 from recon.geometry.rig import UNITS_MM, Camera, rigid
-from recon.runtime.files import allowed, any_case, read_json
+from recon.runtime.files import allowed, files_like, in_any_case, read_json
 
 DIST_KEYS = ("dist", "dist_left", "dist_right")
 POSES = ("cam_from_world", "world_from_cam", "right_from_left", "left_from_right")
@@ -96,7 +96,7 @@ def import_json(
 
 
 def _description_in(folder: Path) -> Path:
-    paths = sorted(folder.glob(any_case("*.json")))
+    paths = files_like(folder, "*.json")
     if len(paths) != 1:
         named = f" ({', '.join(path.name for path in paths)})" if paths else ""
         raise CaptureError(f"{folder}: holds {len(paths)} JSON files{named}, expected one that describes the recording")
@@ -173,7 +173,7 @@ def _held_out(described: _Description) -> tuple[tuple[Camera, Path], ...]:
 
 def _depth(folder: Path, entry: Mapping[str, Any]) -> DepthSource:
     image = entry["image"]
-    files = _matching(folder, image) if isinstance(image, str) else tuple(folder / name for name in image)
+    files = _matching(folder, image) if isinstance(image, str) else tuple(in_any_case(folder / name) for name in image)
     if not files:
         raise CaptureError("depth: image is an empty list, expected depth maps")
     size = entry.get("size")
@@ -214,7 +214,7 @@ def _pictures(folder: Path, entry: Mapping[str, Any]) -> Pictures:
         return Pictures(tuple(folder / name for name in image), plate)
     if FRAME_FIELD.search(image):
         return Pictures(_matching(folder, image), plate, is_folder=True)  # their numbers are compared, too
-    if is_video(image) or (folder / image).is_file():
+    if is_video(image) or in_any_case(folder / image).is_file():
         return Pictures((folder / image,), plate)
     pictures = find_pictures(folder / image)
     return pictures if plate is None else replace(pictures, plate=plate)
@@ -222,11 +222,11 @@ def _pictures(folder: Path, entry: Mapping[str, Any]) -> Pictures:
 
 def _matching(folder: Path, pattern: str) -> tuple[Path, ...]:
     """Return the files of a pattern, counted from 0 or from 1."""
-    first = next((first for first in (0, 1) if image_path(folder, pattern, first).is_file()), None)
+    first = next((first for first in (0, 1) if in_any_case(image_path(folder, pattern, first)).is_file()), None)
     if first is None:
         raise CaptureError(f"{image_path(folder, pattern, 0)}: there is no such image, nor a number 1")
     files: list[Path] = []
-    while (path := image_path(folder, pattern, first + len(files))).is_file():
+    while (path := in_any_case(image_path(folder, pattern, first + len(files)))).is_file():
         files.append(path)
     if later := frames_after(folder, pattern, first + len(files)):
         example = image_path(folder, pattern, later[0]).name

@@ -23,7 +23,7 @@ from recon.capture.importing.into_capture import write_recording
 from recon.capture.importing.sources import ImportOptions, faults_at
 from recon.capture.importing.views import View, bounds_of_points, choose_sensors
 from recon.geometry.rig import Camera, rigid
-from recon.runtime.files import read_json
+from recon.runtime.files import files_like, first_of, read_json
 
 SFM_FILES = ("cameras.sfm", "sfm.sfm", "sfm.json")
 SENSOR_WIDTH = 36.0  # mm, AliceVision's default
@@ -70,10 +70,10 @@ def import_meshroom(
 def _find(source: Path) -> Path:
     if source.is_file():
         return source
-    files = [source / name for name in SFM_FILES if (source / name).is_file()] or sorted(source.glob("*.sfm"))
-    if not files:
+    path = first_of(source, SFM_FILES) or next(iter(files_like(source, "*.sfm")), None)
+    if path is None:
         raise CaptureError(f"{source}: holds no {' or '.join(SFM_FILES)}; export JSON by the node ConvertSfMFormat")
-    return files[0]
+    return path
 
 
 def _views(path: Path, content: Mapping[str, Any], unit_mm: float) -> dict[int, View]:
@@ -147,5 +147,4 @@ def _dist(entry: Mapping[str, Any]) -> NDArray[np.float64]:
 
 
 def _image(folder: Path, path: str, name: str) -> Path:
-    places = (Path(path), folder / path, folder / "images" / name, folder / name)
-    return next((place for place in places if place.is_file()), folder / name)
+    return first_of(folder, (path, f"images/{name}", name)) or folder / name

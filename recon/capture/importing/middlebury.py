@@ -24,6 +24,7 @@ from recon.capture.importing.views import tell_absent
 from recon.capture.pictures import Pictures
 from recon.capture.recording import check_bounds
 from recon.geometry.rig import Camera, bounds_corners, rigid, transformed
+from recon.runtime.files import files_like, in_any_case
 
 TEMPLE_PAIRS = ((13, 14), (20, 21), (27, 28))  # three sensors 53 degrees apart
 MM_PER_METRE = 1000.0
@@ -81,7 +82,7 @@ def import_middlebury(
         _check_motion(views, pairs, frame, motion, tight)
     unused = [view for number, view in sorted(views.items()) if not any(number in pair for pair in pairs)]
     recording = Recording(
-        listing.name.removesuffix("_par.txt"),
+        re.sub(r"(?i)_par\.txt$", "", listing.name),
         tuple(_sensor(f"S{number}", views, pair, n_frames) for number, pair in enumerate(pairs, start=1)),
         fps=fps,
         bounds=tight if bounds is not None else _swept(tight, motions),
@@ -95,7 +96,7 @@ def _listing(source: Path) -> Path:
         return source
     if not source.is_dir():
         raise CaptureError(f"{source}: there is no such folder")
-    calibrations = sorted(source.glob("*_par.txt"))
+    calibrations = files_like(source, "*_par.txt")
     if len(calibrations) != 1:
         raise CaptureError(f"{source}: holds {len(calibrations)} files *_par.txt, expected one calibration file")
     return calibrations[0]
@@ -129,7 +130,7 @@ def _read_view(listing: Path, line: int, row: list[str]) -> tuple[int, _View | N
         raise CaptureError(
             f"{listing}, line {line}: {len(row) - 1} numbers after the name, expected {VALUES_PER_VIEW}: K, R and t"
         )
-    path = listing.parent / row[0]
+    path = in_any_case(listing.parent / row[0])
     size = Pictures((path,)).size if path.is_file() else None
     with faults_at(f"{listing}, line {line}"):
         values = np.array(row[1:], dtype=np.float64)
@@ -179,7 +180,7 @@ def _check_motion(
 
 
 def _published_bounds(listing: Path) -> NDArray[np.float64]:
-    for path in sorted(listing.parent.glob("*.txt")):
+    for path in files_like(listing.parent, "*.txt"):
         corners = CORNER.findall(path.read_text(encoding="utf-8", errors="replace"))
         if path != listing and len(corners) == 2:
             with faults_at(path):

@@ -28,7 +28,7 @@ from recon.capture.importing.sources import DepthSource, ImportOptions, faults_a
 from recon.capture.importing.views import HALF_PIXEL, View, bounds_of_points, choose_sensors, pictures_of, tell_absent
 from recon.geometry.mesh_files import read_points
 from recon.geometry.rig import OPENGL, Camera, rigid
-from recon.runtime.files import allowed, read_json
+from recon.runtime.files import allowed, first_of, in_any_case, read_json
 
 TRANSFORMS = "transforms.json"
 PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
@@ -78,7 +78,7 @@ def import_nerfstudio(
     CaptureError
         Naming the file, the frame and what is wrong in it. Nothing is left behind.
     """
-    path = source / TRANSFORMS if source.is_dir() else source
+    path = in_any_case(source / TRANSFORMS) if source.is_dir() else source
     options, content = options or ImportOptions(), read_json(path)
     if options.unit_mm is None and "units" not in content:
         raise CaptureError(f"{path}: the scale is arbitrary; give the length of its unit in mm by --units")
@@ -113,7 +113,7 @@ def _frames(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 def _can_be_placed(dataset: _Dataset, frame: Mapping[str, Any]) -> bool:
     """Tell whether the size of a frame's picture can be known: it is said, or the picture is there."""
     name = str(frame.get("file_path", ""))
-    image = dataset.folder / name
+    image = in_any_case(dataset.folder / name)
     is_said = all(key in {**dataset.content, **frame} for key in "wh")
     return is_said or not name or image.exists() or any(image.parent.glob(f"{escape(image.stem)}*"))
 
@@ -123,9 +123,9 @@ def _view(dataset: _Dataset, frame: Mapping[str, Any], number: int) -> View:
     with faults_at(f"frame {number} {name}"):
         if not name:
             raise CaptureError("file_path is missing")
-        image = dataset.folder / name
+        image = in_any_case(dataset.folder / name)
         if not image.suffix and not image.exists():  # as in the synthetic scenes of NeRF
-            image = next((file for file in map(image.with_suffix, PICTURE_SUFFIXES) if file.is_file()), image)
+            image = first_of(dataset.folder, (name + suffix for suffix in PICTURE_SUFFIXES)) or image
         camera = _camera({**dataset.content, **frame}, image, _pose(dataset, frame))
         is_test = name in dataset.content.get("test_filenames", ())
         depth = None if is_test else _depth(dataset, frame, camera)

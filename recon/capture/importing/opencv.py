@@ -26,7 +26,7 @@ from recon.capture.importing.views import tell_absent
 from recon.capture.pictures import Pictures, find_pictures
 from recon.geometry.lens_names import model_name
 from recon.geometry.rig import Y_FROM, Camera, Rig, Sensor, rigid
-from recon.runtime.files import allowed, check_exists, check_suffix, whole_file
+from recon.runtime.files import allowed, check_exists, check_suffix, in_any_case, whole_file
 
 SUFFIXES = (".yml", ".yaml", ".xml")
 KEYS: dict[str, tuple[str, ...]] = {
@@ -61,8 +61,9 @@ def import_opencv(source: Path, out: Path, options: ImportOptions | None = None)
     folder, files = _files(source)
     entries = _merged(files)
     sensors = tuple(
-        _source(folder if len(entries) == 1 and not (folder / name).is_dir() else folder / name, name, entry, options)
+        _source(folder if len(entries) == 1 and not base.is_dir() else base, name, entry, options)
         for name, entry in entries.items()
+        for base in [in_any_case(folder / name)]
     )
     held_out = _held_out(folder, files, options.unit_mm or 1.0)
     return write_recording(out, Recording(folder.name, sensors, held_out=held_out), options)

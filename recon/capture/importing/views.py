@@ -15,6 +15,7 @@ from recon.capture.importing.sources import DepthSource, Recording, SensorSource
 from recon.capture.pictures import Pictures, find_pictures
 from recon.capture.rectify import viewing_directions
 from recon.geometry.rig import Camera, transformed
+from recon.runtime.files import in_any_case
 from recon.runtime.notices import Notice
 
 HALF_PIXEL = 0.5  # added to the principal point of programs whose pixel centres are at halves
@@ -43,6 +44,10 @@ class View:
     depth: DepthSource | None = None
     is_test: bool = False
     mask: Path | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "image", in_any_case(self.image))
+        object.__setattr__(self, "mask", self.mask and in_any_case(self.mask))
 
 
 def choose_sensors(

@@ -20,7 +20,7 @@ from recon.capture.images import CaptureError, read_image
 from recon.capture.importing.sources import faults_at
 from recon.capture.masks.outline import Models, cut
 from recon.capture.noise import largest_channel
-from recon.runtime.files import check_exists, read_json
+from recon.runtime.files import check_exists, files_like, in_any_case, read_json
 
 COLOURS = {"foreground": (0, 255, 0), "background": (255, 0, 0)}
 LABELS = {"foreground": cv2.GC_FGD, "background": cv2.GC_BGD}
@@ -194,7 +194,7 @@ def _from_folder(folder: Path, capture: Capture) -> Strokes:
     strokes: dict[tuple[str, str], dict[int, NDArray[np.uint8]]] = {}
     for stream in capture.sensors:
         for side, camera in zip(stream.sides, stream.cameras, strict=True):
-            for path in sorted((folder / stream.id / side).glob("*.png")):
+            for path in files_like(in_any_case(folder / stream.id / side), "*.png"):
                 frame = _frame(path.stem, capture, str(path))
                 picture = read_image(path)
                 _check_size(path, picture, camera.camera.size)

@@ -33,6 +33,7 @@ from recon.runtime.workers import Progress, no_progress
 
 SMALLEST = 0.1  # frames: less than flow gets wrong
 FEWEST_FRAMES = 2
+UNKNOWN = Lag(0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -62,23 +63,23 @@ def schedule(capture: Capture, lags: Mapping[tuple[str, str], Lag]) -> Schedule:
     Parameters
     ----------
     capture : the recording
-    lags : how late the second of two neighbours is
+    lags : how late the second of two neighbours is; two of whom nothing is known stay as they are to each other
 
     Raises
     ------
     CaptureError
-        If a lag is not known, none matters, or the sensors have hardly a frame in common.
+        If no sensor is known to be late, or the sensors have hardly a frame in common.
     """
     late = {capture.sensors[0].id: 0.0}
-    for first, second in pairwise(stream.id for stream in capture.sensors):
-        if (first, second) not in lags:
-            raise CaptureError(
-                f"{capture.folder}: how late {second} is behind {first} is not known; masks of a moving object, of at "
-                "least 13 frames, tell it"
-            )
-        lag = lags[first, second]
-        late[second] = late[first] + (lag.frames if lag.is_late else 0.0)
+    for pair in pairwise(stream.id for stream in capture.sensors):
+        lag = lags.get(pair, UNKNOWN)
+        late[pair[1]] = late[pair[0]] + (lag.frames if lag.is_late else 0.0)
     if not any(late.values()):
+        if unknown := next((pair for pair in pairwise(late) if pair not in lags), None):
+            raise CaptureError(
+                f"{capture.folder}: how late {unknown[1]} is behind {unknown[0]} is not known; masks of at least 13 "
+                "frames, of an object that moves unevenly, tell it"
+            )
         raise CaptureError(f"{capture.folder}: no sensor is late; there is nothing to resample")
     clock = max(late.values(), key=lambda at: sum(_snapped(other - at).is_integer() for other in late.values()))
     late = {name: _snapped(value - clock) for name, value in late.items()}

@@ -21,6 +21,7 @@ from recon.capture.importing.calibrations.placed import (
     CAMERA_FROM_WORLD,
     Placed,
     assigned,
+    calibration_in,
     find_view,
     needed_view,
     numbers,
@@ -28,6 +29,7 @@ from recon.capture.importing.calibrations.placed import (
 from recon.capture.importing.sources import DepthSource, faults_at
 from recon.capture.importing.views import View, bounds_of_depths, pictures_of
 from recon.geometry.rig import Camera, rigid
+from recon.runtime.files import first_of
 
 TRUTHS = ("disp0.pfm", "disp0GT.pfm")  # Middlebury's and ETH3D's
 KITTI_CAMERAS = 4
@@ -39,7 +41,7 @@ DEPTH_MARGIN = 0.02  # of the depths, before and behind
 
 def read_middlebury_pair(source: Path, unit_mm: float) -> Placed:
     """Read `calib.txt` beside `im0.png` and `im1.png`, with the true disparities where they are."""
-    path = source if source.is_file() else source / "calib.txt"
+    path = calibration_in(source, "calib.txt")
     entry, folder = assigned(path, "="), path.parent
     with faults_at(path):
         size = (int(entry["width"]), int(entry["height"]))
@@ -48,7 +50,7 @@ def read_middlebury_pair(source: Path, unit_mm: float) -> Placed:
         poses = (CAMERA_FROM_WORLD, rigid(np.eye(3), (-baseline, 0, 0)) @ CAMERA_FROM_WORLD)
         left, right = (Camera(K, size, pose) for K, pose in zip(Ks, poses, strict=True))
         offset = float(entry.get("doffs", Ks[1][0, 2] - Ks[0][0, 2]))
-    truth = next((folder / name for name in TRUTHS if (folder / name).is_file()), None)
+    truth = first_of(folder, TRUTHS)
     to_depth = _depth_of(Ks[0][0, 0] * baseline, offset)
     depth = None if truth is None else DepthSource((truth,), 1.0, depth_of=to_depth)
     with faults_at(path), np.errstate(over="ignore"):
@@ -81,7 +83,7 @@ def read_kitti(source: Path, unit_mm: float) -> Placed:
 
     Of the last two, name the pair's own file, such as `calib_cam_to_cam/000010.txt`.
     """
-    path = source if source.is_file() else _kitti_file(source)
+    path = calibration_in(source, *KITTI_NAMES)
     entry = {
         name: text for name, text in assigned(path, ":").items() if name.startswith(("P", "K_", "D_", "R_", "T_", "S_"))
     }
@@ -95,18 +97,11 @@ def read_kitti(source: Path, unit_mm: float) -> Placed:
             )
     if not views:
         raise CaptureError(f"{root}: holds no pictures of KITTI; looked for image_0, image_00/data and so on")
-    if 2 in views and 3 in views and (truth := _kitti_truth(root, path.stem)) is not None:
+    if 2 in views and 3 in views and (truth := first_of(root, (f"{name}/{path.stem}_10.png" for name in KITTI_TRUTHS))):
         left, right = views[2].camera, views[3].camera
         to_depth = _depth_of(left.K[0, 0] * float(np.linalg.norm(right.centre - left.centre)), step=KITTI_STEP)
         views[2] = View(views[2].name, left, views[2].image, DepthSource((truth,), 1.0, depth_of=to_depth))
     return Placed(views, up="-y")
-
-
-def _kitti_file(folder: Path) -> Path:
-    path = next((folder / name for name in KITTI_NAMES if (folder / name).is_file()), None)
-    if path is None:
-        raise CaptureError(f"{folder}: holds no {' or '.join(KITTI_NAMES[:2])}; or name the file of one pair")
-    return path
 
 
 def _kitti_places(root: Path, stem: str) -> dict[int, Path]:
@@ -116,10 +111,6 @@ def _kitti_places(root: Path, stem: str) -> dict[int, Path]:
         names = ("image_{number}/{stem}_10", "image_{number}/{stem}")
     places = {number: find_view(root, names, number, {"stem": stem}) for number in range(KITTI_CAMERAS)}
     return {number: place for number, place in places.items() if place is not None}
-
-
-def _kitti_truth(root: Path, stem: str) -> Path | None:
-    return next((path for name in KITTI_TRUTHS if (path := root / name / f"{stem}_10.png").is_file()), None)
 
 
 def _kitti_camera(entry: Mapping[str, str], number: int, size: tuple[int, int], unit_mm: float) -> Camera:

@@ -19,11 +19,17 @@ from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
 from recon.capture.images import CaptureError
-from recon.capture.importing.calibrations.placed import CAMERA_FROM_WORLD, MOST_BYTES, Placed, needed_view
+from recon.capture.importing.calibrations.placed import (
+    CAMERA_FROM_WORLD,
+    MOST_BYTES,
+    Placed,
+    calibration_in,
+    needed_view,
+)
 from recon.capture.importing.sources import faults_at
 from recon.capture.importing.views import View
 from recon.geometry.rig import Camera, rigid
-from recon.runtime.files import any_case, read_json
+from recon.runtime.files import read_json
 
 FIRST_PIXEL = 1.0  # of MATLAB; OpenCV's is 0
 UNITS = {"millimeters": 1.0, "mm": 1.0, "centimeters": 10.0, "meters": 1000.0, "m": 1000.0, "inches": 25.4}
@@ -46,11 +52,7 @@ HOW = "write it by s = toStruct(stereoParams); save('stereo.mat', '-struct', 's'
 
 def read_matlab(source: Path, unit_mm: float | None) -> Placed:
     """Read stereoParameters as a struct, with pictures in `left` and `right`, or `camera1` and `camera2`, beside it."""
-    path = (
-        source
-        if source.is_file()
-        else next(iter(sorted([*source.glob(any_case("*.mat")), *source.glob(any_case("*.json"))])))
-    )
+    path = calibration_in(source, "*.mat", "*.json")
     content = _struct(path)
     with faults_at(path):
         unit = unit_mm or UNITS[str(content[KEYS[0]].get("WorldUnits", "millimeters")).lower()]

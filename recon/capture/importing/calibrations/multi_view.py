@@ -18,11 +18,18 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from recon.capture.images import PICTURE_SUFFIXES, CaptureError
-from recon.capture.importing.calibrations.placed import Placed, find_view, numbers, pinhole, read_text
+from recon.capture.importing.calibrations.placed import (
+    Placed,
+    calibration_in,
+    find_view,
+    numbers,
+    pinhole,
+    read_text,
+)
 from recon.capture.importing.sources import DepthSource, faults_at
 from recon.capture.importing.views import HALF_PIXEL, View, bounds_of_depths, pictures_of, tell_absent
 from recon.geometry.rig import Camera, rigid
-from recon.runtime.files import any_case, read_json
+from recon.runtime.files import files_like, first_of, read_json
 
 STRECHA_NUMBERS = 26  # K, three of distortion, R, t and the size
 BYTE_BITS = 8
@@ -39,7 +46,7 @@ OPENCV_FROM_MIV = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 def read_strecha(source: Path, unit_mm: float) -> Placed:
     """Read `0000.jpg.camera` and so on; their pictures are beside them or in `images`."""
     folder = source if source.is_dir() else source.parent
-    paths = sorted([*folder.glob("*.camera"), *folder.glob("cameras/*.camera")])
+    paths = files_like(folder, "*.camera", "cameras/*.camera")
     views, absent = {}, []
     for number, path in enumerate(paths):
         with faults_at(path):
@@ -52,8 +59,9 @@ def read_strecha(source: Path, unit_mm: float) -> Placed:
                 raise CaptureError("has distortion, whose model the format does not tell; undistort the pictures")
             K, R, t = values[:9].reshape(3, 3), values[12:21].reshape(3, 3), values[21:24] * unit_mm
             camera = Camera(K, (int(values[24]), int(values[25])), rigid(R.T, -R.T @ t))
-        name = path.name.removesuffix(".camera")
-        image = _first(folder, STRECHA_IMAGES, name)
+        name = path.stem
+        files = (name, *(Path(name).stem + suffix for suffix in PICTURE_SUFFIXES))  # it may have got another suffix
+        image = first_of(folder, (Path(place, file) for place in STRECHA_IMAGES for file in files))
         if image is None:
             absent.append(name)
             continue
@@ -65,14 +73,14 @@ def read_strecha(source: Path, unit_mm: float) -> Placed:
 def read_mvsnet(source: Path, unit_mm: float | None) -> Placed:
     """Read `cams/00000000_cam.txt` and so on, with `images` and perhaps depth maps beside `cams`."""
     folder = source if source.is_dir() else source.parent
-    cams = folder / "cams" if (folder / "cams").is_dir() else folder
+    cams = first_of(folder, ["cams"]) or folder
     root = folder if cams != folder else folder.parent
-    paths = sorted(cams.glob("*_cam.txt"))
+    paths = files_like(cams, "*_cam.txt")
     if unit_mm is None:
         raise CaptureError(f"{cams}: nothing tells the unit; give its length in mm by --units (mm for DTU)")
     views, ranges, absent = {}, [], []
     for place, path in enumerate(paths):
-        stem = path.name.removesuffix("_cam.txt")
+        stem = path.stem[: -len("_cam")]
         image = find_view(root, tuple(f"{name}/{stem}" for name in MVSNET_IMAGES), 0)
         if image is None:
             absent.append(stem)
@@ -82,7 +90,7 @@ def read_mvsnet(source: Path, unit_mm: float | None) -> Placed:
         if len(depths) >= 2:
             far = depths[3] if len(depths) > 3 else depths[0] + depths[1] * (depths[2] if len(depths) > 2 else 192)
             ranges.append((camera, depths[0] * unit_mm, far * unit_mm))
-        truth = next((path for name in MVSNET_DEPTHS if (path := root / name / f"{stem}.pfm").is_file()), None)
+        truth = first_of(root, (f"{name}/{stem}.pfm" for name in MVSNET_DEPTHS))
         depth = None if truth is None else DepthSource((truth,), unit_mm)
         views[_number(stem, place)] = View(stem, camera, image, depth)
     tell_absent(cams, absent)
@@ -106,7 +114,7 @@ def _mvsnet_camera(path: Path, size: tuple[int, int], unit_mm: float) -> tuple[C
 
 def read_miv(source: Path, unit_mm: float | None) -> Placed:
     """Read the cameras of an MIV content's JSON; pictures or a video of each have its name, v0 and so on."""
-    path = source if source.is_file() else next(iter(sorted(source.glob(any_case("*.json")))))
+    path = calibration_in(source, "*.json")
     content, views, ranges, absent = read_json(path), {}, [], []
     if unit_mm is None and content.get("lengthsInMeters") is False:
         raise CaptureError(f"{path}: says that its lengths are not in metres; give the unit's length by --units")
@@ -143,7 +151,7 @@ def _miv_camera(entry: Mapping[str, Any], unit_mm: float) -> Camera:
 
 def _refuse_raw(folder: Path, name: str, entry: Mapping[str, Any], content: Mapping[str, Any]) -> None:
     """Say how to bring in raw YUV, which says nothing of itself."""
-    raw = next(iter(sorted(folder.glob(f"{name}_*.yuv"))), None)
+    raw = next(iter(files_like(folder, f"{name}_*.yuv")), None)
     if raw is not None:
         width, height = entry["Resolution"]
         bits = int(entry.get("BitDepthColor", 10))
@@ -152,17 +160,6 @@ def _refuse_raw(folder: Path, name: str, entry: Mapping[str, Any], content: Mapp
             f"{raw.name} is raw; convert it: ffmpeg -f rawvideo -pix_fmt {kind} -s {width}x{height} -r "
             f"{content.get('Fps', 25)} -i {raw.name} -c:v ffv1 {name}.mkv"
         )
-
-
-def _first(folder: Path, places: tuple[str, ...], name: str) -> Path | None:
-    """Return the picture of a name, which may have got another suffix."""
-    for place in places:
-        if (path := folder / place / name).is_file():
-            return path
-        stem = folder / place / Path(name).stem
-        if paths := [path for path in map(stem.with_suffix, PICTURE_SUFFIXES) if path.is_file()]:
-            return paths[0]
-    return None
 
 
 def _number(name: str, place: int) -> int:

@@ -19,6 +19,7 @@ from recon.capture.importing.views import View
 from recon.capture.pictures import find_pictures
 from recon.geometry.lens_names import model_name
 from recon.geometry.rig import Y_FROM, Camera, rigid
+from recon.runtime.files import files_like, first_of
 
 MOST_BYTES = 4_000_000  # of a calibration; those of thousands of board pictures have a tenth
 CAMERA_FROM_WORLD = rigid(Y_FROM["-y"], np.zeros(3))  # of a first camera whose pose nobody tells: y is up
@@ -73,6 +74,19 @@ def read_yaml(path: Path) -> dict[str, Any]:
     return content
 
 
+def calibration_in(source: Path, *names: str) -> Path:
+    """Return the file of a calibration: the source, or the first file in it of some names, or of forms such as `*.mat`.
+
+    A CaptureError says that there is none.
+    """
+    if source.is_file():
+        return source
+    path = first_of(source, names) or next(iter(files_like(source, *names)), None)
+    if path is None:
+        raise CaptureError(f"{source}: holds no {' or '.join(names)}")
+    return path
+
+
 def assigned(path: Path, separator: str) -> dict[str, str]:
     """Return what stands behind each name in the lines NAME SEPARATOR TEXT of a file."""
     lines = (line.partition(separator) for line in read_text(path).splitlines() if separator in line)
@@ -102,7 +116,7 @@ def find_view(
             pictures = find_pictures(base)
         except CaptureError:
             continue
-        return base if pictures.is_folder else pictures.files[0]
+        return pictures.files[0].parent if pictures.is_folder else pictures.files[0]
     return None
 
 

@@ -28,7 +28,7 @@ from recon.capture.importing.calibrations.placed import (
 from recon.capture.importing.sources import faults_at
 from recon.capture.importing.views import View
 from recon.geometry.rig import rigid
-from recon.runtime.files import any_case
+from recon.runtime.files import files_like, first_of
 
 ROS_KEYS = {
     "K": ("camera_matrix", "K", "k"),
@@ -49,7 +49,7 @@ def read_ros(source: Path, unit_mm: float) -> Placed:
     folder = source if source.is_dir() else source.parent
     infos = {
         path: content
-        for path in sorted([*folder.glob(any_case("*.yaml")), *folder.glob(any_case("*.yml"))])
+        for path in files_like(folder, "*.yaml", "*.yml")
         if any(key in (content := read_yaml(path)) for key in ROS_KEYS["P"])
     }
     if len(infos) != 2:
@@ -90,7 +90,10 @@ def _ros_facts(path: Path, content: Mapping[str, Any]) -> dict[str, NDArray[np.f
 
 def read_kalibr(source: Path, unit_mm: float) -> Placed:
     """Read a camchain of Kalibr: cam0, cam1 and so on, each placed from the one before; neighbours are pairs."""
-    path = source if source.is_file() else next(iter(sorted(source.glob("*camchain*.yaml"))))
+    chains = [source] if source.is_file() else files_like(source, "*camchain*.yaml", "*.yaml")
+    path = next((path for path in chains if "cam0" in read_yaml(path)), None)
+    if path is None:
+        raise CaptureError(f"{source}: holds no camchain, a YAML file with cam0, cam1 and so on")
     chain, folder = read_yaml(path), path.parent
     pose, views = CAMERA_FROM_WORLD, {}
     for number in range(sum(name.startswith("cam") for name in chain)):
@@ -105,11 +108,11 @@ def read_kalibr(source: Path, unit_mm: float) -> Placed:
 
 def read_euroc(source: Path, unit_mm: float) -> Placed:
     """Read EuRoC's `mav0/cam0/sensor.yaml` and so on, with the pictures in `data`; neighbours are pairs."""
-    base = source.parent.parent if source.is_file() else source / "mav0" if (source / "mav0").is_dir() else source
+    base = source.parent.parent if source.is_file() else first_of(source, ["mav0"]) or source
     views: dict[int, View] = {}
     first, fps = np.eye(4), None
-    for path in sorted(base.glob("cam[0-9]/sensor.yaml")):
-        number, entry = int(path.parent.name.removeprefix("cam")), read_yaml(path)
+    for path in files_like(base, "cam[0-9]/sensor.yaml"):
+        number, entry = int(path.parent.name[-1]), read_yaml(path)
         with faults_at(path):
             body_from_camera = _scaled(np.array(entry["T_BS"]["data"], np.float64).reshape(4, 4), unit_mm)
             fps = float(entry["rate_hz"]) if "rate_hz" in entry else fps

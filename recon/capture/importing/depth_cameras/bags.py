@@ -32,6 +32,7 @@ from recon.capture.importing.sources import ImportOptions, turn_of
 from recon.capture.importing.views import View, choose_sensors
 from recon.capture.recording import SIDES
 from recon.geometry.rig import Camera, rigid
+from recon.runtime.files import files_like
 
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 INFO = "sensor_msgs/msg/CameraInfo"
@@ -97,8 +98,8 @@ def import_bag(source: Path, out: Path, options: ImportOptions) -> Capture:
     CaptureError
         Naming the bag, and what is wrong with it. Nothing is left behind.
     """
-    source = source.parent if source.is_file() and source.suffix != ".bag" else source
-    inside = [*source.glob("*.bag")] if source.is_dir() else []
+    source = source.parent if source.is_file() and source.suffix.lower() != ".bag" else source
+    inside = files_like(source, "*.bag") if source.is_dir() else []
     source = inside[0] if len(inside) == 1 else source
     try:
         from rosbags.highlevel import AnyReader

@@ -30,9 +30,8 @@ from recon.capture.importing.sources import ImportOptions, faults_at
 from recon.capture.importing.views import HALF_PIXEL
 from recon.capture.pictures import Pictures
 from recon.geometry.rig import Camera, rigid
-from recon.runtime.files import read_json
+from recon.runtime.files import files_like, read_json
 
-TRACKS = ("COLOR", "DEPTH")
 DEPTH_MODES = {  # the grid's side, and where the picture begins in it, by the picture's size
     (640, 576): (1024, (192, 180)),
     (320, 288): (512, (96, 90)),
@@ -61,7 +60,7 @@ def import_kinect(source: Path, out: Path, options: ImportOptions) -> Capture:
     CaptureError
         If it lacks a track or the calibration, or is of a mode that is not known.
     """
-    inside = [*source.glob("*.mkv")] if source.is_dir() else [source]
+    inside = files_like(source, "*.mkv") if source.is_dir() else [source]
     if len(inside) != 1:
         raise CaptureError(f"{source}: holds {len(inside)} files .mkv, expected one; name it")
     path = inside[0].resolve()

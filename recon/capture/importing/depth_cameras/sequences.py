@@ -30,7 +30,7 @@ from recon.capture.pictures import Pictures, images_in
 from recon.capture.recording import evenly_chosen
 from recon.capture.rectify import scaled_camera
 from recon.geometry.rig import Camera, rigid, transformed
-from recon.runtime.files import allowed
+from recon.runtime.files import allowed, first_of, in_any_case
 from recon.runtime.notices import Notice
 
 TUM_STEP_MM = 0.2  # of a depth: 5000 to the metre
@@ -140,8 +140,8 @@ def _points(recording: DepthCamera, shot: Shot) -> NDArray[np.float64]:
 def read_tum(source: Path, options: ImportOptions) -> Recording:
     """Read a sequence in the form of TUM's RGB-D benchmark: `rgb.txt`, `depth.txt`, and perhaps `groundtruth.txt`."""
     folder = source if source.is_dir() else source.parent
-    pictures, depths = (_stamped(folder / f"{name}.txt") for name in ("rgb", "depth"))
-    truth = folder / "groundtruth.txt"
+    pictures, depths = (_stamped(in_any_case(folder / f"{name}.txt")) for name in ("rgb", "depth"))
+    truth = in_any_case(folder / "groundtruth.txt")
     poses = _stamped(truth) if truth.is_file() else {}
     if truth.is_file() and not poses:
         raise CaptureError(f"{truth}: holds no pose; remove it if the camera stood still")
@@ -151,7 +151,7 @@ def read_tum(source: Path, options: ImportOptions) -> Recording:
         depth, place = _nearest(depths, stamp), _nearest(poses, stamp)
         if depth is None or (poses and place is None):
             continue
-        files = folder / words[0], folder / depth[0]
+        files = in_any_case(folder / words[0]), in_any_case(folder / depth[0])
         if missing := [path.name for path in files if not path.is_file()]:
             absent += missing
             continue
@@ -194,16 +194,15 @@ def _pose(values: NDArray[np.float64], unit_mm: float) -> NDArray[np.float64]:
 
 def _tum_camera(folder: Path, size: tuple[int, int]) -> Camera:
     """Return the camera of a sequence: of a file beside it, else that of the benchmark by its name."""
-    told = next((folder / name for name in INTRINSICS if (folder / name).is_file()), None)
-    name = next((name for name in TUM_CAMERAS if name in folder.resolve().name), None)
+    told = first_of(folder, INTRINSICS)
+    name = next((name for name in TUM_CAMERAS if name in folder.resolve().name.lower()), None)
     if told is None and name is None:
         raise CaptureError(
             f"{folder}: nothing tells its camera; write fx fy cx cy, and k1 k2 p1 p2 k3 where it has them, into "
             f"{folder / INTRINSICS[0]}, or name the folder as the benchmark does ({', '.join(TUM_CAMERAS)})"
         )
     with faults_at(told or folder):
-        is_named = told is None and name is not None
-        values = TUM_CAMERAS[str(name)] if is_named else numbers(read_text(folder / str(told))).tolist()
+        values = TUM_CAMERAS[str(name)] if told is None else numbers(read_text(told)).tolist()
         return Camera(pinhole(values[:4]), size, np.eye(4), np.array(values[4:]))
 
 
@@ -213,14 +212,12 @@ def read_scannet(source: Path, options: ImportOptions) -> Recording:
     Where the depth maps have a matrix of their own, they are brought into the pictures' camera.
     """
     pictures, depths = (_folder(source, names) for names in (COLOURS, DEPTHS))
-    poses = next((source / name for name in POSES if (source / name).is_dir()), None)
+    poses = first_of(source, POSES)
     unit_mm = options.unit_mm or METRE
     shots, absent, n_unplaced = list[Shot](), list[str](), 0
     for picture in images_in(pictures):
-        depth = next(
-            (path for suffix in (".png", ".exr", ".npy") if (path := depths / (picture.stem + suffix)).is_file()), None
-        )
-        pose = None if poses is None else poses / f"{picture.stem}.txt"
+        depth = first_of(depths, (picture.stem + suffix for suffix in (".png", ".exr", ".npy")))
+        pose = None if poses is None else in_any_case(poses / f"{picture.stem}.txt")
         if depth is None or (pose is not None and not pose.is_file()):
             absent.append(f"depth or pose of {picture.name}")
             continue
@@ -245,7 +242,7 @@ def read_scannet(source: Path, options: ImportOptions) -> Recording:
 
 
 def _folder(source: Path, names: Sequence[str]) -> Path:
-    folder = next((source / name for name in names if (source / name).is_dir()), None)
+    folder = first_of(source, names)
     if folder is None:
         raise CaptureError(f"{source}: holds no folder {' or '.join(names)}")
     return folder
@@ -253,7 +250,7 @@ def _folder(source: Path, names: Sequence[str]) -> Path:
 
 def _intrinsics(source: Path, kind: str) -> NDArray[np.float64]:
     names = [name.format(kind) for name in SCANNET_INTRINSICS]
-    path = next((source / name for name in names if (source / name).is_file()), None)
+    path = first_of(source, names)
     if path is None:
         raise CaptureError(f"{source}: nothing tells its camera; expected {', '.join(names)}")
     with faults_at(path):

@@ -21,6 +21,7 @@ from recon.capture.importing.meshroom import import_meshroom
 from recon.capture.importing.nerfstudio import import_nerfstudio
 from recon.capture.importing.sources import ImportOptions
 from recon.geometry.rig import Camera, look_at
+from recon.runtime.files import allowed
 
 SIZE = (320, 240)
 BOUNDS = np.array([[-500.0, -500, -500], [500, 500, 500]])
@@ -175,6 +176,21 @@ def test_a_job_of_the_server_imports_no_picture_from_elsewhere(
     with pytest.raises(ValueError, match=r"1\.png lies outside the server's folders"):
         import_nerfstudio(source, tmp_path / "out", PAIRS, IN_METRES)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_link_in_capitals_leads_a_job_of_the_server_nowhere_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_pictures(tmp_path / "elsewhere")
+    source = nerfstudio_source(tmp_path / "source", transforms(CAMERAS, Z_UP, 1000.0))
+    (source / "images/1.png").unlink()
+    (source / "images/1.PNG").symlink_to(tmp_path / "elsewhere/1.png")
+    monkeypatch.setenv("RECONSTUDY_FILES_BELOW", str(source))
+    for path in (source / "images/1.png", source / "images/1.PNG"):
+        with pytest.raises(ValueError, match=r"1\.(png|PNG) lies outside the server's folders"):
+            allowed(path)
+    with pytest.raises(ValueError, match=r"1\.PNG lies outside the server's folders"):
+        import_nerfstudio(source, tmp_path / "out", PAIRS, IN_METRES)
 
 
 def test_what_nerfstudio_applied_to_the_original_world_is_undone(tmp_path: Path) -> None:

@@ -81,14 +81,15 @@ def test_strokes_on_one_frame_make_the_masks_of_all(ball: Capture, tmp_path: Pat
     assert_masks_are_true(ball)
 
 
-def test_painted_pictures_do_the_same(ball: Capture, tmp_path: Path) -> None:
+def test_painted_pictures_do_the_same_whatever_the_case_of_their_suffix(ball: Capture, tmp_path: Path) -> None:
     x = 50 + 6 * KEY
-    for side in ("left", "right"):
+    for side, suffix in (("left", ".png"), ("right", ".PNG")):
         paint = cv2.line(np.zeros((SIZE[1], SIZE[0], 3), dtype=np.uint8), (x - 15, 60), (x + 15, 60), (0, 255, 0), 5)
         paint = cv2.circle(paint, (x, 60), 42, (0, 0, 255), 3)  # BGR: a red ring
         path = tmp_path / "paint/S1" / side / f"{KEY:04d}.png"
         path.parent.mkdir(parents=True)
         cv2.imwrite(str(path), paint)
+        path.rename(path.with_suffix(suffix))
     segment_capture(ball.folder, scribbles=tmp_path / "paint")
     assert_masks_are_true(ball)
 

@@ -140,6 +140,12 @@ def test_what_is_not_known_or_not_late_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "b").exists()
 
 
+def test_a_sensor_that_is_late_is_put_right_though_nothing_tells_of_two_others(tmp_path: Path) -> None:
+    capture = synthesise(tmp_path / "a", SynthParameters("sphere", 3, 5, (48, 36)))
+    plan = schedule(capture, {("S2", "S3"): lag(2.0)})
+    assert (plan.late, plan.n_frames) == ({"S1": 0.0, "S2": 0.0, "S3": 2.0}, 3)
+
+
 def test_the_command_asks_for_the_folder_and_says_what_is_not_known(command: Command, tmp_path: Path) -> None:
     synthesise(tmp_path / "a", SynthParameters("sphere", 2, 2, (48, 36)))
     told = command("capture", "check", tmp_path / "a", "--resample")

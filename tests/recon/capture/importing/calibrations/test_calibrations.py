@@ -654,3 +654,17 @@ def test_eth3d_is_a_model_of_colmap_in_metres(tmp_path: Path) -> None:
     for stream, camera in zip(capture.sensors[0].cameras, (LEFT, RIGHT), strict=True):
         np.testing.assert_allclose(seen(stream.camera, POINTS), seen(camera, POINTS), atol=1e-6)
     assert len(capture.held_out) == 2
+
+
+def test_a_camchain_may_have_any_name_beside_other_yaml(tmp_path: Path) -> None:
+    kalibr(tmp_path / "source")
+    next((tmp_path / "source").glob("*camchain*")).rename(tmp_path / "source/rig.yaml")
+    (tmp_path / "source/april.yaml").write_text("target_type: aprilgrid\n")
+    assert len(import_recording(AUTO, tmp_path / "source", tmp_path / "out", OPTIONS).sensors) == 1
+
+
+@pytest.mark.parametrize("name", ["kalibr", "matlab", "miv", "middlebury-pair", "kitti"])
+def test_a_folder_without_a_calibration_is_told_so(tmp_path: Path, name: str) -> None:
+    (tmp_path / "source").mkdir()
+    with pytest.raises(CaptureError, match="source: holds no "):
+        import_recording(name, tmp_path / "source", tmp_path / "out", OPTIONS)
