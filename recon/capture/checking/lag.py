@@ -152,9 +152,15 @@ def likeliest_lag(lags: NDArray[np.float64], total: NDArray[np.float64]) -> Lag:
 def spread_by_lag(
     first: NDArray[np.float64], second: NDArray[np.float64], lags: NDArray[np.float64], *, fewest: int
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the trimmed mean square by which two signals (N,) differ at each lag (L,), and over how many frames.
+    """Return the trimmed mean square (L,) by which two signals differ at each lag, and over how many frames (L,).
 
-    It is NaN where these are fewer than `fewest`. The median, an error of the calibration, is left out.
+    The median difference, an error of the calibration, is left out.
+
+    Parameters
+    ----------
+    first, second : float64 (N,), NaN where not known
+    lags : float64 (L,), frames by which the second is behind
+    fewest : frames; the mean square over fewer is NaN
     """
     frames, is_seen = np.arange(len(first), dtype=np.float64), np.isfinite(second)
     places = frames + lags[:, None]  # (L, N)
@@ -172,7 +178,14 @@ def spread_by_lag(
 
 
 def log_likelihood(spread: NDArray[np.float64], n_frames: int, pixel: float) -> NDArray[np.float64]:
-    """Return the log-likelihood of each lag (L,), less a constant, by the mean square of differences over frames."""
+    """Return the log-likelihood of each lag (L,), less a constant.
+
+    Parameters
+    ----------
+    spread : float64 (L,), mean square of the signals' difference
+    n_frames : over which it was taken
+    pixel : in the unit of the signals
+    """
     return np.asarray(-n_frames / CORRELATED / 2 * np.log(spread + (NOISE_PX * pixel) ** 2))
 
 
