@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from arguments import print_families
 from verdicts import LOG_ODDS_PER_JOD, Kind, line, study
 
-from app.analysis.analyse import analyse
+from app.analysis.analyse import analyse, scored
 from app.analysis.comparisons.comparison import compare
 from app.analysis.model.contrasts import SIGNIFICANT, holm
 from app.analysis.model.settings import AnalysisSettings
@@ -209,8 +209,6 @@ class _Drawn(Kind):
 
 
 def _scores(votes: VotesTable, settings: AnalysisSettings) -> list[dict[str, Any]]:
-    from app.analysis.analyse import scored
-
     return [row for row in scored(votes, settings) if row["comparison"] == row["dataset"] == ALL]
 
 
@@ -301,12 +299,8 @@ def evidence_lines(n_studies: int, seed: int) -> Iterator[str]:
     for name, habit in (("always the same side", "side"), ("never without preference", "ties"), ("fast", "times")):
         for range_jod in (1.1, 3.0):
             for clickers in (0, 4):
-                kind, rng, named, honest = (
-                    Kind(range_jod=range_jod, clickers=clickers),
-                    np.random.default_rng(seed),
-                    [],
-                    [],
-                )
+                kind, rng = Kind(range_jod=range_jod, clickers=clickers), np.random.default_rng(seed)
+                named, honest = [], []
                 for _ in range(n_studies):
                     votes = _with_habits(study(kind, rng)[0], kind, habit, rng)
                     flagged = {who for who, verdict in careless_answers(votes, ()).items() if verdict.is_named}
@@ -315,9 +309,8 @@ def evidence_lines(n_studies: int, seed: int) -> Iterator[str]:
                     honest.append(bool(flagged - careless))
                 if clickers:
                     yield line(f"clickers, {name}, range {range_jod}: named", named)
-                yield line(
-                    f"{'four clickers' if clickers else 'honest'}, {name}, range {range_jod}: honest named", honest
-                )
+                who = "four clickers" if clickers else "honest"
+                yield line(f"{who}, {name}, range {range_jod}: honest named", honest)
 
 
 def _with_habits(votes: VotesTable, kind: Kind, habit: str, rng: np.random.Generator) -> VotesTable:

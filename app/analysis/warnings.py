@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from app.analysis.comparisons.comparison import Comparison
+from app.analysis.model.bootstrap import fewest_replicates
 from app.analysis.model.bradley_terry import RIDGE
+from app.analysis.model.contrasts import has_few_participants
 from app.analysis.model.settings import LEVEL
 from app.analysis.objective.permutation import FEWEST_CONDITIONS
 from app.analysis.reading.phrases import listed
@@ -145,6 +147,10 @@ def _fit_warnings(comparison: Comparison) -> Iterator[str]:
         has_percentiles = comparison.bootstrap.has_percentiles(fit.n_participants or 0)
         what = "are left out" if has_percentiles else "are too many for percentiles to hold"
         yield f"{missing} of {total} bootstrap replicates have no maximum and {what}"
+    elif comparison.bootstrap is not None and not has_few_participants(fit):
+        n_replicates, fewest = len(comparison.bootstrap.scores), fewest_replicates(fit.n_participants or 0)
+        if n_replicates < fewest:
+            yield f"{n_replicates} bootstrap replicates are too few for percentiles: t intervals stand; take {fewest}"
 
 
 def _repeats(votes: VotesTable) -> list[str]:

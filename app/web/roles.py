@@ -27,7 +27,10 @@ NO_TOKEN = (
     "This takes a token, sent as the header `Authorization: Bearer TOKEN`. An owner makes one in the dashboard under "
     "Tokens, or on the server by `reconstudy token add NAME`."
 )
-ANYBODYS = re.compile(r"/admin(/(account(/.*)?|logout|jobs/[^/]+))?|GET /api/v1/studies")
+OF_TASKS = r"(tasks|jobs)/[^/]+(/cancel)?"  # which show people who see some studies only their own
+ANYBODYS = re.compile(
+    rf"/admin(/(account(/.*)?|logout|manual(/.*)?|studies|{OF_TASKS}))?|GET /api/v1/studies|/api/v1/tasks/[^/]+"
+)
 ACCOUNT = re.compile(r"/admin/(account(/.*)?|logout)")
 MAKES_A_STUDY = "/duplicate"  # ends addresses below a study that make another one
 

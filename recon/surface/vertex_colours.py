@@ -1,7 +1,7 @@
 """Colours of a surface's vertices from the points around them, by distance along the surface and by view.
 
 A shape bears more smoothing than a picture: depth errs along the line of sight, colours hardly beside it. So a vertex
-takes its colour from the points within about a voxel beside it, however far they lie before or behind it.
+takes its colour from the points within about a voxel beside it, and farther before or behind it.
 """
 
 from __future__ import annotations

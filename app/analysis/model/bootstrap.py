@@ -4,6 +4,7 @@ fitted in one batch.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import cast
 
@@ -46,8 +47,8 @@ class Bootstrap:
 
     def has_percentiles(self, n_participants: int) -> bool:
         """Are there enough replicates for percentiles? Those without a maximum are missing extremes."""
-        tail = percentile_tail(n_participants)
-        return tail * (len(self.scores) + 1) >= 1 and self.n_without_maximum <= tail * len(self.kept)
+        is_many = len(self.scores) >= fewest_replicates(n_participants)
+        return is_many and self.n_without_maximum <= percentile_tail(n_participants) * len(self.kept)
 
     def interval(self, n_participants: int) -> Array:
         """Return the expanded 95 % percentile interval of each score, float64 (2, n), log-odds.
@@ -71,6 +72,11 @@ def percentile_tail(n_participants: int) -> float:
     """
     n = n_participants
     return float(norm.cdf(-np.sqrt(n / (n - 1)) * student.ppf((1 + LEVEL) / 2, n - 1)))
+
+
+def fewest_replicates(n_participants: int) -> int:
+    """Return how many replicates reach as far as the ends of an interval."""
+    return math.ceil(1 / percentile_tail(n_participants)) - 1
 
 
 def participant_weights(n_participants: int, n_replicates: int, rng: np.random.Generator) -> Array:

@@ -252,14 +252,15 @@ def create(
 
 
 @router.get("/tasks/{task}", response_model=TaskView)
-def task(task: TaskId, _actor: StudyEditor, database: Store) -> TaskView:
+def task(request: Request, task: TaskId, actor: StudyEditor, database: Store) -> TaskView:
     """Say how far a task is: the making of a study, an upload, or a check."""
-    return _task(database, task)
+    return _task(database, task, _seen_of(request, actor))
 
 
 @router.delete("/tasks/{task}", response_model=TaskView)
-def cancel(task: TaskId, actor: StudyEditor, database: Store) -> TaskView:
+def cancel(request: Request, task: TaskId, actor: StudyEditor, database: Store) -> TaskView:
     """Stop a task, as soon as the step is done that runs now."""
+    _task(database, task, _seen_of(request, actor))  # which refuses that of others
     with database.writing() as connection:
         if cancel_task(connection, task, actor.now):
             actor.note(connection, "work cancelled", subject=task)
@@ -287,10 +288,15 @@ def accepted(task: TaskView) -> Response:
     return JSONResponse(task.model_dump(), 200 if task.state == "done" else 202, headers=headers)
 
 
-def _task(database: Database, name: str) -> TaskView:
+def _seen_of(request: Request, actor: Actor) -> str | None:
+    """Return whose tasks alone somebody sees who sees some studies only; None: everybody's."""
+    return None if request.state.studies is None else actor.name
+
+
+def _task(database: Database, name: str, seen_of: str | None = None) -> TaskView:
     with database.reading() as connection:
         known = task_by_id(connection, name)
-    if known is None:
+    if known is None or seen_of not in (None, known.actor):
         raise NotFoundError("There is no such task.")
     made = RESULTS.fullmatch(known.result or "") if known.state == "done" else None
     named: dict[str, Any] = {kind: unquote(name) for kind, name in (made.groupdict() if made else {}).items() if name}

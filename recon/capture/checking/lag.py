@@ -137,7 +137,7 @@ def lag_between(pairs: Sequence[tuple[Tangents, Tangents]]) -> Lag | None:
     for first, second in pairs:
         for end in (0, 1):
             signals = first.angles[:, end], second.angles[:, end]
-            total += _log_likelihood(*signals, max(first.pixel, second.pixel), lags)
+            total += _of_tangents(*signals, max(first.pixel, second.pixel), lags)
     return likeliest_lag(lags, total) if total.any() else None
 
 
@@ -149,27 +149,54 @@ def likeliest_lag(lags: NDArray[np.float64], total: NDArray[np.float64]) -> Lag:
     return Lag(float(lags[best]), float(likely.min()), float(likely.max()), evidence)
 
 
-def _log_likelihood(
+def spread_by_lag(
+    first: NDArray[np.float64], second: NDArray[np.float64], lags: NDArray[np.float64], *, fewest: int
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the trimmed mean square (L,) by which two signals differ at each lag, and over how many frames (L,).
+
+    The median difference, an error of the calibration, is left out.
+
+    Parameters
+    ----------
+    first, second : float64 (N,), NaN where not known
+    lags : float64 (L,), frames by which the second is behind
+    fewest : frames; the mean square over fewer is NaN
+    """
+    frames, is_seen = np.arange(len(first), dtype=np.float64), np.isfinite(second)
+    places = frames + lags[:, None]  # (L, N)
+    filled = np.interp(frames, frames[is_seen], second[is_seen])
+    shifted = map_coordinates(filled, places[None], order=3, mode="nearest")
+    near = map_coordinates(is_seen.astype(np.float64), places[None], order=1, cval=0.0)
+    is_both = np.isfinite(first) & (near > 1 - 1e-6)
+    counts = is_both.sum(axis=1)
+    is_known = counts >= fewest
+    apart = np.where(is_both, first - shifted, np.nan)[is_known]
+    apart = np.abs(apart - np.nanmedian(apart, axis=1, keepdims=True))
+    spread = np.full(len(lags), np.nan)
+    spread[is_known] = np.nanmean(np.minimum(apart, 3 * np.nanmedian(apart, axis=1, keepdims=True)) ** 2, axis=1)
+    return spread, counts
+
+
+def log_likelihood(spread: NDArray[np.float64], n_frames: int, pixel: float) -> NDArray[np.float64]:
+    """Return the log-likelihood of each lag (L,), less a constant.
+
+    Parameters
+    ----------
+    spread : float64 (L,), mean square of the signals' difference
+    n_frames : over which it was taken
+    pixel : in the unit of the signals
+    """
+    return np.asarray(-n_frames / CORRELATED / 2 * np.log(spread + (NOISE_PX * pixel) ** 2))
+
+
+def _of_tangents(
     first: NDArray[np.float64], second: NDArray[np.float64], pixel: float, lags: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the log-likelihood of each lag (L,) by two signals (N,), less a constant; zeros if they tell nothing."""
-    nothing = np.zeros(len(lags))
-    frames = np.arange(len(first), dtype=np.float64)
-    places = frames[None] + lags[:, None]  # (L, N)
-    filled = np.interp(frames, frames[np.isfinite(second)], second[np.isfinite(second)]) if _known(second) else second
+    """Return the log-likelihood of each lag (L,) by two signals (N,); zeros if they tell nothing."""
     if not all(_known(signal) and _spread(signal) >= SMALL_MOTION_PX * pixel for signal in (first, second)):
-        return nothing
-    shifted = map_coordinates(filled, places[None], order=3, mode="nearest")
-    near = map_coordinates(np.isfinite(second).astype(np.float64), places[None], order=1, cval=0.0)
-    is_both = np.isfinite(first)[None] & (near > 1 - 1e-6) & (places >= 0) & (places <= len(first) - 1)
-    counts = is_both.sum(axis=1)
-    if counts.min() < FEWEST_FRAMES:
-        return nothing
-    apart = np.where(is_both, first[None] - shifted, np.nan)
-    apart -= np.nanmedian(apart, axis=1, keepdims=True)  # an error of the calibration
-    spread = np.nanmean(np.minimum(np.abs(apart), 3 * np.nanmedian(np.abs(apart), axis=1, keepdims=True)) ** 2, axis=1)
-    floor = (NOISE_PX * pixel) ** 2
-    return np.asarray(-counts.min() / CORRELATED / 2 * np.log(spread + floor))
+        return np.zeros(len(lags))
+    spread, counts = spread_by_lag(first, second, lags, fewest=FEWEST_FRAMES)
+    return log_likelihood(spread, int(counts.min()), pixel) if np.isfinite(spread).all() else np.zeros(len(lags))
 
 
 def _spread(signal: NDArray[np.float64]) -> float:

@@ -14,10 +14,17 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 from scipy.signal import find_peaks
 
-from recon.capture.checking.lag import CORRELATED, LARGEST_FRAMES, NOISE_PX, STEP, Lag, TangentPlanes, likeliest_lag
+from recon.capture.checking.lag import (
+    LARGEST_FRAMES,
+    STEP,
+    Lag,
+    TangentPlanes,
+    likeliest_lag,
+    log_likelihood,
+    spread_by_lag,
+)
 from recon.capture.checking.silhouettes import Silhouette
 from recon.geometry.rig import Camera
 
@@ -82,17 +89,7 @@ def _fits(first: list[NDArray[np.float64]], second: list[NDArray[np.float64]]) -
 
 def _fit(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64] | None:
     """Return the log-likelihood of each lag (L,) by two tracks (N,), less a constant; None if they do not fit."""
-    frames, is_seen = np.arange(len(first), dtype=np.float64), np.isfinite(second)
-    filled = np.interp(frames, frames[is_seen], second[is_seen])
-    spread, counts = np.full(len(LAGS), np.nan), np.zeros(len(LAGS))
-    for index, late in enumerate(LAGS):
-        places = frames + late
-        near = map_coordinates(is_seen.astype(np.float64), places[None], order=1, cval=0.0)
-        is_both = np.isfinite(first) & (near > 1 - 1e-6)
-        if is_both.sum() >= LEAST_OVERLAP:
-            apart = first[is_both] - map_coordinates(filled, places[is_both][None], order=3, mode="nearest")
-            apart = np.abs(apart - np.median(apart))  # an error of the calibration
-            spread[index], counts[index] = np.mean(np.minimum(apart, 3 * np.median(apart)) ** 2), is_both.sum()
+    spread, counts = spread_by_lag(first, second, LAGS, fewest=LEAST_OVERLAP)
     is_known = np.isfinite(spread)
     if not is_known[len(LAGS) // 2] or is_known.sum() < FEWEST_LAGS:
         return None
@@ -100,7 +97,7 @@ def _fit(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.
     if best > WORST_FIT_PX or min(np.nanstd(first), np.nanstd(second)) < LEAST_CONTRAST * best:
         return None
     spread[~is_known] = UNSEEN_PX**2
-    return np.asarray(-counts[is_known].min() / CORRELATED / 2 * np.log(spread + NOISE_PX**2))
+    return log_likelihood(spread, int(counts[is_known].min()), 1.0)
 
 
 def _tracks(planes: TangentPlanes, seen: Seen) -> list[NDArray[np.float64]]:

@@ -21,7 +21,6 @@ TABLE_ENTRY = struct.Struct("<QQ")
 ANTIALIASED = 0x1  # flag
 COLOUR_SCALE = np.float32(0.15)
 ON_AXIS = 511  # largest of nine bits
-MOST_PADDING = 1 << 20  # bytes after the splats, such as extensions
 
 
 def read_spz(path: Path) -> RawSplats:

@@ -389,6 +389,16 @@ def test_few_replicates_have_no_percentiles() -> None:
     assert {row["ci_method"] for row in enough} == {"participant bootstrap"}
 
 
+def test_too_few_replicates_are_said_and_the_number_that_is_named_is_enough() -> None:
+    many = ("aab", "aba", "bba", "bab", "aaa") * 4
+    (said,) = [text for text in analysed(*many, bootstrap=20, seed=1)["warnings"] if "too few for percentiles" in text]
+    enough = int(said.rpartition(" ")[2])
+    assert {row["ci_method"] for row in analysed(*many, bootstrap=enough, seed=1)["scores"]} == {
+        "participant bootstrap"
+    }
+    assert analysed(*many, bootstrap=enough, seed=1)["warnings"] == []
+
+
 def test_where_nothing_is_known_of_other_people_there_is_no_interval() -> None:
     for choices in (["aaa"] * 5, ["aba"]):
         analysis = analysed(*choices)

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Form, Request
 from fastapi.responses import Response
+from pydantic import StringConstraints
 
 from app.errors import ConflictError, InvalidError, NotFoundError
 from app.store.access.experimenters import (
@@ -34,6 +35,7 @@ from app.web.gates import Now, Store, address, browser_of, database, delete_cook
 from app.web.limits.throttle import SIGN_INS_AS
 from app.web.roles import EXPERIMENTER_COOKIE, Myself, Person, lacks_second_factor, set_experimenter_cookie
 
+Name = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=100), Form()]
 Password = Annotated[str, Form(max_length=1000)]
 Code = Annotated[str, Form(max_length=40)]
 

@@ -21,7 +21,7 @@ from app.store.access.experimenters import (
 )
 from app.store.database.engine import Database
 from app.store.studies.audit import STRANGER, Entry, record, record_alone
-from app.web.admin.access.account_page import Password, signed_in, signed_out
+from app.web.admin.access.account_page import Name, Password, signed_in, signed_out
 from app.web.admin.access.passwords import is_password, new_password_hash
 from app.web.admin.access.second_factor import is_let_in
 from app.web.admin.layout import see
@@ -31,7 +31,6 @@ from app.web.limits.throttle import SECOND_FACTORS, SIGN_INS, SIGN_INS_AS
 from app.web.roles import EXPERIMENTER_COOKIE, Myself, signed_in_person
 
 Secret = Annotated[str, Path(max_length=100)]
-Name = Annotated[str, Form(min_length=1, max_length=100)]
 Code = Annotated[str, Form(max_length=40)]  # of an authenticator app, or to recover
 
 router = APIRouter(prefix="/admin", include_in_schema=False)
@@ -50,15 +49,15 @@ def set_up(
 ) -> Response:
     throttle(request).count(SIGN_INS, address(request))
     _check_set_up_link(database, secret, now)  # first: who has no link learns nothing of names
-    kept = new_password_hash(name.strip(), password, again)
+    kept = new_password_hash(name, password, again)
     with database.writing() as connection:
-        if experimenter_named(connection, name.strip()):
+        if experimenter_named(connection, name):
             raise InvalidError("There is somebody of this name already. Please choose another one.")
-        experimenter_id = finish_set_up(connection, secret, name.strip(), kept, now)
+        experimenter_id = finish_set_up(connection, secret, name, kept, now)
         if experimenter_id is None:
             raise UnauthorisedError("This set-up link was used meanwhile.")
         token = begin_experimenter_session(connection, experimenter_id, now, browser_of(request))
-        record(connection, name.strip(), Entry("server set up", subject=name.strip()), now)
+        record(connection, name, Entry("server set up", subject=name), now)
     return signed_in(request, token)
 
 
@@ -133,8 +132,8 @@ def _link_refused(request: Request, database: Database, now: datetime) -> Unauth
 
 @router.get("/sign-in")
 def sign_in_page(request: Request, to: str = "/admin") -> Response:
-    if signed_in_person(request) is not None:
-        return see("/admin")
+    if signed_in_person(request) is not None:  # in another window, since this page was opened
+        return see(_of_dashboard(to))
     return page_with_form(request, "admin/sign_in.html", {"detail": "", "typed": (), "asked": to})
 
 
@@ -150,9 +149,9 @@ def sign_in(
 ) -> Response:
     """Sign in with a password, and lead to the page of the dashboard that was asked for."""
     throttle(request).count(SIGN_INS, address(request))
-    throttle(request).count(SIGN_INS_AS, address(request), name.strip().lower())  # a stranger locks out nobody else
+    throttle(request).count(SIGN_INS_AS, address(request), name.lower())  # a stranger locks out nobody else
     with database.reading() as connection:
-        known = password_of(connection, name.strip())
+        known = password_of(connection, name)
     token, refused = None, "sign-in refused"
     if is_password(password, known[1] if known else None) and known is not None:
         throttle(request).count(SECOND_FACTORS, str(known[0]))
@@ -160,19 +159,22 @@ def sign_in(
         with database.writing() as connection:
             if is_let_in(connection, known[0], code, now):
                 token = begin_experimenter_session(connection, known[0], now, browser_of(request))
-                record(connection, name.strip(), Entry("signed in", detail={"by": "password"}), now)
+                record(connection, name, Entry("signed in", detail={"by": "password"}), now)
     if token is None or known is None:
         # a name that nobody has may be a password, typed into the wrong field
-        entry = Entry(
-            refused, subject=name.strip() if known else "", detail={"by": "password", "known": known is not None}
-        )
+        entry = Entry(refused, subject=name if known else "", detail={"by": "password", "known": known is not None})
         record_alone(database, STRANGER, entry, now)
         raise UnauthorisedError(
             "Name and password do not belong together, or the code of the authenticator app is missing or was used "
             "before. Please try again."
         )
     throttle(request).forget(SECOND_FACTORS, str(known[0]))
-    return signed_in(request, token, to if to.startswith("/admin/") else "/admin")
+    return signed_in(request, token, _of_dashboard(to))
+
+
+def _of_dashboard(address: str) -> str:
+    """Return the address of a page of the dashboard, or else its first: a link never leads elsewhere from here."""
+    return address if address.startswith("/admin/") else "/admin"
 
 
 @router.post("/logout")

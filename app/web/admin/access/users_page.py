@@ -26,6 +26,7 @@ from app.store.access.tokens import SCOPES, all_tokens, insert_token, revoke_tok
 from app.store.database.engine import Transaction
 from app.store.studies.audit import SORTABLE, audit_records, audit_state
 from app.store.studies.studies import all_studies
+from app.web.admin.access.account_page import Name
 from app.web.admin.layout import page, see
 from app.web.admin.listing import listing
 from app.web.gates import Store, database
@@ -34,7 +35,6 @@ from app.web.roles import ActingOwner, Looking, Owner
 LONGEST_TOKEN_DAYS = 3650
 
 Chosen = Annotated[list[str], Form(max_length=1000)]
-Name = Annotated[str, Form(min_length=1, max_length=100)]
 
 router = APIRouter(prefix="/admin", include_in_schema=False)
 
@@ -48,9 +48,6 @@ def users_page(request: Request, person: Owner) -> Response:
 def add_user(
     request: Request, person: Owner, actor: ActingOwner, name: Name, role: Annotated[Role, Form()], database: Store
 ) -> Response:
-    name = name.strip()
-    if not name:
-        raise InvalidError("A name is needed.")
     with database.reading() as connection:
         known = experimenter_named(connection, name)
     if known:
@@ -161,11 +158,11 @@ def add_token(
     expires_at = actor.now + timedelta(days=days) if days else None
     try:
         with database.writing() as connection:
-            secret = insert_token(connection, name.strip(), scope, actor.name, actor.now, expires_at, study)
-            actor.note(connection, "token made", subject=name.strip(), scopes=scope, days=days, studies=study)
+            secret = insert_token(connection, name, scope, actor.name, actor.now, expires_at, study)
+            actor.note(connection, "token made", subject=name, scopes=scope, days=days, studies=study)
     except ValueError as error:
         raise InvalidError(f"This token was not made: {error}.") from error
-    return _tokens_page(request, person, {"name": name.strip(), "secret": secret})
+    return _tokens_page(request, person, {"name": name, "secret": secret})
 
 
 @router.post("/tokens/revoke")

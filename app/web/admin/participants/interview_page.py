@@ -8,6 +8,7 @@ from typing import Annotated
 from fastapi import APIRouter, Form, Path, Request
 from fastapi.responses import Response
 
+from app.errors import InvalidError
 from app.operations.upkeep.people import note_interview
 from app.store.participants.interviews import spoken_of
 from app.store.participants.participants import participant_labelled
@@ -50,6 +51,8 @@ def keep_interview(
     ----------
     seen : the answers as the page showed them; an answer unchanged since was not noted here, and keeps its stored value
     """
+    if len(question) != len(answer) or len(seen) not in (0, len(question)):
+        raise InvalidError("The questions and their answers do not belong together. Load the page again.")
     note_interview(database, study, label, _by_question(question, answer), actor, _by_question(question, seen))
     return see(f"/admin/studies/{study.slug}/participants/{label}/interview?saved=1")
 

@@ -194,11 +194,11 @@ def end(actor: Acting, study: AStudy, code: Code, database: Store) -> Response:
 @router.get("/{code}/qr.svg")
 def qr_code(request: Request, _person: Looking, study: AStudy, code: Code, database: Store) -> Response:
     with database.reading() as connection:
-        if code not in {invitation.code for invitation in invitations_of(connection, study.id)}:
-            raise NotFoundError("This study has no such invitation.")
+        invitation = next((each for each in invitations_of(connection, study.id) if each.code == code), None)
+    if invitation is None:
+        raise NotFoundError("This study has no such invitation.")
     picture = io.BytesIO()
-    query = link_query(parse_options(study.options).outside)
-    _qr(f"{request.base_url}s/{code}{query}").save(picture, kind="svg", scale=5, border=2)
+    _qr(_link(request, study, invitation)).save(picture, kind="svg", scale=5, border=2)
     return Response(picture.getvalue(), media_type="image/svg+xml")
 
 

@@ -58,7 +58,7 @@ UNUSUAL = "unusual"  # a standing that the analysis knows, not the store
 Label = Annotated[str, Path(max_length=40)]
 Reason = Annotated[str, StringConstraints(strip_whitespace=True, min_length=3, max_length=500), Form()]
 Again = Annotated[str, Form(max_length=40)]
-Line = Annotated[str, Form(min_length=1, max_length=200)]
+Line = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200), Form()]
 
 router = APIRouter(prefix="/admin/studies/{slug}/participants", include_in_schema=False)
 
@@ -137,7 +137,7 @@ def enter_screening_result(
     logmar: Annotated[float | None, Form(ge=-1, le=3, allow_inf_nan=False)] = None,
 ) -> Response:
     """Enter the result of a test beside the screen, such as a printed chart; earlier ones stay."""
-    entered = EnteredResult(test, instrument.strip(), result.strip(), verdict, logmar)
+    entered = EnteredResult(test, instrument, result, verdict, logmar)
     enter_screening(database, study, label, entered, actor)
     return see(_address(study, label))
 

@@ -119,9 +119,16 @@ def replay_page(
         shown.append(Shown("b", record["item_b"], b_half, looks))
     if reference := options.reference_beside:
         shown.append(Shown(REFERENCE, reference, REFERENCE, looks))
-    context = {"trial": record, "film": film, "viewing": viewing, "looks": looks, "shown": shown}
-    context["has_pair_films"] = parse_options(study.options).has_pair_films
-    context |= {"comment": comment, "longest_comment": LONGEST_COMMENT}
+    context = {
+        "trial": record,
+        "film": film,
+        "viewing": viewing,
+        "looks": looks,
+        "shown": shown,
+        "has_pair_films": options.has_pair_films,
+        "comment": comment,
+        "longest_comment": LONGEST_COMMENT,
+    }
     return study_page(request, "replay", person, study, context)
 
 

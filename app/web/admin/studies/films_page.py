@@ -68,14 +68,15 @@ def _stimuli_page(request: Request, person: Experimenter, study: Study) -> Respo
     with database(request).reading() as connection:
         stimuli, pairs = stimulus_records(connection, study.id), pair_records(connection, study.id)
         check = last_check(settings(request), study, films_of(connection, study))
+    options = parse_options(study.options)
     names = dict.fromkeys(row["dataset"] for row in stimuli)
     if check is not None:
         pairs = sorted(pairs, key=lambda pair: pair["media"] not in check.faults)
     context = {
         "datasets": {name: [row for row in stimuli if row["dataset"] == name] for name in names},
         "pairs": listed(request, pairs, PAIR_FILM_COLUMNS, prefix="pairs_"),
-        "has_reference": bool(parse_options(study.options).reference_beside),
-        "has_pair_films": parse_options(study.options).has_pair_films,
+        "has_reference": bool(options.reference_beside),
+        "has_pair_films": options.has_pair_films,
         "check": check,
         "said": in_words(check) if check else "",
     }

@@ -127,6 +127,7 @@ def test_an_entered_result_counts_instead_of_a_test_that_was_not_taken(
         refused = eva.act(f"{page}/screening", **chart, result="20/40", logmar="0.3", verdict="passed")
         assert refused.status_code == 422
         assert "Nothing was entered" in refused.text
+        assert eva.act(f"{page}/screening", **chart, result="  ", verdict="failed").status_code == 422
         eva.act(f"{page}/screening", **chart, result="20/40", logmar="0.3", verdict="failed")
         shown = eva.act(f"{page}/screening", **chart, result="20/20, with glasses", logmar="0", verdict="passed").text
         last = "Acuity: passed by Landolt C chart at 4 m, read as 20/20, with glasses (0.00 logMAR (20/20))."

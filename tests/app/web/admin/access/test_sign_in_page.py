@@ -31,6 +31,15 @@ def fresh_server(fresh: Settings) -> Iterator[str]:
         yield url
 
 
+def test_a_name_of_blanks_is_none(fresh: Settings, fresh_server: str) -> None:
+    path = manage.set_up_path(fresh)
+    assert path is not None
+    with Dashboard(fresh_server) as stranger:
+        said = stranger.enter(path, name="  ", password=PASSWORD, again=PASSWORD)
+        assert said.status_code == 422
+        assert "password contains" not in said.text
+
+
 def test_the_first_start_gives_a_link_that_works_once(fresh: Settings, fresh_server: str) -> None:
     path = manage.set_up_path(fresh)
     assert path is not None
@@ -175,3 +184,11 @@ def test_who_signs_out_gets_the_sign_in_which_can_be_loaded_again(small_server: 
         left = ruth.act("/admin/logout")
         assert (left.status_code, str(left.url)) == (200, f"{small_server}/admin/sign-in")
         assert ruth.get("/admin/sign-in?to=/admin/audit").status_code == 200
+
+
+def test_who_has_signed_in_in_another_window_comes_to_the_page_that_was_asked_for(
+    server: str, settings: Settings
+) -> None:
+    with signed_in(server, settings, "Eva Windows", "experimenter") as eva:
+        for to, leads_to in (("/admin/files", "/admin/files"), ("//example.org/", "/admin")):
+            assert eva.get("/admin/sign-in", params={"to": to}).url.path == leads_to

@@ -14,14 +14,15 @@ from app.main import create_app
 from app.operations.studies import manage
 from app.settings import Settings
 from app.store.access.tokens import SCOPES
-from tests.app.web.admin.dashboard_client import Dashboard, signed_in
+from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in
 from tests.app.web.http_checks import all_routes
 
 pytestmark = pytest.mark.slow
 
 NewStudy = Callable[[], dict[str, Any]]
 NOBODYS = r"/admin/(setup/|login/|sign-in)|/api/v1/(studies/\{slug\}/(sessions|turned-away)|session|openapi)"
-EVERYBODYS = r"(GET|POST) /admin(/account.*|/logout|/jobs/\{task\})?|GET /api/v1/studies"
+TASKS = r"(/admin/(tasks|jobs)|/api/v1/tasks)/\{task\}(/cancel)?"
+EVERYBODYS = rf"(GET|POST) /admin(/account.*|/logout|/manual.*|/studies)?|GET /api/v1/studies|\w+ {TASKS}"
 
 
 def gated_routes(settings: Settings) -> list[tuple[str, str]]:
@@ -93,6 +94,25 @@ def test_a_guest_works_in_their_study_and_sees_no_other(
     with httpx.Client(base_url=server, headers={"Authorization": f"Bearer {token}"}) as bearer:
         assert [row["slug"] for row in bearer.get("/api/v1/studies").json()] == [mine]
         assert bearer.get(f"/api/v1/studies/{mine}/votes").status_code == 200
+
+
+def test_a_guest_follows_their_own_work_and_reads_the_manual(
+    server: str, settings: Settings, guest: Dashboard, studies: tuple[str, str]
+) -> None:
+    mine, _ = studies
+    assert guest.get("/admin/manual/studies").status_code == 200
+    begun = guest.act(f"/admin/studies/{mine}/stimuli")
+    assert begun.status_code == 200, begun.text
+    ends(guest, begun.url.path)
+    assert guest.act(f"{begun.url.path}/cancel").status_code == 200
+    names = ("own", "other")
+    secrets = [manage.add_token(settings, f"{name} of {mine}", list(SCOPES), [mine])["token"] for name in names]
+    own, other = ({"Authorization": f"Bearer {secret}"} for secret in secrets)
+    task = httpx.post(f"{server}/api/v1/studies/{mine}/check", headers=own, timeout=60).json()["task"]
+    address = f"{server}/api/v1/tasks/{task}"
+    assert httpx.get(address, headers=own).json()["study"] == mine
+    assert [httpx.request(method, address, headers=other).status_code for method in ("GET", "DELETE")] == [404, 404]
+    assert guest.get(f"/admin/tasks/{task}").status_code == 404
 
 
 def test_access_changes_at_once_and_with_it_that_of_tokens_made_before(

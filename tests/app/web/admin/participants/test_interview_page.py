@@ -79,6 +79,7 @@ def test_only_what_a_study_asks_is_noted(experimenter: Dashboard, asked: dict[st
     base = f"/admin/studies/{asked['slug']}/participants"
     assert experimenter.act(f"{base}/P001/interview", question="Who are you?", answer="x").status_code == 422
     assert experimenter.act(f"{base}/P001/interview", question=SPOKEN[0], answer="x" * 2001).status_code == 422
+    assert experimenter.act(f"{base}/P001/interview", question=list(SPOKEN), answer="x").status_code == 422
     assert experimenter.get(f"{base}/P999/interview").status_code == 404
 
 
