@@ -23,7 +23,7 @@ from app.errors import InvalidError, TooLargeError
 from app.ffmpeg import decode, reading
 from app.files import LARGEST_JSON, read_json
 from app.films.strips import write_picture
-from app.intake import bounds, zips
+from app.intake import bounds
 from app.intake.bounds import in_bounds
 from app.intake.models import read_model as read_attached_model
 from app.intake.reports import read_report
@@ -66,7 +66,7 @@ def test_an_archive_that_says_to_unpack_to_more_than_the_disk_has_free_is_refuse
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     packed = zipped(tmp_path / "packed.zip", {"a.csv": b"0" * 3 * MB}, zipfile.ZIP_STORED)
-    monkeypatch.setattr(zips.shutil, "disk_usage", lambda _path: SimpleNamespace(free=2 * MB))
+    monkeypatch.setattr("shutil.disk_usage", lambda _path: SimpleNamespace(free=2 * MB))
     with pytest.raises(TooLargeError, match="unpacks to 3 MB; the server's disk has 2 MB free"):
         receive(packed, tmp_path / "out")
     assert not (tmp_path / "out").exists()
