@@ -15,6 +15,9 @@ from playwright.sync_api import Browser, Page, Route, expect
 
 from app.settings import Settings
 from app.simulation.participants import simulate
+from app.store.database.engine import open_database
+from app.store.database.keys import utc_now
+from app.store.database.server_tasks import begin_task, end_task
 from app.web.admin.participants.invitations_page import LONGEST_LABEL
 from tests.app.web.admin.dashboard_client import sign_in
 
@@ -304,3 +307,22 @@ def test_a_line_that_is_begun_by_keyboard_stays_on_its_frame(page: Page, setting
     expect(page.locator("#drawn-pictures")).to_contain_text("S1/left/0 1 stroke")
     expect(page.locator("#drawn-pictures")).not_to_contain_text("S1/left/1")
     expect(page.locator("#drawing-state")).to_contain_text("Kept.")
+
+
+def test_a_tasks_page_waits_for_a_server_that_starts_anew_and_then_leads_to_what_was_made(
+    browser: Browser, server: str, settings: Settings
+) -> None:
+    page = browser.new_page(base_url=server)
+    sign_in(page, settings, "Ira Example")
+    database = open_database(settings.url)
+    task = begin_task(database, "Ira Example", "Making a study", utc_now(), "study waits").public_id
+    page.goto(f"/admin/tasks/{task}")
+    page.route("**/admin/tasks/*", lambda route: route.abort())
+    for _ in range(2):  # it has looked, and looks again
+        page.wait_for_event("requestfailed")
+    expect(page.get_by_role("heading", name="Making a study")).to_be_visible()
+    end_task(database, task, "/admin/account", utc_now())
+    page.unroute("**/admin/tasks/*")
+    page.wait_for_url("**/admin/account")
+    page.close()
+    database.dispose()
