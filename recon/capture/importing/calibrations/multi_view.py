@@ -10,7 +10,7 @@ ECCV 2018; ISO/IEC 23090-12 and its test model's manual.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,8 +47,8 @@ def read_strecha(source: Path, unit_mm: float) -> Placed:
     """Read `0000.jpg.camera` and so on; their pictures are beside them or in `images`."""
     folder = source if source.is_dir() else source.parent
     paths = files_like(folder, "*.camera", "cameras/*.camera")
-    views, absent = {}, []
-    for number, path in enumerate(paths):
+    views, absent = [], []
+    for path in paths:
         with faults_at(path):
             values = numbers(read_text(path))
             if len(values) != STRECHA_NUMBERS:
@@ -65,9 +65,9 @@ def read_strecha(source: Path, unit_mm: float) -> Placed:
         if image is None:
             absent.append(name)
             continue
-        views[_number(name, number)] = View(name, camera, image)
+        views.append(View(name, camera, image))
     tell_absent(folder, absent)
-    return Placed(views, is_rig=False)
+    return Placed(_numbered(views), is_rig=False)
 
 
 def read_mvsnet(source: Path, unit_mm: float | None) -> Placed:
@@ -78,8 +78,8 @@ def read_mvsnet(source: Path, unit_mm: float | None) -> Placed:
     paths = files_like(cams, "*_cam.txt")
     if unit_mm is None:
         raise CaptureError(f"{cams}: nothing tells the unit; give its length in mm by --units (mm for DTU)")
-    views, ranges, absent = {}, [], []
-    for place, path in enumerate(paths):
+    views, ranges, absent = [], [], []
+    for path in paths:
         stem = path.stem[: -len("_cam")]
         image = find_view(root, tuple(f"{name}/{stem}" for name in MVSNET_IMAGES), 0)
         if image is None:
@@ -92,9 +92,9 @@ def read_mvsnet(source: Path, unit_mm: float | None) -> Placed:
             ranges.append((camera, depths[0] * unit_mm, far * unit_mm))
         truth = first_of(root, (f"{name}/{stem}.pfm" for name in MVSNET_DEPTHS))
         depth = None if truth is None else DepthSource((truth,), unit_mm)
-        views[_number(stem, place)] = View(stem, camera, image, depth)
+        views.append(View(stem, camera, image, depth))
     tell_absent(cams, absent)
-    return Placed(views, bounds_of_depths(ranges), is_rig=False)
+    return Placed(_numbered(views), bounds_of_depths(ranges), is_rig=False)
 
 
 def _mvsnet_camera(path: Path, size: tuple[int, int], unit_mm: float) -> tuple[Camera, list[float]]:
@@ -115,7 +115,7 @@ def _mvsnet_camera(path: Path, size: tuple[int, int], unit_mm: float) -> tuple[C
 def read_miv(source: Path, unit_mm: float | None) -> Placed:
     """Read the cameras of an MIV content's JSON; pictures or a video of each have its name, v0 and so on."""
     path = calibration_in(source, "*.json")
-    content, views, ranges, absent = read_json(path), {}, [], []
+    content, views, ranges, absent = read_json(path), [], [], []
     if unit_mm is None and content.get("lengthsInMeters") is False:
         raise CaptureError(f"{path}: says that its lengths are not in metres; give the unit's length by --units")
     unit_mm = unit_mm or METRE
@@ -133,9 +133,9 @@ def read_miv(source: Path, unit_mm: float | None) -> Placed:
             if "Depth_range" in entry:
                 near, far = (float(end) * unit_mm for end in entry["Depth_range"])
                 ranges.append((camera, near, min(far, near * MOST_DEEP)))
-        views[_number(name, place)] = View(name, camera, image)
+        views.append(View(name, camera, image))
     tell_absent(path, absent)
-    return Placed(views, bounds_of_depths(ranges), "z", content.get("Fps"), is_rig=False)
+    return Placed(_numbered(views), bounds_of_depths(ranges), "z", content.get("Fps"), is_rig=False)
 
 
 def _miv_camera(entry: Mapping[str, Any], unit_mm: float) -> Camera:
@@ -162,7 +162,8 @@ def _refuse_raw(folder: Path, name: str, entry: Mapping[str, Any], content: Mapp
         )
 
 
-def _number(name: str, place: int) -> int:
-    """Return the number that a name holds, else its place."""
-    digits = "".join(letter for letter in Path(name).stem if letter.isdecimal())
-    return int(digits) if digits else place
+def _numbered(views: Sequence[View]) -> dict[int, View]:
+    """Number views by the digits of their names where these tell all of them apart, else in their order."""
+    digits = ["".join(filter(str.isdecimal, Path(view.name).stem)) for view in views]
+    told = {int(each) for each in digits if each}
+    return dict(zip(map(int, digits) if len(told) == len(views) else range(len(views)), views, strict=True))

@@ -47,11 +47,8 @@ def read_ros(source: Path, unit_mm: float) -> Placed:
     Which is the left one, the projection matrices say. Each camera's pictures have its file's name, or `left`, `right`.
     """
     folder = source if source.is_dir() else source.parent
-    infos = {
-        path: content
-        for path in files_like(folder, "*.yaml", "*.yml")
-        if any(key in (content := read_yaml(path)) for key in ROS_KEYS["P"])
-    }
+    contents = {path: read_yaml(path) for path in files_like(folder, "*.yaml", "*.yml")}
+    infos = {path: content for path, content in contents.items() if not content.keys().isdisjoint(ROS_KEYS["P"])}
     if len(infos) != 2:
         raise CaptureError(f"{folder}: holds {len(infos)} files of camera_info, expected two: left.yaml and right.yaml")
     facts = {path: _ros_facts(path, content) for path, content in infos.items()}

@@ -153,7 +153,7 @@ def read_tum(source: Path, options: ImportOptions) -> Recording:
             continue
         files = in_any_case(folder / words[0]), in_any_case(folder / depth[0])
         if missing := [path.name for path in files if not path.is_file()]:
-            absent += missing
+            absent.append(" and ".join(missing))
             continue
         with faults_at(truth):
             pose = None if place is None else _pose(np.array(place[:7], np.float64), unit_mm)

@@ -16,6 +16,7 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from recon.capture.format import Capture, CaptureError, read_capture, read_frame
+from recon.capture.importing.calibrations.multi_view import METRE, read_strecha
 from recon.capture.importing.calibrations.placed import Placed
 from recon.capture.importing.calibrations.robots import read_euroc, read_kalibr, read_ros
 from recon.capture.importing.formats import AUTO, FORMATS, find_format, import_recording
@@ -514,6 +515,17 @@ def test_what_a_slip_looks_like_is_told(tmp_path: Path, old: str, new: str, sent
     path.write_text(path.read_text().replace(old, new, 1))
     with pytest.warns(Notice, match=f"sensor S1: {sentence}"):
         import_recording("kalibr", tmp_path / "source", tmp_path / "out", OPTIONS)
+
+
+def test_views_whose_names_hold_the_same_digits_are_all_kept(tmp_path: Path) -> None:
+    strecha(tmp_path)
+    for suffix in (".png", ".png.camera"):
+        (tmp_path / f"0001{suffix}").rename(tmp_path / f"right_0000{suffix}")
+    assert [view.name for view in read_strecha(tmp_path, METRE).views.values()] == [
+        "0000.png",
+        "0002.png",
+        "right_0000.png",
+    ]
 
 
 def test_absent_pictures_of_a_set_are_named_and_raw_video_is_told_how_to_convert(tmp_path: Path) -> None:

@@ -158,3 +158,16 @@ def test_a_list_of_poses_that_holds_none_or_no_rotation_is_refused(tmp_path: Pat
     truth.write_text("\n".join(text.split("\n")[:1] + text.split("\n")[2:]))
     with pytest.warns(Notice, match="1 pictures have no depth map or pose of their time, and are left out"):
         import_recording("tum", tmp_path / "source", tmp_path / "out", ImportOptions())
+
+
+def test_a_picture_whose_two_files_are_absent_hides_no_other_that_is_left_out(tmp_path: Path) -> None:
+    tum(tmp_path / "source")
+    for kind in ("rgb", "depth"):
+        min((tmp_path / "source" / kind).iterdir()).unlink()
+    poses = (tmp_path / "source/groundtruth.txt").read_text().split("\n")
+    (tmp_path / "source/groundtruth.txt").write_text("\n".join(poses[:2] + poses[3:]))  # without the second one's
+    with pytest.warns(Notice) as told:
+        import_recording("tum", tmp_path / "source", tmp_path / "out", ImportOptions())
+    said = " ".join(str(each.message) for each in told)
+    assert "lists 1 pictures that are not there" in said
+    assert "1 pictures have no depth map or pose of their time" in said
