@@ -47,6 +47,7 @@ const person = page.dataset.person ?? ""; // another id of a platform is another
 const beginKey = `begin ${person}`;
 const begun = new Begun(person);
 const isAnother = new URLSearchParams(location.search).has("another"); // a new participant says so
+const isPreview = document.querySelector("aside.preview") !== null; // an experimenter tries the study
 const shelf = openShelf(() => (byId("not-stored").hidden = false));
 const technique = await bestTechnique(byId("browser-check").dataset);
 const trials = new Trials(byId("trial"), technique, breakEvery);
@@ -212,7 +213,8 @@ async function goOn(before) {
     return;
   }
   trials.lastBreak = own.rested_s(session.progress.done) < leastBreak_s ? 0 : session.progress.done;
-  if (session.stage !== "trial") await goTo(session);
+  const isTriedOut = isPreview && session.progress.done === 0;
+  if (session.stage !== "trial" || isTriedOut) await goTo(session);
   else if (session.was_away_long) showInstructions(1);
   else show("resume");
 }
