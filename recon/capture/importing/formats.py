@@ -32,7 +32,7 @@ from recon.capture.importing.nerfstudio import TRANSFORMS, import_nerfstudio
 from recon.capture.importing.opencv import import_opencv
 from recon.capture.importing.sources import ImportOptions, Recording
 from recon.capture.importing.views import choose_sensors
-from recon.runtime.files import any_case, files_like
+from recon.runtime.files import any_case, check_exists, files_like
 
 AUTO = "auto"
 BROKEN = (AttributeError, LookupError, OverflowError, TypeError, cv2.error)  # what reading raises of odd values
@@ -92,6 +92,7 @@ def import_recording(name: str, source: Path, out: Path, options: ImportOptions)
     """
     name = find_format(source) if name == AUTO else name
     try:
+        check_exists(source)
         return FORMATS[name].run(source, out, options)
     except BROKEN as error:
         raise CaptureError(f"{source}: is not whole: {type(error).__name__} {error}") from error

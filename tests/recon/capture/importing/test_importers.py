@@ -10,7 +10,7 @@ import pytest
 
 from recon.capture.format import Capture, CaptureError, read_capture
 from recon.capture.importing.colmap import import_colmap
-from recon.capture.importing.formats import AUTO, import_recording
+from recon.capture.importing.formats import AUTO, FORMATS, import_recording
 from recon.capture.importing.json_file import import_json
 from recon.capture.importing.opencv import import_opencv, write_calibration
 from recon.capture.importing.sources import ImportOptions, parse_unit
@@ -131,3 +131,9 @@ def test_an_option_that_a_format_does_not_take_is_refused(
     assert told.code != 0
     assert sentence in told.err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_source_that_is_not_there_is_said_not_to_be_there(name: str, tmp_path: Path) -> None:
+    with pytest.raises(CaptureError, match=r"absent: there is no such file or folder$"):
+        import_recording(name, tmp_path / "absent", tmp_path / "out", ImportOptions(unit_mm=1.0))
