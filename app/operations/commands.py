@@ -26,6 +26,12 @@ class StimuliImport(Command):
         "Range of films that do not say theirs; ask: refuse those whose values tell that it matters.",
         flags=("--range",),
         label="Brightness range where a film does not say it",
+        choices={
+            "ask": "refuse films whose values tell that it matters",
+            "limited": "16 to 235",
+            "full": "0 to 255",
+        },
+        note="",
     )
     practice: str | None = option(None, "Dataset of two videos for practice; it is not compared.", **PRACTICE)
 

@@ -142,7 +142,7 @@ class Reconstruct(Command):
     fill: int = option(
         16,
         "Continue surfaces where a mask shows the object and nothing was measured, up to so many pixels; 0: leave "
-        "such holes. Their vertices are marked. Needs --outlines masks.",
+        "such holes. Their vertices are marked. Surfaces must end at the masks, as they do unless told otherwise.",
         ge=0,
         label="Fill holes",
         high=200,

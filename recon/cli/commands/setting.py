@@ -70,7 +70,7 @@ class Setting:
         """Return what a form says after the label: the help, where an empty field stands for the default."""
         if self.note is not None:
             return self.note
-        rest = meaning.removeprefix(self.label).lstrip("; ").removesuffix(".")
+        rest = meaning.removeprefix(self.label).lstrip(",; ").removesuffix(".")
         return rest.replace("default:", "empty:").replace("Default:", "Empty:")
 
     def __call__(self, schema: dict[str, Any]) -> None:
