@@ -16,7 +16,7 @@ from app.cli.shared import by_step, server_settings
 from app.files import read_json
 from app.operations.commands import Analyse
 from recon.cli.commands.setting import settings_of
-from recon.cli.console import JsonOption, ProgressLine, print_result
+from recon.cli.console import JsonOption, ProgressLine, counted, print_result
 from recon.cli.flags import with_settings
 from recon.cli.options import wrong_use
 
@@ -61,7 +61,7 @@ def simulate(
     put_in = result["put_in"]
     result |= {"came_out": scores, "came_back": came_back(put_in, scores)}
     sentences = (
-        f"{participants} simulated participants voted {result['votes']} times.",
+        f"{counted(participants, 'simulated participant')} gave {counted(result['votes'], 'answer')}.",
         put_in_sentence(put_in, result["order"] if known is None else f"as {abilities} says"),
         came_out_sentence(put_in, scores),
     )
@@ -206,7 +206,6 @@ def _understood_votes(
     """Return how votes, and the files beside them that `read_beside` takes, are understood."""
     from app.analysis.analyse import used_votes
     from app.analysis.analyse_files import read_beside
-    from app.analysis.reading.phrases import counted
     from app.analysis.reading.read_votes import understand_votes
 
     votes, sentences = understand_votes(sources)
@@ -216,8 +215,8 @@ def _understood_votes(
     datasets = counted(len(votes.datasets), "dataset") if votes.has_datasets else "no named dataset"
     return [
         *sentences,
-        f"Together: {votes.n_votes} votes, of which {used.n_votes} count; {people}, {datasets}, "
-        f"{len(votes.items)} conditions: {_few(votes.items)}",
+        f"Together: {counted(votes.n_votes, 'vote')}, {used.n_votes} of them counted; {people}, {datasets}, "
+        f"{counted(len(votes.items), 'condition')}: {_few(votes.items)}",
         *(f"Factor {name}: {_few(levels.values())}" for name, levels in settings.factors.items()),
         *(f"Grouping {name}: {_few(groups.values())}" for name, groups in settings.groups.items()),
         *_understood_measures(settings, notes),

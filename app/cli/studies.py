@@ -307,10 +307,9 @@ def study_list(as_json: JsonOption = False) -> None:
 
 
 def _study_sentence(study: Mapping[str, Any]) -> str:
-    return (
-        f"{study['slug']} ({study['state']}): {study['n_finished']} of {study['n_started']} participants finished, "
-        f"{counted(study['n_votes'], 'vote')}; invitations {', '.join(study['invitations'])}"
-    )
+    begun, votes = counted(study["n_started"], "participant"), counted(study["n_votes"], "vote")
+    came = f"{study['n_finished']} of {begun} finished, {votes}" if study["n_started"] else "nobody has begun"
+    return f"{study['slug']} ({study['state']}): {came}; invitations {', '.join(study['invitations'])}"
 
 
 def _tell_of_study(study: dict[str, Any], settings: Settings, url: str | None, *, as_json: bool) -> None:

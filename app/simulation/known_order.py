@@ -123,11 +123,12 @@ def came_out_sentence(put_in: Mapping[str, float], scores: Mapping[str, float]) 
     """Say what the votes came to, and whether it is what was put in."""
     if not scores:
         return "Came out: no scores yet."
-    end = (
-        "the order that was put in"
-        if came_back(put_in, scores)
-        else "not the order that was put in: these votes are too few for it, or other people's are among them"
-    )
+    if len(set(put_in.values())) < 2:
+        end = "by chance: no order was put in"
+    elif came_back(put_in, scores):
+        end = "the order that was put in"
+    else:
+        end = "not the order that was put in: these votes are too few for it, or other people's are among them"
     return f"Came out: {_best_first(scores)}, {end}."
 
 

@@ -98,6 +98,14 @@ def _legend(names: Sequence[str], width: int) -> alt.Legend | None:
     return alt.Legend(symbolOpacity=1, orient="bottom", columns=columns, columnPadding=LEGEND_GAP, labelLimit=width)
 
 
+def intervals_shown(rows: Iterable[Mapping[str, Any]], low: str = "ci_low") -> str:
+    """Say in a caption whether rows have intervals: all, some or none."""
+    has = {row[low] is not None for row in rows}
+    if has <= {False}:
+        return "without intervals (there are none)"
+    return "with 95 % intervals" if has == {True} else "with 95 % intervals where there are any"
+
+
 def dashed_line(side: Literal["x", "y"], value: float) -> Any:
     """Draw a dashed line across a panel at a value of the horizontal or vertical axis."""
     rule = alt.Chart(alt.Data(values=[{"line": value}])).mark_rule(strokeDash=[4, 3], color="#777777")

@@ -103,10 +103,12 @@ def _around(effect: float, error: float | None, n_people: int | None) -> str:
 
 def _ties(votes: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     if votes["ties"] == votes["analysed"]:
-        yield finding("ties", f"All {votes['analysed']} votes are without preference.")
+        which = "The only vote is" if votes["ties"] == 1 else f"All {votes['ties']} votes are"
+        yield finding("ties", f"{which} without preference.")
     elif votes["ties"]:
         share = percent(votes["ties"] / votes["analysed"])
-        yield finding("ties", f"{votes['ties']} of {votes['analysed']} votes ({share}) are without preference.")
+        are = "is" if votes["ties"] == 1 else "are"
+        yield finding("ties", f"{votes['ties']} of {votes['analysed']} votes ({share}) {are} without preference.")
 
 
 def _measures(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:

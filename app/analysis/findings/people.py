@@ -214,15 +214,17 @@ def _outstanding(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
         else ""
     )
     few = (
-        f" With {counted(len(observers), 'participant')} nobody can be compared with the others."
+        f"With {counted(len(observers), 'participant')} nobody can be compared with the others."
         if 1 < len(observers) < FEWEST_FOR_FENCES
         else ""
     )
+    is_named = any(row["flags"] for row in observers)
+    stands_out = "" if few and not is_named else outstanding(observers)  # nobody, where nobody is compared: not known
     why = [_evidence(row, len(observers)) for row in observers if CARELESS in row["flags"]][:MOST_NAMED]
     has_checks = any(row["n_identical"] or row["n_repeated"] for row in analysis["checks"])
-    is_open = len(observers) > 1 and not (few or has_checks or any(row["flags"] for row in observers))
-    unseen = f" {_unseen(observers)}" if is_open else ""
-    yield finding("participants", " ".join([f"{outstanding(observers)}{few}{unseen}", *why]) + circles)
+    is_open = len(observers) > 1 and not (few or has_checks or is_named)
+    unseen = _unseen(observers) if is_open else ""
+    yield finding("participants", " ".join(filter(None, [stands_out, few, unseen, *why])) + circles)
     if has_checks:
         yield finding("checks", _checks(analysis["checks"]))
 

@@ -76,10 +76,15 @@ def _opinions(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]]:
     if model["disagreement"] is not None:
         yield finding("disagreement", _disagreement(model))
     yield finding("participants", f"{outstanding(raters)}{_others(raters)} {_rules(raters)}")
+    shown = (
+        "with 95 % intervals by t; all pairs of conditions compared within participants and corrected by Holm"
+        if n_people > 1
+        else "without intervals and tests"
+    )
     yield finding(
         "settings",
         f"Settings: {model['protocol'].upper()}, scale {model['low']:g} to {model['high']:g}, means over participants "
-        "with 95 % intervals by t; all pairs of conditions compared within participants and corrected by Holm.",
+        f"{shown}.",
     )
 
 

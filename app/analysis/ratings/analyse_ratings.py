@@ -187,7 +187,8 @@ def _warnings(table: RatingTable, model: SubjectModel, raters: list[dict[str, An
         yield f"ratings: there are no qualities, biases and inconsistencies: {WHY_NO_MODEL[model.status]}"
     few = [row["participant"] for row in raters if 0 < row["n_ratings"] < FEWEST_RATINGS]
     if few:
-        yield f"ratings: {', '.join(few)} gave fewer than {FEWEST_RATINGS} ratings and are left out of the model"
+        are = "is" if len(few) == 1 else "are"
+        yield f"ratings: {', '.join(few)} gave fewer than {FEWEST_RATINGS} ratings and {are} left out of the model"
     flagged = [row["participant"] for row in raters if row["flags"]]
     if flagged:
         yield f"ratings: look at {listed(flagged)}, whose ratings are unusual; nobody was left out for it"

@@ -13,6 +13,7 @@ from app.analysis.ratings.table import PROTOCOLS, ComparisonTable, RatingTable
 from app.analysis.reading.cells import Column, Problems, number_or_nan, numbered_names, same, shown
 from app.analysis.reading.description import COMPARISONS, Description, Told
 from app.analysis.reading.layouts import LongTable, flags, rows_of
+from app.analysis.reading.phrases import counted
 from app.analysis.reading.sources import Source, fingerprint, in_lists, recognise_file
 from app.analysis.reading.votes_table import ROLE_CODES, VotesError
 
@@ -67,7 +68,8 @@ def _sentence(source: Source, table: RatingTable | ComparisonTable, left_out: st
     conditions = list(dict.fromkeys(condition for _, condition in table.items))
     parts = [
         source.table.how,
-        f"{len(table)} ratings by {len(table.participants)} participants of {len(table.items)} items",
+        f"{counted(len(table), 'rating')} by {counted(len(table.participants), 'participant')} "
+        f"of {counted(len(table.items), 'item')}",
         left_out,
         *source.table.notes,
         *source.description.notes,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from app.analysis.reading.cells import Column, Table, column_of, is_numeric, number_or_nan, same, shown
 from app.analysis.reading.files.nested import QUESTION
+from app.analysis.reading.phrases import counted
 from app.analysis.reading.votes_table import VotesError
 from app.analysis.reading.words import TIGHT_VERSUS, VERSUS, ends_of, is_suspicious, pair_in, pairs_in, plain
 
@@ -81,7 +82,7 @@ def _shorn(table: Table, is_kept: NDArray[np.bool_], which: str) -> Table:
     if is_kept.all():
         return table
     kept = table.where(is_kept)
-    return replace(kept, notes=(*kept.notes, f"{int((~is_kept).sum())} rows {which}"))
+    return replace(kept, notes=(*kept.notes, f"{counted(int((~is_kept).sum()), 'row')} {which}"))
 
 
 def _one_question(table: Table, column: str, question: str) -> Table:
@@ -141,9 +142,7 @@ def _qualtrics(table: Table) -> Table:
         if name in columns:
             odd = kept.columns[name].meaning(lambda word, bad=words: word.lower() in bad, bool)  # type: ignore[misc]
             if odd.any():
-                warnings.append(
-                    f"{name} says of {int(odd.sum())} rows that they are previews or unfinished; they count"
-                )
+                warnings.append(f"{name} calls {counted(int(odd.sum()), 'row')} a preview or unfinished; all count")
     note = "the rows of questions and of import ids are left out"
     return replace(kept, notes=(*table.notes, note), warnings=tuple(warnings))
 
@@ -229,7 +228,7 @@ def _crowd(table: Table) -> Table:
     place = np.array([row[0] for row in rows], np.intp)
     kept = {name: column.where(place) for name, column in table.columns.items() if name not in used}
     notes = (*table.notes, f"{len(columns)} answers in each row, each a rating of the film that it names")
-    warnings = (f"{n_traps} answers on trapping or gold films are left out",) if n_traps else ()
+    warnings = (f"left out: {counted(n_traps, 'answer')} on trapping or gold films",) if n_traps else ()
     return Table({**cells, **kept}, table.how, table.numbers[place], notes, warnings)
 
 

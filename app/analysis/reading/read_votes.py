@@ -19,6 +19,7 @@ from app.analysis.reading.cells import Column, Problems, Table, number_or_nan, s
 from app.analysis.reading.choices import UNKNOWN, Asked, Meaning, codes_of
 from app.analysis.reading.description import VOTES, Description, Told
 from app.analysis.reading.layouts import LongTable, flags, rows_of, stacked
+from app.analysis.reading.phrases import counted
 from app.analysis.reading.recognise import recognise
 from app.analysis.reading.sources import Source, fingerprint, in_lists, in_several, recognise_file
 from app.analysis.reading.votes_table import (
@@ -134,7 +135,7 @@ def _sentence(source: Source, votes: VotesTable) -> str:
     tally = ", ".join(f"{word} {n}" for word, n in zip(CHOICES, chosen, strict=True))
     parts = [
         source.table.how,
-        f"{len(votes)} rows, {votes.n_votes} votes",
+        f"{counted(len(votes), 'row')}, {counted(votes.n_votes, 'vote')}",
         *_left_out(votes),
         *source.table.notes,
         *source.description.notes,

@@ -6,7 +6,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from app.analysis.drawing.charts_in_common import FULL, chart_svg, drawn_width, letters_without_font
+from app.analysis.drawing.charts_in_common import (
+    FULL,
+    chart_svg,
+    drawn_width,
+    intervals_shown,
+    letters_without_font,
+)
 from app.analysis.drawing.figure_code import figure_code, level_rows, names_by_file
 from app.analysis.objective.prediction import measures_by_rank
 from app.analysis.reading.votes_table import ALL
@@ -63,7 +69,7 @@ def named_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tup
         chart = levels_chart(analysis, comparison, width)
         yield (
             f"levels_{name}",
-            f"{what.format(comparison)} on each dataset {_intervals(levels)}.{_together(rows)}",
+            f"{what.format(comparison)} on each dataset {intervals_shown(levels)}.{_together(rows)}",
             chart,
         )
         what = f"Scores by {comparison}, from pairs that differ in nothing else,"
@@ -76,10 +82,14 @@ def named_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tup
     files = {measure: name for name, measure in names_by_file(analysis["measures"], "measure").items()}
     for measure in measures_by_rank(analysis["measures"]):
         yield f"measure_{files[measure]}", f"Score against {measure}.", measure_chart(analysis, measure, width)
-    yield "rates", "Score against the size of the models, with 95 % intervals.", rates_chart(analysis, width)
+    yield (
+        "rates",
+        f"Score against the size of the models, {intervals_shown(analysis.get('rates', []))}.",
+        rates_chart(analysis, width),
+    )
     for name, grouping in names_by_file(analysis["groups"], "grouping").items():
         rows = [row for row in analysis["groups"] if row["grouping"] == grouping]
-        caption = f"Scores by {grouping}, all votes together, {_intervals(rows)}."
+        caption = f"Scores by {grouping}, all votes together, {intervals_shown(rows)}."
         yield f"group_{name}", caption, groups_chart(analysis, grouping, width)
     yield "response_times", "Response times of each participant.", response_chart(analysis, width)
     yield "triads", "Circular triads of each participant over all datasets.", triads_chart(analysis, width)
@@ -94,7 +104,7 @@ def _ends(rows: Sequence[Row]) -> str:
         else ""
     )
     penalised = " Hollow points are penalised estimates." if any(row["penalty"] for row in rows) else ""
-    return f"{_intervals(rows)}.{penalised}{letters}{_together(rows)}"
+    return f"{intervals_shown(rows)}.{penalised}{letters}{_together(rows)}"
 
 
 def _together(rows: Sequence[Row]) -> str:
@@ -102,13 +112,6 @@ def _together(rows: Sequence[Row]) -> str:
     if len({row["dataset"] for row in rows} - {ALL}) < 2:
         return ""
     return " All votes together: one fit to them, not the mean of the datasets. Datasets in alphabetical order."
-
-
-def _intervals(rows: Sequence[Row]) -> str:
-    n_with = sum(row["ci_low"] is not None for row in rows)
-    if not n_with:
-        return "without intervals (there are none)"
-    return "with 95 % intervals" if n_with == len(rows) else "with 95 % intervals where there are any"
 
 
 def font_warnings(analysis: Mapping[str, Any]) -> Iterator[str]:

@@ -100,9 +100,9 @@ def _summary(analysis: Mapping[str, Any]) -> str:
     datasets = f" on {counted(len(votes['datasets']), 'dataset')}" if votes["datasets"] else ""
     checks = f"{counted(votes['checks'], 'attention check')}, " if votes["checks"] else ""
     return (
-        f"{votes['votes']} votes read: {votes['analysed']} analysed ({votes['ties']} without preference), "
+        f"{counted(votes['votes'], 'vote')} read: {votes['analysed']} analysed ({votes['ties']} without preference), "
         f"{votes['practice']} practice, {checks}{votes['excluded']} excluded. "
-        f"{people.capitalize()}, {len(votes['items'])} conditions{datasets}."
+        f"{people.capitalize()}, {counted(len(votes['items']), 'condition')}{datasets}."
     )
 
 

@@ -15,6 +15,7 @@ from app.analysis.drawing.charts_in_common import (
     PALETTE,
     Labels,
     dashed_line,
+    intervals_shown,
     labels_of,
     panel_layout,
     panels_in_rows,
@@ -30,15 +31,26 @@ ESTIMATES = ("mean", "subject model")
 
 def rating_charts(analysis: Mapping[str, Any], width: int = FULL) -> Iterator[tuple[str, str, Any]]:
     """Yield name, caption and chart of every figure of ratings; the chart is None where there is nothing to draw."""
-    yield "opinion_scores", "Mean opinion scores with 95 % intervals.", opinion_chart(analysis, width)
+    items, raters = analysis.get("rating_items", []), analysis.get("raters", [])
+    compared = analysis.get("comparison_items", [])
+    differences = [row for row in items if row["dmos"] is not None]
+    yield "opinion_scores", f"Mean opinion scores {intervals_shown(items)}.", opinion_chart(analysis, width)
     yield (
         "differential_scores",
-        "Differential scores to the reference, 95 % intervals.",
+        f"Differential scores to the reference {intervals_shown(differences, 'dmos_low')}.",
         differential_chart(analysis, width),
     )
-    yield "raters", "Bias and inconsistency of each participant, 95 % intervals.", raters_chart(analysis, width)
+    yield (
+        "raters",
+        f"Bias and inconsistency of each participant {intervals_shown(raters, 'bias_low')}.",
+        raters_chart(analysis, width),
+    )
     yield "alignment", "Qualities from ratings and votes together, 95 % intervals.", alignment_chart(analysis, width)
-    yield "comparison_scores", "Scores from comparison ratings, 95 % intervals.", comparison_chart(analysis, width)
+    yield (
+        "comparison_scores",
+        f"Scores from comparison ratings {intervals_shown(compared)}.",
+        comparison_chart(analysis, width),
+    )
 
 
 def opinion_chart(analysis: Mapping[str, Any], width: int = FULL) -> Any:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from app.analysis.ratings.table import PROTOCOLS
-from app.analysis.reading.phrases import with_interval
+from app.analysis.reading.phrases import counted, with_interval
 from app.analysis.report.tables import Analysis, Figures, Row, section, table
 
 EXPLAINED = {
@@ -35,9 +35,9 @@ def _opinions(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     (model,) = analysis["rating_model"]
     quality = EXPLAINED.get(model["status"])
     text = (
-        f"{model['n_ratings']} ratings by {model['n_participants']} participants on the scale from {model['low']:g} to "
-        f"{model['high']:g}; {PROTOCOLS[model['protocol']]}. The MOS is the mean over participants with its 95 % "
-        "interval (t)" + (f"; {quality}." if quality else ".")
+        f"{counted(model['n_ratings'], 'rating')} by {counted(model['n_participants'], 'participant')} on the scale "
+        f"from {model['low']:g} to {model['high']:g}; {PROTOCOLS[model['protocol']]}. The MOS is the mean over "
+        "participants with its 95 % interval (t)" + (f"; {quality}." if quality else ".")
     )
     has_differences = any(row["dmos"] is not None for row in analysis["rating_items"])
     if has_differences:

@@ -12,7 +12,7 @@ from app.analysis.findings.ranking import overall
 from app.analysis.model.contrasts import SIGNIFICANT
 from app.analysis.objective.against_scores import score_unit
 from app.analysis.objective.prediction import measures_by_rank
-from app.analysis.reading.phrases import p_phrase, with_interval
+from app.analysis.reading.phrases import counted, p_phrase, with_interval
 from app.analysis.reading.votes_table import ALL
 from app.analysis.report.rate_sections import rate_section
 from app.analysis.report.rating_sections import rating_sections
@@ -262,7 +262,7 @@ def _excluded(analysis: Analysis) -> dict[str, Any]:
         for row in analysis["scores"]
     ]
     text = (
-        f"{analysis['votes']['excluded']} votes were excluded; the last column is the score with them, but without "
+        f"Votes excluded: {analysis['votes']['excluded']}; the last column is the score with them, but without "
         "those of people who have withdrawn."
     )
     columns = ["comparison", "dataset", "item", "score", "score with all votes"]
@@ -323,9 +323,9 @@ def _triads(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     with_cycles = sum(row["circular"] > 0 for row in pooled)
     complete = sum(row["complete"] for row in analysis["triads"])
     text = (
-        f"{total} circular triads in {len(analysis['triads'])} sets of votes ({complete} of them complete), "
-        f"by {with_cycles} of {len(pooled)} participants. They exclude nobody: where conditions look alike, honest "
-        "votes contradict each other."
+        f"{counted(total, 'circular triad')} in {counted(len(analysis['triads']), 'set')} of votes, {complete} "
+        f"complete, by {with_cycles} of {counted(len(pooled), 'participant')}. They exclude nobody: where conditions "
+        "look alike, honest votes contradict each other."
     )
     shown = [figures["triads"]] if "triads" in figures else []
     columns = ["participant", "n_datasets", "circular", "circular_expected_ties", "p_value"]
@@ -340,9 +340,9 @@ def _observers(analysis: Analysis, figures: Figures) -> dict[str, Any]:
         for row in analysis["checks"]
     }
     text = (
-        f"{len(flagged)} of {len(analysis['observers'])} participants are flagged. “Careless” is the natural logarithm "
-        "of how much likelier the answers are from somebody who answers carelessly than from somebody who answers as "
-        "the others do, with own opinions and noise; somebody is flagged for it only if fewer than 0.05 honest people "
+        f"{len(flagged)} of {counted(len(analysis['observers']), 'participant')} flagged. “Careless” is the natural "
+        "logarithm of how much likelier the answers are from somebody who answers carelessly than from somebody who "
+        "answers as the others do, with own opinions and noise; somebody is flagged for it only if fewer than 0.05 honest people "
         "of the whole study would be expected to look so. Remarks are no flags: among honest people, too, some are "
         "slower than others, disagree more, or have triads no more consistent than chance, as half of those have who "
         "see no difference. A flag is a reason to look, not to exclude; all numbers are in observers.csv."

@@ -37,7 +37,7 @@ def test_a_study_is_created_and_listed(command: Command, stimuli: Path) -> None:
     assert created.code == 0, created.err
     assert json.loads(created.out)["n_pairs"] == 1
     listed = command("study", "list")
-    assert "tiny (open): 0 of 0 participants finished, 0 votes" in listed.out
+    assert "tiny (open): nobody has begun" in listed.out
     again = command("study", "create", stimuli, "--name", "Again")
     assert "Created the study again: 1 pair of 2 conditions" in again.out
 

@@ -14,7 +14,7 @@ import pytest
 from app.analysis import votes_from_rows
 from app.analysis.model.bradley_terry import fit_pairs
 from app.experiment.demo import TIE_RATE
-from app.simulation.known_order import STEP, came_back, came_out, known_order
+from app.simulation.known_order import STEP, came_back, came_out, came_out_sentence, known_order
 from app.simulation.preference import choose
 from recon.cli.commands.experiments import Demo
 
@@ -136,3 +136,9 @@ def test_what_came_out_is_the_score_over_all_datasets_of_votes_or_ratings() -> N
         "x": 2.0
     }
     assert came_out({"scores": [], "rating_conditions": [{"condition": "x", "mos": 3.5}]}) == {"x": 3.5}
+
+
+def test_who_prefers_nothing_brings_no_order_back() -> None:
+    scores = {"id": 0.4, "dr": -0.4}
+    assert came_out_sentence({"id": 0.0, "dr": 0.0}, scores).endswith("by chance: no order was put in.")
+    assert came_out_sentence({"id": 1.0, "dr": 0.0}, scores).endswith("the order that was put in.")

@@ -496,7 +496,7 @@ def test_encodings_sheets_and_ends_of_lines_are_explained_with_the_option(tmp_pa
         )
     votes, understood = votes_in(tmp_path / "t.xlsx", sheet="Data")
     assert votes.n_votes == 1
-    assert "sheet Data, number 2 of 2; 1 rows, 1 votes; the other sheets are 'Notes'" in understood[0]
+    assert "sheet Data, number 2 of 2; 1 row, 1 vote; the other sheets are 'Notes'" in understood[0]
     with pytest.raises(VotesError, match="has no sheet 'data'; it has 'Notes', 'Data'"):
         recognise_file(tmp_path / "t.xlsx", Told(sheet="data"))
 
