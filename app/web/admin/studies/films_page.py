@@ -77,6 +77,8 @@ def _stimuli_page(request: Request, person: Experimenter, study: Study) -> Respo
         "pairs": listed(request, pairs, PAIR_FILM_COLUMNS, prefix="pairs_"),
         "has_reference": bool(options.reference_beside),
         "has_pair_films": options.has_pair_films,
+        "are_pairs": options.has_pair_films and not options.is_shown_alone,
+        "are_two": any(pair["top"] != pair["bottom"] for pair in pairs),
         "check": check,
         "said": in_words(check) if check else "",
     }

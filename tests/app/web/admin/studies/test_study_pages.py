@@ -27,6 +27,7 @@ from app.store.database.keys import new_secret, utc_now
 from app.store.participants.invitations import invitation_by_code
 from app.store.studies.studies import lock_study
 from app.store.trials import admission
+from app.study.options.options import parse_options
 from app.study.options.own_texts import LONGEST_TEXT
 from app.study.options.platforms import WAYS
 from app.study.options.practice import PracticeFilms
@@ -400,6 +401,19 @@ def test_stimuli_are_seen_and_a_damaged_film_is_found(own_server: str, own: Sett
         assert "not what it was" in ends(eva, str(begun.url.path)).text
         for damaged, content in films.items():
             damaged.write_bytes(content)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [{}, {"protocol": "ACR"}, {"pair_films": "decoded"}], ids=str)
+def test_two_films_in_one_are_told_of_only_where_there_are(
+    own_server: str, own: Settings, stimulus_set: Path, options: dict[str, Any]
+) -> None:
+    name = f"Films of {len(str(options))}"
+    slug = create.create_study(own, stimulus_set, name, exposure_s=0.4, options=parse_options(options))["slug"]
+    with signed_in(own_server, own, "Eva") as eva:
+        ends(eva, str(eva.act(f"/admin/studies/{slug}/stimuli").url.path))
+        page = eva.get(f"/admin/studies/{slug}/stimuli").text
+        assert ("Both halves of a pair" in page, "Films of pairs" in page) == (not options, not options)
 
 
 @pytest.mark.slow
