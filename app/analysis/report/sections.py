@@ -342,10 +342,10 @@ def _observers(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     text = (
         f"{len(flagged)} of {counted(len(analysis['observers']), 'participant')} flagged. “Careless” is the natural "
         "logarithm of how much likelier the answers are from somebody who answers carelessly than from somebody who "
-        "answers as the others do, with own opinions and noise; somebody is flagged for it only if fewer than 0.05 honest "
-        "people of the whole study would be expected to look so. Remarks are no flags: among honest people, too, some are "
-        "slower than others, disagree more, or have triads no more consistent than chance, as half of those have who "
-        "see no difference. A flag is a reason to look, not to exclude; all numbers are in observers.csv."
+        "answers as the others do, with own opinions and noise; somebody is flagged for it only if fewer than 0.05 "
+        "honest people of the whole study would be expected to look so. Remarks are no flags: among honest people, "
+        "too, some are slower than others, disagree more, or have triads no more consistent than chance, as half of "
+        "those have who see no difference. A flag is a reason to look, not to exclude; observers.csv has all numbers."
     )
     rows = [
         row
