@@ -52,7 +52,7 @@ def languages_list(context: typer.Context, as_json: JsonOption = False) -> None:
 
 @languages_app.command("check")
 def languages_check(
-    files: Annotated[list[Path], typer.Argument(help="Language packs, such as fr.json.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILES", help="Language packs, such as fr.json.")],
     as_json: JsonOption = False,
 ) -> None:
     """Check language packs: missing and unknown keys, placeholders, empty texts, plurals, HTML."""

@@ -69,7 +69,9 @@ def _given(model: type[BaseModel]) -> type[BaseModel]:
 def schema(
     name: Annotated[
         list[str],
-        typer.Argument(help=f"Whose: {', '.join(FILES)}, or a command, such as `reconstruct` or `capture import`."),
+        typer.Argument(
+            metavar="NAME", help=f"Whose: {', '.join(FILES)}, or a command, such as `reconstruct` or `capture import`."
+        ),
     ],
 ) -> None:
     """Print JSON Schema of a file that you write, or of a command's settings, for editors and programs.

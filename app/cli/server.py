@@ -242,7 +242,9 @@ def token_add(
 
 @app.command()
 def backup(
-    file: Annotated[Path, typer.Argument(help="ZIP file to write; an earlier backup of this name is replaced.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="ZIP file to write; an earlier backup of this name is replaced.")
+    ],
     media: Annotated[
         bool, typer.Option("--media", help="Include the pair videos, attached reports and models.")
     ] = False,
@@ -264,7 +266,9 @@ def backup(
 
 @app.command()
 def restore(
-    file: Annotated[Path, typer.Argument(help="ZIP file that `reconstudy backup` wrote, from SQLite or PostgreSQL.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="ZIP file that `reconstudy backup` wrote, from SQLite or PostgreSQL.")
+    ],
     replace: Annotated[
         bool,
         typer.Option("--replace", help="First delete what the database holds: studies, people, tokens, the audit log."),

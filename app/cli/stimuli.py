@@ -25,7 +25,9 @@ app.add_typer(stimuli_app, name="stimuli")
 
 @stimuli_app.command("check")
 def stimuli_check(
-    stimulus_set: Annotated[Path, typer.Argument(help="Folder of the stimulus set, or its manifest.json.")],
+    stimulus_set: Annotated[
+        Path, typer.Argument(help="Folder of the stimulus set, or its manifest.json.", metavar="SET")
+    ],
     as_json: JsonOption = False,
 ) -> None:
     """Check a stimulus set: its files, their digests, and that every video can be decoded."""
@@ -59,7 +61,9 @@ def stimuli_import(asked: StimuliImport, *, as_json: bool) -> None:
 
 @stimuli_app.command("merge")
 def stimuli_merge(
-    sets: Annotated[list[Path], typer.Argument(help="Two or more stimulus sets: from render, import or merge.")],
+    sets: Annotated[
+        list[Path], typer.Argument(metavar="SETS", help="Two or more stimulus sets: from render, import or merge.")
+    ],
     out: Annotated[Path, typer.Option("--out", "-o", help="New folder for the stimulus set of all of them.")],
     as_json: JsonOption = False,
 ) -> None:

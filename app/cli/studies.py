@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from app.store.studies.studies import Standing
 
 
-StudyArgument = Annotated[str, typer.Argument(help="The study's short name, as `study list` shows it.")]
+StudyArgument = Annotated[
+    str, typer.Argument(metavar="STUDY", help="The study's short name, as `study list` shows it.")
+]
 
 app = typer.Typer()
 study_app = typer.Typer(
@@ -30,7 +32,9 @@ app.add_typer(study_app, name="study")
 @study_app.command("create", cls=CommandWithOptionFlags)
 def study_create(
     context: typer.Context,
-    stimulus_set: Annotated[Path, typer.Argument(help="Folder of the stimulus set, or its manifest.json.")],
+    stimulus_set: Annotated[
+        Path, typer.Argument(help="Folder of the stimulus set, or its manifest.json.", metavar="SET")
+    ],
     study_name: Annotated[
         str, typer.Option("--name", help="The study's name, as participants and experimenters read it.")
     ],
@@ -78,8 +82,9 @@ def study_import(
     file: Annotated[
         Path,
         typer.Argument(
+            metavar="FILE",
             help="TOML file: name, stimuli, exposure_s, seed and options; or the zip file of a whole study. "
-            "`study export` writes both."
+            "`study export` writes both.",
         ),
     ],
     stimuli: Annotated[
@@ -202,7 +207,8 @@ def study_attach(
     results: Annotated[
         list[Path],
         typer.Argument(
-            help="Folders that `reconstudy validate` and `reconstudy models` wrote, or CSV tables of measures."
+            metavar="RESULTS",
+            help="Folders that `reconstudy validate` and `reconstudy models` wrote, or CSV tables of measures.",
         ),
     ],
     study: Annotated[str | None, typer.Option(help="The study's short name; default: the only study.")] = None,

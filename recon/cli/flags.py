@@ -56,7 +56,8 @@ def _checked(settings: type[C], given: Mapping[str, Any]) -> C:
 
 def _parameter(name: str, info: FieldInfo, setting: Setting, more: dict[str, Any]) -> Parameter:
     low, high = bounds(info)
-    said: dict[str, Any] = {"help": info.description, "metavar": setting.metavar, "min": low, "max": high}
+    shown = setting.metavar or (name.upper() if setting.is_argument else None)
+    said: dict[str, Any] = {"help": info.description, "metavar": shown, "min": low, "max": high}
     said |= {"parser": parse_place} if setting.is_place else {}
     made = typer.Argument if setting.is_argument else typer.Option
     option: Any = made(*setting.flags, **said | more)

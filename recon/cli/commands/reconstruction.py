@@ -170,7 +170,9 @@ class Fuse(Command):
 class Export(Command):
     """Of `export`."""
 
-    mesh: Path = argument("A mesh of a run, such as RUN/meshes/pm_fb/0000.ply, or any model that `render` reads.")
+    mesh: Path = argument(
+        "A mesh of a run, such as RUN/meshes/pm_fb/0000.ply, or any model that `render` reads.", metavar="MODEL"
+    )
     out: Path = argument("File to write: .glb for viewers and the web, .ply, or .obj of a mesh with a texture.")
     truth: Path | None = option(None, "The true mesh; colours then show the error, red outside, blue inside.")
     limit: float | None = option(None, "Error that gets the full colour, mm; default: 95 % of the vertices have less.")

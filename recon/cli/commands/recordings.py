@@ -195,7 +195,7 @@ class CaptureTruth(Command):
 class CaptureExport(Command):
     """Of `capture export`."""
 
-    kind: str = argument("Format to write: nerfstudio or colmap.")
+    kind: str = argument("Format to write: nerfstudio or colmap.", metavar="FORMAT")
     capture: Path = argument("Folder of the capture.")
     out: Path = argument("Folder to make; must be empty or absent.")
     frame: int = option(0, "Number of the frame to export.", ge=0)

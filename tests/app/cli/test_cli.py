@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -35,7 +36,9 @@ def commands_of(*group: str) -> Iterator[tuple[str, ...]]:
 def test_every_command_explains_itself(command: Command, path: tuple[str, ...]) -> None:
     told = command(*path, "--help")
     assert told.code == 0
-    assert "Usage" in told.out
+    usage = re.split(r"\n\s*\n", told.out.partition("Usage: ")[2])[0]
+    assert usage
+    assert re.findall(r"\{[^}]*\}", usage) == [place.upper() for place in re.findall(r"\{[^}]*\}", usage)]
 
 
 @pytest.mark.parametrize(
