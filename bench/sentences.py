@@ -393,4 +393,4 @@ FAMILIES: dict[str, Callable[[int, int], Iterator[str]]] = {
 
 
 if __name__ == "__main__":
-    print_families(__doc__, FAMILIES, studies=100)
+    print_families(__doc__, FAMILIES, studies=400)

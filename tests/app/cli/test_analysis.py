@@ -41,7 +41,7 @@ def test_votes_become_scores_tables_and_a_report(command: Command, tmp_path: Pat
     assert "votes.csv: text in UTF-8, commas between cells; 4 rows, 4 votes" in dry.out
     (tmp_path / "ratings.csv").write_text("participant,dataset,condition,rating\nr1,ball,x,4\n")
     both = command("analyse", tmp_path / "votes.csv", "--ratings", tmp_path / "ratings.csv", "--dry-run")
-    assert "ratings.csv: text in UTF-8, commas between cells; 1 ratings by 1 participants of 1 items" in both.out
+    assert "ratings.csv: text in UTF-8, commas between cells; 1 rating by 1 participant of 1 item" in both.out
     assert not (tmp_path / "out").exists()
     assert "--out is missing" in command("analyse", tmp_path / "votes.csv").err
     told = command("analyse", tmp_path / "votes.csv", "-o", tmp_path / "out", "--json", "--width", "one")
