@@ -171,8 +171,8 @@ def _repeats(votes: VotesTable) -> list[str]:
     if not named:
         return []
     more = f" and {n_repeats - len(named)} more" if n_repeats > len(named) else ""
-    votes = "1 vote repeats" if n_repeats == 1 else f"{n_repeats} votes repeat"
-    what = f"{votes} a pair that the same participant judged before; all are counted"
+    repeating = "1 vote repeats" if n_repeats == 1 else f"{n_repeats} votes repeat"
+    what = f"{repeating} a pair that the same participant judged before; all are counted"
     return [f"{what}: {', '.join(named)}{more}"]
 
 
