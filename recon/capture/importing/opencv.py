@@ -222,12 +222,12 @@ def _held_out(folder: Path, files: Sequence[Path], unit_mm: float) -> tuple[tupl
 
 
 def _matrix(entry: Mapping[str, Any], key: str) -> NDArray[np.float64]:
-    found = [name for name in (key, *entry) if name in entry and KEYS[key].fullmatch(name)]
-    if found:
+    told = [name for name in (key, *entry) if name in entry and KEYS[key].fullmatch(name)]
+    if told:
         try:
-            return np.asarray(entry[found[0]], dtype=np.float64)
+            return np.asarray(entry[told[0]], dtype=np.float64)
         except (TypeError, ValueError) as error:
-            raise CaptureError(f"{entry['']}: {found[0]} is {entry[found[0]]!r}, expected a matrix") from error
+            raise CaptureError(f"{entry['']}: {told[0]} is {entry[told[0]]!r}, expected a matrix") from error
     if key in OPTIONAL:
         return np.zeros(0)
     raise CaptureError(f"{entry['']}: {key} is missing (or {EXAMPLES[key]})")
