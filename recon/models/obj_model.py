@@ -138,8 +138,9 @@ def _vertices(lines: Sequence[str], contents: Contents) -> tuple[NDArray[np.floa
 
 def _first_of_colour(vertices: NDArray[np.float64]) -> int:
     """Return where colours begin: behind x, y, z, or behind a weight, of which there are eight numbers, or it is 1."""
-    is_weighted = vertices.shape[1] == POSITION_AND_COLOUR + 1 and (vertices[:, 3] == 1).all()
-    return POSITION + (vertices.shape[1] > POSITION_AND_COLOUR + 1 or (is_weighted and (vertices[:, 6] != 1).any()))
+    width, has_one = vertices.shape[1], bool((vertices[:, 3] == 1).all())
+    is_weighted = width == POSITION_AND_COLOUR + 1 and has_one and bool((vertices[:, 6] != 1).any())
+    return POSITION + int(is_weighted or width > POSITION_AND_COLOUR + 1)
 
 
 def _shades(
