@@ -22,18 +22,39 @@ PERSPECTIVE = (
     "radtan",
     "radial_tangential",
     "brown_conrady",
+    "brown",
     "rational_polynomial",
+    "rational",
     "thin_prism",
+    "tilted",
     "pinhole",
     "perspective",
     "opencv",
     "full_opencv",
     "none",
 )
-MOST_NUMBERS = {"none": 0, "plumb_bob": 5, "radtan": 5, "radial_tangential": 5, "brown_conrady": 5}  # the others: 14
+MOST_NUMBERS = {  # the others: 14
+    "none": 0,
+    "plumb_bob": 5,
+    "radtan": 5,
+    "radial_tangential": 5,
+    "brown_conrady": 5,
+    "brown": 5,
+    "rational": 8,
+}
 UNLIKE = ("inverse_brown_conrady", "modified_brown_conrady")  # of RealSense: other formulas, mostly without numbers
-FISHEYE = ("equidistant", "fisheye", "kannala_brandt", "kannala_brandt4", "kb4", "kannalabrandt8", "opencv_fisheye")
-FISHEYE_KEY = "fisheye_model"  # 1 or 0, as OpenCV's program of one camera writes it
+FISHEYE = (
+    "equidistant",
+    "fisheye",
+    "kannala_brandt",
+    "kannala_brandt4",
+    "kb4",
+    "kannala_brandt8",
+    "kannalabrandt8",
+    "opencv_fisheye",
+)
+FLAG = re.compile("(is_?)?fisheye(_?model)?", re.IGNORECASE)  # 1 or true, 0 or false, as OpenCV's program writes it
+SPHERE = re.compile("xi[12]?", re.IGNORECASE)  # a number that OpenCV's omnidirectional cameras alone have
 TITLES = (
     "id",
     "name",
@@ -42,7 +63,21 @@ TITLES = (
     "title",
     "comment",
 )  # keys at which such a word may stand and mean no lens
-UNREAD = ("omnidirectional", "omni", "mei", "unified", "fov", "double_sphere", "eucm", "scaramuzza", "ocam", "ftheta")
+UNREAD = (
+    "omnidirectional",
+    "omni",
+    "mei",
+    "unified",
+    "fov",
+    "double_sphere",
+    "eucm",
+    "scaramuzza",
+    "ocam",
+    "ftheta",
+    "thin_prism_fisheye",
+    "rad_tan_thin_prism_fisheye",
+    "equirectangular",
+)
 OTHERS = (*FISHEYE, *UNREAD)
 KEY_FORMS = tuple(
     re.compile(key.replace("_", "[_ -]?") + "[_ -]?(1|2|left|right)?", re.IGNORECASE) for key in NAME_KEYS
@@ -61,9 +96,11 @@ def model_name(*entries: Mapping[str, Any]) -> str | None:
     has two models.
     """
     for entry in entries:
-        if entry.get(FISHEYE_KEY) in (1, "1"):
+        if any(FLAG.fullmatch(key) and str(value).lower() in ("1", "1.0", "true") for key, value in entry.items()):
             return FISHEYE[0]
-        words = {key: value for key, value in entry.items() if isinstance(value, str)}
+        if any(SPHERE.fullmatch(key) for key in entry):
+            return UNREAD[0]
+        words = {key: value for key, value in entry.items() if isinstance(value, str) and value.strip()}
         for form in KEY_FORMS:
             told = sorted({value for key, value in words.items() if form.fullmatch(key)})
             if len(told) > 1:

@@ -120,20 +120,37 @@ def face_corners(ply: Elements) -> Lists | None:
 
     A ValueError says that there are triangles in another form: without them, a mesh would be taken for a cloud.
     """
-    if ply.n_rows(STRIPS):
-        raise ValueError(f"its triangles are strips ({STRIPS}), which are not read; save it with faces")
-    if not ply.n_rows("face"):
+    if ply.n_rows(STRIPS) and ply.n_rows("face"):
+        raise ValueError(f"it has faces and strips of triangles ({STRIPS}), expected either; save it with faces")
+    if not (ply.n_rows(STRIPS) or ply.n_rows("face")):
         return None
-    columns = ply.columns("face")
+    columns = ply.columns(STRIPS if ply.n_rows(STRIPS) else "face")
     corners = next((columns[name] for name in FACE_LISTS if name in columns), None)
     if not isinstance(corners, Lists):
         raise ValueError(
             f"its faces have {', '.join(columns) or 'nothing'}, expected {' or '.join(FACE_LISTS)} with lists"
         )
+    if ply.n_rows(STRIPS):
+        return _of_strips(corners)
     if corners.lengths.min() < 3:
         face = int(corners.lengths.argmin())
         raise ValueError(f"face {face} has {corners.lengths[face]} corners, expected at least 3")
     return corners
+
+
+def _of_strips(strips: Lists) -> Lists:
+    """Return the triangles of strips, each of which ends at its row's end or at -1; every second one is turned."""
+    places = np.arange(len(strips.values))
+    is_end = strips.values < 0
+    begins = np.concatenate([np.cumsum(strips.lengths) - strips.lengths, places[is_end] + 1])
+    starts = np.zeros(len(places) + 1, np.int64)
+    starts[begins] = begins
+    within = places - np.maximum.accumulate(starts)[:-1]  # 0 at the first corner of each strip
+    last = np.flatnonzero((within >= 2) & ~is_end)
+    odd = within[last] % 2
+    corners = strips.values[np.stack([last - 2, last - 1 + odd, last - odd], axis=1)]
+    has_area = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
+    return Lists(corners[has_area].ravel(), np.full(int(has_area.sum()), 3, np.int64))
 
 
 def triangles(path: Path, ply: Elements) -> NDArray[np.integer]:

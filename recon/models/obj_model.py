@@ -30,7 +30,7 @@ FORMS = {  # of the corners of faces, all alike, with how many numbers a corner 
         (r"-?\d++/-?\d++/-?\d++", 3),
     )
 }
-UNMOVED = {"s": 1.0, "o": 0.0, "t": 0.0}  # the numbers with which these options change nothing
+MOVES = ("s", "o", "t")  # options with numbers that change where a texture is
 POSITION, POSITION_AND_COLOUR = 3, 6  # numbers of a vertex
 BLOCK = 100_000  # lines of faces that are taken apart at once
 OPAQUE = "has transparent materials, which are shown opaque"
@@ -42,6 +42,8 @@ class _Material:
 
     colour: tuple[float, ...] | None = None
     picture: NDArray[np.uint8] | None = None
+    scale: NDArray[np.float64] = field(default_factory=lambda: np.ones(2))  # of places on it, before they are moved
+    shift: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
 
 
 @dataclass
@@ -104,7 +106,8 @@ def read_obj_model(path: Path) -> Contents:
         elif not has_places:
             raise ValueError(f"faces of its textured material {name!r} have no texture coordinates (vt)")
         else:
-            contents.parts.append(replace(part, uv=places[used[:, 1], :2], picture=material.picture))
+            uv = places[used[:, 1], :2] * material.scale + material.shift
+            contents.parts.append(replace(part, uv=uv, picture=material.picture))
     return contents
 
 
@@ -120,7 +123,10 @@ def _vertices(lines: Sequence[str], contents: Contents) -> tuple[NDArray[np.floa
     is_short = np.array([len(line.split()) == POSITION for line in lines], bool)
     if not (has_colour.any() and is_short.any() and (has_colour | is_short).all()):
         vertices = _numbers(lines, "v", (3, 4, 6, 7, 8))
-        return vertices, colours_from(vertices[:, 3:6]) if vertices.shape[1] >= POSITION_AND_COLOUR else None
+        if vertices.shape[1] < POSITION_AND_COLOUR:
+            return vertices, None
+        first = _first_of_colour(vertices)
+        return vertices, colours_from(vertices[:, first : first + 3])
     contents.warn(f"has no colour at {np.count_nonzero(is_short)} of {len(lines)} vertices, which are shown grey")
     coloured = _numbers([line for line, kept in zip(lines, has_colour, strict=True) if kept], "v", (6,))
     plain = _numbers([line for line, kept in zip(lines, is_short, strict=True) if kept], "v", (3,))
@@ -128,6 +134,13 @@ def _vertices(lines: Sequence[str], contents: Contents) -> tuple[NDArray[np.floa
     vertices[has_colour], vertices[is_short] = coloured[:, :POSITION], plain
     colours[has_colour] = colours_from(coloured[:, POSITION:])
     return vertices, colours
+
+
+def _first_of_colour(vertices: NDArray[np.float64]) -> int:
+    """Return where colours begin: behind x, y, z, or behind a weight, of which there are eight numbers, or it is 1."""
+    width, has_one = vertices.shape[1], bool((vertices[:, 3] == 1).all())
+    is_weighted = width == POSITION_AND_COLOUR + 1 and has_one and bool((vertices[:, 6] != 1).any())
+    return POSITION + int(is_weighted or width > POSITION_AND_COLOUR + 1)
 
 
 def _shades(
@@ -277,12 +290,12 @@ def _materials(contents: Contents, libraries: Sequence[str], used: Collection[st
         for line in text.splitlines():
             keyword, rest = (*line.split(None, 1), "", "")[:2]  # by spaces or tabs
             rest = rest.strip()
-            if keyword == "newmtl":
+            if keyword.lower() == "newmtl":
                 name, current = rest, materials.setdefault(rest, _Material())
             elif keyword.lower() == "kd" and rest:
                 current.colour = _colour(rest, library)
             elif keyword.lower() == "map_kd" and rest and name in used:
-                current.picture = decoded(folder / _picture_name(rest))
+                current.picture = decoded(folder / _picture_name(rest, current))
             elif keyword == "map_d" or (keyword == "d" and _last(rest) < 1) or (keyword == "Tr" and _last(rest) > 0):
                 contents.warn(OPAQUE)
     return materials
@@ -298,12 +311,15 @@ def _colour(text: str, library: str) -> tuple[float, ...]:
     return tuple(min(max(value, 0.0), 1.0) for value in (red, green, blue))
 
 
-def _picture_name(text: str) -> str:
-    """Return the file's name behind the options of `map_Kd`."""
+def _picture_name(text: str, material: _Material) -> str:
+    """Return the file's name behind the options of `map_Kd`, of which the material gets scale and shift."""
     name = text
     while option := WORD_OPTIONS.match(name) or OPTIONS.match(name):
-        if option[1] in UNMOVED and any(float(number) != UNMOVED[option[1]] for number in option[2].split()):
-            raise ValueError(f"its texture is moved or scaled by {option[0].strip()!r}, which is not read; bake it")
+        numbers = option[2].split() if option[1] in MOVES else []
+        if option[1] == "t" and any(map(float, numbers)):
+            raise ValueError(f"its texture is stirred by {option[0].strip()!r}, which is not read; bake it")
+        moved = {"s": material.scale, "o": material.shift}.get(option[1], np.zeros(2))
+        moved[: len(numbers)] = numbers[:2]
         name = name[option.end() :]
     return name.strip('"').replace("\\", "/")
 

@@ -139,6 +139,21 @@ def cloud_part(
     )
 
 
+def split_corners(part: Part, polygons: NDArray[np.int64], colours: NDArray[np.uint8] | None = None) -> Part:
+    """Give every corner of every triangle a vertex of its own, in the colour of its polygon.
+
+    Parameters
+    ----------
+    part : without colours
+    polygons : int64 (M,), of each triangle
+    colours : uint8 (P, 3), of the polygons
+    """
+    picked = part.faces.ravel()
+    normals = None if part.normals is None else part.normals[picked]
+    shades = None if colours is None else np.repeat(colours[polygons], 3, axis=0)
+    return Part(part.vertices[picked], np.arange(picked.size).reshape(-1, 3), normals, shades)
+
+
 def decode_picture(content: bytes, name: str) -> NDArray[np.uint8]:
     """Decode a texture, uint8 (H, W, 3), sRGB: PNG, JPEG or another format of OpenCV's; alpha is left out.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from recon.geometry.ply import (
 )
 from recon.geometry.ply_elements import Elements, Lists
 from recon.geometry.polygons import cut_polygons
-from recon.models.part import Contents, Part, cloud_part, colours_from, decode_picture
+from recon.models.part import Contents, Part, cloud_part, colours_from, decode_picture, split_corners
 
 COLOURS = (UINT8_COLOUR, ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
 PLACES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
@@ -59,18 +58,36 @@ def read_ply_model(path: Path) -> Contents:
     if not len(faces):
         contents.parts.append(cloud_part(contents, vertices, normals, shades))
         return contents
+    faces, used = _without_strays(contents, vertices, faces)
+    vertices = vertices[used]
+    normals = None if normals is None else normals[used]
+    shades = None if shades is None else shades[used]
+    uv = None if uv is None else uv[used]
     if not pictures or (uv is None and corner_uv is None):
         part, of_faces = Part(vertices, faces, normals, shades), _face_colours(ply)
         if shades is None and of_faces is not None:
-            part = replace(_split_corners(part), colours=np.repeat(of_faces[polygons], 3, axis=0))
+            part = split_corners(part, polygons, of_faces)
         contents.parts.append(part)
         return contents
     picture = decode_picture(contents.beside(pictures[0], "texture"), pictures[0])
     whole = Part(vertices, faces, normals)
     if corner_uv is not None:
-        whole, uv = _split_corners(whole), corner_uv.reshape(-1, 2)
+        whole, uv = split_corners(whole, polygons), corner_uv.reshape(-1, 2)
     contents.parts.append(Part(whole.vertices, whole.faces, whole.normals, None, uv, picture))
     return contents
+
+
+def _without_strays(
+    contents: Contents, vertices: NDArray[np.float64], faces: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return faces among the vertices that are left (N,) of those without finite coordinates that no face names."""
+    is_kept = np.asarray(np.isfinite(vertices).all(axis=1), np.bool_)
+    if not is_kept.all():
+        is_kept[faces[(faces >= 0).all(axis=1) & (faces < len(vertices)).all(axis=1)]] = True
+    if is_kept.all():
+        return faces, is_kept
+    contents.warn(f"has {np.count_nonzero(~is_kept)} points without finite coordinates that no face names, left out")
+    return np.asarray((np.cumsum(is_kept) - 1)[faces], np.int64), is_kept
 
 
 def _faces(
@@ -95,11 +112,3 @@ def _face_colours(ply: Elements) -> NDArray[np.uint8] | None:
     """Return the colours of faces, uint8 (P, 3), None where they have none."""
     names = next((names for names in COLOURS if all(name in ply.columns("face") for name in names)), None)
     return None if names is None else colours_from(number_columns(ply, "face", names))
-
-
-def _split_corners(part: Part) -> Part:
-    """Give every corner of every triangle a vertex of its own."""
-    faces = np.arange(part.faces.size).reshape(-1, 3)
-    picked = part.faces.ravel()
-    normals = None if part.normals is None else part.normals[picked]
-    return Part(part.vertices[picked], faces, normals)

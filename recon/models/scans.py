@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.models.part import Contents, cloud_part, colours_from
+from recon.models.part import NEUTRAL, Contents, cloud_part, colours_from
 from recon.runtime.backend import open3d
 
 HEADER_BYTES = 4096
@@ -118,7 +118,7 @@ def _check_chunks(path: Path, data_at: int) -> None:
 
 
 def read_e57_model(path: Path) -> Contents:
-    """Read the points of all scans of an E57 file, each where its pose puts it, metres, with colours where all have.
+    """Read the points of all scans of an E57 file, each where its pose puts it, metres, with colours where some have.
 
     Raises
     ------
@@ -137,9 +137,14 @@ def read_e57_model(path: Path) -> Contents:
         raise ValueError("holds no scan")
     points = np.concatenate([_columns(scan, ("cartesianX", "cartesianY", "cartesianZ")) for scan in scans])
     names = ("colorRed", "colorGreen", "colorBlue")
-    has_colours = all(name in scan for scan in scans for name in names)
-    colours = colours_from(np.concatenate([_columns(scan, names) for scan in scans])) if has_colours else None
-    return _cloud(path, points, None, colours)
+    shades = [colours_from(_columns(scan, names)) if {*names} <= {*scan} else None for scan in scans]
+    grey = [np.full((len(scan["cartesianX"]), 3), NEUTRAL, np.uint8) for scan in scans]
+    has_colours = any(shade is not None for shade in shades)
+    colours = [plain if shade is None else shade for shade, plain in zip(shades, grey, strict=True)]
+    contents = _cloud(path, points, None, np.concatenate(colours) if has_colours else None)
+    if n_grey := has_colours * sum(shade is None for shade in shades):
+        contents.warn(f"has no colours in {n_grey} of {len(scans)} scans, which are shown grey")
+    return contents
 
 
 def _columns(scan: Mapping[str, NDArray[Any]], names: tuple[str, ...]) -> NDArray[Any]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.geometry.polygons import cut_polygons
-from recon.models.part import Contents, Part, cloud_part, colours_from
+from recon.models.part import Contents, Part, cloud_part, colours_from, split_corners
 
 END_BYTES = 4096  # in which a text ends, however long its name
 HEADER_BYTES = 84  # of a binary STL: 80 of any text, and the number of triangles
@@ -31,33 +31,37 @@ def read_stl_model(path: Path) -> Contents:
     """
     content = path.read_bytes()
     n_triangles = int.from_bytes(content[HEADER_BYTES - 4 : HEADER_BYTES], "little")
-    if len(content) == HEADER_BYTES + TRIANGLE.itemsize * n_triangles:
-        corners = np.frombuffer(content, TRIANGLE, offset=HEADER_BYTES)["corners"].reshape(-1, 3)
-    elif content.lstrip()[:5].lower() == b"solid" and (vertices := VERTEX.findall(content)):
+    end = HEADER_BYTES + TRIANGLE.itemsize * n_triangles
+    contents = Contents([path])
+    if len(content) != end and content.lstrip()[:5].lower() == b"solid" and (vertices := VERTEX.findall(content)):
         corners = np.array(vertices, dtype=np.float32)
         if b"endsolid" not in content[-END_BYTES:].lower():
             raise ValueError("is cut off: its text does not end with a line endsolid")
+    elif len(content) < end or not n_triangles:
+        raise ValueError(f"is no whole STL: it has {len(content)} bytes, {n_triangles} triangles need {end}")
     else:
-        raise ValueError(
-            f"is no whole STL: it has {len(content)} bytes, {n_triangles} triangles need "
-            f"{HEADER_BYTES + TRIANGLE.itemsize * n_triangles}"
-        )
+        corners = np.frombuffer(content[:end], TRIANGLE, offset=HEADER_BYTES)["corners"].reshape(-1, 3)
+        if len(content) > end:
+            contents.warn(f"has {len(content) - end} bytes behind its triangles, left out")
     if not len(corners) or len(corners) % 3:
         raise ValueError(f"has {len(corners)} corners of triangles, expected a multiple of 3")
     places, numbers = np.unique(corners + np.float32(0), axis=0, return_inverse=True)  # there is one 0
-    return Contents([path], [Part(places.astype(np.float64), numbers.reshape(-1, 3).astype(np.int64))])
+    contents.parts.append(Part(places.astype(np.float64), numbers.reshape(-1, 3).astype(np.int64)))
+    return contents
 
 
 def read_off_model(path: Path) -> Contents:
-    """Read the polygons, or the points, of an OFF file with the colours of its vertices.
+    """Read the polygons, or the points, of an OFF file with the colours of its vertices or faces.
 
     Raises
     ------
     ValueError
         If the file is missing or damaged, or has coordinates of four numbers.
     """
-    lines = (line.partition("#")[0].split() for line in path.read_text(encoding="utf-8-sig").splitlines())
-    rows = [words for words in lines if words]
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    rows = [words for words in (line.partition("#")[0].split() for line in text.splitlines()) if words]
+    if rows and "BINARY" in rows[0]:
+        raise ValueError("is a binary OFF, which is not read; save it as text or as PLY")
     kind = OFF_KIND.fullmatch(rows[0][0]) if rows else None
     if kind is None or kind[4] or kind[5]:
         raise ValueError("is no OFF of three coordinates: it does not begin with OFF, COFF, NOFF or CNOFF")
@@ -82,8 +86,12 @@ def read_off_model(path: Path) -> Contents:
     if counts.min() < 3 or any(len(words) <= count for words, count in zip(polygons, counts, strict=True)):
         raise ValueError("a face has fewer than three corners, or fewer than it says")
     corners = np.array([int(word) for words, n in zip(polygons, counts, strict=True) for word in words[1 : n + 1]])
-    triangles = corners[cut_polygons(values[:, :3], corners, counts)[0]].astype(np.int64)
-    contents.parts.append(Part(values[:, :3], triangles, normals, colours))
+    places, cut = cut_polygons(values[:, :3], corners, counts)
+    part = Part(values[:, :3], corners[places].astype(np.int64), normals, colours)
+    shades = [words[count + 1 : count + 4] for words, count in zip(polygons, counts, strict=True)]
+    if colours is None and all(len(words) == 3 for words in shades):  # fewer are a place in a table of colours
+        part = split_corners(part, cut, _colours(shades, np.array(shades, dtype=np.float64), 0))
+    contents.parts.append(part)
     return contents
 
 

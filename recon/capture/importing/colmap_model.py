@@ -19,6 +19,7 @@ from recon.capture.images import CaptureError
 from recon.capture.importing.lenses import FisheyeCamera
 from recon.capture.importing.sources import faults_at, turn_of
 from recon.capture.importing.views import HALF_PIXEL
+from recon.geometry.ply_elements import are_numbers
 from recon.geometry.rig import Camera, rigid
 from recon.runtime.files import first_of, in_any_case
 
@@ -50,6 +51,7 @@ MODEL_NAMES = (
     "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE", "SIMPLE_DIVISION",
     "DIVISION", "SIMPLE_FISHEYE", "FISHEYE", "EUCM", "EQUIRECTANGULAR",
 )  # fmt: skip  # by the number in the binary form
+IMAGE_WORDS = 10  # of its line, the last one its name
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,14 +210,14 @@ def _read_cameras_txt(path: Path) -> dict[int, Camera]:
 
 
 def _read_images_txt(path: Path) -> dict[int, ColmapImage]:
-    images = {}
-    rows = iter(_rows(path))
-    for number, words in rows:
-        if not words:
+    images, is_after_image = {}, False
+    for number, words in _rows(path):
+        if not words or (is_after_image and (len(words) < IMAGE_WORDS or are_numbers(words[IMAGE_WORDS - 1]))):
+            is_after_image = False  # the line after an image's lists its points, is empty, or was left out
             continue
-        next(rows, None)  # the line after an image's lists its points, and may be empty
+        is_after_image = True
         with faults_at(f"{path}, line {number}"):
-            if len(words) < 10:
+            if len(words) < IMAGE_WORDS:
                 raise ValueError(f"{len(words)} words, expected IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME")
             pose = _pose(np.array(words[1:8], dtype=np.float64))
             images[int(words[0])] = ColmapImage(" ".join(words[9:]), int(words[8]), pose)

@@ -15,6 +15,7 @@ world is the first left camera's frame turned by half a circle about x: x right,
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -37,6 +38,7 @@ from recon.geometry.rig import UNITS_MM, Camera, rigid
 from recon.runtime.files import allowed, files_like, in_any_case, read_json
 
 DIST_KEYS = ("dist", "dist_left", "dist_right")
+LENS_KEY = re.compile(r"(dist.*|d|coeff\w*|radial\w*|tangential\w*|[kps]\d)(_?(left|right))?", re.IGNORECASE)
 POSES = ("cam_from_world", "world_from_cam", "right_from_left", "left_from_right")
 
 
@@ -185,6 +187,8 @@ def _pose(described: _Description, entry: Mapping[str, Any], other: NDArray[np.f
     """Return `cam_from_world` in mm; `other` is the left camera's, or the pose of a left camera that has none."""
     told = [key for key in POSES if key in entry]
     if not told and other is CAMERA_FROM_WORLD:
+        if unread := [key for key, value in entry.items() if key != "K" and np.shape(value) in ((3, 4), (4, 4))]:
+            raise CaptureError(f"{unread[0]} is not read, expected one of {', '.join(POSES)}")
         return CAMERA_FROM_WORLD
     if len(told) != 1:
         raise CaptureError(f"a camera has the poses {told}, expected one of {', '.join(POSES)}")
@@ -256,7 +260,8 @@ def _numbers(content: Mapping[str, Any], key: str) -> NDArray[np.float64]:
 
 def _dist(content: Mapping[str, Any], key: str) -> NDArray[np.float64]:
     for name, value in content.items():  # a slip would leave the distortion out without a word
-        if name.lower().startswith("dist") and name not in DIST_KEYS and isinstance(value, list) and any(value):
+        is_meant = LENS_KEY.fullmatch(name) and name not in DIST_KEYS and not isinstance(value, str | Mapping)
+        if is_meant and np.any(np.asarray(value, np.float64)):
             raise CaptureError(f"{name} is not read, expected {key}")
     return _numbers({key: [], **content}, key)
 

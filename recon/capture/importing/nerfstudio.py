@@ -26,13 +26,16 @@ from recon.capture.importing.into_capture import write_recording
 from recon.capture.importing.lenses import FisheyeCamera
 from recon.capture.importing.sources import DepthSource, ImportOptions, faults_at, parse_unit
 from recon.capture.importing.views import HALF_PIXEL, View, bounds_of_points, choose_sensors, pictures_of, tell_absent
+from recon.geometry.lens_names import FISHEYE, model_name, plain_name
 from recon.geometry.mesh_files import read_points
 from recon.geometry.rig import OPENGL, Camera, rigid
 from recon.runtime.files import allowed, first_of, in_any_case, read_json
 
 TRANSFORMS = "transforms.json"
-PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
+PERSPECTIVE = ("opencv", "pinhole", "simple_pinhole", "simple_radial", "radial", "full_opencv")
 DISTORTION = ("k1", "k2", "p1", "p2", "k3")  # in OpenCV's order
+RATIONAL = ("k4", "k5", "k6")  # likewise, of full_opencv alone
+UNREAD = (*RATIONAL, "s1", "s2", "s3", "s4")  # which mean something else, or nothing, in other models
 DEPTHS_IN_UNIT = 1000.0  # nerfstudio's depth_unit_scale_factor
 
 
@@ -144,13 +147,15 @@ def _pose(dataset: _Dataset, frame: Mapping[str, Any]) -> NDArray[np.float64]:
 
 def _camera(entry: Mapping[str, Any], image: Path, cam_from_world: NDArray[np.float64]) -> Camera:
     """Make a camera of a frame's entry, whose own numbers come before those of all frames."""
-    model = "OPENCV_FISHEYE" if entry.get("is_fisheye") else str(entry.get("camera_model", "OPENCV"))
-    if model not in (*PERSPECTIVE, "OPENCV_FISHEYE"):
-        known = ", ".join((*PERSPECTIVE, "OPENCV_FISHEYE"))
-        raise CaptureError(f"camera_model is {model}, expected one of {known}; undistort the images")
-    if model != "OPENCV_FISHEYE" and float(entry.get("k4", 0.0)):
+    told = model_name(entry) or "OPENCV"
+    model = plain_name(told)
+    if model not in (*PERSPECTIVE, *FISHEYE):
+        known = ", ".join(name.upper() for name in (*PERSPECTIVE, "opencv_fisheye"))
+        raise CaptureError(f"camera_model is {told}, expected one of {known}; undistort the images")
+    unread = [key for key in UNREAD[3 if model == "full_opencv" else 0 :] if float(entry.get(key, 0.0))]
+    if model in PERSPECTIVE and unread:
         raise CaptureError(
-            "k4 is not 0, which a perspective camera of OpenCV's model does not know; undistort the images"
+            f"{unread[0]} is not 0, which a perspective camera of the model {told} does not know; undistort the images"
         )
     is_known = "w" in entry and "h" in entry
     width, height = (int(entry["w"]), int(entry["h"])) if is_known else pictures_of(image).size
@@ -162,10 +167,12 @@ def _camera(entry: Mapping[str, Any], image: Path, cam_from_world: NDArray[np.fl
             [0, 0, 1],
         ]
     )
-    if model == "OPENCV_FISHEYE":
+    if model in FISHEYE:
         lens = np.array([float(entry.get(f"k{number}", 0.0)) for number in range(1, 5)])
         return FisheyeCamera(K, (width, height), cam_from_world, lens=lens)
-    dist = np.array([float(entry.get(key, 0.0)) for key in DISTORTION])
+    dist = np.array(
+        [float(entry.get(key, 0.0)) for key in (*DISTORTION, *(RATIONAL if model == "full_opencv" else ()))]
+    )
     return Camera(K, (width, height), cam_from_world, dist if dist.any() else np.zeros(0))
 
 

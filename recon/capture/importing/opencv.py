@@ -9,6 +9,7 @@ pose the world is the left camera's frame turned by half a circle about x: x rig
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -29,16 +30,27 @@ from recon.geometry.rig import Y_FROM, Camera, Rig, Sensor, rigid
 from recon.runtime.files import allowed, check_exists, check_suffix, in_any_case, whole_file
 
 SUFFIXES = (".yml", ".yaml", ".xml")
-KEYS: dict[str, tuple[str, ...]] = {
-    "K1": ("K1", "M1", "cameraMatrix1", "camera_matrix_1", "left_camera_matrix"),
-    "D1": ("D1", "distCoeffs1", "dist_coeffs_1", "left_distortion_coefficients"),
-    "K2": ("K2", "M2", "cameraMatrix2", "camera_matrix_2", "right_camera_matrix"),
-    "D2": ("D2", "distCoeffs2", "dist_coeffs_2", "right_distortion_coefficients"),
-    "R": ("R", "rotation"),
-    "T": ("T", "t", "translation"),
+NAMES = {  # of a camera's parts, before or behind the side; in any case, with or without lines between the words
+    "K": "k|m|mtx|camera_?matrix|intrinsics?|intrinsic_?matrix|k_?matrix",
+    "D": "d|dist|distortion|dist_?coeffs?|distortion_?coefficients",
+}
+SIDES_AS = {"1": "1|left|l", "2": "2|right|r"}
+KEYS: dict[str, re.Pattern[str]] = {
+    name + side: re.compile(f"(?:{names})_?(?:{sides})|(?:{sides})_?(?:{names})", re.IGNORECASE)
+    for side, sides in SIDES_AS.items()
+    for name, names in NAMES.items()
+} | {
+    "R": re.compile("r|rot|rotation|rotation_?matrix", re.IGNORECASE),
+    "T": re.compile("t|trans|translation|translation_?vector", re.IGNORECASE),
 }
 SIZE_KEYS = ("image_size", "imageSize", "size")
 OPTIONAL = ("D1", "D2")
+EXAMPLES = {
+    "K1": "M1, cameraMatrix1, camera_matrix_left",
+    "K2": "M2, cameraMatrix2, camera_matrix_right",
+    "R": "rotation",
+    "T": "t, translation",
+}
 CAMERA_FROM_WORLD = rigid(Y_FROM["-y"], np.zeros(3))  # of a left camera whose pose nobody tells
 
 
@@ -210,15 +222,15 @@ def _held_out(folder: Path, files: Sequence[Path], unit_mm: float) -> tuple[tupl
 
 
 def _matrix(entry: Mapping[str, Any], key: str) -> NDArray[np.float64]:
-    for name in KEYS[key]:
-        if name in entry:
-            try:
-                return np.asarray(entry[name], dtype=np.float64)
-            except (TypeError, ValueError) as error:
-                raise CaptureError(f"{entry['']}: {name} is {entry[name]!r}, expected a matrix") from error
+    told = [name for name in (key, *entry) if name in entry and KEYS[key].fullmatch(name)]
+    if told:
+        try:
+            return np.asarray(entry[told[0]], dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise CaptureError(f"{entry['']}: {told[0]} is {entry[told[0]]!r}, expected a matrix") from error
     if key in OPTIONAL:
         return np.zeros(0)
-    raise CaptureError(f"{entry['']}: {key} is missing (or {', '.join(KEYS[key][1:])})")
+    raise CaptureError(f"{entry['']}: {key} is missing (or {EXAMPLES[key]})")
 
 
 def _size(entry: Mapping[str, Any]) -> tuple[int, int] | None:

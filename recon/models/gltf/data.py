@@ -15,6 +15,7 @@ from recon.geometry.glb import GLB_BINARY, GLB_JSON, GLB_MAGIC, WIDTHS
 from recon.models.part import Contents
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+MOST_ZEROS = 20_000_000  # rows that a file promises without bytes for them
 INSTANCES, VISIBILITY = "EXT_mesh_gpu_instancing", "KHR_node_visibility"
 READ_EXTENSIONS = {
     "KHR_materials_unlit",
@@ -118,16 +119,24 @@ class GltfData:
     def accessor(self, index: int) -> NDArray[Any]:
         """Return an accessor's values (N, width); normalised integers as floats."""
         accessor = self.document["accessors"][index]
-        if "sparse" in accessor or "bufferView" not in accessor:
-            raise ValueError("it has sparse accessors, which are not read; export it without")
-        kind = np.dtype(COMPONENTS[accessor["componentType"]])
-        count, width = accessor["count"], WIDTHS[accessor["type"]]
+        values = self._values(accessor, WIDTHS[accessor["type"]], index)
+        if "sparse" in accessor:
+            few = accessor["sparse"]
+            places = self._values({**few["indices"], "count": few["count"]}, 1, index)[:, 0]
+            values = values.copy()
+            values[places] = self._values({**accessor, **few["values"], "count": few["count"]}, values.shape[1], index)
+        if accessor.get("normalized"):
+            return np.maximum(values / np.float64(np.iinfo(values.dtype).max), -1)
+        return values
+
+    def _values(self, accessor: Mapping[str, Any], width: int, index: int) -> NDArray[Any]:
+        """Return the numbers (N, width) at a place in a view, zeros without one; `index` is for the message."""
+        kind, count = np.dtype(COMPONENTS[accessor["componentType"]]), accessor["count"]
+        if "bufferView" not in accessor and 0 < count <= MOST_ZEROS:
+            return np.zeros((count, width), kind)
         view = self.document["bufferViews"][accessor["bufferView"]]
         content, start = self.view(accessor["bufferView"]), accessor.get("byteOffset", 0)
         stride = view.get("byteStride") or kind.itemsize * width
         if min(start, stride) < 0 or count < 1 or start + stride * (count - 1) + kind.itemsize * width > len(content):
             raise ValueError(f"its accessor {index} promises {count} values, more than its buffer holds")
-        values = np.ndarray((count, width), kind, content, start, (stride, kind.itemsize))
-        if accessor.get("normalized"):
-            return np.maximum(values / np.float64(np.iinfo(kind).max), -1)
-        return values
+        return np.ndarray((count, width), kind, content, start, (stride, kind.itemsize))

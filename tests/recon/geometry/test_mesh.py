@@ -306,7 +306,6 @@ def test_a_bad_ply_is_refused_in_every_kind(tmp_path: Path, kind: str, content: 
 @pytest.mark.parametrize(
     ("element", "complaint"),
     [
-        ("element tristrips 1\nproperty list int int vertex_indices", "triangles are strips .* save it with faces"),
         ("element face 1\nproperty list int int corners", "faces have corners, expected vertex_indices or vertex_ind"),
     ],
 )

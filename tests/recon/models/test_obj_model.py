@@ -221,3 +221,19 @@ def test_points_of_an_obj_without_finite_coordinates_are_left_out_and_counted(tm
     contents = read_contents(text_file(tmp_path, "a.obj", "v 0 0 0\nv nan 1 2\nv 1 1 1\n"))
     assert contents.parts[0].vertices.tolist() == [[0, 0, 0], [1, 1, 1]]
     assert contents.warnings == ["has 1 of 3 points without finite coordinates, left out"]
+
+
+def test_a_texture_is_scaled_and_moved_as_its_material_says(tmp_path: Path) -> None:
+    picture(tmp_path / "skin.png", BLUE)
+    text_file(tmp_path, "a.mtl", "newmtl blue\nmap_Kd -s 2 3 1 -o 0.25 -0.5 skin.png\n")
+    path = text_file(tmp_path, "a.obj", f"mtllib a.mtl\n{SQUARE}{PLACES}usemtl blue\nf 1/1 2/2 3/3\n")
+    uv = read_contents(path).parts[0].uv
+    assert uv is not None
+    places = np.array([line.split()[1:3] for line in PLACES.splitlines()[:3]], float)
+    np.testing.assert_allclose(uv, places * (2, 3) + (0.25, -0.5))
+
+
+@pytest.mark.parametrize("numbers", ["1 1 0 0", "1 1 0 0 1"])
+def test_colours_may_stand_behind_a_weight(tmp_path: Path, numbers: str) -> None:
+    path = text_file(tmp_path, "a.obj", "".join(f"v {corner} {numbers}\n" for corner in CORNERS) + "f 1 2 3\n")
+    assert mesh_from(path).colours.tolist() == [[255, 0, 0]] * 3

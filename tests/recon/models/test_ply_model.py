@@ -150,3 +150,16 @@ def test_points_without_finite_coordinates_are_left_out_and_counted(tmp_path: Pa
     assert "has 2 of 4 points without finite coordinates, left out" in read.warnings
     with pytest.raises(ValueError, match="none of its 4 points has finite coordinates"):
         read_model(text_file(tmp_path, "b.ply", ply(["nan 0 0"] * 4, [])), IN_MM)
+
+
+def test_strips_of_a_ply_are_triangles_of_one_side(tmp_path: Path) -> None:
+    text = ply(["0 0 0", "1 0 0", "0 1 0", "1 1 0"], ["11 0 1 2 3 3 -1 2 1 3 -1 -1", "4 0 1 2 3", "0"])
+    mesh = mesh_from(text_file(tmp_path, "a.ply", text.replace("element face", "element tristrips")))
+    a, b, c = mesh.vertices[mesh.faces].astype(float).transpose(1, 0, 2)
+    np.testing.assert_array_equal(np.cross(b - a, c - a), [[0, 0, 1]] * 5)
+
+
+def test_points_without_finite_coordinates_that_no_face_names_are_left_out_and_counted(tmp_path: Path) -> None:
+    path = text_file(tmp_path, "a.ply", ply(["nan nan nan", *CORNERS[1:]], ["3 1 2 3"]))
+    assert mesh_from(path).vertices[mesh_from(path).faces[0]].tolist() == [[10, 0, 0], [10, 10, 0], [0, 10, 0]]
+    assert "has 1 points without finite coordinates that no face names, left out" in read_model(path, IN_MM).warnings

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from recon.models.part import NEUTRAL
 from recon.models.read import read_contents
 from recon.models.shape import read_model_shape
 from recon.runtime.backend import open3d
@@ -122,3 +123,17 @@ def test_scans_of_an_e57_stand_where_their_poses_put_them(tmp_path: Path) -> Non
     path.write_bytes(path.read_bytes()[:500])
     with pytest.raises(ValueError, match="is not readable as E57"):
         read_contents(path)
+
+
+def test_scans_of_an_e57_without_colours_are_grey_among_others(tmp_path: Path) -> None:
+    pye57 = pytest.importorskip("pye57")
+    file = pye57.E57(str(tmp_path / "a.e57"), mode="w")
+    columns = {f"cartesian{axis}": POINTS[:, place].astype(float) for place, axis in enumerate("XYZ")}
+    file.write_scan_raw(columns)
+    file.write_scan_raw(columns | {f"color{name}": COLOURS[:, 0] for name in ("Red", "Green", "Blue")})
+    file.close()
+    contents = read_contents(tmp_path / "a.e57")
+    assert contents.warnings == ["has no colours in 1 of 2 scans, which are shown grey"]
+    np.testing.assert_array_equal(
+        contents.parts[0].colours, [[NEUTRAL] * 3] * 200 + [[red] * 3 for red in COLOURS[:, 0]]
+    )

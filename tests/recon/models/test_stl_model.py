@@ -58,6 +58,7 @@ def test_colours_of_an_off_are_bytes_or_shares(tmp_path: Path, colour: str) -> N
         ("a.stl", b"solid x\r\n" + b"VERTEX 0 0 1\r\n" * 3, "is cut off: its text does not end with a line endsolid"),
         ("a.off", b"OFF\n3000000000 1 0\n0 0 0\n", "announces 3000000000 vertices and 1 faces, 1 lines follow"),
         ("a.off", b"OFF\n", "is cut off before the numbers of its vertices and faces"),
+        ("a.off", b"OFF BINARY\n\x00\x00\x00\x04\x80", "is a binary OFF, which is not read"),
         ("a.off", b"4OFF\n1 0 0\n0 0 0 1\n", "is no OFF of three coordinates"),
         ("a.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n2 0 1\n", "a face has fewer than three corners"),
         ("a.off", b"OFF\n2 0 0\n0 0 0\n1 0 0 5\n", "its vertices have different numbers of values"),
@@ -69,3 +70,20 @@ def test_a_damaged_file_is_named_with_its_fault(tmp_path: Path, name: str, conte
     (tmp_path / name).write_bytes(content)
     with pytest.raises(ValueError, match=sentence):
         read_contents(tmp_path / name)
+
+
+@pytest.mark.parametrize("colour", ["255 0 51", "1.0 0.0 0.2 1.0"])
+def test_colours_of_an_offs_faces_are_those_of_their_corners(tmp_path: Path, colour: str) -> None:
+    (tmp_path / "l.off").write_text(L_OFF.replace("0 1 2 3 4 5", f"0 1 2 3 4 5 {colour}"))
+    shape = read_model_shape(tmp_path / "l.off")
+    assert shape.colours is not None
+    assert np.unique(shape.colours, axis=0).tolist() == [[255, 0, 51]]
+    assert area(tmp_path / "l.off") == pytest.approx(3)
+
+
+def test_what_stands_behind_the_triangles_of_an_stl_is_left_out_and_said(tmp_path: Path) -> None:
+    BALL.export(tmp_path / "ball.stl")
+    (tmp_path / "ball.stl").write_bytes((tmp_path / "ball.stl").read_bytes() + b"\r\n")
+    contents = read_contents(tmp_path / "ball.stl")
+    assert contents.warnings == ["has 2 bytes behind its triangles, left out"]
+    assert len(contents.parts[0].faces) == len(BALL.faces)

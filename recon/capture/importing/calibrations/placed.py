@@ -150,7 +150,7 @@ def lens_camera(
     """
     with faults_at(place):
         width, height = (int(length) for length in size)
-        return with_lens(Camera(K, (width, height), pose), model_name(entry), np.array(dist, np.float64).ravel())
+        return with_lens(Camera(K, (width, height), pose), model_name(entry), np.array(dist, np.float64).reshape(-1, 1))
 
 
 def pinhole(intrinsics: Sequence[float]) -> NDArray[np.float64]:

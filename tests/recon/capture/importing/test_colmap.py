@@ -55,6 +55,15 @@ def test_empty_lines_around_the_images_of_a_text_model_say_nothing(tmp_path: Pat
     assert read_model(source).images.keys() == expected
 
 
+def test_images_of_a_text_model_whose_points_were_left_out_are_all_kept(tmp_path: Path) -> None:
+    source = colmap_model(tmp_path)
+    path = source / "images.txt"
+    path.write_text(path.read_text().replace("1.0 2.0 -1\n", ""))
+    assert [image.name for image in read_model(source).images.values()] == [
+        f"{sensor}_{side}.png" for sensor in ("S1", "S2") for side in ("left", "right")
+    ]
+
+
 def test_held_out_photographs_of_one_name_in_several_folders_stay_apart(tmp_path: Path) -> None:
     source = colmap_model(tmp_path / "source")
     table = (source / "images.txt").read_text()

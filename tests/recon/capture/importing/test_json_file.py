@@ -129,12 +129,20 @@ def without(content: dict[str, Any], key: str, sensor: int = 0) -> None:
     del content["sensors"][sensor]["left"][key]
 
 
+def renamed(content: dict[str, Any], key: str, name: str) -> None:
+    left = content["sensors"][0]["left"]
+    left[name] = left.pop(key)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda content: without(content, "K"), "sensor S1: K is missing"),
         (lambda content: without(content, "image"), "sensor S1: image is missing"),
         (lambda content: without(content, "cam_from_world", sensor=1), "sensor S2: a camera has the poses"),
+        (lambda content: renamed(content, "dist", "D"), "sensor S1: D is not read, expected dist"),
+        (lambda content: content["sensors"][0]["left"].update(k1=0.1), "sensor S1: k1 is not read, expected dist"),
+        (lambda content: renamed(content, "cam_from_world", "c2w"), "sensor S1: c2w is not read, expected one of cam"),
         (lambda content: content["sensors"][0]["right"].update(image="nowhere"), "found nothing, expected one folder"),
         (lambda content: content["sensors"][0]["right"].update(K=[[1, 2], [3]]), "expected numbers"),
         (lambda content: content.update(units="furlong"), "unit 'furlong'"),

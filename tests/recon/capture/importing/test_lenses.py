@@ -76,6 +76,9 @@ def opencv_file(path: Path, dist: NDArray[np.float64], line: str = "") -> None:
         {"distortion_model1": "kb4", "distortion_model2": "kb4"},
         {"lens": "Kannala-Brandt"},
         {"kind": "scene", "type": "fisheye"},
+        {"fisheye": "true"},
+        {"is_fisheye": True, "camera_model": "OPENCV"},
+        {"model": "KANNALA_BRANDT8", "distortion_model": ""},
     ],
 )
 def test_a_fisheye_is_known_at_whatever_key_it_is_named(entry: dict[str, str]) -> None:
@@ -87,7 +90,9 @@ def test_a_pair_of_two_models_and_a_name_that_is_not_read_are_refused() -> None:
         model_name({"distortion_model1": "equidistant", "distortion_model2": "plumb_bob"})
     with pytest.raises(CaptureError, match="the camera model is Double Sphere, expected one of"):
         with_lens(PINHOLE, model_name({"optics": "Double Sphere"}), LENS)
-    assert model_name({"name": "fisheye", "kind": "sphere", "model_number": "D435"}) is None
+    with pytest.raises(CaptureError, match="the camera model is omnidirectional, expected one of"):
+        with_lens(PINHOLE, model_name({"xi1": 1.2}), LENS)
+    assert model_name({"name": "fisheye", "kind": "sphere", "model_number": "D435", "is_fisheye": False}) is None
 
 
 def test_the_maps_are_those_of_the_models_formula() -> None:

@@ -100,8 +100,31 @@ def test_a_matrix_whose_size_is_wrong_is_refused(tmp_path: Path, old: str, new: 
 
 def test_distortion_of_one_camera_alone_is_asked_about(tmp_path: Path) -> None:
     write_calibration(tmp_path / "c.yml", Rig(RIG.sensors[:1]))
-    (tmp_path / "c.yml").write_text((tmp_path / "c.yml").read_text().replace("D2: ", "d2: "))
+    (tmp_path / "c.yml").write_text((tmp_path / "c.yml").read_text().replace("D2: ", "E2: "))
     for side in ("left", "right"):
         write_picture(tmp_path / f"{side}.png", 5)
     with pytest.raises(CaptureError, match="has distortion of one camera only, expected D1 and D2"):
         import_opencv(tmp_path, tmp_path / "out", OPTIONS)
+
+
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [
+        ("camera_matrix_left dist_coeffs_left", "camera_matrix_right dist_coeffs_right"),
+        ("K_left D_left", "K_right D_right"),
+        ("mtxL distL", "mtxR distR"),
+        ("leftCameraMatrix leftDistCoeffs", "rightCameraMatrix rightDistCoeffs"),
+        ("k1 d1", "k2 d2"),
+    ],
+)
+def test_matrices_are_known_by_the_names_that_people_give_them(tmp_path: Path, left: str, right: str) -> None:
+    write_calibration(tmp_path / "c.yml", Rig(RIG.sensors[:1]))
+    text = (tmp_path / "c.yml").read_text()
+    for number, names in ((1, left), (2, right)):
+        for key, name in zip("KD", names.split(), strict=True):
+            text = text.replace(f"{key}{number}:", f"{name}:")
+        write_picture(tmp_path / f"{('left', 'right')[number - 1]}.png", 5)
+    (tmp_path / "c.yml").write_text(text)
+    stream = import_opencv(tmp_path, tmp_path / "out", OPTIONS).sensors[0]
+    for found, written in zip(stream.cameras, (RIG.sensors[0].left, RIG.sensors[0].right), strict=True):
+        np.testing.assert_allclose(seen(found.camera, POINTS), seen(written, POINTS), atol=1e-6)

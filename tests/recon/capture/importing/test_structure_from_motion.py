@@ -237,6 +237,9 @@ def test_a_field_of_view_and_names_without_suffix_are_understood(tmp_path: Path)
             "frame 1 images/1.png: camera_model is EQUIRECT",
         ),
         (lambda content: content.update(k4=0.1), "k4 is not 0"),
+        (lambda content: content.update(k5=0.1), "k5 is not 0"),
+        (lambda content: content.update(s1=0.1, camera_model="full_opencv"), "s1 is not 0"),
+        (lambda content: content.update(distortion_model="double_sphere"), "camera_model is double_sphere, expected"),
         (
             lambda content: content["frames"][1].pop("transform_matrix"),
             "frame 2 images/2.png: transform_matrix is missing",

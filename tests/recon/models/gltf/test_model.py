@@ -369,3 +369,20 @@ def test_an_extension_that_is_needed_and_not_read_has_its_own_sentence(
 def test_levels_of_detail_are_pointed_out(tmp_path: Path) -> None:
     (tmp_path / "a.gltf").write_text(json.dumps({"asset": {"version": "2.0"}, "extensionsUsed": ["MSFT_lod"]}))
     assert read_contents(tmp_path / "a.gltf").warnings == ["has levels of detail, of which the finest is shown"]
+
+
+def test_sparse_values_of_a_gltf_stand_in_the_places_that_they_name(tmp_path: Path) -> None:
+    document, binary = gltf(
+        [(TRIANGLE, "VEC3"), (np.array([2], "<u2"), "SCALAR"), (np.array([[0, 9, 4]], "<f4"), "VEC3")],
+        {"nodes": [{"mesh": 0}], "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}]},
+    )
+    sparse = {"count": 1, "indices": {"bufferView": 1, "componentType": 5123}, "values": {"bufferView": 2}}
+    document["accessors"][0]["sparse"] = sparse
+    (part,) = read_contents(glb(tmp_path / "a.glb", document, binary)).parts
+    np.testing.assert_array_equal(part.vertices, [*TRIANGLE[:2], [0, 9, 4]])
+    del document["accessors"][0]["bufferView"]
+    (part,) = read_contents(glb(tmp_path / "b.glb", document, binary)).parts
+    np.testing.assert_array_equal(part.vertices, [[0, 0, 0], [0, 0, 0], [0, 9, 4]])
+    sparse["indices"] = {"bufferView": 1, "componentType": 5125}
+    with pytest.raises(ValueError, match="accessor 0 promises 1 values, more than its buffer holds"):
+        read_contents(glb(tmp_path / "c.glb", document, binary))

@@ -395,6 +395,13 @@ def no_baseline(folder: Path) -> None:
     (folder / "right.yaml").write_text((folder / "left.yaml").read_text())
 
 
+def unnamed(folder: Path) -> None:
+    ros_messages(folder)
+    for path in folder.glob("*.yaml"):
+        edited(path, "distortion_model: rational_polynomial", "distortion_model: ''")
+        edited(path, "- 0\n- 0\n- 0\n- 0\n", "")
+
+
 def kalibr_omni(folder: Path) -> None:
     kalibr(folder)
     edited(folder / "log-camchain.yaml", "pinhole", "omni")
@@ -441,6 +448,7 @@ def panorama(folder: Path) -> None:
     [
         ("ros", one_camera_info, "holds 1 files of camera_info, expected two"),
         ("ros", no_baseline, "nothing tells the baseline; calibrate them as a stereo pair"),
+        ("ros", unnamed, "four distortion numbers in a column, without a name"),
         ("kalibr", kalibr_omni, "the camera model is omni, expected pinhole"),
         ("kalibr", kalibr_fov, "the camera model is fov, expected one of"),
         ("kalibr", bombed, "is not readable as YAML"),
