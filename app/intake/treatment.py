@@ -249,8 +249,8 @@ def _check_readable(path: Path, facts: VideoFacts, look: Look) -> None:
     if look.has_alpha:
         decoder = f"-c:v libvpx{'-vp9' if look.codec == 'vp9' else ''} " if look.hides_alpha else ""
         raise StimuliError(
-            f"{path}: has transparent parts ({look.pixel_format}{' and alpha' * look.hides_alpha}), below which browsers "
-            "show the page",
+            f"{path}: has transparent parts ({look.pixel_format}{' and alpha' * look.hides_alpha}), below which "
+            "browsers show the page",
             by_command="lay it on black by "
             f"`ffmpeg {decoder}-i {quoted} -vf premultiply=inplace=1,format=yuv444p -crf 10 NEW.mp4`",
             on_page="export it again on a background of your choice",
