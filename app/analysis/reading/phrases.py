@@ -58,7 +58,13 @@ def span(low: str, high: str) -> str:
 
 
 def part(n: int, total: int, noun: str) -> str:
-    """Return "2 of 5 participants"; of a single one without its number twice."""
+    """Return "2 of 5 participants"; of a single one in words.
+
+    Parameters
+    ----------
+    n, total : how many of how many
+    noun : what each of them is
+    """
     return f"{n} of {total} {noun}s" if total != 1 else f"the only {noun}" if n else f"none, as there is one {noun}"
 
 
