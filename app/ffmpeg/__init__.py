@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import resource
@@ -40,15 +41,27 @@ FORMATS: Mapping[str, str] = {  # ffmpeg's name of a file's format, by suffix; l
     ".ppm": "ppm_pipe",
     ".pgm": "pgm_pipe",
 }
+CUT_OFF = "it is cut off, or no film of the kind that its name says: copy it again whole, or export it again"
 MEANINGS = {  # what ffmpeg says of frequent faults, and what they are
-    "moov atom not found": "the file ends early, or its recording or download was cut off: copy it again whole",
-    "Invalid data found when processing input": "it is damaged, or no film of the kind that its name says",
-    "EBML header parsing failed": "it is no Matroska or WebM file, or its beginning is damaged",
+    **dict.fromkeys(("moov atom not found", "ended prematurely", "Truncating packet", "partial file"), CUT_OFF),
+    **dict.fromkeys(("EBML", "Error opening input"), CUT_OFF),
+    "matches no streams": "it holds no pictures, or is cut off",
+    "no decoder found": "its codec is not known here: export it again, as H.264 for example",
+    "Non-monotonic DTS": "its pictures' times run backwards, as where films were joined: export it again",
+    "Cannot allocate memory": "it takes more memory than there is",
+    "No space left on device": "the disk is full",
 }
+DAMAGED = "it is damaged: copy it again whole, or export it again"  # whatever else ffmpeg says
 PICTURES_FOR_RANGE = 24  # at most, and only such as are coded by themselves
 _MEAN_LUMA = "lavfi.signalstats.YAVG"
-_LOOKING = ("-map", "0:v:0", "-vf", "showinfo=checksum=0", "-fps_mode", "passthrough")
+_LOOKING = ("-map", "0:v:0", "-vf", "sidedata=delete:SEI_UNREGISTERED,showinfo=checksum=0", "-fps_mode", "passthrough")
 _FAULT = re.compile(r"^(?:\[[^\]\n]* @ [^\]\n]*\] )*\[(?:error|fatal|panic)\] (.*)$", re.MULTILINE)
+_WHOLE_LINE = re.compile(
+    r"\[Parsed_showinfo\w* @ \w+\] \[info\] (?:config .*|n: .* type:\S ?|  side data - .*"
+    r"|color_range:\S+ color_space:\S+ color_primaries:\S+ color_trc:\S+ ?)"
+    r"|\[info\] (?:  .*|Output #.*|frame= .*)|\[out#.*|"
+)
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -83,10 +96,11 @@ def decode(path: Path) -> VideoFacts:
     StimuliError
         If there is no such file, it does not decode from beginning to end, or its frames are not equally far apart.
     """
-    if not path.is_file():
-        raise StimuliError(f"{path}: there is no such file")
-    command = ["-xerror", *reading(path), *_LOOKING, "-f", "framecrc", "-"]
-    text, log = _run(command, f"{path}: cannot be decoded as a video", is_told=True)
+    _check_there(path)
+    complaint = f"{path}: cannot be decoded as a video"
+    text, told = _run(["-xerror", *reading(path), *_LOOKING, "-f", "framecrc", "-"], complaint, is_told=True)
+    if _is_torn(told):
+        run_ffmpeg(["-xerror", *reading(path), "-map", "0:v:0", "-f", "null", "-"], complaint)
     size = re.search(r"^#dimensions 0: (\d+)x(\d+)$", text, re.MULTILINE)
     base = re.search(r"^#tb 0: (\d+)/(\d+)$", text, re.MULTILINE)
     times = [int(line.split(",")[2]) for line in text.splitlines() if line and not line.startswith("#")]
@@ -102,7 +116,7 @@ def decode(path: Path) -> VideoFacts:
             by_command=f"encode it again by `ffmpeg -i {shlex.quote(path.name)} -r {fps:.4g} -crf 10 NEW.mp4`",
             on_page=f"export it again from the program that made it, with a constant rate of {fps:.4g} frames a second",
         )
-    look = _look(path, log)
+    look = _look(path, told)
     if look.lacks_range:
         look = replace(look, beyond=_beyond_limited_range(path, length_s=len(times) / fps))
     return VideoFacts(int(size[1]), int(size[2]), fps, len(times), look.pixel_shape, look)
@@ -127,8 +141,7 @@ def look_at(path: Path) -> Look:
     StimuliError
         If there is no such file, or its first picture cannot be decoded.
     """
-    if not path.is_file():
-        raise StimuliError(f"{path}: there is no such file")
+    _check_there(path)
     status = path.stat()
     return _first_look(path, status.st_mtime_ns, status.st_size)
 
@@ -136,15 +149,27 @@ def look_at(path: Path) -> Look:
 @lru_cache(maxsize=1024)
 def _first_look(path: Path, _changed_ns: int, _size: int) -> Look:
     command = ["-xerror", *reading(path), *_LOOKING, "-frames:v", "1", "-f", "null", "-"]
-    _, log = _run(command, f"{path}: cannot be decoded as a video", is_told=True)
-    return _look(path, log)
+    _, told = _run(command, f"{path}: cannot be decoded as a video", is_told=True)
+    return _look(path, told)
 
 
-def _look(path: Path, log: str) -> Look:
+def _check_there(path: Path) -> None:
+    if not path.is_file():
+        raise StimuliError(f"{path}: there is no such file")
+    if path.stat().st_size == 0:
+        raise StimuliError(f"{path}: is empty (0 bytes): copy it again")
+
+
+def _look(path: Path, told: str) -> Look:
     try:
-        return parse_look(log)
+        return parse_look(told)
     except ValueError as error:
-        raise StimuliError(f"{path}: {error}") from error
+        raise StimuliError(f"{path}: {error}; export it again from the program that made it") from error
+
+
+def _is_torn(told: str) -> bool:
+    """Tell whether something stands within a line of a log: ffmpeg's threads write at once, then without a level."""
+    return not all(_WHOLE_LINE.fullmatch(line) for line in told.partition("Stream mapping:")[2].splitlines())
 
 
 def reading(path: Path) -> list[str]:
@@ -189,9 +214,9 @@ def _run(arguments: Iterable[str], complaint: str, *, is_told: bool = False) -> 
 
 
 def _in_plain_words(reason: str) -> str:
-    """Return what ffmpeg complains of, and what it means where it is known."""
-    meaning = next((plain for words, plain in MEANINGS.items() if words in reason), "")
-    return f"{meaning} ({reason})" if meaning else reason
+    """Return what ffmpeg's complaint means; its own words go to the log."""
+    log.info("ffmpeg: %s", reason)
+    return next((plain for words, plain in MEANINGS.items() if words in reason), DAMAGED)
 
 
 def in_parallel(jobs: Sequence[tuple[str, Callable[[], None]]], progress: Progress) -> None:

@@ -32,8 +32,9 @@ LIMITED_UNTAGGED = ("h264", "hevc", "vp8", "vp9", "av1", "mpeg1video", "mpeg2vid
 SDR_NITS = 203  # of white among highlights: ITU-R BT.2408
 USUAL_PEAK_NITS = 1000.0  # of films that do not say theirs
 
-_STREAM = re.compile(r"^\[info\]   Stream #0:\d+\S*: (Video|Audio): (\w+)(.*)$", re.MULTILINE)
+_STREAM = re.compile(r"^\[info\] +Stream #0:\d+\S*: (Video|Audio): (\w+)(.*)$", re.MULTILINE)
 _ROTATION = re.compile(r"^\[info\] +Display Matrix: rotation of (-?[\d.]+) degrees", re.MULTILINE)
+_HIDDEN_ALPHA = re.compile(r"^\[info\] +alpha_mode +: 1$", re.MULTILINE)  # VP8 and VP9: beside the pictures
 _DOLBY = re.compile(r"^\[info\] +DOVI configuration record: .*profile: (\d+)", re.MULTILINE)
 _PICTURE = re.compile(r"\[info\] n: *(\d+) .*? fmt:(\w+) .*?sar:(\d+)/(\d+) s:(\d+)x(\d+) i:(.)")
 _COLOURS = re.compile(r"\[info\] color_range:(\S+) color_space:(\S+) color_primaries:(\S+) color_trc:(\S+)")
@@ -61,6 +62,7 @@ class Look:
     has_sound : is there sound beside the pictures?
     n_films : tracks of pictures in the file, of which the first is taken
     peak_nits : of the brightest pixel of an HDR film, cd/m²
+    hides_alpha : does transparency lie beside the pictures, where the decoder leaves it?
     dolby_profile : of Dolby Vision; 0: none
     beyond : share of luma darker than DARKEST or brighter than BRIGHTEST, where no range is tagged
     said_range : tv or pc, as the film's owner says where no range is tagged; empty: nothing is said
@@ -81,6 +83,7 @@ class Look:
     n_films: int = 1
     peak_nits: float = USUAL_PEAK_NITS
     dolby_profile: int = 0
+    hides_alpha: bool = False
     beyond: float = 0.0
     said_range: str = ""
 
@@ -102,7 +105,7 @@ class Look:
 
     @property
     def has_alpha(self) -> bool:
-        return bool(_ALPHA.match(self.pixel_format))
+        return self.hides_alpha or bool(_ALPHA.match(self.pixel_format))
 
     @property
     def hdr(self) -> str:
@@ -185,6 +188,7 @@ def parse_look(log: str) -> Look:
         n_films=sum("attached pic" not in rest for _, rest in films),
         peak_nits=_peak(log),
         dolby_profile=int(dolby[1]) if dolby else 0,
+        hides_alpha=bool(_HIDDEN_ALPHA.search(header)),
     )
 
 
@@ -192,7 +196,7 @@ def _check_steady(pictures: list[tuple[str, ...]], colours: list[tuple[str, ...]
     """Refuse pictures that change their size, their shape, their format or their colours."""
     for facts, what in (
         ([picture[1:6] for picture in pictures], "the size or the format of its pictures"),
-        (colours, "the meaning of its colours"),
+        ([(*rest, "SDR" if trc in SDR_TRANSFERS else trc) for *rest, trc in colours], "the meaning of its colours"),
     ):
         changed = next((number for number, fact in enumerate(facts) if fact != facts[0]), None)
         if changed is not None:

@@ -302,7 +302,9 @@ def _like(film: Film, target: Target, *, is_conformed: bool) -> Film:
 def _guessed(films: Sequence[Film]) -> list[str]:
     """Return a sentence for each way in which the colours of films are read, with the films' number."""
     ways = Counter(colours_told(film.facts) for film in films)
-    return [f"{n} of {len(films)} films: colours read as {way}" for way, n in ways.items() if "guessed" in way]
+    number = {len(films): f"all {len(films)} films" if len(films) > 1 else "the film"}
+    guessed = [(way, n) for way, n in ways.items() if "guessed" in way]
+    return [f"{number.get(n, f'{n} of {len(films)} films')}: colours read as {way}" for way, n in guessed]
 
 
 def _copy(films: Sequence[Film], out: Path, levels: Levels, progress: Progress) -> list[dict[str, Any]]:

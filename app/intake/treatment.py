@@ -177,7 +177,10 @@ def write_preview(source: Path, out: Path) -> None:
     whole = ["bwdif=mode=send_frame"] if look.is_interlaced else []
     even = f"crop={look.width - look.width % 2}:{look.height - look.height % 2}:0:0:exact=1"
     size = f"scale=w=trunc(min({PREVIEW_WIDTH}\\,iw*max(sar\\,1))/2)*2:h=trunc(ow/dar/2)*2"
-    chain = ",".join([*whole, even, browser_colours(look, look.width, look.height), size, "setsar=1", "format=yuv420p"])
+    colours = (
+        f"{browser_colours(look, look.width, look.height)},format=yuv420p"  # else swscale takes its range from yuvj
+    )
+    chain = ",".join([*whole, even, colours, size, "setsar=1"])
     arguments = [*reading(source), "-map", "0:v:0", "-t", str(PREVIEW_S), "-vf", chain]
     encoding = ["-c:v", "libx264", "-preset", "veryfast", "-crf", "23", "-threads", "1", *_CLEAN, "-f", "mp4"]
     with whole_file(out) as temporary:
@@ -237,11 +240,19 @@ def _check_readable(path: Path, facts: VideoFacts, look: Look) -> None:
             by_command=f"if its colours are BT.709 and only the tag is wrong: `ffmpeg -i {quoted} -vf "
             "setparams=colorspace=bt709:color_primaries=bt709:color_trc=bt709 -crf 10 NEW.mp4`",
         )
-    if look.has_alpha:
+    if look.rotation % 90:
         raise StimuliError(
-            f"{path}: has transparent parts ({look.pixel_format}), below which browsers show the page",
+            f"{path}: is to be turned by {look.rotation:g} degrees, which browsers do not do; expected quarters of a "
+            "turn. Export it upright from the program that made it",
+            by_command=f"or take it as it lies by `ffmpeg -noautorotate -i {quoted} -crf 10 NEW.mp4`",
+        )
+    if look.has_alpha:
+        decoder = f"-c:v libvpx{'-vp9' if look.codec == 'vp9' else ''} " if look.hides_alpha else ""
+        raise StimuliError(
+            f"{path}: has transparent parts ({look.pixel_format}{' and alpha' * look.hides_alpha}), below which "
+            "browsers show the page",
             by_command="lay it on black by "
-            f"`ffmpeg -i {quoted} -vf premultiply=inplace=1,format=yuv444p -crf 10 NEW.mp4`",
+            f"`ffmpeg {decoder}-i {quoted} -vf premultiply=inplace=1,format=yuv444p -crf 10 NEW.mp4`",
             on_page="export it again on a background of your choice",
         )
     if _lacks_range(look) and not look.said_range:

@@ -68,6 +68,7 @@ function point(message, form, name) {
   const part = form.querySelector(`[name="${CSS.escape(name)}"]:not([type=hidden]), [name^="${CSS.escape(name)}."]`);
   const wrong = part?.closest(`fieldset[id="setting-${CSS.escape(name)}"]`) ?? part;
   if (!(wrong instanceof HTMLElement)) return;
+  nameByLabel(message, part, name);
   wrong.setAttribute("aria-invalid", "true");
   wrong.setAttribute("aria-describedby", message.id);
   const section = wrong.closest("details");
@@ -77,4 +78,11 @@ function point(message, form, name) {
   link.href = `#${wrong.id}`;
   link.textContent = "Show it";
   message.append(" ", link);
+}
+
+/** The server knows fields by their names only. @param {HTMLElement} message @param {Element | null} part @param {string} name */
+function nameByLabel(message, part, name) {
+  const label = part instanceof HTMLInputElement && part.labels?.[0]?.firstChild?.textContent?.trim();
+  const told = message.firstChild;
+  if (label && told) told.textContent = (told.textContent ?? "").replace(`expected: ${name.replaceAll("_", " ")} `, () => `expected: ${label} `);
 }

@@ -11,7 +11,16 @@ from app.analysis.findings.factors import factor_findings, p_of_test
 from app.analysis.findings.ranking import here, overall, preferred_share
 from app.analysis.model.contrasts import FEWEST_PARTICIPANTS, SIGNIFICANT, critical_value, holm
 from app.analysis.objective.prediction import directed, measures_by_rank
-from app.analysis.reading.phrases import counted, finding, listed, number_with_interval, p_phrase, percent, signed
+from app.analysis.reading.phrases import (
+    counted,
+    finding,
+    interval,
+    listed,
+    number_with_interval,
+    p_phrase,
+    percent,
+    signed,
+)
 from app.analysis.reading.votes_table import ALL
 
 Row = Mapping[str, Any]
@@ -98,7 +107,7 @@ def _around(effect: float, error: float | None, n_people: int | None) -> str:
     if error is None or n_people == 1:
         return ""
     half = critical_value(n_people) * error
-    return f", 95 % interval {signed(effect - half)} to {signed(effect + half)}"
+    return f", {interval(signed(effect - half), signed(effect + half))}"
 
 
 def _ties(votes: Mapping[str, Any]) -> Iterator[dict[str, str]]:

@@ -18,6 +18,7 @@ from app.analysis.reading.phrases import (
     number_with_interval,
     outstanding,
     p_phrase,
+    part,
     percent,
     signed,
     unsigned,
@@ -208,7 +209,7 @@ def _outstanding(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     pooled = analysis["triads_pooled"]
     n_circular, n_people = sum(row["circular"] for row in pooled), sum(row["circular"] > 0 for row in pooled)
     circles = (
-        f" {counted(n_circular, 'circular triad')} by {n_people} of {counted(len(pooled), 'participant')}"
+        f" {counted(n_circular, 'circular triad')} by {part(n_people, len(pooled), 'participant')}"
         f"{_circles_by_chance(pooled)}."
         if n_circular or any(row["complete"] and row["n_items"] >= TRIAD for row in analysis["triads"])
         else ""

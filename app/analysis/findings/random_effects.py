@@ -10,6 +10,7 @@ from app.analysis.findings.ranking import pairs_differ
 from app.analysis.model.contrasts import SIGNIFICANT
 from app.analysis.reading.phrases import (
     finding,
+    interval,
     listed,
     number_with_interval,
     p_phrase,
@@ -46,7 +47,7 @@ def random_effect_findings(analysis: Mapping[str, Any]) -> Iterator[dict[str, st
         if pair["p_holm"] < SIGNIFICANT:
             share, low, high = (percent(pair[name]) for name in ("people_preferring", "people_low", "people_high"))
             text += (
-                f" The model predicts that {share} of people (95 % interval {low} to {high}) prefer {best['item']} to "
+                f" The model predicts that {share} of people ({interval(low, high)}) prefer {best['item']} to "
                 f"{worst['item']}, {p_phrase(pair['p_holm'])} (Holm)."
             )
         text += f" {n_differ} of {pairs_differ(len(contrasts), n_differ)} (Holm)."

@@ -13,11 +13,13 @@ from app.analysis.model.contrasts import FEWEST_PARTICIPANTS, MOST_ITEMS, SIGNIF
 from app.analysis.reading.phrases import (
     counted,
     finding,
+    interval,
     listed,
     number_with_interval,
     p_phrase,
     percent,
     signed,
+    span,
 )
 from app.analysis.reading.votes_table import ALL
 
@@ -312,7 +314,7 @@ def _difference(best: str, worst: str, analysis: Mapping[str, Any], model: Row) 
     ends = ("ci_simultaneous_low", "ci_simultaneous_high")
     share, low, high = (percent(preferred_share(pair[name], log_theta)) for name in ("difference", *ends))
     return (
-        f"{votes} the model predicts {share} (95 % interval {low} to {high}{_cautious(analysis)}), "
+        f"{votes} the model predicts {share} ({interval(low, high)}{_cautious(analysis)}), "
         f"{size_of(preferred_share(pair['difference'], log_theta))}, "
         f"{p_phrase(pair['p_holm'])} (Holm{',' if where else ''}{where}){_doubt(pair)}{_of_few(analysis)}."
     )
@@ -424,5 +426,5 @@ def _never_judged(analysis: Mapping[str, Any]) -> Iterator[dict[str, str]]:
 def level_text(row: Row) -> str:
     """Return a level of a factor with its effect and interval."""
     low, high = row["ci_low"], row["ci_high"]
-    interval = "" if low is None else f", {signed(low)} to {signed(high)}"
-    return f"{row['level']} ({signed(row['effect'])}{interval})"
+    ends = "" if low is None else f", {span(signed(low), signed(high))}"
+    return f"{row['level']} ({signed(row['effect'])}{ends})"

@@ -13,6 +13,7 @@ from app.analysis.reading.phrases import (
     MOST_NAMED,
     counted,
     finding,
+    interval,
     listed,
     number_with_interval,
     outstanding,
@@ -159,11 +160,11 @@ def _why_not_tested(n_people: int, n_conditions: int) -> str:
 def _difference(best: str, worst: str, contrasts: Sequence[Row]) -> str:
     (pair,) = better_first(row for row in contrasts if {row["item_a"], row["item_b"]} == {best, worst})
     if pair["ci_low"] is None:
-        interval, test = "no interval, as all agree", f"{pair['method']}, Holm"
+        limits, test = "no interval, as all agree", f"{pair['method']}, Holm"
     else:
-        interval, test = f"95 % interval {unsigned(pair['ci_low'])} to {unsigned(pair['ci_high'])}", "Holm"
+        limits, test = interval(unsigned(pair["ci_low"]), unsigned(pair["ci_high"])), "Holm"
     by = f"{unsigned(pair['difference'])} grades above {pair['item_b']}"
-    return f"Participants rate {pair['item_a']} {by} ({interval}), {p_phrase(pair['p_holm'])} ({test})."
+    return f"Participants rate {pair['item_a']} {by} ({limits}), {p_phrase(pair['p_holm'])} ({test})."
 
 
 def _comparisons(tables: Mapping[str, Sequence[Row]]) -> Iterator[dict[str, str]]:

@@ -47,6 +47,27 @@ def unsigned(value: float) -> str:
     return f"{round(value, 2) + 0.0:.2f}".replace("-", "−")
 
 
+def interval(low: str, high: str) -> str:
+    """Return "95 % interval 0.20 to 0.80" of its rounded ends."""
+    return f"95 % interval {span(low, high)}"
+
+
+def span(low: str, high: str) -> str:
+    """Return "0.20 to 0.80" of rounded ends."""
+    return f"{low} to {high}" if low != high else f"{low} at both ends"
+
+
+def part(n: int, total: int, noun: str) -> str:
+    """Return "2 of 5 participants"; of a single one in words.
+
+    Parameters
+    ----------
+    n, total : how many of how many
+    noun : what each of them is
+    """
+    return f"{n} of {total} {noun}s" if total != 1 else f"the only {noun}" if n else f"none, as there is one {noun}"
+
+
 def number_with_interval(
     row: Mapping[str, Any], value: str, ends: str = "ci", *, show: Callable[[float], str] = unsigned
 ) -> str:
@@ -62,7 +83,7 @@ def number_with_interval(
     low, high = row.get(f"{ends}_low"), row.get(f"{ends}_high")
     if low is None or high is None:
         return f"{show(row[value])} (no interval)"
-    return f"{show(row[value])} (95 % interval {show(low)} to {show(high)})"
+    return f"{show(row[value])} ({interval(show(low), show(high))})"
 
 
 def with_interval(row: Mapping[str, Any], value: str, ends: str) -> str | None:

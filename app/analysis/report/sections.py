@@ -12,7 +12,7 @@ from app.analysis.findings.ranking import overall
 from app.analysis.model.contrasts import SIGNIFICANT
 from app.analysis.objective.against_scores import score_unit
 from app.analysis.objective.prediction import measures_by_rank
-from app.analysis.reading.phrases import counted, p_phrase, with_interval
+from app.analysis.reading.phrases import counted, p_phrase, part, with_interval
 from app.analysis.reading.votes_table import ALL
 from app.analysis.report.rate_sections import rate_section
 from app.analysis.report.rating_sections import rating_sections
@@ -324,7 +324,7 @@ def _triads(analysis: Analysis, figures: Figures) -> dict[str, Any]:
     complete = sum(row["complete"] for row in analysis["triads"])
     text = (
         f"{counted(total, 'circular triad')} in {counted(len(analysis['triads']), 'set')} of votes, {complete} "
-        f"complete, by {with_cycles} of {counted(len(pooled), 'participant')}. They exclude nobody: where conditions "
+        f"complete, by {part(with_cycles, len(pooled), 'participant')}. They exclude nobody: where conditions "
         "look alike, honest votes contradict each other."
     )
     shown = [figures["triads"]] if "triads" in figures else []

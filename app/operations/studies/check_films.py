@@ -8,13 +8,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from functools import partial
+from math import isclose
 from pathlib import Path
 from typing import Any
 
 from app.errors import StimuliError, StudyError, said_on_page
-from app.ffmpeg import Progress, decode, in_parallel, no_progress
+from app.ffmpeg import Progress, VideoFacts, decode, in_parallel, no_progress
 from app.files import file_digest, read_json, write_json
 from app.films.strips import H264, MEDIA_TYPES
+from app.intake.stimuli import FPS_TOLERANCE
 from app.operations.database import open_store, study_named
 from app.operations.studies.play_films import PlayedFilm, browser_version, find_browser, play_films
 from app.operations.tasks import start_task
@@ -161,8 +163,9 @@ def _fault(settings: Settings, film: ShownFilm) -> str:
         facts = decode(path)
     except StimuliError as error:
         return said_on_page(error).replace(f"{path}: ", "")
-    expected = replace(facts, width=film.width, height=_height(film), n_frames=film.n_frames)
-    return "" if facts == expected and facts.pixel_shape == 1 else f"it has {facts}, its player expects {expected}"
+    fps = facts.fps if isclose(facts.fps, film.fps, rel_tol=FPS_TOLERANCE) else film.fps
+    expected = VideoFacts(film.width, _height(film), fps, film.n_frames)
+    return "" if facts == expected else f"it has {facts}, its player expects {expected}"
 
 
 def _height(film: ShownFilm) -> int:

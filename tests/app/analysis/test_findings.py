@@ -446,3 +446,21 @@ def test_a_mark_in_a_name_ends_no_cell_of_the_written_report() -> None:
     )
     assert row.replace(r"\|", "").count("|") == header.count("|")
     assert "a|b" not in text
+
+
+def test_ends_of_an_interval_that_are_rounded_to_the_same_are_said_once() -> None:
+    from app.analysis.reading.phrases import number_with_interval
+
+    row = {"score": 0.181, "ci_low": 0.179, "ci_high": 0.182}
+    assert number_with_interval(row, "score") == "0.18 (95 % interval 0.18 at both ends)"
+    assert number_with_interval(row | {"ci_high": 0.19}, "score") == "0.18 (95 % interval 0.18 to 0.19)"
+
+
+@pytest.mark.parametrize(
+    ("n", "total", "said"),
+    [(2, 5, "2 of 5 participants"), (1, 1, "the only participant"), (0, 1, "none, as there is one participant")],
+)
+def test_one_of_one_is_said_in_words(n: int, total: int, said: str) -> None:
+    from app.analysis.reading.phrases import part
+
+    assert part(n, total, "participant") == said

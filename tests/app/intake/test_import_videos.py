@@ -18,9 +18,7 @@ from app.intake.import_videos import import_stimuli
 from app.intake.stimuli import read_stimulus_set
 from tests.app import tiny_stimuli
 
-GUESSED = (
-    "{0} of {0} films: colours read as 8 bits, smpte170m, range tv (matrix and range guessed from size and format)"
-)
+GUESSED = "all {0} films: colours read as 8 bits, smpte170m, range tv (matrix and range guessed from size and format)"
 LEVELS = "condition,codec,bitrate\nlow,av1,1\nhigh,av1,4\n"
 
 
@@ -211,7 +209,7 @@ def test_the_range_of_prores_which_no_file_says_is_said_to_be_guessed(tmp_path: 
         chain = ("-pix_fmt", "yuv422p10le", "-c:v", "prores_ks", "-color_range", "pc", "-colorspace", "bt709")
         tiny_stimuli.encode(film, tiny_stimuli.flat("gray"), *chain)
     notes = import_stimuli(tmp_path / "videos", tmp_path / "set").notes
-    assert "2 of 2 films: colours read as 10 bits, bt709, range tv (range guessed from size and format)" in notes
+    assert "all 2 films: colours read as 10 bits, bt709, range tv (range guessed from size and format)" in notes
 
 
 def changing_rate(folder: Path) -> None:

@@ -242,7 +242,7 @@ def test_a_set_that_breaks_while_pairs_are_made_leaves_nothing_half_written(fold
     checked = read_stimulus_set(folder)
     for video in folder.rglob("pm_fb.mp4"):
         video.write_bytes(b"broken")
-    with pytest.raises(StimuliError, match="cannot be decoded as a video: the file ends early"):
+    with pytest.raises(StimuliError, match="cannot be decoded as a video: it is cut off"):
         prepare_pairs(checked, FilmMaker(tmp_path / "pairs"))
     assert not list((tmp_path / "pairs").glob("*part*"))
 

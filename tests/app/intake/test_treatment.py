@@ -146,6 +146,12 @@ CASES: Mapping[str, Case] = {
     "transparent": Case(
         ":m=bt709:r=limited,format=yuva444p10le", "-c:v prores_ks -profile:v 4444", ".mov", "transparent parts.*`ffmpeg"
     ),
+    "transparency beside the pictures": Case(
+        ":m=bt709:r=limited,format=yuva420p", "-c:v libvpx-vp9", ".webm", "transparent parts.*`ffmpeg -c:v libvpx-vp9"
+    ),
+    "slanted": Case(refused="turned by 45 degrees.*`ffmpeg", before="-display_rotation 45", suffix=".mov"),
+    "timecode": Case(encoding=f"{H264} {TAGGED} -timecode 01:00:00:00", suffix=".mov"),
+    "png.mov": Case(",format=rgb24", "-c:v png", ".mov"),  # whose pictures name two transfers, shown alike
     "log": Case(f"{PLAIN},setparams=color_trc=log100", H264, refused="log100.*`ffmpeg"),
 }
 
@@ -347,6 +353,12 @@ def luma_of_black(film: Path) -> int:
     command = [FFMPEG, "-v", "error", "-i", str(film), "-frames:v", "1", "-f", "rawvideo", "-pix_fmt", "yuv420p", "-"]
     raw = subprocess.run(command, check=True, capture_output=True).stdout
     return int(np.frombuffer(raw, np.uint8)[: WIDTH * HEIGHT].reshape(HEIGHT, WIDTH)[PATCH // 2, 5 * PATCH // 2])
+
+
+@pytest.mark.slow
+def test_a_preview_of_full_range_is_as_bright_as_the_film(tmp_path: Path) -> None:
+    write(CASES["full range"], tmp_path / "full" / "film.mp4")
+    assert luma_of_black(preview_of(tmp_path / "full" / "film.mp4", tmp_path / "stills")) == 16
 
 
 def test_a_preview_has_the_shape_of_the_film_and_is_made_once(tmp_path: Path) -> None:

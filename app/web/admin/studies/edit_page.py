@@ -31,6 +31,7 @@ from app.web.admin.studies.form import (
     WAS,
     Fields,
     StudyForm,
+    changed_since,
     digests_of,
     fixed_settings,
     merged,
@@ -42,6 +43,8 @@ from app.web.gates import Store, database, languages, settings
 from app.web.roles import Acting, AStudy, Looking, looking
 
 router = APIRouter(prefix="/admin/studies/{slug}", include_in_schema=False)
+
+LABELS = {name: setting.label for name, setting in SETTINGS_BY_NAME.items()}
 
 Revision = Annotated[int, Form(ge=1, le=2**31 - 1)]
 
@@ -74,14 +77,9 @@ def edit(
         refuse(request, cause if isinstance(cause, ValueError) else ValueError(error))
         return _page(request, person, study, form, status_code=422)
     except ConflictError:
-        with database.reading() as connection:
-            now_study = study_by_id(connection, study.id)
-        if now_study is None or now_study.revision == revision:
-            raise
-        labels = {name: setting.label for name, setting in SETTINGS_BY_NAME.items()}
-        mine = merged(str(fields.get(WAS, "")), given, values_of(study_file_of(now_study)), labels)
-        form = replace(_form(request, database, now_study, mine.values), clashes=mine.clashes, others=mine.others)
-        return _page(request, person, now_study, form, status_code=409)
+        if answer := _given_back(request, person, study, revision, str(fields.get(WAS, "")), given):
+            return answer
+        raise
 
 
 @router.get("/edit/file", dependencies=[Depends(looking("experimenter"))])
@@ -94,16 +92,45 @@ def study_file(study: AStudy) -> Response:
 @router.post("/edit/file")
 def edit_file(
     request: Request,
+    person: Looking,
     actor: Acting,
     study: AStudy,
     revision: Revision,
     text: Annotated[str, Form(max_length=LONGEST_FILE)],
+    was: Annotated[str, Form(max_length=LONGEST_FILE)] = "",
 ) -> Response:
     try:
         wanted = typed_in_bounds(parse_study_file, unix(text))
     except ValueError as error:
         raise InvalidError(f"Nothing was changed: {with_line(unix(text), error, said_on_page(error))}.") from error
-    return save_study(request, study, wanted, revision, actor)
+    try:
+        return save_study(request, study, wanted, revision, actor)
+    except ConflictError:
+        left_out = [name for name in ("exposure_s", "seed") if getattr(wanted, name) is None]
+        given = {name: value for name, value in values_of(wanted).items() if name not in left_out}
+        if answer := _given_back(request, person, study, revision, was, given, unix(text)):
+            return answer
+        raise
+
+
+def _given_back(
+    request: Request,
+    person: Experimenter,
+    study: Study,
+    revision: int,
+    was: str,
+    given: Mapping[str, Any],
+    text: str = "",
+) -> Response | None:
+    """Show what was typed beside what somebody else has saved meanwhile; None: nobody has."""
+    store = database(request)
+    with store.reading() as connection:
+        now_study = study_by_id(connection, study.id)
+    if now_study is None or now_study.revision == revision:
+        return None
+    mine = merged(was, given, values_of(study_file_of(now_study)), LABELS)
+    form = replace(_form(request, store, now_study, mine.values), clashes=mine.clashes, others=mine.others)
+    return _page(request, person, now_study, form, status_code=409, text=text)
 
 
 def save_study(
@@ -138,11 +165,24 @@ def save_study(
         raise
 
     def work(progress: Progress) -> str:
-        remake_films(server, store, change, revision, actor, progress)
+        try:
+            remake_films(server, store, change, revision, actor, progress)
+        except ConflictError as error:
+            raise ConflictError(f"{error.detail}{_typed_told(store, study, wanted)}") from error
         return address
 
     task = start_task(store, actor, f"Making the films of {study.name} again", work, subject=f"study {study.slug}")
     return see(task_address(task))
+
+
+def _typed_told(store: Database, study: Study, wanted: StudyFile) -> str:
+    """Return what was to be changed, each beside what is saved now, for the page of a work that came too late."""
+    with store.reading() as connection:
+        now_study = study_by_id(connection, study.id) or study
+    before, now = (values_of(study_file_of(each)) for each in (study, now_study))
+    mine = changed_since(digests_of(before), values_of(wanted))
+    typed = "; ".join(f"{label}: {typed} ({saved})" for label, typed, saved in merged("", mine, now, LABELS).clashes)
+    return f" You typed (and saved is now): {typed}." if typed else ""
 
 
 def _form(request: Request, database: Database, study: Study, values: Mapping[str, Any]) -> StudyForm:
@@ -156,14 +196,17 @@ def _form(request: Request, database: Database, study: Study, values: Mapping[st
     return StudyForm(values, fixed, datasets, conditions, was=digests_of(values_of(study_file_of(study))))
 
 
-def _page(request: Request, person: Experimenter, study: Study, form: StudyForm, status_code: int = 200) -> Response:
+def _page(
+    request: Request, person: Experimenter, study: Study, form: StudyForm, status_code: int = 200, text: str = ""
+) -> Response:
     wanted = slugify(study.name)
     address = "" if study.slug == wanted else f"/admin/studies/{wanted}"
     context = {
         "form": form,
         "new_address": address,
         "telling": telling_names(study.name, [each for each in form.conditions if each not in form.values["without"]]),
-        "text": write_study_file(study_file_of(study)),
+        "text": text or write_study_file(study_file_of(study)),
+        "is_typed": bool(text),
         "longest_file": LONGEST_FILE,
     }
     return study_page(request, "edit", person, study, context, status_code)

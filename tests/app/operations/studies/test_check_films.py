@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +91,12 @@ def test_the_check_decodes_every_film_and_says_what_it_could_not_do(
     first.write_bytes(b"no film, though its digest is right")
     (fault,) = check_study(settings, made["slug"])["faults"].values()
     assert fault.startswith("cannot be decoded as a video")
+    tiny_stimuli.encode(first, "color=gray:size=64x104:rate=25", "-vf", "setsar=2")
+    (fault,) = check_study(settings, made["slug"])["faults"].values()
+    assert re.fullmatch(r"it has .*, pixels 2:1, its player expects \d+ frames at 25/s of 64x\d+", fault)
+    tiny_stimuli.encode(first, "color=gray:size=64x104:rate=20")
+    (fault,) = check_study(settings, made["slug"])["faults"].values()
+    assert re.fullmatch(r"it has \d+ frames at 20/s .* its player expects \d+ frames at 25/s .*", fault)
     monkeypatch.undo()
     first.unlink()
     assert list(check_study(settings, made["slug"])["faults"].values()) == ["the file is missing"]

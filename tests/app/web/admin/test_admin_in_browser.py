@@ -111,7 +111,7 @@ def test_a_refused_form_is_filled_as_it_was_sent_and_shows_its_wrong_field(
     page.locator("[name=number]").fill("2")
     page.locator("[name=label]").first.fill('A "new" <name>')
     page.locator("[name=places] >> xpath=ancestor::form").get_by_role("button").click()
-    expect(page.get_by_role("alert")).to_contain_text("The form is not as expected: places")
+    expect(page.get_by_role("alert")).to_contain_text("The form is not as expected: Participants each is '-3'")
     expect(page.locator("[name=places][aria-invalid=true]")).to_have_value("-3")
     expect(page.locator("[name=label]").first).to_have_value('A "new" <name>')
     expect(page.locator("#typed")).to_have_count(0)

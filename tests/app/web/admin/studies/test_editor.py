@@ -17,6 +17,7 @@ from app.files import file_digest
 from app.main import running_server
 from app.operations.studies import manage
 from app.operations.studies.create import create_study
+from app.operations.studies.edit import remake_films
 from app.settings import Settings
 from app.simulation.participants import begin, next_trial
 from app.store.database.engine import open_database
@@ -24,6 +25,7 @@ from app.store.database.keys import utc_now
 from app.store.trials.deletion import studies_to_forget
 from app.study.options.options import StudyOptions, parse_options
 from app.study.options.study_file import parse_study_file
+from app.web.admin.studies import edit_page
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in
 
 pytestmark = pytest.mark.slow
@@ -98,6 +100,25 @@ def test_an_option_of_the_films_takes_effect_after_creation(eva: tuple[Dashboard
     assert {trial["role"] for trial in trials} == {"main", "identical"}
     assert "pm_fb" not in {trial["item_a"] for trial in trials}
     assert "made again" in dashboard.get("/admin/audit").text
+
+
+def test_films_made_again_too_late_say_what_was_typed_beside_what_the_other_saved(
+    eva: tuple[Dashboard, Settings], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dashboard, settings = eva
+    base = made(settings, "Late")
+    seen = revision(dashboard, base)
+
+    def make(*arguments: Any) -> None:
+        assert edit(dashboard, base, "break_every = 7").status_code == 200
+        remake_films(*arguments)
+
+    monkeypatch.setattr(edit_page, "remake_films", make)
+    text = '[options]\nreference = "pm_fb"\nbreak_every = 9\n'
+    told = dashboard.act(f"{base}/edit/file", revision=seen, text=f'name = "Late"\nexposure_s = 0.4\n{text}')
+    late = ends(dashboard, told.url.path).text
+    assert "Break after so many trials: 9 (7)" in late
+    assert "Reference: pm_fb (none)" in late
 
 
 @pytest.mark.parametrize(

@@ -233,6 +233,22 @@ def test_two_editors_at_once_lose_nothing_that_they_typed(experimenter: Dashboar
     assert "By the second" in again.text
 
 
+def test_a_file_that_comes_too_late_is_given_back_beside_what_the_other_saved(
+    experimenter: Dashboard, new_study: NewStudy
+) -> None:
+    base = f"/admin/studies/{new_study()['slug']}"
+    page = experimenter.get(f"{base}/edit").text
+    was = html.unescape(re.findall(r'name="was" value="([^"]+)"', page)[0])
+    first = {"name": "By the first", "exposure_s": "0.4", "break_every": "7"}
+    assert SAVED in experimenter.act(f"{base}/edit", revision="1", was=was, **first).text
+    text = 'name = "By file"\n[options]\nbreak_every = 25\nconsent = "Typed for long."\n'
+    late = experimenter.act(f"{base}/edit/file", revision="1", was=was, text=text)
+    assert late.status_code == 409
+    assert re.search("<th[^>]*>Name</th><td[^>]*>By file</td><td[^>]*>By the first</td>", late.text)
+    assert "Break after so many trials" in late.text.partition("taken over: ")[2][:200]
+    assert text.strip() in html.unescape(late.text)
+
+
 @pytest.mark.slow
 def test_a_file_edits_a_study_and_bad_files_change_nothing(experimenter: Dashboard, new_study: NewStudy) -> None:
     base = f"/admin/studies/{new_study()['slug']}"
