@@ -16,8 +16,8 @@ from typing import Any
 from app.files import file_digest, private_folder, whole_file, whole_folder
 from app.intake.arrivals import read_results
 from app.intake.bounds import in_bounds
-from app.intake.models import Model, holds_models, read_models
-from app.intake.reports import Measure, Report, check_agreement, expanded, read_report, report_files
+from app.intake.models import Model
+from app.intake.reports import Measure, Report, check_agreement, expanded, report_files
 from app.settings import Settings
 from app.store.database.engine import Database
 from app.store.studies.attached_models import replace_models
