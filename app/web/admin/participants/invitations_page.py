@@ -34,8 +34,7 @@ from app.study.options.wording import first_language, own_texts
 from app.web.admin.layout import attachment, page, see, study_page, unix
 from app.web.admin.studies.edit_page import Revision, save_study
 from app.web.analyst.formats import CSV, csv_text
-from app.web.gates import Now, Store
-from app.web.links import link_to
+from app.web.gates import Now, Store, link_to
 from app.web.roles import Acting, AStudy, Looking
 
 LONGEST_LABEL = 200

@@ -37,8 +37,7 @@ from app.web.admin.alarms import alarm_in
 from app.web.admin.flags import PATIENCE_S, Flags
 from app.web.admin.layout import see, study_page
 from app.web.admin.live import REFRESH_S, live_part, render_part
-from app.web.gates import Store, database, now
-from app.web.links import link_to
+from app.web.gates import Store, database, link_to, now
 from app.web.roles import Acting, AStudy, Person
 
 HERE = timedelta(minutes=2)  # since the last sign of activity; a trial takes a fraction of it
