@@ -54,7 +54,7 @@ def serve(
             )
         for study in list_studies(settings):
             for code in study["invitations"] if study["state"] in ("open", "paused") else ():
-                print(f"  participants of {study['name']}: {url}/s/{code}", flush=True)
+                print(f"  participants of {study['name']}: {url}/s/{code}{study['link_query']}", flush=True)
         print(f"  experimenters: {url}/admin (sign-in link by `reconstudy admin add NAME`)", flush=True)
         if path := set_up_path(settings):
             print(f"  set up the first experimenter, once: {url}{path}", flush=True)

@@ -170,7 +170,7 @@ def study_invite(
 
     settings = server_settings()
     made = add_invitation(settings, study, places=places)
-    made["link"] = (url or url_for_links(settings)) + made["path"]
+    made["link"] = (url or url_for_links(settings)) + made["link"]
     people = "as many participants as come" if places is None else f"{counted(places, 'participant')}"
     print_result(made, f"For {people}: {made['link']}", as_json=as_json)
 
@@ -322,7 +322,7 @@ def _tell_of_study(study: dict[str, Any], settings: Settings, url: str | None, *
     from app.operations.running import running_url, url_for_links
 
     running = running_url(settings)
-    study["link"] = (url or url_for_links(settings)) + study["path"]
+    study["link"] = (url or url_for_links(settings)) + study["link"]
     left_out = f" Left out: {', '.join(study['without'])}." if study["without"] else ""
     n_pairs = study["n_pairs"]
     shown = counted(n_pairs, "pair") if n_pairs else counted(study["n_trials"], "trial")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,8 +12,10 @@ from app.ffmpeg import VIDEO_SUFFIXES
 from app.intake.bounds import in_bounds
 from app.intake.captures import CAPTURE_FILE, missing_pictures, read_outline
 from app.intake.models import FOLDERS as MODEL_FOLDERS
-from app.intake.reports import REPORT, TABLE, read_report
+from app.intake.models import Model, holds_models, read_models
+from app.intake.reports import REPORT, TABLE, Report, read_report
 from app.intake.shelves import FOLDERS, SUFFIXES, free_path
+from app.intake.stimuli import MANIFEST
 from app.intake.summaries import CLOUDS, MODELS, PICTURES, SCENE_FILE, TABLES, files_of, is_film
 from app.intake.zips import MB, check_file, check_zip, is_zip, unpack
 
@@ -38,6 +40,7 @@ EXPECTED: Mapping[str, str] = {
     "measures": "a table in CSV, whose name ends in .csv",
     "votes": f"a table of votes or ratings, from any program, whose name ends in {', '.join(TABLES)}",
 }
+COMPARED = (*VIDEO_SUFFIXES, ".json", ".csv", ".txt", ".md")  # suffixes of files of a stimulus set, or of films
 RESULTS = (".ply", ".png", ".pdf", ".svg", ".json", ".csv", ".html", ".txt")  # a report's page is not kept
 UNPACKED = "unpacked"  # folder of what was in an upload of results
 UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # how such a text begins
@@ -168,6 +171,17 @@ def _and_more(names: list[str]) -> str:
     return f" (and {len(names) - 1} more)" if len(names) > 1 else ""
 
 
+def unpacked_films(packed: Path, unpacked: Path, limit: int) -> Path:
+    """Unpack an upload to compare; return the folder that holds the manifest, or the datasets."""
+    unpack(packed, unpacked, limit, COMPARED, "films to compare")
+    inside = list(unpacked.iterdir())
+    if len(inside) != 1 or not inside[0].is_dir():
+        return unpacked
+    only = inside[0]  # a zip file may hold one folder
+    is_whole = (only / MANIFEST).is_file() or any(path.is_dir() for path in only.iterdir())
+    return only if is_whole else unpacked
+
+
 def arrived_results(received: Path, folder: Path, largest_mb: int) -> list[Path]:
     """Unpack an upload that `check_results` has passed; return its folders and tables, as `attach` takes them.
 
@@ -232,3 +246,9 @@ def results_in(folder: Path) -> list[Path]:
             "(meshes/DATASET/CONDITION.ply); pack the folders that a validation or an export of models wrote"
         )
     return sorted(reports | models | tables)
+
+
+def read_results(paths: Sequence[Path]) -> tuple[list[tuple[Path, Report]], list[Model]]:
+    """Read the reports and tables, each with its path, and all models."""
+    reports = [(path, read_report(path)) for path in paths if not holds_models(path)]
+    return reports, [model for path in paths if holds_models(path) for model in read_models(path)]

@@ -26,11 +26,13 @@ from app.store.database.engine import Database
 from app.store.database.keys import digest
 from app.store.participants.invitations import Invitation, invitation_by_code
 from app.store.studies.audit import STRANGER, Entry, record_alone
-from app.store.studies.studies import study_by_id
+from app.store.studies.studies import Study, study_by_id
 from app.store.trials.sessions import Session, end_overdue, session_by_token
 from app.store.trials.vote_writer import VoteWriter
 from app.study.languages.language_pack import LanguagePack
 from app.study.languages.text import check_text
+from app.study.options.options import parse_options
+from app.study.options.platforms import link_query
 from app.web.limits.connections import network_of
 from app.web.limits.throttle import PIECE, SENT_PIECES, WRONG_CODES, Throttle
 
@@ -157,6 +159,11 @@ def route_of(scope: Scope) -> str:
     if route := scope.get("route"):
         return str(route.path)
     return "/static" if scope["path"].startswith("/static/") else NO_ROUTE
+
+
+def link_to(request: Request, study: Study, code: str) -> str:
+    """Return an invitation's whole link, with what a recruiting platform fills in where the study needs it."""
+    return f"{request.base_url}s/{code}{link_query(parse_options(study.options).outside)}"
 
 
 def address(request: Request) -> str:

@@ -3,6 +3,10 @@
 /** @type {HTMLDetailsElement[]} */
 let folded = [];
 
+// Once the page is there: a printer waits for no picture that is asked for when printing begins.
+addEventListener("load", () => {
+  for (const picture of document.querySelectorAll(".plot img[loading=lazy]")) picture.removeAttribute("loading");
+});
 addEventListener("beforeprint", () => {
   folded = [...document.querySelectorAll("main details:not([open])")].filter((each) => each instanceof HTMLDetailsElement);
   for (const each of folded) each.open = !each.closest(".plot-code");

@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from app.files import file_digest, private_folder, whole_file, whole_folder
+from app.intake.arrivals import read_results
 from app.intake.bounds import in_bounds
-from app.intake.models import Model, holds_models, read_models
-from app.intake.reports import Measure, Report, check_agreement, expanded, read_report, report_files
+from app.intake.models import Model
+from app.intake.reports import Measure, Report, check_agreement, expanded, report_files
 from app.settings import Settings
 from app.store.database.engine import Database
 from app.store.studies.attached_models import replace_models
@@ -84,7 +85,7 @@ def attach(
         datasets, conditions = datasets_of(connection, study.id), list(conditions_of(connection, study.id))
         attached = measurement_records(connection, study.id)
     compared = Compared(study, datasets, conditions)
-    reports, every_model = in_bounds(_read, paths)
+    reports, every_model = in_bounds(read_results, paths)
     _check_distinct([report for _, report in reports])
     measures, strangers = _suited_measures(compared, _chosen([report for _, report in reports], only))
     check_agreement(measures, attached)
@@ -104,12 +105,6 @@ def attach(
         replace_models(connection, study.id, models, now)
         record(connection, by, Entry(ATTACHED, study.id, study.slug, detail), now)
     return {"study": study.slug, "n_values": len(measures), **detail}
-
-
-def _read(paths: Sequence[Path]) -> tuple[list[tuple[Path, Report]], list[Model]]:
-    """Read the reports and tables, each with its path, and all models."""
-    reports = [(path, read_report(path)) for path in paths if not holds_models(path)]
-    return reports, [model for path in paths if holds_models(path) for model in read_models(path)]
 
 
 def listed(names: Sequence[str]) -> str:

@@ -27,6 +27,7 @@ from app.store.studies.audit import COMMAND_LINE, Actor
 from app.store.trials.orders import study_plan, taken_orders
 from app.study.design.balance import balance_report
 from app.study.options.options import parse_options
+from app.study.options.platforms import link_query
 from app.study.options.study_file import StudyFile, write_study_file
 
 
@@ -69,7 +70,10 @@ def list_studies(settings: Settings) -> list[dict[str, Any]]:
         progress = studies.progress_by_study(connection)  # read second: it then covers every study listed
         return [
             study_summary(study, progress[study.id])
-            | {"invitations": [invitation.code for invitation in invitations_of(connection, study.id)]}
+            | {
+                "invitations": [invitation.code for invitation in invitations_of(connection, study.id)],
+                "link_query": link_query(parse_options(study.options).outside),
+            }
             for study in listed
         ]
 
@@ -111,8 +115,10 @@ def add_invitation(settings: Settings, slug: str, *, places: int | None = None) 
     if places is not None and not 1 <= places <= MOST_PLACES:
         raise ValueError(f"{places} places: expected between 1 and {MOST_PLACES}")
     with open_store(settings) as database:
-        (code,) = make_invitations(database, _study(database, slug), places, [""], _operator())
-    return {"invitation": code, "path": f"/s/{code}"}
+        study = _study(database, slug)
+        (code,) = make_invitations(database, study, places, [""], _operator())
+    path = f"/s/{code}"
+    return {"invitation": code, "path": path, "link": path + link_query(parse_options(study.options).outside)}
 
 
 def invitation_for(settings: Settings, slug: str, n_people: int) -> str:

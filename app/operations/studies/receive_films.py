@@ -11,14 +11,14 @@ from typing import Any
 from app.errors import StimuliError, said_on_page
 from app.ffmpeg import VIDEO_SUFFIXES, Progress
 from app.files import is_plain_name, read_json
+from app.intake.arrivals import unpacked_films
 from app.intake.bounds import in_bounds
 from app.intake.import_videos import import_stimuli
 from app.intake.stimuli import MANIFEST, StimulusSet, check_videos, read_manifest
-from app.intake.zips import MB, unpack
+from app.intake.zips import MB
 from app.operations.studies.create import slugify
 from app.settings import Settings
 
-BELONGING = (*VIDEO_SUFFIXES, ".json", ".csv", ".txt", ".md")  # suffixes of files of a stimulus set, or of films
 UNNAMED = "Films"
 TABLE = "films.csv"  # says what each film shows that lies in no folder
 SEPARATORS = ("__", "_", "-", " ")  # of a scene's name from a condition's
@@ -51,9 +51,9 @@ def install_set(
     ValueError, TooLargeError
         If it is neither, its films cannot be shown, or its name is taken; without the server's paths.
     """
-    folder = in_bounds(_unpacked, packed, unpacked, server.largest_upload_mb * MB)
+    folder = in_bounds(unpacked_films, packed, unpacked, server.largest_upload_mb * MB)
     try:
-        if _has_manifest(folder):
+        if (folder / MANIFEST).is_file():
             stimulus_set = in_bounds(read_manifest, folder, are_compared=True)
             check_videos(stimulus_set, progress)
         else:
@@ -102,20 +102,6 @@ def found_and_done(stimulus_set: StimulusSet) -> dict[str, dict[str, Any]]:
         for entry in entries
         if isinstance(entry, dict)
     }
-
-
-def _unpacked(packed: Path, unpacked: Path, limit: int) -> Path:
-    """Unpack an upload; return the folder that holds the manifest, or the datasets."""
-    unpack(packed, unpacked, limit, BELONGING, "films to compare")
-    inside = list(unpacked.iterdir())
-    if len(inside) != 1 or not inside[0].is_dir():
-        return unpacked
-    only = inside[0]  # a zip file may hold one folder
-    return only if _has_manifest(only) or any(path.is_dir() for path in only.iterdir()) else unpacked
-
-
-def _has_manifest(folder: Path) -> bool:
-    return (folder / MANIFEST).is_file()
 
 
 def _in_folders(folder: Path) -> Path:

@@ -206,7 +206,14 @@ EXAMPLES |= {
     "CopyBody": {"name": "Temple, again"},
     "ManagedStudyView": STUDY_VIEW,
     "InvitationsBody": {"places": 1, "number": 20, "label": ""},
-    "InvitationView": {"code": "k7m2p9xq4wva", "places": 1, "n_used": 0, "path": "/s/k7m2p9xq4wva", "label": ""},
+    "InvitationView": {
+        "code": "k7m2p9xq4wva",
+        "places": 1,
+        "n_used": 0,
+        "path": "/s/k7m2p9xq4wva",
+        "link": "https://study.example.org/s/k7m2p9xq4wva",
+        "label": "",
+    },
     "ExclusionBody": {"reason": "looked away from the screen"},
     "ExclusionView": {
         "participant": "P007",

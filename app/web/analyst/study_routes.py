@@ -43,7 +43,7 @@ from app.study.options.presets import QUICK
 from app.study.options.study_file import EXPOSURE_BOUNDS_S, StudyFile
 from app.study.options.wording import check_languages
 from app.web.analyst.compression import CompressedRoute
-from app.web.gates import Store, languages, settings
+from app.web.gates import Store, languages, link_to, settings
 from app.web.roles import AStudy, may_change
 
 LOW_S, HIGH_S = EXPOSURE_BOUNDS_S
@@ -177,6 +177,7 @@ class InvitationView(BaseModel):
     places: int | None
     n_used: int
     path: str
+    link: str  # whole, with the parameters that a recruiting platform fills in
     label: str = ""
 
 
@@ -359,18 +360,20 @@ def delete(actor: StudyEditor, study: AStudy, database: Store) -> Response:
 
 
 @router.get("/studies/{slug}/invitations", response_model=list[InvitationView])
-def invitations(_actor: StudyEditor, study: AStudy, database: Store) -> list[dict[str, Any]]:
+def invitations(request: Request, _actor: StudyEditor, study: AStudy, database: Store) -> list[dict[str, Any]]:
     """List a study's invitations; each code lets people in, so this takes the scope studies:write."""
     with database.reading() as connection:
-        return [_invitation(row) for row in invitations_of(connection, study.id)]
+        return [_invitation(request, study, row) for row in invitations_of(connection, study.id)]
 
 
 @router.post("/studies/{slug}/invitations", status_code=201, response_model=list[InvitationView])
-def invite(body: InvitationsBody, actor: StudyEditor, study: AStudy, database: Store) -> list[dict[str, Any]]:
+def invite(
+    request: Request, body: InvitationsBody, actor: StudyEditor, study: AStudy, database: Store
+) -> list[dict[str, Any]]:
     """Make invitations, each for so many participants."""
     codes = make_invitations(database, study, body.places, [body.label] * body.number, actor)
     with database.reading() as connection:
-        return [_invitation(row) for row in invitations_of(connection, study.id) if row.code in codes]
+        return [_invitation(request, study, row) for row in invitations_of(connection, study.id) if row.code in codes]
 
 
 @router.patch("/studies/{slug}/invitations/{code}", status_code=204, response_class=Response)
@@ -411,8 +414,10 @@ def _whole_draft(request: Request, database: Database, actor: Actor, stimulus_se
     return WholeDraftView(**view, **{**facts, "study": made}, hindrance="")
 
 
-def _invitation(row: Invitation) -> dict[str, Any]:
-    return {"code": row.code, "places": row.places, "n_used": row.n_used, "path": f"/s/{row.code}", "label": row.label}
+def _invitation(request: Request, study: Study, row: Invitation) -> dict[str, Any]:
+    link = link_to(request, study, row.code)
+    counts = {"code": row.code, "places": row.places, "n_used": row.n_used}
+    return {**counts, "path": f"/s/{row.code}", "link": link, "label": row.label}
 
 
 def _created(database: Database, slug: str) -> Response:

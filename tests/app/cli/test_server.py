@@ -65,12 +65,17 @@ def test_an_address_for_links_that_leads_nowhere_is_refused(command: Command, ur
 
 @pytest.mark.slow
 def test_the_links_that_a_server_shows_are_those_of_studies_that_take_people(
-    command: Command, monkeypatch: pytest.MonkeyPatch, stimuli: Path
+    command: Command, monkeypatch: pytest.MonkeyPatch, stimuli: Path, tmp_path: Path
 ) -> None:
     monkeypatch.setattr("app.main.serve", lambda *_, on_start, **__: on_start("http://127.0.0.1:8000"))
     for name in ("Under way", "Done"):
         command("study", "create", stimuli, "--name", name)
     command("study", "close", "done")
+    (tmp_path / "paid.toml").write_text('outside.id = "PROLIFIC_PID"')
+    command("study", "create", stimuli, "--name", "Paid", "--options", tmp_path / "paid.toml")
     shown = command("serve").out
     assert "participants of Under way: http://127.0.0.1:8000/s/" in shown
     assert "Done" not in shown
+    paid = shown.partition("participants of Paid: ")[2].partition("\n")[0]
+    assert paid.endswith("?PROLIFIC_PID={{%PROLIFIC_PID%}}")
+    assert command("study", "invite", "paid").out.strip().endswith("?PROLIFIC_PID={{%PROLIFIC_PID%}}")

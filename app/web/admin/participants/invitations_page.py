@@ -20,10 +20,10 @@ from app.operations.studies.invitations import (
     stop_invitation,
 )
 from app.operations.studies.manage import study_file_of
-from app.store.participants.invitations import Invitation, invitations_of
+from app.store.participants.invitations import invitations_of
 from app.store.participants.participants import group_counts
 from app.store.studies.audit import Entry, record
-from app.store.studies.studies import Study, progress_of
+from app.store.studies.studies import progress_of
 from app.store.trials.designs import datasets_of
 from app.store.trials.orders import n_taken_in
 from app.study.design.groups import Group, check_groups
@@ -34,7 +34,7 @@ from app.study.options.wording import first_language, own_texts
 from app.web.admin.layout import attachment, page, see, study_page, unix
 from app.web.admin.studies.edit_page import Revision, save_study
 from app.web.analyst.formats import CSV, csv_text
-from app.web.gates import Now, Store
+from app.web.gates import Now, Store, link_to
 from app.web.roles import Acting, AStudy, Looking
 
 LONGEST_LABEL = 200
@@ -136,7 +136,7 @@ def export_invitations(request: Request, person: Looking, study: AStudy, databas
         rows = [
             {
                 "label": invitation.label,
-                "link": _link(request, study, invitation),
+                "link": link_to(request, study, invitation.code),
                 "code": invitation.code,
                 "places": invitation.places,
                 "used": invitation.n_used,
@@ -159,7 +159,7 @@ def export_mail_merge(request: Request, person: Looking, study: AStudy, database
         for invitation in invitations_of(connection, study.id):
             if invitation.label and not invitation.is_used:
                 name, email = split_label(invitation.label)
-                rows.append({"name": name, "email": email, "link": _link(request, study, invitation)})
+                rows.append({"name": name, "email": email, "link": link_to(request, study, invitation.code)})
         record(connection, person.name, Entry("invitations exported", study.id, study.slug), now)
     return _table(rows, MAIL_MERGE_COLUMNS, f"{study.slug}-mail-merge.csv", BOM_UTF8)
 
@@ -169,7 +169,7 @@ def print_sheet(request: Request, person: Looking, study: AStudy, database: Stor
     """Show a sheet to print: a card with QR code, link and label for each invitation with places left."""
     with database.reading() as connection:
         invitations = [invitation for invitation in invitations_of(connection, study.id) if not invitation.is_used]
-    links = [_link(request, study, invitation) for invitation in invitations]
+    links = [link_to(request, study, invitation.code) for invitation in invitations]
     cards = [
         (invitation, link, _qr(link).svg_inline(scale=4, border=2))
         for invitation, link in zip(invitations, links, strict=True)
@@ -198,7 +198,7 @@ def qr_code(request: Request, _person: Looking, study: AStudy, code: Code, datab
     if invitation is None:
         raise NotFoundError("This study has no such invitation.")
     picture = io.BytesIO()
-    _qr(_link(request, study, invitation)).save(picture, kind="svg", scale=5, border=2)
+    _qr(link_to(request, study, invitation.code)).save(picture, kind="svg", scale=5, border=2)
     return Response(picture.getvalue(), media_type="image/svg+xml")
 
 
@@ -216,11 +216,6 @@ def split_label(label: str) -> tuple[str, str]:
 
 def _qr(link: str) -> segno.QRCode:
     return segno.make(link, error="m")
-
-
-def _link(request: Request, study: Study, invitation: Invitation) -> str:
-    """Return the whole link: with the parameters that a recruiting platform fills in, where the study needs them."""
-    return f"{request.base_url}s/{invitation.code}{link_query(parse_options(study.options).outside)}"
 
 
 def _table(rows: list[dict[str, Any]], columns: tuple[str, ...], name: str, beginning: bytes = b"") -> Response:

@@ -30,14 +30,14 @@ from app.store.trials.designs import conditions_of, datasets_of
 from app.store.trials.monitor import votes_by_minute
 from app.store.trials.orders import n_taken_in
 from app.study.options.options import parse_options
-from app.study.options.platforms import link_query, unknown_placeholders
+from app.study.options.platforms import unknown_placeholders
 from app.study.options.privacy import forgets_at
 from app.study.stages import ENDS, FINISHED
 from app.web.admin.alarms import alarm_in
 from app.web.admin.flags import PATIENCE_S, Flags
 from app.web.admin.layout import see, study_page
 from app.web.admin.live import REFRESH_S, live_part, render_part
-from app.web.gates import Store, database, now
+from app.web.gates import Store, database, link_to, now
 from app.web.roles import Acting, AStudy, Person
 
 HERE = timedelta(minutes=2)  # since the last sign of activity; a trial takes a fraction of it
@@ -80,13 +80,12 @@ def overview_page(request: Request, person: Person, study: AStudy) -> Response:
             if invitation.places != 1 and not invitation.is_used  # one person's link is nobody else's
         ]
     options = parse_options(study.options)
-    query = link_query(options.outside)
-    link = f"{request.base_url}s/{invitations[0].code}{query}" if invitations else None
+    link = link_to(request, study, invitations[0].code) if invitations else None
     practised = [films for films in options.practice_pairs if films.dataset in compared]
     context = {
         **monitor_of(request, study, PATIENCE_S),
         "link": link,
-        "is_of_platform": bool(query),
+        "is_of_platform": bool(options.outside.id),
         "is_filled": not unknown_placeholders(options.outside),
         "practised": practised,
         "telling": telling,

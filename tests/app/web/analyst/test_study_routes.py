@@ -56,6 +56,7 @@ def test_a_study_is_created_edited_opened_copied_and_deleted(own_server: str, ow
         copied = client.post("studies/over-rest/duplicate", json={"name": "Second round"})
         assert (copied.status_code, copied.json()["slug"]) == (201, "second-round")
         invited = client.post("studies/second-round/invitations", json={"places": 1, "number": 3}).json()
+        assert all(each["link"].endswith(each["path"]) and each["link"].startswith("http") for each in invited)
         assert [row["places"] for row in invited] == [1, 1, 1]
         listed = client.get("studies/second-round/invitations").json()
         assert {row["code"] for row in invited} < {row["code"] for row in listed}
