@@ -107,7 +107,49 @@ def test_sensors_that_see_no_point_in_common_are_no_problem(board: Capture) -> N
     (first, second) = board.sensors
     nothing = Matches(np.zeros((0, 2)), np.zeros((0, 2)))
     assert len(epipolar_errors(first.sensor, nothing)) == 0
-    assert compared(first.sensor, second.sensor, [Shared(nothing, nothing)], tolerance_mm=5.0) is None
+    assert not compared(first.sensor, second.sensor, [Shared(nothing, nothing)], tolerance_mm=5.0).is_known
+
+
+@pytest.mark.parametrize("both", [True, False], ids=["sensor", "right camera"])
+def test_a_pose_that_two_cameras_have_is_a_problem(both: bool, board: Capture) -> None:
+    first, second = board.sensors
+    left, right = (
+        replace(its, camera=replace(its.camera, cam_from_world=others.camera.cam_from_world))
+        for its, others in zip(second.cameras, first.cameras, strict=True)
+    )
+    write_capture(replace(board, sensors=(first, replace(second, left=left if both else second.left, right=right))))
+    problems = check_capture(board.folder).problems
+    told = [problem for problem in problems if "have the same pose, but not the same pictures" in problem]
+    assert len(told) == 1 + both
+    assert "S1/right/{frame:04d}.png and S2/right/{frame:04d}.png" in told[-1]
+
+
+def test_pairs_may_share_a_camera(board: Capture) -> None:
+    first, second = board.sensors
+    write_capture(replace(board, sensors=(first, replace(second, left=first.right))))
+    assert not any("have the same pose" in problem for problem in check_capture(board.folder).problems)
+
+
+@pytest.mark.slow
+def test_what_only_another_sensor_can_tell_could_not_be_checked_with_one(board: Capture) -> None:
+    words = "whether its focal lengths and the angle between its cameras are right could not be checked"
+    both = check_capture(board.folder)
+    assert [sensor.is_compared for sensor in both.sensors] == [True, True]
+    assert not any(words in verdict for verdict in both.verdicts)
+    write_capture(replace(board, sensors=board.sensors[:1]))
+    alone = check_capture(board.folder)
+    assert words in alone.verdicts[0]
+
+
+@pytest.mark.slow
+def test_a_recording_without_masks_is_said_not_to_be_checked_for_background(board: Capture) -> None:
+    words = "whether background stands within the bounds could not be checked"
+    assert all(words in verdict for verdict in check_capture(board.folder).verdicts)
+    for frame in range(board.n_frames):
+        cv2.imwrite(str(board.folder / f"mask{frame}.png"), np.full((SIZE[1], SIZE[0]), 255, np.uint8))
+    masked = tuple(replace(stream, mask=("mask{frame}.png", "mask{frame}.png")) for stream in board.sensors)
+    write_capture(replace(board, sensors=masked))
+    assert not any(words in verdict for verdict in check_capture(board.folder).verdicts)
 
 
 @pytest.mark.slow
