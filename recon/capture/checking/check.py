@@ -32,9 +32,10 @@ from recon.capture.checking.continuity import (
     is_one_camera_twice,
 )
 from recon.capture.checking.diagnosis import Correction
+from recon.capture.checking.exposure import level_ratios, unlike
 from recon.capture.checking.lag import Lag
 from recon.capture.checking.matches import Matches, match_pictures
-from recon.capture.checking.sensor import SensorCheck, brightness_ratios, check_sensor, measured_frames, unlike
+from recon.capture.checking.sensor import SensorCheck, check_sensor, measured_frames
 from recon.capture.checking.sensor_report import UNCHECKED, SensorReport
 from recon.capture.checking.silhouettes import Silhouette, Silhouettes, silhouette_of
 from recon.capture.checking.synchrony import SilhouetteFindings, silhouette_findings, synchrony_problems
@@ -220,7 +221,7 @@ def _look_between(
         read_picture(frame_pictures(folder, stream, frame)[side]) for stream, side in zip(streams, (1, 0), strict=True)
     )
     shared = fitting(streams[0].sensor, streams[1].sensor, shared_points(*matches, match_pictures(right, left)))
-    return shared, brightness_ratios(right, left, Matches(shared.first.right, shared.second.left))
+    return shared, level_ratios(right, left, Matches(shared.first.right, shared.second.left))[:, 0]
 
 
 def _look_through(folder: Path, draft: Draft) -> tuple[Glances, Silhouettes, list[str]]:

@@ -83,8 +83,8 @@ class SensorReport:
         masks = f"; whether background stands within the bounds {UNCHECKED}, as it has no masks"
         lenses = f"; whether the distortion of its lenses is right {UNCHECKED}, as rows hardly tell it"
         scale = (
-            f"; whether its focal lengths and the angle between its cameras are right {UNCHECKED}, as no other sensor "
-            "sees enough of the same points"
+            f"; whether its focal lengths, principal points and the angle between its cameras are right {UNCHECKED}, "
+            "as no other sensor sees enough of the same points"
         )
         advice = {"good": "", "fair": "; plain areas will be filled in", "poor": "; add texture, light or sharpness"}
         return (

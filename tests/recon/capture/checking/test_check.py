@@ -11,8 +11,8 @@ import pytest
 from recon.capture.checking.check import check_capture
 from recon.capture.checking.consistency import Shared, compared
 from recon.capture.checking.diagnosis import MIN_MATCHES
+from recon.capture.checking.exposure import exposure_warnings, level_ratios, unlike
 from recon.capture.checking.matches import Matches, epipolar_errors
-from recon.capture.checking.sensor import unlike
 from recon.capture.format import Capture, image_path, read_frame, write_capture
 from recon.capture.images import read_image
 from recon.geometry.rig import rigid
@@ -132,7 +132,9 @@ def test_pairs_may_share_a_camera(board: Capture) -> None:
 
 @pytest.mark.slow
 def test_what_only_another_sensor_can_tell_could_not_be_checked_with_one(board: Capture) -> None:
-    words = "whether its focal lengths and the angle between its cameras are right could not be checked"
+    words = (
+        "whether its focal lengths, principal points and the angle between its cameras are right could not be checked"
+    )
     both = check_capture(board.folder)
     assert [sensor.is_compared for sensor in both.sensors] == [True, True]
     assert not any(words in verdict for verdict in both.verdicts)
@@ -269,6 +271,30 @@ def test_an_object_that_is_overexposed_is_named(board: Capture, colour: tuple[in
         cv2.imwrite(str(path), picture)
     warnings = check_capture(board.folder).warnings
     assert any("S2: " in warning and "is overexposed, without structure" in warning for warning in warnings)
+
+
+def test_colours_of_another_white_balance_or_order_are_named_and_those_of_noise_are_not() -> None:
+    rng = np.random.default_rng(0)
+    picture = cv2.resize(rng.integers(20, 240, (12, 16, 3), np.uint8), (320, 240))
+    noisy = np.clip(picture + rng.normal(0, 3, picture.shape), 0, 255).astype(np.uint8)
+    places = rng.uniform(10, 230, (80, 2))
+
+    def told(other: np.ndarray) -> list[str]:
+        return list(exposure_warnings("S1", level_ratios(picture, other, Matches(places, places))))
+
+    assert told(noisy) == []
+    for other in (noisy[..., ::-1], np.rint(noisy * (1.0, 1.0, 0.7)).astype(np.uint8)):
+        (sentence,) = told(np.ascontiguousarray(other))
+        assert sentence.startswith("sensor S1: for their brightness, matched points differ 1.")
+        assert "in blue between the left and the right pictures" in sentence
+
+
+def test_a_camera_that_shows_everything_mirrored_is_named(board: Capture) -> None:
+    assert not any("mirrored" in problem for problem in check_capture(board.folder).problems)
+    for path in (board.folder / "S2/right").rglob("*.png"):
+        cv2.imwrite(str(path), cv2.imread(str(path))[:, ::-1])
+    problems = check_capture(board.folder).problems
+    assert any("S2: one of its cameras shows everything mirrored" in problem for problem in problems)
 
 
 def test_a_sensor_that_is_darker_than_another_is_named(board: Capture) -> None:
