@@ -30,9 +30,10 @@ from recon.capture.checking.continuity import (
     frozen_cameras,
     glance_at,
     is_one_camera_twice,
+    level_ratios,
+    unlike,
 )
 from recon.capture.checking.diagnosis import Correction
-from recon.capture.checking.exposure import level_ratios, unlike
 from recon.capture.checking.lag import Lag
 from recon.capture.checking.matches import Matches, match_pictures
 from recon.capture.checking.sensor import SensorCheck, check_sensor, measured_frames

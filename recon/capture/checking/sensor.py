@@ -12,7 +12,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.capture.checking.agreement import FEWEST, LOWEST_SHARE, Agreement, agreeing, agreeing_with_each_other
+from recon.capture.checking.agreement import (
+    FEWEST,
+    LOWEST_SHARE,
+    Agreement,
+    agreeing,
+    agreeing_with_each_other,
+    mirrored_problems,
+)
+from recon.capture.checking.continuity import exposure_warnings, level_ratios
 from recon.capture.checking.depth import DepthCheck, bounds_area, check_depth_maps
 from recon.capture.checking.diagnosis import (
     MIN_ERROR_PX,
@@ -22,9 +30,7 @@ from recon.capture.checking.diagnosis import (
     small_correction,
     would_lenses_show,
 )
-from recon.capture.checking.exposure import exposure_warnings, level_ratios
 from recon.capture.checking.matches import Matches, epipolar_errors, joined, match_pictures
-from recon.capture.checking.mirrored import mirrored_problems
 from recon.capture.checking.rows import OFF_PX, fit_rows, pivot_of
 from recon.capture.checking.sensor_report import Rows, SensorReport
 from recon.capture.checking.silhouettes import Silhouettes, check_masks, listed

@@ -10,8 +10,8 @@ import pytest
 
 from recon.capture.checking.check import check_capture
 from recon.capture.checking.consistency import Shared, compared
+from recon.capture.checking.continuity import exposure_warnings, level_ratios, unlike
 from recon.capture.checking.diagnosis import MIN_MATCHES
-from recon.capture.checking.exposure import exposure_warnings, level_ratios, unlike
 from recon.capture.checking.matches import Matches, epipolar_errors
 from recon.capture.format import Capture, image_path, read_frame, write_capture
 from recon.capture.images import read_image
