@@ -161,8 +161,8 @@ def _beside_others(report: SensorReport, comparisons: Sequence[Comparison]) -> S
 def _at_one_place(draft: Draft, glances: Glances) -> Iterator[str]:
     """Say that two cameras have one pose, but not the same pictures; pairs may share a camera."""
     for first, second in combinations(draft.cameras, 2):
-        poses = [stream.camera.cam_from_world for stream in (first, second)]
-        if np.allclose(*poses, rtol=0, atol=SAME_POSE) and _differ(first, second, glances):
+        apart = np.abs(first.camera.cam_from_world - second.camera.cam_from_world)
+        if apart.max() <= SAME_POSE and _differ(first, second, glances):
             yield (
                 f"{first.image} and {second.image} have the same pose, but not the same pictures; two cameras cannot "
                 "be at one place: was the pose of one taken for that of the other?"
