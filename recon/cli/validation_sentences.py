@@ -39,6 +39,7 @@ def view_sentences(report: Mapping[str, Any]) -> list[str]:
                 ("SSIM", "ssim", ".3f"),
                 ("coverage", "coverage", ".1%"),
                 ("spill", "spill", ".1%"),
+                ("back faces", "back_faces", ".1%"),
             )
             if row[column] is not None
         )

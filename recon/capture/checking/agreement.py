@@ -5,14 +5,18 @@ Every verdict from matches rests on these. Where few agree, nothing can be said:
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.capture.checking.matches import Matches
+from recon.capture.checking.matches import Matches, match_pictures
+from recon.capture.format import SensorStream, frame_pictures, read_picture
+from recon.capture.recording import evenly_chosen
 from recon.capture.rectify import viewing_directions
 from recon.geometry.rig import Sensor
 
@@ -22,6 +26,10 @@ CONFIDENCE, MOST_ROUNDS = 0.9999, 5000
 DETERMINED = 8  # points, on which nearly any matches agree
 FEWEST = 20  # points that agree; fewer say nothing about a calibration
 LOWEST_SHARE = 0.15  # of all matches; of random ones in small pictures a line catches up to a tenth
+SUSPECT = 0.75  # share of matches that agree; of good recordings, nine tenths do
+MANY = 100  # a frame; of features found mirrored, a third as many agree by chance
+MORE = 2.0  # times as many agree with one of the two pictures mirrored
+LOOKED_AT = 3  # frames
 
 
 @dataclass(frozen=True)
@@ -69,3 +77,31 @@ def agreeing(matches: Matches) -> NDArray[np.bool_]:
             if chosen is not None:
                 return np.asarray(chosen.ravel(), np.bool_)
     return np.zeros(len(matches), np.bool_)
+
+
+def mirrored_problems(folder: Path, stream: SensorStream, frames: Sequence[int], agreement: Agreement) -> Iterator[str]:
+    """Say that one of a pair's cameras shows everything mirrored, as some drivers write it: few matches agree then.
+
+    Parameters
+    ----------
+    folder : the capture's
+    stream : with a pair
+    frames : whose pictures can be read
+    agreement : of the matches of these frames
+    """
+    if agreement.n_agreeing >= max(SUSPECT * agreement.n_matches, MANY * len(frames)):
+        return
+    as_they_are = mirrored = 0
+    for frame in (frames[place] for place in evenly_chosen(len(frames), LOOKED_AT)):
+        left, right = map(read_picture, frame_pictures(folder, stream, frame))
+        as_they_are += _n_agreeing(left, right)
+        mirrored += _n_agreeing(left, np.ascontiguousarray(right[:, ::-1]))
+    if mirrored >= FEWEST and mirrored > MORE * as_they_are:
+        yield (
+            f"sensor {stream.id}: one of its cameras shows everything mirrored: {mirrored} matched points agree with "
+            f"the right pictures mirrored, {as_they_are} without; mirror that camera's pictures back"
+        )
+
+
+def _n_agreeing(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> int:
+    return int(np.count_nonzero(agreeing(match_pictures(left, right))))

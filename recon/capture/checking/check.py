@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from recon.capture.checking.consistency import (
     disagreements,
     fitting,
     shared_points,
+    unexplained,
     unlike_exposures,
 )
 from recon.capture.checking.continuity import (
@@ -29,11 +30,13 @@ from recon.capture.checking.continuity import (
     frozen_cameras,
     glance_at,
     is_one_camera_twice,
+    level_ratios,
+    unlike,
 )
 from recon.capture.checking.diagnosis import Correction
 from recon.capture.checking.lag import Lag
 from recon.capture.checking.matches import Matches, match_pictures
-from recon.capture.checking.sensor import SensorCheck, brightness_ratios, check_sensor, measured_frames, unlike
+from recon.capture.checking.sensor import SensorCheck, check_sensor, measured_frames
 from recon.capture.checking.sensor_report import UNCHECKED, SensorReport
 from recon.capture.checking.silhouettes import Silhouette, Silhouettes, silhouette_of
 from recon.capture.checking.synchrony import SilhouetteFindings, silhouette_findings, synchrony_problems
@@ -46,10 +49,11 @@ from recon.capture.format import (
     read_draft,
     read_picture,
 )
-from recon.capture.recording import SensorStream
+from recon.capture.recording import CameraStream, SensorStream
 from recon.capture.schema import Draft
 
 SCHEMA_VERSION = 1
+SAME_POSE = 1e-6  # mm, and of a rotation's elements: what rounding in a file makes of one pose
 MAX_APART_PX = 0.4  # of disparity: what two sensors may differ on a point that both see; features reach half of it
 
 
@@ -117,29 +121,57 @@ def check_capture(capture_folder: Path) -> CheckReport:
     glances, silhouettes, unreadable = _look_through(capture_folder, draft)
     checks = [check_sensor(capture_folder, stream, n_frames, draft.bounds, silhouettes) for stream in draft.sensors]
     instants = silhouette_findings(draft, silhouettes)
-    problems = [*draft.problems, *unreadable, *frozen_cameras(glances), *_other_instants(draft, glances, instants)]
+    problems = [*draft.problems, *unreadable, *frozen_cameras(glances), *_at_one_place(draft, glances)]
+    problems += _other_instants(draft, glances, instants)
     doubled = [stream.id for stream in draft.sensors if is_one_camera_twice(stream, glances)]
     problems += [
         f"sensor {name}: its left and right pictures are the same, one camera's; give each camera its own"
         for name in doubled
     ]
     problems += [problem for check in checks if check.report.id not in doubled for problem in check.problems]
-    comparisons = [] if problems else list(_comparisons(capture_folder, draft, checks))
-    problems += disagreements(comparisons)
+    comparisons = None if problems else list(_comparisons(capture_folder, draft, checks))
+    problems += disagreements(comparisons or ())
     warnings = [
         *draft.ignored,
         *_without_masks(draft.sensors),
         *(() if problems else _bounds_beside_pictures(draft)),
-        *unlike_exposures(comparisons),
+        *unexplained(comparisons or ()),
+        *unlike_exposures(comparisons or ()),
         *instants.warnings,
         *count_warnings(capture_folder, draft.cameras, n_frames),
         *continuity_warnings(glances),
     ]
     warnings += [warning for check in checks for warning in check.warnings]
-    reports = tuple(check.report for check in checks)
+    reports = tuple(
+        check.report if comparisons is None else _beside_others(check.report, comparisons) for check in checks
+    )
     corrections = {check.report.id: check.correction for check in checks if check.correction is not None}
     verdict = tuple(problems), tuple(warnings), glances, instants.decided, corrections
     return CheckReport(str(capture_folder), draft.n_frames, reports, *verdict)
+
+
+def _beside_others(report: SensorReport, comparisons: Sequence[Comparison]) -> SensorReport:
+    """Add to the report of a sensor with a pair whether another one sees enough of the same points."""
+    if report.is_checked is None:
+        return report
+    others = [comparison.is_known for comparison in comparisons if report.id in comparison.sensors]
+    return replace(report, is_compared=any(others))
+
+
+def _at_one_place(draft: Draft, glances: Glances) -> Iterator[str]:
+    """Say that two cameras have one pose, but not the same pictures; pairs may share a camera."""
+    for first, second in combinations(draft.cameras, 2):
+        apart = np.abs(first.camera.cam_from_world - second.camera.cam_from_world)
+        if apart.max() <= SAME_POSE and _differ(first, second, glances):
+            yield (
+                f"{first.image} and {second.image} have the same pose, but not the same pictures; two cameras cannot "
+                "be at one place: was the pose of one taken for that of the other?"
+            )
+
+
+def _differ(first: CameraStream, second: CameraStream, glances: Glances) -> bool:
+    its, others = (glances.get(stream.image, {}) for stream in (first, second))
+    return any(its[frame].checksum != others[frame].checksum for frame in its.keys() & others.keys())
 
 
 def _other_instants(draft: Draft, glances: Glances, instants: SilhouetteFindings) -> Iterator[str]:
@@ -178,9 +210,8 @@ def _comparisons(folder: Path, draft: Draft, checks: Sequence[SensorCheck]) -> I
         if looks and None not in per_pixel:
             tolerance = MAX_APART_PX * max(value for value in per_pixel if value is not None)
             comparison = compared(first.sensor, second.sensor, [shared for shared, _ in looks], tolerance)
-            if comparison is not None:
-                ratios = np.concatenate([ratios for _, ratios in looks])
-                yield replace(comparison, brightness=unlike(ratios, MAX_BRIGHTNESS))
+            ratios = np.concatenate([ratios for _, ratios in looks])
+            yield replace(comparison, brightness=unlike(ratios, MAX_BRIGHTNESS) if comparison.is_known else None)
 
 
 def _look_between(
@@ -191,7 +222,7 @@ def _look_between(
         read_picture(frame_pictures(folder, stream, frame)[side]) for stream, side in zip(streams, (1, 0), strict=True)
     )
     shared = fitting(streams[0].sensor, streams[1].sensor, shared_points(*matches, match_pictures(right, left)))
-    return shared, brightness_ratios(right, left, Matches(shared.first.right, shared.second.left))
+    return shared, level_ratios(right, left, Matches(shared.first.right, shared.second.left))[:, 0]
 
 
 def _look_through(folder: Path, draft: Draft) -> tuple[Glances, Silhouettes, list[str]]:

@@ -22,6 +22,7 @@ from recon.geometry.rig import Camera, Sensor, rigid, transformed
 SAME_FEATURE_PX = 1.0  # a feature of one matching found again in another
 MAX_EPIPOLAR_PX = 2.0  # matches within a sensor that are farther from their line are wrong ones
 MIN_AGREEING = 8  # points; fewer say nothing
+MIN_TELLING = 20  # points, of which hardly any agree; of 14 of a ball in small pictures, 12 were matched wrongly
 MIN_KEPT = 0.5  # of the points that the best explanation brings together; below, the calibration is wrong
 FACTORS = np.geomspace(0.8, 1.25, 91)  # of focal lengths: half a per cent apart
 MIN_FOCAL_CHANGE = 0.01
@@ -67,7 +68,7 @@ class Comparison:
     sensors : their names
     n_points, n_agreeing : how many both see, and how many of them at the same place
     tolerance_mm : how far apart that may be
-    explanation : why points are apart, None if they are not
+    explanation : why points are apart, None if they are not, or nothing explains it
     brightness : of the points in the first sensor's pictures, as a multiple of that in the second's; None if it is
         alike, or too few tell
     """
@@ -78,6 +79,11 @@ class Comparison:
     tolerance_mm: float
     explanation: Explanation | None = None
     brightness: float | None = None
+
+    @property
+    def is_known(self) -> bool:
+        """True if the sensors are known to agree, or why they do not."""
+        return self.explanation is not None or self.n_agreeing >= MIN_AGREEING
 
 
 def shared_points(first: Matches, second: Matches, between: Matches) -> Shared:
@@ -109,8 +115,8 @@ def fitting(first: Sensor, second: Sensor, shared: Shared) -> Shared:
     return Shared(shared.first[is_right], shared.second[is_right])
 
 
-def compared(first: Sensor, second: Sensor, shared: Sequence[Shared], tolerance_mm: float) -> Comparison | None:
-    """Compare where two sensors see the same points; None if there are too few points.
+def compared(first: Sensor, second: Sensor, shared: Sequence[Shared], tolerance_mm: float) -> Comparison:
+    """Compare where two sensors see the same points; of too few points, nothing is known.
 
     Parameters
     ----------
@@ -120,7 +126,7 @@ def compared(first: Sensor, second: Sensor, shared: Sequence[Shared], tolerance_
     """
     in_first, in_second = joined([each.first for each in shared]), joined([each.second for each in shared])
     if len(in_first) < MIN_AGREEING:
-        return None
+        return Comparison((first.id, second.id), len(in_first), 0, tolerance_mm)
     points = triangulated(first, in_first), triangulated(second, in_second)
 
     def n_with_first(changed: Sensor) -> int:
@@ -141,8 +147,6 @@ def compared(first: Sensor, second: Sensor, shared: Sequence[Shared], tolerance_
         key=lambda explanation: explanation.n_agreeing,
     )
     is_apart = best.n_agreeing - n_agreeing >= MIN_AGREEING and n_agreeing < MIN_KEPT * best.n_agreeing
-    if not is_apart and n_agreeing < MIN_AGREEING:
-        return None
     return Comparison((first.id, second.id), len(in_first), n_agreeing, tolerance_mm, best if is_apart else None)
 
 
@@ -155,6 +159,18 @@ def disagreements(comparisons: Sequence[Comparison]) -> Iterator[str]:
                 f"sensors {' and '.join(comparison.sensors)} disagree: {comparison.n_agreeing} of "
                 f"{comparison.n_points} points that both see are within {comparison.tolerance_mm:.0f} mm, "
                 f"{comparison.explanation.n_agreeing} if {reason}"
+            )
+
+
+def unexplained(comparisons: Sequence[Comparison]) -> Iterator[str]:
+    """Say one sentence for every two sensors whose points are apart for no single reason."""
+    for comparison in comparisons:
+        if comparison.n_points >= MIN_TELLING and not comparison.is_known:
+            yield (
+                f"whether sensors {' and '.join(comparison.sensors)} agree could not be checked: only "
+                f"{comparison.n_agreeing} of {comparison.n_points} points that both seem to see are within "
+                f"{comparison.tolerance_mm:.0f} mm, expected at least {MIN_AGREEING}, and no single reason explains "
+                "the others; look at their poses, and whether the pictures are these sensors'"
             )
 
 
@@ -192,7 +208,7 @@ def _third_sensors(name: str, beside: str, comparisons: Sequence[Comparison], *,
     return [
         other
         for comparison in comparisons
-        if name in comparison.sensors and (comparison.explanation is None) is agreeing
+        if name in comparison.sensors and comparison.is_known and (comparison.explanation is None) is agreeing
         for other in comparison.sensors
         if other not in (name, beside)
     ]

@@ -12,8 +12,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.capture.checking.agreement import FEWEST, LOWEST_SHARE, Agreement, agreeing, agreeing_with_each_other
-from recon.capture.checking.continuity import DARK_LEVELS
+from recon.capture.checking.agreement import (
+    FEWEST,
+    LOWEST_SHARE,
+    Agreement,
+    agreeing,
+    agreeing_with_each_other,
+    mirrored_problems,
+)
+from recon.capture.checking.continuity import exposure_warnings, level_ratios
 from recon.capture.checking.depth import DepthCheck, bounds_area, check_depth_maps
 from recon.capture.checking.diagnosis import (
     MIN_ERROR_PX,
@@ -42,10 +49,8 @@ MIN_BOUNDS_PX = 256  # of a picture that show the bounds; an object of fewer has
 MATCHED_PX = 0.25  # what disparities are good to: root mean square on benchmarks with known truth
 TEXTURE_WINDOW = 9  # pixels, about a matcher's
 MIN_TEXTURE = 2.5  # grey levels of local standard deviation, the noise's taken off
-MAX_LEFT_TO_RIGHT = 1.15  # of the brightness of matched points
 WHITE = 250  # levels of two channels: of colours, the third has little structure, and comes last
 MOST_WHITE, MOST_WHITE_UNMASKED = 0.2, 0.6  # of the object; of what the bounds show, which may be a white wall
-SURE = 2.6  # standard deviations of a number of heads, for 99 %
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +62,7 @@ class _Look:
     frame : its number
     rectified : matches of the rectified pair, within the masks or bounds
     matches : of the pictures as recorded
-    left_to_right : (M,) ratios of brightness at the matches, NaN where it is dark
+    left_to_right : (M, 4) ratios of brightness and of its colours at the matches, NaN where it is dark
     textured : share of the area; None if there is none
     inside : share of the left mask that lies within the bounds; None without a mask, or if it is empty
     white : share of the area with two channels at the top, of the picture with more; None if there is no area
@@ -143,6 +148,7 @@ def _with_pair(
     looks = [look for look in shots if look.frame not in swapped]
     matched = joined([look.matches for look in looks])
     agree = agreeing_with_each_other(stream.sensor, matched)
+    ratios = np.concatenate([np.zeros((0, 4)), *(look.left_to_right for look in looks)])
     matches = matched[agree]
     agreement = Agreement(len(matches), len(matched))
     rows = _rows(joined([look.rectified for look in looks]), rectification)
@@ -170,6 +176,7 @@ def _with_pair(
         (
             *check.problems,
             *_swapped_problems(stream.id, swapped, len(shots)),
+            *mirrored_problems(folder, stream, [look.frame for look in looks], agreement),
             *row_faults,
             *(list(_bounds_problems(stream, bounds, looks)) or _error_problems(report, bounds)),
         ),
@@ -177,7 +184,7 @@ def _with_pair(
             *check.warnings,
             *(() if is_checked else (_unchecked(stream.id, agreement),)),
             *_row_warnings(report, misfit, correction, is_told=bool(row_faults)),
-            *(_exposure_warnings(stream.id, looks, agree) if agreement.is_enough else ()),
+            *(exposure_warnings(stream.id, ratios[agree]) if agreement.is_enough else ()),
             *_texture_warnings(report),
             *_white_warnings(stream, looks),
         ),
@@ -273,7 +280,7 @@ def _look(
         frame,
         rectified,
         matches,
-        brightness_ratios(left, right, matches),
+        level_ratios(left, right, matches),
         _textured(pair[0], areas[0]),
         float(bounds_area(stream.left.camera, bounds)[masks[0]].mean()) if masks and masks[0].any() else None,
         max(
@@ -285,36 +292,6 @@ def _look(
             default=None,
         ),
     )
-
-
-def brightness_ratios(left: NDArray[np.uint8], right: NDArray[np.uint8], matches: Matches) -> NDArray[np.float64]:
-    """Compare how bright matched points are in two pictures: float64 (N,), left by right, NaN where it is dark.
-
-    Parameters
-    ----------
-    left, right : uint8 (H, W, 3), sRGB
-    matches : of the two
-    """
-    levels = []
-    for image, points in ((left, matches.left), (right, matches.right)):
-        grey = cv2.blur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (5, 5)).astype(np.float64)
-        columns, rows = np.round(points).astype(int).T
-        levels.append(grey[rows, columns])
-    bright = np.where(np.minimum(*levels) > DARK_LEVELS, levels[1], np.nan)
-    return np.asarray(levels[0] / bright)
-
-
-def unlike(ratios: NDArray[np.float64], most: float) -> float | None:
-    """Return the median of ratios (N,) if it is certain to be more than `most` or less than its inverse, else None.
-
-    Points that are matched wrongly, and highlights, spread them: of a few, the median is chance. NaN are left out.
-    """
-    ratios = ratios[np.isfinite(ratios)]
-    if not len(ratios):
-        return None
-    off = SURE * np.sqrt(len(ratios)) / 2  # places in order: the interval of a median
-    low, high = np.interp([len(ratios) / 2 - off, len(ratios) / 2 + off], np.arange(len(ratios)), np.sort(ratios))
-    return float(np.median(ratios)) if low > most or high < 1 / most else None
 
 
 def _textured(image: NDArray[np.uint8], area: NDArray[np.bool_]) -> float | None:
@@ -383,16 +360,6 @@ def _row_warnings(
         )
     if correction is not None:
         yield f"sensor {report.id}: {correction}; `capture check --correct` writes the recording with it"
-
-
-def _exposure_warnings(sensor_id: str, looks: Sequence[_Look], agree: NDArray[np.bool_]) -> Iterator[str]:
-    """Say that left and right are unlike bright at the matches of all looks that agree, bool (N,)."""
-    ratio = unlike(np.concatenate([look.left_to_right for look in looks])[agree], MAX_LEFT_TO_RIGHT)
-    if ratio is not None:
-        yield (
-            f"sensor {sensor_id}: the left pictures are {ratio:.2f} times as bright as the right ones at matched "
-            "points; use the same exposure and gain"
-        )
 
 
 def _white_warnings(stream: SensorStream, looks: Sequence[_Look]) -> Iterator[str]:

@@ -45,6 +45,7 @@ class SensorReport:
     depth_mm : median of the given depths
     is_checked : whether enough matched points agree to judge the calibration; None where there is no pair to check
     are_lenses_checked : whether a wrong distortion of both lenses would have been noticed; None as before
+    is_compared : whether another sensor sees enough of the same points; None as before, or where there are problems
     """
 
     id: str
@@ -60,6 +61,7 @@ class SensorReport:
     depth_mm: float | None = None
     is_checked: bool | None = None
     are_lenses_checked: bool | None = None
+    is_compared: bool | None = None
 
     @property
     def texture(self) -> str:
@@ -78,12 +80,18 @@ class SensorReport:
             return f"{self.id}: its calibration {UNCHECKED}, so which accuracy to expect is not known"
         if self.expected_error_mm is None or self.textured is None:
             return f"{self.id}: no accuracy can be expected before the problems are solved"
+        masks = f"; whether background stands within the bounds {UNCHECKED}, as it has no masks"
         lenses = f"; whether the distortion of its lenses is right {UNCHECKED}, as rows hardly tell it"
+        scale = (
+            f"; whether its focal lengths, principal points and the angle between its cameras are right {UNCHECKED}, "
+            "as no other sensor sees enough of the same points"
+        )
         advice = {"good": "", "fair": "; plain areas will be filled in", "poor": "; add texture, light or sharpness"}
         return (
             f"{self.id}: expect depth errors of about {self.expected_error_mm:.1f} mm at the object; texture is "
             f"{self.texture} ({self.textured:.0%} can be matched){advice[self.texture]}"
-            f"{lenses if self.are_lenses_checked is False else ''}"
+            f"{lenses if self.are_lenses_checked is False else ''}{scale if self.is_compared is False else ''}"
+            f"{masks if self.mask_coverage is None else ''}"
         )
 
     def as_line(self) -> str:

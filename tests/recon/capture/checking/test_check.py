@@ -10,9 +10,9 @@ import pytest
 
 from recon.capture.checking.check import check_capture
 from recon.capture.checking.consistency import Shared, compared
+from recon.capture.checking.continuity import exposure_warnings, level_ratios, unlike
 from recon.capture.checking.diagnosis import MIN_MATCHES
 from recon.capture.checking.matches import Matches, epipolar_errors
-from recon.capture.checking.sensor import unlike
 from recon.capture.format import Capture, image_path, read_frame, write_capture
 from recon.capture.images import read_image
 from recon.geometry.rig import rigid
@@ -107,7 +107,51 @@ def test_sensors_that_see_no_point_in_common_are_no_problem(board: Capture) -> N
     (first, second) = board.sensors
     nothing = Matches(np.zeros((0, 2)), np.zeros((0, 2)))
     assert len(epipolar_errors(first.sensor, nothing)) == 0
-    assert compared(first.sensor, second.sensor, [Shared(nothing, nothing)], tolerance_mm=5.0) is None
+    assert not compared(first.sensor, second.sensor, [Shared(nothing, nothing)], tolerance_mm=5.0).is_known
+
+
+@pytest.mark.parametrize("both", [True, False], ids=["sensor", "right camera"])
+def test_a_pose_that_two_cameras_have_is_a_problem(both: bool, board: Capture) -> None:
+    first, second = board.sensors
+    left, right = (
+        replace(its, camera=replace(its.camera, cam_from_world=others.camera.cam_from_world))
+        for its, others in zip(second.cameras, first.cameras, strict=True)
+    )
+    write_capture(replace(board, sensors=(first, replace(second, left=left if both else second.left, right=right))))
+    problems = check_capture(board.folder).problems
+    told = [problem for problem in problems if "have the same pose, but not the same pictures" in problem]
+    assert len(told) == 1 + both
+    assert "S1/right/{frame:04d}.png and S2/right/{frame:04d}.png" in told[-1]
+
+
+def test_pairs_may_share_a_camera(board: Capture) -> None:
+    first, second = board.sensors
+    write_capture(replace(board, sensors=(first, replace(second, left=first.right))))
+    assert not any("have the same pose" in problem for problem in check_capture(board.folder).problems)
+
+
+@pytest.mark.slow
+def test_what_only_another_sensor_can_tell_could_not_be_checked_with_one(board: Capture) -> None:
+    words = (
+        "whether its focal lengths, principal points and the angle between its cameras are right could not be checked"
+    )
+    both = check_capture(board.folder)
+    assert [sensor.is_compared for sensor in both.sensors] == [True, True]
+    assert not any(words in verdict for verdict in both.verdicts)
+    write_capture(replace(board, sensors=board.sensors[:1]))
+    alone = check_capture(board.folder)
+    assert words in alone.verdicts[0]
+
+
+@pytest.mark.slow
+def test_a_recording_without_masks_is_said_not_to_be_checked_for_background(board: Capture) -> None:
+    words = "whether background stands within the bounds could not be checked"
+    assert all(words in verdict for verdict in check_capture(board.folder).verdicts)
+    for frame in range(board.n_frames):
+        cv2.imwrite(str(board.folder / f"mask{frame}.png"), np.full((SIZE[1], SIZE[0]), 255, np.uint8))
+    masked = tuple(replace(stream, mask=("mask{frame}.png", "mask{frame}.png")) for stream in board.sensors)
+    write_capture(replace(board, sensors=masked))
+    assert not any(words in verdict for verdict in check_capture(board.folder).verdicts)
 
 
 @pytest.mark.slow
@@ -227,6 +271,30 @@ def test_an_object_that_is_overexposed_is_named(board: Capture, colour: tuple[in
         cv2.imwrite(str(path), picture)
     warnings = check_capture(board.folder).warnings
     assert any("S2: " in warning and "is overexposed, without structure" in warning for warning in warnings)
+
+
+def test_colours_of_another_white_balance_or_order_are_named_and_those_of_noise_are_not() -> None:
+    rng = np.random.default_rng(0)
+    picture = cv2.resize(rng.integers(20, 240, (12, 16, 3), np.uint8), (320, 240))
+    noisy = np.clip(picture + rng.normal(0, 3, picture.shape), 0, 255).astype(np.uint8)
+    places = rng.uniform(10, 230, (80, 2))
+
+    def told(other: np.ndarray) -> list[str]:
+        return list(exposure_warnings("S1", level_ratios(picture, other, Matches(places, places))))
+
+    assert told(noisy) == []
+    for other in (noisy[..., ::-1], np.rint(noisy * (1.0, 1.0, 0.7)).astype(np.uint8)):
+        (sentence,) = told(np.ascontiguousarray(other))
+        assert sentence.startswith("sensor S1: for their brightness, matched points differ 1.")
+        assert "in blue between the left and the right pictures" in sentence
+
+
+def test_a_camera_that_shows_everything_mirrored_is_named(board: Capture) -> None:
+    assert not any("mirrored" in problem for problem in check_capture(board.folder).problems)
+    for path in (board.folder / "S2/right").rglob("*.png"):
+        cv2.imwrite(str(path), cv2.imread(str(path))[:, ::-1])
+    problems = check_capture(board.folder).problems
+    assert any("S2: one of its cameras shows everything mirrored" in problem for problem in problems)
 
 
 def test_a_sensor_that_is_darker_than_another_is_named(board: Capture) -> None:

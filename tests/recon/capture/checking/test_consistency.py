@@ -16,6 +16,7 @@ from recon.capture.checking.consistency import (
     disagreements,
     shared_points,
     triangulated,
+    unexplained,
     with_focal,
 )
 from recon.capture.checking.matches import Matches
@@ -86,7 +87,6 @@ def test_true_matches_are_where_the_points_are() -> None:
 
 def test_sensors_that_agree_are_left_alone() -> None:
     found = compared(FIRST, SECOND, [shared()], TOLERANCE_MM)
-    assert found is not None
     assert found.n_agreeing > 40  # of 60, a fifth of them matched wrongly
     assert list(disagreements([found])) == []
 
@@ -95,7 +95,6 @@ def test_sensors_that_agree_are_left_alone() -> None:
 def test_what_makes_sensors_disagree_is_named(fault: str) -> None:
     change, expected = FAULTS[fault]
     comparison = compared(FIRST, change(SECOND), [shared()], TOLERANCE_MM)
-    assert comparison is not None
     (sentence,) = disagreements([comparison])
     assert sentence.startswith("sensors S1 and S2 disagree: ")
     (found,) = [name for name, (_, words) in FAULTS.items() if re.search(words, sentence)]
@@ -105,7 +104,18 @@ def test_what_makes_sensors_disagree_is_named(fault: str) -> None:
 def test_few_points_say_nothing() -> None:
     few = Shared(*(Matches(m.left[20:25], m.right[20:25]) for m in (shared().first, shared().second)))
     broken = FAULTS["moved"][0](SECOND)
-    assert compared(FIRST, broken, [few], TOLERANCE_MM) is None
+    comparison = compared(FIRST, broken, [few], TOLERANCE_MM)
+    assert not comparison.is_known
+    assert list(disagreements([comparison])) == list(unexplained([comparison])) == []
+
+
+def test_points_that_are_apart_for_no_single_reason_are_said_not_to_be_checked() -> None:
+    elsewhere = points()[::-1] * 1.3
+    comparison = compared(FIRST, SECOND, [Shared(seen(FIRST, points()), seen(SECOND, elsewhere))], TOLERANCE_MM)
+    assert not comparison.is_known
+    assert list(disagreements([comparison])) == []
+    (sentence,) = unexplained([comparison])
+    assert sentence.startswith("whether sensors S1 and S2 agree could not be checked: only 0 of 60 points")
 
 
 MOVE = Explanation(20, "{} was moved as a whole: turned by about 2.0 degrees")
