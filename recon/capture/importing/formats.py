@@ -29,7 +29,7 @@ from recon.capture.importing.json_file import import_json
 from recon.capture.importing.meshroom import SFM_FILES, import_meshroom
 from recon.capture.importing.middlebury import FPS, TEMPLE_PAIRS, import_middlebury
 from recon.capture.importing.nerfstudio import TRANSFORMS, import_nerfstudio
-from recon.capture.importing.opencv import import_opencv
+from recon.capture.importing.opencv import KEYS, import_opencv
 from recon.capture.importing.sources import ImportOptions, Recording
 from recon.capture.importing.views import choose_sensors
 from recon.runtime.files import any_case, check_exists, files_like
@@ -313,7 +313,7 @@ FORMATS: dict[str, Format] = {  # the first of those that know a source reads it
         ("*.yml", "*.yaml", "*.xml"),
         "as `cv2.stereoCalibrate`, mm: `K1 D1 K2 D2 R T` (or `M1`, `cameraMatrix1`, ...), in one file or two; several "
         "`sensors`, each with `id` and `cam_from_world`; `left`, `right`, or `S1/left` and so on; `held_out`",
-        r"^%YAML|opencv_storage|opencv-matrix",
+        rf"^%YAML|opencv_storage|opencv-matrix|(?im:(?:^|[{{, ])({KEYS['K1'].pattern}):)",
         ("units", "up"),
     ),
     "json": Format(

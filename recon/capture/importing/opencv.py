@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from recon.capture.format import Capture
 from recon.capture.images import CaptureError
+from recon.capture.importing.calibrations.placed import read_yaml
 from recon.capture.importing.into_capture import write_recording
 from recon.capture.importing.lenses import with_lens
 from recon.capture.importing.sources import ImportOptions, Recording, SensorSource, faults_at
@@ -154,21 +155,40 @@ def _read(path: Path) -> dict[str, Any]:
         with faults_at(path):
             content = _value(storage.root())
     except (cv2.error, SystemError) as error:
-        raise CaptureError(f"{path}: is not an OpenCV YAML or XML file") from error
+        content = _plain(path, error)
     if not isinstance(content, dict):
         raise CaptureError(f"{path}: is not an OpenCV YAML or XML file")
     return content
 
 
+def _plain(path: Path, error: Exception) -> Any:
+    """Read a file as any other program's YAML, with lists in place of OpenCV's matrices."""
+    try:
+        content = read_yaml(path)
+    except CaptureError:
+        raise CaptureError(f"{path}: is not an OpenCV YAML or XML file") from error
+    with faults_at(path):
+        return _with_matrices(content)
+
+
+def _with_matrices(value: Any) -> Any:
+    if isinstance(value, dict):
+        return _map_or_matrix({key: _with_matrices(part) for key, part in value.items()})
+    return [_with_matrices(part) for part in value] if isinstance(value, list) else value
+
+
 def _value(node: Any) -> Any:
     if node.isMap():
         keys = node.keys()
-        content = {key: _value(node.getNode(key)) for key in keys}
-        is_matrix = "data" in keys and ("rows" in keys or "sizes" in keys)  # sizes of one with one dimension
-        return _stored_matrix(content) if is_matrix else content
+        return _map_or_matrix({key: _value(node.getNode(key)) for key in keys})
     if node.isSeq():
         return [_value(node.at(number)) for number in range(node.size())]
     return node.string() if node.isString() else node.real()
+
+
+def _map_or_matrix(content: dict[str, Any]) -> Any:
+    is_matrix = "data" in content and ("rows" in content or "sizes" in content)  # sizes of one with one dimension
+    return _stored_matrix(content) if is_matrix else content
 
 
 def _stored_matrix(content: Mapping[str, Any]) -> NDArray[np.float64]:

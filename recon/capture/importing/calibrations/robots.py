@@ -111,7 +111,7 @@ def read_euroc(source: Path, unit_mm: float) -> Placed:
     for path in files_like(base, "cam[0-9]/sensor.yaml"):
         number, entry = int(path.parent.name[-1]), read_yaml(path)
         with faults_at(path):
-            body_from_camera = _scaled(np.array(entry["T_BS"]["data"], np.float64).reshape(4, 4), unit_mm)
+            body_from_camera = _scaled(entry["T_BS"], unit_mm)
             fps = float(entry["rate_hz"]) if "rate_hz" in entry else fps
             first = first if views else body_from_camera
             pose = np.linalg.inv(body_from_camera) @ first @ CAMERA_FROM_WORLD
@@ -131,6 +131,8 @@ def _view(place: object, entry: Mapping[str, Any], pose: NDArray[np.float64], im
 
 
 def _scaled(transform: Any, unit_mm: float) -> NDArray[np.float64]:
-    matrix = np.array(transform, np.float64).reshape(4, 4)
+    """Return a transform (4, 4) in mm: of rows, of which the last one may lack, or of rows, cols and data."""
+    told = np.array(transform["data"] if isinstance(transform, Mapping) else transform, np.float64)
+    matrix = (np.append(told, (0, 0, 0, 1)) if told.size == 12 else told).reshape(4, 4).copy()
     matrix[:3, 3] *= unit_mm
     return matrix

@@ -8,8 +8,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import yaml
 
 from recon.capture.format import CaptureError, read_frame
+from recon.capture.importing.formats import find_format
 from recon.capture.importing.opencv import import_opencv, write_calibration
 from recon.geometry.rig import Rig
 from tests.recon.capture.importing.labelled_recording import (
@@ -128,3 +130,33 @@ def test_matrices_are_known_by_the_names_that_people_give_them(tmp_path: Path, l
     stream = import_opencv(tmp_path, tmp_path / "out", OPTIONS).sensors[0]
     for found, written in zip(stream.cameras, (RIG.sensors[0].left, RIG.sensors[0].right), strict=True):
         np.testing.assert_allclose(seen(found.camera, POINTS), seen(written, POINTS), atol=1e-6)
+
+
+@pytest.mark.parametrize("head", ["", "%YAML:1.0\n---\n"])
+@pytest.mark.parametrize("style", [None, True, False])
+@pytest.mark.parametrize("is_flat", [False, True], ids=["rows", "rows, cols and data"])
+def test_matrices_may_be_lists_as_pythons_own_yaml_writes_them(
+    tmp_path: Path, *, head: str, style: bool | None, is_flat: bool
+) -> None:
+    sensor = RIG.sensors[0]
+    matrices = {
+        "K1": sensor.left.K,
+        "D1": sensor.left.dist,
+        "K2": sensor.right.K,
+        "D2": sensor.right.dist,
+        "R": sensor.right_from_left[:3, :3],
+        "T": sensor.right_from_left[:3, 3],
+    }
+    content = {
+        key: {"rows": value.size // value.shape[-1], "cols": value.shape[-1], "data": value.ravel().tolist()}
+        if is_flat
+        else value.tolist()
+        for key, value in matrices.items()
+    }
+    (tmp_path / "stereo.yaml").write_text(head + yaml.safe_dump(content, default_flow_style=style))
+    for side in ("left", "right"):
+        write_picture(tmp_path / f"{side}.png", 5)
+    assert find_format(tmp_path) == "opencv"
+    found = import_opencv(tmp_path, tmp_path / "out", OPTIONS).rig.sensors[0]
+    in_world = sensor.left.points_in_camera(POINTS) @ TURNED.T
+    np.testing.assert_allclose(seen(found.right, in_world), seen(sensor.right, POINTS), atol=1e-6)

@@ -132,6 +132,14 @@ def kalibr(folder: Path) -> list[Camera]:
     return [LEFT, RIGHT]
 
 
+def kalibr_without_last_rows(folder: Path) -> list[Camera]:
+    cameras = kalibr(folder)
+    chain = yaml.safe_load((folder / "log-camchain.yaml").read_text())
+    chain["cam1"]["T_cn_cnm1"] = chain["cam1"]["T_cn_cnm1"][:3]
+    dump(folder / "log-camchain.yaml", chain)
+    return cameras
+
+
 def euroc(folder: Path) -> list[Camera]:
     body = rigid(Rotation.from_euler("xyz", (10, 80, -30), degrees=True).as_matrix(), (30.0, -20, 9))
     for number, camera in enumerate((LEFT, RIGHT)):
@@ -151,6 +159,14 @@ def euroc(folder: Path) -> list[Camera]:
         (base / "sensor.yaml").write_text("#Default camera\n" + (base / "sensor.yaml").read_text())
         pictures(base, "data/1403636579763555584.png", "data/1403636579813555456.png")
     return [LEFT, RIGHT]
+
+
+def euroc_in_rows(folder: Path) -> list[Camera]:
+    cameras = euroc(folder)
+    for path in folder.glob("mav0/*/sensor.yaml"):
+        content = yaml.safe_load(path.read_text())
+        dump(path, content | {"T_BS": np.reshape(content["T_BS"]["data"], (4, 4)).tolist()})
+    return cameras
 
 
 def matlab_struct(is_new: bool) -> dict[str, object]:
@@ -246,7 +262,9 @@ def kitti_raw(folder: Path) -> list[Camera]:
         ("ros", ros, ""),
         ("ros", ros_messages, ""),
         ("kalibr", kalibr, ""),
+        ("kalibr", kalibr_without_last_rows, ""),
         ("euroc", euroc, ""),
+        ("euroc", euroc_in_rows, ""),
         ("matlab", matlab, ""),
         ("matlab", matlab_json, ""),
         ("middlebury-pair", middlebury_pair, ""),
