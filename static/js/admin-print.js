@@ -3,10 +3,16 @@
 /** @type {HTMLDetailsElement[]} */
 let folded = [];
 
-// Once the page is there: a printer waits for no picture that is asked for when printing begins.
-addEventListener("load", () => {
-  for (const picture of document.querySelectorAll(".plot img[loading=lazy]")) picture.removeAttribute("loading");
-});
+/** Fetch a page's plots one after another: a printer waits for no picture that is asked for when printing begins. */
+async function fetchPlots() {
+  for (const picture of document.querySelectorAll(".plot img[loading=lazy]")) {
+    picture.removeAttribute("loading");
+    if (picture instanceof HTMLImageElement) await picture.decode().catch(() => undefined);
+  }
+}
+
+addEventListener("load", fetchPlots);
+document.addEventListener("htmx:load", fetchPlots); // results come, or are shown anew
 addEventListener("beforeprint", () => {
   folded = [...document.querySelectorAll("main details:not([open])")].filter((each) => each instanceof HTMLDetailsElement);
   for (const each of folded) each.open = !each.closest(".plot-code");

@@ -293,6 +293,35 @@ def test_a_page_is_printed_whole_and_without_what_leads_elsewhere(
     expect(page.get_by_text("Scale of ACR")).to_be_hidden()
 
 
+PLOTS_ARE_THERE = """() => [...document.querySelectorAll(".plot")].every((plot) =>
+    plot.querySelector(".plot-ground svg") ?? plot.querySelector("img").naturalWidth)"""
+PRINTED_SIZES = """() => [...document.querySelectorAll(".plot")].map((plot) => {
+    const picture = plot.querySelector(".plot-ground :is(img, svg)"), box = picture.getBoundingClientRect();
+    const own = picture.naturalWidth ?? picture.width.baseVal.value;
+    return [box.width, own, box.bottom <= plot.getBoundingClientRect().bottom];
+})"""
+
+
+def test_results_are_printed_with_whole_figures_each_named_once(
+    page: Page, server: str, token: str, new_study: Callable[[], dict[str, Any]]
+) -> None:
+    study = new_study()
+    simulate(server, study["slug"], study["invitation"], token, 3, {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0})
+    page.set_viewport_size({"width": 680, "height": 990})  # of A4
+    page.goto(f"/admin/studies/{study['slug']}/results")
+    expect(page.locator("#triads")).to_be_attached(timeout=60_000)
+    page.emulate_media(media="print")
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    page.wait_for_function(PLOTS_ARE_THERE, timeout=60_000)
+    sizes = page.evaluate(PRINTED_SIZES)
+    assert len(sizes) > 3
+    for drawn, own, is_inside in sizes:
+        assert 0 < drawn <= own + 1, "no larger than it was drawn"
+        assert is_inside
+    expect(page.get_by_text("Response times of each participant.").filter(visible=True)).to_have_count(1)
+    expect(page.locator("#data")).to_be_hidden()
+
+
 def test_a_line_that_is_begun_by_keyboard_stays_on_its_frame(page: Page, settings: Settings) -> None:
     folder = settings.intake_dir / "captures" / "two_frames"
     sensor = {"id": "S1"} | {side: {"image": side + "{frame:04d}.png", "size": [64, 48]} for side in ("left", "right")}
