@@ -94,7 +94,7 @@ def makes_a_study(hand: Hand, films: bytes) -> str:
     chooser.value.set_files({"name": "films.zip", "mimeType": "application/zip", "buffer": films})
     expect(page.get_by_text("1 scene in 2 conditions")).to_be_visible()
     hand.clicks(page.get_by_role("radio", name="Prolific"))
-    expect(page.locator("[name=platform]")).to_have_value("prolific")
+    expect(page.locator("[name=platform]")).to_have_value("prolific", timeout=30_000)
     code = page.get_by_label("Code of a completed study")
     code.press_sequentially("PAID-1")
     page.get_by_label("Code when a film cannot be shown").press_sequentially("BROKEN-2")
