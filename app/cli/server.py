@@ -53,8 +53,8 @@ def serve(
                 flush=True,
             )
         for study in list_studies(settings):
-            for code in study["invitations"] if study["state"] in ("open", "paused") else ():
-                print(f"  participants of {study['name']}: {url}/s/{code}{study['link_query']}", flush=True)
+            for link in study["links"] if study["state"] in ("open", "paused") else ():
+                print(f"  participants of {study['name']}: {url}{link}", flush=True)
         print(f"  experimenters: {url}/admin (sign-in link by `reconstudy admin add NAME`)", flush=True)
         if path := set_up_path(settings):
             print(f"  set up the first experimenter, once: {url}{path}", flush=True)

@@ -32,7 +32,7 @@ from app.store.trials.vote_writer import VoteWriter
 from app.study.languages.language_pack import LanguagePack
 from app.study.languages.text import check_text
 from app.study.options.options import parse_options
-from app.study.options.platforms import link_query
+from app.study.options.platforms import link_path
 from app.web.limits.connections import network_of
 from app.web.limits.throttle import PIECE, SENT_PIECES, WRONG_CODES, Throttle
 
@@ -163,7 +163,7 @@ def route_of(scope: Scope) -> str:
 
 def link_to(request: Request, study: Study, code: str) -> str:
     """Return an invitation's whole link, with what a recruiting platform fills in where the study needs it."""
-    return f"{request.base_url}s/{code}{link_query(parse_options(study.options).outside)}"
+    return str(request.base_url).removesuffix("/") + link_path(code, parse_options(study.options).outside)
 
 
 def address(request: Request) -> str:

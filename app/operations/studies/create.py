@@ -34,7 +34,7 @@ from app.study.option_fields import SettingError
 from app.study.options.neutral_words import neutral_words
 from app.study.options.options import StudyOptions, parse_options
 from app.study.options.own_texts import LONGEST_NAME
-from app.study.options.platforms import link_query
+from app.study.options.platforms import link_path
 from app.study.options.presets import QUICK, read_preset
 from app.study.options.study_file import StudyFile, parse_study_file, read_toml
 from app.study.options.wording import beyond_the_study, check_languages, refused_languages
@@ -107,7 +107,7 @@ def create_study(
         "languages": {tag: refusal or "offered" for tag, refusal in refused_languages(wanted, packs).items()},
         "invitation": code,
         "path": f"/s/{code}",
-        "link": f"/s/{code}{link_query(wanted.outside)}",
+        "link": link_path(code, wanted.outside),
         **{key: row[key] for key in ("slug", "name", "exposure_s", "seed")},
         "protocol": wanted.protocol,
         "n_trials": n_trials,

@@ -21,13 +21,13 @@ from app.store.access.tokens import READING, Token, all_tokens, insert_token, re
 from app.store.database.engine import Database, Transaction, open_database
 from app.store.database.keys import utc_now
 from app.store.database.migrate import upgrade
-from app.store.participants.invitations import invitations_of
+from app.store.participants.invitations import Invitation, invitations_of
 from app.store.studies import studies
 from app.store.studies.audit import COMMAND_LINE, Actor
 from app.store.trials.orders import study_plan, taken_orders
 from app.study.design.balance import balance_report
 from app.study.options.options import parse_options
-from app.study.options.platforms import link_query
+from app.study.options.platforms import link_path
 from app.study.options.study_file import StudyFile, write_study_file
 
 
@@ -69,13 +69,14 @@ def list_studies(settings: Settings) -> list[dict[str, Any]]:
         listed = studies.all_studies(connection)
         progress = studies.progress_by_study(connection)  # read second: it then covers every study listed
         return [
-            study_summary(study, progress[study.id])
-            | {
-                "invitations": [invitation.code for invitation in invitations_of(connection, study.id)],
-                "link_query": link_query(parse_options(study.options).outside),
-            }
+            study_summary(study, progress[study.id]) | _invited(study, invitations_of(connection, study.id))
             for study in listed
         ]
+
+
+def _invited(study: studies.Study, invitations: Sequence[Invitation]) -> dict[str, list[str]]:
+    codes, outside = [invitation.code for invitation in invitations], parse_options(study.options).outside
+    return {"invitations": codes, "links": [link_path(code, outside) for code in codes]}
 
 
 def study_summary(study: studies.Study, progress: studies.StudyCounts) -> dict[str, Any]:
@@ -117,8 +118,8 @@ def add_invitation(settings: Settings, slug: str, *, places: int | None = None) 
     with open_store(settings) as database:
         study = _study(database, slug)
         (code,) = make_invitations(database, study, places, [""], _operator())
-    path = f"/s/{code}"
-    return {"invitation": code, "path": path, "link": path + link_query(parse_options(study.options).outside)}
+    link = link_path(code, parse_options(study.options).outside)
+    return {"invitation": code, "path": f"/s/{code}", "link": link}
 
 
 def invitation_for(settings: Settings, slug: str, n_people: int) -> str:

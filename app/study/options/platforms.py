@@ -148,6 +148,11 @@ WAYS: Mapping[str, Way] = {  # in the order of the page; a way's name is that of
 }
 
 
+def link_path(code: str, outside: OutsideOptions) -> str:
+    """Return an invitation's whole link without the server's address: "/s/CODE" and what `link_query` adds."""
+    return f"/s/{code}{link_query(outside)}"
+
+
 def link_query(outside: OutsideOptions) -> str:
     """Return what follows a study's link so that it says who comes, with the platform's placeholders; or nothing.
 
