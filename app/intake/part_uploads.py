@@ -38,7 +38,7 @@ class PartUpload:
     file : its name on the sender's computer
     size : bytes, of the whole file
     by : who sends it
-    task : address of the task that checks it, once all is there
+    task : id of the task that checks it, once all is there
     """
 
     id: str
@@ -59,16 +59,16 @@ class Standing:
     changed_at: datetime
 
 
-def upload_id(person_id: int, kind: str, name: str, file: str, size: int, modified: int) -> str:
+def upload_id(by: str, kind: str, name: str, file: str, size: int, modified: int) -> str:
     """Return the id of a person's upload of a file.
 
     Parameters
     ----------
-    person_id : the sender
+    by : who sends it
     kind, name : the entry it becomes
     file, size, modified : the file's name, bytes, and last change in ms since 1970, as its browser says
     """
-    facts = json.dumps([person_id, kind, name, file, size, modified])
+    facts = json.dumps([by, kind, name, file, size, modified])
     return hashlib.sha256(facts.encode()).hexdigest()[:32]
 
 

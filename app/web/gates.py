@@ -42,7 +42,7 @@ log = logging.getLogger(__name__)
 NOTED_IDS = ("slug", "label", "trial", "stage", "media")
 UPLOAD_PATH = re.compile(  # whose body is a file, with limits of its own
     r"/admin/((stimuli|studies/[a-z0-9-]+)/upload|studies/import|files/upload/[0-9a-f]{32})"
-    r"|/api/v1/(sets|votes|studies/(import|[a-z0-9-]+/results))"
+    r"|/api/v1/(sets|votes|uploads/[0-9a-f]{32}|studies/(import|[a-z0-9-]+/results))"
 )
 NO_ROUTE = "unknown"  # where an address matches none
 PARTICIPANT_COOKIE = "session"

@@ -33,6 +33,7 @@ from app.web.admin.studies import (
 from app.web.admin.work import file_uploads, files_page, jobs_page, strokes_page, tables_page
 from app.web.analyst import (
     api_page,
+    file_routes,
     job_routes,
     material_routes,
     people_routes,
@@ -44,7 +45,18 @@ from app.web.monitoring import health
 from app.web.participant import beginning, joined, pages, screening, session, trials
 
 # OpenAPI describes them in this order.
-REST = (trials, beginning, session, screening, routes, study_routes, people_routes, upload_routes, material_routes)
+REST = (
+    trials,
+    beginning,
+    session,
+    screening,
+    routes,
+    study_routes,
+    people_routes,
+    upload_routes,
+    material_routes,
+    file_routes,
+)
 MORE_REST = (api_page, job_routes, media, health)
 DASHBOARD = (sign_in_page, account_page, users_page, server_page, background, manual_page)
 WORK = (sets_page, file_uploads, strokes_page, tables_page, files_page, jobs_page)

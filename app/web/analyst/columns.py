@@ -163,6 +163,7 @@ COMMENTS: Columns = {
     "participant": PARTICIPANT,
     "source": Column("written in the questionnaire, spoken in the interview, or noted on a trial", "written"),
     "question": Column("the question as it was asked, or the number of the trial with its dataset", "age"),
+    "subject": Column("name of the question, the spoken question, or id of the trial: what a tag is given to", "age"),
     "comment": Column("the comment", "The faces looked like wax."),
     "tags": Column("tags that experimenters have given it, as a list", ["faces", "texture"]),
     "written_at": Column("when it was given or noted", "2026-03-01T12:31:07+00:00", stated=datetime),
@@ -422,6 +423,13 @@ FAILURES: Columns = {
         "when an experimenter took note, or the study was opened again; empty: not yet", stated=datetime
     ),
 }
+FILES: Columns = {
+    "kind": Column("shelf of the Files page", "captures"),
+    "name": Column("of the file or folder", "ball"),
+    "size": Column("bytes of all files in it", 734003200),
+    "changed_at": Column("newest change of a file in it", "2026-03-01T12:31:07+00:00", stated=datetime),
+    "summary": Column("what it holds, or what is wrong with it", "72 frames of 3 sensors"),
+}
 SETS: Columns = {
     "name": Column("in addresses", "Temple"),
     "title": Column("name", "Temple"),
@@ -464,7 +472,7 @@ TABLES: dict[str, Columns] = {
 FURTHER: dict[str, Columns] = {  # columns that the study's protocol decides about
     "observers": OBSERVERS_OF_PAIRS | OBSERVERS_OF_RATINGS
 }
-EVERY: tuple[Columns, ...] = (*TABLES.values(), *FURTHER.values(), STUDIES, JOBS, SETS, OUTSIDE_IDS, FIGURES)
+EVERY: tuple[Columns, ...] = (*TABLES.values(), *FURTHER.values(), STUDIES, JOBS, SETS, FILES, OUTSIDE_IDS, FIGURES)
 KINDS = {name: column.kind for columns in EVERY for name, column in columns.items()}
 
 

@@ -180,7 +180,13 @@ EXAMPLES |= {
         "is_cancelled": False,
         "study": None,
         "stimulus_set": None,
+        "file": None,
     },
+    "NewUpload": {"kind": "captures", "name": "ball", "file": "ball.zip", "size": 734003200, "modified": 0},
+    "UploadView": {"upload": "/api/v1/uploads/9f86d081884c7d659a2feaa0c55ad015", "offset": 0, "size": 734003200},
+    "AttachBody": {"study": "temple"},
+    "TagBody": {"tag": "faces and hair"},
+    "NoteBody": {"comment": "said that both looked waxy"},
     "SetBody": {"name": "Temple, first light", "levels": {"approach_1": {"light": "side"}}},
     "TextsBody": {"revision": 4, "texts": {"study.consent": "I take part of my own free will."}},
     "LabelBody": {"label": "Ada Example <ada@example.org>"},
@@ -256,6 +262,10 @@ READ_VOTES: dict[str, Any] = {
     "lists": ["votes.csv: text in UTF-8, commas between cells; 36 rows, 36 votes; not used: age"],
     "warnings": [],
     "analysis": {"scores": []},
+}
+FILE: dict[str, Any] = {
+    **columns.example_row(columns.FILES),
+    "files": {"capture.json": 812, "S1/left/0001.png": 2407322},
 }
 EVERYTHING: dict[str, Any] = {"study": "temple", "label": "P007", "session": [{"stage": "finished"}], "vote": []}
 TEXTS: dict[str, Any] = {

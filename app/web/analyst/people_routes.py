@@ -1,14 +1,15 @@
-"""Change what is kept of participants over REST: exclude, withdraw, erase, give a new code."""
+"""Change what is kept of participants over REST: exclude, withdraw, erase, give a new code, code comments."""
 
 from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Depends, Path, Request
+from fastapi import APIRouter, Depends, Path, Query, Request
 from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse, Response
 from pydantic import BaseModel, Field, StringConstraints
 
+from app.operations.upkeep import comments
 from app.operations.upkeep.people import (
     enter_screening,
     erase_person,
@@ -21,12 +22,13 @@ from app.operations.upkeep.people import (
 )
 from app.store.access.tokens import ERASING, PEOPLE, PERSONAL, STUDIES
 from app.store.database.engine import Database
+from app.store.participants.comments import LONGEST_COMMENT, LONGEST_TAG, CommentPlace, Source, tag_names
 from app.store.participants.participants import everything_of, exclusion_records, participant_labelled
 from app.store.participants.recruits import recruit_records
 from app.store.studies.audit import Actor, Entry, record
 from app.store.studies.studies import Study
 from app.study.options.options import parse_options
-from app.study.questions.questionnaire import LONGEST_ANSWER
+from app.study.questions.questionnaire import LONGEST_ANSWER, LONGEST_QUESTION
 from app.study.screening.screening import EnteredResult, TestName
 from app.web.analyst import columns
 from app.web.analyst.compression import CompressedRoute
@@ -44,6 +46,29 @@ Excluder = Annotated[Actor, Depends(may_change(PEOPLE))]
 Eraser = Annotated[Actor, Depends(may_change(ERASING))]
 Label = Annotated[str, Path(max_length=40)]
 Line = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200)]
+Tag = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=LONGEST_TAG)]
+TagInPath = Annotated[str, Path(min_length=1, max_length=LONGEST_TAG)]
+
+
+def place_of_comment(
+    participant: Annotated[str, Query(max_length=40)],
+    source: Annotated[Source, Query()],
+    subject: Annotated[str, Query(max_length=LONGEST_QUESTION, description="as the table `comments` has it")],
+) -> CommentPlace:
+    """Read which comment is meant."""
+    return CommentPlace(participant, source, subject)
+
+
+AComment = Annotated[CommentPlace, Depends(place_of_comment)]
+TagOfComment = Annotated[str, Query(min_length=1, max_length=LONGEST_TAG)]
+
+
+class TagBody(Body):
+    tag: Annotated[Tag, Field(description="its new name")]
+
+
+class NoteBody(Body):
+    comment: Annotated[str, StringConstraints(strip_whitespace=True, max_length=LONGEST_COMMENT)]
 
 
 class ExclusionBody(Body):
@@ -145,6 +170,57 @@ def note_spoken_answers(body: InterviewBody, label: Label, actor: Excluder, stud
     The table `questionnaire` has all answers.
     """
     note_interview(database, study, label, body.answers, actor)
+    return Response(status_code=204)
+
+
+@router.put("/studies/{slug}/comment_tags/{tag:path}", status_code=204, response_class=Response)
+def keep_tag(tag: TagInPath, actor: Excluder, study: AStudy, database: Store) -> Response:
+    """Add a tag to code comments with; sent again, it changes nothing."""
+    with database.reading() as connection:
+        known = tag_names(connection, study.id)
+    if " ".join(tag.split()) not in known:
+        comments.new_tag(database, study, tag, actor)
+    return Response(status_code=204)
+
+
+@router.patch("/studies/{slug}/comment_tags/{tag:path}", status_code=204, response_class=Response)
+def call_tag(body: TagBody, tag: TagInPath, actor: Excluder, study: AStudy, database: Store) -> Response:
+    """Give a tag another name; its comments keep it."""
+    comments.call_tag(database, study, tag, body.tag, actor)
+    return Response(status_code=204)
+
+
+@router.delete("/studies/{slug}/comment_tags/{tag:path}", status_code=204, response_class=Response)
+def delete_tag(tag: TagInPath, actor: Excluder, study: AStudy, database: Store) -> Response:
+    """Delete a tag, and take it off its comments for good."""
+    comments.remove_tag(database, study, tag, actor)
+    return Response(status_code=204)
+
+
+@router.put("/studies/{slug}/comments/tag", status_code=204, response_class=Response)
+def tag_comment(place: AComment, tag: TagOfComment, actor: Excluder, study: AStudy, database: Store) -> Response:
+    """Give a comment a tag, which is added to the study if it is new; sent again, it changes nothing."""
+    comments.put_tag(database, study, place, tag, actor)
+    return Response(status_code=204)
+
+
+@router.delete("/studies/{slug}/comments/tag", status_code=204, response_class=Response)
+def untag_comment(place: AComment, tag: TagOfComment, actor: Excluder, study: AStudy, database: Store) -> Response:
+    """Take a tag off a comment; sent again, it changes nothing."""
+    comments.take_tag_off(database, study, place, tag, actor)
+    return Response(status_code=204)
+
+
+@router.put("/studies/{slug}/trials/{trial}/comment", status_code=204, response_class=Response)
+def note_on_trial(
+    body: NoteBody,
+    trial: Annotated[str, Path(max_length=32)],
+    actor: Excluder,
+    study: AStudy,
+    database: Store,
+) -> Response:
+    """Note what was said or seen at a trial, in place of an earlier note; an empty one deletes it."""
+    comments.note_on_trial(database, study, trial, body.comment, actor)
     return Response(status_code=204)
 
 

@@ -65,7 +65,7 @@ TaskId = Annotated[str, Path(max_length=32, description="id of the task")]
 Wait = Annotated[float, Query(ge=0, le=600, description="longest wait for the end, s")]
 WAIT_S = 15.0
 RESULTS = re.compile(
-    r"/admin/(studies/(?P<study>[^/]+)(/.*)?|sets/(?P<stimulus_set>[^/]+))"
+    r"/admin/(studies/(?P<study>[^/]+)(/.*)?|sets/(?P<stimulus_set>[^/]+)|files/(?P<file>[^/]+/[^/]+))"
 )  # pages that tasks lead to
 
 
@@ -148,6 +148,7 @@ class TaskView(BaseModel):
     is_cancelled: bool
     study: str | None = Field(description="the study's name in addresses, once it is made or checked")
     stimulus_set: str | None = Field(default=None, description="name of the stimulus set that was uploaded")
+    file: str | None = Field(default=None, description="shelf and name of the file that was uploaded")
 
 
 class DraftView(DraftBody):

@@ -10,19 +10,15 @@ from fastapi import APIRouter, Form, Query, Request
 from fastapi.responses import Response
 
 from app.errors import InvalidError
+from app.operations.upkeep import comments
 from app.store.participants.comments import (
     LONGEST_TAG,
     SOURCES,
     CommentPlace,
     SoughtComments,
     Source,
-    add_tag,
     comment_records,
-    delete_tag,
-    rename_tag,
-    tag_comment,
     tag_records,
-    untag_comment,
 )
 from app.store.studies.studies import Study
 from app.study.questions.questionnaire import LONGEST_QUESTION
@@ -55,9 +51,9 @@ def comments_page(
 ) -> Response:
     sought = SoughtComments(text.strip(), source, tag, participant.strip(), untagged)
     with database.reading() as connection:
-        comments = comment_records(connection, study.id)
-        tags = tag_records(connection, study.id, comments)
-    rows = [row for row in comments if sought.fits(row)]
+        given = comment_records(connection, study.id)
+        tags = tag_records(connection, study.id, given)
+    rows = [row for row in given if sought.fits(row)]
     chosen = {"text": text, "source": source, "tag": tag, "participant": participant}
     chosen |= {"untagged": "true"} if untagged else {}
     shown = listed(request, rows)
@@ -77,19 +73,13 @@ def comments_page(
 
 @router.post("/tags")
 def new_tag(actor: Acting, study: AStudy, database: Store, tag: Tag) -> Response:
-    name = _tag(tag)
-    with database.writing() as connection:
-        add_tag(connection, study.id, name, actor.now)
-        actor.note(connection, "tag added", study, name)
+    comments.new_tag(database, study, tag, actor)
     return _seen(study)
 
 
 @router.post("/tags/rename")
 def change_tag(actor: Acting, study: AStudy, database: Store, tag: Tag, new: Tag) -> Response:
-    name = _tag(new)
-    with database.writing() as connection:
-        rename_tag(connection, study.id, tag, name)
-        actor.note(connection, "tag renamed", study, tag, new=name)
+    comments.call_tag(database, study, tag, new, actor)
     return _seen(study)
 
 
@@ -104,9 +94,7 @@ def remove_tag(
     """Delete a tag, which nothing brings back onto its comments; typing it again prevents accidents."""
     if again.strip() != tag:
         raise InvalidError(f"To delete the tag {tag}, type {tag} into the field. Nothing was changed.")
-    with database.writing() as connection:
-        delete_tag(connection, study.id, tag)
-        actor.note(connection, "tag deleted", study, tag)
+    comments.remove_tag(database, study, tag, actor)
     return _seen(study)
 
 
@@ -123,22 +111,9 @@ def put_tag(
     back: Annotated[str, Form(max_length=LONGEST_BACK)] = "",
 ) -> Response:
     """Give a comment a tag, which is added to the study if it is new; or take one off."""
-    place = CommentPlace(participant, source, subject)
-    with database.writing() as connection:
-        if take_off:
-            untag_comment(connection, study.id, place, tag)
-        else:
-            tag_comment(connection, study.id, place, _tag(tag), actor.name, actor.now)
-        # without the tag's name, as the log outlives an erasure
-        actor.note(connection, "tag taken off" if take_off else "comment tagged", study, participant)
+    change = comments.take_tag_off if take_off else comments.put_tag
+    change(database, study, CommentPlace(participant, source, subject), tag, actor)
     return _seen(study, back)
-
-
-def _tag(name: str) -> str:
-    """Return a tag's name in one line."""
-    if not (tidy := " ".join(name.split())):
-        raise InvalidError("A tag needs a name. Nothing was changed.")
-    return tidy
 
 
 def _seen(study: Study, back: str = "") -> Response:

@@ -9,8 +9,9 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Form, Path, Query, Request
 from fastapi.responses import Response
 
-from app.errors import ConflictError, InvalidError, NotFoundError
-from app.store.participants.comments import LONGEST_COMMENT, keep_trial_comment, trial_comment_of
+from app.errors import NotFoundError
+from app.operations.upkeep.comments import note_on_trial
+from app.store.participants.comments import LONGEST_COMMENT, trial_comment_of
 from app.store.trials.designs import datasets_of
 from app.store.trials.given_trials import (
     MOST_COUNTED,
@@ -147,16 +148,7 @@ def comment_on(
     ----------
     seen : the note as the page showed it
     """
-    text, shown = unix(comment), unix(seen)
-    if len(text) > LONGEST_COMMENT:
-        raise InvalidError(f"The comment is longer than {LONGEST_COMMENT} characters. Nothing was kept.")
-    with database.writing() as connection:
-        kept = trial_comment_of(connection, trial)
-        if shown not in (text, kept.comment if kept else ""):
-            raise ConflictError("Somebody else has noted something on this trial meanwhile. Nothing was kept.")
-        if shown != text:
-            keep_trial_comment(connection, study.id, trial, text, actor.name, actor.now)
-            actor.note(connection, "trial commented on", study, trial)
+    note_on_trial(database, study, trial, unix(comment), actor, unix(seen))
     return see(f"/admin/studies/{study.slug}/votes/{trial}?saved=1")
 
 

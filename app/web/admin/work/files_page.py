@@ -14,7 +14,6 @@ from fastapi import APIRouter, Form, Path, Request
 from fastapi.responses import FileResponse, Response
 
 from app.errors import ForbiddenError, InvalidError, NotFoundError, StimuliError, said_on_page
-from app.ffmpeg import Progress
 from app.files import read_json
 from app.films.strips import write_picture
 from app.intake.arrivals import EXPECTED
@@ -22,13 +21,11 @@ from app.intake.captures import CaptureOutline, picture_path, read_outline
 from app.intake.contents import PLAYABLE, read_contents
 from app.intake.part_uploads import unfinished
 from app.intake.reports import REPORT, TABLE
-from app.intake.shelves import KINDS, ShelfEntry, entries, entry_path, file_in, remove_entry
+from app.intake.shelves import KINDS, ShelfEntry, entries, entry_path, file_in
 from app.intake.summaries import ANALYSIS, SUMMARIES
 from app.intake.treatment import preview_of
 from app.operations.jobs.kinds import kinds_for
-from app.operations.jobs.queueing import refuse_while_used, uses
-from app.operations.studies.attach import attach
-from app.operations.tasks import start_task
+from app.operations.jobs.queueing import uses
 from app.settings import Settings
 from app.store.database.engine import Database
 from app.store.queue import OPEN, QueuedJob, list_jobs
@@ -38,6 +35,7 @@ from app.web.admin.layout import page, see, viewing
 from app.web.gates import Store, settings
 from app.web.media import SANDBOX
 from app.web.roles import Acting, Person, study_called
+from app.web.shelves import begin_attaching_entry, delete_entry, entry_of
 
 TITLES = {
     "captures": "Captures and other recordings",
@@ -90,7 +88,7 @@ def files_page(request: Request, person: Person) -> Response:
 @router.get("/{kind}/{name}")
 def entry_page(request: Request, person: Person, kind: Kind, name: Name, store: Store) -> Response:
     """Show an entry: thumbnails of a capture, and the films, pictures, models, reports and tables in it."""
-    path = entry_of(request, kind, name)
+    path = entry_of(settings(request), kind, name)
     base = entry_address(kind, name)
     contents = read_contents(path)
     outline, fault = (None, "") if kind != "captures" else _outline(path)
@@ -212,16 +210,8 @@ def attach_to_study(
     study: Annotated[str, Form(max_length=100)],
 ) -> Response:
     """Attach a report or a table of measures to a study, in the background."""
-    path, server, chosen = entry_of(request, kind, name), settings(request), study_called(request, study)
-
-    def work(_tell: Progress) -> str:
-        try:
-            attach(server, store, chosen, [path], by=actor.name, now=actor.now)
-        except ValueError as error:  # names the path on the server
-            raise InvalidError(str(error).replace(str(path), name)) from error
-        return f"/admin/studies/{chosen.slug}/objective"
-
-    return see(task_address(start_task(store, actor, f"Attaching {name} to {chosen.name}", work)))
+    chosen = study_called(request, study)
+    return see(task_address(begin_attaching_entry(settings(request), store, actor, kind, name, chosen)))
 
 
 @router.post("/{kind}/{name}/delete")
@@ -233,31 +223,11 @@ def delete(
     store: Store,
     again: Annotated[str, Form(max_length=120)],
 ) -> Response:
-    entry_of(request, kind, name)
+    entry_of(settings(request), kind, name)
     if again.strip() != name:
         raise InvalidError(f"Nothing was deleted: type {name} to delete it for good.")
-    with store.reading() as connection:
-        refuse_while_used(connection, f"{kind}/{name}")
-    remove_entry(settings(request).intake_dir, kind, name)
-    with store.writing() as connection:
-        actor.note(connection, "file deleted", subject=f"{kind}/{name}")
+    delete_entry(settings(request), store, actor, kind, name)
     return see("/admin/files")
-
-
-def entry_of(request: Request, kind: str, name: str) -> FilePath:
-    """Return the path of an entry that an address names.
-
-    Raises
-    ------
-    NotFoundError
-        If there is none.
-    ForbiddenError
-        If the server's user may not read it.
-    """
-    try:
-        return entry_path(settings(request).intake_dir, kind, name)
-    except InvalidError as error:
-        raise NotFoundError(error.detail) from error
 
 
 def entry_address(kind: str, name: str) -> str:

@@ -15,9 +15,10 @@ from app.intake.captures import CameraPictures, read_outline
 from app.intake.strokes import Stroke, read_strokes, replace_strokes
 from app.operations.mask_trial import try_strokes
 from app.web.admin.layout import page
-from app.web.admin.work.files_page import Name, entry_address, entry_of
-from app.web.gates import Store
+from app.web.admin.work.files_page import Name, entry_address
+from app.web.gates import Store, settings
 from app.web.roles import Looking
+from app.web.shelves import entry_of
 from app.web.uploads import UploadingActor
 
 PICTURE = "/{sensor}/{side}/{frame}"
@@ -49,7 +50,7 @@ def drawing(
     NotFoundError
         If there is no such capture or picture.
     """
-    folder = entry_of(request, "captures", name)
+    folder = entry_of(settings(request), "captures", name)
     try:
         outline = read_outline(folder)
         return Drawing(folder, name, outline.camera(sensor, side), outline.frame(frame))
@@ -70,7 +71,7 @@ class DrawnStrokes(BaseModel):
 
 @router.get("")
 def strokes_page(request: Request, person: Looking, name: Name) -> Response:
-    folder = entry_of(request, "captures", name)
+    folder = entry_of(settings(request), "captures", name)
     outline = read_outline(folder)
     base = entry_address("captures", name)
     cameras = [

@@ -18,10 +18,11 @@ from app.operations.tasks import start_task
 from app.store.studies.audit import Entry, record_alone
 from app.web.admin.background import task_address
 from app.web.admin.layout import page, see
-from app.web.admin.work.files_page import Name, entry_address, entry_of
+from app.web.admin.work.files_page import Name, entry_address
 from app.web.analyst.upload_routes import Said, edits_of
 from app.web.gates import Store, settings
 from app.web.roles import Acting, Looking
+from app.web.shelves import entry_of
 
 SHELF = "votes"
 ROLES = {  # of columns, in the words of the page
@@ -66,7 +67,7 @@ def reading_page(request: Request, person: Looking, name: Name, said: Said) -> R
     """Show how a table is read: its columns, the three lists, warnings, and questions."""
     from app.analysis.reading.recognise import LAYOUTS
 
-    path = entry_of(request, SHELF, name)
+    path = entry_of(settings(request), SHELF, name)
     understood = _in_words_of_the_page(understand(path, said.told, said.scale))
     base = f"{entry_address(SHELF, name)}/reading"
     context = {
@@ -95,7 +96,7 @@ def analyse(
     scale: Annotated[str, Form(max_length=200)] = "",
 ) -> Response:
     """Analyse a table as it is read now, in the background; the report comes to the files that jobs made."""
-    path, intake = entry_of(request, SHELF, name), settings(request).intake_dir
+    path, intake = entry_of(settings(request), SHELF, name), settings(request).intake_dir
     said = edits_of(columns, choices, layout, encoding, sheet, scale)
     out = next(free for free in _names(name) if not (intake / "runs" / free).exists())
 

@@ -119,3 +119,50 @@ def test_who_had_bad_luck_may_begin_anew_over_rest(manager: httpx.Client, lent: 
     assert manager.post(f"{person}/again").status_code == 204
     rows = {row["participant"]: row for row in manager.get(f"studies/{lent['slug']}/participants").json()}
     assert rows["P002"]["excluded"] is True
+
+
+def test_comments_are_noted_and_coded_over_rest(
+    manager: httpx.Client, new_study: Callable[[], dict[str, Any]], server: str, token: str
+) -> None:
+    study = new_study()
+    base = f"studies/{study['slug']}"
+    simulate(server, study["slug"], study["invitation"], token, 1, ABILITIES, 0.2, seed=4)
+    trial = manager.get(f"{base}/trials").json()[0]["trial"]
+    assert manager.put(f"{base}/trials/{trial}/comment", json={"comment": "Waxy."}).status_code == 204
+    assert is_problem(manager.put(f"{base}/trials/no-such/comment", json={"comment": "Waxy."}), 404)
+    (row,) = manager.get(f"{base}/comments").json()
+    place = {name: row[name] for name in ("participant", "source", "subject")}
+    assert place == {"participant": "P001", "source": "trial", "subject": trial}
+
+    def tags() -> list[dict[str, Any]]:
+        return list(manager.get(f"{base}/comment_tags").json())
+
+    for _ in range(2):
+        assert manager.put(f"{base}/comment_tags/skin%2Fhair").status_code == 204
+        assert manager.put(f"{base}/comments/tag", params={**place, "tag": "faces"}).status_code == 204
+    assert [(each["tag"], each["n_comments"]) for each in tags()] == [("faces", 1), ("skin/hair", 0)]
+    assert manager.patch(f"{base}/comment_tags/faces", json={"tag": "heads"}).status_code == 204
+    assert manager.get(f"{base}/comments").json()[0]["tags"] == ["heads"]
+    assert is_problem(manager.patch(f"{base}/comment_tags/heads", json={"tag": "skin/hair"}), 409)
+    assert is_problem(manager.put(f"{base}/comments/tag", params={**place, "subject": "x", "tag": "y"}), 404)
+    assert manager.delete(f"{base}/comments/tag", params={**place, "tag": "heads"}).status_code == 204
+    assert manager.delete(f"{base}/comment_tags/heads").status_code == 204
+    assert [each["tag"] for each in tags()] == ["skin/hair"]
+    assert is_problem(manager.delete(f"{base}/comment_tags/heads"), 404)
+    actions = {row["action"] for row in manager.get(f"{base}/audit").json()}
+    assert {"tag added", "comment tagged", "tag renamed", "tag taken off", "tag deleted"} <= actions
+
+
+def test_groups_are_set_over_rest_by_the_rules_of_the_form(
+    manager: httpx.Client, new_study: Callable[[], dict[str, Any]]
+) -> None:
+    base = f"studies/{new_study()['slug']}"
+    known = manager.get(base).json()
+    groups = [{"name": "near", "datasets": [known["datasets"][0]]}, {"name": "far", "datasets": []}]
+    wanted = {"revision": known["revision"], "options": {"groups": groups}}
+    unknown = [groups[0], {"name": "far", "datasets": ["nowhere"]}]
+    refused = manager.patch(base, json={**wanted, "options": {"groups": unknown}})
+    assert is_problem(refused, 422)
+    assert "group 'far': there is no dataset 'nowhere'" in refused.json()["detail"]
+    assert manager.patch(base, json=wanted).json()["options"]["groups"] == groups
+    assert is_problem(manager.patch(base, json=wanted), 409), "somebody has changed it since"

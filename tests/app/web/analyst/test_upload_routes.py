@@ -176,3 +176,55 @@ def test_votes_from_elsewhere_are_refused_by_a_study_which_says_why_and_the_way(
     assert answer.status_code == 409
     assert "its own participants only" in answer.json()["detail"]
     assert "analyse both files together" in answer.json()["detail"]
+
+
+def test_a_file_is_sent_to_a_shelf_in_parts_fetched_attached_and_deleted(manager: httpx.Client, study: str) -> None:
+    wanted = {"kind": "measures", "name": "psnr.csv", "file": "psnr.csv", "size": len(MEASURES)}
+    begun = manager.post("uploads", json=wanted)
+    assert (begun.status_code, begun.json()["offset"]) == (201, 0)
+    upload = begun.json()["upload"].removeprefix("/api/v1/")
+    part = manager.patch(upload, content=MEASURES[:20], headers={"Upload-Offset": "0"})
+    assert (part.status_code, part.json()["offset"]) == (200, 20)
+    again = manager.post("uploads", json=wanted)
+    assert (again.status_code, again.json()) == (
+        200,
+        {"upload": f"/api/v1/{upload}", "offset": 20, "size": len(MEASURES)},
+    )
+    assert is_problem(manager.patch(upload, content=MEASURES, headers={"Upload-Offset": "0"}), 409)
+    done = manager.patch(upload, content=MEASURES[20:], headers={"Upload-Offset": "20"})
+    assert (done.status_code, done.json()["state"], done.json()["file"]) == (202, "done", "measures/psnr.csv")
+
+    (row,) = manager.get("files").json()
+    assert (row["kind"], row["name"], row["size"]) == ("measures", "psnr.csv", len(MEASURES))
+    assert manager.get("files/measures/psnr.csv").json()["kind"] == "measures"
+    attached = manager.post("files/measures/psnr.csv/attach", json={"study": study})
+    assert (attached.status_code, attached.json()["study"]) == (200, study)
+    assert {each["value"] for each in manager.get(f"studies/{study}/validation").json()} == {31.5, 33.0}
+    assert is_problem(manager.post("files/measures/psnr.csv/attach", json={"study": "no-such"}), 404)
+    assert manager.delete("files/measures/psnr.csv").status_code == 204
+    assert is_problem(manager.get("files/measures/psnr.csv"), 404)
+    assert is_problem(manager.post("uploads", json={**wanted, "kind": "nowhere"}), 422)
+
+
+def test_what_does_not_belong_to_a_shelf_is_refused_over_rest_and_an_upload_is_discarded(
+    manager: httpx.Client,
+) -> None:
+    films = zipped({"ball/capture.txt": b"no film", "ball/notes/readme.txt": b"hello"})
+    wanted = {"kind": "films", "name": "street", "file": "street.zip", "size": len(films)}
+    upload = manager.post("uploads", json=wanted).json()["upload"].removeprefix("/api/v1/")
+    refused = manager.patch(upload, content=films, headers={"Upload-Offset": "0"})
+    assert is_problem(refused, 422)
+    assert "There is no film in the upload" in refused.json()["detail"]
+    upload = manager.post("uploads", json={**wanted, "size": 5}).json()["upload"].removeprefix("/api/v1/")
+    assert manager.delete(upload).status_code == 204
+    assert is_problem(manager.get(upload), 404)
+
+
+def test_a_file_of_an_entry_is_fetched_over_rest(manager: httpx.Client, sent: Settings) -> None:
+    place = sent.intake_dir / "runs" / "ball" / "clouds"
+    place.mkdir(parents=True)
+    (place / "log.txt").write_bytes(b"done")
+    assert manager.get("files/runs/ball").json()["files"] == {"clouds/log.txt": 4}
+    assert manager.get("files/runs/ball/clouds/log.txt").content == b"done"
+    assert is_problem(manager.get("files/runs/ball/clouds/none.txt"), 404)
+    assert is_problem(manager.get("files/runs/ball/%2e%2e/%2e%2e/secret"), 404)

@@ -20,7 +20,7 @@ from app.operations.studies import create
 from app.operations.upkeep.leftovers import remove_leftovers
 from app.settings import Settings
 from app.store.database.keys import utc_now
-from app.web.admin.work import file_uploads
+from app.web import shelves
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in, zipped
 
 pytestmark = pytest.mark.slow
@@ -232,7 +232,7 @@ def test_an_upload_whose_check_runs_needs_no_more_room(
         upload = begin(eva, "captures", "ball", content).json()["upload"]
         known = part_uploads.standing(own.intake_dir, upload[-32:]).upload
         part_uploads.work_folder(own.intake_dir, known.id).with_suffix(".part").write_bytes(content)
-        part_uploads.note_task(own.intake_dir, known, "/admin/tasks/1")
+        part_uploads.note_task(own.intake_dir, known, "1")
         monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=0))
         assert begin(eva, "captures", "ball", content).status_code == 413, "it would be unpacked now"
         with part_uploads.checking(own.intake_dir, known.id):
@@ -246,7 +246,7 @@ def test_a_complete_upload_is_kept_when_its_check_fails_for_the_servers_reasons(
     content = zipped(capture())
     with signed_in(own_server, own, "Eva") as eva:
         with monkeypatch.context() as patched:
-            patched.setattr(file_uploads, "shelve", raise_disk_full)
+            patched.setattr(shelves, "shelve", raise_disk_full)
             failed = send(eva, "captures", "ball", content).text
         assert "No space left on device" in failed
         assert "choose the same file again" in failed
