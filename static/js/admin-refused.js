@@ -1,7 +1,7 @@
 // Fills the form of a page as it was sent when it was refused, and shows which field is wrong.
 
 const KEPT = ["hidden", "submit", "button", "reset", "file", "password"]; // types of inputs that keep the page's value
-const AS_SEEN = ["revision", "seen"]; // what a form says that its page showed
+const AS_SEEN = ["revision", "seen", "was"]; // what a form says that its page showed
 
 const refused = document.getElementById("refused");
 if (refused) showAgain(refused);

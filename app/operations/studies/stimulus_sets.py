@@ -80,6 +80,14 @@ class KnownSet:
         return level_notes(self.content) if self.content.factors else []
 
 
+class ChangedSetError(ConflictError):
+    """Somebody else has changed a set since its editor saw it; `now`: as it is."""
+
+    def __init__(self, now: KnownSet) -> None:
+        super().__init__(f"Nothing was changed: somebody else has changed {now.title} meanwhile. Look at it again.")
+        self.now = now
+
+
 def known_sets(settings: Settings, connection: Transaction) -> list[KnownSet]:
     """Return the stimulus sets that can be read: those in the server's folder, then those of its studies elsewhere."""
     known = {
@@ -157,6 +165,7 @@ def change_stimulus_set(
     *,
     title: str | None = None,
     levels: Mapping[str, Mapping[str, str]] | None = None,
+    seen: str = "",
 ) -> None:
     """Give a set another name, its address stays; give its conditions their levels of factors, in its studies, too.
 
@@ -168,15 +177,20 @@ def change_stimulus_set(
     title : the new name; None: it stays
     levels : level by factor, by condition; a condition without a level is left out where factors are compared; None:
         they stay
+    seen : digest of the set as its editor saw it; empty: not known
 
     Raises
     ------
+    ChangedSetError
+        If it has changed since.
     InvalidError
         If the name is empty, too long or that of another set, the conditions are others than the set's, or a factor or
         level has an unusable name. Then nothing is changed.
     """
     with database.writing() as connection:
         known = set_called(settings, connection, name)
+        if seen not in ("", known.content.sha256):
+            raise ChangedSetError(known)
         manifest = read_json(known.folder / MANIFEST)
         if title is not None:
             title = title.strip()

@@ -126,6 +126,7 @@ Said = Annotated[Edits, Depends(edits_of)]
 
 
 class SetBody(Body):
+    sha256: Annotated[str, Field(max_length=64, description="of the set as you read it; changed since: 409")] = ""
     name: Annotated[str | None, Field(max_length=200, description="the set's")] = None
     levels: Annotated[
         dict[str, dict[str, str]] | None, Field(description="of each condition, its level of each factor")
@@ -172,7 +173,7 @@ async def upload_set(
 @router.patch("/sets/{name}", status_code=204, response_class=Response)
 def change_set(body: SetBody, request: Request, name: Name, actor: StudyEditor, database: Store) -> Response:
     """Give a set another name, or its conditions other levels; its studies follow."""
-    change_stimulus_set(settings(request), database, name, actor, title=body.name, levels=body.levels)
+    change_stimulus_set(settings(request), database, name, actor, title=body.name, levels=body.levels, seen=body.sha256)
     return Response(status_code=204)
 
 

@@ -141,7 +141,7 @@ def digests_of(values: Mapping[str, Any]) -> str:
 
 def changed_since(was: str, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the values that were changed since a page was opened; all of them where its digests are not known."""
-    before = _digests(was)
+    before = digests_in(was)
     return {name: value for name, value in given.items() if _digest(value) != before.get(name)}
 
 
@@ -155,7 +155,7 @@ def merged(was: str, given: Mapping[str, Any], now: Mapping[str, Any], labels: M
     now : all values as they are saved now
     labels : how the page calls each that it shows
     """
-    before = _digests(was)
+    before = digests_in(was)
     values, clashes, others = dict(now), [], []
     for name, label in labels.items():
         if name not in given or _digest(given[name]) == _digest(now.get(name)):
@@ -170,7 +170,8 @@ def merged(was: str, given: Mapping[str, Any], now: Mapping[str, Any], labels: M
     return Merged(values, clashes, others)
 
 
-def _digests(was: str) -> dict[str, str]:
+def digests_in(was: str) -> dict[str, str]:
+    """Read what `digests_of` returns; nothing where it is no such text."""
     try:
         return dict(json.loads(was)) if was else {}
     except (ValueError, TypeError):

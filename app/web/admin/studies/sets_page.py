@@ -5,6 +5,8 @@ A name from outside never becomes a path: sets are chosen from the list, and nam
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 from urllib.parse import quote
 
@@ -16,6 +18,7 @@ from app.intake.contents import PLAYABLE
 from app.intake.treatment import preview_of
 from app.operations.studies.receive_films import found_and_done
 from app.operations.studies.stimulus_sets import (
+    ChangedSetError,
     change_stimulus_set,
     delete_set,
     known_sets,
@@ -23,13 +26,18 @@ from app.operations.studies.stimulus_sets import (
     studies_of,
     unreadable_sets,
 )
+from app.store.access.experimenters import Experimenter
+from app.store.database.engine import Database
 from app.web.admin.background import task_address
 from app.web.admin.layout import page, see
+from app.web.admin.studies.form import Merged, digests_in, digests_of, merged
 from app.web.gates import Store, settings
-from app.web.roles import Acting, Person, experimenter
+from app.web.roles import Acting, Looking, Person, experimenter
 from app.web.uploads import UploadingActor, begin_installing
 
 PREVIEW = "preview"
+CELL = "\t"  # between a condition and a factor, neither of which holds it
+LONGEST_DIGESTS = 200_000  # characters of what a page says that its levels were
 
 router = APIRouter(prefix="/admin", include_in_schema=False)
 
@@ -52,12 +60,37 @@ def sets_page(request: Request, person: Person, database: Store) -> Response:
 @router.get("/sets/{name}")
 def set_page(request: Request, person: Person, database: Store, name: Name) -> Response:
     """Show a set's films, and the factors of its conditions."""
+    return _page(request, person, database, name)
+
+
+def _page(
+    request: Request, person: Experimenter, database: Database, name: str, mine: Merged | None = None
+) -> Response:
+    """Show a set; `mine`: its levels as somebody has typed them while somebody else has saved others."""
     with database.reading() as connection:
         known = set_called(settings(request), connection, name)
         users = studies_of(connection, known)
+    saved = _cells(known.levels)
+    levels = {each: dict(known.levels[each]) for each in known.conditions}
+    for cell, level in mine.values.items() if mine else ():
+        condition, _, factor = cell.partition(CELL)
+        levels[condition][factor] = level
     numbers = {stimulus.name: number for number, stimulus in enumerate(known.content.stimuli)}
     looks = found_and_done(known.content)
-    return page(request, "set", person, {"set": known, "users": users, "numbers": numbers, "looks": looks})
+    context = {
+        "set": known,
+        "users": users,
+        "numbers": numbers,
+        "looks": looks,
+        "factors": list(
+            dict.fromkeys([*known.content.factors, *(factor for cells in levels.values() for factor in cells)])
+        ),
+        "levels": levels,
+        "was": digests_of(saved),
+        "clashes": mine.clashes if mine else (),
+        "others": mine.others if mine else (),
+    }
+    return page(request, "set", person, context, 409 if mine else 200)
 
 
 @router.get("/sets/{name}/films/{number}", dependencies=[Depends(experimenter)])
@@ -85,14 +118,22 @@ def set_film(request: Request, database: Store, name: Name, number: Annotated[st
 @router.post("/sets/{name}/factors")
 def change_factors(
     request: Request,
+    person: Looking,
     actor: Acting,
     database: Store,
     name: Name,
     condition: Words,
     factor: Words,
     level: Words,
+    seen: Word = "",
+    was: Annotated[str, Form(max_length=LONGEST_DIGESTS)] = "",
 ) -> Response:
-    """Save the table of factors: a name for each column, and the levels row by row; a column without a name goes."""
+    """Save the table of factors: a name for each column, and the levels row by row; a column without a name goes.
+
+    Parameters
+    ----------
+    seen, was : digest of the set, and digests of its levels, as the page showed them
+    """
     if len(level) != len(condition) * len(factor):
         raise InvalidError(
             f"Nothing was changed: {len(level)} levels, expected {len(factor)} for each of {len(condition)} conditions."
@@ -110,8 +151,20 @@ def change_factors(
         key: {factor: text.strip() for factor, text in zip(names, row, strict=True) if factor and text.strip()}
         for key, row in zip(condition, rows, strict=True)
     }
-    change_stimulus_set(settings(request), database, name, actor, levels=levels)
+    try:
+        change_stimulus_set(settings(request), database, name, actor, levels=levels, seen=seen)
+    except ChangedSetError as error:
+        saved, typed, before = _cells(error.now.levels), _cells(levels), digests_in(was)
+        labels = {cell: " of ".join(cell.split(CELL)[::-1]) for cell in {**saved, **before, **typed}}
+        empty = dict.fromkeys(labels, "")
+        first = json.dumps({**digests_in(digests_of(empty)), **before}) if before else ""
+        return _page(request, person, database, name, merged(first, {**empty, **typed}, saved, labels))
     return see(f"/admin/sets/{quote(name)}?saved=1")
+
+
+def _cells(levels: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
+    """Return the cells of the table of factors: each level by its condition and factor."""
+    return {f"{each}{CELL}{factor}": level for each, row in levels.items() for factor, level in row.items()}
 
 
 @router.post("/sets/{name}/name")

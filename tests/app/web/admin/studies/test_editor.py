@@ -284,6 +284,38 @@ def test_factors_of_a_set_are_named_and_its_studies_follow(own_set: tuple[Dashbo
     assert edit(dashboard, base, "break_every = 3").url.path == f"{base}/edit"
 
 
+def test_two_who_name_factors_at_once_lose_nothing_and_see_what_both_changed(
+    own_set: tuple[Dashboard, Settings],
+) -> None:
+    dashboard, _ = own_set
+    conditions = ["id_fa", "id_fb", "pm_fb"]
+
+    def table(depths: str, lights: str, **shown: str) -> dict[str, Any]:
+        cells = [word for pair in zip(depths.split(), lights.split(), strict=True) for word in pair]
+        return {"condition": conditions, "factor": ["depth", "light"], "level": cells, **shown}
+
+    def shown() -> dict[str, str]:
+        page = dashboard.get("/admin/sets/tiny").text
+        found = {name: re.search(rf'name="{name}" value="([^"]*)"', page) for name in ("seen", "was")}
+        return {name: html.unescape(match[1]) for name, match in found.items() if match}
+
+    dashboard.act("/admin/sets/tiny/factors", **table("id id pm", "day day day"))
+    mine = shown()
+    assert dashboard.act("/admin/sets/tiny/factors", **table("id id block", "day dusk day", **mine)).status_code == 200
+    refused = dashboard.act("/admin/sets/tiny/factors", **table("sgm id census", "day day day", **mine))
+    assert refused.status_code == 409
+    assert "Somebody else has changed this set meanwhile" in refused.text
+    told = re.findall(r'<tr><th scope="row">(.*?)</th><td[^>]*>(.*?)</td><td[^>]*>(.*?)</td></tr>', refused.text)
+    assert told == [("depth of pm_fb", "census", "block")], "what both changed, in the table's words"
+    assert "taken over: light of id_fb" in refused.text
+    values = re.findall(r'name="level" maxlength="100" value="(\w*)"', refused.text)
+    assert values == ["sgm", "day", "", "id", "dusk", "", "census", "day", ""]
+    again = {name: html.unescape(re.findall(rf'name="{name}" value="([^"]*)"', refused.text)[0]) for name in mine}
+    assert (
+        dashboard.act("/admin/sets/tiny/factors", **table("sgm id census", "day dusk day", **again)).status_code == 200
+    )
+
+
 def test_a_set_is_seen_renamed_and_deleted_only_when_no_study_uses_it(own_set: tuple[Dashboard, Settings]) -> None:
     dashboard, settings = own_set
     shutil.copytree(settings.sets_dir / "tiny", settings.data_dir / "elsewhere")
