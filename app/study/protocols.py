@@ -135,7 +135,9 @@ def check_with_protocol(protocol: Protocol, scale: Scale, reference: str, only_o
     """
     if scale != SCALES[0] and protocol in (PC, CCR):
         answers = "three answers" if protocol == PC else "seven grades"
-        raise SettingError("scale", f"is {scale!r}, but protocol {protocol} always has {answers}: leave scale out")
+        raise SettingError(
+            "scale", f"is {scale!r}, but protocol {protocol} always has {answers}: expected {SCALES[0]}, or nothing"
+        )
     if protocol in WITH_REFERENCE and not reference:
         raise SettingError("protocol", f"{protocol} needs a reference: name one of the conditions as `reference`")
     if protocol == ACR and reference:

@@ -181,6 +181,9 @@ def values_of(study: StudyFile) -> dict[str, Any]:
 def options_of(now: StudyOptions, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return options, as `parse_options` reads them, with what a form gives in place.
 
+    A form also sends fields that have no effect any more: left as they were, they go; typed anew, they stay, and
+    `parse_options` refuses them by name.
+
     Raises
     ------
     ValueError
@@ -195,9 +198,10 @@ def options_of(now: StudyOptions, given: Mapping[str, Any]) -> dict[str, Any]:
         place[key] = value
         if value is None:
             del place[key]
-    if options["screening"].get("distance") != "fixed":
-        options["screening"].pop("distance_cm", None)
-    if options["protocol"] not in RATED:
+    before, screened = now.as_json(), options["screening"]
+    if screened.get("distance") != "fixed" and screened.get("distance_cm") == before["screening"].get("distance_cm"):
+        screened.pop("distance_cm", None)
+    if options["protocol"] not in RATED and options["scale"] == before["scale"]:
         options.pop("scale")
     asked = {question["name"] for question in options["questions"]}
     options["texts"] = {

@@ -105,12 +105,11 @@ class ScreeningOptions(Options):
 
     @model_validator(mode="after")
     def _has_distance_where_fixed(self) -> Self:
-        if (self.distance == "fixed") != (self.distance_cm is not None):
-            raise SettingError(
-                "screening.distance",
-                f"is {self.distance!r} and distance_cm {self.distance_cm}, expected distance_cm "
-                "with the distance 'fixed' and only then; else 'typed'",
-            )
+        place, words = "screening.distance_cm", f"the viewing distance is {self.distance!r}"
+        if self.distance == "fixed" and self.distance_cm is None:
+            raise SettingError(place, f"is empty, but {words}: expected a number")
+        if self.distance != "fixed" and self.distance_cm is not None:
+            raise SettingError(place, f"is {self.distance_cm:g}, but {words}: expected it with 'fixed' only")
         return self
 
     def stops(self, verdicts: Sequence[str]) -> bool:

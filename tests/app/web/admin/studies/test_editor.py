@@ -251,6 +251,28 @@ def test_a_form_edits_questions_in_their_order_and_shows_what_is_wrong(eva: tupl
     assert "The form has the field &#39;colour&#39;, which is no setting of a study" in unknown.text
 
 
+@pytest.mark.parametrize(
+    ("typed", "told"),
+    [
+        ({"screening.distance_cm": "1"}, "Fixed distance, cm is 1, expected a number from 20 to 600"),
+        ({"screening.distance_cm": "60"}, "Fixed distance, cm is 60, but the viewing distance is &#39;typed&#39;"),
+        ({"scale": "77"}, "Scale is 77, expected one of 5, 9, 11"),
+        ({"scale": "9"}, "Scale is 9, but protocol PC always has three answers"),
+    ],
+)
+def test_a_value_that_has_no_effect_is_refused_by_its_label_and_not_dropped(
+    own_set: tuple[Dashboard, Settings], typed: dict[str, str], told: str
+) -> None:
+    dashboard, settings = own_set
+    base = made(settings, f"Dropped {next(iter(typed.values()))}")
+    before = revision(dashboard, base)
+    refused = dashboard.act(f"{base}/edit", revision=before, protocol="PC", **typed)
+    assert refused.status_code == 422
+    assert told in refused.text
+    assert revision(dashboard, base) == before
+    assert dashboard.act(f"{base}/edit", revision=before, protocol="PC", scale="5").status_code == 200
+
+
 def test_factors_of_a_set_are_named_and_its_studies_follow(own_set: tuple[Dashboard, Settings]) -> None:
     dashboard, settings = own_set
     base = made(settings, "Of factors")
