@@ -42,12 +42,17 @@ function fill(form, typed, hasChanged) {
   /** @type {Map<string, string[]>} */
   const left = new Map();
   for (const [name, value] of typed) left.set(name, [...(left.get(name) ?? []), value]);
+  /** @type {string | undefined} */
+  let seen; // what the page showed of the field that follows
   for (const field of form.elements) {
-    if (field instanceof HTMLInputElement && ["checkbox", "radio"].includes(field.type)) {
+    if (field instanceof HTMLInputElement && field.type === "hidden" && field.name === "seen") {
+      seen = left.get("seen")?.shift();
+    } else if (field instanceof HTMLInputElement && ["checkbox", "radio"].includes(field.type)) {
       field.checked = typed.some(([name, value]) => name === field.name && value === field.value);
     } else if (field instanceof HTMLInputElement || field instanceof HTMLSelectElement || field instanceof HTMLTextAreaElement) {
       const value = field.disabled ? undefined : left.get(field.name)?.shift();
       if (value === undefined || KEPT.includes(field.type)) continue;
+      if (value === seen) continue; // not typed here: what another has saved meanwhile stays
       const saved = field.value;
       field.value = value;
       if (hasChanged && field.value !== saved) field.after(savedMeanwhile(saved));
