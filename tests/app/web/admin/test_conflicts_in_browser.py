@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import httpx
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from app.main import running_server
-from app.operations.studies import manage
 from app.operations.studies.create import create_study
 from app.settings import Settings
-from app.simulation.participants import simulate
-from app.store.access.tokens import SCOPES
+from app.simulation.participants import begin
 from app.study.options.options import parse_options
 from tests.app.web.admin.dashboard_client import Dashboard, signed_in
 
@@ -32,9 +31,9 @@ def other(own: Settings, stimulus_set: Path) -> Iterator[Dashboard]:
     content = parse_options({"optional_stages": ["interview"], "spoken_questions": [EASIEST, ELSE]})
     create_study(own, stimulus_set, "Grouped", exposure_s=0.4)
     spoken = create_study(own, stimulus_set, "Spoken", exposure_s=0.4, options=content)
-    token = manage.add_token(own, "all", list(SCOPES))["token"]
     with running_server(own) as url:
-        simulate(url, spoken["slug"], spoken["invitation"], token, 1)
+        with httpx.Client(base_url=url, timeout=60) as client:
+            begin(client, spoken["slug"], spoken["invitation"])
         with signed_in(url, own, "Otto", "owner") as otto:
             yield otto
 
