@@ -24,6 +24,7 @@ from app.settings import Settings
 from app.store.database.engine import Database, Transaction
 from app.store.database.keys import utc_now
 from app.store.studies.audit import Actor
+from app.store.studies.film_failures import in_words as reason_in_words
 from app.store.studies.studies import Study
 from app.store.trials.designs import ShownFilm, shown_films
 from app.study.options.options import parse_options
@@ -193,7 +194,7 @@ def _played(settings: Settings, films: Sequence[ShownFilm], known: FilmCheck, pr
         faults = play_films(browser, shown, progress)
     except StudyError:
         return known
-    bad = {film.media: fault for film, fault in zip(films, faults, strict=True) if fault}
+    bad = {film.media: reason_in_words(fault) for film, fault in zip(films, faults, strict=True) if fault}
     return replace(
         known,
         n_played=sum(not fault for fault in faults),
