@@ -137,6 +137,12 @@ def last_check(settings: Settings, study: Study, films: Sequence[ShownFilm]) -> 
     return known if known.films == films_digest(films) else None
 
 
+def is_damaged(settings: Settings, film: ShownFilm) -> bool:
+    """Whether a film's file is missing, or not what it was when the study was made."""
+    path = settings.media_dir / film.file
+    return not path.is_file() or file_digest(path) != film.sha256
+
+
 def films_digest(films: Sequence[ShownFilm]) -> str:
     """Return a digest of what films there are."""
     return hashlib.sha256(json.dumps(sorted(film.sha256 for film in films)).encode()).hexdigest()
