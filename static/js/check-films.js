@@ -1,6 +1,6 @@
 /** Plays every film of a list to its end, as a participant's page would, and tells the server that asked for it. */
 
-import { attach, checkSize, detach, readiness, whyNotShown } from "./playback.js";
+import { UNDECODED, attach, checkSize, detach, readiness, whyNotShown } from "./playback.js";
 import { readTrack } from "./mp4.js";
 
 /**
@@ -30,7 +30,7 @@ status.textContent = "done";
 
 /** @param {ListedFilm} film @returns {Promise<string>} empty: it plays */
 async function faultOf(film) {
-  if (document.createElement("video").canPlayType(film.type) === "") return `could not be checked: this browser has no ${film.type}`;
+  if (document.createElement("video").canPlayType(film.type) === "") return `could not be checked, as this browser has no ${film.type}`;
   const response = await fetch(film.url);
   if (!response.ok) return `the file cannot be read (${response.status})`;
   const blob = await response.blob();
@@ -89,11 +89,11 @@ async function decode(blob, film) {
       n += 1;
       picture.close();
     },
-    error: (error) => (fault = String(error)),
+    error: (error) => (fault = `${UNDECODED}: ${error.message}`),
   });
   decoder.configure({ codec, description, codedWidth: width, codedHeight: height });
   pictures.forEach(({ data, isKey }, number) => decoder.decode(new EncodedVideoChunk({ type: isKey ? "key" : "delta", timestamp: number, data })));
-  await within(decoder.flush(), "the decoder does not end").catch((error) => (fault ||= String(error)));
+  await within(decoder.flush(), "the decoder does not end").catch((error) => (fault ||= error.message));
   if (decoder.state !== "closed") decoder.close();
   return fault || (n === film.n_frames ? "" : `${n} pictures were decoded, expected ${film.n_frames}`);
 }

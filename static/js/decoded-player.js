@@ -2,7 +2,7 @@
 
 import { fitToPage, stripsOf } from "./film-window.js";
 import { readTrack } from "./mp4.js";
-import { FIRST_PICTURE_MS, FilmClock, Stillness } from "./playback.js";
+import { FIRST_PICTURE_MS, FilmClock, Stillness, UNDECODED } from "./playback.js";
 
 /** @typedef {import("./session.js").Shown} Shown */
 
@@ -139,7 +139,7 @@ class Lane {
     this.n_fed = 0;
     /** @type {VideoFrame[]} by rising number */
     this.pictures = [];
-    /** @type {DOMException | null} */
+    /** @type {Error | null} */
     this.error = null;
     this.tell = () => {};
     this.decoder = new VideoDecoder({
@@ -148,7 +148,7 @@ class Lane {
         this.tell();
       },
       error: (error) => {
-        this.error = error;
+        this.error = new Error(`${UNDECODED}: ${error.message}`);
         this.tell();
       },
     });

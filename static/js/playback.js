@@ -33,11 +33,12 @@ export function playFor(video, exposure_s, signal) {
   });
 }
 
-const FAULTS = ["cannot be shown", "was stopped", "did not come", "cannot be decoded", "is none that the browser plays"]; // by MediaError.code
+export const UNDECODED = "the film is damaged, or the browser cannot decode it";
+const FAULTS = ["the film cannot be shown", "the film was stopped", "the film did not come", UNDECODED, "the film is none that the browser plays"]; // by MediaError.code
 
-/** Says in words why an element cannot show its film: a MediaError is no Error, and in some browsers without a message. @param {HTMLVideoElement} video */
+/** Says in words why an element cannot show its film, then after a colon the browser's own text: some browsers have none. @param {HTMLVideoElement} video */
 export function whyNotShown({ error }) {
-  return new Error([`the film ${FAULTS[error?.code ?? 0]}`, error?.message].filter(Boolean).join(": "));
+  return new Error([FAULTS[error?.code ?? 0], error?.message].filter(Boolean).join(": "));
 }
 
 /** Counts the film that was shown, in seconds, over any number of passes. */

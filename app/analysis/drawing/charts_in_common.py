@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import re
 import unicodedata
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -50,6 +51,9 @@ LATIN_END = 0x24F  # letters up to here are in every font
 KEPT = 48  # drawings; one of thirty conditions takes 0.4 MB
 RUNNING = re.compile(r"\b(gradient|clip)_?\d+\b")
 SIZE = re.compile(r'width="([\d.]+)" height="([\d.]+)"')
+VIEW_BOX = re.compile(r'viewBox="0 0 [\d.]+ ([\d.]+)"')
+TITLE_SIZE = 13  # pixels
+WIDEST_BOLD = 1.1  # of a bold letter beside an upright one; DejaVu Sans, the widest in use
 MOST_LETTERS = 400  # looked up in fonts
 NO_DATA = {"name": "empty"}  # what the library writes of a chart without data
 
@@ -264,8 +268,23 @@ def _size(size: re.Match[str], factor: float) -> str:
 def _spec_svg(spec: str) -> str:
     """Draw a specification; the same always gives the same text, without the library's running numbers."""
     svg = str(vl_convert.vegalite_to_svg(spec)).replace("<svg ", '<svg overflow="visible" ', 1)
+    svg = _as_wide_as_its_title(svg, json.loads(spec).get("title") or {})
     numbers: dict[str, str] = {}
     return RUNNING.sub(lambda match: numbers.setdefault(match[0], f"{match[1]}_{len(numbers)}"), svg)
+
+
+def _as_wide_as_its_title(svg: str, title: Mapping[str, Any] | str) -> str:
+    """Return an SVG whose title fits also where a machine has only wide fonts; the library measures a narrow one."""
+    parts = title if isinstance(title, Mapping) else {"text": title}
+    widths = [0.0]
+    for key, size in (("text", WIDEST_BOLD * TITLE_SIZE), ("subtitle", FONT_SIZE)):
+        lines = parts.get(key) or []
+        widths += [text_width(line, size) for line in ([lines] if isinstance(lines, str) else lines)]
+    wide = math.ceil(max(widths))
+    if wide <= drawn_width(svg):
+        return svg
+    svg = SIZE.sub(lambda size: f'width="{wide}" height="{size[2]}"', svg, count=1)
+    return VIEW_BOX.sub(lambda box: f'viewBox="0 0 {wide} {box[1]}"', svg, count=1)
 
 
 def drawn_width(svg: str) -> float:
@@ -306,7 +325,13 @@ def _spec(chart: Any) -> str:
         "font": FONT,
         "background": "#ffffff",
         "view": {"stroke": "#bbbbbb"},
-        "title": {"fontSize": 13, "anchor": "start", "color": INK, "subtitleFontSize": 11, "subtitleColor": "#555555"},
+        "title": {
+            "fontSize": TITLE_SIZE,
+            "anchor": "start",
+            "color": INK,
+            "subtitleFontSize": FONT_SIZE,
+            "subtitleColor": "#555555",
+        },
         "axis": {
             "labelFontSize": FONT_SIZE,
             "titleFontSize": FONT_SIZE,

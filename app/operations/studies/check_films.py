@@ -24,6 +24,7 @@ from app.settings import Settings
 from app.store.database.engine import Database, Transaction
 from app.store.database.keys import utc_now
 from app.store.studies.audit import Actor
+from app.store.studies.film_failures import in_words as reason_in_words
 from app.store.studies.studies import Study
 from app.store.trials.designs import ShownFilm, shown_films
 from app.study.options.options import parse_options
@@ -136,6 +137,12 @@ def last_check(settings: Settings, study: Study, films: Sequence[ShownFilm]) -> 
     return known if known.films == films_digest(films) else None
 
 
+def is_damaged(settings: Settings, film: ShownFilm) -> bool:
+    """Whether a film's file is missing, or not what it was when the study was made."""
+    path = settings.media_dir / film.file
+    return not path.is_file() or file_digest(path) != film.sha256
+
+
 def films_digest(films: Sequence[ShownFilm]) -> str:
     """Return a digest of what films there are."""
     return hashlib.sha256(json.dumps(sorted(film.sha256 for film in films)).encode()).hexdigest()
@@ -193,7 +200,7 @@ def _played(settings: Settings, films: Sequence[ShownFilm], known: FilmCheck, pr
         faults = play_films(browser, shown, progress)
     except StudyError:
         return known
-    bad = {film.media: fault for film, fault in zip(films, faults, strict=True) if fault}
+    bad = {film.media: reason_in_words(fault) for film, fault in zip(films, faults, strict=True) if fault}
     return replace(
         known,
         n_played=sum(not fault for fault in faults),

@@ -13,9 +13,11 @@ from typing import Any
 
 from app.errors import ConflictError, InvalidError, said_on_page
 from app.ffmpeg import Progress
+from app.operations.studies.check_films import check_films, films_of, is_damaged
 from app.operations.studies.manage import study_file_of
 from app.operations.studies.prepare import prepare_study, prepared_columns
 from app.operations.studies.stimulus_sets import set_of_study
+from app.operations.tasks import start_task
 from app.settings import Settings
 from app.store.database.engine import Database, Transaction
 from app.store.database.keys import utc_now
@@ -24,14 +26,14 @@ from app.store.studies.audit import Actor
 from app.store.studies.images import image_digests, keep_image, remove_image
 from app.store.studies.studies import Study, edit_study, lock_study, progress_of
 from app.store.trials.deletion import delete_previews
-from app.store.trials.designs import conditions_of, datasets_of, practice_pairs, replace_design
+from app.store.trials.designs import ShownFilm, conditions_of, datasets_of, practice_pairs, replace_design
 from app.study.design.adaptive import check_adaptive
 from app.study.design.groups import check_groups
 from app.study.languages.language_pack import LanguagePack
 from app.study.languages.text import is_one_line
 from app.study.option_fields import WITH_FILMS, SettingError
 from app.study.options.option_table import CHANGES, SETTINGS_BY_NAME, why_fixed
-from app.study.options.options import check_minimum_viewing, without_effect
+from app.study.options.options import check_minimum_viewing, parse_options, without_effect
 from app.study.options.own_texts import LONGEST_NAME
 from app.study.options.privacy import check_days_left, forgets_at
 from app.study.options.study_file import StudyFile
@@ -168,6 +170,51 @@ def remake_films(
         replace_design(connection, study.id, made.shown, made.pairs, made.practice)
         notes = {"notes": list(made.notes)} if made.notes else {}
         actor.note(connection, "study edited", study, study.slug, **edit.changes, films="made again", **notes)
+
+
+def start_mending(settings: Settings, database: Database, study: Study, actor: Actor) -> str:
+    """Begin to make a study's damaged films again and to check all of them; return the task's id."""
+
+    def work(progress: Progress) -> str:
+        mended = mend_films(settings, database, study, progress)
+        with database.writing() as connection:
+            actor.note(connection, "damaged films made again", study, study.slug, films=len(mended))
+            films = films_of(connection, study)
+        check_films(settings, study, films, actor.now, progress=progress)
+        return f"/admin/studies/{study.slug}/stimuli"
+
+    return start_task(database, actor, f"Making films of {study.name} again", work, subject=f"films of {study.slug}")
+
+
+def mend_films(settings: Settings, database: Database, study: Study, progress: Progress) -> list[ShownFilm]:
+    """Make the films again whose files are missing or changed, exactly as they were; return them.
+
+    Raises
+    ------
+    InvalidError
+        If no file is damaged, the set cannot be used, or a film comes out otherwise than when the study was made.
+    ConflictError
+        If the stimulus set is not there any more.
+    """
+    with database.reading() as connection:
+        films, known = films_of(connection, study), set_of_study(settings, connection, study)
+    damaged = [film for film in films if is_damaged(settings, film)]
+    if not damaged:
+        raise InvalidError("The films are as they were when the study was made; made again, they would be the same.")
+    if known is None:
+        raise ConflictError("The study's stimulus set is not on this server any more, or has changed: upload it again.")
+    for film in damaged:
+        (settings.media_dir / film.file).unlink(missing_ok=True)  # else they would be taken for whole by their names
+    try:
+        prepare_study(settings, known.folder, parse_options(study.options), study.exposure_s, progress)
+    except ValueError as error:
+        raise InvalidError(f"The films could not be made again: {said_on_page(error).rstrip('.')}.") from error
+    if n := sum(is_damaged(settings, film) for film in damaged):
+        raise InvalidError(
+            f"Films that came out otherwise than when the study was made: {n}, as this server encodes otherwise now. "
+            "Bring the files back from a backup, or duplicate the study."
+        )
+    return damaged
 
 
 def _complete(now: StudyFile, wanted: StudyFile) -> StudyFile:

@@ -5,12 +5,13 @@ Failures are an alarm until an experimenter takes note of them or opens the stud
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Row, func, insert, select, update
 
 from app.store.database.tables import (
     assignment,
@@ -55,6 +56,7 @@ class Alarm:
 
     films: tuple[Mapping[str, Any], ...]
     n_people: int
+    last_at: datetime
 
 
 def note_failure(connection: Connection, study_id: int, session_id: int, failure: Failure, now: datetime) -> bool:
@@ -89,20 +91,19 @@ def is_stuck(connection: Connection, session_id: int) -> bool:
 def alarm_of(connection: Connection, study_id: int) -> Alarm | None:
     """Return what has failed and nobody has taken note of; None: nothing."""
     rows = connection.execute(
-        select(
-            film_failure.c.media,
-            func.count(film_failure.c.session_id.distinct()).label("n_people"),
-            func.max(film_failure.c.happened_at).label("last_at"),
-            func.max(film_failure.c.browser).label("browser"),
-            func.max(film_failure.c.reason).label("reason"),
-        )
-        .where(_new_in(study_id))
-        .group_by(film_failure.c.media)
-        .order_by(func.count(film_failure.c.session_id.distinct()).desc(), film_failure.c.media)
+        select(film_failure).where(_new_in(study_id)).order_by(film_failure.c.id)  # the latest says why
     ).all()
     if not rows:
         return None
-    return Alarm(tuple(dict(row._mapping) for row in rows), _n_people(connection, study_id))
+    films = {row.media: _film([each for each in rows if each.media == row.media]) for row in rows}
+    people = {row.session_id for row in rows}
+    most_first = sorted(films.values(), key=lambda film: (-film["n_people"], film["media"]))
+    return Alarm(tuple(most_first), len(people), rows[-1].happened_at)
+
+
+def in_words(reason: str) -> str:
+    """Return why a film was not shown without what a browser adds for its own developers, after a colon."""
+    return reason.partition(": ")[0]
 
 
 def failures_by_person(connection: Connection, study_id: int) -> dict[str, int]:
@@ -144,6 +145,19 @@ def settle_failures(connection: Connection, study_id: int, now: datetime) -> int
         .values(settled_at=now)
     )
     return settled.rowcount
+
+
+def _film(failures: Sequence[Row[Any]]) -> dict[str, Any]:
+    """Summarise the failures of one film: for how many people, on which browsers, and why the last time."""
+    last = failures[-1]
+    by_browser = Counter(browser for _, browser in {(row.session_id, row.browser) for row in failures})
+    return {
+        "media": last.media,
+        "n_people": len({row.session_id for row in failures}),
+        "browsers": by_browser.most_common(),
+        "last_at": last.happened_at,
+        "reason": in_words(last.reason),
+    }
 
 
 def _is_ahead(connection: Connection, session_id: int, name: str) -> bool:

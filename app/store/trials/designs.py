@@ -42,7 +42,6 @@ from app.store.database.tables import (
     stimulus,
     trial,
 )
-from app.store.studies.film_failures import failure_records
 from app.study.trial.trial import PlannedPair
 
 FILM_FACTS = ("file", "sha256", "width", "height", "guard_rows", "fps", "n_frames")
@@ -410,15 +409,6 @@ def film_names(connection: Connection, study_id: int) -> dict[str, str]:
     return {
         row.media: f"{row.dataset}: {row.top}" + (f" and {row.bottom}" if row.bottom != row.top else "") for row in rows
     }
-
-
-def failing_films(connection: Connection, study_id: int) -> list[dict[str, Any]]:
-    """Return every film that could not be shown, with what it shows, the latest first."""
-    names = film_names(connection, study_id)
-    return [
-        {**row, "film": names.get(row["media"], "practice"), "why": row["reason"], "noted_at": row["settled_at"]}
-        for row in failure_records(connection, study_id)
-    ]
 
 
 def shown_pairs(connection: Connection, study_id: int) -> dict[int, ShownPair]:

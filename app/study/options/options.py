@@ -250,7 +250,7 @@ class StudyOptions(Options):
             "width and height of the smallest window in which films are shown; empty: any",
             section="viewing",
             kind="window",
-            expected="[width, height] in CSS pixels, or [] for any window",
+            expected="width and height in CSS pixels, or neither for any window",
         ),
     ] = ()
     phones: Annotated[bool, Setting("Phones and tablets", "are let in", section="viewing", is_basic=True)] = True
@@ -283,7 +283,7 @@ class StudyOptions(Options):
             section="practice",
             change=WITH_FILMS,
             kind="films",
-            expected=f'a list of at most {MOST_PRACTICE} like {{dataset = "ball", a = "good", b = "coarse"}}',
+            expected=f"at most {MOST_PRACTICE} pairs, each a dataset and two of its conditions",
         ),
     ] = ()
     reference: Annotated[

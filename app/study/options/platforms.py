@@ -32,12 +32,14 @@ class Platform:
     help : what is left to fill in
     outside : the options that it fills in; YOUR-… is left to fill in
     asks : what the platform shows you, by the YOUR-… that it is put in the place of, or by the option
+    home : where people find the platform again who can neither finish nor give a code
     """
 
     title: str
     help: str
     outside: Mapping[str, Any] = field(default_factory=dict)
     asks: Mapping[str, str] = field(default_factory=dict)
+    home: str = ""
 
     @property
     def needed(self) -> frozenset[str]:
@@ -60,12 +62,18 @@ class Platform:
             )
         filled = {**self.outside, **({"code": given["code"]} if "code" in given else {})}
         for ending in ENDINGS:
-            address = str(filled.get(f"{ending}_url", ""))
-            for name in LEFT_TO_FILL.findall(address):
-                address = address.replace(name, given[name]) if name in given else ""
             if f"{ending}_url" in filled:
-                filled[f"{ending}_url"] = address
+                filled[f"{ending}_url"] = _put_in(str(filled[f"{ending}_url"]), given)
+        if not filled.get("failed_url") and not filled.get("no_consent_url") and self.home:
+            filled["failed_url"] = _put_in(self.home, given)
         return filled
+
+
+def _put_in(address: str, given: Mapping[str, str]) -> str:
+    """Return an address with answers in their places; empty if it lacks one."""
+    for name in LEFT_TO_FILL.findall(address):
+        address = address.replace(name, given[name]) if name in given else ""
+    return address
 
 
 @dataclass(frozen=True)
@@ -100,6 +108,7 @@ PLATFORMS: Mapping[str, Platform] = {
             "YOUR-TIMED-OUT-CODE": "Code when the time has run out",
             "YOUR-TECHNICAL-PROBLEM-CODE": "Code when a film cannot be shown",
         },
+        "https://app.prolific.com/submissions",
     ),
     "sona": Platform(
         "SONA",
@@ -115,11 +124,13 @@ PLATFORMS: Mapping[str, Platform] = {
             "YOUR-EXPERIMENT": "Number of the experiment",
             "YOUR-TOKEN": "Credit token",
         },
+        "https://YOUR-SCHOOL.sona-systems.com/",
     ),
     "mturk": Platform(
         "MTurk",
         "workers paste a random code; the HIT's page gives the link their ids",
         {"id": MTURK_ID, "keep": ("assignmentId",), "random_codes": True},
+        home="https://worker.mturk.com/tasks",
     ),
     "cint": Platform(
         "Cint",

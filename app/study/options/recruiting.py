@@ -98,7 +98,10 @@ class OutsideOptions(Options):
     ] = ""
     screened_out_url: Annotated[Address, _address("Address after screening out")] = ""
     no_consent_url: Annotated[Address, _address("Address without consent")] = ""
-    full_url: Annotated[Address, _address("Address when nobody more is taken in")] = ""
+    full_url: Annotated[
+        Address,
+        _address("Address when nobody more is taken in", "empty: that without consent, which gives the place back"),
+    ] = ""
     timed_out_url: Annotated[Address, _address("Address when the time has run out")] = ""
     withdrawn_url: Annotated[Address, _address("Address after withdrawing")] = ""
     failed_url: Annotated[
@@ -126,8 +129,8 @@ class OutsideOptions(Options):
 
     def url(self, ending: Ending) -> str:
         """Return the address of an ending, with its placeholders; empty: none."""
-        if ending == "failed":
-            return self.failed_url or self.no_consent_url
+        if ending in ("failed", "full"):
+            return str(getattr(self, f"{ending}_url")) or self.no_consent_url or self.failed_url
         return str(getattr(self, f"{ending}_url"))
 
     def address(self, ending: Ending, arrival: Arrival | None, code: str = "") -> str:

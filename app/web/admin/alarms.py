@@ -21,4 +21,9 @@ def alarm_in(database: Database, study: Study) -> dict[str, Any] | None:
     if alarm is None:
         return None
     films = [{**film, "name": names.get(film["media"], OF_PRACTICE)} for film in alarm.films]
-    return {"films": films[:MOST_FILMS], "n_more": len(films[MOST_FILMS:]), "n_people": alarm.n_people}
+    return {
+        "films": films[:MOST_FILMS],
+        "n_more": len(films[MOST_FILMS:]),
+        "n_people": alarm.n_people,
+        "last_at": alarm.last_at,
+    }

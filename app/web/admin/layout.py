@@ -62,7 +62,7 @@ MANUAL = {  # where the manual speaks of a page, by its template; of others in i
     "set": "studies#stimulus-sets",
     "sets": "studies#stimulus-sets",
     "settings": "operations",
-    "stimuli": "formats",
+    "stimuli": "studies#films-that-fail",
     "strokes": "intake#draw-strokes-for-masks",
     "studies": "experimenter#a-study",
     "table_reading": "analysis#votes",

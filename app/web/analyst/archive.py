@@ -12,6 +12,7 @@ from typing import IO, Any
 
 from app.operations.studies.manage import study_file_of
 from app.store.database.engine import Database, Transaction
+from app.store.failing_films import failing_films
 from app.store.participants.comments import comment_records, tag_records
 from app.store.participants.interviews import questionnaire_records
 from app.store.participants.participants import participant_records
@@ -21,7 +22,7 @@ from app.store.studies.images import image_content, image_digests
 from app.store.studies.measurements import measurement_records
 from app.store.studies.studies import Study, study_by_id
 from app.store.trials.demographics import demographic_records
-from app.store.trials.designs import conditions_of, failing_films
+from app.store.trials.designs import conditions_of
 from app.store.trials.sessions import shown_wordings
 from app.store.trials.trial_records import trial_records
 from app.store.trials.vote_records import vote_records

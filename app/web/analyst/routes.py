@@ -17,6 +17,7 @@ from app.store.access.tokens import PERSONAL, READ
 from app.store.database import tables
 from app.store.database.engine import Database, Transaction
 from app.store.database.table_state import Tables, table_state
+from app.store.failing_films import failing_films
 from app.store.participants.comments import comment_records, tag_names, tag_records
 from app.store.participants.interviews import questionnaire_records
 from app.store.participants.participants import n_participants, participant_records, session_state
@@ -26,7 +27,7 @@ from app.store.studies.measurements import measurement_records
 from app.store.studies.studies import Study, all_studies, progress_by_study, progress_of
 from app.store.trials.counted_votes import vote_state
 from app.store.trials.demographics import demographic_records
-from app.store.trials.designs import conditions_of, datasets_of, failing_films, stimulus_names
+from app.store.trials.designs import conditions_of, datasets_of, stimulus_names
 from app.store.trials.trial_records import SoughtRows, rows_by_session, trial_page, trial_state
 from app.store.trials.vote_records import vote_row
 from app.study.options.options import parse_options

@@ -19,6 +19,7 @@ from app.intake.stimuli import check_videos
 from app.intake.summaries import TABLES
 from app.operations.foreign_tables import Scale, analysed, understand
 from app.operations.studies.check_films import FilmCheck, films_of, last_check, start_film_check
+from app.operations.studies.edit import start_mending
 from app.operations.studies.stimulus_sets import (
     KnownSet,
     change_stimulus_set,
@@ -234,6 +235,13 @@ def check_films(
     """Decode every film of a study to its end, and play it where a browser is installed; GET says what was found."""
     task = start_film_check(settings(request), database, study, actor)
     return accepted(waited_task(database, task, wait_s, "The films were not checked"))
+
+
+@router.post("/studies/{slug}/films", response_model=TaskView, responses=ACCEPTED)
+def mend_films(request: Request, actor: StudyEditor, study: AStudy, database: Store, wait_s: Wait = WAIT_S) -> Response:
+    """Make the films again whose files are damaged or missing, exactly as they were, and check all."""
+    task = start_mending(settings(request), database, study, actor)
+    return accepted(waited_task(database, task, wait_s, "The films were not made again"))
 
 
 @router.post("/studies/import", response_model=TaskView, responses=ACCEPTED, openapi_extra=file_body())

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import shutil
+from contextlib import suppress
 
 from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse, Response
 
+from app.errors import UnavailableError
 from app.store.database.migrate import why_not_ready
+from app.store.failing_films import failing_films_of_all
 from app.web.gates import Store, settings
-from app.web.monitoring.metrics import Metrics
+from app.web.monitoring.metrics import Metrics, failing_films_text
 from app.web.problems import problem
 
 LEAST_FREE_MB = 16  # votes take kilobytes, and SQLite writes each twice
@@ -36,8 +39,10 @@ def readyz(request: Request, database: Store) -> JSONResponse:
 
 
 @router.get("/metrics")
-def metrics(request: Request) -> Response:
+def metrics(request: Request, database: Store) -> Response:
     """Counts for Prometheus; hide this address from the outside (deploy/nginx.conf)."""
     counts: Metrics = request.app.state.metrics
     text, media_type = counts.text()
+    with suppress(UnavailableError), database.reading() as connection:  # without a database the other counts still help
+        text += failing_films_text(failing_films_of_all(connection))
     return Response(text, media_type=media_type)

@@ -1,19 +1,21 @@
 """Count requests, times and waiting votes for Prometheus, over all workers.
 
-Labels are routes and statuses, never addresses, which hold invitations and sign-in links.
+Labels are routes, statuses and names of failing films; never addresses, which hold invitations and sign-in links.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
 
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.multiprocess import MultiProcessCollector, mark_process_dead
 
 SHARED_FOLDER = "PROMETHEUS_MULTIPROC_DIR"  # where workers keep their counts, by prometheus_client's convention
+FAILING_FILM = ("study", "film", "browser")
 LATENCY_BUCKETS_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 10.0)
 
 
@@ -61,6 +63,26 @@ class Metrics:
         shared = CollectorRegistry()
         MultiProcessCollector(shared)  # type: ignore[no-untyped-call]  # the package has none there
         return generate_latest(shared), CONTENT_TYPE_LATEST
+
+
+def failing_films_text(failing: Iterable[tuple[tuple[str, str, str], int]]) -> bytes:
+    """Write how many people could not be shown a film, by study, film and browser, until somebody takes note."""
+    told = "People to whom a film could not be shown, until an experimenter takes note of it."
+    gauge = GaugeMetricFamily("reconstudy_failing_film_people", told, labels=FAILING_FILM)
+    for labels, n_people in failing:
+        gauge.add_metric(labels, n_people)
+    return generate_latest(_OneMetric(gauge))
+
+
+class _OneMetric(CollectorRegistry):
+    """A registry of a metric that is read from the database, the same for all workers."""
+
+    def __init__(self, metric: GaugeMetricFamily) -> None:
+        super().__init__()
+        self._metric = metric
+
+    def collect(self) -> Iterable[GaugeMetricFamily]:
+        return [self._metric]
 
 
 def _forget_the_dead(folder: Path) -> None:

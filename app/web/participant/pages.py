@@ -81,7 +81,7 @@ def participant_page(request: Request, code: str, another: str = "") -> Response
             "an invitation's page was refused: %s", state if offered else "the study is complete in no language"
         )
         note_refusal(request, "not found" if state == "unknown" else "not taken in", f"invitation {state}")
-        leads_to = study.full_url if study is not None and state in ("closed", "full", "used") else ""
+        leads_to = study.full_url if study is not None and state in ("paused", "closed", "full", "used") else ""
         status = STATUS_OF_MESSAGE[state]
         return _page(
             request,

@@ -10,6 +10,7 @@ from fastapi.responses import FileResponse, Response
 from app.errors import NotFoundError
 from app.films.strips import write_still
 from app.operations.studies.check_films import films_of, in_words, last_check, start_film_check
+from app.operations.studies.edit import start_mending
 from app.store.access.experimenters import Experimenter
 from app.store.studies.studies import Study
 from app.store.trials.designs import STRIPS, film_file, pair_records, stimulus_records
@@ -35,6 +36,12 @@ def check_stimuli(request: Request, actor: Acting, study: AStudy, store: Store) 
     """Decode every film to its end, and play it in a browser where one is installed, in the background."""
     task = start_film_check(settings(request), store, study, actor)
     return see(task_address(task))
+
+
+@router.post("/again")
+def mend_stimuli(request: Request, actor: Acting, study: AStudy, store: Store) -> Response:
+    """Make damaged films again, and check all."""
+    return see(task_address(start_mending(settings(request), store, study, actor)))
 
 
 @router.get("/{media}/{half}.jpg")

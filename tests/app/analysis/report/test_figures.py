@@ -251,3 +251,13 @@ def test_many_names_look_different_and_none_is_cut_in_the_legend() -> None:
     n_columns = [legend["columns"] for legend in legends]
     assert n_columns[0] * (text_width(long[0]) + 20) < FULL
     assert n_columns[1] >= 3
+
+
+def test_a_long_title_fits_in_its_figure_also_in_wide_fonts() -> None:
+    bar = {"mark": "bar", "data": {"values": [{"x": 1}]}, "encoding": {"x": {"field": "x", "type": "quantitative"}}}
+    long = "Preferred over the others by participants of the second group"
+    for title in (long, {"text": "Short", "subtitle": [long]}):
+        svg = chart_svg({**bar, "title": title}, 5000)
+        assert drawn_width(svg) >= text_width(long)
+        assert f'viewBox="0 0 {drawn_width(svg):g} ' in svg
+    assert drawn_width(chart_svg({**bar, "title": "Short"}, 5000)) < text_width(long)

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from app.errors import UnavailableError
+from app.errors import ConflictError, InvalidError, UnavailableError
+from app.ffmpeg import no_progress
 from app.files import file_digest
 from app.films.pairs import FilmMaker, prepare_pairs
 from app.films.strips import MEDIA_TYPES
 from app.intake.stimuli import read_stimulus_set
+from app.operations.database import open_store, study_named
 from app.operations.studies import check_films
 from app.operations.studies.check_films import check_study
 from app.operations.studies.create import create_study
+from app.operations.studies.edit import mend_films
 from app.operations.studies.play_films import PlayedFilm, find_browser, play_films
 from app.settings import Settings
 from app.study.options.options import parse_options
@@ -102,3 +106,23 @@ def test_the_check_decodes_every_film_and_says_what_it_could_not_do(
     assert list(check_study(settings, made["slug"])["faults"].values()) == ["the file is missing"]
     with pytest.raises(ValueError, match="there is no study 'nobodys'"):
         check_study(settings, "nobodys")
+
+
+@pytest.mark.slow
+def test_damaged_films_are_made_again_exactly_as_they_were(folder: Path, tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path / "server")
+    slug = create_study(settings, folder, "Mended", options=parse_options({"repeated_pairs": 0}))["slug"]
+    before = {path.name: path.read_bytes() for path in settings.media_dir.glob("*.mp4")}
+    with open_store(settings) as database:
+        with database.reading() as connection:
+            study = study_named(connection, slug)
+        with pytest.raises(InvalidError, match="as they were when the study was made"):
+            mend_films(settings, database, study, no_progress)
+        for name, content in before.items():
+            (settings.media_dir / name).write_bytes(content[:-1] + b"x")
+        assert len(mend_films(settings, database, study, no_progress)) == len(before)
+        assert {path.name: path.read_bytes() for path in settings.media_dir.glob("*.mp4")} == before
+        next(settings.media_dir.glob("*.mp4")).unlink()
+        shutil.rmtree(folder)
+        with pytest.raises(ConflictError, match="upload it again"):
+            mend_films(settings, database, study, no_progress)

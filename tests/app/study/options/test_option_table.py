@@ -98,3 +98,8 @@ def test_the_documentation_lists_every_option_with_its_default_and_when_it_may_c
         setting.name: setting.change for setting in settings_of(StudyOptions)
     }
     assert [listed[name][0] for name in ("protocol", "break_every", "see_both")] == ["`PC`", "`25`", "`yes`"]
+
+
+@pytest.mark.parametrize("setting", SETTINGS, ids=name_of)
+def test_what_a_setting_expects_is_said_in_words_and_not_as_a_file_writes_it(setting: Setting) -> None:
+    assert not re.search(r"[\[\]{}]", setting.expected)

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.study.options.options import parse_options
+from app.study.options.platforms import PLATFORMS
 from app.study.options.recruiting import VALUE, Arrival, LimitOptions
 
 IDS = st.from_regex(VALUE, fullmatch=True)
@@ -92,3 +93,12 @@ def test_a_study_is_full_when_those_under_way_may_fill_it(
     limits: LimitOptions, counts: tuple[int, int], is_full: bool
 ) -> None:
     assert limits.is_full(*counts) is is_full
+
+
+@pytest.mark.parametrize("name", [name for name in PLATFORMS if name])
+def test_nobody_of_a_platform_is_left_without_a_way_home_whose_film_fails_or_whom_nobody_takes_in(name: str) -> None:
+    platform = PLATFORMS[name]
+    given = dict.fromkeys(platform.needed, "abc")
+    outside = parse_options({"outside": platform.filled(given)}).outside
+    for ending in ("failed", "full"):
+        assert outside.address(ending, None).startswith("https://")

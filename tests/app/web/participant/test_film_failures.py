@@ -16,6 +16,7 @@ from tests.app.web.http_checks import is_problem
 Create = Callable[..., dict[str, Any]]
 Fails = Callable[..., httpx.Client]
 FIREFOX = {"User-Agent": "Mozilla/5.0 (X11; Linux x86_64; rv:150.0) Gecko/20100101 Firefox/150.0"}
+CHROME = {"User-Agent": "Mozilla/5.0 (X11; Linux x86_64) AppleWebKit/537.36 Chrome/150.0.0.0 Safari/537.36"}
 OUTSIDE = {"no_consent_url": "https://platform.test/back", "redirect_after_s": 1}
 
 
@@ -24,14 +25,16 @@ def fails(server: str) -> Iterator[Fails]:
     """Somebody begins, and the first film does not play; returns their browser."""
     with ExitStack() as browsers:
 
-        def fail(study: dict[str, Any], times: int = 1) -> httpx.Client:
-            browser = browsers.enter_context(httpx.Client(base_url=server, timeout=30, headers=FIREFOX))
+        def fail(
+            study: dict[str, Any], times: int = 1, agent: dict[str, str] = FIREFOX, why: str = "the film is 2x2"
+        ) -> httpx.Client:
+            browser = browsers.enter_context(httpx.Client(base_url=server, timeout=30, headers=agent))
             token = begin(browser, study["slug"], study["invitation"])["token"]
             browser.headers["Authorization"] = f"Bearer {token}"
             trial = next_trial(browser, token)
             assert trial is not None
             for _ in range(times):
-                told = browser.put(f"/api/v1/session/trials/{trial['trial']}/trouble", json={"why": "the film is 2x2"})
+                told = browser.put(f"/api/v1/session/trials/{trial['trial']}/trouble", json={"why": why})
                 assert told.status_code == 204
             return browser
 
@@ -64,7 +67,31 @@ def test_a_failing_film_is_told_with_the_browser_on_every_page_of_the_study_and_
         text = experimenter.get(f"/admin/studies/{study['slug']}{tab}").text
         assert "could not be shown to 1 participant" in text
         assert "Firefox on Linux" in text
-    assert "reconstudy_film_failures_total" in httpx.get(f"{server}/metrics").text
+    metrics = httpx.get(f"{server}/metrics").text
+    assert "reconstudy_film_failures_total" in metrics
+    labels = f'{{browser="Firefox on Linux",film="{row["film"]}",study="{study["slug"]}"}}'
+    assert f"reconstudy_failing_film_people{labels} 1.0" in metrics
+
+
+@pytest.mark.slow
+def test_the_alarm_counts_people_by_browser_and_leaves_out_what_a_browser_says_to_its_developers(
+    server: str, fails: Fails, create: Create, experimenter: Dashboard, failures: Callable[..., list[dict[str, Any]]]
+) -> None:
+    study = create(pause_on_failures=0)
+    page = f"/admin/studies/{study['slug']}"
+    why = "the film is damaged, or the browser cannot decode it: PipelineStatus::PIPELINE_ERROR_DECODE: size=5455"
+    for agent in (FIREFOX, CHROME, CHROME):
+        fails(study, times=2, agent=agent, why=why)
+    text = experimenter.get(page).text
+    assert "PipelineStatus" not in text
+    assert "the film is damaged, or the browser cannot decode it" in text
+    assert {row["why"] for row in failures(study)} == {why}
+    for n, name in ((2, "Chrome on Linux"), (1, "Firefox on Linux")):
+        metrics = httpx.get(f"{server}/metrics").text.splitlines()
+        counts = [line.split()[-1] for line in metrics if f'browser="{name}"' in line and study["slug"] in line]
+        assert sum(map(float, counts)) == n
+    assert experimenter.act(f"{page}/failures").status_code in (200, 303)
+    assert f'study="{study["slug"]}"' not in httpx.get(f"{server}/metrics").text
 
 
 @pytest.mark.slow
