@@ -256,8 +256,8 @@ FORMATS: dict[str, Format] = {  # the first of those that know a source reads it
     "matlab": Format(
         _asking(read_matlab),
         ("*.mat", "*.json"),
-        "`s = toStruct(stereoParams); save('stereo.mat', '-struct', 's', '-v7')`, or `jsonencode(s)`; pictures in "
-        "`left`, `right`",
+        "`s = toStruct(stereoParams); save('stereo.mat', '-struct', 's', '-v7')`, or `jsonencode(s)`; or "
+        "`stereoParametersToOpenCV`'s variables, or `Calib_Results_stereo.mat`; pictures in `left`, `right`",
         r'^MATLAB|"CameraParameters1"',
         ("units", "up"),
     ),

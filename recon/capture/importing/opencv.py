@@ -204,11 +204,20 @@ def _stored_matrix(content: Mapping[str, Any]) -> NDArray[np.float64]:
 
 def _source(base: Path, name: str, entry: Mapping[str, Any], options: ImportOptions) -> SensorSource:
     pictures = find_pictures(base / "left"), find_pictures(base / "right")
-    sensor = _sensor(name, entry, pictures[0].size, options.unit_mm or 1.0)
+    sensor = stereo_sensor(name, entry, pictures[0].size, options.unit_mm or 1.0)
     return SensorSource(name, sensor.left, sensor.right, pictures)
 
 
-def _sensor(name: str, entry: Mapping[str, Any], size: tuple[int, int], unit_mm: float) -> Sensor:
+def stereo_sensor(name: str, entry: Mapping[str, Any], size: tuple[int, int], unit_mm: float) -> Sensor:
+    """Return the sensor of an entry with the keys of KEYS, or raise a CaptureError.
+
+    Parameters
+    ----------
+    name : of the sensor
+    entry : with its file, for messages, at the key ""
+    size : (width, height) of the pictures, for entries that do not say it
+    unit_mm : length of the unit of T
+    """
     matrices = {key: _matrix(entry, key) for key in KEYS}
     if matrices["D1"].size != matrices["D2"].size and not matrices["D1"].size * matrices["D2"].size:
         raise CaptureError(f"{entry['']}: has distortion of one camera only, expected D1 and D2")
