@@ -68,12 +68,12 @@ def write_sequence(out: Path, folder: Path, fps: float, progress: Progress) -> t
     paths = frames_in(folder, problems)
     if problems or not paths:
         raise ValueError("; ".join(problems) or f"{folder}: holds no models with numbers, such as 0000.ply")
-    scene, found = GltfScene(), dict[str, Path]()
+    scene, warnings = GltfScene(), dict[str, Path]()
     with new_folder(out) as made:
         for number, path in enumerate(paths):
             read = read_as_it_stands(path)
             mesh = read.model
-            found |= {warning: path for warning in read.warnings if warning not in found}
+            warnings |= {warning: path for warning in read.warnings if warning not in warnings}
             if not isinstance(mesh, Mesh):
                 raise ValueError(f"{path}: holds no faces; a sequence is one of meshes")
             picture = f"{number:04d}.png"
@@ -86,7 +86,7 @@ def write_sequence(out: Path, folder: Path, fps: float, progress: Progress) -> t
         write_bytes(made / TIMES, scene.next_buffer())
         uris = [*(f"{number:04d}.bin" for number in range(len(paths))), TIMES]
         write_json(made / SEQUENCE, scene.document(uris))
-    return len(paths), [f"{path}: {warning}" for warning, path in found.items()]
+    return len(paths), [f"{path}: {warning}" for warning, path in warnings.items()]
 
 
 def size_of(model: Model) -> tuple[int, int]:

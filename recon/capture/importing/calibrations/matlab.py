@@ -28,7 +28,7 @@ from recon.capture.importing.calibrations.placed import (
     calibration_in,
     needed_view,
 )
-from recon.capture.importing.opencv import stereo_sensor
+from recon.capture.importing.calibrations.stereo_entry import stereo_sensor
 from recon.capture.importing.sources import faults_at
 from recon.capture.importing.views import View, pictures_of
 from recon.geometry.rig import Camera, rigid

@@ -433,7 +433,12 @@ def test_every_format_has_a_name_for_people() -> None:
     [
         ("calibs.txt", "", r"nearest is middlebury-pair, which has calib\.txt: `im0\.png`"),
         ("calib.txt", "nothing", r"nearest is middlebury-pair, but calib\.txt is none of its files"),
-        ("holiday.mp3", "", "as none of its files tells cameras"),
+        ("holiday.mp3", "", "as none of its files tells cameras\\. "),
+        ("holiday.png", "", "as none of its files tells cameras; `reconstudy capture calibrate` measures them"),
+        ("calibrationdata.tar.gz", "", r"but calibrationdata\.tar\.gz is an archive; unpack it, and name the folder"),
+        ("house.psx", "", "but house.psx is Metashape's; export its cameras in COLMAP's format"),
+        ("sfm_data.json", "{}", r"but sfm_data\.json is of a program whose cameras are not read; export them"),
+        ("calib.npz", "", r"but calib\.npz is Python's own; write the matrices as `opencv`"),
     ],
 )
 def test_a_source_of_no_known_format_is_told_the_nearest(
