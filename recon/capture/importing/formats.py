@@ -101,14 +101,10 @@ def import_recording(name: str, source: Path, out: Path, options: ImportOptions)
     ------
     CaptureError
         Naming what is wrong, and the format that the source looks like, if it is another one.
-    ValueError
-        If there is no such file or folder.
     """
-    if name == AUTO:
-        name = find_format(source)
-    else:
-        check_exists(source)
+    name = find_format(source) if name == AUTO else name
     try:
+        check_exists(source)
         return FORMATS[name].run(source, out, options)
     except BROKEN as error:
         raise CaptureError(f"{source}: is not whole: {type(error).__name__} {error}") from error
