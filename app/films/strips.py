@@ -14,7 +14,7 @@ from pathlib import Path
 
 from app.errors import StimuliError
 from app.ffmpeg import VideoFacts, decode, look_at, reading, run_ffmpeg
-from app.ffmpeg.colours import browser_colours
+from app.ffmpeg.colours import BT709, browser_colours
 from app.files import whole_file
 from app.intake.stimuli import FPS_TOLERANCE, Stimulus
 
@@ -24,7 +24,7 @@ LEAST_PSNR_DB = 25.0  # of a frame against its source; these encoders give above
 LEAST_LIGHTER_PSNR_DB = 20.0  # with fewer bytes above 30, and 24 even of noise
 BY_NUMBER = "settb=1/1000,setpts=1000*N"  # one second per frame, whatever the file's time stamps
 STILL_WIDTH = 480  # pixels of a thumbnail
-RECIPE = "stacked-3"  # part of every film's key: change it when the encoding changes
+RECIPE = "stacked-4"  # part of every film's key: change it when the encoding changes
 
 H264 = "h264"
 SINGLE = "single"  # H.264 of one strip without B-frames: a decoder returns every frame immediately
@@ -43,10 +43,8 @@ MEDIA_TYPES = {  # to ask a browser about; levels as two films of full HD need t
     "vp9": 'video/mp4; codecs="vp09.00.51.08"',
     "av1": 'video/mp4; codecs="av01.0.12M.08"',
 }
-CONTAINER = (
-    "-color_range tv -colorspace bt709 -color_primaries bt709 -color_trc bt709"
-    # The metadata must not name a source.
-    " -an -map_metadata -1 -map_chapters -1 -fflags +bitexact -flags:v +bitexact -movflags +faststart"
+CONTAINER = (  # the metadata must not name a source
+    "-an -map_metadata -1 -map_chapters -1 -fflags +bitexact -flags:v +bitexact -movflags +faststart"
 )
 
 
@@ -114,7 +112,7 @@ def encode(content: Strips, out: Path, *, part: tuple[float, int] | None = None)
     strips = [_padded(number, colours[number], half * (number > 0), half * (number < n - 1)) for number in range(n)]
     names = "".join(f"[strip{number}]" for number in range(n))
     stack = f"vstack=inputs={n}:shortest=1," if n > 1 else ""
-    graph = "".join(strips) + f"{names}{stack}zscale=f=bicubic,format=yuv420p[film]"
+    graph = "".join(strips) + f"{names}{stack}zscale=f=bicubic,format=yuv420p,{BT709}[film]"
     seek, most = ([], []) if part is None else (["-ss", f"{part[0]:.3f}"], ["-frames:v", str(part[1])])
     inputs = [argument for source in content.sources for argument in (*seek, *reading(source))]
     filtering = ["-filter_complex", graph, "-map", "[film]", "-fps_mode", "passthrough"]

@@ -62,9 +62,10 @@ class Pictures:
 
 
 def find_pictures(base: Path, *, instead_of: Path | None = None) -> Pictures:
-    """Find the recording at a name without suffix: a folder of images, a video, or a single image.
+    """Find the recording at a name without suffix: a folder of images, a video, a single image, or numbered ones.
 
     Images of a folder are taken in the order of the numbers in their names; one named `plate` is the clean plate.
+    Numbered ones have the name before their number: `left-0000.png` or `left01.jpg` of `left`.
 
     Parameters
     ----------
@@ -79,10 +80,18 @@ def find_pictures(base: Path, *, instead_of: Path | None = None) -> Pictures:
     recordings = recordings_named(base, (*PICTURE_SUFFIXES, *VIDEO_SUFFIXES))
     if len(recordings) > 1:
         recordings = [path for path in recordings if path != instead_of]
+    if not recordings and (numbered := _numbered(base)):
+        return Pictures(numbered)
     if len(recordings) != 1:
         names = ", ".join(path.name for path in recordings)
         raise CaptureError(f"{base}: found {names or 'nothing'}, expected one folder of images, video or image")
     return _in_folder(recordings[0]) if recordings[0].is_dir() else Pictures((recordings[0],))
+
+
+def _numbered(base: Path) -> tuple[Path, ...]:
+    name = re.compile(rf"{re.escape(base.name)}[-_]?\d+", re.IGNORECASE)
+    images = images_in(base.parent) if base.parent.is_dir() else []
+    return tuple(path for path in images if name.fullmatch(path.stem))
 
 
 def recordings_named(base: Path, suffixes: Collection[str]) -> list[Path]:

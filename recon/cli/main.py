@@ -128,7 +128,8 @@ def fuse(asked: Fuse, *, as_json: bool) -> None:
 def export(asked: Export, *, as_json: bool) -> None:
     """Convert a model; a GLB file opens in any 3D viewer."""
     from recon.geometry.mesh import Mesh, error_colours, error_limit
-    from recon.models.convert import SEQUENCE, read_as_it_stands, size_of, write_model, write_sequence
+    from recon.models.convert import DEFAULT_FPS, SEQUENCE, read_as_it_stands, size_of, write_model, write_sequence
+    from recon.pipeline.run import recorded_fps
     from recon.runtime.files import check_not_read
     from recon.validation.clouds import read_shape
     from recon.validation.truth.evaluation import signed_distances_to
@@ -138,10 +139,14 @@ def export(asked: Export, *, as_json: bool) -> None:
     if asked.sequence:
         if asked.truth is not None:
             raise typer.BadParameter("--sequence shows the models as they are; leave out --truth")
+        fps = asked.fps or recorded_fps(asked.mesh) or DEFAULT_FPS
         with ProgressLine() as progress:
-            n_frames = write_sequence(asked.out, asked.mesh, asked.fps, progress)
-        made: dict[str, Any] = {"out": str(asked.out), "frames": n_frames}
-        print_result(made, f"Wrote {counted(n_frames, 'frame')}: {asked.out / SEQUENCE}", as_json=as_json)
+            n_frames, warnings = write_sequence(asked.out, asked.mesh, fps, progress)
+        made: dict[str, Any] = {"out": str(asked.out), "frames": n_frames, "fps": fps, "warnings": warnings}
+        for warning in warnings:
+            typer.echo(f"warning: {warning}", err=True)
+        wrote = f"Wrote {counted(n_frames, 'frame')}, {fps:g} a second: {asked.out / SEQUENCE}"
+        print_result(made, f"{wrote}. Give Blender this frame rate before you import it", as_json=as_json)
         return
     check_not_read(asked.out, [asked.mesh] if asked.truth is None else [asked.mesh, asked.truth])
     read = read_as_it_stands(asked.mesh)

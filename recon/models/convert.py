@@ -10,13 +10,14 @@ from recon.geometry.glb import GltfScene, png_of
 from recon.geometry.mesh import Discs, Mesh, Model
 from recon.geometry.mesh_files import write_cloud, write_mesh
 from recon.models.folder import frames_in
-from recon.models.read import GLTF_SUFFIXES, Placement, ReadModel, read_model
+from recon.models.read import GLTF_SUFFIXES, MODEL_SUFFIXES, Placement, ReadModel, read_model
 from recon.models.shape import GLTF_MM
 from recon.models.splats.ply import write_splat_ply
 from recon.runtime.files import new_folder, write_bytes, write_json
 from recon.runtime.workers import Progress
 
 SEQUENCE, TIMES = "sequence.gltf", "times.bin"
+DEFAULT_FPS = 25.0  # of models that no recording tells of
 ANY_RADIUS_MM = 1.0  # of points, which are written as points
 
 
@@ -41,8 +42,10 @@ def write_model(path: Path, model: Model) -> Path:
     return write_splat_ply(path, model)
 
 
-def write_sequence(out: Path, folder: Path, fps: float, progress: Progress) -> int:
-    """Write the meshes of a folder as one glTF that shows them in turn, in a new folder; returns how many.
+def write_sequence(out: Path, folder: Path, fps: float, progress: Progress) -> tuple[int, list[str]]:
+    """Write the meshes of a folder as one glTF that shows them in turn, in a new folder.
+
+    Returns how many, and what was found in them: a sentence once, with the first file it is true of.
 
     `sequence.gltf` names a buffer and a picture for each frame, `0000.bin` and `0000.png`, so that one mesh at a time
     is in memory.
@@ -57,16 +60,20 @@ def write_sequence(out: Path, folder: Path, fps: float, progress: Progress) -> i
     Raises
     ------
     ValueError
-        If there is no mesh, a model has no faces, or numbers are missing.
+        If there is no mesh, a model has no faces, numbers are missing, or `out` has the name of a model.
     """
+    if out.suffix.lower() in MODEL_SUFFIXES:
+        raise ValueError(f"{out}: expected the name of a folder, which gets a {SEQUENCE} with files for each frame")
     problems: list[str] = []
     paths = frames_in(folder, problems)
     if problems or not paths:
         raise ValueError("; ".join(problems) or f"{folder}: holds no models with numbers, such as 0000.ply")
-    scene = GltfScene()
+    scene, warnings = GltfScene(), dict[str, Path]()
     with new_folder(out) as made:
         for number, path in enumerate(paths):
-            mesh = read_as_it_stands(path).model
+            read = read_as_it_stands(path)
+            mesh = read.model
+            warnings |= {warning: path for warning in read.warnings if warning not in warnings}
             if not isinstance(mesh, Mesh):
                 raise ValueError(f"{path}: holds no faces; a sequence is one of meshes")
             picture = f"{number:04d}.png"
@@ -79,7 +86,7 @@ def write_sequence(out: Path, folder: Path, fps: float, progress: Progress) -> i
         write_bytes(made / TIMES, scene.next_buffer())
         uris = [*(f"{number:04d}.bin" for number in range(len(paths))), TIMES]
         write_json(made / SEQUENCE, scene.document(uris))
-    return len(paths)
+    return len(paths), [f"{path}: {warning}" for warning, path in warnings.items()]
 
 
 def size_of(model: Model) -> tuple[int, int]:

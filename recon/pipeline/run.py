@@ -189,6 +189,12 @@ def read_run(folder: Path) -> Run:
         raise ValueError(f"{path}: {error!r} is missing or wrong; reconstruct again to write it anew") from error
 
 
+def recorded_fps(meshes: Path) -> float | None:
+    """Return the frame rate of the run that a folder of meshes belongs to, as RUN/meshes/APPROACH; None for none."""
+    run = meshes.resolve().parent.parent
+    return read_run(run).capture.fps if is_there(run / RUN_FILE) else None
+
+
 def address_from(folder: Path, recording: Path) -> str:
     """Return how a run's folder refers to its recording: by URL, or by the path from the folder."""
     return address_of(recording) if is_copy(recording) else Path(os.path.relpath(recording, folder)).as_posix()

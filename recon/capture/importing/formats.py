@@ -14,11 +14,13 @@ from pathlib import Path
 import cv2
 
 from recon.capture.format import CAPTURE_FILE, Capture, CaptureError
+from recon.capture.images import PICTURE_SUFFIXES, VIDEO_SUFFIXES
 from recon.capture.importing.calibrations.benchmarks import read_kitti, read_middlebury_pair
 from recon.capture.importing.calibrations.matlab import read_matlab
 from recon.capture.importing.calibrations.multi_view import read_miv, read_mvsnet, read_strecha
 from recon.capture.importing.calibrations.placed import Placed
 from recon.capture.importing.calibrations.robots import read_euroc, read_kalibr, read_ros
+from recon.capture.importing.calibrations.stereo_entry import KEYS
 from recon.capture.importing.colmap import import_colmap
 from recon.capture.importing.colmap_model import FOLDERS
 from recon.capture.importing.depth_cameras.bags import import_bag
@@ -29,7 +31,7 @@ from recon.capture.importing.json_file import import_json
 from recon.capture.importing.meshroom import SFM_FILES, import_meshroom
 from recon.capture.importing.middlebury import FPS, TEMPLE_PAIRS, import_middlebury
 from recon.capture.importing.nerfstudio import TRANSFORMS, import_nerfstudio
-from recon.capture.importing.opencv import KEYS, import_opencv
+from recon.capture.importing.opencv import import_opencv
 from recon.capture.importing.sources import ImportOptions, Recording
 from recon.capture.importing.views import choose_sensors
 from recon.runtime.files import any_case, check_exists, files_like
@@ -41,6 +43,16 @@ LOOKED_AT = 65536  # bytes of a file
 MM, METRE = 1.0, 1000.0
 TEMPLE_FRAMES = 3
 PLACED = ("pairs", "units", "up")  # options of most formats
+
+
+ELSEWHERE = {  # endings of what is not read, and the way out
+    r"\.(zip|tar|gz|tgz|bz2|xz|7z|rar)$": "is an archive; unpack it, and name the folder",
+    r"\.(psx|psz)$": "is Metashape's; export its cameras in COLMAP's format, with the undistorted pictures",
+    r"^(bundle.*\.out|.*\.nvm|sfm_data\.(json|bin)|.*\.rcproj)$": "is of a program whose cameras are not read; export "
+    "them in COLMAP's format",
+    r"\.svo2?$": "is Stereolabs' own recording; export its rectified pictures, and their calibration as `json`",
+    r"\.(npz|npy|pkl)$": "is Python's own; write the matrices as `opencv` with cv2.FileStorage",
+}
 
 
 @dataclass(frozen=True)
@@ -106,9 +118,8 @@ def import_recording(name: str, source: Path, out: Path, options: ImportOptions)
 
 
 def find_format(source: Path) -> str:
-    """Return the name of a source's format, or raise a CaptureError that names the nearest one."""
-    if not source.exists():
-        raise CaptureError(f"{source}: there is no such file or folder")
+    """Return the name of a source's format, or raise a ValueError that names the nearest one."""
+    check_exists(source)
     if (source / CAPTURE_FILE).is_file():
         raise CaptureError(f"{source}: is a capture already, with a {CAPTURE_FILE}; nothing is to be imported")
     if known := _known(source):
@@ -117,14 +128,17 @@ def find_format(source: Path) -> str:
 
 
 def _nearest(source: Path) -> str:
-    """Say which format has files of the same names that say something else, or of names that are nearly the same."""
+    """Say which format has such names and other content, what other program a file is of, or which names are alike."""
     for name, kind in FORMATS.items():
         by_name = [
             path for path in kind.candidates(source) if f"*{path.suffix.lower()}" not in kind.files
         ]  # any name says nothing
         if by_name:
             return f"; nearest is {name}, but {by_name[0].name} is none of its files: {kind.means}"
-    names = [path.name for path in source.iterdir()] if source.is_dir() else [source.name]
+    names = sorted(path.name for path in source.iterdir()) if source.is_dir() else [source.name]
+    for ending, words in ELSEWHERE.items():
+        if others := [name for name in names if re.search(ending, name, re.IGNORECASE)]:
+            return f", but {others[0]} {words}"
     pairs = [
         (max((_likeness(Path(file).name, name) for name in names), default=0.0), format_name, file)
         for format_name, kind in FORMATS.items()
@@ -132,7 +146,9 @@ def _nearest(source: Path) -> str:
     ]
     likeness, nearest, file = max(pairs)
     if likeness < ALIKE:
-        return ", as none of its files tells cameras"
+        is_recorded = any(Path(name).suffix.lower() in (*PICTURE_SUFFIXES, *VIDEO_SUFFIXES) for name in names)
+        calibrate = "; `reconstudy capture calibrate` measures them from pictures of a board" if is_recorded else ""
+        return f", as none of its files tells cameras{calibrate}"
     return f"; nearest is {nearest}, which has {file}: {FORMATS[nearest].means}"
 
 
@@ -256,8 +272,8 @@ FORMATS: dict[str, Format] = {  # the first of those that know a source reads it
     "matlab": Format(
         _asking(read_matlab),
         ("*.mat", "*.json"),
-        "`s = toStruct(stereoParams); save('stereo.mat', '-struct', 's', '-v7')`, or `jsonencode(s)`; pictures in "
-        "`left`, `right`",
+        "`s = toStruct(stereoParams); save('stereo.mat', '-struct', 's', '-v7')`, or `jsonencode(s)`; or "
+        "`stereoParametersToOpenCV`'s variables, or `Calib_Results_stereo.mat`; pictures in `left`, `right`",
         r'^MATLAB|"CameraParameters1"',
         ("units", "up"),
     ),

@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 
 from recon.capture.format import Capture, image_path
 from recon.capture.images import CaptureError, is_video
+from recon.capture.importing.calibrations.placed import CAMERA_FROM_WORLD
 from recon.capture.importing.into_capture import write_recording
 from recon.capture.importing.lenses import with_lens
-from recon.capture.importing.opencv import CAMERA_FROM_WORLD
 from recon.capture.importing.sources import DepthSource, ImportOptions, Recording, SensorSource, faults_at, parse_unit
 from recon.capture.importing.views import tell_absent
 from recon.capture.pictures import Pictures, find_pictures

@@ -24,7 +24,7 @@ from recon.capture.importing.views import tell_absent
 from recon.capture.pictures import Pictures
 from recon.capture.recording import check_bounds
 from recon.geometry.rig import Camera, bounds_corners, rigid, transformed
-from recon.runtime.files import files_like, in_any_case
+from recon.runtime.files import check_exists, files_like, in_any_case
 
 TEMPLE_PAIRS = ((13, 14), (20, 21), (27, 28))  # three sensors 53 degrees apart
 MM_PER_METRE = 1000.0
@@ -94,8 +94,7 @@ def import_middlebury(
 def _listing(source: Path) -> Path:
     if source.is_file():
         return source
-    if not source.is_dir():
-        raise CaptureError(f"{source}: there is no such folder")
+    check_exists(source)
     calibrations = files_like(source, "*_par.txt")
     if len(calibrations) != 1:
         raise CaptureError(f"{source}: holds {len(calibrations)} files *_par.txt, expected one calibration file")

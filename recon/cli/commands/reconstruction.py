@@ -181,7 +181,9 @@ class Export(Command):
         "Write all frames of a folder as one glTF that shows them in turn, into the folder OUT.",
         flags=("--sequence",),
     )
-    fps: float = option(25.0, "Frames a second of the sequence.", ge=0.01)
+    fps: float | None = option(
+        None, "Frames a second of the sequence; default: as the run was recorded, 25 without one.", ge=0.01
+    )
 
 
 class Models(Command):

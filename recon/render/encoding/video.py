@@ -29,7 +29,7 @@ SCALER = "bitexact+accurate_rnd+full_chroma_int"
 QUIET = ("-hide_banner", "-loglevel", "error", "-y")
 STRICT = ("-hide_banner", "-loglevel", "error", "-xerror", "-err_detect", "explode")
 CONTAINER = ("-fflags", "+bitexact", "-map_metadata", "-1", "-movflags", "+faststart", "-f", "mp4")
-BT709 = ("-color_primaries", "bt709", "-color_trc", "bt709", "-colorspace", "bt709", "-color_range", "tv")
+BT709 = "setparams=range=tv:color_primaries=bt709:color_trc=bt709:colorspace=bt709"  # options give way to the pictures'
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ def _encoder_command(path: Path, size: tuple[int, int], fps: float, encoding: En
     return [
         *(imageio_ffmpeg.get_ffmpeg_exe(), *QUIET),
         *("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}", "-framerate", rate, "-i", "pipe:0"),
-        *("-vf", f"scale=out_color_matrix=bt709:out_range=tv:flags={SCALER},format=yuv420p", *BT709),
+        *("-vf", f"scale=out_color_matrix=bt709:out_range=tv:flags={SCALER},format=yuv420p,{BT709}"),
         *("-c:v", "libx264", "-preset", encoding.preset, "-crf", str(encoding.crf), "-threads", str(ENCODER_THREADS)),
         *("-g", str(GOP), "-keyint_min", str(GOP), "-sc_threshold", "0", "-flags", "+cgop+bitexact"),
         *CONTAINER,

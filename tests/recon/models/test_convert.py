@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,11 @@ import numpy as np
 import pytest
 import trimesh
 
+from recon.capture.format import read_capture, write_capture
 from recon.geometry.mesh import Mesh, Texture
 from recon.models.convert import read_as_it_stands, write_model
 from recon.models.splats.read import read_with_warnings
+from recon.pipeline.run import SCHEMA_VERSION
 from tests.command_line import Command
 
 FOREIGN = Path("foreign/models")
@@ -116,3 +119,39 @@ def test_a_sequence_is_of_meshes_without_gaps(command: Command, tmp_path: Path) 
     assert told.code == 1
     assert "frame 1 is missing" in told.err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_sequence_of_a_run_plays_as_fast_as_it_was_recorded(command: Command, tmp_path: Path) -> None:
+    synth = ("capture", "synth", tmp_path / "ball", "--scene", "ball", "--frames", 1, "--size", "64x48", "--fps", 12)
+    assert command(*synth).code == 0
+    capture = read_capture(tmp_path / "ball")
+    folder = tmp_path / "run/meshes/dr_fb"
+    folder.mkdir(parents=True)
+    write_model(folder / "0000.ply", coloured(1.0, is_textured=False))
+    json_of_run = {"approaches": ["dr_fb"], "frames": [0], "versions": {}, "schema_version": SCHEMA_VERSION}
+    (tmp_path / "run/run.json").write_text(json.dumps(json_of_run))
+    write_capture(replace(capture, folder=tmp_path / "run"))
+    told = command("export", folder, tmp_path / "out", "--sequence", "--json")
+    assert told.code == 0, told.err
+    assert json.loads(told.out)["fps"] == 12
+
+
+def test_a_sequence_tells_what_was_found_in_its_models(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "frames").mkdir()
+    for number in range(2):
+        text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl lost\nf 1 2 3\n"
+        (tmp_path / f"frames/{number}.obj").write_text(text)
+    told = command("export", tmp_path / "frames", tmp_path / "out", "--sequence", "--json")
+    assert told.code == 0, told.err
+    assert len(json.loads(told.out)["warnings"]) == 1
+    assert "warning: " in told.err
+    assert "1.obj" not in told.err  # once, not for every frame
+
+
+def test_a_sequence_is_a_folder_not_a_file(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "frames").mkdir()
+    write_model(tmp_path / "frames/0.ply", coloured(1.0, is_textured=False))
+    told = command("export", tmp_path / "frames", tmp_path / "out.glb", "--sequence")
+    assert told.code == 1
+    assert "expected the name of a folder" in told.err
+    assert not (tmp_path / "out.glb").exists()

@@ -116,6 +116,8 @@ def find_view(
             pictures = find_pictures(base)
         except CaptureError:
             continue
+        if len(pictures.files) > 1 and not pictures.is_folder:
+            return base  # of several whose names begin so
         return pictures.files[0].parent if pictures.is_folder else pictures.files[0]
     return None
 

@@ -38,6 +38,7 @@ ROS_KEYS = {
 }
 SMALLEST_SHIFT = 1e-9  # of P's last column: a left camera has 0
 KALIBR_PLACES = ("cam{number}", "cam{number}/data", "cam{number}/image_raw", "mav0/cam{number}/data")
+SIDES = ("left", "right")
 SIDE_PLACES = (("left", "cam0"), ("right", "cam1"))
 
 
@@ -49,8 +50,13 @@ def read_ros(source: Path, unit_mm: float) -> Placed:
     folder = source if source.is_dir() else source.parent
     contents = {path: read_yaml(path) for path in files_like(folder, "*.yaml", "*.yml")}
     infos = {path: content for path, content in contents.items() if not content.keys().isdisjoint(ROS_KEYS["P"])}
+    named = {path: info for path, info in infos.items() if path.stem.lower() in SIDES}
+    infos = named if len(named) == 2 else infos  # not the ost.yaml of one camera beside them
     if len(infos) != 2:
-        raise CaptureError(f"{folder}: holds {len(infos)} files of camera_info, expected two: left.yaml and right.yaml")
+        names = f" ({', '.join(path.name for path in infos)})" if infos else ""
+        raise CaptureError(
+            f"{folder}: expected two files of camera_info, left.yaml and right.yaml, found {len(infos)}{names}"
+        )
     facts = {path: _ros_facts(path, content) for path, content in infos.items()}
     left, right = sorted(facts, key=lambda path: bool(np.abs(facts[path]["shift"]).max() > SMALLEST_SHIFT))
     shifts = [facts[path]["shift"] for path in (left, right)]

@@ -162,9 +162,11 @@ def _two_topics(reader: Any, source: Path, names: Sequence[str] | None) -> tuple
     if len(colours) == 2 and not (names and depths):
         return colours[0], colours[1]
     listed = ", ".join(topic.name for topic in topics) or "none"
+    packed = [each.topic for each in reader.connections if each.topic.endswith("/compressedDepth")]
+    way_out = f". {', '.join(packed)}: not read; republish as raw" if packed else ""
     raise CaptureError(
         f"{source}: its topics of pictures with camera_info are {listed}; expected two: a stereo pair, or pictures and "
-        "depth maps. Name them by --shots TOPIC,TOPIC"
+        f"depth maps. Name them by --shots TOPIC,TOPIC{way_out}"
     )
 
 

@@ -203,6 +203,53 @@ def matlab_json(folder: Path) -> list[Camera]:
     return [LEFT, RIGHT]
 
 
+def matlab_without_sizes(folder: Path) -> list[Camera]:
+    """`ImageSize` of parameters that nobody told it is empty."""
+    cameras, struct = matlab(folder), matlab_struct(False)
+    empty = {"ImageSize": np.zeros((0, 0))}
+    struct |= {key: value | empty for key, value in struct.items() if isinstance(value, dict)}
+    savemat(folder / "stereo.mat", {"stereoParams": struct})
+    return cameras
+
+
+def matlab_as_opencv(folder: Path) -> list[Camera]:
+    """What `stereoParametersToOpenCV` returns, saved by its page's names."""
+    cameras = matlab(folder)
+    variables: dict[str, object] = {"rotationOfCamera2": RELATIVE[:3, :3], "translationOfCamera2": RELATIVE[:3, 3]}
+    for number, camera in ((1, LEFT), (2, RIGHT)):
+        variables |= {
+            f"intrinsicMatrix{number}": camera.K,
+            f"distortionCoefficients{number}": np.append(camera.dist, 0),
+        }
+    savemat(folder / "stereo.mat", variables)
+    return cameras
+
+
+def calibration_toolbox(folder: Path) -> list[Camera]:
+    """Bouguet's toolbox saves each camera's own file beside the pair's, and takes its pictures in the same folder."""
+    folder.mkdir(parents=True)
+    savemat(folder / "Calib_Results_left.mat", {"fc": np.ones((2, 1)), "cc": np.ones((2, 1))})
+    variables: dict[str, object] = {"om": Rotation.from_matrix(RELATIVE[:3, :3]).as_rotvec()[:, None]}
+    variables |= {"T": RELATIVE[:3, 3:], "nx": float(SIZE[0]), "ny": float(SIZE[1])}
+    for side, camera in (("left", LEFT), ("right", RIGHT)):
+        variables |= {f"fc_{side}": np.diag(camera.K)[:2, None], f"cc_{side}": camera.K[:2, 2:], f"alpha_c_{side}": 0.0}
+        variables |= {f"kc_{side}": np.append(camera.dist, 0)[:, None]}
+    savemat(folder / "Calib_Results_stereo.mat", variables)
+    pictures(folder, "left01.png", "left02.png", "right01.png", "right02.png")
+    return [LEFT, RIGHT]
+
+
+def ros_calibrator(folder: Path) -> list[Camera]:
+    """What ROS's calibrator packs: pictures beside both files, and what it says of one camera."""
+    cameras = ros(folder)
+    dump(folder / "ost.yaml", yaml.safe_load((folder / "left.yaml").read_text()) | {"camera_name": "narrow_stereo"})
+    for side in ("left", "right"):
+        (folder / side).rename(folder / f"{side}s")
+        for number, path in enumerate(sorted((folder / f"{side}s").iterdir())):
+            path.rename(folder / f"{side}-{number:04d}{path.suffix}")
+    return cameras
+
+
 def rows(K: NDArray[np.float64]) -> str:
     return "[" + "; ".join(" ".join(f"{value!r}" for value in row) for row in K.tolist()) + "]"
 
@@ -267,6 +314,10 @@ def kitti_raw(folder: Path) -> list[Camera]:
         ("euroc", euroc_in_rows, ""),
         ("matlab", matlab, ""),
         ("matlab", matlab_json, ""),
+        ("matlab", matlab_without_sizes, ""),
+        ("matlab", matlab_as_opencv, ""),
+        ("matlab", calibration_toolbox, ""),
+        ("ros", ros_calibrator, ""),
         ("middlebury-pair", middlebury_pair, ""),
         ("kitti", kitti_odometry, ""),
         ("kitti", kitti_raw, "date/drive"),
@@ -382,7 +433,12 @@ def test_every_format_has_a_name_for_people() -> None:
     [
         ("calibs.txt", "", r"nearest is middlebury-pair, which has calib\.txt: `im0\.png`"),
         ("calib.txt", "nothing", r"nearest is middlebury-pair, but calib\.txt is none of its files"),
-        ("holiday.mp3", "", "as none of its files tells cameras"),
+        ("holiday.mp3", "", "as none of its files tells cameras\\. "),
+        ("holiday.png", "", "as none of its files tells cameras; `reconstudy capture calibrate` measures them"),
+        ("calibrationdata.tar.gz", "", r"but calibrationdata\.tar\.gz is an archive; unpack it, and name the folder"),
+        ("house.psx", "", "but house.psx is Metashape's; export its cameras in COLMAP's format"),
+        ("sfm_data.json", "{}", r"but sfm_data\.json is of a program whose cameras are not read; export them"),
+        ("calib.npz", "", r"but calib\.npz is Python's own; write the matrices as `opencv`"),
     ],
 )
 def test_a_source_of_no_known_format_is_told_the_nearest(
@@ -464,7 +520,11 @@ def panorama(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "write", "sentence"),
     [
-        ("ros", one_camera_info, "holds 1 files of camera_info, expected two"),
+        (
+            "ros",
+            one_camera_info,
+            r"expected two files of camera_info, left\.yaml and right\.yaml, found 1 \(\w+\.yaml\)",
+        ),
         ("ros", no_baseline, "nothing tells the baseline; calibrate them as a stereo pair"),
         ("ros", unnamed, "four distortion numbers in a column, without a name"),
         ("kalibr", kalibr_omni, "the camera model is omni, expected pinhole"),

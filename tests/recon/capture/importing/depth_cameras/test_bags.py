@@ -223,3 +223,19 @@ def test_topics_that_are_no_pair_are_listed(tmp_path: Path) -> None:
     (tmp_path / "no.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(50))
     with pytest.raises(CaptureError, match="is not readable as a bag"):
         import_recording("rosbag", tmp_path / "no.bag", tmp_path / "out", OPTIONS)
+
+
+def test_packed_depth_maps_of_a_bag_are_named_with_the_way_out(tmp_path: Path) -> None:
+    def messages(version: int, types: Any) -> Messages:
+        for topic, stamp_ns, message in depth_camera("/camera/aligned")(version, types):
+            if topic == "/camera/aligned/image_raw":
+                packed = types["sensor_msgs/msg/CompressedImage"](
+                    header=message.header, format="16UC1; compressedDepth png", data=np.zeros(20, np.uint8)
+                )
+                yield f"{topic}/compressedDepth", stamp_ns, packed
+            else:
+                yield topic, stamp_ns, message
+
+    source = write(tmp_path / "a", 2, messages)
+    with pytest.raises(CaptureError, match="/camera/aligned/image_raw/compressedDepth: not read; republish as raw"):
+        import_recording("rosbag", source, tmp_path / "out", OPTIONS)
