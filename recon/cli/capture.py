@@ -216,21 +216,21 @@ def capture_check(asked: CaptureCheck, *, as_json: bool) -> None:
     written = "" if asked.report is None else f"\nReport: {write_check(report, asked.report)}"
     result, sentences = report.as_json(), _check_sentences(asked.capture, report) + written
     if asked.out is not None:
-        report = _mended(asked, report, asked.out)
-        result |= {"mended": report.as_json()}
-        sentences += f"\nWrote it anew, and checked that:\n{_check_sentences(asked.out, report)}"
+        moves, report = _mended(asked, report, asked.out)
+        result |= {"mended": report.as_json(), "moved": moves}
+        sentences += "\n".join(("", *moves, "Wrote it anew, and checked that:", _check_sentences(asked.out, report)))
     print_result(result, sentences, as_json=as_json)
     if report.problems:
         raise typer.Exit(1)
 
 
-def _mended(asked: CaptureCheck, report: CheckReport, out: Path) -> CheckReport:
-    """Write a recording anew with what was asked for put right, and check it."""
+def _mended(asked: CaptureCheck, report: CheckReport, out: Path) -> tuple[list[str], CheckReport]:
+    """Write a recording anew with what was asked for put right, say which sensors were moved, and check it."""
     from recon.capture.checking.check import check_capture
     from recon.capture.format import read_capture
     from recon.capture.mending.calibration import corrected
     from recon.capture.mending.files import copied
-    from recon.capture.mending.resample import resample
+    from recon.capture.mending.resample import moved, resample
 
     capture = read_capture(asked.capture)
     if asked.correct:
@@ -240,7 +240,7 @@ def _mended(asked: CaptureCheck, report: CheckReport, out: Path) -> CheckReport:
             resample(capture, report.lags, out, progress=progress)
     else:
         copied(capture, out)
-    return check_capture(out)
+    return list(moved(capture, report.lags)) if asked.resample else [], check_capture(out)
 
 
 def _check_sentences(folder: Path, report: CheckReport) -> str:

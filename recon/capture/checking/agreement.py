@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.capture.checking.matches import Matches, match_pictures
+from recon.capture.checking.matches import Matches, epipolar_errors, match_pictures
 from recon.capture.format import SensorStream, frame_pictures, read_picture
 from recon.capture.recording import evenly_chosen
 from recon.capture.rectify import viewing_directions
@@ -26,6 +26,7 @@ CONFIDENCE, MOST_ROUNDS = 0.9999, 5000
 DETERMINED = 8  # points, on which nearly any matches agree
 FEWEST = 20  # points that agree; fewer say nothing about a calibration
 LOWEST_SHARE = 0.15  # of all matches; of random ones in small pictures a line catches up to a tenth
+AS_MANY = 0.8  # of those that agree fit the calibration: of two groups, seven free numbers fit chance better than none
 SUSPECT = 0.75  # share of matches that agree; of good recordings, nine tenths do
 MANY = 100  # a frame; of features found mirrored, a third as many agree by chance
 MORE = 2.0  # times as many agree with one of the two pictures mirrored
@@ -52,14 +53,18 @@ class Agreement:
 def agreeing_with_each_other(sensor: Sensor, matches: Matches) -> NDArray[np.bool_]:
     """Select the matches (N,) of a sensor's pictures as recorded that agree on one geometry of two cameras.
 
-    The calibration straightens the lenses alone; focal lengths and poses are free.
+    The calibration straightens the lenses alone; focal lengths and poses are free. Only where others, about as many,
+    fit the calibration, these are taken: repeated patterns agree on something else.
     """
     focal = float(np.mean([np.diag(camera.K)[:2] for camera in (sensor.left, sensor.right)]))
     left, right = (
         focal * viewing_directions(camera, points)[:, :2]
         for camera, points in ((sensor.left, matches.left), (sensor.right, matches.right))
     )
-    return agreeing(Matches(left, right))
+    agree = agreeing(Matches(left, right))
+    fit = np.abs(epipolar_errors(sensor, matches)) < THRESHOLD_PX
+    are_others = np.count_nonzero(agree & fit) < np.count_nonzero(fit) / 2
+    return fit if are_others and np.count_nonzero(fit) >= AS_MANY * np.count_nonzero(agree) else agree
 
 
 def agreeing(matches: Matches) -> NDArray[np.bool_]:

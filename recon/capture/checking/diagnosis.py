@@ -19,6 +19,7 @@ MIN_MATCHES = 20  # fewer say nothing about a calibration
 MIN_ERROR_PX = 0.15  # median; features are found to about 0.1 px, and a smaller error does no harm
 LARGE_ERROR_PX, LARGE_TURN_DEG = 1.0, 0.2  # what a mount that has settled may come to
 MIN_GAIN = 0.65  # of the error is left by an explanation that is believed
+MOST_LEFT_PX = 3.0  # by one; an error that remains as large has another reason
 SAME_GAIN = 1.5  # times the best explanation's error: the one with fewer unknowns is taken
 MIN_TURN_DEG = 0.1
 MIN_COMMON_CHANGE = 0.05  # both focal lengths alike hardly move epipolar lines
@@ -75,7 +76,7 @@ def diagnose(sensor: Sensor, matches: Matches) -> tuple[str, ...]:
     explanations = [
         explanation
         for explanation in others
-        if explanation.error_px < MIN_GAIN * least and _is_sure(explanation.errors, turned)
+        if explanation.error_px < min(MIN_GAIN * least, MOST_LEFT_PX) and _is_sure(explanation.errors, turned)
     ]
     if least < MIN_ERROR_PX or not explanations:
         return ()

@@ -28,6 +28,7 @@ LEAST_EVIDENCE = 2.0  # as of the interval: twice that is chi-square with one de
 LEAST_FRAMES = 0.2  # that matter
 CORRELATED = 6.0  # residuals of neighbouring frames, and of both cameras of a sensor, are alike: as many count as one
 NOISE_PX = 0.25  # of a tangent; what fits better is chance
+AT_A_TIP = 9  # outline pixels, whose mean is where a plane touches: of one, whole pixels make whole lags likely
 SMALL_MOTION_PX = 0.5  # standard deviation of a signal; below, it tells nothing
 
 
@@ -115,7 +116,9 @@ class TangentPlanes:
         width, height = silhouette.size
         ends = (int(angle.argmin()), int(angle.argmax()))
         is_cut = [not (0 < pixels[end][0] < width - 1 and 0 < pixels[end][1] < height - 1) for end in ends]
-        low, high = (float(np.nan if cut else angle[end]) for end, cut in zip(ends, is_cut, strict=True))
+        angle.sort()
+        touched = angle[:AT_A_TIP].mean(), angle[-AT_A_TIP:].mean()
+        low, high = (float(np.nan if cut else at) for at, cut in zip(touched, is_cut, strict=True))
         return low, high
 
 

@@ -30,13 +30,13 @@ from recon.geometry.rig import Camera
 
 PROMINENCE_PX = 3.0  # by which a protrusion stands out
 SHORTEST_OUTLINE = 30  # pixels
-BESIDE = 4  # outline pixels from a protrusion's tip, at which its sides are looked at
+BESIDE = 4  # outline pixels from a protrusion's tip, at which its sides are looked at; their mean is where it is
 LONGEST_JUMP_PX = 8.0  # of a tip from where it was expected
 SHORTEST_TRACK, LEAST_OVERLAP = 9, 8  # frames
 LEAST_MOTION_PX = 1.0  # standard deviation
 FARTHEST_PX = 12.0  # between the medians of two tracks that may show one tip
 WORST_FIT_PX, LEAST_CONTRAST = 0.6, 2.5  # root mean square at the best lag; motion as a multiple of it
-UNSEEN_PX = 0.8  # as which a lag counts at which two tracks hardly overlap
+UNSEEN_PX = 0.8  # as which a lag counts at which two tracks hardly overlap, or as the nearest at which they do
 FEWEST_LAGS = 60  # at which they overlap
 FEWEST_PAIRS = 2  # of tracks that fit; one may be chance
 MOST_TRACKS = 24  # the longest of each camera
@@ -96,7 +96,8 @@ def _fit(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.
     best = float(np.sqrt(np.nanmin(spread)))
     if best > WORST_FIT_PX or min(np.nanstd(first), np.nanstd(second)) < LEAST_CONTRAST * best:
         return None
-    spread[~is_known] = UNSEEN_PX**2
+    nearest = np.interp(LAGS, LAGS[is_known], spread[is_known])
+    spread = np.where(is_known, spread, np.maximum(nearest, UNSEEN_PX**2))
     return log_likelihood(spread, int(counts[is_known].min()), 1.0)
 
 
@@ -141,4 +142,4 @@ def _tips(
                 before, after = outline[tip] - outline[tip - BESIDE], outline[(tip + BESIDE) % n] - outline[tip]
                 is_inside = ((outline[tip] > 0) & (outline[tip] < np.array(silhouette.size) - 1)).all()
                 if is_inside and turning * (before[0] * after[1] - before[1] * after[0]) >= 0:  # a dent is no tip
-                    yield sense, float(angles[tip]), outline[tip]
+                    yield sense, float(angles[np.arange(tip - BESIDE, tip + BESIDE + 1) % n].mean()), outline[tip]

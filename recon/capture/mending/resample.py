@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -88,6 +88,17 @@ def schedule(capture: Capture, lags: Mapping[tuple[str, str], Lag]) -> Schedule:
     if n_frames < FEWEST_FRAMES:
         raise CaptureError(f"{capture.folder}: its sensors have {max(n_frames, 0)} instants in common")
     return Schedule(late, begin, n_frames)
+
+
+def moved(capture: Capture, lags: Mapping[tuple[str, str], Lag]) -> Iterator[str]:
+    """Say by how much each sensor is moved against its neighbour, and how far off that may be, or that it is not."""
+    for first, second in pairwise(stream.id for stream in capture.sensors):
+        lag = lags.get((first, second))
+        if lag is None:
+            yield f"{second} stays as it is to {first}: how late it is could not be checked"
+        elif lag.is_late:
+            left = max(lag.high - lag.frames, lag.frames - lag.low)
+            yield f"{second} is moved by {lag.frames:.2f} frames against {first}, give or take {left:.2f}"
 
 
 def _snapped(late: float) -> float:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from recon.capture.checking.agreement import Agreement, agreeing
+from recon.capture.checking.agreement import Agreement, agreeing, agreeing_with_each_other
 from recon.capture.checking.check import check_capture
 from recon.capture.checking.matches import Matches
 from recon.capture.format import image_path, write_capture
@@ -32,6 +32,17 @@ def test_the_true_matches_among_many_wrong_ones_are_found() -> None:
     assert chosen[:200].sum() > 190
     assert chosen[200:].sum() < 20
     assert Agreement(int(chosen.sum()), len(chosen)).is_enough
+
+
+@pytest.mark.parametrize(("n_true", "is_believed"), [(75, True), (30, False)])
+def test_a_pattern_that_repeats_does_not_outvote_about_as_many_that_fit_the_calibration(
+    n_true: int, *, is_believed: bool
+) -> None:
+    both = seen(FIRST, points(n_true + 85))
+    right = both.right + np.where(np.arange(n_true + 85) < n_true, 0.0, 76.0)[:, None] * [0.0, 1.0]
+    chosen = agreeing_with_each_other(FIRST, Matches(both.left, right))
+    assert chosen[:n_true].all() == is_believed
+    assert chosen[n_true:].mean() < 0.1 if is_believed else chosen[n_true:].all()
 
 
 @pytest.mark.parametrize("n", [5, 20, 60, 400, 1500])

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from recon.capture.checking.check import check_capture
 from recon.capture.checking.lag import TangentPlanes, Tangents, lag_between
-from recon.capture.checking.silhouettes import silhouette_of
+from recon.capture.checking.silhouettes import Silhouette, silhouette_of
 from recon.capture.format import write_capture
+from recon.capture.rectify import viewing_directions
 from recon.geometry.rig import Camera, look_at
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MASK
@@ -72,6 +73,35 @@ def test_thirteen_frames_are_enough_to_tell(n_frames: int, late: float) -> None:
     assert found is not None
     assert found.is_late == (late != 0)
     assert found.frames == pytest.approx(late, abs=0.2)
+
+
+def disc(camera: Camera, at: tuple[float, float, float]) -> Silhouette:
+    """The silhouette of a ball, in whole pixels."""
+    width, height = camera.size
+    pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2)
+    rays = viewing_directions(camera, pixels.astype(np.float64)) @ camera.rotation
+    way = np.array(at) - camera.centre
+    cosine = rays @ way / np.linalg.norm(rays, axis=1) / np.linalg.norm(way)
+    return silhouette_of((cosine > np.sqrt(1 - (250.0 / np.linalg.norm(way)) ** 2)).reshape(height, width))
+
+
+@pytest.mark.parametrize("late", [0.3, 0.5, 0.7])
+@pytest.mark.parametrize("seed", [1, 5, 7])
+def test_motion_by_a_pixel_does_not_make_whole_lags_likely(seed: int, late: float) -> None:
+    small = np.array([[150.0, 0, 79.5], [0, 150.0, 59.5], [0, 0, 1]])
+    first, second = (Camera(small, (160, 120), look_at((x, 300.0, 2000.0), (0, 0, 0))) for x in (-700.0, 900.0))
+    rng = np.random.default_rng(seed)
+    waves = [(rng.uniform(4, 16), rng.uniform(0.2, 0.9), rng.uniform(0, 6)) for _ in range(3)]
+
+    def height(instant: float) -> float:
+        return float(sum(size * np.sin(w * instant + phase) for size, w, phase in waves))
+
+    seen = [[disc(camera, (0.0, height(frame - by), 0.0)) for frame in range(24)] for camera, by in
+            ((first, 0.0), (second, late))]  # fmt: skip
+    planes = TangentPlanes(first, second, np.zeros(3))
+    found = lag_between([(planes.tangents(first, seen[0]), planes.tangents(second, seen[1]))])
+    assert found is not None
+    assert found.frames == pytest.approx(late, abs=0.15)
 
 
 def test_frames_that_the_pictures_edge_cuts_are_left_out() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from recon.capture.checking.lag import TangentPlanes, lag_between
-from recon.capture.checking.protrusions import Seen, lag_of_protrusions
+from recon.capture.checking.protrusions import LAGS, Seen, _fit, lag_of_protrusions
 from recon.capture.checking.silhouettes import Silhouette, silhouette_of
 from recon.geometry.rig import Camera, look_at
 
@@ -55,3 +55,13 @@ def test_an_arm_tells_the_lag_of_a_body_whose_head_and_feet_stand_still(late: fl
 
 def test_an_arm_that_stands_still_tells_nothing() -> None:
     assert lag_of_protrusions(pairs(1.0, reach=0.0)) is None
+
+
+def test_a_lag_at_which_two_tracks_hardly_overlap_is_no_likelier_than_the_nearest_at_which_they_do() -> None:
+    frames = np.arange(14.0)
+    tip = np.where((frames >= 2) & (frames <= 11), 4 * np.sin(0.7 * frames), np.nan)
+    fit = _fit(tip, tip + np.random.default_rng(0).normal(0, 0.4, 14))
+    assert fit is not None
+    known = np.flatnonzero(np.abs(LAGS) < 1.99)  # they share eight frames
+    assert fit[0] <= fit[known[0]] + 1e-9
+    assert fit[-1] <= fit[known[-1]] + 1e-9

@@ -23,7 +23,7 @@ from recon.capture.format import (
 )
 from recon.capture.images import write_picture
 from recon.capture.mending.interpolation import way_between
-from recon.capture.mending.resample import resample, schedule
+from recon.capture.mending.resample import moved, resample, schedule
 from recon.studio import SynthParameters, synthesise
 from recon.studio.truth import MASK
 from tests.command_line import Command
@@ -144,6 +144,15 @@ def test_a_sensor_that_is_late_is_put_right_though_nothing_tells_of_two_others(t
     capture = synthesise(tmp_path / "a", SynthParameters("sphere", 3, 5, (48, 36)))
     plan = schedule(capture, {("S2", "S3"): lag(2.0)})
     assert (plan.late, plan.n_frames) == ({"S1": 0.0, "S2": 0.0, "S3": 2.0}, 3)
+
+
+def test_it_is_said_by_how_much_a_sensor_is_moved_and_how_sure_that_is_or_that_it_is_not(tmp_path: Path) -> None:
+    capture = synthesise(tmp_path / "a", SynthParameters("sphere", 4, 2, (48, 36)))
+    told = list(moved(capture, {("S1", "S2"): Lag(2.25, 2.0, 2.6, 9.0), ("S2", "S3"): lag(0.0)}))
+    assert told == [
+        "S2 is moved by 2.25 frames against S1, give or take 0.35",
+        "S4 stays as it is to S3: how late it is could not be checked",
+    ]
 
 
 def test_the_command_asks_for_the_folder_and_says_what_is_not_known(command: Command, tmp_path: Path) -> None:
