@@ -17,7 +17,10 @@ from recon.runtime.files import write_json
 PLAIN_LINE_EVERY_S = 5.0
 PROGRESS_FILE = "RECONSTUDY_PROGRESS_FILE"  # names a file to which a command writes how far it is, for programs
 FILE_EVERY_S = 0.5
-TELLING_SHARE = 0.02  # of a part: the first of 300 frames took 8 s, as processes began, and 39 min were said of one
+TELLING_SHARE, TELLING = (
+    0.1,
+    20,
+)  # of what a part has to do: its first takes longest, as it starts processes, compiles kernels
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object on standard output.")]
 
@@ -76,7 +79,7 @@ class ProgressLine:
     def _left_s(self, taken: float, done: int, total: int) -> float | None:
         """Estimate the seconds that are left of this part; None where nothing tells, or nothing is left."""
         counted = done - self._already_done
-        is_telling = counted > 0 and counted >= TELLING_SHARE * total
+        is_telling = counted > 0 and counted >= min(TELLING_SHARE * (total - self._already_done), TELLING)
         return taken / counted * (total - done) if is_telling and done < total else None
 
     def _write(self, now: float, progress: Mapping[str, Any]) -> None:
