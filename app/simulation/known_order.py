@@ -73,7 +73,7 @@ def _quality(
         }
         if values.keys() >= set(stimuli):
             rounded = {item: round(value, 9) for item, value in _over_datasets(values, stimuli).items()}
-            return rounded, f"in the order of {name}, which was measured of the films"
+            return rounded, f"in the order of {name}, which was measured"
     items = sorted({item for _, item in stimuli})
     levels = {row["item"]: row["levels"] for row in study["conditions"]}
     known = {item: [LEVELS[factor].get(levels[item].get(factor, "")) for factor in LEVELS] for item in items}

@@ -17,6 +17,10 @@ from recon.runtime.files import write_json
 PLAIN_LINE_EVERY_S = 5.0
 PROGRESS_FILE = "RECONSTUDY_PROGRESS_FILE"  # names a file to which a command writes how far it is, for programs
 FILE_EVERY_S = 0.5
+TELLING_SHARE, TELLING = (
+    0.1,
+    20,
+)  # of what a part has to do: its first takes longest, as it starts processes, compiles kernels
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object on standard output.")]
 
@@ -75,7 +79,8 @@ class ProgressLine:
     def _left_s(self, taken: float, done: int, total: int) -> float | None:
         """Estimate the seconds that are left of this part; None where nothing tells, or nothing is left."""
         counted = done - self._already_done
-        return taken / counted * (total - done) if counted > 0 and done < total else None
+        is_telling = counted > 0 and counted >= min(TELLING_SHARE * (total - self._already_done), TELLING)
+        return taken / counted * (total - done) if is_telling and done < total else None
 
     def _write(self, now: float, progress: Mapping[str, Any]) -> None:
         """Tell programs; not every time, but when a part begins or ends."""

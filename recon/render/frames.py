@@ -146,7 +146,7 @@ def choose_renderer(wanted: str = "auto") -> str:
         working_platform()
     if wanted == "gsplat" and not gsplat_device():
         raise NoRendererError(
-            "gsplat cannot draw here: expected the packages torch and gsplat (pip install reconstudy[gpu]) and an "
+            "gsplat cannot draw here: expected the packages torch and gsplat (pip install 'reconstudy[gpu]') and an "
             "NVIDIA GPU; the software renderer draws splats without"
         )
     return wanted

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from pathlib import Path
 from urllib.parse import quote
 
@@ -10,10 +11,10 @@ from app.operations.studies.create import create_study, new_slug, read_options, 
 from app.operations.studies.stimulus_sets import set_called
 from app.operations.tasks import BACK, KIND, Kept, start_task
 from app.settings import Settings
-from app.store.database.engine import Database
-from app.store.database.server_tasks import ServerTask
+from app.store.database.engine import Database, Transaction
+from app.store.database.server_tasks import ServerTask, running_tasks
 from app.store.studies.audit import Actor
-from app.store.studies.drafts import drop_draft
+from app.store.studies.drafts import KeptDraft, drafts_of, drop_draft
 from app.store.studies.studies import study_by_slug
 from app.study.options.presets import QUICK
 from app.study.options.study_file import StudyFile, parse_study_file, write_study_file
@@ -52,6 +53,13 @@ def begin_creation(
         subject=f"study {slug}",
         kept=kept,
     )
+
+
+def waiting_drafts(connection: Transaction, actor: str, now: datetime) -> list[KeptDraft]:
+    """Return a person's forms, the newest first, but those whose study is being created now."""
+    tasks = [task.work for task in running_tasks(connection, now) if task.actor == actor and task.work]
+    being_created = {work.get(DRAFT) for work in tasks}
+    return [draft for draft in drafts_of(connection, actor) if draft.stimulus_set not in being_created]
 
 
 def go_on_creating(settings: Settings, database: Database, task: ServerTask, progress: Progress) -> str:

@@ -312,7 +312,7 @@ FORMATS: dict[str, Format] = {  # the first of those that know a source reads it
         import_bag,
         ("*.bag", "metadata.yaml", "*.db3", "*.mcap"),
         "ROS 1 and 2, RealSense's viewer: two topics with camera_info, a pair or pictures and depth maps (of ROS "
-        "aligned to them); `--shots TOPIC,TOPIC` where there are more; `pip install reconstudy[ros]`",
+        "aligned to them); `--shots TOPIC,TOPIC` where there are more; `pip install 'reconstudy[ros]'`",
         r"^#ROSBAG V2|rosbag2_bagfile_information|^SQLite format 3|MCAP0",
         ("units", "up", "shots"),
     ),

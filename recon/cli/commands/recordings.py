@@ -54,7 +54,7 @@ class CaptureImport(Command):
         example="13-14,20-21",
     )
     frames: int | None = option(
-        None, "Frames to take; default: all (middlebury: 3).", ge=1, label="Number of frames", high=1e6
+        None, "How many, from the first on; default: all (middlebury: 3).", ge=1, label="Number of frames", high=1e6
     )
     bounds: str | None = option(
         None,

@@ -47,6 +47,13 @@ def test_what_was_done_before_the_first_line_does_not_make_the_estimate_short(
     assert lines(capsys, [(0, "models", 0, 2), (9, "films", 1, 2), (8, "films", 2, 2)])[1] == "films: 1/2 (0 s)"
 
 
+def test_nothing_is_foretold_from_the_first_of_many(capsys: pytest.CaptureFixture[str]) -> None:
+    told = lines(capsys, [(0, "frames", 0, 300), (8, "frames", 1, 300), (12, "frames", 100, 300)])
+    assert told == ["frames: 0/300 (0 s)", "frames: 1/300 (8 s)", "frames: 100/300 (20 s, about 40 s left)"]
+    told = lines(capsys, [(0, "matching", 0, 27), (180, "matching", 1, 27), (20, "matching", 10, 27)])
+    assert told[1:] == ["matching: 1/27 (3 min)", "matching: 10/27 (3 min, about 6 min left)"]
+
+
 def test_a_line_that_is_being_rewritten_ends_before_an_error_is_told(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

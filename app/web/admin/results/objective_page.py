@@ -19,8 +19,10 @@ from app.web.admin.results.objective_view import (
     beside_scores,
     comparison_lines,
     measure_lines,
+    readable,
     report_view,
 )
+from app.web.admin.results.scores_view import OF_MEASURES
 from app.web.analyst.results import FIGURE_TYPES, figures_of, results_of
 from app.web.gates import Store, settings
 from app.web.media import FOREVER, SANDBOX
@@ -40,6 +42,7 @@ def objective_page(request: Request, person: Person, study: AStudy, database: St
         latest = audit_records(connection, study_id=study.id, search=ATTACHED, limit=1)
     context = {
         "reports": [report_view(row, report_folder(settings(request), row["digest"])) for row in records],
+        "readable": readable,
         "measures": listed(request, measures, MEASURE_COLUMNS, prefix="measures_"),
         "notes": attachment_notes(latest[0]["detail"]) if latest else [],
         "largest_mb": settings(request).largest_upload_mb,
@@ -65,7 +68,7 @@ def against_scores_page(request: Request, person: Person, study: AStudy, databas
         "unit": score_unit(analysis) if analysis else "",
         "lines": measure_lines(analysis["measures"]) if analysis else [],
         "comparisons": comparison_lines(analysis["measure_comparisons"]) if analysis else [],
-        "warnings": [text for text in analysis["warnings"] if text.startswith("measures, ")] if analysis else [],
+        "warnings": [text for text in analysis["warnings"] if text.startswith(OF_MEASURES)] if analysis else [],
         "beside": beside_scores(analysis, measures) if analysis else [],
         "figures": figures[:MOST_FIGURES],
         "more_figures": figures[MOST_FIGURES:],

@@ -119,7 +119,7 @@ def beside_scores(analysis: Mapping[str, Any], measurements: Sequence[Mapping[st
             (
                 row["item"],
                 decimal(row["score"]),
-                *(_value(values.get((dataset, row["item"], name))) for name in measured),
+                *(readable(values.get((dataset, row["item"], name))) for name in measured),
             )
             for row in scores.get(dataset, ())
         ]
@@ -151,12 +151,13 @@ def _table(path: Path) -> dict[str, Any]:
 def _cell(text: str) -> str:
     """Return a number with readable digits; other text unchanged."""
     try:
-        return _value(float(text)) if text and not text.lstrip("-").isdigit() else text or NOTHING
+        return readable(float(text)) if text and not text.lstrip("-").isdigit() else text or NOTHING
     except ValueError:
         return text
 
 
-def _value(value: float | None) -> str:
+def readable(value: float | None) -> str:
+    """Format a measure's value with four digits, or all of whole large ones; None as a dash."""
     if value is None:
         return NOTHING
     return (f"{value:,.0f}".replace(",", "\u202f") if abs(value) >= 1e4 else f"{value:.4g}").replace("-", MINUS)

@@ -12,7 +12,7 @@ from app.errors import NotFoundError
 from app.store.studies.studies import Study
 from app.web.admin.layout import attachment, study_page
 from app.web.admin.listing import POLLED
-from app.web.admin.results.scores_view import groups_view, results_view
+from app.web.admin.results.scores_view import OF_MEASURES, groups_view, results_view
 from app.web.analyst.results import (
     FIGURE_TYPES,
     Results,
@@ -67,6 +67,7 @@ def results_page(
             if results and not name.startswith("measure")
         ],
         "analysis": analysis,
+        "warnings": [text for text in analysis["warnings"] if not text.startswith(OF_MEASURES)] if analysis else [],
         **(results_view(request, analysis) if analysis else {}),
     }
     return study_page(request, "results", person, study, context)

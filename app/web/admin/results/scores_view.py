@@ -11,6 +11,7 @@ from app.web.admin.listing import listed
 
 MINUS = "−"
 NOTHING = "–"
+OF_MEASURES = "measures, "  # begins warnings that the page of measures against scores shows
 # Findings that everybody needs. What is told apart is among them: without a difference, it is the result.
 LEADING = (
     "interim",

@@ -9,11 +9,11 @@ from fastapi.responses import JSONResponse, Response
 
 from app.errors import InvalidError
 from app.operations.studies.create import duplicate_study
+from app.operations.studies.creation import waiting_drafts
 from app.operations.studies.standing import change_standing as change_study
 from app.operations.studies.standing import give_new_address
 from app.store.database.server_tasks import running_tasks
 from app.store.participants.invitations import preview_code
-from app.store.studies.drafts import drafts_of
 from app.store.studies.studies import Standing, all_studies, progress_by_study
 from app.store.trials.admission import begin_preview
 from app.study.options.options import parse_options
@@ -35,7 +35,7 @@ def studies_page(request: Request, person: Person, database: Store, now: Now, af
     with database.reading() as connection:
         listed = [study for study in all_studies(connection) if is_seen(request, study)]
         progress = progress_by_study(connection)  # read second: it then covers every study listed
-        n_drafts = len(drafts_of(connection, person.name))
+        n_drafts = len(waiting_drafts(connection, person.name, now))
         tasks = [task for task in running_tasks(connection, now) if person.studies is None or task.actor == person.name]
     context = {
         "studies": listed,

@@ -179,6 +179,16 @@ def test_a_report_that_names_no_approach_is_shown_for_the_study_as_a_whole(
         manage.attach_results(settings, [folder, folder], study["slug"])
 
 
+def test_a_large_measure_is_shown_with_all_of_its_digits(
+    server: str, settings: Settings, new_study: Callable[[], dict[str, Any]], tmp_path: Path
+) -> None:
+    study = new_study()
+    size = accuracy("ball", "id_fa", 1865233.0) | {"measure": "bytes", "unit": "bytes"}
+    manage.attach_results(settings, [write_report(tmp_path / "sizes", [size])], study["slug"])
+    with signed_in(server, settings, "Large") as dashboard:
+        assert "<td>1\u202f865\u202f233</td>" in dashboard.get(f"/admin/studies/{study['slug']}/objective").text
+
+
 def test_measures_stand_beside_the_scores(
     server: str,
     token: str,
@@ -199,7 +209,9 @@ def test_measures_stand_beside_the_scores(
     with signed_in(server, settings, "measures") as browser:
         page = browser.get(f"/admin/studies/{study['slug']}/objective/scores").text
         assert "Objective measures" in page
-        assert "with 3 conditions the smallest p-value is 0.17" in page
+        warned = "with 3 conditions the smallest p-value is 0.17"
+        assert warned in page
+        assert warned not in browser.get(f"/admin/studies/{study['slug']}/results").text  # which are of the votes
         ranking = browser.get(f"/admin/studies/{study['slug']}/figures/measures.csv").text
         assert ranking.count("accuracy") == len(analysis["measures"])
         plot = browser.get(f"/admin/studies/{study['slug']}/figures/measure_accuracy.svg")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+import threading
 import time
 from collections.abc import Iterator
 from html import unescape
@@ -173,6 +174,25 @@ def test_a_study_that_could_not_be_made_leads_back_to_its_form(eva: Dashboard, m
     assert back
     page = eva.get(unescape(back[1])).text
     assert (value_of(page, "name"), value_of(page, "break_every")) == ("Unlucky", "9")
+
+
+def test_a_form_whose_study_is_being_created_is_not_named_as_left(
+    eva: Dashboard, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    may_go_on, create_study = threading.Event(), creation.create_study
+
+    def wait_and_create(*args: Any, **settings: Any) -> dict[str, Any]:
+        may_go_on.wait(60)
+        return create_study(*args, **settings)
+
+    monkeypatch.setattr(creation, "create_study", wait_and_create)
+    task = eva.act(NEW, **typed(eva.get(FORM).text, name="Slow"))
+    try:
+        assert "Creating the study Slow" in eva.get("/admin").text
+        assert "not created yet" not in eva.get("/admin").text
+    finally:
+        may_go_on.set()
+    ends(eva, task.url.path)
 
 
 def test_what_cannot_be_made_is_said_in_the_words_of_the_form_while_it_is_typed(eva: Dashboard) -> None:
