@@ -153,7 +153,7 @@ def test_a_source_without_calibration_or_bounds_is_named(tmp_path: Path) -> None
     (source / "ring_par.txt").unlink()
     with pytest.raises(CaptureError, match=re.escape("holds 0 files *_par.txt")):
         import_middlebury(source, tmp_path / "capture", pairs=PAIRS)
-    with pytest.raises(CaptureError, match="there is no such folder"):
+    with pytest.raises(ValueError, match="there is no such file or folder"):
         import_middlebury(tmp_path / "nowhere", tmp_path / "capture", pairs=PAIRS)
 
 
