@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from recon.capture.calibration.board import Board, Corners
 from recon.capture.calibration.bundle_adjustment import Poses, Sighting, adjusted, reprojection_error
 from recon.capture.images import CaptureError
-from recon.capture.importing.opencv import CAMERA_FROM_WORLD
+from recon.capture.importing.calibrations.placed import CAMERA_FROM_WORLD
 from recon.capture.recording import SIDES
 from recon.geometry.rig import Camera, Sensor, rigid
 
