@@ -55,7 +55,7 @@ def fill(server: str, settings: Settings, stimulus_set: Path) -> str:
         base = f"studies/{made['slug']}"
         assert program.put(f"{base}/images/room.png", content=PIXEL).status_code == 204
         token = program.headers["authorization"].removeprefix("Bearer ")
-        simulate(server, made["slug"], made["invitation"], token, 3, ABILITIES, 0.2, seed=4)
+        simulate(server, made["slug"], made["invitation"], token, 2, ABILITIES, 0.2, seed=4)
         person = f"{base}/participants/P001"
         assert program.put(f"{person}/interview", json={"answers": {"Anything else?": "Faces."}}).status_code == 204
         place = {"participant": "P001", "source": "spoken", "subject": "Anything else?", "tag": "faces"}
