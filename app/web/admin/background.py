@@ -12,7 +12,7 @@ from app.store.database.server_tasks import STOPPED, cancel_task, task_by_id
 from app.web.admin.layout import page, see
 from app.web.gates import Store
 from app.web.roles import Acting, Person
-from app.web.shelves import UPLOAD
+from app.web.uploads import UPLOAD
 
 router = APIRouter(prefix="/admin", include_in_schema=False)
 

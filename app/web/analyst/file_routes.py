@@ -16,15 +16,14 @@ from app.intake.shelves import KINDS, ShelfEntry, entries, file_in
 from app.store.access.tokens import JOBS, STUDIES
 from app.store.studies.audit import Actor
 from app.web.analyst import columns
-from app.web.analyst.compression import CompressedRoute
-from app.web.analyst.formats import ChosenFormat, json_object, table
+from app.web.analyst.formats import ChosenFormat, CompressedRoute, json_object, table
 from app.web.analyst.openapi import file_body, object_answers, table_answers
 from app.web.analyst.openapi_examples import FILE
 from app.web.analyst.study_routes import WAIT_S, Body, TaskView, Wait, accepted, waited_task
 from app.web.analyst.upload_routes import ACCEPTED
 from app.web.gates import Store, settings
 from app.web.roles import may_change, may_read, study_called
-from app.web.shelves import (
+from app.web.uploads import (
     NewUpload,
     add_part,
     begin_attaching_entry,

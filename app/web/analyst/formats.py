@@ -18,6 +18,9 @@ from typing import IO, Annotated, Any, Literal
 from fastapi import Depends, Query, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response, StreamingResponse
+from fastapi.routing import APIRoute
+from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
+from starlette.types import Receive, Scope, Send
 
 from app.files import without_formula
 from app.web import media
@@ -27,6 +30,9 @@ from app.web.gates import fields_of
 Format = Literal["json", "csv", "parquet"]
 CSV = "text/csv; charset=utf-8; header=present"
 PARQUET = "application/vnd.apache.parquet"
+SHORTEST = 16 * 1024  # bytes of an answer that is compressed, unless it is sent while it is read
+LEVEL = 5  # of compression, to 9: most of the gain for a third of the time
+ALREADY = (*DEFAULT_EXCLUDED_CONTENT_TYPES, PARQUET)  # compressed
 MEDIA_TYPES: dict[Format, str] = {"json": "application/json", "csv": CSV, "parquet": PARQUET}
 MOST_ROWS = 1_000_000  # of a page
 IN_MEMORY = 1024 * 1024  # bytes of a table; the rest waits on disk
@@ -383,3 +389,11 @@ def _quality(parameters: str) -> float:
             except ValueError:
                 return 0.0
     return 1.0
+
+
+class CompressedRoute(APIRoute):
+    """Answers as any route does, compressed where that is worth it: JSON and CSV repeat names in every row."""
+
+    async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+        await GZipMiddleware(super().handle, SHORTEST, LEVEL, exclude_content_types=ALREADY)(scope, receive, send)

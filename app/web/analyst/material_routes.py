@@ -23,8 +23,7 @@ from app.study.options.own_texts import CONSENT, DEBRIEFING
 from app.study.options.wording import first_language, own_texts, refused_languages
 from app.study.trial.image import LARGEST_IMAGE, media_type
 from app.web.analyst import columns
-from app.web.analyst.compression import CompressedRoute
-from app.web.analyst.formats import ChosenFormat, json_object, table
+from app.web.analyst.formats import ChosenFormat, CompressedRoute, json_object, table
 from app.web.analyst.openapi import file_body, object_answers, table_answers
 from app.web.analyst.openapi_examples import DESIGN, PLAN, TEXTS
 from app.web.analyst.results import FIGURE_TYPES, balance_soon, figure, figures_of, plan_of, results_of

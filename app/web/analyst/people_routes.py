@@ -31,8 +31,7 @@ from app.study.options.options import parse_options
 from app.study.questions.questionnaire import LONGEST_ANSWER, LONGEST_QUESTION
 from app.study.screening.screening import EnteredResult, TestName
 from app.web.analyst import columns
-from app.web.analyst.compression import CompressedRoute
-from app.web.analyst.formats import ChosenFormat, table
+from app.web.analyst.formats import ChosenFormat, CompressedRoute, table
 from app.web.analyst.openapi import object_answers, table_answers
 from app.web.analyst.openapi_examples import EVERYTHING
 from app.web.analyst.study_routes import Body, StudyEditor

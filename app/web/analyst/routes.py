@@ -33,10 +33,10 @@ from app.store.trials.vote_records import vote_row
 from app.study.options.options import parse_options
 from app.web.analyst import columns
 from app.web.analyst.archive import write_archive
-from app.web.analyst.compression import CompressedRoute
 from app.web.analyst.formats import (
     IN_MEMORY,
     ChosenFormat,
+    CompressedRoute,
     Stored,
     TableRequest,
     flattened,

@@ -34,8 +34,7 @@ from app.store.access.tokens import JOBS, PERSONAL, READ, STUDIES
 from app.store.database.engine import Database, Transaction
 from app.store.studies.audit import Actor, Entry, record_alone
 from app.web.analyst import columns
-from app.web.analyst.compression import CompressedRoute
-from app.web.analyst.formats import ChosenFormat, json_bytes, json_object, parts_of, table
+from app.web.analyst.formats import ChosenFormat, CompressedRoute, json_bytes, json_object, parts_of, table
 from app.web.analyst.openapi import file_body, object_answers, table_answers
 from app.web.analyst.openapi_examples import FILM_CHECK, READ_VOTES, STIMULUS_SET
 from app.web.analyst.study_routes import WAIT_S, Body, StudyEditor, TaskView, Wait, accepted, waited_task

@@ -12,8 +12,7 @@ from app.web.admin.background import task_address
 from app.web.admin.layout import see
 from app.web.gates import Store, settings
 from app.web.roles import Acting, Looking
-from app.web.shelves import NewUpload, add_part, begin_part_upload, discard_part_upload
-from app.web.uploads import UploadingActor
+from app.web.uploads import NewUpload, UploadingActor, add_part, begin_part_upload, discard_part_upload
 
 UploadId = Annotated[str, Path(max_length=40)]
 

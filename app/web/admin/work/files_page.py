@@ -35,7 +35,7 @@ from app.web.admin.layout import page, see, viewing
 from app.web.gates import Store, settings
 from app.web.media import SANDBOX
 from app.web.roles import Acting, Person, study_called
-from app.web.shelves import begin_attaching_entry, delete_entry, entry_of
+from app.web.uploads import begin_attaching_entry, delete_entry, entry_of
 
 TITLES = {
     "captures": "Captures and other recordings",

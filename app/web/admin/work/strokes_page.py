@@ -18,8 +18,7 @@ from app.web.admin.layout import page
 from app.web.admin.work.files_page import Name, entry_address
 from app.web.gates import Store, settings
 from app.web.roles import Looking
-from app.web.shelves import entry_of
-from app.web.uploads import UploadingActor
+from app.web.uploads import UploadingActor, entry_of
 
 PICTURE = "/{sensor}/{side}/{frame}"
 

@@ -22,7 +22,7 @@ from app.web.admin.work.files_page import Name, entry_address
 from app.web.analyst.upload_routes import Said, edits_of
 from app.web.gates import Store, settings
 from app.web.roles import Acting, Looking
-from app.web.shelves import entry_of
+from app.web.uploads import entry_of
 
 SHELF = "votes"
 ROLES = {  # of columns, in the words of the page

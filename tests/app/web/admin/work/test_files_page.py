@@ -20,7 +20,7 @@ from app.operations.studies import create
 from app.operations.upkeep.leftovers import remove_leftovers
 from app.settings import Settings
 from app.store.database.keys import utc_now
-from app.web import shelves
+from app.web import uploads
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in, zipped
 
 pytestmark = pytest.mark.slow
@@ -246,7 +246,7 @@ def test_a_complete_upload_is_kept_when_its_check_fails_for_the_servers_reasons(
     content = zipped(capture())
     with signed_in(own_server, own, "Eva") as eva:
         with monkeypatch.context() as patched:
-            patched.setattr(shelves, "shelve", raise_disk_full)
+            patched.setattr(uploads, "shelve", raise_disk_full)
             failed = send(eva, "captures", "ball", content).text
         assert "No space left on device" in failed
         assert "choose the same file again" in failed
