@@ -35,6 +35,7 @@ from recon.pipeline.run import (
     RUN_FILE,
     Run,
     address_from,
+    approaches_before,
     check_is_run,
     fetch_log,
     log,
@@ -192,6 +193,7 @@ def _made(job: Job, progress: Progress) -> dict[str, Any]:
     with open_pool(options.workers, options.cluster) as pool:
         remove_leftovers(run)
         fetch_log(run)
+        before = approaches_before(run)
         remove(run / RUN_FILE)  # it describes the files of an earlier start, which this one may replace
 
         def make(stage: str, tasks: Sequence[partial[list[str]]]) -> None:
@@ -221,6 +223,11 @@ def _made(job: Job, progress: Progress) -> dict[str, Any]:
         make_preview(finished, job.frames[0])
     except NoPathError as error:
         warnings.append(f"no preview was drawn: {error}")
+    if left := [name for name in before if name not in names]:
+        warnings.append(
+            f"models of {', '.join(left)} from an earlier start stay in meshes, but the run is of {', '.join(names)} "
+            "alone now; for all of them, start again with all of their methods: what is there is not made again"
+        )
     return write_run(finished, options=_described(job), timings=timings, warnings=warnings)
 
 

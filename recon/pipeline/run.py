@@ -158,6 +158,12 @@ class Run:
         return Artefacts(self.folder)
 
 
+def approaches_before(folder: Path) -> list[str]:
+    """Return the approaches that an earlier, finished start of a run names; none where there was none."""
+    path = folder / RUN_FILE
+    return list(read_json(fetched(path)).get("approaches", ())) if is_there(path) else []
+
+
 def read_run(folder: Path) -> Run:
     """Read a run, or raise a ValueError if the folder is not a finished one."""
     path = folder / RUN_FILE

@@ -194,6 +194,17 @@ def test_another_voxel_makes_only_the_meshes_again(capture: Capture, run: Path, 
 
 
 @pytest.mark.slow
+def test_a_run_that_is_started_with_other_methods_names_those_that_it_leaves(
+    capture: Capture, run: Path, tmp_path: Path
+) -> None:
+    again = copytree(run, tmp_path / "run")
+    found = reconstruct(capture.folder, again, ReconstructOptions(depths=("id",), fusions=("fb",)))
+    assert found["approaches"] == ["id_fb"]
+    assert [text for text in found["warnings"] if text.startswith("models of id_fa from an earlier start stay")]
+    assert (again / "meshes/id_fa/0000.ply").is_file()
+
+
+@pytest.mark.slow
 def test_a_start_with_other_options_that_is_stopped_leaves_no_run(capture: Capture, run: Path, tmp_path: Path) -> None:
     changed = copytree(run, tmp_path / "run")
 
