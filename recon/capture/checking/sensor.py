@@ -312,7 +312,7 @@ def _rows(rectified: Matches, rectification: Rectification) -> Rows:
     inside = (disparities >= 0) & (disparities < rectification.n_disparities)
     vertical_error, disparity = float(np.median(np.abs(differences))), float(np.median(disparities))
     fit = fit_rows(rectified, pivot_of(rectification))
-    left = None if fit is None else fit.after_px
+    left = fit.after_px if fit is not None and fit.is_off else None
     return Rows(len(rectified), vertical_error, disparity, float(np.mean(inside)), len(kept), left)
 
 
@@ -351,12 +351,13 @@ def _row_warnings(
     if report.is_checked is False or misfit <= OFF_PX:
         return
     if not is_told:
-        left = (
-            "" if report.rows is None or report.rows.left_px is None else f", of which {report.rows.left_px:.2f} remain"
-        )
         yield (
             f"sensor {report.id}: rows are {misfit:.2f} px apart after rectification, expected at most a third of a "
-            f"pixel; `reconstruct` and `match` move them together{left}"
+            "pixel; "
+        ) + (
+            "no small shift, turn and stretch brings them together: calibrate again"
+            if report.rows is None or report.rows.left_px is None
+            else f"`reconstruct` and `match` move them together, of which {report.rows.left_px:.2f} remain"
         )
     if correction is not None:
         yield f"sensor {report.id}: {correction}; `capture check --correct` writes the recording with it"

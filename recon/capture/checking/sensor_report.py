@@ -19,7 +19,7 @@ class Rows:
     disparity_px : their median disparity
     inside : share of them whose disparity is one of the bounds
     n_agreeing : how many they are
-    left_px : what is left of the median where the rows' shift, turn and stretch are undone, None without any
+    left_px : what is left of the median where the rows' shift, turn and stretch are undone, None if it helps little
     """
 
     n_matches: int

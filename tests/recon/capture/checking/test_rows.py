@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 
 from recon.capture.checking.matches import Matches
 from recon.capture.checking.rows import RowFit, aligned, fit_rows
+from recon.capture.checking.sensor import _row_warnings
+from recon.capture.checking.sensor_report import Rows, SensorReport
 from recon.depth.disparity_io import read_disparity
 from recon.pipeline.reconstruct import match_files
 
@@ -82,3 +84,11 @@ def test_matching_a_real_pair_is_as_good_with_rows_apart(
         return float((np.abs(disparity - truth)[known] > 1).mean())
 
     assert bad(tmp_path / "off.png") < bad(folder / "im6.png") + 0.005
+
+
+@pytest.mark.parametrize(("left_px", "told"), [(0.1, "move them together, of which 0.10 remain"), (None, "calibrate")])
+def test_rows_are_promised_to_be_moved_together_only_where_they_will_be(left_px: float | None, told: str) -> None:
+    report = SensorReport("S1", 100.0, rows=Rows(90, 0.6, 10.0, 1.0, 80, left_px), is_checked=True)
+    (warning,) = _row_warnings(report, 0.6, None, is_told=False)
+    assert told in warning
+    assert ("move them together" in warning) is (left_px is not None)
