@@ -67,13 +67,14 @@ def tables() -> str:
     """Return the columns of every table of results that analysts fetch, and the tables of an analysis."""
     from app.analysis.report.write import COLUMNS
     from app.analysis.tables import TABLES as ANALYSIS
-    from app.web.analyst.columns import FIGURES, FURTHER, OUTSIDE_IDS, SETS, TABLES
+    from app.web.analyst.columns import FIGURES, FILES, FURTHER, OUTSIDE_IDS, SETS, TABLES
 
     parts = [
         "# Tables of results",
         "The columns of each table of [the REST interface](api.md#tables) and of a study's archive.",
     ]
-    for name, columns in {**TABLES, "outside-ids": OUTSIDE_IDS, "figures": FIGURES, "sets": SETS}.items():
+    further = {"outside-ids": OUTSIDE_IDS, "figures": FIGURES, "sets": SETS, "files": FILES}
+    for name, columns in {**TABLES, **further}.items():
         every = columns | FURTHER.get(name, {})
         rows = [(f"`{column}`", one_line(about.meaning)) for column, about in every.items()]
         parts += [f"## {name.replace('_', ' ')}", markdown_table(("column", "is"), rows)]
