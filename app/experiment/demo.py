@@ -10,6 +10,7 @@ from app.analysis import write_analysis
 from app.experiment.study import TRUTH, fetched
 from app.ffmpeg import Progress
 from app.files import read_json, write_bytes, write_json
+from app.intake.stimuli import MANIFEST
 from app.operations.studies.create import create_study, read_options
 from app.operations.studies.manage import add_experimenter, attach_results, list_studies
 from app.settings import Settings
@@ -88,6 +89,8 @@ def demo_front(settings: Settings, out: Path, folder: Path, n_frames: int) -> di
         "put_in": demo_put_in(out),
         "folder": out.name,
         "pictures": pictures,
+        "previews": sorted(path.name for path in (out / "run" / "previews").glob("*.png")),
+        "films": [film["video"] for film in read_json(out / "stimuli" / MANIFEST)["stimuli"]],
     }
     write_json(folder / FRONT_FILE, content)
     return paths

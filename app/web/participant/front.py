@@ -13,9 +13,11 @@ from fastapi.responses import FileResponse, Response
 from app.errors import NotFoundError
 from app.files import read_json
 from app.web.gates import render
+from app.web.media import SANDBOX
 from app.web.participant.entrance import see_invitation
 
 FRONT_FILE = "front.json"
+MADE = ("run", "stimuli", "validation", "analysis")  # folders whose files it links to, beside the study's own
 
 
 def front_routes(folder: Path) -> APIRouter:
@@ -23,7 +25,7 @@ def front_routes(folder: Path) -> APIRouter:
 
     Parameters
     ----------
-    folder : holds `front.json` and the pictures that it names
+    folder : holds `front.json` and the pictures that it names; beside it lies what the demo has made
     """
     router = APIRouter(include_in_schema=False)
 
@@ -39,5 +41,12 @@ def front_routes(folder: Path) -> APIRouter:
         if path.suffix not in (".webp", ".svg", ".jpg") or path.parent != folder or not path.is_file():
             raise NotFoundError("There is no such picture.")
         return FileResponse(path)
+
+    @router.get("/made/{place:path}")
+    def made(place: str) -> Response:
+        path, parts = (folder.parent / place).resolve(), [(folder.parent / part).resolve() for part in MADE]
+        if not any(path.is_relative_to(part) for part in parts) or not path.is_file():
+            raise NotFoundError("The demo has made no such file.")
+        return FileResponse(path, headers={"Content-Security-Policy": SANDBOX})
 
     return router

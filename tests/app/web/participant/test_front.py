@@ -117,3 +117,18 @@ def test_the_front_page_shows_only_its_own_pictures(front: tuple[httpx.Client, d
     assert client.get("/front/recording_S1.webp").content == b"picture"
     for name in ("front.json", "..%2Fsecret.webp", "none.webp"):
         assert client.get(f"/front/{name}").status_code == 404
+
+
+@pytest.mark.slow
+def test_every_file_that_the_front_page_names_is_a_link_and_nothing_of_the_data_folder_is(
+    front: tuple[httpx.Client, dict[str, str]], tmp_path: Path
+) -> None:
+    client, _ = front
+    (tmp_path / "validation" / "films").mkdir()
+    (tmp_path / "validation" / "films" / "report.html").write_text("Films", encoding="utf-8")
+    links = re.findall('href="(/made/[^"]+)"', client.get("/").text)
+    assert {f"/made/stimuli/ball/{approach}.mp4" for approach in SHOWN} < set(links)
+    assert [link for link in links if client.get(link).status_code != 200] == []
+    assert "sandbox" in client.get("/made/validation/films/report.html").headers["content-security-policy"]
+    for place in ("study/reconstudy.db", "stimuli/../secret.webp", "stimuli/%2E%2E/secret.webp", "stimuli", "none"):
+        assert client.get(f"/made/{place}").status_code == 404
