@@ -18,6 +18,7 @@ TAGS = {  # in this order
     "material": "Texts, design and figures",
     "people": "Look after participants",
     "uploads": "Send films, results and studies",
+    "files": "Keep files on the server",
     "jobs": "Work on the server",
     "participants": "Take part in a study",
 }

@@ -118,7 +118,7 @@ def test_the_only_dataset_cannot_be_for_practice_alone(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [
-        ("ball", "practice_pairs is 'ball', expected a list"),
+        ("ball", "practice_pairs is 'ball', expected at most 10 pairs, each a dataset and two of its conditions"),
         ([{"dataset": "ball", "a": "x"}], "b is None, expected a condition's name"),
         ([{"dataset": "ball", "a": "x", "b": "x"}], "names 'x' twice"),
         ([{"dataset": "ball", "a": "x", "b": 3}], "b is 3, expected a condition's name"),

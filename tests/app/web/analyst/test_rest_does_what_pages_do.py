@@ -54,6 +54,7 @@ SAME: dict[str, str] = {  # form of the dashboard: route below /api/v1, or why t
     "POST /studies/{slug}/state": "PUT /studies/{slug}/state",
     "POST /studies/{slug}/failures": "DELETE /studies/{slug}/failures",
     "POST /studies/{slug}/stimuli": "POST /studies/{slug}/check",
+    "POST /studies/{slug}/stimuli/again": "POST /studies/{slug}/films",
     "PUT /studies/{slug}/upload": "POST /studies/{slug}/results",
     "POST /studies/{slug}/texts": "PUT /studies/{slug}/texts/{language}",
     "POST /studies/{slug}/texts/images": "PUT /studies/{slug}/images/{name}",
