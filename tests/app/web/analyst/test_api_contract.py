@@ -215,7 +215,7 @@ NEEDED = {  # the role that each route of the dashboard takes
     r"/admin/work(/.*)?": "experimenter",
     r"/admin/studies/\{slug\}/(participants|votes|invitations|edit|models|texts)(/.*)?": "experimenter",
     r"/admin/studies/\{slug\}/(state|address|duplicate|preview|upload|results/groups(/.*)?)": "experimenter",
-    r"POST /admin/studies/\{slug\}/stimuli": "experimenter",
+    r"POST /admin/studies/\{slug\}/stimuli(/again)?": "experimenter",
     r"/admin/studies/\{slug\}(/live|/design|/results|/objective|/objective/scores|/figures/.*)?": "viewer",
     r"GET /admin/studies/\{slug\}/(stimuli.*|objective/\{digest\}/\{name\})": "viewer",
     r"GET /admin/studies": "viewer",
