@@ -17,10 +17,8 @@ from recon.runtime.files import write_json
 PLAIN_LINE_EVERY_S = 5.0
 PROGRESS_FILE = "RECONSTUDY_PROGRESS_FILE"  # names a file to which a command writes how far it is, for programs
 FILE_EVERY_S = 0.5
-TELLING_SHARE, TELLING = (
-    0.1,
-    20,
-)  # of what a part has to do: its first takes longest, as it starts processes, compiles kernels
+# What of a part tells how long the rest takes: its first takes longest, as it starts processes and compiles kernels.
+TELLING_SHARE, TELLING = 0.1, 20
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object on standard output.")]
 
