@@ -135,13 +135,19 @@ def lag_between(pairs: Sequence[tuple[Tangents, Tangents]]) -> Lag | None:
     if longer <= 0:
         return None
     largest = min(LARGEST_FRAMES, longer)
-    lags = np.arange(-largest, largest + STEP / 2, STEP)
+    lags = lags_to(largest)
     total = np.zeros(len(lags))
     for first, second in pairs:
         for end in (0, 1):
             signals = first.angles[:, end], second.angles[:, end]
             total += _of_tangents(*signals, max(first.pixel, second.pixel), lags)
     return likeliest_lag(lags, total) if total.any() else None
+
+
+def lags_to(largest: float) -> NDArray[np.float64]:
+    """Return the lags that are searched, in frames, around none, which is exactly 0."""
+    n = round(largest / STEP)
+    return np.arange(-n, n + 1, dtype=np.float64) * STEP
 
 
 def likeliest_lag(lags: NDArray[np.float64], total: NDArray[np.float64]) -> Lag:

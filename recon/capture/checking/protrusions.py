@@ -18,9 +18,9 @@ from scipy.signal import find_peaks
 
 from recon.capture.checking.lag import (
     LARGEST_FRAMES,
-    STEP,
     Lag,
     TangentPlanes,
+    lags_to,
     likeliest_lag,
     log_likelihood,
     spread_by_lag,
@@ -41,7 +41,7 @@ FEWEST_LAGS = 60  # at which they overlap
 FEWEST_PAIRS = 2  # of tracks that fit; one may be chance
 MOST_TRACKS = 24  # the longest of each camera
 
-LAGS = np.arange(-LARGEST_FRAMES, LARGEST_FRAMES + STEP / 2, STEP)
+LAGS = lags_to(LARGEST_FRAMES)
 
 
 @dataclass
