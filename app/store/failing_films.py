@@ -6,7 +6,7 @@ from typing import Any
 
 from sqlalchemy import Connection
 
-from app.store.studies.film_failures import alarm_of, failure_records
+from app.store.studies.film_failures import alarm_of, failure_records, ids_with_failures
 from app.store.studies.studies import all_studies
 from app.store.trials.designs import film_names
 
@@ -22,9 +22,11 @@ def failing_films(connection: Connection, study_id: int) -> list[dict[str, Any]]
 
 def failing_films_of_all(connection: Connection) -> list[tuple[tuple[str, str, str], int]]:
     """Return for how many people a film fails and nobody has taken note of it, by study, film and browser."""
-    counts = []
+    counts: list[tuple[tuple[str, str, str], int]] = []
+    if not (ids := ids_with_failures(connection)):
+        return counts
     for each in all_studies(connection):
-        if alarm := alarm_of(connection, each.id):
+        if each.id in ids and (alarm := alarm_of(connection, each.id)):
             names = film_names(connection, each.id)
             for film in alarm.films:
                 name = names.get(film["media"], "practice")

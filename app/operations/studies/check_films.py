@@ -137,10 +137,12 @@ def last_check(settings: Settings, study: Study, films: Sequence[ShownFilm]) -> 
     return known if known.films == films_digest(films) else None
 
 
-def is_damaged(settings: Settings, film: ShownFilm) -> bool:
-    """Whether a film's file is missing, or not what it was when the study was made."""
+def damage_of(settings: Settings, film: ShownFilm) -> str:
+    """Say why a film's file is not the one that was made; empty if it is."""
     path = settings.media_dir / film.file
-    return not path.is_file() or file_digest(path) != film.sha256
+    if not path.is_file():
+        return "the file is missing"
+    return "" if file_digest(path) == film.sha256 else "the file is not what it was when the study was made"
 
 
 def films_digest(films: Sequence[ShownFilm]) -> str:
@@ -161,11 +163,9 @@ def in_words(check: FilmCheck) -> str:
 
 def _fault(settings: Settings, film: ShownFilm) -> str:
     """Return what is wrong with a film's file; empty: nothing."""
+    if damage := damage_of(settings, film):
+        return damage
     path = settings.media_dir / film.file
-    if not path.is_file():
-        return "the file is missing"
-    if file_digest(path) != film.sha256:
-        return "the file is not what it was when the study was made"
     try:
         facts = decode(path)
     except StimuliError as error:

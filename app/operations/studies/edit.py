@@ -13,7 +13,7 @@ from typing import Any
 
 from app.errors import ConflictError, InvalidError, said_on_page
 from app.ffmpeg import Progress
-from app.operations.studies.check_films import check_films, films_of, is_damaged
+from app.operations.studies.check_films import check_films, damage_of, films_of
 from app.operations.studies.manage import study_file_of
 from app.operations.studies.prepare import prepare_study, prepared_columns
 from app.operations.studies.stimulus_sets import set_of_study
@@ -198,7 +198,7 @@ def mend_films(settings: Settings, database: Database, study: Study, progress: P
     """
     with database.reading() as connection:
         films, known = films_of(connection, study), set_of_study(settings, connection, study)
-    damaged = [film for film in films if is_damaged(settings, film)]
+    damaged = [film for film in films if damage_of(settings, film)]
     if not damaged:
         raise InvalidError("The films are as they were when the study was made; made again, they would be the same.")
     if known is None:
@@ -209,7 +209,7 @@ def mend_films(settings: Settings, database: Database, study: Study, progress: P
         prepare_study(settings, known.folder, parse_options(study.options), study.exposure_s, progress)
     except ValueError as error:
         raise InvalidError(f"The films could not be made again: {said_on_page(error).rstrip('.')}.") from error
-    if n := sum(is_damaged(settings, film) for film in damaged):
+    if n := sum(bool(damage_of(settings, film)) for film in damaged):
         raise InvalidError(
             f"Films that came out otherwise than when the study was made: {n}, as this server encodes otherwise now. "
             "Bring the files back from a backup, or duplicate the study."

@@ -12,6 +12,7 @@ from app.store.participants.comments import (
     keep_trial_comment,
     rename_tag,
     tag_comment,
+    tag_names,
     trial_comment_of,
     untag_comment,
 )
@@ -25,6 +26,14 @@ def new_tag(database: Database, study: Study, tag: str, actor: Actor) -> None:
     with database.writing() as connection:
         add_tag(connection, study.id, name, actor.now)
         actor.note(connection, "tag added", study, name)
+
+
+def keep_tag(database: Database, study: Study, tag: str, actor: Actor) -> None:
+    """Add a tag to a study that may have it already."""
+    with database.reading() as connection:
+        known = tag_names(connection, study.id)
+    if _in_one_line(tag) not in known:
+        new_tag(database, study, tag, actor)
 
 
 def call_tag(database: Database, study: Study, tag: str, new: str, actor: Actor) -> None:
@@ -78,7 +87,7 @@ def note_on_trial(
         return
     with database.writing() as connection:
         kept = trial_comment_of(connection, trial)
-        if seen is not None and seen != (kept.comment if kept else "") and comment != (kept.comment if kept else ""):
+        if seen is not None and (kept.comment if kept else "") not in (seen, comment):
             raise ConflictError("Somebody else has noted something on this trial meanwhile. Nothing was kept.")
         keep_trial_comment(connection, study.id, trial, comment, actor.name, actor.now)
         actor.note(connection, "trial commented on", study, trial)

@@ -95,10 +95,18 @@ def alarm_of(connection: Connection, study_id: int) -> Alarm | None:
     ).all()
     if not rows:
         return None
-    films = {row.media: _film([each for each in rows if each.media == row.media]) for row in rows}
-    people = {row.session_id for row in rows}
-    most_first = sorted(films.values(), key=lambda film: (-film["n_people"], film["media"]))
-    return Alarm(tuple(most_first), len(people), rows[-1].happened_at)
+    by_film: dict[str, list[Row[Any]]] = {}
+    for row in rows:
+        by_film.setdefault(row.media, []).append(row)
+    most_first = sorted(map(_film, by_film.values()), key=lambda film: (-film["n_people"], film["media"]))
+    return Alarm(tuple(most_first), len({row.session_id for row in rows}), rows[-1].happened_at)
+
+
+def ids_with_failures(connection: Connection) -> set[int]:
+    """Return the ids of the studies, previews included, with failures that nobody has taken note of."""
+    joined = film_failure.join(session).join(participant)
+    ids = select(participant.c.study_id).select_from(joined).where(film_failure.c.settled_at.is_(None))
+    return set(connection.scalars(ids.distinct()))
 
 
 def in_words(reason: str) -> str:

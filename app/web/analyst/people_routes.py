@@ -22,7 +22,7 @@ from app.operations.upkeep.people import (
 )
 from app.store.access.tokens import ERASING, PEOPLE, PERSONAL, STUDIES
 from app.store.database.engine import Database
-from app.store.participants.comments import LONGEST_COMMENT, LONGEST_TAG, CommentPlace, Source, tag_names
+from app.store.participants.comments import LONGEST_COMMENT, LONGEST_TAG, CommentPlace, Source
 from app.store.participants.participants import everything_of, exclusion_records, participant_labelled
 from app.store.participants.recruits import recruit_records
 from app.store.studies.audit import Actor, Entry, record
@@ -175,10 +175,7 @@ def note_spoken_answers(body: InterviewBody, label: Label, actor: Excluder, stud
 @router.put("/studies/{slug}/comment_tags/{tag:path}", status_code=204, response_class=Response)
 def keep_tag(tag: TagInPath, actor: Excluder, study: AStudy, database: Store) -> Response:
     """Add a tag to code comments with; sent again, it changes nothing."""
-    with database.reading() as connection:
-        known = tag_names(connection, study.id)
-    if " ".join(tag.split()) not in known:
-        comments.new_tag(database, study, tag, actor)
+    comments.keep_tag(database, study, tag, actor)
     return Response(status_code=204)
 
 

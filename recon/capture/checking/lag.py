@@ -145,7 +145,7 @@ def lag_between(pairs: Sequence[tuple[Tangents, Tangents]]) -> Lag | None:
 
 
 def lags_to(largest: float) -> NDArray[np.float64]:
-    """Return the lags that are searched, in frames, around none, which is exactly 0."""
+    """Return the lags (L,) that are searched, in frames, around none, which is exactly 0."""
     n = round(largest / STEP)
     return np.arange(-n, n + 1, dtype=np.float64) * STEP
 

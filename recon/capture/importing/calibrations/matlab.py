@@ -31,13 +31,13 @@ from recon.capture.importing.calibrations.placed import (
 from recon.capture.importing.calibrations.stereo_entry import stereo_sensor
 from recon.capture.importing.sources import faults_at
 from recon.capture.importing.views import View, pictures_of
+from recon.capture.recording import SIDES
 from recon.geometry.rig import Camera, rigid
 from recon.runtime.files import read_json
 
 FIRST_PIXEL = 1.0  # of MATLAB; OpenCV's is 0
 UNITS = {"millimeters": 1.0, "mm": 1.0, "centimeters": 10.0, "meters": 1000.0, "m": 1000.0, "inches": 25.4}
 KEYS = ("CameraParameters1", "CameraParameters2")
-SIDES = ("left", "right")
 DAMAGED = (  # what scipy lets through of a damaged file
     ArithmeticError,
     AttributeError,

@@ -27,6 +27,7 @@ from recon.capture.importing.calibrations.placed import (
 )
 from recon.capture.importing.sources import faults_at
 from recon.capture.importing.views import View
+from recon.capture.recording import SIDES
 from recon.geometry.rig import rigid
 from recon.runtime.files import files_like, first_of
 
@@ -38,7 +39,6 @@ ROS_KEYS = {
 }
 SMALLEST_SHIFT = 1e-9  # of P's last column: a left camera has 0
 KALIBR_PLACES = ("cam{number}", "cam{number}/data", "cam{number}/image_raw", "mav0/cam{number}/data")
-SIDES = ("left", "right")
 SIDE_PLACES = (("left", "cam0"), ("right", "cam1"))
 
 
