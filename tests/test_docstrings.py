@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parent.parent
 RIDDLES = {"of", "one", "own", "found"}
 DOCUMENTED = ("ground", "recon", "app/study", "app/analysis")
@@ -71,6 +73,7 @@ def documented_functions() -> Iterator[tuple[str, Function]]:
                 yield f"{name_of(path)}:{function.lineno} {function.name}", function
 
 
+@pytest.mark.slow
 def test_a_public_function_of_three_parameters_explains_them() -> None:
     silent = [
         place
@@ -89,6 +92,7 @@ def test_a_public_function_on_arrays_gives_their_shapes() -> None:
     assert silent == []
 
 
+@pytest.mark.slow
 def test_names_are_nouns() -> None:
     riddles = [
         f"{name_of(path)}:{line} {name}"

@@ -18,6 +18,7 @@ sys.modules[SPEC.name] = third_party  # its dataclass looks there
 SPEC.loader.exec_module(third_party)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["server", "recon"])
 def test_every_package_that_is_installed_has_a_licence_that_is_allowed(part: str) -> None:
     packages = list(third_party.locked_packages(part))
@@ -47,6 +48,7 @@ def test_a_licence_like_the_gpl_and_none_at_all_are_refused(tmp_path: Path, line
     assert package.refused()
 
 
+@pytest.mark.slow
 def test_the_list_of_packages_is_that_of_the_locks() -> None:
     listed = re.findall(r"^\| (\S+) \| (\S+) \|", third_party.OUT.read_text(encoding="utf-8"), re.MULTILINE)
     locked = [each for part in third_party.PARTS for each in third_party.locked_packages(part)]

@@ -138,6 +138,7 @@ def test_too_little_for_a_surface_is_refused(command: Command, tmp_path: Path, f
     assert not (tmp_path / "mesh.ply").exists()
 
 
+@pytest.mark.slow
 def test_a_file_that_is_read_is_not_overwritten_by_what_is_made_of_it(command: Command, tmp_path: Path) -> None:
     cloud, mesh = write_cloud(tmp_path / "cloud.ply", flat_cloud()), tmp_path / "mesh.ply"
     assert command("fuse", cloud, "-o", mesh).code == 0
@@ -192,6 +193,7 @@ def test_points_in_a_plane_are_a_surface(command: Command, tmp_path: Path) -> No
     assert np.ptp(read_mesh(tmp_path / "mesh.ply").vertices[:, 2]) < 1e-3
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_named_and_nothing_is_half_written(command: Command, capture: Path, small_disk: Path) -> None:
     run = small_disk / "run"
     for _ in range(2):
@@ -222,6 +224,7 @@ def test_a_capture_without_masks_is_pointed_out_before_the_work(
     assert "has no masks: all that stands in its bounds" in told.err.splitlines()[0]
 
 
+@pytest.mark.slow
 def test_a_capture_is_read_once_for_a_run(
     command: Command, capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -313,6 +316,7 @@ def test_films_into_the_folder_that_they_are_made_of_are_refused(command: Comman
     assert [path.name for path in tmp_path.iterdir()] == ["scene.json"]
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_up_while_rendering_is_named(command: Command, capture: Path, small_disk: Path) -> None:
     run = capture.parent / "run"
     assert command("reconstruct", capture, "-o", run, "--depth", "id", "--fusion", "fb", "--frames", "0:1").code == 0

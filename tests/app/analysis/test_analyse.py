@@ -119,6 +119,7 @@ def test_a_repeated_vote_is_named_and_kept() -> None:
     assert "repeat a pair" not in str(analyse(doubled, AnalysisSettings(exclude=("p0",)))["warnings"])
 
 
+@pytest.mark.slow
 def test_degenerate_data_have_their_status_and_a_warning() -> None:
     def analysed(*rows: tuple[str, str, str]) -> dict[str, Any]:
         return analyse(
@@ -142,6 +143,7 @@ def test_degenerate_data_have_their_status_and_a_warning() -> None:
     assert {row["status"] for row in one["models"]} == {"separated"}
 
 
+@pytest.mark.slow
 def test_a_bootstrap_is_the_same_for_the_same_seed_and_close_to_the_participant_errors() -> None:
     votes = study(n_participants=20)
     first = analyse(votes, AnalysisSettings(bootstrap=400, seed=7))["scores"]
@@ -215,6 +217,7 @@ def test_nothing_left_after_practice_is_said() -> None:
     assert "nothing to analyse" in analysis["warnings"][0]
 
 
+@pytest.mark.slow
 def test_an_item_without_a_level_is_left_out_by_factor_and_named() -> None:
     votes = study()
     known = [item for item in votes.items if item != "pm_fb"]
@@ -272,6 +275,7 @@ def test_factors_are_compared_within_the_others_as_in_the_paper() -> None:
     assert counted["fusion", "ball"] == 4 * 3
 
 
+@pytest.mark.slow
 def test_the_factors_of_a_known_study_have_the_reference_values(real_data: Path) -> None:
     folder = real_data / "votes" / "reference" / "paper_like_22x5x6"
     expected = json.loads((folder / "expected.json").read_text(encoding="utf-8"))["datasets"]

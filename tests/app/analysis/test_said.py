@@ -136,6 +136,7 @@ def of_ties() -> dict[str, Any]:
     return analyse(replace(votes, choice=np.full(len(votes), 2, np.int8)))
 
 
+@pytest.mark.slow
 @every_kind
 def test_best_and_worst_are_said_only_of_what_is_best_and_worst(kind: str, analyses: Analysed) -> None:
     truth, (_, analysis) = KINDS[kind], analyses[kind]
@@ -325,6 +326,7 @@ def test_a_single_participant_or_only_ties_have_no_sentence_on_intervals_or_on_r
     assert not re.search(r"Intervals over all datasets|Probability to have the highest", said_of_them)
 
 
+@pytest.mark.slow
 def test_who_is_the_best_is_no_probability_where_too_few_people_voted() -> None:
     votes = votes_of(Truth(people=2))
     assert "Probability to have the highest" not in all_of(analyse(votes))
@@ -354,6 +356,7 @@ def test_interim_is_said_before_any_result() -> None:
     assert analysis["findings"][0]["about"] == "interim"
 
 
+@pytest.mark.slow
 def test_a_predicted_share_of_a_factor_is_not_said_without_an_interval() -> None:
     text = said(analyse(votes_of(Truth(DEPTH)), AnalysisSettings(factors=FACTORS)), "factors")
     assert "decided votes" in text
@@ -387,6 +390,7 @@ def test_the_number_of_people_says_how_much_adaptive_pairs_cost() -> None:
         assert share in said(analyse(votes, AnalysisSettings(adaptive_pairs=True)), "limits")
 
 
+@pytest.mark.slow
 def test_what_simulations_find_cautious_or_bold_is_said_where_it_is_printed(analyses: Analysed) -> None:
     _, few = analyses["no difference, few people"]
     assert "2 to 5 % of studies without one" in said(few, "limits")
@@ -401,6 +405,7 @@ def test_what_simulations_find_cautious_or_bold_is_said_where_it_is_printed(anal
         assert "hardly differ" not in said(clear, about)
 
 
+@pytest.mark.slow
 def test_intervals_with_lapse_rates_are_said_to_be_narrow_where_people_lie_far_apart() -> None:
     for spread, is_said in ((0.3, False), (1.2, True)):
         analysis = analyse(votes_of(Truth(CLEAR, spread=spread)), AnalysisSettings(lapses=True))

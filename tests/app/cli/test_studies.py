@@ -32,6 +32,7 @@ def test_a_set_of_one_condition_says_what_a_study_needs(command: Command, stimul
     assert f"{tmp_path}: is a folder; expected a TOML file" in folder.err
 
 
+@pytest.mark.slow
 def test_a_study_is_created_and_listed(command: Command, stimuli: Path) -> None:
     created = command("study", "create", stimuli, "--name", "Tiny", "--seed", 1, "--json")
     assert created.code == 0, created.err

@@ -7,8 +7,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import app
 from app.intake.bounds import READERS
+
+pytestmark = pytest.mark.slow
 
 CALL = re.compile(r"\bin_bounds\((\w+),")
 WITH_ROWS = "app.operations.upkeep.travel._stage"  # fills a database

@@ -98,6 +98,7 @@ def test_commands_print_links_of_the_server_that_runs(
     assert not (settings.data_dir / "server.json").exists()
 
 
+@pytest.mark.slow
 def test_links_of_a_server_on_every_network_open_on_this_computer(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path / "reconstudy")
     with running_server(settings) as url, noted(settings, url.replace("127.0.0.1", "0.0.0.0")):
@@ -160,6 +161,7 @@ def test_the_status_does_not_advise_to_upgrade_what_is_newer(
     assert "db upgrade" not in told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("public_url", "is_told"), [(None, True), ("http://192.168.1.20:8000", False)])
 def test_who_serves_a_laboratory_is_told_that_links_need_this_computers_address(
     command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, public_url: str | None, *, is_told: bool

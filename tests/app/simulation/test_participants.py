@@ -87,6 +87,7 @@ def test_the_same_seed_makes_the_same_choices(
     assert len(set(choices[0])) == 3
 
 
+@pytest.mark.slow
 def test_an_item_without_an_ability_is_named(server: str, token: str, study: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=r"no ability for \['pm_fb'\]"):
         simulate(server, study["slug"], study["invitation"], token, 1, {"id_fa": 0.0, "id_fb": 0.0})

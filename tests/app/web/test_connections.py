@@ -65,6 +65,7 @@ def test_a_vote_is_kept_while_readers_hold_every_connection(
     assert ask_while_held(here, N_CONNECTIONS, "PUT", path, json=body, headers=bearer).status_code == 201
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("voter")
 def test_the_list_of_studies_takes_one_connection_for_all(here: Settings) -> None:
     bearer = {"Authorization": f"Bearer {manage.add_token(here, 'tests')['token']}"}

@@ -50,6 +50,7 @@ def pages(settings: Settings) -> list[str]:
     return sorted({route.path for route in routes if route.path.startswith("/admin")})
 
 
+@pytest.mark.slow
 def test_every_page_of_the_dashboard_offers_to_sign_out(owner: Dashboard, in_production: Settings) -> None:
     shown = {}
     for path in pages(in_production):
@@ -68,6 +69,7 @@ def test_every_field_of_a_password_is_masked_and_may_be_filled_in_by_a_password_
     assert [field for field in fields if 'type="password"' not in field or "autocomplete=" not in field] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("password", ["qvzjwxkpt" * 14, "  Ψ correct horse 🎈 battery  "])
 def test_a_password_is_any_text_up_to_128_letters_and_counts_as_it_was_typed(
     owner: Dashboard, password: str, in_production: Settings
@@ -164,6 +166,7 @@ def test_pages_escape_all_but_pictures_that_the_server_draws() -> None:
     assert [name for name, text in templates.items() if "autoescape" in text] == []
 
 
+@pytest.mark.slow
 def test_no_command_runs_through_a_shell() -> None:
     shell = re.compile(r"\bshell=(?!False)|os\.(?:system|popen|exec[lv]\w*|spawn\w+)\(|getoutput\(|_shell\(")
     files = [path for part in ("app", "recon", "ground") for path in sorted((ROOT / part).rglob("*.py"))]

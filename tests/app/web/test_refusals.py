@@ -51,6 +51,7 @@ def test_a_used_invitation_or_a_study_that_is_full(
     assert "an invitation's page was refused: used" in caplog.text
 
 
+@pytest.mark.slow
 def test_a_study_that_is_closed(
     client: httpx.Client,
     new_study: NewStudy,

@@ -65,6 +65,7 @@ def test_every_value_of_a_field_that_is_sent_twice_is_looked_at(experimenter: Da
     assert "name holds a NUL character" in answer.text
 
 
+@pytest.mark.slow
 def test_a_study_that_holds_unreadable_text_can_still_be_read_and_exported(
     client: httpx.Client,
     settings: Settings,

@@ -11,12 +11,15 @@ from typing import Any
 
 import anyio
 import httpx
+import pytest
 
 from app.main import create_app
 from app.operations.studies import manage
 from app.settings import Settings
 from app.store.database.engine import open_database
 from tests.seeded_studies import Voter, seed_voters
+
+pytestmark = pytest.mark.slow
 
 MIDDLEWARE = {  # every request's
     "app.web.limits.hosts",

@@ -69,6 +69,7 @@ sensors = st.builds(
 )
 
 
+@pytest.mark.slow
 @given(sensors)
 @settings(max_examples=60, deadline=None)
 def test_a_point_lies_in_the_same_row_and_its_disparity_tells_its_depth(sensor: Sensor) -> None:

@@ -208,6 +208,7 @@ def test_a_bad_picture_is_named(command: Command, capture: Path, tmp_path: Path,
     assert not list((tmp_path / "run").rglob("*.part*"))
 
 
+@pytest.mark.slow
 def test_a_file_where_a_folder_should_be_made_is_named(command: Command, capture: Path, tmp_path: Path) -> None:
     (tmp_path / "run").write_text("mine")
     outcome = command("reconstruct", capture, "-o", tmp_path / "run", "--depth", "id", "--fusion", "fb")

@@ -18,6 +18,7 @@ from tests.recon.depth.called_program import BOX_FILTER, program
 from tests.recon.depth.test_matchers import shifted_pair
 
 
+@pytest.mark.slow
 def test_a_program_matches_a_pair_with_a_range_that_begins_below_zero(tmp_path: Path) -> None:
     matched = match_by_program(shifted_pair(-3, min_disparity=-6), program(tmp_path, BOX_FILTER), tmp_path / "a b")
     assert matched.dtype == np.float32
@@ -60,6 +61,7 @@ def test_what_a_program_finds_behind_the_mask_or_outside_the_range_is_dropped(tm
     assert np.array_equal(np.isfinite(matched), mask & (np.arange(40) >= 20)[:, None])
 
 
+@pytest.mark.slow
 def test_disparities_that_all_lie_outside_the_range_are_refused(tmp_path: Path) -> None:
     text = "import sys, numpy as np; a = np.full((40, 80), np.nan); a[:20] = -5; a[9] = -7.5; np.save(sys.argv[3], a)"
     sentence = r"all disparities found, -7\.5 to -5, lie outside the range 0 to 11; .* left minus right column"

@@ -35,6 +35,7 @@ def three_views() -> list[Cloud]:
     ]
 
 
+@pytest.mark.slow
 def test_fusing_after_keeps_the_surface_of_each_sensor_where_it_sees_as_well_as_the_others() -> None:
     clouds = three_views()
     fused = fuse_after(clouds, PARAMETERS)
@@ -86,6 +87,7 @@ def test_views_that_disagree_stay_apart_after_and_are_averaged_before() -> None:
     assert spread[1] < 0.3
 
 
+@pytest.mark.slow
 def test_both_orders_choose_the_same_voxel() -> None:
     clouds = three_views()
     voxel = default_voxel(clouds)

@@ -121,6 +121,7 @@ def test_a_sequence_is_of_meshes_without_gaps(command: Command, tmp_path: Path) 
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_sequence_of_a_run_plays_as_fast_as_it_was_recorded(command: Command, tmp_path: Path) -> None:
     synth = ("capture", "synth", tmp_path / "ball", "--scene", "ball", "--frames", 1, "--size", "64x48", "--fps", 12)
     assert command(*synth).code == 0

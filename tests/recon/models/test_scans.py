@@ -19,6 +19,7 @@ POINTS = RNG.uniform(-5, 5, (200, 3)).astype(np.float32)
 COLOURS = RNG.integers(0, 256, (200, 3)).astype(np.uint8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ascii", "binary", "compressed"])
 def test_a_pcd_of_each_kind_has_its_points_normals_and_colours(tmp_path: Path, kind: str) -> None:
     library = open3d()

@@ -83,6 +83,7 @@ def similarity() -> NDArray[np.float64]:
     return transform
 
 
+@pytest.mark.slow
 def test_a_splat_a_mesh_and_a_cloud_stand_in_one_place_over_one_floor(capture: Capture, tmp_path: Path) -> None:
     mesh = true_mesh(capture)
     splats = splats_on(mesh, N_SPLATS)
@@ -104,6 +105,7 @@ def shades(splats: Splats) -> NDArray[np.uint8]:
     return np.rint(np.clip(0.5 + 0.28209479 * splats.harmonics[:, 0], 0, 1) * 255).astype(np.uint8)
 
 
+@pytest.mark.slow
 def test_light_falls_on_meshes_alone_unless_it_is_flat(capture: Capture, tmp_path: Path) -> None:
     mesh = true_mesh(capture)
     write_mesh(tmp_path / "mesh.ply", mesh)
@@ -122,6 +124,7 @@ def test_light_falls_on_meshes_alone_unless_it_is_flat(capture: Capture, tmp_pat
         RenderOptions(light="dim")
 
 
+@pytest.mark.slow
 def test_a_folder_of_splats_is_a_model_that_moves(capture: Capture, tmp_path: Path) -> None:
     for frame in range(2):
         mesh = true_mesh(capture, 0)

@@ -38,6 +38,7 @@ def test_the_path_begins_at_the_first_sensor_and_ends_at_the_last() -> None:
     np.testing.assert_allclose(cameras[-1].centre, middle(rig.sensors[2]), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_path_passes_the_sensors_between_even_when_they_surround_the_model() -> None:
     rig = rig_at([-120, 0, 120])  # the shorter way from the first to the last does not pass the second
     cameras = camera_path(rig, BOUNDS, 2001, SIZE)
@@ -45,6 +46,7 @@ def test_the_path_passes_the_sensors_between_even_when_they_surround_the_model()
     assert nearest < 10
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(
     azimuths=st.lists(st.floats(-170, 170), min_size=2, max_size=5, unique_by=lambda value: round(value)),

@@ -57,6 +57,7 @@ def test_a_person_is_closed_and_faces_outwards(person: RestBody) -> None:
     assert 60 < litres < 110  # with clothes
 
 
+@pytest.mark.slow
 def test_nothing_of_a_person_is_webbed_or_loose(person: RestBody) -> None:
     edges = np.sort(np.concatenate([person.faces[:, [0, 1]], person.faces[:, [1, 2]], person.faces[:, [2, 0]]]), axis=1)
     n_edges = len(np.unique(edges, axis=0))

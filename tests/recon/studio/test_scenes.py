@@ -38,6 +38,7 @@ def test_every_scene_becomes_a_capture_that_can_be_read_back(scene: str, tmp_pat
     assert difference[actor].mean() > 5 * difference[~actor].mean()
 
 
+@pytest.mark.slow
 def test_the_same_seed_makes_the_same_bytes_and_another_seed_others(tmp_path: Path) -> None:
     for name, seed in (("a", 5), ("b", 5), ("c", 6)):
         synthesise(tmp_path / name, SynthParameters("sphere", n_sensors=1, n_frames=2, size=TINY, seed=seed))

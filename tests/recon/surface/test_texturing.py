@@ -127,6 +127,7 @@ def test_a_mesh_between_the_pixels_centres_keeps_the_colours_of_the_vertices() -
     assert (seen.texture.at_vertices() == GREY).all()
 
 
+@pytest.mark.slow
 def test_a_camera_of_another_exposure_leaves_no_seam() -> None:
     mesh, even = ball(), photographs(broad)
     gains = np.array([1, 1, 0.7, 0.7, 1, 1])[:, None] * np.ones(3)
@@ -159,6 +160,7 @@ def test_cameras_that_share_nothing_keep_their_exposure() -> None:
     assert all(np.allclose(one.gain, 1) for one in compare_exposures(ball(), opposite, TOLERANCE))
 
 
+@pytest.mark.slow
 def test_cameras_that_mix_the_colours_otherwise_agree_after_their_matrices() -> None:
     mesh, even = ball(n=80), photographs(broad)
     mixing = Exposure(np.ones(3), np.array([[0.8, 0.15, 0.05], [0.1, 0.85, 0.05], [0.0, 0.2, 0.8]]))
@@ -211,6 +213,7 @@ def test_what_stands_in_front_does_not_colour_what_is_behind() -> None:
     assert is_red.mean() > 0.9
 
 
+@pytest.mark.slow
 def test_too_many_texels_make_a_coarser_texture(monkeypatch: pytest.MonkeyPatch) -> None:
     full = textured(ball(), photographs(broad), TOLERANCE).texture
     monkeypatch.setattr("recon.surface.texturing.MOST_TEXELS", 6 * 60 * 60)

@@ -144,6 +144,7 @@ def test_the_numbers_of_a_column_have_as_many_decimals_unless_they_differ_too_mu
     assert tuple(re.findall(r"<td>(.*)</td>", page.read_text(encoding="utf-8"))) == cells
 
 
+@pytest.mark.slow
 def test_the_numbers_of_an_axis_do_not_overlap(tmp_path: Path) -> None:
     import altair as alt
 

@@ -30,6 +30,7 @@ def votes() -> VotesTable:
     return votes_from_indices(*columns, names=(names[0], names[1], names[2]))
 
 
+@pytest.mark.slow
 def test_scores_and_spreads_are_those_of_long_markov_chains(votes: VotesTable) -> None:
     assert CHAIN["r_hat"] < 1.001
     posterior = fit_random_effects(fit_scores(votes), votes, ["participants", "datasets"])
@@ -48,6 +49,7 @@ def test_scores_and_spreads_are_those_of_long_markov_chains(votes: VotesTable) -
         assert ends == pytest.approx([known["low"], known["high"]], rel=0.35)  # of a skewed tail
 
 
+@pytest.mark.slow
 def test_people_who_do_not_differ_have_the_scores_without_random_effects() -> None:
     votes = simulate_votes(StudyPlan(5, 3, 40, spread=0), np.linspace(-0.7, 0.7, 5), np.random.default_rng(2))
     analysis = analyse(votes, AnalysisSettings(random_effects="participants"))

@@ -53,6 +53,7 @@ def test_many_conditions_are_ordered_at_random_and_the_observed_order_counts() -
     assert abs(orders[1:, 0].mean() - 4) < 0.3  # every place is as likely
 
 
+@pytest.mark.slow
 @settings(max_examples=12)
 @given(st.integers(0, 10_000))
 def test_the_p_value_is_that_of_scipy_over_all_pairings(seed: int) -> None:

@@ -66,6 +66,7 @@ def test_items_with_raters_of_their_own_have_satterthwaites_degrees_of_freedom()
     assert mean_with_interval(np.random.default_rng(0).normal(size=(9, 4)))["freedom"] == pytest.approx(8)
 
 
+@pytest.mark.slow
 def test_equal_conditions_of_which_half_the_ratings_are_missing_are_seldom_told_apart() -> None:
     rng, rejected = np.random.default_rng(7), []
     for _ in range(150):

@@ -38,6 +38,7 @@ def test_the_detectable_difference_has_a_power_of_80_percent() -> None:
     assert exact_power(PLAN, found) == pytest.approx(0.8, abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_plan_counts_ratings_and_more_datasets_find_more() -> None:
     result = plan_ratings(PLAN, 0.5, replicates=200)
     assert (result["votes_per_participant"], result["votes"]) == (18, 216)

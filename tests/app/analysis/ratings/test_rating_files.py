@@ -207,6 +207,7 @@ def test_the_folder_holds_tables_figures_and_a_report(write: Write, tmp_path: Pa
     assert "ITU-R BT.500" in (out / "report.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_contrary_participant_is_named_and_still_counts(write: Write, tmp_path: Path) -> None:
     analysis = analyse_ratings_file(write(*panel()), tmp_path / "out")
     flagged = [row["participant"] for row in analysis["raters"] if row["flags"]]
@@ -215,6 +216,7 @@ def test_the_contrary_participant_is_named_and_still_counts(write: Write, tmp_pa
     assert all(row["n"] == 8 for row in analysis["rating_items"])
 
 
+@pytest.mark.slow
 def test_ratings_of_fewer_people_than_planned_are_interim(write: Write, tmp_path: Path) -> None:
     early = analyse_ratings_file(write(*panel()), tmp_path / "early", planned=22)
     assert early["findings"][0]["text"].startswith("Interim: 8 of 22 planned participants. Do not conclude")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,8 @@ SECRETS = ("PGPASSWORD", "AWS_SECRET_ACCESS_KEY", "MY_TOKEN", "RECONSTUDY_MY_TOK
 def surroundings(settings: Settings) -> dict[str, str]:
     """The environment of a worker, as the system tells it."""
     process = _start(settings, 1)
-    said = Path(f"/proc/{process.pid}/environ").read_text()
+    while not (said := Path(f"/proc/{process.pid}/environ").read_text()):
+        time.sleep(0.01)  # the system tells it a moment after the program has begun
     kill(process.pid)
     process.wait()
     return dict(each.split("=", 1) for each in said.split("\0") if each)

@@ -39,6 +39,7 @@ def found(database: Database, token: str) -> Session:
     return session
 
 
+@pytest.mark.slow
 def test_nobody_gets_anothers_slot_when_all_begin_at_once(
     database: Database, invite: MakeInvitation, now: datetime
 ) -> None:

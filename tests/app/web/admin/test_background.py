@@ -51,6 +51,7 @@ def running_task(database: Database, address: str) -> ServerTask:
     return task
 
 
+@pytest.mark.slow
 def test_work_of_which_one_step_takes_long_is_not_taken_for_lost(
     own_server: str, own: Settings, slow_creation: tuple[Event, list[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -65,7 +66,7 @@ def test_work_of_which_one_step_takes_long_is_not_taken_for_lost(
     may_end, _ = slow_creation
     database = open_database(own.url)
     with signed_in(own_server, own, "Eva") as eva:
-        address = eva.act("/admin/studies/new", name="Slow", stimulus_set="tiny").url.path
+        address = eva.act("/admin/studies/new", name="Of one long step", stimulus_set="tiny").url.path
         assert has_beaten.wait(TIMEOUT_S), "the task is silent"
         task = running_task(database, address)
         assert task.beat_at > task.started_at
@@ -78,6 +79,7 @@ def test_work_of_which_one_step_takes_long_is_not_taken_for_lost(
             assert not thread.is_alive()
 
 
+@pytest.mark.slow
 def test_who_clicks_twice_is_led_to_the_work_that_runs(
     own_server: str, own: Settings, slow_creation: tuple[Event, list[str]]
 ) -> None:
@@ -135,6 +137,7 @@ def test_work_that_was_lost_or_has_ended_can_be_begun_again(database: Database) 
     assert begin_task(database, "Eva", "Checking", later).is_new
 
 
+@pytest.mark.slow
 def test_a_study_goes_on_being_made_after_the_server_was_killed(stimulus_set: Path, tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path)
     manage.upgrade_database(settings)

@@ -35,6 +35,8 @@ from app.web.analyst.columns import TABLES
 from tests.app.web.admin.dashboard_client import Dashboard, signed_in
 from tests.app.web.http_checks import all_routes
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[4]
 ABILITIES = {"id_fa": -1.0, "id_fb": 0.0, "pm_fb": 1.0}
 CASES = 6  # of each operation; 250 and more in all
@@ -65,7 +67,6 @@ def taken(own: Settings, own_server: str, bearer: dict[str, str], stimulus_set: 
     return study
 
 
-@pytest.mark.slow
 def test_no_request_breaks_the_interface_or_its_description(
     own: Settings, own_server: str, bearer: dict[str, str], taken: dict[str, Any], stimulus_set: Path
 ) -> None:
@@ -106,7 +107,6 @@ def analyst(own_server: str, bearer: dict[str, str]) -> Iterator[httpx.Client]:
         yield client
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", TABLES)
 def test_a_table_has_the_same_columns_and_rows_in_every_format(
     analyst: httpx.Client, taken: dict[str, Any], name: str
@@ -122,7 +122,6 @@ def test_a_table_has_the_same_columns_and_rows_in_every_format(
         assert list(as_json[0]) == list(as_csv[0]) == as_parquet.column_names
 
 
-@pytest.mark.slow
 def test_pages_together_are_the_table(analyst: httpx.Client, taken: dict[str, Any]) -> None:
     path = f"/api/v1/studies/{taken['slug']}/votes"
     whole = rows(analyst, path)
@@ -132,7 +131,6 @@ def test_pages_together_are_the_table(analyst: httpx.Client, taken: dict[str, An
     assert {row["participant"] for row in rows(analyst, path, params={"participant": "P002"})} == {"P002"}
 
 
-@pytest.mark.slow
 def test_what_has_not_changed_is_not_sent_again(analyst: httpx.Client, taken: dict[str, Any]) -> None:
     for name in ("scores", "analysis", "screening", "participants", "validation", "archive.zip"):
         path = f"/api/v1/studies/{taken['slug']}/{name}"
@@ -142,7 +140,6 @@ def test_what_has_not_changed_is_not_sent_again(analyst: httpx.Client, taken: di
         assert analyst.get(path, headers={"If-None-Match": '"other"'}).status_code == 200
 
 
-@pytest.mark.slow
 def test_personal_tables_are_not_stored_by_browsers(
     analyst: httpx.Client, own_server: str, own: Settings, taken: dict[str, Any]
 ) -> None:
@@ -156,7 +153,6 @@ def test_personal_tables_are_not_stored_by_browsers(
     assert [answer.headers["cache-control"] for answer in answers] == ["no-store"] * len(answers)
 
 
-@pytest.mark.slow
 def test_a_spreadsheet_computes_nothing_from_a_csv(
     own_server: str, own: Settings, analyst: httpx.Client, taken: dict[str, Any]
 ) -> None:
@@ -170,7 +166,6 @@ def test_a_spreadsheet_computes_nothing_from_a_csv(
         eva.act(f"{person}/include")
 
 
-@pytest.mark.slow
 def test_the_archive_is_whole_and_says_what_is_in_it(analyst: httpx.Client, taken: dict[str, Any]) -> None:
     content = analyst.get(f"/api/v1/studies/{taken['slug']}/archive.zip").content
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
@@ -190,7 +185,6 @@ PERSONAL = ("participants", "screening", "questionnaire", "comments", "comment_t
 SCOPE_OF = dict.fromkeys(PERSONAL, "personal")
 
 
-@pytest.mark.slow
 def test_a_token_opens_its_scopes_only(own: Settings, own_server: str, taken: dict[str, Any]) -> None:
     names = [*TABLES, "analysis", "archive.zip"]
     for scope in ("read", "personal", "audit"):
@@ -233,7 +227,6 @@ OPEN_TO_ALL = r"/admin/(setup/|login/|sign-in)"
 RANKS = ("stranger", "viewer", "experimenter", "owner")
 
 
-@pytest.mark.slow
 def test_each_role_and_a_stranger_get_only_what_is_theirs(
     own: Settings, own_server: str, taken: dict[str, Any]
 ) -> None:

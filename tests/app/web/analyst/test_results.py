@@ -102,6 +102,7 @@ def test_votes_have_the_agreed_columns(analyst: httpx.Client, taken: dict[str, A
     assert len({(vote["participant"], vote["trial"]) for vote in votes}) == 30
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*TABLES, "analysis"])
 def test_csv_says_the_same_as_json(analyst: httpx.Client, taken: dict[str, Any], name: str) -> None:
     path = f"/api/v1/studies/{taken['slug']}/{name}"
@@ -174,6 +175,7 @@ def test_a_study_without_votes_has_every_part_of_an_analysis(
     assert empty.keys() == whole.keys()
 
 
+@pytest.mark.slow
 def test_a_study_without_votes_has_columns_of_the_same_kinds(
     analyst: httpx.Client, taken: dict[str, Any], new_study: Callable[[], dict[str, Any]]
 ) -> None:

@@ -77,6 +77,7 @@ def test_whatever_changes_is_seen_and_votes_are_read_only_then(database: Databas
     assert len(set(digests)) == len(digests) - 1
 
 
+@pytest.mark.slow
 def test_as_many_votes_of_a_restored_backup_are_told_apart(database: Database, n_read: Callable[[], int]) -> None:
     (voter,) = seed_voters(database, 1, 3)
     with database.reading() as connection:

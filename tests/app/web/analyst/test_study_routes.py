@@ -159,6 +159,7 @@ def test_a_cookie_changes_nothing_without_the_forms_token(experimenter: Any, tak
     assert experimenter.put(path, json={"state": "open"}, headers=headers).status_code == 200
 
 
+@pytest.mark.slow
 def test_the_page_of_the_interface_shows_every_route(client: httpx.Client) -> None:
     page = client.get("/docs")
     described = client.get("/api/v1/openapi.json").json()

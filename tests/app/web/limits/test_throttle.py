@@ -19,6 +19,8 @@ from app.settings import Settings
 from app.web import gates
 from app.web.limits.throttle import PIECE, REMARKS, SIGN_INS_AS, Throttle
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def own(tmp_path_factory: pytest.TempPathFactory) -> Settings:
@@ -40,7 +42,6 @@ def begin(client: httpx.Client, study: dict[str, Any]) -> httpx.Response:
     return client.post(f"/api/v1/studies/{study['slug']}/sessions", json={"invitation": study["invitation"]})
 
 
-@pytest.mark.slow
 def test_one_address_begins_so_many_sessions_a_minute(client: httpx.Client, study: dict[str, Any]) -> None:
     assert [begin(client, study).status_code for _ in range(4)] == [201, 201, 201, 429]
     assert int(begin(client, study).headers["retry-after"]) > 0
@@ -57,7 +58,6 @@ def test_a_session_sends_so_much_data_an_hour(
     assert client.put("/api/v1/session/stages/introduction", json={}).status_code == 200
 
 
-@pytest.mark.slow
 def test_a_page_tells_the_log_so_many_things_a_minute(client: httpx.Client, study: dict[str, Any]) -> None:
     remark = {"invitation": study["invitation"], "why": "films"}
     path = f"/api/v1/studies/{study['slug']}/turned-away"
@@ -72,7 +72,6 @@ def test_what_people_brought_lies_in_folders_of_the_servers_user(own: Settings, 
     assert Path(own.data_dir / "study.sqlite").stat().st_mode & 0o777 == 0o600
 
 
-@pytest.mark.slow
 def test_a_clock_that_is_set_makes_nobody_wait_for_hours(monkeypatch: pytest.MonkeyPatch) -> None:
     throttle, now = Throttle(), time.time()
     for _ in range(SIGN_INS_AS.amount):
@@ -88,7 +87,7 @@ def test_a_clock_that_is_set_makes_nobody_wait_for_hours(monkeypatch: pytest.Mon
 
 
 def test_guessing_invitations_is_slowed_down(tmp_path: Path) -> None:
-    with running_server(Settings(data_dir=tmp_path)) as url, httpx.Client(base_url=url) as stranger:
+    with running_server(Settings(data_dir=tmp_path)) as url, httpx.Client(base_url=url, timeout=60) as stranger:
         body = {"invitation": "guess"}
         answers = [stranger.post("/api/v1/studies/any/sessions", json=body) for _ in range(31)]
         assert {answer.status_code for answer in answers[:30]} == {404}
@@ -96,17 +95,15 @@ def test_guessing_invitations_is_slowed_down(tmp_path: Path) -> None:
         assert answers[30].json()["status"] == 429
 
 
-@pytest.mark.slow
 def test_guessing_tokens_is_slowed_down(tmp_path: Path) -> None:
-    with running_server(Settings(data_dir=tmp_path)) as url, httpx.Client(base_url=url) as stranger:
+    with running_server(Settings(data_dir=tmp_path)) as url, httpx.Client(base_url=url, timeout=60) as stranger:
         bearer = {"Authorization": "Bearer guess"}
         statuses = [stranger.get("/api/v1/studies", headers=bearer).status_code for _ in range(31)]
         assert statuses == [401] * 30 + [429]
 
 
-@pytest.mark.slow
 def test_all_addresses_of_an_ipv6_client_count_as_one(tmp_path: Path) -> None:
-    with running_server(Settings(data_dir=tmp_path)) as url, httpx.Client(base_url=url) as stranger:
+    with running_server(Settings(data_dir=tmp_path)) as url, httpx.Client(base_url=url, timeout=60) as stranger:
         statuses = [
             stranger.get(
                 "/api/v1/studies", headers={"Authorization": "Bearer guess", "X-Forwarded-For": f"2001:db8::{number:x}"}
@@ -118,7 +115,6 @@ def test_all_addresses_of_an_ipv6_client_count_as_one(tmp_path: Path) -> None:
         assert stranger.get("/api/v1/studies", headers=neighbour).status_code == 401
 
 
-@pytest.mark.slow
 def test_the_api_limits_how_often_one_asks(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path, api_requests_per_minute=3)
     bearer = {"Authorization": f"Bearer {manage.add_token(settings, 'eager')['token']}"}

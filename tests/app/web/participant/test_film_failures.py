@@ -13,6 +13,8 @@ from app.simulation.participants import begin, next_trial
 from tests.app.web.admin.dashboard_client import Dashboard
 from tests.app.web.http_checks import is_problem
 
+pytestmark = pytest.mark.slow
+
 Create = Callable[..., dict[str, Any]]
 Fails = Callable[..., httpx.Client]
 FIREFOX = {"User-Agent": "Mozilla/5.0 (X11; Linux x86_64; rv:150.0) Gecko/20100101 Firefox/150.0"}
@@ -52,7 +54,6 @@ def failures(server: str, token: str) -> Callable[[dict[str, Any]], list[dict[st
     return read
 
 
-@pytest.mark.slow
 def test_a_failing_film_is_told_with_the_browser_on_every_page_of_the_study_and_over_rest(
     server: str, fails: Fails, create: Create, experimenter: Dashboard, failures: Callable[..., list[dict[str, Any]]]
 ) -> None:
@@ -73,7 +74,6 @@ def test_a_failing_film_is_told_with_the_browser_on_every_page_of_the_study_and_
     assert f"reconstudy_failing_film_people{labels} 1.0" in metrics
 
 
-@pytest.mark.slow
 def test_the_alarm_counts_people_by_browser_and_leaves_out_what_a_browser_says_to_its_developers(
     server: str, fails: Fails, create: Create, experimenter: Dashboard, failures: Callable[..., list[dict[str, Any]]]
 ) -> None:
@@ -94,7 +94,6 @@ def test_the_alarm_counts_people_by_browser_and_leaves_out_what_a_browser_says_t
     assert f'study="{study["slug"]}"' not in httpx.get(f"{server}/metrics").text
 
 
-@pytest.mark.slow
 def test_the_third_person_pauses_the_study_and_opening_it_ends_the_alarm(
     fails: Fails, create: Create, experimenter: Dashboard, failures: Callable[..., list[dict[str, Any]]]
 ) -> None:
@@ -114,7 +113,6 @@ def test_the_third_person_pauses_the_study_and_opening_it_ends_the_alarm(
     assert "state-open" in experimenter.get(page).text
 
 
-@pytest.mark.slow
 def test_the_rule_is_an_option_of_the_study(fails: Fails, create: Create, experimenter: Dashboard) -> None:
     never, at_once = create(pause_on_failures=0), create(pause_on_failures=1)
     for study, state in ((never, "state-open"), (at_once, "state-paused")):

@@ -39,6 +39,7 @@ def run(script: str, tmp_path: Path) -> str:
     ).stdout.strip()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("node") is None, reason="node runs the scripts, and is not installed")
 def test_joined_modules_do_what_they_do_apart(page: Path, tmp_path: Path) -> None:
     apart = subprocess.run(

@@ -66,6 +66,7 @@ def test_a_study_in_one_language_lets_nobody_choose(client: httpx.Client, study_
     assert 'class="languages"' not in page
 
 
+@pytest.mark.slow
 def test_a_browser_reads_its_own_language_where_the_study_has_it(client: httpx.Client, study_with: NewStudy) -> None:
     study = study_with({"languages": ["en", "fr"]})
     french = client.get(study["path"], headers={"Accept-Language": "fr-CA,de;q=0.9"}).text
@@ -119,6 +120,7 @@ def test_nobody_begins_with_other_texts_than_the_page_showed(client: httpx.Clien
     assert begin(client, study, language="en", texts_sha256=shown).status_code == 201
 
 
+@pytest.mark.slow
 def test_what_was_read_is_in_the_participants_table_and_the_archive(
     client: httpx.Client, analyst: httpx.Client, study_with: NewStudy
 ) -> None:
@@ -164,6 +166,7 @@ EVERYTHING: tuple[dict[str, Any], ...] = (  # between them, the studies show wha
 )
 
 
+@pytest.mark.slow
 def test_every_text_of_a_pack_stands_on_some_page(
     client: httpx.Client, study_with: NewStudy, monkeypatch: pytest.MonkeyPatch
 ) -> None:

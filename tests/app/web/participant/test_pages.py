@@ -52,6 +52,7 @@ def test_a_code_may_be_typed_in_capitals_and_in_groups(client: httpx.Client, stu
     assert (typed.status_code, typed.url.path) == (200, study["path"])
 
 
+@pytest.mark.slow
 def test_every_page_that_one_comes_back_to_asks_whether_it_is_somebody_else(
     client: httpx.Client, settings: Settings, stimulus_set: Path
 ) -> None:

@@ -111,6 +111,7 @@ def test_the_rule_of_a_study_may_end_it_for_who_fails(
     assert row["verdict"] == "failed"
 
 
+@pytest.mark.slow
 def test_an_entered_result_counts_instead_of_a_test_that_was_not_taken(
     enter: Callable[[dict[str, Any]], httpx.Client],
     analyst: httpx.Client,
@@ -222,6 +223,7 @@ def test_where_the_lab_sheet_has_the_distance_nobody_types_it_or_is_told_to_move
     assert (measured["seat_cm"], measured["certificate"]["distance_cm"]) == (90.0, 90.0)
 
 
+@pytest.mark.slow
 def test_an_item_tells_what_to_show_and_not_what_is_right(
     enter: Callable[[dict[str, Any]], httpx.Client], both_tests: dict[str, Any]
 ) -> None:
@@ -272,6 +274,7 @@ def test_rings_are_always_answered(enter: Callable[[dict[str, Any]], httpx.Clien
     assert client.put(f"{PATH}/acuity/1", json=answered(7)).json()["number"] == 2
 
 
+@pytest.mark.slow
 def test_a_test_goes_on_at_another_server_of_the_same_database(
     enter: Callable[[dict[str, Any]], httpx.Client], both_tests: dict[str, Any], settings: Settings
 ) -> None:
@@ -287,6 +290,7 @@ def test_a_test_goes_on_at_another_server_of_the_same_database(
         elsewhere.close()
 
 
+@pytest.mark.slow
 def test_there_is_no_screening_where_a_study_has_none(
     participant: httpx.Client, enter: Callable[[dict[str, Any]], httpx.Client], screened: NewStudy
 ) -> None:

@@ -73,6 +73,7 @@ def test_an_unknown_invitation_is_not_found(client: httpx.Client, study: dict[st
     assert is_problem(client.post(sessions(study), json={"invitation": "unknown"}), 404)
 
 
+@pytest.mark.slow
 def test_an_invitation_is_to_one_study_only(
     client: httpx.Client, study: dict[str, Any], new_study: Callable[[], dict[str, Any]]
 ) -> None:
@@ -177,6 +178,7 @@ def test_the_next_trial_is_as_agreed(participant: httpx.Client) -> None:
     assert participant.head(media["url"]).status_code == participant.head(trial["next_media"]).status_code == 200
 
 
+@pytest.mark.slow
 def test_films_can_be_fetched_before_the_trials_begin(
     client: httpx.Client, study: dict[str, Any], vote_body: VoteBody
 ) -> None:
@@ -289,6 +291,7 @@ def test_a_code_from_a_browser_that_refuses_cookies_is_answered_with_what_to_do(
     assert "Please allow cookies for this page" not in httpx.get(server).text
 
 
+@pytest.mark.slow
 def test_the_way_ends_after_the_last_vote(participant: httpx.Client, vote_body: VoteBody) -> None:
     seen = set()
     for number in range(1, 7):
@@ -331,6 +334,7 @@ def test_a_key_belongs_to_one_invitation(
     assert is_problem(client.post(sessions(other), json={"invitation": other["invitation"], "key": key}), 409)
 
 
+@pytest.mark.slow
 def test_a_withdrawal_ends_the_session_and_marks_its_votes(
     client: httpx.Client, new_study: Callable[[], dict[str, Any]], vote_body: VoteBody, analyst: httpx.Client
 ) -> None:

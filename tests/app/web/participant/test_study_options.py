@@ -84,6 +84,7 @@ def test_a_reference_lies_below_each_pair_and_is_not_compared(
     assert client.put(path, json=vote_body(trial, viewing=viewing)).status_code == 201
 
 
+@pytest.mark.slow
 def test_a_condition_that_is_left_out_is_not_compared(create: Create) -> None:
     study = create(without=["id_fb"], identical_pairs=1)
     assert (study["n_datasets"], study["n_conditions"], study["n_pairs"]) == (2, 2, 2)
@@ -162,6 +163,7 @@ def test_each_strip_alone_is_served_under_names_that_tell_nothing(
         assert is_problem(client.get(f"/media/{names[0].split('/')[-1].split('.')[0]}x.{wrong}"), 404)
 
 
+@pytest.mark.slow
 def test_four_participants_practise_a_pair_with_either_film_as_a_and_either_first(
     client: httpx.Client, create: Create
 ) -> None:
@@ -183,6 +185,7 @@ def test_a_study_without_a_fallback_has_no_single_films(client: httpx.Client, cr
     assert is_problem(client.get(f"/media/{trial['trial']}.top"), 404)
 
 
+@pytest.mark.slow
 def test_a_vote_tells_analysts_how_the_pair_was_shown(
     analyst: httpx.Client,
     client: httpx.Client,

@@ -82,6 +82,7 @@ def test_matches_that_do_not_agree_tell_nothing_about_exposures(
     assert not any("at matched points" in warning for warning in warnings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("swapped", [(2,), (0, 1, 3)])
 def test_shots_whose_pictures_are_swapped_are_named_and_the_sensor_is_judged_by_the_others(
     tmp_path: Path, swapped: tuple[int, ...]

@@ -110,6 +110,7 @@ def test_sensors_that_see_no_point_in_common_are_no_problem(board: Capture) -> N
     assert not compared(first.sensor, second.sensor, [Shared(nothing, nothing)], tolerance_mm=5.0).is_known
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("both", [True, False], ids=["sensor", "right camera"])
 def test_a_pose_that_two_cameras_have_is_a_problem(both: bool, board: Capture) -> None:
     first, second = board.sensors
@@ -124,6 +125,7 @@ def test_a_pose_that_two_cameras_have_is_a_problem(both: bool, board: Capture) -
     assert "S1/right/{frame:04d}.png and S2/right/{frame:04d}.png" in told[-1]
 
 
+@pytest.mark.slow
 def test_pairs_may_share_a_camera(board: Capture) -> None:
     first, second = board.sensors
     write_capture(replace(board, sensors=(first, replace(second, left=first.right))))
@@ -161,6 +163,7 @@ def test_nothing_is_wrong_with_a_recording_of_the_studio(scene: str, tmp_path: P
     assert check_capture(tmp_path / scene).problems == ()
 
 
+@pytest.mark.slow
 def test_an_object_outside_the_bounds_is_noticed(board: Capture) -> None:
     write_capture(replace(board, bounds=np.subtract(board.bounds, (0.0, 0.0, 80.0))))
     problems = check_capture(board.folder).problems
@@ -175,6 +178,7 @@ def test_bounds_beside_the_pictures_are_named(board: Capture) -> None:
     assert "no camera shows the middle of the bounds; they are the box around the object, in mm" in warnings
 
 
+@pytest.mark.slow
 def test_bounds_in_metres_are_noticed(board: Capture) -> None:
     middle = board.bounds.mean(axis=0)
     write_capture(replace(board, bounds=middle + (board.bounds - middle) / 1000))
@@ -214,6 +218,7 @@ def test_masks_that_cover_the_pictures_edges_are_named(board: Capture) -> None:
     assert not any("cover" in warning for warning in check_capture(board.folder).warnings)
 
 
+@pytest.mark.slow
 def test_masks_are_measured_and_empty_ones_are_a_problem(board: Capture) -> None:
     streams = []
     for stream, height in zip(board.sensors, (SIZE[1] // 2, 0), strict=True):
@@ -229,6 +234,7 @@ def test_masks_are_measured_and_empty_ones_are_a_problem(board: Capture) -> None
     assert report.problems == ("sensor S2: the masks of a camera are empty in all frames",)
 
 
+@pytest.mark.slow
 def test_a_mask_of_a_frame_that_is_not_measured_closely_is_read_once(
     board: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -263,6 +269,7 @@ def test_few_points_that_differ_much_in_brightness_say_nothing() -> None:
     assert unlike(np.zeros(0), 1.25) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("colour", [(255, 255, 255), (180, 255, 255)], ids=["white", "yellow"])
 def test_an_object_that_is_overexposed_is_named(board: Capture, colour: tuple[int, int, int]) -> None:
     for path in (board.folder / "S2").rglob("*.png"):
@@ -289,6 +296,7 @@ def test_colours_of_another_white_balance_or_order_are_named_and_those_of_noise_
         assert "in blue between the left and the right pictures" in sentence
 
 
+@pytest.mark.slow
 def test_a_camera_that_shows_everything_mirrored_is_named(board: Capture) -> None:
     assert not any("mirrored" in problem for problem in check_capture(board.folder).problems)
     for path in (board.folder / "S2/right").rglob("*.png"):
@@ -297,6 +305,7 @@ def test_a_camera_that_shows_everything_mirrored_is_named(board: Capture) -> Non
     assert any("S2: one of its cameras shows everything mirrored" in problem for problem in problems)
 
 
+@pytest.mark.slow
 def test_a_sensor_that_is_darker_than_another_is_named(board: Capture) -> None:
     for path in (board.folder / "S2").rglob("*.png"):
         cv2.imwrite(str(path), np.rint(0.7 * cv2.imread(str(path))).astype(np.uint8))
@@ -313,6 +322,7 @@ def test_bounds_behind_the_cameras_are_a_problem_of_each_sensor(board: Capture) 
     assert all("in front of the cameras" in problem for problem in problems)
 
 
+@pytest.mark.slow
 def test_a_short_video_is_one_problem(board: Capture) -> None:
     path = board.folder / "left.avi"
     writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*"FFV1"), 25.0, SIZE)
@@ -325,6 +335,7 @@ def test_a_short_video_is_one_problem(board: Capture) -> None:
     assert problem == f"{path}: ends after 1 frames, frame 1 was asked for"
 
 
+@pytest.mark.slow
 def test_a_video_that_cannot_be_decoded_is_one_problem(board: Capture) -> None:
     path = board.folder / "left.avi"
     path.write_bytes(b"no video")

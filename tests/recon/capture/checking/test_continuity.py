@@ -37,6 +37,7 @@ def brighten(path: Path, factor: float) -> None:
     cv2.imwrite(str(path), (cv2.imread(str(path)) * factor).clip(0, 255).astype(np.uint8))
 
 
+@pytest.mark.slow
 def test_a_sound_recording_has_no_problems(board: Capture) -> None:
     report = check_capture(board.folder)
     assert report.problems == report.warnings == ()
@@ -48,6 +49,7 @@ def test_a_repeated_frame_is_named(board: Capture) -> None:
     assert check_capture(board.folder).warnings == ("S1/left/{frame:04d}.png: frame 3 repeats frame 2",)
 
 
+@pytest.mark.slow
 def test_a_frozen_camera_is_named(board: Capture) -> None:
     for frame in range(1, N_FRAMES):
         shutil.copyfile(picture(board, "right", 0), picture(board, "right", frame))
@@ -77,6 +79,7 @@ def test_a_frame_that_only_differs_by_compression_is_a_repeated_one(board: Captu
     assert list(continuity_warnings(glances)) == ["left.mp4: frame 2 repeats frame 1"]
 
 
+@pytest.mark.slow
 def test_a_jump_of_the_exposure_is_named(board: Capture) -> None:
     for frame in range(3, N_FRAMES):
         brighten(picture(board, "left", frame), 0.8)
@@ -85,6 +88,7 @@ def test_a_jump_of_the_exposure_is_named(board: Capture) -> None:
     assert jump.startswith("S1/left/{frame:04d}.png: the exposure jumps at frame 3, to 0.8")
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_darker_than_its_neighbour_is_named(board: Capture) -> None:
     for frame in range(N_FRAMES):
         brighten(picture(board, "right", frame), 0.7)
@@ -102,6 +106,7 @@ def test_more_pictures_than_frames_are_unequal_counts(board: Capture) -> None:
     assert "left/{frame:04d}.png: has 8 frames, the capture 6" in warning
 
 
+@pytest.mark.slow
 def test_a_frame_that_all_cameras_lack_is_named(board: Capture) -> None:
     for side in ("left", "right"):
         picture(board, side, N_FRAMES - 2).unlink()

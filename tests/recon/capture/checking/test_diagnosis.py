@@ -80,6 +80,7 @@ def test_a_calibration_with_skew_fits_its_pictures() -> None:
     np.testing.assert_allclose(triangulated(skewed, seen), points, atol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", BROKEN)
 def test_each_single_fault_is_named(fault: str) -> None:
     change, expected = BROKEN[fault]
@@ -88,6 +89,7 @@ def test_each_single_fault_is_named(fault: str) -> None:
     assert expected in problem
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 0.15))
 @settings(deadline=None, max_examples=20)
 def test_a_sound_sensor_has_no_fault_whatever_the_noise(seed: int, noise: float) -> None:

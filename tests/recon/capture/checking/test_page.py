@@ -4,6 +4,8 @@ import json
 from html.parser import HTMLParser
 from pathlib import Path
 
+import pytest
+
 from recon.capture.checking.check import check_capture
 from recon.capture.checking.page import write_check
 from recon.capture.format import image_path
@@ -27,6 +29,7 @@ class Page(HTMLParser):
         self.text += data
 
 
+@pytest.mark.slow
 def test_the_page_stands_alone_and_tells_what_the_json_tells(tmp_path: Path) -> None:
     board = record_board(tmp_path / "board", n_frames=2)
     image_path(board.folder, board.sensors[0].left.image, 1).unlink()

@@ -42,6 +42,7 @@ def pairs(late: float, reach: float = 100.0) -> list[tuple[TangentPlanes, Seen, 
     return [(TangentPlanes(a[0], b[0], np.zeros(3)), a, b) for a in first for b in second]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", [0.0, 0.5, 1.25, -2.0, 3.0])
 def test_an_arm_tells_the_lag_of_a_body_whose_head_and_feet_stand_still(late: float) -> None:
     both = pairs(late)

@@ -74,6 +74,7 @@ def test_cameras_that_started_late_are_named(
     assert bool(found) == bool(expected)
 
 
+@pytest.mark.slow
 def test_a_few_frames_of_several_sensors_could_not_be_checked(tmp_path: Path) -> None:
     synthesise(tmp_path / "few", SynthParameters("ball", n_sensors=2, n_frames=2, size=(160, 120)))
     sentences = check_capture(tmp_path / "few").warnings

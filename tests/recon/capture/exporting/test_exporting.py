@@ -107,6 +107,7 @@ def test_depth_maps_come_back_by_nerfstudio(tmp_path: Path) -> None:
     assert len(made.held_out) == len(capture.held_out)
 
 
+@pytest.mark.slow
 def test_held_out_views_are_the_test_split_and_masks_are_for_every_image(tmp_path: Path) -> None:
     capture = with_masks(stereo(tmp_path / "capture"))
     export_nerfstudio(capture, tmp_path / "nerfstudio", points=CLOUD)
@@ -149,6 +150,7 @@ def test_photographs_whose_names_come_out_alike_do_not_take_each_other_s_place(t
     assert [int(pixels[0, 0, 0]) for pixels in shown[4:]] == [10, 11, 12, 13]
 
 
+@pytest.mark.slow
 def test_frames_of_videos_become_pictures_of_the_frame_asked_for(tmp_path: Path) -> None:
     capture = stereo(tmp_path / "capture")
     first = capture.sensors[0]
@@ -167,6 +169,7 @@ def test_frames_of_videos_become_pictures_of_the_frame_asked_for(tmp_path: Path)
     assert not list((tmp_path / "export/images").glob("held_out*"))  # they show frame 0
 
 
+@pytest.mark.slow
 def test_a_film_s_cameras_lead_to_the_same_places_in_the_exported_world(tmp_path: Path) -> None:
     """By what nerfstudio's dataparser notes: its transform after ours, then its scale, on positions in metres."""
     capture = stereo(tmp_path / "capture", distortion=0.0)
@@ -185,6 +188,7 @@ def test_a_film_s_cameras_lead_to_the_same_places_in_the_exported_world(tmp_path
     assert np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))) < 5.0
 
 
+@pytest.mark.slow
 def test_what_cannot_be_exported_is_named_and_nothing_is_left_behind(tmp_path: Path) -> None:
     capture = stereo(tmp_path / "capture")
     with pytest.raises(CaptureError, match="there is no frame 2, frames are 0 to 1"):

@@ -117,6 +117,7 @@ def test_the_way_between_moves_what_moves_by_its_share() -> None:
     assert np.abs(first[inside].astype(float) - expected[inside]).mean() > 15.0
 
 
+@pytest.mark.slow
 def test_photographs_whose_suffix_is_in_capitals_are_copied_as_they_are(tmp_path: Path) -> None:
     capture = synthesise(tmp_path / "a", SynthParameters("sphere", 2, 4, (48, 36)))
     stream = capture.sensors[1]
@@ -140,6 +141,7 @@ def test_what_is_not_known_or_not_late_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "b").exists()
 
 
+@pytest.mark.slow
 def test_a_sensor_that_is_late_is_put_right_though_nothing_tells_of_two_others(tmp_path: Path) -> None:
     capture = synthesise(tmp_path / "a", SynthParameters("sphere", 3, 5, (48, 36)))
     plan = schedule(capture, {("S2", "S3"): lag(2.0)})
@@ -155,6 +157,7 @@ def test_it_is_said_by_how_much_a_sensor_is_moved_and_how_sure_that_is_or_that_i
     ]
 
 
+@pytest.mark.slow
 def test_the_command_asks_for_the_folder_and_says_what_is_not_known(command: Command, tmp_path: Path) -> None:
     synthesise(tmp_path / "a", SynthParameters("sphere", 2, 2, (48, 36)))
     told = command("capture", "check", tmp_path / "a", "--resample")

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import cv2
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from recon.depth import StereoPair
@@ -14,6 +15,8 @@ from recon.depth.matching.guide import Passages
 from recon.depth.matching.plane_search import AT_REST, NEIGHBOURS, TAPS, Settings, sweep
 from recon.depth.matching.texture import PAD, Texture, texture_of
 from recon.depth.matching.views import View, views_of
+
+pytestmark = pytest.mark.slow
 
 HEIGHT, WIDTH = 14, 22
 SETTINGS = Settings(*np.float32([0, 7, 1, 605_000, 0.9, 2560, 512, 12.8, 6]))

@@ -131,6 +131,7 @@ def test_a_damaged_frame_is_named_by_the_check(video: Path) -> None:
     assert len(VideoCheck((47.0, 43.0), (0.98, 0.98)).faults) == 3
 
 
+@pytest.mark.slow
 def test_a_video_and_its_master_are_written_and_checked_in_one_pass(video: Path, tmp_path: Path) -> None:
     asked_for = iter(list(moving_frames(60)))
     master = tmp_path / "master.mp4"
@@ -197,6 +198,7 @@ def test_an_encoder_that_fails_says_why(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_joined_parts_show_every_frame_of_them_once_at_equal_distances(video: Path, tmp_path: Path) -> None:
     frames = list(moving_frames(60))
     parts = [tmp_path / f"a part's {number}.mp4" for number in range(3)]

@@ -209,6 +209,7 @@ def test_gltf_which_is_read_in_mm_is_refused_where_the_unit_is_another(command: 
     assert "truth.glb: glTF is read in mm, but the unit is m" in line
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scale", "relation"), [(1e6, "1 000 000 times larger"), (0.001, "1 000 times smaller")])
 def test_a_mesh_in_another_unit_is_refused_by_its_factor(
     command: Command, tmp_path: Path, scale: float, relation: str
@@ -228,6 +229,7 @@ def test_a_cloud_of_odd_size_or_place_is_remarked(command: Command, tmp_path: Pa
     assert "lies wholly beside its reference" in remarks[1]
 
 
+@pytest.mark.slow
 def test_points_that_are_no_numbers_are_counted_and_empty_files_refused(command: Command, tmp_path: Path) -> None:
     truth = write(tmp_path / "truth.ply", ball())
     out = tmp_path / "report"

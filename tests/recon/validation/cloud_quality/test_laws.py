@@ -58,6 +58,7 @@ def test_two_equal_clouds_have_the_best_value_of_every_measure(seed: int) -> Non
             assert value.value == (np.inf if value.unit == "dB" else pytest.approx(1, abs=1e-12))
 
 
+@pytest.mark.slow
 def test_every_measure_gets_worse_as_noise_grows() -> None:
     reference = ball(1500)
     series = [compared(reference, ball(1500, noise=noise, colour_noise=20 * noise)) for noise in (0.0, 0.3, 1.0, 3.0)]

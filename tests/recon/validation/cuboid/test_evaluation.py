@@ -65,6 +65,7 @@ def test_angles_edges_and_place_are_right_at_6_mm_noise(seed: int) -> None:
     assert np.mean([abs(edge.length - SIZE[edge.axis]) for edge in fit.edges]) < 1.5
 
 
+@pytest.mark.slow
 def test_without_noise_everything_is_exact() -> None:
     points, _, middle = corner_cloud(7, sigma=0.0, outliers=0.0)
     fit = fit_cuboid(points, SIZE)
@@ -181,6 +182,7 @@ def test_the_command_writes_a_whole_report(tmp_path: Path) -> None:
     assert CliRunner().invoke(app, [*words[:4], "300x200", "-o", str(out)]).exit_code == 2
 
 
+@pytest.mark.slow
 def test_the_studios_cuboid_is_where_the_studio_put_it(tmp_path: Path) -> None:
     place = (40.0, -30.0, 60.0)
     parameters = SynthParameters(scene="cuboid", n_sensors=1, n_frames=1, size=(640, 360), position=place)

@@ -178,6 +178,7 @@ def test_what_a_sensor_leaves_out_of_the_balls_picture_is_told() -> None:
     assert "20% of the ball's picture" in finding.sentence
 
 
+@pytest.mark.slow
 def test_a_good_cap_can_be_left_out_on_request(tmp_path: Path) -> None:
     clouds = named_clouds(write_caps(tmp_path, 1), SENSORS)
     report, _ = measure_spheres(clouds, SphereSettings(150.0, (12.5,), drop=("1/S3",)))

@@ -58,6 +58,7 @@ def test_scores_follow_their_definition() -> None:
     assert (high["precision"], high["recall"]) == (1.0, 0.5)
 
 
+@pytest.mark.slow
 def test_filled_holes_count_unless_they_are_left_out(tmp_path: Path) -> None:
     corners = np.array([[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 50], [10, 0, 50], [0, 10, 50]], np.float32)
     faces, up = np.array([[0, 1, 2], [3, 4, 5]], np.int32), np.tile([0.0, 0, 1], (6, 1))
@@ -91,6 +92,7 @@ def by_the_book(rec: NDArray[np.float64], truth: NDArray[np.float64], threshold:
     return precision, recall, 2 * precision * recall / (precision + recall)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("threshold", [4.0, 8.0])
 def test_scores_are_those_of_tanks_and_temples(tmp_path: Path, threshold: float) -> None:
     rng = np.random.default_rng(4)

@@ -53,6 +53,7 @@ def test_red_is_outside_and_blue_is_inside() -> None:
     assert (error_colours(rounding, error_limit(rounding)) == 255).all()
 
 
+@pytest.mark.slow
 def test_a_mesh_is_exported_coloured_by_error(command: Command, ball: Mesh, tmp_path: Path) -> None:
     truth = write_mesh(tmp_path / "truth.ply", ball)
     measured = write_mesh(tmp_path / "mesh.ply", replace(ball, vertices=ball.vertices * np.float32(1.02)))
@@ -65,6 +66,7 @@ def test_a_mesh_is_exported_coloured_by_error(command: Command, ball: Mesh, tmp_
     assert command("export", measured, tmp_path / "errors.glb", "--limit", 2).code == 2
 
 
+@pytest.mark.slow
 def test_a_truth_needs_faces_but_neither_normals_nor_colours(command: Command, ball: Mesh, tmp_path: Path) -> None:
     measured = write_mesh(tmp_path / "mesh.ply", replace(ball, vertices=ball.vertices * np.float32(1.02)))
     rows = "".join(f"v {x} {y} {z}\n" for x, y, z in ball.vertices.tolist())

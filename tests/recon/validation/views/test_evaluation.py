@@ -174,6 +174,7 @@ def test_a_rendering_covers_what_the_studio_saw(capture: Capture) -> None:
     assert np.count_nonzero(covered & shot.mask) / np.count_nonzero(covered | shot.mask) > 0.98
 
 
+@pytest.mark.slow
 def test_true_depth_becomes_the_disparity_that_gives_it_back(capture: Capture) -> None:
     stream = capture.sensors[0]
     view = rectify(stream.sensor, capture.bounds)
@@ -234,6 +235,7 @@ def other_models(run: Path, folder: Path, **changes: object) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_models_by_another_program_are_compared_with_the_same_photographs(run: Path, tmp_path: Path) -> None:
     settings = ViewSettings(models=(other_models(run, tmp_path / "models"),))
     measures = measure_views(run, settings)[0]["measures"]
@@ -278,6 +280,7 @@ def test_the_command_finds_the_recording_and_writes_a_report(run: Path, capture:
     assert len(list(out.glob("view_*.png"))) > 0
 
 
+@pytest.mark.slow
 def test_a_missing_recording_or_frame_is_named(run: Path, capture: Capture, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="none of them in 5:9"):
         measure_views(run, ViewSettings(frames=range(5, 9)))

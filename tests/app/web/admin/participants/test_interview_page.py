@@ -38,6 +38,7 @@ def rows(analyst: httpx.Client, study: dict[str, Any], what: str) -> list[dict[s
     return found
 
 
+@pytest.mark.slow
 def test_what_is_said_is_noted_changed_and_exported_with_what_was_written(
     experimenter: Dashboard, analyst: httpx.Client, asked: dict[str, Any]
 ) -> None:
@@ -147,6 +148,7 @@ def test_an_interview_may_be_as_long_as_its_answers_and_no_longer(
         assert is_problem(answer, status), (stage, len(content))
 
 
+@pytest.mark.slow
 def test_the_longest_notes_of_an_interview_are_kept_in_any_alphabet(
     experimenter: Dashboard, client: httpx.Client, long_winded: dict[str, Any]
 ) -> None:

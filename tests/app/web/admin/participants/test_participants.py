@@ -56,6 +56,7 @@ def test_invitations_are_made_shown_as_qr_and_ended(
         assert refused.status_code in (404, 410)
 
 
+@pytest.mark.slow
 def test_the_monitor_follows_a_participant_by_server_sent_events(
     experimenter: Dashboard, client: httpx.Client, vote_body: Callable[..., dict[str, Any]], new_study: NewStudy
 ) -> None:
@@ -162,6 +163,7 @@ def test_who_lost_the_code_to_go_on_gets_a_new_one_that_is_shown_once(
     assert client.get("/api/v1/session").status_code == 200
 
 
+@pytest.mark.slow
 def test_a_session_that_has_ended_gets_no_code_to_go_on(
     experimenter: Dashboard, client: httpx.Client, taken: dict[str, Any], new_study: NewStudy
 ) -> None:

@@ -71,6 +71,7 @@ def test_every_result_begins_with_its_sentence_also_where_nothing_differs(choice
     assert sorted(shown) == sorted(row["text"] for row in analysis["findings"])
 
 
+@pytest.mark.slow
 def test_there_is_no_plot_of_nothing(experimenter: Dashboard, taken: dict[str, Any]) -> None:
     for path in (
         f"{taken['slug']}/figures/holiday.svg",

@@ -47,6 +47,7 @@ def typed(page: str, **changes: Any) -> dict[str, Any]:
     return {**hidden, "way": chosen[1] if chosen else "", **changes}
 
 
+@pytest.mark.slow
 def test_what_was_typed_is_kept_and_stays_when_people_take_part_elsewhere(eva: Dashboard) -> None:
     plan = eva.act(f"{NEW}/draft", **typed(eva.get(FORM).text, name="Kept", break_every="7")).text
     assert "What it will be" in plan
@@ -112,6 +113,7 @@ def test_nobody_sees_the_form_of_somebody_else(eva: Dashboard, own_server: str, 
         assert value_of(zoe.get(FORM).text, "name") == ""
 
 
+@pytest.mark.slow
 def test_a_name_that_gives_conditions_away_is_warned_of_before_and_after_it_is_given(eva: Dashboard) -> None:
     warning = "holds id_fa, pm_fb, and participants see it, also in the study&#39;s address"
     form = eva.get(FORM).text

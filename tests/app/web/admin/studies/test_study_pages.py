@@ -233,6 +233,7 @@ def test_two_editors_at_once_lose_nothing_that_they_typed(experimenter: Dashboar
     assert "By the second" in again.text
 
 
+@pytest.mark.slow
 def test_a_file_that_comes_too_late_is_given_back_beside_what_the_other_saved(
     experimenter: Dashboard, new_study: NewStudy
 ) -> None:
@@ -298,6 +299,7 @@ def test_what_participants_see_stays_once_somebody_has_begun(
     assert "Thank you." in allowed.text
 
 
+@pytest.mark.slow
 def test_a_lab_sheet_is_noted_at_any_time_and_exported(
     experimenter: Dashboard, client: httpx.Client, new_study: NewStudy, settings: Settings
 ) -> None:
@@ -324,6 +326,7 @@ def test_a_lab_sheet_is_noted_at_any_time_and_exported(
     assert "Size, inch is &#39;1e400&#39;, expected a number" in endless.text
 
 
+@pytest.mark.slow
 def test_an_edit_waits_for_who_begins_at_that_moment(
     experimenter: Dashboard, settings: Settings, new_study: NewStudy
 ) -> None:

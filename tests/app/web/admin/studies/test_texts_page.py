@@ -35,6 +35,7 @@ def options_of(settings: Settings, slug: str) -> StudyOptions:
     return parse_study_file(manage.export_study(settings, slug)).options
 
 
+@pytest.mark.slow
 def test_texts_are_saved_by_language_and_previewed(
     experimenter: Dashboard, settings: Settings, new_study: NewStudy
 ) -> None:
@@ -73,6 +74,7 @@ def test_a_text_with_an_unknown_placeholder_is_refused(experimenter: Dashboard, 
     assert "trial.label has the placeholders {n}" in refused.text
 
 
+@pytest.mark.slow
 def test_texts_that_two_people_type_at_once_are_kept_beside_what_the_other_has_saved(
     experimenter: Dashboard, settings: Settings, new_study: NewStudy
 ) -> None:
@@ -99,6 +101,7 @@ def test_texts_that_two_people_type_at_once_are_kept_beside_what_the_other_has_s
     }
 
 
+@pytest.mark.slow
 def test_languages_are_chosen_and_drafts_are_marked(
     experimenter: Dashboard, settings: Settings, new_study: NewStudy
 ) -> None:
@@ -111,6 +114,7 @@ def test_languages_are_chosen_and_drafts_are_marked(
     assert "there is no language pack &#39;xx&#39;" in refused.text
 
 
+@pytest.mark.slow
 def test_an_image_is_kept_with_the_study_and_shown_in_its_consent(
     experimenter: Dashboard, client: httpx.Client, analyst: httpx.Client, new_study: NewStudy
 ) -> None:

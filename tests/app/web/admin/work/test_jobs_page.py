@@ -109,6 +109,7 @@ def test_a_job_is_started_watched_cancelled_and_resumed(server: str, here: Setti
     database.dispose()
 
 
+@pytest.mark.slow
 def test_a_program_does_with_jobs_what_people_do(client: httpx.Client) -> None:
     described = {kind["kind"]: kind for kind in client.get("/jobs/kinds").json()["kinds"]}
     assert described["import-films"]["fields"][0]["choices"] == ["mine", "yours"]
@@ -129,6 +130,7 @@ def test_a_program_does_with_jobs_what_people_do(client: httpx.Client) -> None:
     assert client.post("/jobs/unknown/cancel").status_code == 404
 
 
+@pytest.mark.slow
 def test_jobs_take_their_own_scope_and_a_cookie_alone_starts_none(server: str, here: Settings) -> None:
     token = manage.add_token(here, "reads")["token"]
     body = {"kind": "import-films", "arguments": {"films": "mine", "name": "other"}}
@@ -146,6 +148,7 @@ def test_jobs_take_their_own_scope_and_a_cookie_alone_starts_none(server: str, h
         assert vera.get("/api/v1/jobs").status_code == 403
 
 
+@pytest.mark.slow
 def test_a_server_without_the_extra_says_what_it_cannot_do(
     server: str, here: Settings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
