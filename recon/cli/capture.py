@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from recon.cli.commands.recordings import (
+    IMPORTED,
     CaptureBoard,
     CaptureCalibrate,
     CaptureCheck,
@@ -112,9 +113,8 @@ def capture_import(asked: CaptureImport, *, as_json: bool) -> None:
     )
     import_recording(kind, source, out, options)
     report = check_capture(out)
-    print_result(
-        {"capture": str(out), "format": kind, **report.as_json()}, _check_sentences(out, report), as_json=as_json
-    )
+    sentences = f"Read {source} as {kind}: {IMPORTED[kind]}\n{_check_sentences(out, report)}"
+    print_result({"capture": str(out), "format": kind, **report.as_json()}, sentences, as_json=as_json)
 
 
 @app.command("export")

@@ -6,6 +6,7 @@ The words of each for people stand in `recon.cli.commands.recordings`, which mus
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
@@ -35,6 +36,7 @@ from recon.capture.importing.opencv import import_opencv
 from recon.capture.importing.sources import ImportOptions, Recording
 from recon.capture.importing.views import choose_sensors
 from recon.runtime.files import any_case, check_exists, files_like
+from recon.runtime.notices import Notice
 
 AUTO = "auto"
 BROKEN = (AttributeError, LookupError, OverflowError, TypeError, cv2.error)  # what reading raises of odd values
@@ -74,9 +76,9 @@ class Format:
     holds: str = ""
     takes: tuple[str, ...] = PLACED
 
-    def is_in(self, source: Path) -> bool:
-        """Tell whether a source has such a file."""
-        return any(re.search(self.holds, _beginning(path)) for path in self.candidates(source))
+    def files_in(self, source: Path) -> list[Path]:
+        """Return the files of a source that it is known by; none: it is of another format."""
+        return [path for path in self.candidates(source) if re.search(self.holds, _beginning(path))]
 
     def candidates(self, source: Path) -> Iterator[Path]:
         """Yield the files of a source that have the names of this format's, whatever they say."""
@@ -109,7 +111,7 @@ def import_recording(name: str, source: Path, out: Path, options: ImportOptions)
     except BROKEN as error:
         raise CaptureError(f"{source}: is not whole: {type(error).__name__} {error}") from error
     except ValueError as error:
-        likely = [] if FORMATS[name].is_in(source) else _known(source)
+        likely = [] if FORMATS[name].files_in(source) else list(_known(source))
         if isinstance(error, CaptureError) and not likely:
             raise
         place = "" if str(source) in str(error) else f"{source}: "
@@ -118,12 +120,24 @@ def import_recording(name: str, source: Path, out: Path, options: ImportOptions)
 
 
 def find_format(source: Path) -> str:
-    """Return the name of a source's format, or raise a ValueError that names the nearest one."""
+    """Return the name of a source's format, or raise a ValueError that names the nearest one.
+
+    Where other files make it one of another format too, a Notice says which was taken.
+    """
     check_exists(source)
     if (source / CAPTURE_FILE).is_file():
         raise CaptureError(f"{source}: is a capture already, with a {CAPTURE_FILE}; nothing is to be imported")
     if known := _known(source):
-        return known[0]
+        name, files = next(iter(known.items()))
+        others = [f"{other} ({paths[0].name})" for other, paths in known.items() if not {*paths} <= {*files}]
+        if others:
+            warnings.warn(
+                f"{source}: is read as {name} ({files[0].name}); it may be {' or '.join(others)} as well: name the "
+                f"format in place of {AUTO} to choose",
+                Notice,
+                stacklevel=2,
+            )
+        return name
     raise CaptureError(f"{source}: is in no format that is known{_nearest(source)}. Known are {', '.join(FORMATS)}")
 
 
@@ -152,8 +166,9 @@ def _nearest(source: Path) -> str:
     return f"; nearest is {nearest}, which has {file}: {FORMATS[nearest].means}"
 
 
-def _known(source: Path) -> list[str]:
-    return [name for name, kind in FORMATS.items() if kind.is_in(source)]
+def _known(source: Path) -> dict[str, list[Path]]:
+    """Return the files that a source is known by, by the format."""
+    return {name: files for name, kind in FORMATS.items() if (files := kind.files_in(source))}
 
 
 def _likeness(pattern: str, name: str) -> float:

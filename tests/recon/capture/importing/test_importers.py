@@ -137,3 +137,11 @@ def test_an_option_that_a_format_does_not_take_is_refused(
 def test_a_source_that_is_not_there_is_said_not_to_be_there(name: str, tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match=r"absent: there is no such file or folder$"):
         import_recording(name, tmp_path / "absent", tmp_path / "out", ImportOptions(unit_mm=1.0))
+
+
+def test_a_source_of_two_formats_says_which_was_read(command: Command, tmp_path: Path) -> None:
+    source = colmap_model(tmp_path / "source")
+    described(source)
+    told = command("capture", "import", "auto", source, tmp_path / "out", "--pairs", "11-12,13-14", "--units", "m")
+    assert told.out.startswith(f"Read {source} as colmap: COLMAP's model\n")
+    assert "is read as colmap (cameras.txt); it may be json (recording.json) as well: name the format" in told.err
