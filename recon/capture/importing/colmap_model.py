@@ -9,6 +9,7 @@ Source: COLMAP's description of its output format, and `scene/reconstruction_io_
 from __future__ import annotations
 
 import struct
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from recon.capture.importing.views import HALF_PIXEL
 from recon.geometry.ply_elements import are_numbers
 from recon.geometry.rig import Camera, rigid
 from recon.runtime.files import first_of, in_any_case
+from recon.runtime.notices import Notice
 
 FOLDERS = (  # of a model, below the folder that COLMAP worked in; the last ones are ETH3D's
     ".",
@@ -30,6 +32,7 @@ FOLDERS = (  # of a model, below the folder that COLMAP worked in; the last ones
     "dslr_calibration_undistorted",
     "rig_calibration_undistorted",
 )
+CAMERAS = ("cameras.bin", "cameras.txt")
 MODELS: dict[str, tuple[int, tuple[int, ...]]] = {
     "SIMPLE_PINHOLE": (1, ()),
     "PINHOLE": (2, ()),
@@ -82,10 +85,27 @@ class ColmapModel:
 def find_model(source: Path) -> Path:
     """Find the folder of a model below a folder, or raise a CaptureError if there is none."""
     for folder in (source / name for name in FOLDERS):
-        if cameras := first_of(folder, ("cameras.bin", "cameras.txt")):
+        if cameras := first_of(folder, CAMERAS):
+            if folder != source:
+                _tell_others(cameras.parent)
             return cameras.parent
     places = ", ".join(str(source / name) for name in FOLDERS)
     raise CaptureError(f"{source}: holds no COLMAP model; looked for cameras.bin and cameras.txt in {places}")
+
+
+def _tell_others(folder: Path) -> None:
+    """Warn of models beside a numbered one: COLMAP makes several where it cannot join all images."""
+    if not folder.name.isdecimal():
+        return
+    numbers = sorted(each.name for each in folder.parent.iterdir() if each.name.isdecimal() and each != folder)
+    others = [f"{folder.parent.name}/{number}" for number in numbers if first_of(folder.parent / number, CAMERAS)]
+    if others:
+        warnings.warn(
+            f"{folder}: is one of several models, and read alone; what only {' or '.join(others)} shows is left out: "
+            "name that folder to read it instead",
+            Notice,
+            stacklevel=2,
+        )
 
 
 def read_model(folder: Path) -> ColmapModel:

@@ -17,9 +17,10 @@ import cv2
 from recon.capture.format import CAPTURE_FILE, Capture, CaptureError
 from recon.capture.images import PICTURE_SUFFIXES, VIDEO_SUFFIXES
 from recon.capture.importing.calibrations.benchmarks import read_kitti, read_middlebury_pair
+from recon.capture.importing.calibrations.matlab import SAYS as MATLAB_SAYS
 from recon.capture.importing.calibrations.matlab import read_matlab
-from recon.capture.importing.calibrations.multi_view import read_miv, read_mvsnet, read_strecha
-from recon.capture.importing.calibrations.placed import Placed
+from recon.capture.importing.calibrations.multi_view import MIV_SAYS, read_miv, read_mvsnet, read_strecha
+from recon.capture.importing.calibrations.placed import Placed, beginning
 from recon.capture.importing.calibrations.robots import read_euroc, read_kalibr, read_ros
 from recon.capture.importing.calibrations.stereo_entry import KEYS
 from recon.capture.importing.colmap import import_colmap
@@ -41,7 +42,6 @@ from recon.runtime.notices import Notice
 AUTO = "auto"
 BROKEN = (AttributeError, LookupError, OverflowError, TypeError, cv2.error)  # what reading raises of odd values
 ALIKE = 0.7  # of two names, from 0 to 1
-LOOKED_AT = 65536  # bytes of a file
 MM, METRE = 1.0, 1000.0
 TEMPLE_FRAMES = 3
 PLACED = ("pairs", "units", "up")  # options of most formats
@@ -78,7 +78,7 @@ class Format:
 
     def files_in(self, source: Path) -> list[Path]:
         """Return the files of a source that it is known by; none: it is of another format."""
-        return [path for path in self.candidates(source) if re.search(self.holds, _beginning(path))]
+        return [path for path in self.candidates(source) if re.search(self.holds, beginning(path))]
 
     def candidates(self, source: Path) -> Iterator[Path]:
         """Yield the files of a source that have the names of this format's, whatever they say."""
@@ -173,11 +173,6 @@ def _known(source: Path) -> dict[str, list[Path]]:
 
 def _likeness(pattern: str, name: str) -> float:
     return SequenceMatcher(None, pattern.replace("*", "").lower(), name.lower()).ratio()
-
-
-def _beginning(path: Path) -> str:
-    with path.open("rb") as file:
-        return file.read(LOOKED_AT).decode("utf-8", "replace").removeprefix("\ufeff").replace("\r\n", "\n")
 
 
 def _placed(read: Callable[[Path, float], Placed], unit_mm: float) -> Callable[[Path, Path, ImportOptions], Capture]:
@@ -289,14 +284,14 @@ FORMATS: dict[str, Format] = {  # the first of those that know a source reads it
         ("*.mat", "*.json"),
         "`s = toStruct(stereoParams); save('stereo.mat', '-struct', 's', '-v7')`, or `jsonencode(s)`; or "
         "`stereoParametersToOpenCV`'s variables, or `Calib_Results_stereo.mat`; pictures in `left`, `right`",
-        r'^MATLAB|"CameraParameters1"',
+        MATLAB_SAYS,
         ("units", "up"),
     ),
     "miv": Format(
         _asking(read_miv),
         ("*.json",),
         "metres, z up, perspective; a folder or video of each camera's name; bounds from `Depth_range`",
-        r'"Projection"',
+        MIV_SAYS,
     ),
     "strecha": Format(
         _placed(read_strecha, METRE),

@@ -70,10 +70,14 @@ def import_meshroom(
 def _find(source: Path) -> Path:
     if source.is_file():
         return source
-    path = first_of(source, SFM_FILES) or next(iter(files_like(source, "*.sfm")), None)
-    if path is None:
+    if named := first_of(source, SFM_FILES):
+        return named
+    paths = files_like(source, "*.sfm")
+    if len(paths) > 1:
+        raise CaptureError(f"{source}: holds {', '.join(path.name for path in paths)}; name the one to read")
+    if not paths:
         raise CaptureError(f"{source}: holds no {' or '.join(SFM_FILES)}; export JSON by the node ConvertSfMFormat")
-    return path
+    return paths[0]
 
 
 def _views(path: Path, content: Mapping[str, Any], unit_mm: float) -> dict[int, View]:

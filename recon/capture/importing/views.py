@@ -97,7 +97,7 @@ def tell_absent(source: Path, names: Sequence[str]) -> None:
     if names:
         more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
         warnings.warn(
-            f"{source}: lists {len(names)} pictures that are not there, and that are left out: "
+            f"{source}: lists pictures that are not there, and that are left out: "
             f"{', '.join(names[:MOST_NAMED])}{more}",
             Notice,
             stacklevel=2,

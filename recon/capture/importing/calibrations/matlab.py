@@ -51,13 +51,14 @@ DAMAGED = (  # what scipy lets through of a damaged file
     ValueError,
     zlib.error,
 )
+SAYS = r'^MATLAB|"CameraParameters1"'  # a .mat, and a .json
 TOOLBOX = "Calib_Results_stereo.mat"
 HOW = f"write it by s = toStruct(stereoParams); save('stereo.mat', '-struct', 's', '-v7'), or name {TOOLBOX}"
 
 
 def read_matlab(source: Path, unit_mm: float | None) -> Placed:
     """Read stereoParameters as a struct, with pictures in `left` and `right`, or `camera1` and `camera2`, beside it."""
-    path = calibration_in(source, TOOLBOX, "*.mat", "*.json")
+    path = calibration_in(source, TOOLBOX, "*.mat", "*.json", holds=SAYS)
     content = read_json(path) if path.suffix.lower() == ".json" else _read_mat(path)
     entry = _entry_as_opencv(path, content)
     struct = _struct(path, content) if entry is None else {}

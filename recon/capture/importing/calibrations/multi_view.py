@@ -39,6 +39,7 @@ MVSNET_DEPTHS = ("rendered_depth_maps", "depths", "depth_est")
 OFF_MIDDLE = 0.25  # of the picture's size; cameras of another resolution have their principal point farther off
 MOST_DEEP = 20.0  # times the least depth; sets write 1000 m where they mean no end
 METRE = 1000.0
+MIV_SAYS = r'"Projection"'
 MIV_VIEW = ("{name}", "{name}_texture", "textures/{name}")
 OPENCV_FROM_MIV = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 
@@ -114,7 +115,7 @@ def _mvsnet_camera(path: Path, size: tuple[int, int], unit_mm: float) -> tuple[C
 
 def read_miv(source: Path, unit_mm: float | None) -> Placed:
     """Read the cameras of an MIV content's JSON; pictures or a video of each have its name, v0 and so on."""
-    path = calibration_in(source, "*.json")
+    path = calibration_in(source, "*.json", holds=MIV_SAYS)
     content, views, ranges, absent = read_json(path), [], [], []
     if unit_mm is None and content.get("lengthsInMeters") is False:
         raise CaptureError(f"{path}: says that its lengths are not in metres; give the unit's length by --units")

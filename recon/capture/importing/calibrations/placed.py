@@ -22,6 +22,7 @@ from recon.geometry.rig import Y_FROM, Camera, rigid
 from recon.runtime.files import files_like, first_of
 
 MOST_BYTES = 4_000_000  # of a calibration; those of thousands of board pictures have a tenth
+LOOKED_AT = 65536  # bytes of a file, to tell what it is
 CAMERA_FROM_WORLD = rigid(Y_FROM["-y"], np.zeros(3))  # of a first camera whose pose nobody tells: y is up
 
 
@@ -74,17 +75,51 @@ def read_yaml(path: Path) -> dict[str, Any]:
     return content
 
 
-def calibration_in(source: Path, *names: str) -> Path:
-    """Return the file of a calibration: the source, or the first file in it of some names, or of forms such as `*.mat`.
+def calibration_in(source: Path, *names: str, holds: str = "") -> Path:
+    """Return the file of a calibration: the source, or the first file in it of some names, or the one of forms.
 
-    A CaptureError says that there is none.
+    Parameters
+    ----------
+    source : file or folder
+    names : of files, or forms such as `*.mat`, below the folder
+    holds : regular expression of what such a file says, which tells it from others of its form
+
+    Raises
+    ------
+    CaptureError
+        If there is none, or files of a form differ, so that nothing tells which one is meant.
     """
     if source.is_file():
         return source
-    path = first_of(source, names) or next(iter(files_like(source, *names)), None)
-    if path is None:
+    if named := first_of(source, names):
+        return named
+    paths = files_like(source, *names)
+    meant = [path for path in paths if re.search(holds, beginning(path))] or paths
+    if not meant:
         raise CaptureError(f"{source}: holds no {' or '.join(names)}")
-    return path
+    if len(meant) > 1:
+        check_alike(source, {path: path.read_bytes() for path in meant})
+    return meant[0]
+
+
+def beginning(path: Path) -> str:
+    """Return the first text of a file, whatever program of whatever system wrote it."""
+    with path.open("rb") as file:
+        return file.read(LOOKED_AT).decode("utf-8", "replace").removeprefix("\ufeff").replace("\r\n", "\n")
+
+
+def check_alike(source: Path, contents: Mapping[Path, object]) -> None:
+    """Raise a CaptureError if files of a folder that are a calibration each say different things.
+
+    Parameters
+    ----------
+    source : the folder
+    contents : what each file says
+    """
+    first = next(iter(contents.values()))
+    if any(content != first for content in contents.values()):
+        names = ", ".join(path.name for path in contents)
+        raise CaptureError(f"{source}: holds {len(contents)} calibrations that differ, {names}; name the one to read")
 
 
 def assigned(path: Path, separator: str) -> dict[str, str]:

@@ -20,6 +20,7 @@ from recon.capture.images import CaptureError
 from recon.capture.importing.calibrations.placed import (
     CAMERA_FROM_WORLD,
     Placed,
+    check_alike,
     lens_camera,
     needed_view,
     pinhole,
@@ -39,6 +40,7 @@ ROS_KEYS = {
 }
 SMALLEST_SHIFT = 1e-9  # of P's last column: a left camera has 0
 KALIBR_PLACES = ("cam{number}", "cam{number}/data", "cam{number}/image_raw", "mav0/cam{number}/data")
+CAMERA_KEYS = ("camera_model", "intrinsics", "distortion_model", "distortion_coeffs", "resolution", "T_cn_cnm1")
 SIDE_PLACES = (("left", "cam0"), ("right", "cam1"))
 
 
@@ -93,11 +95,13 @@ def _ros_facts(path: Path, content: Mapping[str, Any]) -> dict[str, NDArray[np.f
 
 def read_kalibr(source: Path, unit_mm: float) -> Placed:
     """Read a camchain of Kalibr: cam0, cam1 and so on, each placed from the one before; neighbours are pairs."""
-    chains = [source] if source.is_file() else files_like(source, "*camchain*.yaml", "*.yaml")
-    path = next((path for path in chains if "cam0" in read_yaml(path)), None)
-    if path is None:
+    paths = [source] if source.is_file() else files_like(source, "*camchain*.yaml", "*.yaml")
+    chains = {path: chain for path in paths if "cam0" in (chain := read_yaml(path))}
+    if not chains:
         raise CaptureError(f"{source}: holds no camchain, a YAML file with cam0, cam1 and so on")
-    chain, folder = read_yaml(path), path.parent
+    check_alike(source, {path: _of_cameras(chain) for path, chain in chains.items()})
+    path, chain = next(iter(chains.items()))
+    folder = path.parent
     pose, views = CAMERA_FROM_WORLD, {}
     for number in range(sum(name.startswith("cam") for name in chain)):
         with faults_at(f"{path}: cam{number}"):
@@ -107,6 +111,11 @@ def read_kalibr(source: Path, unit_mm: float) -> Placed:
             places = (*KALIBR_PLACES, *(SIDE_PLACES[number][:1] if number < len(SIDE_PLACES) else ()))
             views[number] = _view(f"{path}: cam{number}", entry, pose, needed_view(folder, places, number), "coeffs")
     return Placed(views)
+
+
+def _of_cameras(chain: Mapping[str, Any]) -> dict[tuple[str, str], Any]:
+    """Return what a camchain says of its cameras alone, without the clock and place of an inertial sensor."""
+    return {(name, key): camera[key] for name, camera in chain.items() for key in CAMERA_KEYS if key in camera}
 
 
 def read_euroc(source: Path, unit_mm: float) -> Placed:

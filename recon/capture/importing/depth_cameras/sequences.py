@@ -168,7 +168,7 @@ def read_tum(source: Path, options: ImportOptions) -> Recording:
 
 def _tell_left_out(folder: Path, n_pictures: int, lacking: str) -> None:
     if n_pictures > 0:
-        warnings.warn(f"{folder}: {n_pictures} pictures have no {lacking}, and are left out", Notice, stacklevel=2)
+        warnings.warn(f"{folder}: without {lacking}, and left out: {n_pictures} of the pictures", Notice, stacklevel=2)
 
 
 def _stamped(path: Path) -> dict[float, list[str]]:

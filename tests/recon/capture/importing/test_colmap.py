@@ -114,3 +114,13 @@ def test_masks_that_are_left_out_are_told_and_either_name_is_taken(tmp_path: Pat
         import_colmap(source, tmp_path / "one", [(11, 12)], options)
     write_picture(source / "masks/S1_right.png.png", 255)
     assert import_colmap(source, tmp_path / "both", [(11, 12)], options).sensors[0].mask is not None
+
+
+def test_of_several_models_the_others_are_named(tmp_path: Path) -> None:
+    options = ImportOptions(unit_mm=1000.0)
+    for number in (0, 1):
+        colmap_model(tmp_path / f"source/sparse/{number}")
+    (tmp_path / "source/sparse/0/images").rename(tmp_path / "source/images")
+    with pytest.warns(Notice, match="sparse/0: is one of several models, and read alone; what only sparse/1 shows"):
+        import_colmap(tmp_path / "source", tmp_path / "out", [(11, 12)], options)
+    import_colmap(tmp_path / "source/sparse/1", tmp_path / "second", [(11, 12)], options)  # which warns of nothing

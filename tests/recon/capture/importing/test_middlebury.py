@@ -124,7 +124,7 @@ def test_pictures_that_are_listed_and_absent_are_named_and_the_rest_is_imported(
     source = ring(tmp_path / "ring")
     for view in (7, 8):
         (source / f"ringR{view:04d}.png").unlink()
-    with pytest.warns(match=r"2 pictures that are not there.*ringR0007\.png, ringR0008\.png"):
+    with pytest.warns(match=r"pictures that are not there.*ringR0007\.png, ringR0008\.png"):
         capture = import_middlebury(source, tmp_path / "out", pairs=PAIRS, n_frames=1)
     assert [photograph.image for photograph in capture.held_out] == ["held_out/ringR0003.png", "held_out/ringR0006.png"]
     with (

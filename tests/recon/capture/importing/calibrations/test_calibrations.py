@@ -618,7 +618,7 @@ def test_absent_pictures_of_a_set_are_named_and_raw_video_is_told_how_to_convert
     strecha(tmp_path / "a")
     (tmp_path / "a/0002.png").unlink()
     options = ImportOptions(bounds=BOUNDS, pairs=[(0, 1)])
-    with pytest.warns(match=r"1 pictures? that .* 0002\.png"):
+    with pytest.warns(match=r"pictures that .* 0002\.png"):
         capture: Capture = import_recording(AUTO, tmp_path / "a", tmp_path / "out", options)
     assert len(capture.sensors) == 1
     miv(tmp_path / "b")
@@ -766,3 +766,32 @@ def test_a_folder_without_a_calibration_is_told_so(tmp_path: Path, name: str) ->
     (tmp_path / "source").mkdir()
     with pytest.raises(CaptureError, match="source: holds no "):
         import_recording(name, tmp_path / "source", tmp_path / "out", OPTIONS)
+
+
+def test_which_of_two_calibrations_is_meant_is_asked(tmp_path: Path) -> None:
+    matlab(tmp_path / "matlab")
+    savemat(tmp_path / "matlab/earlier.mat", {"stereoParams": matlab_struct(True)})
+    kalibr(tmp_path / "kalibr")
+    text = (tmp_path / "kalibr/log-camchain.yaml").read_text()
+    (tmp_path / "kalibr/camchain-imucam.yaml").write_text(text + "  timeshift_cam_imu: 0.002\n")
+    assert len(import_recording(AUTO, tmp_path / "kalibr", tmp_path / "same", OPTIONS).sensors) == 1
+    (tmp_path / "kalibr/later-camchain.yaml").write_text(text.replace("radtan", "equidistant"))
+    (tmp_path / "meshroom").mkdir()
+    for name in ("first.sfm", "second.sfm"):
+        (tmp_path / "meshroom" / name).write_text("{}")
+    for name, files in (
+        ("matlab", "holds 2 calibrations that differ, earlier.mat, stereo.mat; name the one"),
+        ("kalibr", "holds 3 calibrations that differ, camchain-imucam.yaml, later-camchain.yaml, log-camchain.yaml"),
+        ("meshroom", "holds first.sfm, second.sfm; name the one to read"),
+    ):
+        with pytest.raises(CaptureError, match=files):
+            import_recording(name, tmp_path / name, tmp_path / "out", replace(OPTIONS, unit_mm=1.0))
+    assert import_recording("matlab", tmp_path / "matlab/stereo.mat", tmp_path / "out", OPTIONS).sensors
+
+
+@pytest.mark.filterwarnings("ignore:.*viewport")
+def test_other_json_beside_a_calibration_is_not_taken_for_it(tmp_path: Path) -> None:
+    miv(tmp_path / "source")
+    (tmp_path / "source/0_about.json").write_text('{"title": "a scene"}')
+    options = replace(OPTIONS, bounds=None, pairs=[(0, 1)])
+    assert import_recording(AUTO, tmp_path / "source", tmp_path / "out", options).sensors
