@@ -49,6 +49,7 @@ def command_lines(page: Path) -> Iterator[str]:
             yield found[1].strip()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_name_that_a_page_imports_is_there(page: Path) -> None:
     lines = re.findall(r"^from ((?:app|recon)[\w.]*) import ([\w, ]+)$", page.read_text(encoding="utf-8"), re.MULTILINE)

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow  # all code is parsed
+
 ROOT = Path(__file__).parent.parent
 RIDDLES = {"of", "one", "own", "found"}
 DOCUMENTED = ("ground", "recon", "app/study", "app/analysis")
@@ -73,7 +75,6 @@ def documented_functions() -> Iterator[tuple[str, Function]]:
                 yield f"{name_of(path)}:{function.lineno} {function.name}", function
 
 
-@pytest.mark.slow
 def test_a_public_function_of_three_parameters_explains_them() -> None:
     silent = [
         place
@@ -92,7 +93,6 @@ def test_a_public_function_on_arrays_gives_their_shapes() -> None:
     assert silent == []
 
 
-@pytest.mark.slow
 def test_names_are_nouns() -> None:
     riddles = [
         f"{name_of(path)}:{line} {name}"

@@ -277,6 +277,7 @@ def test_a_second_start_into_the_same_folder_is_refused_while_the_first_goes_on(
     assert command(*filmed).code == 0
 
 
+@pytest.mark.slow
 def test_a_sensor_above_the_object_is_reconstructed_without_a_picture_of_it(command: Command, capture: Path) -> None:
     content = read_json(capture / "capture.json")
     bounds = np.array(content["bounds"])

@@ -65,7 +65,8 @@ def rewritten(
     return replace(capture, sensors=tuple(sensors))
 
 
-@pytest.mark.parametrize("distortion", [0.0, pytest.param(-0.1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("distortion", [0.0, -0.1])
 def test_true_depth_maps_put_every_point_on_the_true_surface(tmp_path: Path, distortion: float) -> None:
     capture = record(tmp_path / "capture", distortion=distortion)
     in_metres = {"scale_mm": 1000.0, "kind": "distance"}
@@ -179,6 +180,7 @@ def test_damaged_files_and_other_pictures_are_no_depth_maps(tmp_path: Path) -> N
             read_depth_values(tmp_path / name)
 
 
+@pytest.mark.slow
 def test_a_camera_with_depth_maps_is_segmented_alone(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture")
     made = segment_capture(capture.folder)

@@ -40,6 +40,7 @@ HEADER = (
 )
 
 
+@pytest.mark.slow
 def test_points_that_a_depth_camera_did_not_see_are_left_out_and_counted(tmp_path: Path) -> None:
     (tmp_path / "a.pcd").write_text(HEADER.format(n=3, kind="ascii") + "0 0 1\nnan nan nan\n1 0 1\n")
     with pytest.warns(Notice, match="has 1 of 3 points without finite coordinates, left out"):

@@ -24,6 +24,7 @@ def content_of(folder: Path) -> dict[str, Any]:
     return dict(json.loads((folder / "path.json").read_text()))
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(
     places=st.lists(st.tuples(*[st.floats(-5000, 5000)] * 3), min_size=1, max_size=4),

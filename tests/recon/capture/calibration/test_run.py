@@ -83,6 +83,7 @@ def test_an_image_whose_corners_do_not_fit_is_rejected_with_the_reason() -> None
     assert "reprojection error" in camera.rejected[spoilt]
 
 
+@pytest.mark.slow
 def test_views_that_are_all_alike_are_refused() -> None:
     rig = studio_rig()
     views = corners_seen(COARSE, rig, n_views=20, noise_px=0.3, seed=5)["S1"][0]
@@ -114,6 +115,7 @@ def test_too_few_images_and_pairs_are_named() -> None:
         calibrate_pair("S1", COARSE, (cameras[0], cameras[1]), (left, renamed))
 
 
+@pytest.mark.slow
 def test_images_of_one_name_that_are_not_of_one_instant_are_refused() -> None:
     rig = studio_rig()
     left, right = corners_seen(COARSE, rig, n_views=14, noise_px=0.1, seed=7)["S1"]

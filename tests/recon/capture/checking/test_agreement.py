@@ -53,6 +53,7 @@ def test_matches_by_chance_are_never_enough(n: int) -> None:
         assert not Agreement(int(chosen.sum()), n).is_enough
 
 
+@pytest.mark.slow
 def test_pictures_that_show_different_things_could_not_be_checked(tmp_path: Path) -> None:
     board = record_board(tmp_path / "board", n_sensors=1)
     rng = np.random.default_rng(0)

@@ -96,6 +96,7 @@ def assert_same_camera(camera: Camera, other: Camera) -> None:
     assert camera.size == other.size
 
 
+@pytest.mark.slow
 def test_depth_maps_come_back_by_nerfstudio(tmp_path: Path) -> None:
     capture = synthesise(tmp_path / "capture", SynthParameters("sphere", 2, 1, (96, 64), depth_maps=True))
     export_nerfstudio(capture, tmp_path / "export")
@@ -132,6 +133,7 @@ def images() -> list[str]:
     return [f"{sensor}_{side}.png" for sensor in ("S1", "S2") for side in ("left", "right")]
 
 
+@pytest.mark.slow
 def test_photographs_whose_names_come_out_alike_do_not_take_each_other_s_place(tmp_path: Path) -> None:
     capture = stereo(tmp_path / "capture", distortion=0.0)
     camera, names = capture.sensors[0].left.camera, ("S1/left.png", "a/b_c.png", "a_b/c.png", "shot_{frame}.jpg")

@@ -92,6 +92,7 @@ def test_a_soft_shadow_on_the_background_is_not_foreground(tmp_path: Path) -> No
     assert_masks_are_true(read_capture(board.folder), at_least=0.93)
 
 
+@pytest.mark.slow
 def test_masks_are_named_in_the_capture_and_nothing_else_changes(tmp_path: Path) -> None:
     board = record_board(tmp_path / "board")
     seen: list[tuple[str, int, int]] = []

@@ -132,6 +132,7 @@ def test_photographs_whose_suffix_is_in_capitals_are_copied_as_they_are(tmp_path
     assert taken.read_bytes() == given.read_bytes()
 
 
+@pytest.mark.slow
 def test_what_is_not_known_or_not_late_is_refused(tmp_path: Path) -> None:
     capture = synthesise(tmp_path / "a", SynthParameters("sphere", 2, 2, (48, 36)))
     with pytest.raises(CaptureError, match="how late S2 is behind S1 is not known"):
@@ -148,6 +149,7 @@ def test_a_sensor_that_is_late_is_put_right_though_nothing_tells_of_two_others(t
     assert (plan.late, plan.n_frames) == ({"S1": 0.0, "S2": 0.0, "S3": 2.0}, 3)
 
 
+@pytest.mark.slow
 def test_it_is_said_by_how_much_a_sensor_is_moved_and_how_sure_that_is_or_that_it_is_not(tmp_path: Path) -> None:
     capture = synthesise(tmp_path / "a", SynthParameters("sphere", 4, 2, (48, 36)))
     told = list(moved(capture, {("S1", "S2"): Lag(2.25, 2.0, 2.6, 9.0), ("S2", "S3"): lag(0.0)}))

@@ -224,6 +224,7 @@ def test_no_ball_is_found_in_a_lidar_scan_that_it_is_cut_out_of(real_data: Path,
         fit_sphere(points[np.linalg.norm(points - fit.centre, axis=1) > 450.0], 300.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("position", [(0.0, 0.0, 0.0), (120.0, -80.0, 60.0)])
 def test_the_studios_sphere_is_where_its_truth_says(tmp_path: Path, position: tuple[float, float, float]) -> None:
     parameters = SynthParameters(scene="sphere", n_frames=1, n_sensors=2, size=(320, 240), noise=0.0, position=position)
