@@ -45,6 +45,7 @@ const code = page.dataset.code ?? "";
 const outside = JSON.parse(page.dataset.outside ?? "{}"); // of a recruiting platform's link
 const person = page.dataset.person ?? ""; // another id of a platform is another person
 const beginKey = `begin ${person}`;
+const GO_ON_KEY = "go on";
 const begun = new Begun(person);
 const isAnother = new URLSearchParams(location.search).has("another"); // a new participant says so
 const isPreview = document.querySelector("aside.preview") !== null; // an experimenter tries the study
@@ -143,14 +144,16 @@ function goOnByCode(event) {
   if (!own) return;
   event.preventDefault();
   const given = String(new FormData(/** @type {HTMLFormElement} */ (event.currentTarget)).get("resume_code"));
+  const key = keyNamed(GO_ON_KEY);
   guarded(async () => {
     try {
-      await patiently(() => resumeSession(given, newId()));
+      await patiently(() => resumeSession(given, key));
     } catch (error) {
       if (!(error instanceof Refusal) || !NO_SUCH_CODE.has(error.status)) throw error;
       refuseCode();
       return;
     }
+    inBrowser.forget(GO_ON_KEY);
     await own.outbox.emptied().catch(() => {}); // the code may be another session's
     location.reload();
   });
@@ -173,8 +176,7 @@ function beginNow() {
     return;
   }
   byId("begin").toggleAttribute("disabled", true);
-  const key = inBrowser.get(beginKey) ?? newId();
-  inBrowser.set(beginKey, key);
+  const key = keyNamed(beginKey);
   guarded(async () => {
     const session = await patiently(() => beginSession(page.dataset.slug ?? "", code, key, outside, textsOfPage()));
     history.replaceState(null, "", location.pathname); // the query may have asked for another participant, who has begun now
@@ -186,6 +188,13 @@ function beginNow() {
     if (session.stage === "introduction") await goTo(session);
     else await goOn(session); // who comes back by a recruiting platform's link
   });
+}
+
+/** The key with which the server knows a request again whose answer was lost: the same until one has come. @param {string} name */
+function keyNamed(name) {
+  const key = inBrowser.get(name) ?? newId();
+  inBrowser.set(name, key);
+  return key;
 }
 
 /** The language and the digest of the texts that this page shows. */

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from app.operations.studies.manage import add_invitation
 from app.settings import Settings
@@ -39,6 +39,32 @@ def test_who_loses_the_cookies_in_mid_session_goes_on_with_the_code_that_the_bro
     visitor.sees("resume")
     assert [vote["participant"] for vote in study.votes(2)] == ["P001", "P001"]
     assert len(study.read("participants")) == 1
+
+
+def test_a_code_whose_answer_is_lost_is_sent_again_and_leads_on(study: Study, page: Page, visitor: Visitor) -> None:
+    sent: list[str | None] = []
+
+    def lose_the_first_answer(route: Route) -> None:
+        sent.append(route.request.post_data)
+        if len(sent) > 1:
+            route.continue_()
+            return
+        route.fetch()
+        page.context.clear_cookies()
+        route.abort("connectionreset")
+
+    visitor.begin(study)
+    visitor.votes("1")
+    visitor.is_in("voting")
+    page.context.clear_cookies()
+    page.keyboard.press("3")
+    page.keyboard.press("Enter")
+    visitor.sees("known")
+    page.route("**/session/resume", lose_the_first_answer)
+    page.get_by_label("Your code").press("Enter")
+    visitor.sees("resume")
+    assert sent == [sent[0]] * 2
+    assert len(study.votes(2)) == 2
 
 
 def test_who_comes_back_without_cookies_is_not_begun_anew_by_the_obvious_press(
