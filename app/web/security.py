@@ -49,12 +49,12 @@ LONG_TEXTS = (  # addresses that take more, and how many characters; a note incl
         re.compile(rf"/admin/studies/[a-z0-9-]+/participants/[^/]+/{INTERVIEW}"),
         MOST_SPOKEN_QUESTIONS * (LONGEST_QUESTION + 2 * LONGEST_ANSWER),
     ),
-    (re.compile(r"/admin/studies/([a-z0-9-]+/edit|new)"), 4 * LONGEST_TEXT),  # two documents, questions, all else
-    (re.compile(r"/admin/studies/[a-z0-9-]+/edit/file"), LONGEST_FILE),
+    (re.compile(r"/admin/studies/([a-z0-9-]+/edit|new|new/draft)"), 4 * LONGEST_TEXT),  # two documents, and all else
+    (re.compile(r"/admin/studies/([a-z0-9-]+/edit|new)/file"), LONGEST_FILE),
     (re.compile(r"/admin/studies/[a-z0-9-]+/texts"), 5 * LONGEST_TEXT),  # two documents, and all of a language pack
     (re.compile(r"/admin/studies/[a-z0-9-]+/texts/images"), LARGEST_IMAGE // LARGEST_LETTER),
     (re.compile(r"/api/v1/studies/[a-z0-9-]+/images/[^/]+"), LARGEST_IMAGE // LARGEST_LETTER),
-    (re.compile(r"/api/v1/studies/[a-z0-9-]+(/texts/[^/]+)?"), 5 * LONGEST_TEXT),
+    (re.compile(r"/api/v1/(drafts/[^/]+|studies(/[a-z0-9-]+(/texts/[^/]+)?)?)"), 5 * LONGEST_TEXT),
 )
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 

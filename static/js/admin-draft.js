@@ -1,6 +1,7 @@
 // A new study's form: it is kept as it is typed, and what the study would be is shown anew. Another way of taking part fills
 // in other settings, so that the page is loaded again.
 
+import { LARGEST_KEPT_ALIVE } from "./connection.js";
 import { byId, required } from "./elements.js";
 
 const WAITS_MS = 600;
@@ -48,7 +49,8 @@ async function keep() {
   const state = byId("draft-state");
   try {
     const body = new URLSearchParams(/** @type {any} */ (new FormData(form, null)));
-    const answer = await fetch(form.dataset.draft ?? "", { method: "POST", body, keepalive: true });
+    const keepalive = body.toString().length < LARGEST_KEPT_ALIVE; // it survives the page
+    const answer = await fetch(form.dataset.draft ?? "", { method: "POST", body, keepalive });
     if (!answer.ok) throw new Error(String(answer.status));
     const text = await answer.text();
     if (number !== n_sent) return; // a later one is on its way

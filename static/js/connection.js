@@ -1,5 +1,6 @@
 /** Requests to the server, what can go wrong with them, and retries with growing pauses. */
 
+export const LARGEST_KEPT_ALIVE = 32_768; // bytes; browsers refuse more than 64 KiB under way at once
 const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 30_000;
 const TRY_AGAIN_STATUSES = new Set([408, 425, 429]);

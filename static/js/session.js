@@ -1,6 +1,6 @@
 /** The session API as the page uses it (`/api/v1`); an HttpOnly cookie says which session asks. */
 
-import { Unreachable, request } from "./connection.js";
+import { LARGEST_KEPT_ALIVE, Unreachable, request } from "./connection.js";
 
 /**
  * The types are made from the server's description of its REST interface: python -m tests.api_types
@@ -25,7 +25,6 @@ import { Unreachable, request } from "./connection.js";
 const API = "/api/v1";
 const LONGEST_REASON = 300; // characters
 const LONGEST_ANSWER_MS = 30_000; // then it is taken for lost, and asked for again: some lines break without a word
-const LARGEST_KEPT_ALIVE = 32_768; // bytes; browsers refuse more than 64 KiB under way at once
 
 let session = ""; // the id of the session that this page shows; empty before there is one
 

@@ -40,6 +40,12 @@ def own_server(own: Settings) -> Iterator[str]:
         yield url
 
 
+LONG_CONSENT = """field => {
+  field.value = "您可以随时退出研究。".repeat(1000);
+  field.dispatchEvent(new Event("input", { bubbles: true }));
+}"""  # 90 kB in a form
+
+
 @pytest.fixture
 def page(browser: Browser, own_server: str) -> Iterator[Page]:
     """A page on which nothing may fail and no policy may be violated."""
@@ -81,6 +87,9 @@ def create(page: Page) -> None:
     page.get_by_role("link", name="tiny").click()
     page.get_by_label("Name shown to participants").fill("Spring")
     page.get_by_label("Seconds a pair or film is shown").fill("0.4")
+    with page.expect_response(lambda answer: len(answer.request.post_data or "") > 90_000):
+        page.locator("[name=consent]").evaluate(LONG_CONSENT)
+    expect(page.get_by_text("Kept as you type.")).to_be_visible()
     page.get_by_role("button", name="Create").click()
     page.wait_for_url("**/admin/studies/spring", timeout=60_000)
     page.get_by_role("button", name="Open to participants").click()

@@ -18,7 +18,8 @@ from app.operations.studies import creation, forecast, manage
 from app.operations.studies.drafts import Draft
 from app.settings import Settings
 from app.study.options.option_table import SETTINGS
-from app.study.options.study_file import parse_study_file
+from app.study.options.own_texts import LONGEST_TEXT
+from app.study.options.study_file import LONGEST_FILE, parse_study_file
 from tests.app.tiny_stimuli import write_set
 from tests.app.web.admin.dashboard_client import Dashboard, ends, signed_in
 from tests.study_server import StudyServer
@@ -61,6 +62,18 @@ def test_what_was_typed_is_kept_and_stays_when_people_take_part_elsewhere(eva: D
     assert "checked" in re.findall(r'name="optional_stages" value="screening"([^>]*)>', page)[0]
     eva.act(f"{NEW}/drop", stimulus_set="tiny")
     assert value_of(eva.get(FORM).text, "name") == ""
+
+
+def test_texts_as_long_as_their_fields_are_kept_in_every_alphabet(eva: Dashboard) -> None:
+    headers = {"X-CSRF-Token": eva.form_token, "Accept": "application/json"}
+    texts = {"consent": "您" * LONGEST_TEXT, "debriefing": "谢" * LONGEST_TEXT}
+    assert eva.act(f"{NEW}/draft", **typed(eva.get(FORM).text, name="Long", **texts)).status_code == 200
+    assert texts["debriefing"] in eva.get(FORM).text
+    kept = eva.put(f"{DRAFTS}/tiny", json={"typed": {"name": "Long", **texts}}, headers=headers)
+    assert kept.json()["study"]["options"]["consent"] == texts["consent"]
+    eva.act(f"{NEW}/drop", stimulus_set="tiny")
+    refused = eva.act(f"{NEW}/file", stimulus_set="tiny", text="谢" * LONGEST_FILE)
+    assert refused.status_code == 422, "it is read, and is no study file"
 
 
 def test_a_program_keeps_reads_and_drops_the_form_that_its_person_sees(eva: Dashboard) -> None:
