@@ -16,6 +16,7 @@ import pytest
 import typer
 
 from app.cli import app
+from app.cli.experiments import DEMO_TAKES
 from app.cli.schema import FILES
 from app.settings import Settings
 from app.web.analyst.columns import JOBS, KINDS, STUDIES
@@ -144,6 +145,10 @@ def test_the_site_is_built_without_a_broken_link_and_names_every_command_setting
 
 def keys_of(schema: dict[str, Any]) -> set[str]:
     return {key for part in (schema, *schema["$defs"].values()) for key in part.get("properties", {})}
+
+
+def test_the_readme_and_the_demo_promise_the_same_minutes() -> None:
+    assert f"The demo takes {DEMO_TAKES}." in " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
 
 
 def test_the_security_page_names_tests_that_are_there() -> None:

@@ -110,14 +110,16 @@ def analyse(asked: Analyse, *, as_json: bool) -> None:
                 understood += _understood_measures(*read_measures_of(table, asked.measures))
         print_result({"understood": understood}, "\n".join(understood), as_json=as_json)
         return
-    if rated:
-        analysis = analyse_ratings_file(
-            rated, out, ends, asked.exclude or (), width=width, measures=asked.measures, planned=asked.planned
-        )
-        scores = _rating_sentences(analysis)
-    else:
-        analysis = analyse_file(sources, out, settings, **beside_votes, ratings=asked.ratings, scale=ends, width=width)
-        scores = score_sentences(analysis)
+    with ProgressLine():
+        if rated:
+            analysis = analyse_ratings_file(
+                rated, out, ends, asked.exclude or (), width=width, measures=asked.measures, planned=asked.planned
+            )
+        else:
+            analysis = analyse_file(
+                sources, out, settings, **beside_votes, ratings=asked.ratings, scale=ends, width=width
+            )
+    scores = _rating_sentences(analysis) if rated else score_sentences(analysis)
     print_result(analysis, f"{_found_sentences(analysis)}{scores}\nReport: {out / 'report.html'}", as_json=as_json)
 
 

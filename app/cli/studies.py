@@ -101,18 +101,17 @@ def study_import(
     from app.operations.studies.create import import_study
     from app.operations.upkeep.travel import import_file
 
-    progress = ProgressLine()
     settings = server_settings()
     if file.is_file() and is_zip(file):
-        made = import_file(settings, file, name=study_name, progress=by_step(progress))
-        progress.close()
+        with ProgressLine() as progress:
+            made = import_file(settings, file, name=study_name, progress=by_step(progress))
         whole = f"{counted(made['n_started'], 'participant')} and {counted(made['n_votes'], 'vote')}"
         notes = [f"{note[0].upper()}{note[1:]}." for note in made["notes"]]
         invite = f"It is {made['state']}, and nobody's code came with it: `reconstudy study invite {made['slug']}`."
         print_result(made, "\n".join([f"{made['slug']} is here with {whole}.", invite, *notes]), as_json=as_json)
         return
-    study = import_study(settings, file, stimuli=stimuli, progress=by_step(progress))
-    progress.close()
+    with ProgressLine() as progress:
+        study = import_study(settings, file, stimuli=stimuli, progress=by_step(progress))
     _tell_of_study(study, settings, url, as_json=as_json)
 
 
@@ -143,7 +142,8 @@ def study_export(
     if package is not None:
         if package.suffix.lower() != ".zip" or out is not None:
             raise typer.BadParameter(f"{package}: expected a name that ends in .zip, and no --out beside it")
-        made = export_to_file(server_settings(), study, package, has_outside=outside_ids)
+        with ProgressLine():
+            made = export_to_file(server_settings(), study, package, has_outside=outside_ids)
         whole = f"{counted(made['participants'], 'participant')} and {counted(made['votes'], 'vote')}"
         notes = [f"{note[0].upper()}{note[1:]}." for note in made["notes"]]
         print_result(made, "\n".join([f"Wrote {package}: {study} with {whole}.", *notes]), as_json=as_json)
@@ -222,7 +222,8 @@ def study_attach(
     from app.operations.studies.attach import listed
     from app.operations.studies.manage import attach_results
 
-    attached = attach_results(server_settings(), results, study, only=only or ())
+    with ProgressLine():
+        attached = attach_results(server_settings(), results, study, only=only or ())
     sentences = []
     if attached["measures"]:
         values = counted(attached["n_values"], "value")

@@ -66,3 +66,30 @@ def test_a_line_that_is_being_rewritten_ends_before_an_error_is_told(
     with pytest.raises(ValueError, match="no points"):
         fail(ProgressLine())
     assert capsys.readouterr().err.endswith("\n")
+
+
+def test_a_terminal_is_told_the_time_while_nothing_moves(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def wait_for(sentence: str) -> str:
+        told = ""
+        while sentence not in told:
+            told += capsys.readouterr().err
+        return told
+
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("recon.cli.console.BEAT_S", 0.001)
+    clock = Clock()
+    with ProgressLine(clock) as progress:
+        clock.now += 3
+        wait_for("\r\x1b[Kworking: 3 s")
+        progress("clouds", 0, 4)
+        clock.now += 10
+        progress("clouds", 2, 4)
+        assert "\n" not in wait_for("10 s, about 10 s left")
+        clock.now += 4
+        wait_for("14 s, about 6 s left")
+        progress("clouds", 4, 4)
+        assert "14 s\n" in wait_for("working: 0 s")
+        progress.say("Done.")
+        wait_for("\r\x1b[KDone.\n")
