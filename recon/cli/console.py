@@ -19,8 +19,9 @@ PLAIN_LINE_EVERY_S = 5.0
 BEAT_S = 1.0  # how often a terminal is told the time while nothing moves
 PROGRESS_FILE = "RECONSTUDY_PROGRESS_FILE"  # names a file to which a command writes how far it is, for programs
 FILE_EVERY_S = 0.5
-# What of a part tells how long the rest takes: its first takes longest, as it starts processes and compiles kernels.
-TELLING_SHARE, TELLING = 0.1, 20
+# What of a part tells how long the rest takes. Its first tells nothing: it starts processes, loads and compiles; what
+# follows it within a quarter of its time may have been made beside it.
+TELLING_SHARE, TELLING, TELLING_TIME = 0.1, 20, 0.25
 CLEARED = "\r\x1b[K"  # what lets a terminal's line begin anew
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object on standard output.")]
@@ -30,7 +31,7 @@ class ProgressLine:
     """Shows how far a command is: one line that rewrites itself on a terminal, plain lines otherwise.
 
     An instance is a `Progress`; where a `with` block ends, so does its line, whatever happened. Within one, a terminal
-    is told the time while nothing moves. What is left is estimated from the time that the part so far took. The file
+    is told the time while nothing moves. What is left is estimated from the time since the part's first. The file
     that `RECONSTUDY_PROGRESS_FILE` names, if it is set, is replaced by `{"step", "done", "total", "left_s"}`.
     """
 
@@ -41,6 +42,7 @@ class ProgressLine:
         self._what = ""
         self._started = self._printed = self._told = clock()
         self._already_done = 0
+        self._first: tuple[float, int] | None = None  # when the part's first was done, and how many were then
         self._shown: Callable[[], str] | None = None  # the line that is being rewritten, as it reads now
         self._lock = threading.RLock()
         self._ended = threading.Event()
@@ -59,8 +61,10 @@ class ProgressLine:
         if what != self._what:
             self.close()
             self._what, self._started, self._printed = what, now, now - PLAIN_LINE_EVERY_S
-            self._already_done = done
-        left_s = self._left_s(now - self._started, done, total)
+            self._already_done, self._first = done, None
+        if self._first is None and done > self._already_done:
+            self._first = now, done
+        left_s = self._left_s(now, done, total)
         self._write(now, {"step": what, "done": done, "total": total, "left_s": left_s})
         if sys.stderr.isatty():
             self._rewrite(lambda: f"{what}: {done}/{total} {_bar(done, total)} {self._times(now, left_s)}")
@@ -99,11 +103,14 @@ class ProgressLine:
         left = "" if left_s is None else f", about {duration(max(left_s - (now - told), 0))} left"
         return duration(now - self._started) + left
 
-    def _left_s(self, taken: float, done: int, total: int) -> float | None:
+    def _left_s(self, now: float, done: int, total: int) -> float | None:
         """Estimate the seconds that are left of this part; None where nothing tells, or nothing is left."""
-        counted = done - self._already_done
-        is_telling = counted > 0 and counted >= min(TELLING_SHARE * (total - self._already_done), TELLING)
-        return taken / counted * (total - done) if is_telling and done < total else None
+        if self._first is None or done >= total:
+            return None
+        since, n_first = self._first
+        enough = min(TELLING_SHARE * (total - self._already_done), TELLING)
+        is_telling = done - self._already_done >= enough and now - since >= TELLING_TIME * (since - self._started)
+        return (now - since) / (done - n_first) * (total - done) if done > n_first and is_telling else None
 
     def _write(self, now: float, progress: Mapping[str, Any]) -> None:
         """Tell programs; not every time, but when a part begins or ends."""
