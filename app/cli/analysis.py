@@ -45,10 +45,11 @@ def simulate(
     as_json: JsonOption = False,
 ) -> None:
     """Let artificial participants of known preference take the whole study over HTTP."""
-    from app.experiment.study import fetched
-    from app.main import running_server
-    from app.simulation.known_order import came_back, came_out, came_out_sentence, put_in_sentence
-    from app.simulation.participants import simulate_study
+    with ProgressLine():  # what is loaded takes seconds
+        from app.experiment.study import fetched
+        from app.main import running_server
+        from app.simulation.known_order import came_back, came_out, came_out_sentence, put_in_sentence
+        from app.simulation.participants import simulate_study
 
     settings = server_settings()
     known = None if abilities is None else _read_abilities(abilities)

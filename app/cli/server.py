@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from app.cli.shared import UrlOption, server_settings
+from app.cli.shared import UrlOption, once_served, server_settings
 from recon.cli.console import JsonOption, ProgressLine, counted, print_result
 
 EVERY_NETWORK = ("0.0.0.0", "::")  # addresses to listen on, where no other computer finds anything
@@ -143,7 +143,8 @@ def admin_add(
     added = add_experimenter(settings, experimenter, next((known for known in ROLES if known == role), None), study)
     added["link"] = (url or url_for_links(settings)) + added["path"]
     ended = "\nTheir old password does not hold any more; they choose a new one." if added["password_ended"] else ""
-    print_result(added, f"{added['name']} signs in with {added['link']}{ended}", as_json=as_json)
+    signs_in = f"{added['name']} signs in, once and within a day, with {added['link']}{once_served(settings)}"
+    print_result(added, signs_in + ended, as_json=as_json)
 
 
 @admin_app.command("list")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from app.cli.shared import UrlOption, by_step, server_settings
+from app.cli.shared import UrlOption, by_step, once_served, server_settings
 from app.cli.study_flags import GIVEN, CommandWithOptionFlags
 from recon.cli.console import JsonOption, ProgressLine, counted, print_result
 
@@ -53,9 +53,10 @@ def study_create(
     as_json: JsonOption = False,
 ) -> None:
     """Create a study from a stimulus set, with an open invitation. Flags override the file, and it the preset."""
-    from app.operations.studies.create import create_study, read_options
-    from app.study.protocols import typed_scale
-    from app.study.stages import PRACTICE
+    with ProgressLine():  # what is loaded takes seconds
+        from app.operations.studies.create import create_study, read_options
+        from app.study.protocols import typed_scale
+        from app.study.stages import PRACTICE
 
     given = context.meta[GIVEN]
     if "scale" in given:
@@ -172,7 +173,7 @@ def study_invite(
     made = add_invitation(settings, study, places=places)
     made["link"] = (url or url_for_links(settings)) + made["link"]
     people = "as many participants as come" if places is None else f"{counted(places, 'participant')}"
-    print_result(made, f"For {people}: {made['link']}", as_json=as_json)
+    print_result(made, f"For {people}: {made['link']}{once_served(settings)}", as_json=as_json)
 
 
 @study_app.command("check")
@@ -219,10 +220,10 @@ def study_attach(
     as_json: JsonOption = False,
 ) -> None:
     """Attach objective measures, reports and models to a study, in place of those attached before."""
-    from app.operations.studies.attach import listed
-    from app.operations.studies.manage import attach_results
-
     with ProgressLine():
+        from app.operations.studies.attach import listed
+        from app.operations.studies.manage import attach_results
+
         attached = attach_results(server_settings(), results, study, only=only or ())
     sentences = []
     if attached["measures"]:
@@ -320,9 +321,8 @@ def _study_sentence(study: Mapping[str, Any]) -> str:
 
 
 def _tell_of_study(study: dict[str, Any], settings: Settings, url: str | None, *, as_json: bool) -> None:
-    from app.operations.running import running_url, url_for_links
+    from app.operations.running import url_for_links
 
-    running = running_url(settings)
     study["link"] = (url or url_for_links(settings)) + study["link"]
     left_out = f" Left out: {', '.join(study['without'])}." if study["without"] else ""
     n_pairs = study["n_pairs"]
@@ -330,15 +330,18 @@ def _tell_of_study(study: dict[str, Any], settings: Settings, url: str | None, *
     sentences = [
         f"Created the study {study['slug']}: {shown} of {counted(study['n_conditions'], 'condition')}, "
         f"{study['exposure_s']:g} s each.{left_out}",
-        _languages_sentence(study["languages"]),
+        _languages_sentence(settings, study["languages"]),
         *(f"{note}." for note in study.get("notes", ())),
-        f"Invite participants with {study['link']}{'' if running else ' once `reconstudy serve` runs'}.",
+        f"Invite participants with {study['link']}{once_served(settings)}.",
     ]
     print_result(study, "\n".join(sentences), as_json=as_json)
 
 
-def _languages_sentence(languages: Mapping[str, str]) -> str:
-    offered = [tag for tag, state in languages.items() if state == "offered"]
+def _languages_sentence(settings: Settings, languages: Mapping[str, str]) -> str:
+    from app.operations.studies.languages import find_language_packs
+
+    names = {file.pack.tag: file.pack.name for file in find_language_packs(settings) if file.pack is not None}
+    offered = [names.get(tag, tag) for tag, state in languages.items() if state == "offered"]
     refusals = [state for state in languages.values() if state != "offered"]
     return f"Participants read it in {', '.join(offered)}." + "".join(f" Not offered: {state}." for state in refusals)
 
