@@ -250,7 +250,7 @@ def score_sentences(analysis: Mapping[str, Any]) -> str:
     rows.sort(key=lambda row: (row["score"] is None, -(row["score"] or 0)))
     listed, more = rows[:MOST_SCORES], len(rows) - MOST_SCORES
     width = max((len(row["item"]) for row in listed), default=0)
-    lines = [f"  {row['item']:<{width}}  {_with_interval(row, 'score', '+.3f')}" for row in listed]
+    lines = [f"  {row['item']:<{width}}  {_with_interval(row, 'score', '+z.3f')}" for row in listed]
     return "\n".join([*lines, f"  … and {more} more, in scores.csv"] if more > 0 else lines)
 
 
@@ -262,7 +262,7 @@ def _rating_sentences(analysis: Mapping[str, Any]) -> str:
         datasets = [row["dataset"] for row in analysis["comparison_items"]]
         last = "all" if "all" in datasets else None
         rows = [row for row in analysis["comparison_items"] if last in (None, row["dataset"])]
-        name, form = "score", "+.2f"
+        name, form = "score", "+z.2f"
     rows.sort(key=lambda row: -row[name])
     width = max((len(row["condition"]) for row in rows), default=0)
     return "\n".join(f"  {row['condition']:<{width}}  {_with_interval(row, name, form)}" for row in rows)
