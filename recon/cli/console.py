@@ -98,10 +98,10 @@ class ProgressLine:
         return f"working: {duration(self._clock() - self._told)}"
 
     def _times(self, told: float, left_s: float | None) -> str:
-        """Say how long a part has taken, and what is left of what was so when it moved last."""
+        """Say how long a part has taken, and what is left of what was so when it moved last, until that has passed."""
         now = self._clock()
-        left = "" if left_s is None else f", about {duration(max(left_s - (now - told), 0))} left"
-        return duration(now - self._started) + left
+        still_s = -1.0 if left_s is None else left_s - (now - told)
+        return duration(now - self._started) + (f", about {duration(still_s)} left" if still_s >= 0 else "")
 
     def _left_s(self, now: float, done: int, total: int) -> float | None:
         """Estimate the seconds that are left of this part; None where nothing tells, or nothing is left."""
