@@ -73,7 +73,7 @@ def _tell_types_in_words() -> None:
     for parameter in (TyperOption, TyperArgument):
         shown = getattr(parameter, "display_type_rich", None)
         if shown is not None and shown.__name__ != "told":
-            parameter.display_type_rich = _told_by(shown)  # type: ignore[method-assign, assignment]  # no setting
+            parameter.display_type_rich = _told_by(shown)  # type: ignore[method-assign]  # no setting
 
 
 def _told_by(shown: Callable[..., str | None]) -> Callable[..., str | None]:
