@@ -17,12 +17,13 @@ TSC := frontend/node_modules/typescript/bin/tsc
 export NO_MKDOCS_2_WARNING := 1  # about the documentation builder's own future
 unexport PYTHONDONTWRITEBYTECODE  # tests start hundreds of processes, which read compiled modules
 
-# What numba and pytest compile is compiled once, beside the types: processes that begin together would each do it anew.
+# What numba and pytest compile is compiled once: by set-up, so that no command waits for it, or beside the tests' types,
+# as processes that begin together would each do it anew.
 KERNELS := $(VENV)/.kernels
 BESIDE := $(MAKE) --no-print-directory --jobs 2 --output-sync=target
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check quick-app quick-rest types browser-code collected bench serve audit lock
+.PHONY: help setup installed demo test check quick-app quick-rest types browser-code collected bench serve audit lock
 
 help:
 	@echo "make setup   install everything that demo and test need (seconds when it is there)"
@@ -32,7 +33,8 @@ help:
 	@echo "make bench   measure speed and memory beside other tools"
 	@echo "make serve   the study server on its database in this folder"
 
-setup:
+setup: export COMPILED = $(KERNELS)
+setup installed:
 	@./setup.sh $(VENV)
 
 demo: setup
@@ -43,14 +45,14 @@ test check: export OPENBLAS_NUM_THREADS = 1
 
 # R computes the same scores from the same votes; two more browsers, one of which needs a display, take a whole study.
 test: export TEST_PACKAGES = ?r-base-core ?firefox-esr ?webkit2gtk-driver ?gstreamer1.0-libav ?xvfb
-test: setup
+test: installed
 	ruff format --check $(SOURCES)
 	ruff check $(SOURCES)
 	@$(BESIDE) types $(KERNELS) collected browser-code
 	pytest $(PARALLEL) $(shell expr $(CORES) + 2) --durations=30 -m "not alone" || $(ONCE_MORE)
 	pytest -m alone tests/browser || $(ONCE_MORE)
 
-check: setup
+check: installed
 	ruff format $(SOURCES)
 	ruff check $(SOURCES)
 	@$(BESIDE) quick-app types browser-code quick-rest
@@ -82,11 +84,11 @@ browser-code:
 bench: setup
 	@for script in $$(grep -lE "^    (parser = |print_families\()" bench/*.py); do echo "== $$script"; python $$script || exit 1; done
 
-serve: setup
+serve: installed
 	reconstudy serve
 
 # Known vulnerabilities of what a server runs, and the lists of what it is made of; needs the network.
-audit: setup
+audit: installed
 	@pip install --quiet "pip-audit>=2.9,<3" "cyclonedx-bom>=7,<8"
 	@python deploy/audit.py
 

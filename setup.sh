@@ -133,4 +133,5 @@ tell_left_out
 install_python_packages
 install_browser_packages
 check_browser
+[ -z "${COMPILED:-}" ] || make --no-print-directory --silent "$COMPILED"  # kernels, so that no command waits for them
 [ "$before" = "$(cat "$venv/.installed")" ] || tell_done

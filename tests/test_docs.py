@@ -16,9 +16,12 @@ import pytest
 import typer
 
 from app.cli import app
+from app.cli.experiments import DEMO_TAKES
 from app.cli.schema import FILES
+from app.experiment.reconstruction.scale import SCALES
 from app.settings import Settings
 from app.web.analyst.columns import JOBS, KINDS, STUDIES
+from recon.cli.console import duration
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
@@ -145,6 +148,18 @@ def test_the_site_is_built_without_a_broken_link_and_names_every_command_setting
 
 def keys_of(schema: dict[str, Any]) -> set[str]:
     return {key for part in (schema, *schema["$defs"].values()) for key in part.get("properties", {})}
+
+
+def test_the_readme_and_the_demo_promise_the_same_minutes() -> None:
+    assert f"The demo takes {DEMO_TAKES}." in " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+
+
+def test_the_page_of_the_experiment_promises_what_the_command_says() -> None:
+    told = (ROOT / "docs" / "experiment.md").read_text(encoding="utf-8")
+    small, full = SCALES["small"], SCALES["full"]
+    for scale in (small, full, full.resized(5, 5)):
+        assert f": about {duration(3600 * scale.hours)}" in told
+    assert f"fills about {full.gigabytes:.0f} GB of disk" in " ".join(told.split())
 
 
 def test_the_security_page_names_tests_that_are_there() -> None:

@@ -40,6 +40,20 @@ def test_set_up_says_when_it_is_done_and_what_comes_next() -> None:
     assert script.rstrip().endswith("tell_done")
 
 
+def test_set_up_compiles_kernels_before_it_says_that_it_is_done(tmp_path: Path) -> None:
+    shown = SETUP.read_text(encoding="utf-8")
+    assert shown.index('"$COMPILED"') < shown.rindex("tell_done")
+    (tmp_path / "setup.sh").write_text('#!/bin/sh\necho "${COMPILED:-nothing}"\n')
+    (tmp_path / "setup.sh").chmod(0o755)
+    told = [
+        subprocess.run(
+            ["make", "-sf", ROOT / "Makefile", goal], cwd=tmp_path, capture_output=True, text=True, check=True
+        ).stdout
+        for goal in ("setup", "installed")  # the tests compile them beside the types
+    ]
+    assert told == [".venv/.kernels\n", "nothing\n"]
+
+
 def test_the_forge_runs_commands_of_the_makefile_and_builds_every_extra_of_a_server() -> None:
     jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "tests.yml").read_text(encoding="utf-8"))["jobs"]
     commands = [step.get("run", "") for job in jobs.values() for step in job["steps"]]

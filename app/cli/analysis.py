@@ -45,10 +45,11 @@ def simulate(
     as_json: JsonOption = False,
 ) -> None:
     """Let artificial participants of known preference take the whole study over HTTP."""
-    from app.experiment.study import fetched
-    from app.main import running_server
-    from app.simulation.known_order import came_back, came_out, came_out_sentence, put_in_sentence
-    from app.simulation.participants import simulate_study
+    with ProgressLine():  # what is loaded takes seconds
+        from app.experiment.study import fetched
+        from app.main import running_server
+        from app.simulation.known_order import came_back, came_out, came_out_sentence, put_in_sentence
+        from app.simulation.participants import simulate_study
 
     settings = server_settings()
     known = None if abilities is None else _read_abilities(abilities)
@@ -110,14 +111,16 @@ def analyse(asked: Analyse, *, as_json: bool) -> None:
                 understood += _understood_measures(*read_measures_of(table, asked.measures))
         print_result({"understood": understood}, "\n".join(understood), as_json=as_json)
         return
-    if rated:
-        analysis = analyse_ratings_file(
-            rated, out, ends, asked.exclude or (), width=width, measures=asked.measures, planned=asked.planned
-        )
-        scores = _rating_sentences(analysis)
-    else:
-        analysis = analyse_file(sources, out, settings, **beside_votes, ratings=asked.ratings, scale=ends, width=width)
-        scores = score_sentences(analysis)
+    with ProgressLine():
+        if rated:
+            analysis = analyse_ratings_file(
+                rated, out, ends, asked.exclude or (), width=width, measures=asked.measures, planned=asked.planned
+            )
+        else:
+            analysis = analyse_file(
+                sources, out, settings, **beside_votes, ratings=asked.ratings, scale=ends, width=width
+            )
+    scores = _rating_sentences(analysis) if rated else score_sentences(analysis)
     print_result(analysis, f"{_found_sentences(analysis)}{scores}\nReport: {out / 'report.html'}", as_json=as_json)
 
 
@@ -247,7 +250,7 @@ def score_sentences(analysis: Mapping[str, Any]) -> str:
     rows.sort(key=lambda row: (row["score"] is None, -(row["score"] or 0)))
     listed, more = rows[:MOST_SCORES], len(rows) - MOST_SCORES
     width = max((len(row["item"]) for row in listed), default=0)
-    lines = [f"  {row['item']:<{width}}  {_with_interval(row, 'score', '+.3f')}" for row in listed]
+    lines = [f"  {row['item']:<{width}}  {_with_interval(row, 'score', '+z.3f')}" for row in listed]
     return "\n".join([*lines, f"  … and {more} more, in scores.csv"] if more > 0 else lines)
 
 
@@ -259,7 +262,7 @@ def _rating_sentences(analysis: Mapping[str, Any]) -> str:
         datasets = [row["dataset"] for row in analysis["comparison_items"]]
         last = "all" if "all" in datasets else None
         rows = [row for row in analysis["comparison_items"] if last in (None, row["dataset"])]
-        name, form = "score", "+.2f"
+        name, form = "score", "+z.2f"
     rows.sort(key=lambda row: -row[name])
     width = max((len(row["condition"]) for row in rows), default=0)
     return "\n".join(f"  {row['condition']:<{width}}  {_with_interval(row, name, form)}" for row in rows)

@@ -62,10 +62,13 @@ def demo(asked: Demo, *, as_json: bool) -> None:
     out = asked.out
     settings = Settings(data_dir=out / DATA_FOLDER, database_url=None, allowed_hosts="")
     front, film_size = out / "front", _demo_size(out, asked.size)
-    progress = ProgressLine()
-    progress.say(f"From a recording to scores, into {out}. This takes {DEMO_TAKES}, less where it was begun before.")
-    tell_of_compiling(progress, STUDIO, DEPTH, RENDER)
-    run_steps(_demo_steps(out, settings, film_size, asked.participants, progress), out / "seconds.json", progress.say)
+    with ProgressLine() as progress:
+        progress.say(
+            f"From a recording to scores, into {out}. This takes {DEMO_TAKES}, less where it was begun before."
+        )
+        tell_of_compiling(progress, STUDIO, DEPTH, RENDER)
+        steps = _demo_steps(out, settings, film_size, asked.participants, progress)
+        run_steps(steps, out / "seconds.json", progress.say)
     with (
         running_server(settings, port=_free_port(asked.port), front=front) as url,
         noted(settings, url),

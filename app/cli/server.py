@@ -9,8 +9,8 @@ from typing import Annotated, Any
 
 import typer
 
-from app.cli.shared import UrlOption, server_settings
-from recon.cli.console import JsonOption, counted, print_result
+from app.cli.shared import UrlOption, once_served, server_settings
+from recon.cli.console import JsonOption, ProgressLine, counted, print_result
 
 EVERY_NETWORK = ("0.0.0.0", "::")  # addresses to listen on, where no other computer finds anything
 
@@ -143,7 +143,8 @@ def admin_add(
     added = add_experimenter(settings, experimenter, next((known for known in ROLES if known == role), None), study)
     added["link"] = (url or url_for_links(settings)) + added["path"]
     ended = "\nTheir old password does not hold any more; they choose a new one." if added["password_ended"] else ""
-    print_result(added, f"{added['name']} signs in with {added['link']}{ended}", as_json=as_json)
+    signs_in = f"{added['name']} signs in, once and within a day, with {added['link']}{once_served(settings)}"
+    print_result(added, signs_in + ended, as_json=as_json)
 
 
 @admin_app.command("list")
@@ -259,7 +260,8 @@ def backup(
     """Back up everything that is stored, as it is at one moment; the server may run meanwhile."""
     from app.operations.upkeep.backup import back_up
 
-    result = back_up(server_settings(), file, with_media=media, encrypt_to=encrypt_to or ())
+    with ProgressLine():
+        result = back_up(server_settings(), file, with_media=media, encrypt_to=encrypt_to or ())
     kept = f"{_held(result)} are in {file}{', encrypted' * result['encrypted']}."
     print_result(result, kept, as_json=as_json)
 
@@ -279,7 +281,8 @@ def restore(
     """Restore a backup, all of it or nothing; the server may run meanwhile."""
     from app.operations.upkeep.backup import restore as restore_backup
 
-    result = restore_backup(server_settings(), file, replace=replace, identity=identity)
+    with ProgressLine():
+        result = restore_backup(server_settings(), file, replace=replace, identity=identity)
     again, missing = counted(result["erased_again"], "erasure"), counted(result["missing_videos"], "video")
     sentences = [f"{_held(result)} are back."]
     sentences += [f"Applied again: {again} since then."] if result["erased_again"] else []
@@ -296,7 +299,8 @@ def db_check(as_json: JsonOption = False) -> None:
     """Check the database and the films, models and reports it names; exit with 1 if anything is wrong."""
     from app.operations.upkeep.backup import check
 
-    result = check(server_settings())
+    with ProgressLine():
+        result = check(server_settings())
     print_result(result, "\n".join(result["faults"]) or "Nothing is wrong.", as_json=as_json)
     if result["faults"]:
         raise typer.Exit(1)

@@ -30,6 +30,13 @@ UrlOption = Annotated[
 ]
 
 
+def once_served(settings: Settings) -> str:
+    """Say behind a printed link that a server must run, where none does."""
+    from app.operations.running import running_url
+
+    return "" if running_url(settings) else " once `reconstudy serve` runs"
+
+
 def by_step(progress: ProgressLine) -> Progress:
     """Show the server's progress with a line for each step: its first word names the step, the rest the item."""
     return lambda what, done, total: progress(what.split(" ")[0], done, total) if what else None

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from app.cli.shared import UrlOption, by_step, server_settings
+from app.cli.shared import UrlOption, by_step, once_served, server_settings
 from app.cli.study_flags import GIVEN, CommandWithOptionFlags
 from recon.cli.console import JsonOption, ProgressLine, counted, print_result
 
@@ -53,9 +53,10 @@ def study_create(
     as_json: JsonOption = False,
 ) -> None:
     """Create a study from a stimulus set, with an open invitation. Flags override the file, and it the preset."""
-    from app.operations.studies.create import create_study, read_options
-    from app.study.protocols import typed_scale
-    from app.study.stages import PRACTICE
+    with ProgressLine():  # what is loaded takes seconds
+        from app.operations.studies.create import create_study, read_options
+        from app.study.protocols import typed_scale
+        from app.study.stages import PRACTICE
 
     given = context.meta[GIVEN]
     if "scale" in given:
@@ -101,18 +102,17 @@ def study_import(
     from app.operations.studies.create import import_study
     from app.operations.upkeep.travel import import_file
 
-    progress = ProgressLine()
     settings = server_settings()
     if file.is_file() and is_zip(file):
-        made = import_file(settings, file, name=study_name, progress=by_step(progress))
-        progress.close()
+        with ProgressLine() as progress:
+            made = import_file(settings, file, name=study_name, progress=by_step(progress))
         whole = f"{counted(made['n_started'], 'participant')} and {counted(made['n_votes'], 'vote')}"
         notes = [f"{note[0].upper()}{note[1:]}." for note in made["notes"]]
         invite = f"It is {made['state']}, and nobody's code came with it: `reconstudy study invite {made['slug']}`."
         print_result(made, "\n".join([f"{made['slug']} is here with {whole}.", invite, *notes]), as_json=as_json)
         return
-    study = import_study(settings, file, stimuli=stimuli, progress=by_step(progress))
-    progress.close()
+    with ProgressLine() as progress:
+        study = import_study(settings, file, stimuli=stimuli, progress=by_step(progress))
     _tell_of_study(study, settings, url, as_json=as_json)
 
 
@@ -143,7 +143,8 @@ def study_export(
     if package is not None:
         if package.suffix.lower() != ".zip" or out is not None:
             raise typer.BadParameter(f"{package}: expected a name that ends in .zip, and no --out beside it")
-        made = export_to_file(server_settings(), study, package, has_outside=outside_ids)
+        with ProgressLine():
+            made = export_to_file(server_settings(), study, package, has_outside=outside_ids)
         whole = f"{counted(made['participants'], 'participant')} and {counted(made['votes'], 'vote')}"
         notes = [f"{note[0].upper()}{note[1:]}." for note in made["notes"]]
         print_result(made, "\n".join([f"Wrote {package}: {study} with {whole}.", *notes]), as_json=as_json)
@@ -172,7 +173,7 @@ def study_invite(
     made = add_invitation(settings, study, places=places)
     made["link"] = (url or url_for_links(settings)) + made["link"]
     people = "as many participants as come" if places is None else f"{counted(places, 'participant')}"
-    print_result(made, f"For {people}: {made['link']}", as_json=as_json)
+    print_result(made, f"For {people}: {made['link']}{once_served(settings)}", as_json=as_json)
 
 
 @study_app.command("check")
@@ -219,10 +220,11 @@ def study_attach(
     as_json: JsonOption = False,
 ) -> None:
     """Attach objective measures, reports and models to a study, in place of those attached before."""
-    from app.operations.studies.attach import listed
-    from app.operations.studies.manage import attach_results
+    with ProgressLine():
+        from app.operations.studies.attach import listed
+        from app.operations.studies.manage import attach_results
 
-    attached = attach_results(server_settings(), results, study, only=only or ())
+        attached = attach_results(server_settings(), results, study, only=only or ())
     sentences = []
     if attached["measures"]:
         values = counted(attached["n_values"], "value")
@@ -319,9 +321,8 @@ def _study_sentence(study: Mapping[str, Any]) -> str:
 
 
 def _tell_of_study(study: dict[str, Any], settings: Settings, url: str | None, *, as_json: bool) -> None:
-    from app.operations.running import running_url, url_for_links
+    from app.operations.running import url_for_links
 
-    running = running_url(settings)
     study["link"] = (url or url_for_links(settings)) + study["link"]
     left_out = f" Left out: {', '.join(study['without'])}." if study["without"] else ""
     n_pairs = study["n_pairs"]
@@ -329,15 +330,18 @@ def _tell_of_study(study: dict[str, Any], settings: Settings, url: str | None, *
     sentences = [
         f"Created the study {study['slug']}: {shown} of {counted(study['n_conditions'], 'condition')}, "
         f"{study['exposure_s']:g} s each.{left_out}",
-        _languages_sentence(study["languages"]),
+        _languages_sentence(settings, study["languages"]),
         *(f"{note}." for note in study.get("notes", ())),
-        f"Invite participants with {study['link']}{'' if running else ' once `reconstudy serve` runs'}.",
+        f"Invite participants with {study['link']}{once_served(settings)}.",
     ]
     print_result(study, "\n".join(sentences), as_json=as_json)
 
 
-def _languages_sentence(languages: Mapping[str, str]) -> str:
-    offered = [tag for tag, state in languages.items() if state == "offered"]
+def _languages_sentence(settings: Settings, languages: Mapping[str, str]) -> str:
+    from app.operations.studies.languages import find_language_packs
+
+    names = {file.pack.tag: file.pack.name for file in find_language_packs(settings) if file.pack is not None}
+    offered = [names.get(tag, tag) for tag, state in languages.items() if state == "offered"]
     refusals = [state for state in languages.values() if state != "offered"]
     return f"Participants read it in {', '.join(offered)}." + "".join(f" Not offered: {state}." for state in refusals)
 

@@ -77,5 +77,5 @@ def _parameters() -> Iterator[Parameter]:
 
 def _help(setting: Setting) -> str:
     choices = "; ".join(f"{key or repr('')}: {what}" for key, what in setting.choices.items())
-    repeatable = " Repeatable." if setting.kind == "conditions" else ""
+    repeatable = " May be repeated." if setting.kind == "conditions" else ""
     return f"{setting.label}: {setting.text}{f' ({choices})' if choices else ''}.{repeatable}"

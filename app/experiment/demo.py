@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from app.analysis import write_analysis
+from app.experiment.reconstruction.scale import SCALES
 from app.experiment.study import TRUTH, fetched
 from app.ffmpeg import Progress
 from app.files import read_json, write_bytes, write_json
@@ -88,6 +89,7 @@ def demo_front(settings: Settings, out: Path, folder: Path, n_frames: int) -> di
         "n_frames": n_frames,
         "put_in": demo_put_in(out),
         "folder": out.name,
+        "experiment_minutes": round(60 * SCALES["small"].hours),
         "pictures": pictures,
         "previews": sorted(path.name for path in (out / "run" / "previews").glob("*.png")),
         "films": [film["video"] for film in read_json(out / "stimuli" / MANIFEST)["stimuli"]],

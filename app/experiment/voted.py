@@ -46,7 +46,7 @@ def subjective_section(results: Results, published: Mapping[str, Any]) -> Sectio
         paper, rows = published.get(f"figure_{number}", {}), []
         for dataset in [*results.objective["scenes"], ALL]:
             scored = results.scores(comparison, dataset)
-            listed = "; ".join(f"{item} {score:+.2f}" for item, score in scored.items())
+            listed = "; ".join(f"{item} {score:+z.2f}" for item, score in scored.items())
             here = order_text(scored, results.told_apart(comparison, dataset))
             truth = order_text(results.truth(comparison, dataset))
             rows.append((dataset, order_text(paper.get(dataset, ())), here, listed, truth))
@@ -113,7 +113,7 @@ def prediction_section(results: Results) -> Section:
     against = [row for row in ranked if is_against(row)]
     remarks = [
         f"{row['measure']}: {row['better']} is better by its definition, but people liked the opposite (rank "
-        f"correlation {row['spearman']:+.2f}): among these videos it tells something else than quality."
+        f"correlation {row['spearman']:+z.2f}): among these videos it tells something else than quality."
         for row in against
     ]
     best = next((row["measure"] for row in ranked if row["measure"] != QUALITY), QUALITY)
@@ -139,9 +139,9 @@ def is_against(row: Mapping[str, Any]) -> bool:
 
 
 def _signed(value: float | None) -> str:
-    return "–" if value is None else f"{value:+.2f}"
+    return "–" if value is None else f"{value:+z.2f}"
 
 
 def _between(row: Mapping[str, Any], name: str) -> str:
     low, high = row[f"{name}_low"], row[f"{name}_high"]
-    return "–" if low is None else f"{low:+.2f} to {high:+.2f}"
+    return "–" if low is None else f"{low:+z.2f} to {high:+z.2f}"

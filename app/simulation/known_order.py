@@ -133,5 +133,5 @@ def came_out_sentence(put_in: Mapping[str, float], scores: Mapping[str, float]) 
 
 
 def _best_first(values: Mapping[str, float]) -> str:
-    form = "+.2f" if min(values.values(), default=0.0) < 0 else ".2f"  # mean ratings are no differences
+    form = "+z.2f" if min(values.values(), default=0.0) < 0 else ".2f"  # mean ratings are no differences
     return ", ".join(f"{item} {value:{form}}" for item, value in sorted(values.items(), key=lambda pair: -pair[1]))

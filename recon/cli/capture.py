@@ -78,7 +78,8 @@ def capture_truth(asked: CaptureTruth, *, as_json: bool) -> None:
     from recon.capture.format import read_capture
     from recon.studio.truth_models import TRUTH, write_truth_models
 
-    written = write_truth_models(read_capture(asked.capture), asked.out, parse_frames(asked.frames))
+    with ProgressLine():
+        written = write_truth_models(read_capture(asked.capture), asked.out, parse_frames(asked.frames))
     result = {"models": str(asked.out), "approach": TRUTH, "frames": written}
     frames = counted(len(written), "frame")
     print_result(result, f"Wrote {frames} of the approach {TRUTH}: {asked.out}", as_json=as_json)
@@ -111,8 +112,9 @@ def capture_import(asked: CaptureImport, *, as_json: bool) -> None:
         pairs=parse_pairs(asked.pairs) if asked.pairs else None,
         shots=split_names(asked.shots or "") or None,
     )
-    import_recording(kind, source, out, options)
-    report = check_capture(out)
+    with ProgressLine():
+        import_recording(kind, source, out, options)
+        report = check_capture(out)
     sentences = f"Read {source} as {kind}: {IMPORTED[kind]}\n{_check_sentences(out, report)}"
     print_result({"capture": str(out), "format": kind, **report.as_json()}, sentences, as_json=as_json)
 
@@ -132,8 +134,9 @@ def capture_export(asked: CaptureExport, *, as_json: bool) -> None:
         raise typer.BadParameter(
             f"{asked.kind!r} is not a format that can be written; expected {' or '.join(exporters)}"
         )
-    cloud = merge_clouds([read_cloud(path) for path in asked.points]) if asked.points else None
-    exporters[asked.kind](read_capture(asked.capture), asked.out, frame=asked.frame, points=cloud)
+    with ProgressLine():
+        cloud = merge_clouds([read_cloud(path) for path in asked.points]) if asked.points else None
+        exporters[asked.kind](read_capture(asked.capture), asked.out, frame=asked.frame, points=cloud)
     result = {"out": str(asked.out), "kind": asked.kind, "frame": asked.frame}
     print_result(result, f"Wrote frame {asked.frame} of {asked.capture} for {asked.kind}: {asked.out}", as_json=as_json)
 
@@ -212,7 +215,8 @@ def capture_check(asked: CaptureCheck, *, as_json: bool) -> None:
         raise typer.BadParameter(
             "--resample or --correct, and --out belong together: what to put right, and the folder to make"
         )
-    report = check_capture(asked.capture)
+    with ProgressLine():
+        report = check_capture(asked.capture)
     written = "" if asked.report is None else f"\nReport: {write_check(report, asked.report)}"
     result, sentences = report.as_json(), _check_sentences(asked.capture, report) + written
     if asked.out is not None:
@@ -235,12 +239,12 @@ def _mended(asked: CaptureCheck, report: CheckReport, out: Path) -> tuple[list[s
     capture = read_capture(asked.capture)
     if asked.correct:
         capture = corrected(capture, report.corrections)
-    if asked.resample:
-        with ProgressLine() as progress:
+    with ProgressLine() as progress:
+        if asked.resample:
             resample(capture, report.lags, out, progress=progress)
-    else:
-        copied(capture, out)
-    return list(moved(capture, report.lags)) if asked.resample else [], check_capture(out)
+        else:
+            copied(capture, out)
+        return list(moved(capture, report.lags)) if asked.resample else [], check_capture(out)
 
 
 def _check_sentences(folder: Path, report: CheckReport) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import threading
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -15,10 +16,13 @@ import typer
 from recon.runtime.files import write_json
 
 PLAIN_LINE_EVERY_S = 5.0
+BEAT_S = 1.0  # how often a terminal is told the time while nothing moves
 PROGRESS_FILE = "RECONSTUDY_PROGRESS_FILE"  # names a file to which a command writes how far it is, for programs
 FILE_EVERY_S = 0.5
-# What of a part tells how long the rest takes: its first takes longest, as it starts processes and compiles kernels.
-TELLING_SHARE, TELLING = 0.1, 20
+# What of a part tells how long the rest takes. Its first tells nothing: it starts processes, loads and compiles; what
+# follows it within a quarter of its time may have been made beside it.
+TELLING_SHARE, TELLING, TELLING_TIME = 0.1, 20, 0.25
+CLEARED = "\r\x1b[K"  # what lets a terminal's line begin anew
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object on standard output.")]
 
@@ -26,9 +30,9 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as on
 class ProgressLine:
     """Shows how far a command is: one line that rewrites itself on a terminal, plain lines otherwise.
 
-    An instance is a `Progress`; where a `with` block ends, so does its line, whatever happened. What is left is
-    estimated from the time that the part so far took. The file that `RECONSTUDY_PROGRESS_FILE` names, if it is set,
-    is replaced by `{"step", "done", "total", "left_s"}`.
+    An instance is a `Progress`; where a `with` block ends, so does its line, whatever happened. Within one, a terminal
+    is told the time while nothing moves. What is left is estimated from the time since the part's first. The file
+    that `RECONSTUDY_PROGRESS_FILE` names, if it is set, is replaced by `{"step", "done", "total", "left_s"}`.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -36,14 +40,20 @@ class ProgressLine:
         self._file = Path(os.environ[PROGRESS_FILE]) if os.environ.get(PROGRESS_FILE) else None
         self._written = -FILE_EVERY_S
         self._what = ""
-        self._started = self._printed = clock()
+        self._started = self._printed = self._told = clock()
         self._already_done = 0
-        self._open = False
+        self._first: tuple[float, int] | None = None  # when the part's first was done, and how many were then
+        self._shown: Callable[[], str] | None = None  # the line that is being rewritten, as it reads now
+        self._lock = threading.RLock()
+        self._ended = threading.Event()
 
     def __enter__(self) -> Self:
+        if sys.stderr.isatty():
+            threading.Thread(target=self._beat, daemon=True).start()
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._ended.set()
         self.close()
 
     def __call__(self, what: str, done: int, total: int) -> None:
@@ -51,34 +61,56 @@ class ProgressLine:
         if what != self._what:
             self.close()
             self._what, self._started, self._printed = what, now, now - PLAIN_LINE_EVERY_S
-            self._already_done = done
-        left_s = self._left_s(now - self._started, done, total)
+            self._already_done, self._first = done, None
+        if self._first is None and done > self._already_done:
+            self._first = now, done
+        left_s = self._left_s(now, done, total)
         self._write(now, {"step": what, "done": done, "total": total, "left_s": left_s})
-        times = duration(now - self._started) + ("" if left_s is None else f", about {duration(left_s)} left")
         if sys.stderr.isatty():
-            self._rewrite(f"{what}: {done}/{total} {_bar(done, total)} {times}")
+            self._rewrite(lambda: f"{what}: {done}/{total} {_bar(done, total)} {self._times(now, left_s)}")
             if done >= total:
                 self.close()
         elif done >= total or now - self._printed >= PLAIN_LINE_EVERY_S:
             self._printed = now
-            print(f"{what}: {done}/{total} ({times})", file=sys.stderr, flush=True)
+            print(f"{what}: {done}/{total} ({self._times(now, left_s)})", file=sys.stderr, flush=True)
 
     def say(self, sentence: str) -> None:
         """Print one whole line on standard error."""
-        self.close()
-        print(sentence, file=sys.stderr, flush=True)
+        with self._lock:
+            self.close()
+            print(sentence, file=sys.stderr, flush=True)
 
     def close(self) -> None:
-        """End the line that is being rewritten."""
-        if self._open:
-            print(file=sys.stderr)
-            self._open = False
+        """End the line that is being rewritten; one that says only that something is under way goes."""
+        with self._lock:
+            if self._shown is not None:
+                print(end=CLEARED if self._shown == self._working else "\n", file=sys.stderr, flush=True)
+            self._shown, self._told = None, self._clock()
 
-    def _left_s(self, taken: float, done: int, total: int) -> float | None:
+    def _beat(self) -> None:
+        """Tell a terminal the time while nothing moves."""
+        while not self._ended.wait(BEAT_S):
+            with self._lock:
+                if not self._ended.is_set():
+                    self._rewrite(self._shown or self._working)
+
+    def _working(self) -> str:
+        return f"working: {duration(self._clock() - self._told)}"
+
+    def _times(self, told: float, left_s: float | None) -> str:
+        """Say how long a part has taken, and what is left of what was so when it moved last, until that has passed."""
+        now = self._clock()
+        still_s = -1.0 if left_s is None else left_s - (now - told)
+        return duration(now - self._started) + (f", about {duration(still_s)} left" if still_s >= 0 else "")
+
+    def _left_s(self, now: float, done: int, total: int) -> float | None:
         """Estimate the seconds that are left of this part; None where nothing tells, or nothing is left."""
-        counted = done - self._already_done
-        is_telling = counted > 0 and counted >= min(TELLING_SHARE * (total - self._already_done), TELLING)
-        return taken / counted * (total - done) if is_telling and done < total else None
+        if self._first is None or done >= total:
+            return None
+        since, n_first = self._first
+        enough = min(TELLING_SHARE * (total - self._already_done), TELLING)
+        is_telling = done - self._already_done >= enough and now - since >= TELLING_TIME * (since - self._started)
+        return (now - since) / (done - n_first) * (total - done) if done > n_first and is_telling else None
 
     def _write(self, now: float, progress: Mapping[str, Any]) -> None:
         """Tell programs; not every time, but when a part begins or ends."""
@@ -87,9 +119,10 @@ class ProgressLine:
             self._written = now
             write_json(self._file, progress)
 
-    def _rewrite(self, line: str) -> None:
-        print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
-        self._open = True
+    def _rewrite(self, line: Callable[[], str]) -> None:
+        with self._lock:
+            print(CLEARED + line(), end="", file=sys.stderr, flush=True)
+            self._shown = line
 
 
 def counted(n: int, noun: str) -> str:

@@ -18,8 +18,8 @@ def tell_of_compiling(progress: ProgressLine, *packages: str | Path) -> None:
     missing = [Path(package).name for package in packages if not _is_compiled(ROOT / package)]
     if missing:
         progress.say(
-            f"First, kernels are compiled ({', '.join(missing)}), once on this machine: up to 20 s of processor time "
-            "each, before the progress below moves."
+            f"First, kernels are compiled ({', '.join(missing)}), once on this machine: a minute or two of processor "
+            "time, before the progress below moves."
         )
 
 

@@ -61,12 +61,13 @@ def match(asked: Match, *, as_json: bool) -> None:
 @with_settings(Reconstruct)
 def reconstruct(asked: Reconstruct, *, as_json: bool) -> None:
     """Make depth maps, clouds and meshes of a capture by every approach."""
-    from recon.capture.format import read_capture
-    from recon.cloud import CloudParameters
-    from recon.depth.temporal import TemporalParameters
-    from recon.pipeline.job import ReconstructOptions
-    from recon.pipeline.reconstruct import reconstruct_capture
-    from recon.surface import SurfaceParameters
+    with ProgressLine():  # what is loaded takes seconds
+        from recon.capture.format import read_capture
+        from recon.cloud import CloudParameters
+        from recon.depth.temporal import TemporalParameters
+        from recon.pipeline.job import ReconstructOptions
+        from recon.pipeline.reconstruct import reconstruct_capture
+        from recon.surface import SurfaceParameters
 
     capture = asked.capture
     options = asked.filled_in(
@@ -197,10 +198,11 @@ def models(asked: Models, *, as_json: bool) -> None:
 @with_settings(Render)
 def render(asked: Render, *, as_json: bool) -> None:
     """Render fly-through videos of every approach of every run and models folder, as a stimulus set."""
-    from recon.pipeline.film import FLOORS, RenderOptions
-    from recon.pipeline.render import render as render_folders
-    from recon.render.camera_path import PATHS
-    from recon.runtime.files import read_json
+    with ProgressLine():  # what is loaded takes seconds
+        from recon.pipeline.film import FLOORS, RenderOptions
+        from recon.pipeline.render import render as render_folders
+        from recon.render.camera_path import PATHS
+        from recon.runtime.files import read_json
 
     every, loops = parse_loops(asked.loop, asked.static)
     options = asked.filled_in(

@@ -6,7 +6,7 @@ import math
 import re
 import sys
 import warnings
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_origin
 
 import typer
 from pydantic import ValidationError
-from typer.core import TyperCommand, TyperGroup, TyperOption
+from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 
 from ground.fields import plain
 from ground.file_models import fault_of
@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 
 SCHEME = re.compile(r"[a-z][a-z0-9+.-]+:", re.IGNORECASE)  # of a URL, as a path's first part
 
+# What helps call types of Python.
+TYPES = {"str": "text", "int": "number", "float": "number", "Path": "path", "dir": "folder"}
+
 PLUGIN_GROUPS = {"method": DEPTH_GROUP, "depth": DEPTH_GROUP, "fusion": FUSION_GROUP}
 
 
@@ -40,7 +43,7 @@ class LocalPathsGroup(TyperGroup):
         for command in _commands_of(self):
             for parameter in command.params:
                 parameter.callback = parameter.callback or refuse_url
-        _hide_type_of_flags()
+        _tell_types_in_words()
 
     def invoke(self, ctx: Any) -> Any:
         """Run a command; a value that typer refuses is refused in the words of all our refusals."""
@@ -65,16 +68,25 @@ class MethodsCommand(TyperCommand):
         super().format_help(ctx, formatter)
 
 
-def _hide_type_of_flags() -> None:
-    """Let helps say nothing after a flag, where some versions of typer write `<bool>` as if a value had to follow."""
-    shown = getattr(TyperOption, "display_type_rich", None)
-    if shown is None or shown.__name__ == "_type_unless_flag":
-        return
+def _tell_types_in_words() -> None:
+    """Let helps name no types of Python, which some versions of typer write, even behind flags that take no value."""
+    for parameter in (TyperOption, TyperArgument):
+        shown = getattr(parameter, "display_type_rich", None)
+        if shown is not None and shown.__name__ != "told":
+            parameter.display_type_rich = _told_by(shown)  # type: ignore[method-assign]  # no setting
 
-    def _type_unless_flag(option: Any, ctx: Any) -> Any:
-        return None if option.is_flag else shown(option, ctx)
 
-    TyperOption.display_type_rich = _type_unless_flag  # type: ignore[method-assign, assignment]  # typer has no setting
+def _told_by(shown: Callable[..., str | None]) -> Callable[..., str | None]:
+    def told(parameter: Any, ctx: Any) -> str | None:
+        if getattr(parameter, "is_flag", False):
+            return None
+        text = shown(parameter, ctx) or ""
+        if not text.startswith("<"):
+            return text
+        bare = re.sub(r"list\[(.+)\]|(\w+) range", r"\1\2", text)
+        return re.sub(r"\w+", lambda word: TYPES.get(word[0], word[0]), bare)
+
+    return told
 
 
 def _in_words(parameter: Any, refused: ValidationError) -> str:

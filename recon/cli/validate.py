@@ -75,7 +75,7 @@ def validate_sphere(asked: ValidateSphere, *, as_json: bool) -> None:
     )
     with ProgressLine() as progress:
         report, pictured = measure_spheres(named_clouds(asked.clouds, asked.sensors or ()), settings, progress)
-    page = write_sphere_report(report, pictured, asked.out)
+        page = write_sphere_report(report, pictured, asked.out)
     print_report(report, page, sphere_sentences(report), as_json=as_json)
 
 
@@ -96,7 +96,7 @@ def validate_cuboid(asked: ValidateCuboid, *, as_json: bool) -> None:
     )
     with ProgressLine() as progress:
         report, measured = measure_cuboids(named_clouds(asked.clouds, asked.sensors or ()), settings, progress)
-    page = write_cuboid_report(report, measured, asked.out)
+        page = write_cuboid_report(report, measured, asked.out)
     print_report(report, page, cuboid_sentences(report), as_json=as_json)
 
 
@@ -114,8 +114,9 @@ def validate_object(asked: ValidateObject, *, as_json: bool) -> None:
         registration=asked.filled_in(RegistrationParameters),
         subject=_subject(asked),
     )
-    report, measured = measure_object(asked.model, asked.cloud, settings)
-    page = write_object_report(report, measured, asked.out)
+    with ProgressLine():
+        report, measured = measure_object(asked.model, asked.cloud, settings)
+        page = write_object_report(report, measured, asked.out)
     print_report(report, page, object_sentences(report), as_json=as_json)
 
 
@@ -130,7 +131,7 @@ def validate_views(asked: ValidateViews, *, as_json: bool) -> None:
         models = tuple(asked.models or ())
         settings = ViewSettings(asked.capture, parse_frames(asked.frames), models, asked.threshold, asked.filled)
         report, shown = measure_views(asked.run, settings, progress)
-    page = write_views_report(report, shown, asked.out)
+        page = write_views_report(report, shown, asked.out)
     print_report(report, page, view_sentences(report), as_json=as_json)
 
 
@@ -149,8 +150,9 @@ def validate_mesh(asked: ValidateMesh, *, as_json: bool) -> None:
         scanner=None if asked.scanner is None else parse_position(asked.scanner),
         capture=None if asked.capture is None else str(asked.capture),
     )
-    report = measure_mesh(asked.mesh, asked.truth, settings)
-    page = write_mesh_report(report, asked.out)
+    with ProgressLine():
+        report = measure_mesh(asked.mesh, asked.truth, settings)
+        page = write_mesh_report(report, asked.out)
     print_report(report, page, mesh_sentences(report), as_json=as_json)
 
 
@@ -180,7 +182,7 @@ def validate_cloud(asked: ValidateCloud, *, as_json: bool) -> None:
     )
     with ProgressLine() as progress:
         comparison = measure_clouds(files, settings, progress)
-    page = write_cloud_report(comparison, asked.out)
+        page = write_cloud_report(comparison, asked.out)
     print_report(comparison.report, page, cloud_sentences(comparison.report), as_json=as_json)
 
 
@@ -188,18 +190,18 @@ def validate_cloud(asked: ValidateCloud, *, as_json: bool) -> None:
 @with_settings(ValidateFilms, out=REPORT)
 def validate_films(asked: ValidateFilms, *, as_json: bool) -> None:
     """Compare films with the reference's on the same path: PSNR-Y, SSIM, MS-SSIM, VMAF, flicker, or more by request."""
-    from recon.validation.films.evaluation import FilmSettings, measure_films
-    from recon.validation.films.perceptual import Perceptual, parse_display, parse_weights
-    from recon.validation.films.programs import film_programs
-    from recon.validation.films.report import write_films_report
-
     with ProgressLine() as progress:
+        from recon.validation.films.evaluation import FilmSettings, measure_films
+        from recon.validation.films.perceptual import Perceptual, parse_display, parse_weights
+        from recon.validation.films.programs import film_programs
+        from recon.validation.films.report import write_films_report
+
         names = split_names(asked.measure)
         perceptual = Perceptual(names, parse_display(asked.display), parse_weights(asked.weights or ()))
         programs = film_programs(asked.methods, asked.out / "programs")
         settings = FilmSettings(asked.reference, asked.masters, asked.every, asked.workers, perceptual, programs)
         report, films = measure_films(asked.stimulus_set, settings, progress)
-    page = write_films_report(report, films, asked.out)
+        page = write_films_report(report, films, asked.out)
     print_report(report, page, film_sentences(report), as_json=as_json)
 
 

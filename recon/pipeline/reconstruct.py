@@ -219,8 +219,10 @@ def _made(job: Job, progress: Progress) -> dict[str, Any]:
     files = [ROWS_NAME.format(sensor=sensor) for sensor in job.matched_sensors]
     files += [view.cloud for view in views] + [job.mesh_name(*each) for each in job.surfaces]
     warnings = list(dict.fromkeys(job.artefacts.warnings(files)))
+    progress("preview", 0, 1)
     try:
         make_preview(finished, job.frames[0])
+        progress("preview", 1, 1)
     except NoPathError as error:
         warnings.append(f"no preview was drawn: {error}")
     if left := [name for name in before if name not in names]:

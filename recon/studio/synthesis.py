@@ -164,9 +164,11 @@ class _Recording:
             self._stage = self.stage()
             self._views = []
             cameras = self._cameras()
+            progress("Placing cameras", 0, len(cameras))
             for view in pool.map(self._empty_view, cameras.items()):
                 self._views.append(view)
                 progress("Placing cameras", len(self._views), len(cameras))
+            progress("Recording", 0, n_frames)
             extents = []
             for done, extent in enumerate(pool.map(self._record_frame, range(n_frames)), start=1):
                 extents.append(extent)

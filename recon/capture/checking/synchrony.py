@@ -100,7 +100,7 @@ def silhouette_findings(draft: Draft, silhouettes: Silhouettes) -> SilhouetteFin
         late = _lag((first, second), silhouettes, n_frames, middle)
         names = f"sensors {first.id} and {second.id}"
         if late is None or not late.is_known:
-            between = "" if late is None else f" ({late.low:+.1f} to {late.high:+.1f} frames are possible)"
+            between = "" if late is None else f" ({late.low:+z.1f} to {late.high:+z.1f} frames are possible)"
             findings.warnings.append(
                 f"whether {names} recorded the same instants could not be checked: their silhouettes move too little"
                 f"{between}"

@@ -185,7 +185,7 @@ def _sources(report: Mapping[str, Any]) -> Section:
             "single shots mm": _with_uncertainty(row, "shot_mm"),
             "both together mm": _with_uncertainty(row, "smooth_mm"),
             "matching mm": _with_uncertainty(row, "matching_mm"),
-            "offset x, y, z mm": "–" if row["offset_mm"] is None else " ".join(f"{v:+.2f}" for v in row["offset_mm"]),
+            "offset x, y, z mm": "–" if row["offset_mm"] is None else " ".join(f"{v:+z.2f}" for v in row["offset_mm"]),
         }
         for row in report["error_sources"]
     ]
@@ -208,7 +208,7 @@ def _reference(report: Mapping[str, Any]) -> Section:
     rows = [
         {
             "sample": row["sample"],
-            **{f"{axis} mm": f"{part:+.2f}" for axis, part in zip("xyz", row["residual_mm"], strict=True)},
+            **{f"{axis} mm": f"{part:+z.2f}" for axis, part in zip("xyz", row["residual_mm"], strict=True)},
             "distance mm": f"{row['distance_mm']:.2f}",
             "u mm": f"{row['u_mm']:.2f}",
             "Eₙ": "–" if row["e_n"] is None else f"{row['e_n']:.2f}",

@@ -125,6 +125,13 @@ def test_a_flag_is_not_shown_as_if_a_value_followed(command: Command, name: str)
     assert "<" in told.out or "NAME" in told.out  # other options have their type
 
 
+@pytest.mark.parametrize("name", ["validate films", "analyse", "capture synth", "study attach"])
+def test_helps_name_no_types_of_python(command: Command, name: str) -> None:
+    shown = command(*name.split(), "--help").out
+    assert "<path>" in shown
+    assert not re.search(r"<(list|str|int|float|bool|Path)\b", shown)
+
+
 def test_no_help_loses_words_in_brackets(command: Command) -> None:
     words = " ".join(command("study", "import", "--help").out.split())
     assert "or the zip file of a whole study. `study export` writes both" in words

@@ -192,6 +192,15 @@ def test_a_link_leads_to_the_address_that_is_given_with_or_without_a_slash_at_it
     assert added["link"] == f"https://study.example.org{added['path']}"
 
 
+def test_a_link_says_that_a_server_must_run_where_none_does(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    said = " once `reconstudy serve` runs"
+    told = command("admin", "add", "Me").out
+    assert "Me signs in, once and within a day, with http" in told
+    assert said in told
+    monkeypatch.setattr("app.operations.running.running_url", lambda _: "http://127.0.0.1:8000")
+    assert said not in command("admin", "add", "Me").out
+
+
 @pytest.mark.parametrize("key", ['name = "Tiny"', "exposure_s = 1.5", "[options]"])
 def test_a_study_file_in_place_of_its_options_is_named(command: Command, tmp_path: Path, key: str) -> None:
     path = tmp_path / "tiny.toml"
@@ -203,7 +212,8 @@ def test_a_study_file_in_place_of_its_options_is_named(command: Command, tmp_pat
 
 @pytest.mark.slow
 def test_an_invitation_is_made_for_so_many(command: Command, stimuli: Path) -> None:
-    command("study", "create", stimuli, "--name", "Tiny")
+    told = command("study", "create", stimuli, "--name", "Tiny").out
+    assert "Participants read it in English, Deutsch" in told
     made = json.loads(command("study", "invite", "tiny", "--places", 3, "--json").out)
     assert made["link"].endswith(f"/s/{made['invitation']}")
     assert made["invitation"] in command("study", "list").out

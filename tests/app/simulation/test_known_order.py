@@ -142,3 +142,7 @@ def test_who_prefers_nothing_brings_no_order_back() -> None:
     scores = {"id": 0.4, "dr": -0.4}
     assert came_out_sentence({"id": 0.0, "dr": 0.0}, scores).endswith("by chance: no order was put in.")
     assert came_out_sentence({"id": 1.0, "dr": 0.0}, scores).endswith("the order that was put in.")
+
+
+def test_a_score_of_nothing_has_no_minus_before_it() -> None:
+    assert "b +0.00, c -1.00" in came_out_sentence({"a": 1.0, "b": 0.0, "c": -1.0}, {"a": 1.0, "b": -0.001, "c": -1.0})

@@ -27,31 +27,46 @@ def lines(capsys: pytest.CaptureFixture[str], steps: list[tuple[float, str, int,
 
 
 def test_a_line_says_how_much_is_done_and_about_how_long_the_rest_takes(capsys: pytest.CaptureFixture[str]) -> None:
-    told = lines(capsys, [(0, "clouds", 0, 8), (6, "clouds", 2, 8), (18, "clouds", 8, 8)])
-    assert told == ["clouds: 0/8 (0 s)", "clouds: 2/8 (6 s, about 18 s left)", "clouds: 8/8 (24 s)"]
+    told = lines(capsys, [(0, "clouds", 0, 8), (6, "clouds", 2, 8), (6, "clouds", 4, 8), (12, "clouds", 8, 8)])
+    assert told == [
+        *("clouds: 0/8 (0 s)", "clouds: 2/8 (6 s)"),
+        *("clouds: 4/8 (12 s, about 12 s left)", "clouds: 8/8 (24 s)"),
+    ]
 
 
 @pytest.mark.parametrize(
     ("seconds", "told"),
-    [(30, "30 s, about 30 s left"), (200, "3 min, about 3 min left"), (7200, "2.0 h, about 2.0 h left")],
+    [(30, "60 s, about 30 s left"), (200, "7 min, about 3 min left"), (7200, "4.0 h, about 2.0 h left")],
 )
 def test_durations_are_told_as_people_say_them(seconds: float, told: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert lines(capsys, [(0, "clouds", 0, 2), (seconds, "clouds", 1, 2)])[-1] == f"clouds: 1/2 ({told})"
+    steps = [(0, "clouds", 0, 3), (seconds, "clouds", 1, 3), (seconds, "clouds", 2, 3)]
+    assert lines(capsys, steps)[-1] == f"clouds: 2/3 ({told})"
 
 
 def test_what_was_done_before_the_first_line_does_not_make_the_estimate_short(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    told = lines(capsys, [(0, "models", 10, 15), (10, "models", 11, 15)])
-    assert told == ["models: 10/15 (0 s)", "models: 11/15 (10 s, about 40 s left)"]
+    told = lines(capsys, [(0, "models", 10, 15), (10, "models", 11, 15), (10, "models", 12, 15)])
+    assert told[1:] == ["models: 11/15 (10 s)", "models: 12/15 (20 s, about 30 s left)"]
     assert lines(capsys, [(0, "models", 0, 2), (9, "films", 1, 2), (8, "films", 2, 2)])[1] == "films: 1/2 (0 s)"
 
 
-def test_nothing_is_foretold_from_the_first_of_many(capsys: pytest.CaptureFixture[str]) -> None:
-    told = lines(capsys, [(0, "frames", 0, 300), (8, "frames", 1, 300), (12, "frames", 100, 300)])
-    assert told == ["frames: 0/300 (0 s)", "frames: 1/300 (8 s)", "frames: 100/300 (20 s, about 40 s left)"]
-    told = lines(capsys, [(0, "matching", 0, 27), (180, "matching", 1, 27), (20, "matching", 10, 27)])
-    assert told[1:] == ["matching: 1/27 (3 min)", "matching: 10/27 (3 min, about 6 min left)"]
+def test_nothing_is_foretold_from_the_first_which_starts_processes_and_compiles(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    told = lines(capsys, [(0, "frames", 0, 300), (8, "frames", 1, 300), (12, "frames", 15, 300)])
+    assert told == ["frames: 0/300 (0 s)", "frames: 1/300 (8 s)", "frames: 15/300 (20 s)"]
+    told = lines(capsys, [(0, "meshes", 0, 15), (155, "meshes", 1, 15), (40, "meshes", 11, 15)])
+    assert told[1:] == ["meshes: 1/15 (3 min)", "meshes: 11/15 (3 min, about 16 s left)"]
+
+
+def test_nothing_is_foretold_from_what_other_processes_made_beside_the_first(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    beside = [(0, "films", 0, 12), (60, "films", 1, 12), (5, "films", 3, 12), (55, "films", 4, 12), (5, "films", 6, 12)]
+    assert lines(capsys, beside)[2:] == [
+        *("films: 3/12 (65 s)", "films: 4/12 (2 min, about 3 min left)", "films: 6/12 (2 min, about 78 s left)"),
+    ]
 
 
 def test_a_line_that_is_being_rewritten_ends_before_an_error_is_told(
@@ -66,3 +81,34 @@ def test_a_line_that_is_being_rewritten_ends_before_an_error_is_told(
     with pytest.raises(ValueError, match="no points"):
         fail(ProgressLine())
     assert capsys.readouterr().err.endswith("\n")
+
+
+def test_a_terminal_is_told_the_time_while_nothing_moves(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def wait_for(sentence: str) -> str:
+        told = ""
+        for _ in range(100_000):
+            told += capsys.readouterr().err
+            if sentence in told:
+                return told
+        pytest.fail(f"{sentence!r} is not in {told!r}")
+
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("recon.cli.console.BEAT_S", 0.001)
+    clock = Clock()
+    with ProgressLine(clock) as progress:
+        clock.now += 3
+        wait_for("\r\x1b[Kworking: 3 s")
+        for done in (0, 1, 2):
+            progress("clouds", done, 4)
+            clock.now += 10
+        wait_for("30 s, about 10 s left")
+        clock.now += 6
+        wait_for("36 s, about 4 s left")
+        clock.now += 8
+        assert "\n" not in wait_for(" 44 s\r")
+        progress("clouds", 4, 4)
+        assert "44 s\n" in wait_for("working: 0 s")
+        progress.say("Done.")
+        wait_for("\r\x1b[KDone.\n")
