@@ -61,7 +61,7 @@ HEADINGS = {  # of pages, for people; programs get the phrases of HTTP
 }
 SENTENCES = {
     404: "There is nothing at this address.",
-    413: "The request is too large.",
+    413: "What was sent is too large for this page, and nothing of it was kept. Shorten it, or send it in parts.",
     507: "The server's disk is full. What came before is kept; an administrator has to make room, then repeat this.",
     503: "Here are too many at once. What came before is kept; please try again in a moment.",
     500: "Something went wrong here. Nothing that was acknowledged is lost; please try again.",
